@@ -1,4 +1,4 @@
-"""Errors of the service. Each text is one line with the place, the cause and the remedy."""
+"""Defines the errors of the service. Each text is one line with place, cause and remedy."""
 
 
 class MissionServiceError(Exception):
@@ -22,11 +22,11 @@ class ControlError(MissionServiceError):
 
 
 class StateError(MissionServiceError):
-    """A snapshot cannot be used; the message states the reason. A journal has the same state."""
+    """A snapshot cannot be used; the message states the reason. The journal has the same state."""
 
 
 class RefusedEventError(MissionServiceError):
-    """An event that cannot be journalled or handled; it has no effect and is not journalled."""
+    """An event cannot be journalled or handled; it has no effect and no line in the journal."""
 
 
 class UnhandledLineError(JournalError):

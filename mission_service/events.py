@@ -1,9 +1,9 @@
-"""Events: the inputs of the core. Each event is journalled before it is handled.
+"""Defines the inputs of the core: events, which are journalled before they are handled.
 
 ``at_us`` is mission time in integer microseconds; 0 is the beginning of the scenario's fire.
 
-The types include the limits of values. The journal decodes each line before it writes it, so an
-event with a value that is out of range or not a number is neither journalled nor handled.
+The types include the limits of values. The journal decodes each line before writing it, so an event
+with a value that is out of range or not a number is neither journalled nor handled.
 """
 
 from typing import Annotated, Any, Literal
@@ -75,11 +75,12 @@ class MissionProgress(Event, frozen=True, tag=True):
 
 
 class Observed(Event, frozen=True, tag=True):
-    """An observation of a camera: a window of cells; (``row``, ``col``) is its north-west cell.
+    """A camera's observation of a window of cells; (``row``, ``col``) is its north-west cell.
 
-    Each string is a row from north to south, each character a cell from west to east:
-    ``.`` outside the footprint, ``u`` unburned, ``b`` burning or burned. With ``corrects`` the
-    window is an operator's correction and replaces earlier observations of these cells.
+    Each string is a row, from north to south, and each of its characters is a cell, from west to
+    east. ``.`` is a cell outside the footprint, ``u`` is unburned, and ``b`` is burning or burned.
+    With ``corrects`` the window is an operator's correction and replaces earlier observations of
+    these cells.
     """
 
     row: CellIndex
@@ -102,7 +103,7 @@ class AirspeedMeasured(Event, frozen=True, tag=True):
 
 
 class ThrustStatusChanged(Event, frozen=True, tag=True):
-    """Whether the thrust is sufficient: the vehicle does not sink at full throttle (VFR_HUD)."""
+    """A change in thrust: insufficient if the vehicle sinks at full throttle (VFR_HUD)."""
 
     sufficient: bool
     throttle_percent: Count
@@ -121,7 +122,7 @@ class MissionReadBack(Event, frozen=True, tag=True):
     """The mission on board, read back from a vehicle after a restart of the service.
 
     ``mission_id`` is the number of the mission that was sent, or 0 for any other mission. ``items``
-    is the number of its items, or None where the mission could not be read.
+    is the number of its items, or None if the mission could not be read.
     """
 
     mission_id: Count
@@ -163,7 +164,7 @@ class BatteryUpdated(Event, frozen=True, tag=True):
 
 
 class GpsFixChanged(Event, frozen=True, tag=True):
-    """A change of the kind of position fix; ``good``: a 3-D fix."""
+    """A change in the type of position fix; ``good`` means a 3-D fix."""
 
     good: bool
     fix: str
@@ -177,26 +178,26 @@ class AutopilotText(Event, frozen=True, tag=True):
 
 
 class SystemStateChanged(Event, frozen=True, tag=True):
-    """A change of the system state: ``standby``, ``active``, ``critical`` (a failsafe) ..."""
+    """A change in the system state: ``standby``, ``active``, ``critical`` (a failsafe) ..."""
 
     state: str
 
 
 class LandedStateChanged(Event, frozen=True, tag=True):
-    """The landed state by the autopilot's estimate: ``on ground``, ``in air``, ``landing`` ..."""
+    """The landed state as estimated by the autopilot: ``on ground``, ``in air``, ``landing`` ..."""
 
     state: str
 
 
 class FenceStatusChanged(Event, frozen=True, tag=True):
-    """Whether a fence is breached, and its kind: ``boundary``, ``highest altitude`` ..."""
+    """A report of whether a fence is breached, and which: ``boundary``, ``highest altitude`` ..."""
 
     breached: bool
     kind: str
 
 
 class EstimatorStatusChanged(Event, frozen=True, tag=True):
-    """Whether the autopilot's position estimate is healthy, and its problems in words."""
+    """A report of whether the autopilot's position estimate is healthy, with problems in words."""
 
     healthy: bool
     problems: tuple[str, ...]
@@ -218,10 +219,10 @@ class DropFinished(Event, frozen=True, tag=True):
 
 
 class HostTime(Event, frozen=True, tag=True):
-    """The host's monotonic clock at this mission time; in burns, about once a second.
+    """The time on the host's monotonic clock at this mission time; in burns, about once a second.
 
     Mission time follows the autopilot's clock, which may run slow or stop. The time limits of
-    approvals are therefore measured by this clock as well.
+    approvals are therefore measured by the host's clock as well.
     """
 
     monotonic_us: int
@@ -236,7 +237,7 @@ class _ByUser(msgspec.Struct, frozen=True, tag=True, tag_field="type"):
 class OperatorEvent(_ByUser, frozen=True, tag=True, kw_only=True):
     """An action or a report of an operator at ``station``.
 
-    ``may_approve``: whether the user has the role approve, as checked by the interface.
+    ``may_approve`` states whether the user has the role approve, as checked by the interface.
     """
 
     may_approve: bool = False
@@ -253,11 +254,12 @@ class IgnitionReported(OperatorEvent, frozen=True, tag=True):
 
 
 class Corrected(OperatorEvent, frozen=True, tag=True):
-    """A correction of the fire on a point, along a line or in a polygon.
+    """A correction of the fire at a point, along a line or in a polygon.
 
-    ``state`` holds at ``marked_at_us``, which may be past or future: with ``burned`` the fire
-    arrives earlier, with ``burning`` at that time, with ``unburned`` later. A burning polygon burns
-    on its outline at that time; its inside has burned by then.
+    ``state`` is the state at ``marked_at_us``, which may be in the past or in the future. The fire
+    arrives before that time if ``state`` is ``burned``, at that time if it is ``burning``, and
+    after it if it is ``unburned``. A burning polygon burns on its outline at that time; its inside
+    has burned by then.
     """
 
     state: Literal["burned", "burning", "unburned"]
@@ -290,7 +292,7 @@ class WindSet(OperatorEvent, frozen=True, tag=True):
 
 
 class PersonReported(OperatorEvent, frozen=True, tag=True):
-    """A person is at a place; ``radius_m`` is kept clear, and 0 removes the person."""
+    """A person is at a place, and ``radius_m`` around it is kept clear; 0 removes the person."""
 
     name: str
     lat_deg: Latitude
@@ -331,7 +333,7 @@ class Rejected(OperatorEvent, frozen=True, tag=True):
 
 
 class Aborted(OperatorEvent, frozen=True, tag=True):
-    """An operator aborted: no further drop; vehicles climb to the safe height and hold."""
+    """An operator gave an abort: drops end, and vehicles climb to the safe height and hold."""
 
 
 class OperatorHeartbeat(OperatorEvent, frozen=True, tag=True):
@@ -339,7 +341,7 @@ class OperatorHeartbeat(OperatorEvent, frozen=True, tag=True):
 
 
 class Resumed(OperatorEvent, frozen=True, tag=True):
-    """The service was restarted after ``down_s``; earlier approvals are unconfirmed."""
+    """The service was restarted after a pause of ``down_s``; earlier approvals are unconfirmed."""
 
     down_s: DurationS
 
@@ -368,7 +370,7 @@ class OrderGiven(OperatorEvent, frozen=True, tag=True):
     confirmed: bool = False
 
 
-SERVICE = "service"  # ``by`` of the service's orders; interfaces refuse it
+SERVICE = "service"  # ``by`` in the service's own orders; interfaces refuse it
 
 
 class MissionRequested(OperatorEvent, frozen=True, tag=True):

@@ -1,4 +1,4 @@
-"""Distances between places near each other, on a round Earth."""
+"""Computes distances between nearby places on a spherical Earth."""
 
 import math
 
@@ -6,7 +6,7 @@ M_PER_DEG = 111_195.0  # of latitude
 
 
 def offset_m(one: tuple[float, float], other: tuple[float, float]) -> tuple[float, float]:
-    """Return metres north and east from a place (lat_deg, lon_deg) to another."""
+    """Return the metres north and east from one place (lat_deg, lon_deg) to another."""
     north_m = M_PER_DEG * (other[0] - one[0])
     return north_m, M_PER_DEG * (other[1] - one[1]) * math.cos(math.radians(one[0]))
 

@@ -1,4 +1,4 @@
-"""A plan of one ignition line as data; operators approve it by its hash."""
+"""Defines the plan of one ignition line, which operators approve by its hash."""
 
 import hashlib
 
@@ -6,12 +6,12 @@ import msgspec
 
 
 class PathPoint(msgspec.Struct, frozen=True):
-    """A corner of the path, which is straight and flown at constant speed between corners."""
+    """A corner of the path; between corners the path is straight and flown at constant speed."""
 
     lat_deg: float
     lon_deg: float
     altitude_amsl_m: float
-    height_m: float  # above the ground, by the plan
+    height_m: float  # above the ground, as planned
     after_s: float  # after the plan's start
 
 
@@ -25,15 +25,15 @@ class PlannedDrop(msgspec.Struct, frozen=True):
 
 
 class IgnitionPlan(msgspec.Struct, frozen=True, tag=True, tag_field="type"):
-    """One ignition line, with all inputs of its plan.
+    """The plan of one ignition line, with all its inputs.
 
-    ``digest`` is a hash of the burn unit, its fence and people, and of the settings.
-    ``min_time_margin_s`` is the minimum time, over path and drops, until the arrival of fire.
-    ``skipped`` are places (lat, lon) on the line where a drop is not safe.
+    ``digest`` is a hash of the burn unit, its fence, the people and the settings.
+    ``min_time_margin_s`` is the shortest time, at all points of the path and all drops, until the
+    fire arrives. ``skipped`` are places (lat, lon) on the line where a drop is not safe.
     """
 
     vehicle: str
-    line: int  # of the burn, from 1
+    line: int  # number of the line in the burn, from 1
     made_at_us: int
     begin_us: int
     valid_until_us: int

@@ -1,4 +1,4 @@
-"""Messages between UAVs, as data. ``at_us`` is the sender's mission time.
+"""Defines the messages between UAVs. ``at_us`` is the sender's mission time.
 
 A cell is the number ``row * cols + col`` in the landscape's grid; cells are in ascending order.
 """
@@ -22,10 +22,10 @@ class Message(msgspec.Struct, frozen=True, tag=True, tag_field="type"):
 class State(Message, frozen=True, tag=True):
     """Position of a UAV and its virtual agent, and its intended orbit (section 4, message 2).
 
-    ``orbit_*`` is the circle that the UAV flies or approaches; the sender has checked it against
-    the orbits of the UAVs in its table. A negative radius is anticlockwise, as in MAVLink; the
-    paper's orbit has -150. A returning UAV has no virtual agent. ``goal_*`` is None for a UAV that
-    stays on its orbit.
+    ``orbit_*`` is the circle that the UAV flies or approaches. The sender has checked it against
+    the orbits of the UAVs in its table. A negative radius means anticlockwise, as in MAVLink; the
+    paper's orbit has a radius of -150. A returning UAV has no virtual agent. ``goal_*`` is None for
+    a UAV that stays on its orbit.
     """
 
     x_m: float
@@ -45,9 +45,9 @@ class State(Message, frozen=True, tag=True):
 
 
 class FireUpdate(Message, frozen=True, tag=True):
-    """Cells observed as burning or as no longer burning (section 4, message 1), to all UAVs.
+    """Cells observed as burning or no longer burning, for all UAVs (section 4, message 1).
 
-    ``at_us`` is the time of the observation; it is the version of these cells.
+    ``at_us`` is the time of the observation and serves as the version of these cells.
     """
 
     burning: tuple[Number, ...]
@@ -55,7 +55,7 @@ class FireUpdate(Message, frozen=True, tag=True):
 
 
 class Digest(Message, frozen=True, tag=True):
-    """Checksums of the tiles of the sender's fire map, as (tile, checksum).
+    """The checksums of tiles in the sender's fire map, as (tile, checksum).
 
     Unlisted tiles from ``first`` up to ``end`` are empty in the sender's map. With an empty range
     the digest is a query for the cells of the listed tiles, which differ from another map.
@@ -67,7 +67,7 @@ class Digest(Message, frozen=True, tag=True):
 
 
 class Difference(Message, frozen=True, tag=True):
-    """Cells missing in other maps, as runs: (first cell, count, seen_at_us, burning).
+    """Cells that other maps lack, as runs: (first cell, count, seen_at_us, burning).
 
     For the tiles in ``whole`` the runs are complete.
     """

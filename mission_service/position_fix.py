@@ -1,11 +1,11 @@
-"""The position and velocity of a vehicle on the map and on the grid."""
+"""Defines the position and velocity of a vehicle on the map and on the grid."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True, slots=True)
 class PositionFix:
-    """Position in grid cells and in map metres, and velocity over the ground."""
+    """A position in grid cells and in map metres, with the velocity over the ground."""
 
     at_s: float
     row: float

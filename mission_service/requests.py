@@ -1,14 +1,14 @@
-"""The requests of operators: one table for all interfaces. Pure.
+"""Defines the requests of operators in one table for all interfaces. Pure.
 
-A request is a JSON object: ``do`` names the request, ``by`` the user, ``station`` the place of the
-user; further keys depend on the request. One struct defines a request completely: its keys with
-bounds and help texts, its help text (the docstring, with the summary in its first line), role, HTTP
-path, acceptance over MQTT, an example, and the resulting event. HTTP routes and their description,
-MQTT commands and their schemas, the control socket and the command line are generated from these
-structs.
+A request is a JSON object: ``do`` names the request, ``by`` the user, and ``station`` the place of
+the user. Further keys depend on the request. One struct defines each request: its keys with bounds
+and help texts, its own help text (the docstring, with the summary in its first line), the required
+role, the HTTP path, whether MQTT accepts it, an example, and the resulting event. HTTP routes and
+their description, MQTT commands and their schemas, the control socket and the command line are
+generated from these structs.
 
-This module has the requests that every guidance accepts (``OF_EVERY_RUN``) and those accepted by
-guidances that fly missions (``OF_VEHICLES``). Requests of a single guidance are in its folder.
+This module contains the requests that every way of flying accepts (``OF_EVERY_RUN``) and those for
+ways of flying by missions (``OF_VEHICLES``). Requests for a single way of flying are in its folder.
 """
 
 from collections.abc import Callable
@@ -21,8 +21,8 @@ from mission_service import events
 from mission_service.errors import RequestError
 
 MIN_SPEED, MAX_SPEED = 0.1, 100.0  # of a replay
-MAX_DURATION_S = 1e7  # longer times are refused as errors
-MAX_LENGTH_M = 10_000.0  # larger circles and longer lines are refused as errors
+MAX_DURATION_S = 1e7  # longer durations are refused as mistakes
+MAX_LENGTH_M = 10_000.0  # larger circles and longer lines are refused as mistakes
 MAX_FIRE_LENGTH_M = 500_000.0  # the same limit for outlines of fires from other sources
 
 OPERATOR_FIELDS = ("by", "station")  # keys of all requests
@@ -67,13 +67,14 @@ class Request(
     ``points``, and ``lat_deg`` with ``lon_deg`` (on the landscape).
     """
 
-    # The event's type; its fields are time, user, station and the request's further keys in order.
+    # The event's type. Its fields are time, user, station, and the request's further keys in order.
     makes: ClassVar[Callable[..., events.AnyOperatorEvent]]
     role: ClassVar[Role]  # required of the user
     path: ClassVar[str]  # over HTTP; ``{name}`` is the vehicle, ``{do}`` the request
     method: ClassVar[str] = "POST"
     operation: ClassVar[str | None] = None  # operation id in OpenAPI; None: made from the path
-    # Whether MQTT accepts it: not if it may cause drops, because a broker identifies no user.
+    # Whether MQTT accepts it. Requests that may cause drops are not accepted, because a broker does
+    # not identify users.
     over_mqtt: ClassVar[bool] = True
     max_length_m: ClassVar[float] = MAX_LENGTH_M  # of a line through ``points``
     example: ClassVar[dict[str, Any]] = {}  # valid values of the request's further keys
@@ -329,7 +330,7 @@ class Replay(Request, frozen=True):
     seek_s: Annotated[Seconds | None, Meta(description="From the replay's begin.")] = None
 
     def event(self, at_us: int) -> events.AnyOperatorEvent:
-        """Raise RequestError: only replays accept this request, and handle it without an event."""
+        """Raise RequestError; only replays accept this request, and they make no event of it."""
         raise RequestError("replay: this run is not a replay")
 
 

@@ -20,8 +20,7 @@ NO_END_S = 1e12  # later than the end of every burn
 
 
 def landscape(cells: int, mixed: bool) -> Landscape:
-    """Return a square landscape: flat with one fuel, or if ``mixed`` hilly with patches of 12
-    fuels.
+    """Return a square landscape, flat with one fuel or (``mixed``) hilly with patches of 12 fuels.
 
     Equal arguments give equal landscapes.
     """

@@ -187,7 +187,7 @@ def run_of(
 
 
 def parse_scenario(data: dict[str, Any], path: Path) -> Scenario:
-    """Return a checked scenario from a dictionary; paths are relative to that of ``path``."""
+    """Return the checked scenario in a dictionary; its paths start at the folder of ``path``."""
     kind = _with_table_of(data.get("planner"))
     found: Scenario = _with_paths(_in_layers(_checked(kind, data, path)), path, ())
     return found

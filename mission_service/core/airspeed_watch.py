@@ -1,8 +1,9 @@
 """Compares the airspeed of a plane with the airspeed that its missions command. Pure.
 
-Autopilots accept airspeeds that they do not fly: ArduPlane 4.6 skips a DO_CHANGE_SPEED item outside
-AIRSPEED_MIN to AIRSPEED_MAX without a report, and PX4 1.17 limits it to FW_AIRSPD_MIN to
-FW_AIRSPD_MAX. Paths, endurance and separation are planned with ``airspeed_m_s``.
+Autopilots accept airspeeds that they do not fly. ArduPlane 4.6 skips a DO_CHANGE_SPEED item with an
+airspeed outside AIRSPEED_MIN to AIRSPEED_MAX and does not report it. PX4 1.17 limits the airspeed
+to the range from FW_AIRSPD_MIN to FW_AIRSPD_MAX. Paths, endurance and separation are planned with
+``airspeed_m_s``.
 """
 
 from mission_service.commands import AnyCommand, ClearAlarm, RaiseAlarm
@@ -10,7 +11,7 @@ from mission_service.vehicles.availability import MISSION
 from mission_service.vehicles.vehicle_state import Vehicle
 
 AIRSPEED = "airspeed"
-DIFFERENCE_M_S, DIFFERENCE_SHARE = 2.0, 0.15  # the larger of both is the tolerance
+DIFFERENCE_M_S, DIFFERENCE_SHARE = 2.0, 0.15  # the larger of the two is the tolerance
 LASTS_S = 60.0  # longer than climbs and turns
 
 

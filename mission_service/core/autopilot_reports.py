@@ -1,7 +1,8 @@
-"""Reports of an autopilot as announcements and alarms for operators. Pure.
+"""Converts an autopilot's reports to announcements and alarms for operators. Pure.
 
 An alarm is raised when its cause is reported and cleared when the end of the cause is reported. The
-end of a text's cause is not reported: its alarm is cleared ``TEXT_STANDS_S`` after the last text.
+end of a text's cause is not reported, so a text's alarm is cleared ``TEXT_STANDS_S`` after the last
+text.
 """
 
 from mission_service import events
@@ -65,7 +66,7 @@ def back_under_control(vehicle: Vehicle) -> list[AnyCommand]:
 
 
 def texts_over(vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
-    """Clear the alarm of a text after ``TEXT_STANDS_S`` without another one."""
+    """Clear the alarm of a text after ``TEXT_STANDS_S`` without another text."""
     if vehicle.text_at_s is None or at_s - vehicle.text_at_s < TEXT_STANDS_S:
         return []
     vehicle.text_at_s = None

@@ -1,4 +1,4 @@
-"""The core: a state machine from events to commands. No clock, no network, no randomness.
+"""Converts events to commands: a state machine without a clock, network or randomness.
 
 Simulation, live flight, replay and tests run the same core on events from different sources.
 """
@@ -48,7 +48,7 @@ UNANNOUNCED = ("orbit", "change speed")
 
 
 class Core:
-    """Applies events to the states of the vehicles and returns the commands that follow."""
+    """The state machine that applies events to the vehicles and returns the resulting commands."""
 
     def __init__(self, scenario: Scenario, landscape: Landscape) -> None:
         self.scenario = scenario
@@ -84,7 +84,7 @@ class Core:
         return way_of(self.scenario)
 
     def handle(self, event: events.AnyEvent) -> list[AnyCommand]:
-        """Apply one event; returns the commands that it causes, in order.
+        """Apply one event and return the commands that it causes, in order.
 
         Raises KeyError for a vehicle that is not in the scenario.
         """
@@ -223,7 +223,7 @@ class Core:
         return [*commands, *self.guidance.lead(vehicle, fix)]
 
     def _takes_no_decision(self, vehicle: Vehicle) -> bool:
-        """Return whether no decision is taken now for a vehicle that is not under an order."""
+        """Return whether decisions are suspended for a vehicle without an operator's order."""
         availability = vehicle.availability
         if vehicle.unconfirmed is not None and not self._way.prescribed:
             return True  # wait until its mission is read back
@@ -241,7 +241,7 @@ class Core:
     # Flight to the fire and home --------------------------------------------------------------
 
     def _on_the_ground(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand]:
-        """Repeat a refused start; upload a mission to a vehicle without one."""
+        """Repeat a refused start, or upload a mission to a vehicle that has none."""
         if self._start_is_due(vehicle, fix.at_s):
             return self._start(vehicle, fix.at_s)
         idle = not vehicle.awaits_mission and vehicle.flown_line is None
@@ -250,12 +250,12 @@ class Core:
         return []
 
     def _start_is_due(self, vehicle: Vehicle, at_s: float) -> bool:
-        """Return whether a start that was refused, or waited for a mission, is due now."""
+        """Return whether a start that was refused or waited for a mission is due now."""
         again_at_s = vehicle.start_again_at_s
         return again_at_s is not None and at_s >= again_at_s and vehicle.flown_line is not None
 
     def _start(self, vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
-        """Start the mission; a takeoff requires separation, and after a landing also an order."""
+        """Start the mission. A takeoff requires separation and, after a landing, also an order."""
         vehicle.start_again_at_s = None
         if vehicle.availability.taken_over:
             return []
@@ -364,7 +364,7 @@ class Core:
         return [*ended, announce(vehicle, "landed")]
 
     def _read_back(self, vehicle: Vehicle, event: events.MissionReadBack) -> list[AnyCommand]:
-        """Continue by the mission read back after a restart; a burn only announces it."""
+        """Continue with the mission read back after a restart; in a burn, only announce it."""
         at_s, availability = event.at_us / 1e6, vehicle.availability
         was, vehicle.unconfirmed = vehicle.unconfirmed, None
         if was is None:
@@ -407,7 +407,7 @@ class Core:
     def _continued_in_air(
         self, vehicle: Vehicle, was: UnconfirmedState, starts: bool
     ) -> list[AnyCommand]:
-        """Start the mission of a vehicle that was resumed, or that holds before a start."""
+        """Start the mission of a vehicle that an operator resumed, or that holds before a start."""
         if vehicle.availability.taken_over:
             return []
         if was.resumed and vehicle.read_back == "unknown":

@@ -1,4 +1,4 @@
-"""Updates of the vehicles' availability and decisions of their planners, from events.
+"""Updates the vehicles' availability from events, and runs their planners.
 
 The core converts decisions to missions. ``decide`` runs this part alone on a journal.
 """
@@ -25,7 +25,7 @@ from mission_service.vehicles.availability import (
 
 
 class DecisionEngine:
-    """Updates the availability of vehicles by events and runs their planners."""
+    """The part of the core that updates availability and runs the planners."""
 
     def __init__(
         self,
@@ -42,7 +42,7 @@ class DecisionEngine:
         self._airborne_m = AIRBORNE_M if burn is None else burn.drop_height_m / 2.0
 
     def apply(self, event: events.VehicleEvent) -> Decision | None:
-        """Apply one event; returns the planner's decision, if any."""
+        """Apply one event and return the planner's decision, or None."""
         availability = self.availability[event.vehicle]
         if isinstance(event, events.Telemetry):
             return self._moved(availability, event)
@@ -58,13 +58,13 @@ class DecisionEngine:
         self.planners[name].left(at_s)
 
     def on_command(self, command: AnyCommand, at_s: float) -> None:
-        """Record a command that is sent: the modes that it causes are expected from now on."""
+        """Record a command that is sent; the modes that it causes are expected from now on."""
         if type(command) in LEADS_TO:
             availability = self.availability[command.vehicle]
             availability.expected_until_s[type(command)] = at_s + UNANSWERED_S
 
     def apply_order(self, name: str, event: events.OrderGiven) -> bool:
-        """Apply an order; return whether it is executed. Its mode then counts as ordered."""
+        """Apply an order and return whether it is executed; the mode then counts as ordered."""
         availability = self.availability[name]
         if event.by == events.SERVICE and not availability.flies:
             return False
@@ -78,9 +78,10 @@ class DecisionEngine:
         return True
 
     def apply_abort(self, name: str) -> bool:
-        """Apply an abort; returns whether the vehicle is ordered to hold now.
+        """Apply an abort and return whether the vehicle is ordered to hold now.
 
-        In a mode that autopilot or pilot selected, it is ordered to hold when that mode ends.
+        A vehicle in a mode that the autopilot or the pilot selected is ordered to hold when that
+        mode ends.
         """
         availability = self.availability[name]
         holds_now = not availability.needs_confirmation("hold")
@@ -158,7 +159,7 @@ class DecisionEngine:
     def _mode_chosen(
         self, availability: VehicleAvailability, event: events.ModeChanged, armed_now: bool
     ) -> None:
-        """Classify a mode of an armed vehicle, other than its mission, as ordered or not."""
+        """Classify an armed vehicle's mode, other than its mission, as ordered or not ordered."""
         at_s = event.at_us / 1e6
         leading = availability.leading_to(event.mode, at_s)
         arms = armed_now and not availability.airborne and event.mode not in GOING_HOME
@@ -180,7 +181,7 @@ class DecisionEngine:
         availability: VehicleAvailability,
         event: events.GpsFixChanged | events.EstimatorStatusChanged,
     ) -> None:
-        """Record whether positions are reliable; without them the vehicle leaves its planner."""
+        """Record whether positions are reliable; if not, the vehicle leaves its planner."""
         was_good = availability.position_good
         if isinstance(event, events.GpsFixChanged):
             availability.fix_good = event.good

@@ -1,4 +1,4 @@
-"""Conversion of operators' orders to commands, for vehicles on a front or in formation. Pure."""
+"""Converts operators' orders to commands, for vehicles along a front or in formation. Pure."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -20,7 +20,7 @@ Start = Callable[[Vehicle, float], list[AnyCommand]]
 
 
 class OperatorOrders:
-    """Applies operators' orders; the effect of an order is stored in its ``Vehicle``."""
+    """The part of the core that applies operators' orders; ``Vehicle`` stores their effects."""
 
     def __init__(
         self,
@@ -37,7 +37,7 @@ class OperatorOrders:
         self._approvals = approvals
 
     def handle(self, event: events.AnyOperatorEvent) -> list[AnyCommand]:
-        """Apply an operator's event; returns the commands that it causes."""
+        """Apply an operator's event and return the commands that it causes."""
         match event:
             case events.OrderGiven():
                 return self._to_each(event.vehicle, lambda vehicle: self._ordered(vehicle, event))
@@ -57,12 +57,12 @@ class OperatorOrders:
                 return []
 
     def _to_each(self, name: str, order: Callable[[Vehicle], list[AnyCommand]]) -> list[AnyCommand]:
-        """Apply ``order`` to the named vehicle, or to all, if this process flies them."""
+        """Apply ``order`` to the named vehicle, or to all vehicles that this process flies."""
         named = self.vehicles if not name else [name] if name in self.vehicles else []
         return [command for each in named for command in order(self.vehicles[each])]
 
     def _ordered(self, vehicle: Vehicle, event: events.OrderGiven) -> list[AnyCommand]:
-        """Execute an order; it needs confirmation if it would end a mode that was not ordered."""
+        """Execute an order, or ask for confirmation if it would end a mode that was not ordered."""
         obstacle = self._obstacle(vehicle, event.order)
         if obstacle:
             return [announce(vehicle, obstacle, warning=True)]
@@ -87,7 +87,7 @@ class OperatorOrders:
         return [announce(vehicle, words, warning=True)]
 
     def _obstacle(self, vehicle: Vehicle, order: events.Order) -> str:
-        """Return the reason why an order cannot be carried out, even if confirmed; "" if it can."""
+        """Return why an order cannot be carried out even if it is confirmed; "" if it can."""
         availability, on_board = vehicle.availability, self._resumes_mission
         if order == "start" and vehicle.ordered:
             return "a hold is ordered: order resume first"
@@ -96,7 +96,7 @@ class OperatorOrders:
         return ""
 
     def _abort(self, vehicle: Vehicle, event: events.Aborted) -> list[AnyCommand]:
-        """Order a hold, which begins after a mode that the autopilot or pilot selected."""
+        """Order a hold; it begins when any mode that the autopilot or pilot selected has ended."""
         at_s, mode = event.at_us / 1e6, vehicle.availability.mode
         if self.decision_engine.apply_abort(vehicle.name):
             return self._hold(vehicle, event.by, at_s, "aborted")
@@ -215,7 +215,7 @@ class OperatorOrders:
 
 
 def hold_again(vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
-    """Repeat a hold until the autopilot accepts it, each time after the answer to the last."""
+    """Repeat a hold until the autopilot accepts it, each time after the previous answer."""
     if vehicle.hold_again_at_s is None or at_s < vehicle.hold_again_at_s:
         return []
     since_s, availability = vehicle.hold_under_way_s, vehicle.availability

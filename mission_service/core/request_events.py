@@ -1,4 +1,4 @@
-"""Conversion of operators' requests (control socket, HTTP, MQTT) to events. Pure.
+"""Converts operators' requests (control socket, HTTP, MQTT) to events. Pure.
 
 A request with an unknown key is refused as a whole.
 """
@@ -38,7 +38,7 @@ def _table(*kinds: type[Request]) -> dict[str, type[Request]]:
 
 
 REQUESTS = _table(*OF_EVERY_RUN, *(kind for way in WAYS for kind in way.requests))
-# With the request of replays, which makes no event.
+# All requests, including that of replays, which makes no event.
 ALL_REQUESTS = REQUESTS | _table(Replay)
 
 
@@ -52,11 +52,10 @@ class RequestScope:
     """The requests that a run accepts, and the names that they may contain.
 
     Attributes:
-        stations: The stations from which requests are accepted; empty: any.
-        items: The items of the GO list; None: any.
-        on_map: Returns whether a latitude and longitude, in degrees, is on the landscape.
-        vehicles: The names of the vehicles; None: any.
-        accepted: The names of the requests.
+        stations: The stations from which requests are accepted; empty: any. items: The items of the
+        GO list; None: any. on_map: Returns whether a place (latitude, longitude, in degrees) is on
+        the landscape. vehicles: The names of the vehicles; None: any. accepted: The names of the
+        requests.
     """
 
     stations: Collection[str] = ()
@@ -88,7 +87,8 @@ def event_of(
         The event.
 
     Raises:
-        RequestError: For an invalid request, in one line. An abort is accepted with any content.
+        RequestError: For an invalid request, with the reason in one line. An abort is accepted with
+        any content.
     """
     if not isinstance(request, dict):
         raise RequestError('a request is a JSON object, such as {"do": "status"}')
@@ -144,7 +144,8 @@ def _places(request: Request) -> tuple[tuple[float, float], ...]:
         return ((lat_deg, lon_deg),)
     points: tuple[tuple[float, float], ...] = getattr(request, "points", ())
     if points:
-        # Half of two rounds: including the side from the last corner to the first.
+        # Twice around the corners: half of the length includes the side from the last to the first
+        # corner.
         outline = shapely.LineString([(lon, lat) for lat, lon in points * 2])
         length_m = M_PER_DEG * outline.length / 2.0
         if length_m > request.max_length_m:

@@ -1,4 +1,4 @@
-"""Examples for the descriptions of HTTP and MQTT; tests validate them against the schemas."""
+"""Provides examples for the HTTP and MQTT descriptions; tests validate them with the schemas."""
 
 from typing import Any
 
@@ -136,5 +136,5 @@ OF: dict[type, msgspec.Struct] = {
 
 
 def example_of(kind: type) -> Any:
-    """Return an example of a message or a response, in the types of JSON."""
+    """Return an example of a message or a response as JSON types."""
     return msgspec.to_builtins(OF[kind])

@@ -1,7 +1,7 @@
-"""Metrics of a run for Prometheus, read from the run context at each scrape.
+"""Exports the metrics of a run to Prometheus, read from the run context at each scrape.
 
-Metrics of an interface (clients of the live stream, connection to the broker) are functions in
-``context.gauges``, with their names in ``FIGURES`` as keys.
+Metrics of an interface, such as the number of live streams, are functions in ``context.gauges``.
+Their keys there are the names in ``FIGURES``.
 """
 
 from collections import Counter
@@ -19,7 +19,7 @@ from mission_service.runtime.clocks import last_written_s, wall_us
 from mission_service.runtime.run_context import RunContext
 
 PREFIX = "mission_service_"
-# Name without the prefix: help, labels. Names that end in _total are counters.
+# For each name without the prefix: its help text and labels. Names that end in _total are counters.
 FIGURES: dict[str, tuple[str, tuple[str, ...]]] = {
     "info": ("Version, scenario and rule; always 1.", ("version", "scenario", "rule")),
     "ready": ("1 while /readyz answers 200.", ()),
@@ -62,7 +62,7 @@ def metrics_of(context: RunContext) -> tuple[bytes, str]:
 
 
 class MetricsCollector(Collector):
-    """Collector of the metrics of a run context."""
+    """The collector of a run context's metrics."""
 
     def __init__(self, context: RunContext) -> None:
         self._context = context
@@ -103,7 +103,7 @@ def _of_run(context: RunContext) -> Iterable[tuple[str, Samples]]:
 
 
 def _bytes_of(journal: Path) -> int:
-    """Return the size of the journal's current and earlier segments."""
+    """Return the total size in bytes of the journal's current and earlier segments."""
     segments = [journal, *closed_segments(journal).values()]
     return sum(segment.stat().st_size for segment in segments if segment.exists())
 

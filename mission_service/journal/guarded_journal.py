@@ -1,7 +1,7 @@
-"""A journal on a disk that may fail: of the events that cannot be written, only aborts are handled.
+"""Guards a journal on a disk that may fail: of unwritten events, only aborts are handled.
 
-While the disk fails, the service does not handle events of vehicles (vehicles fly the mission on
-board, which ends in a loiter) and answers requests of operators with an error. Commands already
+While the disk fails, the service answers operators' requests with an error and does not handle
+events of vehicles. The vehicles fly the missions on board, which end in a loiter. Commands already
 issued, and aborts with their commands, are buffered in memory and written first when the disk works
 again, so that the journal can be replayed.
 """
@@ -16,7 +16,7 @@ MAX_WAITING = 20_000  # lines (10 MB); with more lines waiting, aborts are refus
 
 
 class GuardedJournal:
-    """Writes a journal. ``trouble`` is the reason why the last write failed, or empty."""
+    """The writer of a journal. ``trouble`` is the reason why the last write failed, or empty."""
 
     def __init__(self, journal: Journal) -> None:
         self.journal = journal
@@ -27,7 +27,7 @@ class GuardedJournal:
         self._before_waiting = 0
 
     def write_event(self, event: AnyEvent, body: bytes | None = None) -> bool:
-        """Journal an event before it is handled; returns whether it may be handled.
+        """Journal an event before it is handled, and return whether it may be handled.
 
         ``body`` is its ``event_body``, if the caller has computed it. Raises RefusedEventError for
         an event that could not be read back.
@@ -46,7 +46,7 @@ class GuardedJournal:
         return self._urgent
 
     def write_commands(self, commands: list[AnyCommand]) -> bool:
-        """Journal the commands of the last event; returns whether they may be carried out."""
+        """Journal the last event's commands and return whether they may be carried out."""
         if not self.trouble:
             try:
                 self.journal.write_commands(commands)
@@ -57,7 +57,7 @@ class GuardedJournal:
         return self._urgent
 
     def remove_last(self) -> None:
-        """Remove the last event from the journal: it is refused and has had no effect."""
+        """Remove the last event, which is refused and has had no effect, from the journal."""
         if self.trouble:  # the event is an abort, and its line is waiting
             del self._waiting[self._before_waiting :]
             return
@@ -67,7 +67,7 @@ class GuardedJournal:
             self._failed(error)
 
     def retry(self) -> bool:
-        """Try to write the waiting lines; returns whether the journal works again."""
+        """Try to write the waiting lines, and return whether the journal works again."""
         try:
             self.journal.lines(self._waiting, to_disk=True)
         except OSError as error:

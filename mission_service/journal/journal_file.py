@@ -1,13 +1,14 @@
-"""The journal, as JSON Lines: each event is written before it is handled, then its commands.
+"""Writes and reads a journal of JSON Lines, with each event before the commands it causes.
 
 The first line is the header (versions, seed, scenario, landscape). Each further line contains one
 event or one command; a last line marks the regular end of the run. Every line ends in a checksum
 that depends on all lines between it and the header, so that a changed, lost, added or moved line is
 detected. The checksum of the header covers only the header.
 
-Each line that is written can be read back: it is decoded before it is written, and refused if the
-result differs (msgspec writes NaN as null) or a value exceeds the limits of its type. A journal and
-its states are readable by their user only; a symbolic link in their place is refused.
+An event is written before it is handled. Each line that is written can be read back. It is decoded
+before it is written, and refused if the result differs (msgspec writes NaN as null) or a value
+exceeds the limits of its type. Only their user can read a journal and its states. A symbolic link
+in their place is refused.
 """
 
 import contextlib
@@ -55,7 +56,7 @@ def header_of(scenario: Scenario, landscape_digest: str, created: str) -> dict[s
 
 @dataclass(frozen=True, slots=True)
 class Rest:
-    """A position in a journal: the end of a line of a segment, with that line's checksum."""
+    """A position in a journal: the end of a line in a segment, with that line's checksum."""
 
     at_byte: int
     crc: int
@@ -63,7 +64,7 @@ class Rest:
 
 
 class Journal:
-    """Appends to a journal. ``durable`` (live flight): lines are not buffered in the process.
+    """The writer of a journal. If ``durable`` (live flight), lines are not buffered in the process.
 
     If lines cannot be written completely, they are removed and OSError is raised; the journal is
     then unchanged, and writing may be tried again. With ``rest``, the journal of an interrupted run
@@ -110,7 +111,7 @@ class Journal:
             self.lines([command_body(command) for command in commands])
 
     def lines(self, bodies: list[bytes], to_disk: bool = False) -> None:
-        """Append lines, given without their checksums: all or none."""
+        """Append either all or none of these lines, given without their checksums."""
         crc, lines = self.rest.crc, []
         for body in bodies:
             line, crc = _line(body, crc)
@@ -141,7 +142,7 @@ class Journal:
             self._file = -1
 
     def begin_segment(self) -> Path:
-        """Rename this file to that of a closed segment, begin the next, return the closed file.
+        """Rename this file to a closed segment, begin the next file, and return the closed file.
 
         After an OSError the journal is unchanged. The caller has to sync both names to the disk.
         """
@@ -238,12 +239,18 @@ def begins_journal(path: Path) -> bool:
 
 
 def event_body(event: AnyEvent) -> bytes:
-    """Return the line of an event without its checksum. Raises RefusedEventError if unreadable."""
+    """Return the line of an event without its checksum.
+
+    Raises RefusedEventError if the line could not be read back.
+    """
     return _EVENT + _readable(event, _decode_event)
 
 
 def command_body(command: AnyCommand) -> bytes:
-    """Return the line of a command without its checksum. Raises RefusedEventError if unreadable."""
+    """Return the line of a command without its checksum.
+
+    Raises RefusedEventError if the line could not be read back.
+    """
     return _COMMAND + _readable(command, _decode_command)
 
 
@@ -297,7 +304,7 @@ class Unreadable:
 
 
 class SegmentReader:
-    """Reads a segment line by line; ``cut_at_line`` is the number of an incomplete last line.
+    """A reader of one segment; ``cut_at_line`` is the number of an incomplete last line.
 
     After the last line, ``rest`` is the position to continue from, and ``ended`` is set if the run
     ended regularly.
@@ -334,8 +341,12 @@ class SegmentReader:
             yield self.entry(number, body, intact)
 
     def trusted(self, place: Rest) -> Iterator[Entry | Unreadable]:
+<<<<<<< HEAD
         """Yield entries after a position, with ``Unreadable`` for altered, undecodable lines."""
         altered = 0
+=======
+        """Yield entries after a position, with ``Unreadable`` for altered or undecodable lines."""
+>>>>>>> p4
         for number, body, intact in self.lines(place):
             if not intact:
                 why = "was altered: its checksum does not match"
@@ -352,7 +363,7 @@ class SegmentReader:
                 yield Unreadable(number, str(error))
 
     def lines(self, place: Rest) -> Iterator[tuple[int, bytes, bool]]:
-        """Yield undecoded lines after a position: number, body, whether the checksum matches."""
+        """Yield the number and body of lines after a position, and whether the checksum matches."""
         self.rest = place
         self.cut_at_line, self.ended = None, False
         with self.path.open("rb") as file:
@@ -383,7 +394,7 @@ class SegmentReader:
 
 
 def _lines_in(file: BinaryIO, first_bytes: int) -> int:
-    """Read the first bytes of a file; returns the number of line ends in them."""
+    """Read the first bytes of a file and return the number of line ends in them."""
     count = 0
     while first_bytes > 0 and (block := file.read(min(first_bytes, 1 << 20))):
         count += block.count(b"\n")
@@ -392,7 +403,7 @@ def _lines_in(file: BinaryIO, first_bytes: int) -> int:
 
 
 def _checked(line: bytes, crc: int) -> tuple[bytes, bool, int]:
-    """Split a line into its body, whether its checksum matches, and the checksum as written."""
+    """Return the body of a line, whether its checksum matches, and the checksum as written."""
     body, found, tail = line.rpartition(_CHECK)
     if not found or len(tail) != 10:
         return line, False, 0

@@ -1,4 +1,4 @@
-"""Files that only their user can read: mode 0600, in folders of mode 0700, no symbolic links.
+"""Handles files that only their user can read: mode 0600, folders 0700, no symbolic links.
 
 Through a symbolic link in place of a journal or a state, another user could make the service write
 to any file of the service's user. Symbolic links are therefore refused and never followed.
@@ -34,7 +34,7 @@ def refuse_links(folder: Path, stem: str = "") -> None:
 
 
 def writable_by_others(found: os.stat_result) -> bool:
-    """Return whether other users may write a file or in a folder."""
+    """Return whether other users may write to a file or a folder."""
     return bool(found.st_mode & 0o022)
 
 

@@ -24,7 +24,8 @@ SKIPPED = b'{"event":{"type":"LinesSkipped"'
 class JournalReader:
     """The journal of a run, from its oldest segment on. Raises JournalError if it cannot be read.
 
-    If its first segments were deleted, core and fire are those of the state saved at that position.
+    If its first segments were deleted, core and fire are those of the state that was saved at the
+    beginning of the oldest existing segment.
     """
 
     def __init__(self, path: Path, alone: bool = False) -> None:

@@ -1,13 +1,14 @@
 """Resumes a run after a kill: loads the newest state and applies the rest of the journal to it.
 
 No command is executed again. The outcome of transfers and orders in progress at the kill is
-unknown: the event ``Resumed`` after the last event ends all of them.
+unknown. The event ``Resumed``, which follows the last event, ends all of them.
 
 A line that cannot be read or handled ends a restart with an error that names the line. With
 ``--skip-unreadable`` it is skipped, and ``LinesSkipped`` records that, so that later restarts and
-replays skip it too. Between the line and that event the core's state may differ from the live
-run's, so the recorded commands are applied. If the last event of a journal cannot be handled, it is
-always skipped: the run was killed before it could remove the event from the journal.
+replays skip it too. Between the skipped line and ``LinesSkipped`` the core's state may differ from
+the live run's, so the recorded commands are applied. If the last event of a journal cannot be
+handled, it is always skipped, because the run was killed before it could remove the event from the
+journal.
 """
 
 from collections.abc import Callable, Iterator
@@ -73,7 +74,7 @@ class InterruptedRun:
     def __init__(
         self, path: Path, chain: Chain, shared: Known, skip_unreadable: bool = False
     ) -> None:
-        """Raise JournalError in one line if both a usable state and the beginning are missing."""
+        """Raise JournalError if both a usable state and the journal's beginning are missing."""
         self.path = path
         self._chain = chain
         self._skip_unreadable = skip_unreadable
@@ -83,7 +84,7 @@ class InterruptedRun:
         self.unusable: list[str] = []
         self.skipped: dict[Line, str] = {}
         self.newly_skipped: dict[Line, str] = {}
-        self._at: _Turn | None = None  # applied to the core, perhaps not yet to other folds
+        self._at: _Turn | None = None  # applied to the core, perhaps not yet to other projections
         self._place = chain.begin
         # With short segments the state of the last segment is newer than ``journal.state``.
         usable: list[tuple[Rest, Path]] = []
@@ -138,8 +139,8 @@ class InterruptedRun:
 
         Raises JournalError if the core's commands differ from the journal's, and UnhandledLineError
         if ``handle`` fails (``skip_line`` can then skip the line). Afterwards ``last_us`` is the
-        latest mission time, and ``missing`` are commands of the last event that the journal lacks:
-        they were not executed, because commands are journalled first.
+        latest mission time, and ``missing`` are commands of the last event that the journal lacks.
+        They were not executed, because commands are journalled before they are executed.
         """
         sure, self.missing = True, ()
         for turn in self._turns():
@@ -167,7 +168,7 @@ class InterruptedRun:
         return LinesSkipped(at_us, "service", "", lines) if lines else None
 
     def unhandled(self, error: Exception) -> UnhandledLineError:
-        """Return the error for the line applied last, which caused ``error``."""
+        """Return the error about the line that was applied last and caused ``error``."""
         assert self._at is not None
         words = " ".join(f"{type(error).__name__}: {error}".split())
         return UnhandledLineError(
@@ -177,7 +178,8 @@ class InterruptedRun:
     def skip_line(self, problem: UnhandledLineError) -> None:
         """Skip the line that cannot be handled; the caller restarts from the state.
 
-        Raises ``problem`` unless skipping is permitted or it is the last event, without commands.
+        Raises ``problem`` unless skipping is permitted, or the line is the last event and has no
+        commands.
         """
         assert self._at is not None
         cut_off = self._at.is_last and not self._at.commands
@@ -233,7 +235,7 @@ class InterruptedRun:
 def unfinished(
     path: Path, shared: Known, scenario: Scenario, skip_unreadable: bool = False
 ) -> InterruptedRun | None:
-    """Return the journal at ``path`` if it is of an interrupted live run of the same scenario.
+    """Return the journal at ``path`` if it is that of an interrupted live run of this scenario.
 
     Raises MissionServiceError for a symbolic link in its place, and JournalError if its first line
     is damaged.
@@ -259,10 +261,10 @@ def unfinished(
 
 
 def rename_old(path: Path) -> Path | None:
-    """Rename the journal at ``path`` to make room for a new one; returns its new path.
+    """Rename the journal at ``path`` to make room for a new one, and return its new path.
 
-    Only ``keep_mb`` deletes journals. A file without a complete header contains no entry and is
-    deleted; closed segments without a current segment are renamed too.
+    Journals are deleted only because of ``keep_mb``. However, a file without a complete header
+    contains no entry and is deleted; closed segments without a current segment are renamed too.
     """
     refuse_links(path.parent, path.stem)
     complete(path)
@@ -284,7 +286,7 @@ def rename_old(path: Path) -> Path | None:
 
 
 def resumed(last_us: int, down_s: float) -> Resumed:
-    """Return the event of a restart; its mission time includes the ``down_s`` without service."""
+    """Return the event of a restart, whose mission time includes the pause of ``down_s``."""
     down_s = max(0.0, down_s)
     return Resumed(last_us + round(down_s * 1e6), "service", "", round(down_s, 3))
 

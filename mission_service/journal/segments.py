@@ -1,4 +1,4 @@
-"""The files of one journal: closed segments, the segment being written, and states.
+"""Manages the files of one journal: closed segments, the segment being written, and states.
 
 journal.jsonl            the segment being written
 journal-000001.jsonl     a closed segment; the oldest has the smallest number
@@ -32,7 +32,7 @@ def closed_segments(path: Path) -> dict[int, Path]:
 
 
 def journal_of(segment: Path) -> Path | None:
-    """Return the journal of a closed segment; None if the name is not that of a closed segment."""
+    """Return the journal of a closed segment; None for a file with another kind of name."""
     found = re.fullmatch(r"(.+)-\d{6}", segment.stem)
     return None if found is None else segment.with_name(found[1] + segment.suffix)
 
@@ -94,10 +94,10 @@ def move(path: Path, to: Path) -> None:
 
 
 def trim(path: Path, keep_bytes: int) -> list[Path]:
-    """Delete the oldest segments while their total size exceeds ``keep_bytes``; returns them.
+    """Delete the oldest segments while the total size exceeds ``keep_bytes``, and return them.
 
     A segment that lacks the state at its beginning is deleted too if it would be the oldest,
-    because it could not be replayed. A run that was killed before it wrote a state lacks it.
+    because it could not be replayed. The state is missing if the run was killed before writing it.
     """
     closed, deleted = closed_segments(path), list[Path]()
     size = sum(each.stat().st_size for each in (path, *closed.values(), *states(path)))
@@ -115,7 +115,8 @@ def trim(path: Path, keep_bytes: int) -> list[Path]:
 class Chain:
     """The segments of a journal, read in order as one file.
 
-    Raises JournalError if one cannot be read, is missing, or does not continue the one before it.
+    Raises JournalError if a segment cannot be read, is missing, or does not continue the one before
+    it.
     """
 
     def __init__(self, path: Path) -> None:
@@ -150,19 +151,19 @@ class Chain:
             yield reader, reader.entry(number, body, intact)
 
     def lines(self, place: Rest) -> Iterator[tuple[SegmentReader, int, bytes, bool]]:
-        """Yield undecoded lines: segment, number, body, and whether the checksum matches."""
+        """Yield the segment, number and body of each line, and whether its checksum matches."""
         for reader, begin in self._places(place):
             for line in reader.lines(begin):
                 yield reader, *line
 
     def trusted(self, place: Rest) -> Iterator[tuple[SegmentReader, Entry | Unreadable]]:
-        """Yield the same as ``after``, with ``Unreadable`` for altered and undecodable lines."""
+        """Yield the same as ``after``, with ``Unreadable`` for altered or undecodable lines."""
         for reader, begin in self._places(place):
             for entry in reader.trusted(begin):
                 yield reader, entry
 
     def _places(self, place: Rest) -> Iterator[tuple[SegmentReader, Rest]]:
-        """Yield each segment from a position on, with the position in it to read from."""
+        """Yield each segment from a position on, with the position at which to start reading."""
         before: SegmentReader | None = None
         for reader in self.readers:
             if reader.segment < place.segment:

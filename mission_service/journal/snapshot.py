@@ -1,11 +1,11 @@
-"""The state of a service in a file, from which a restart resumes instead of replaying the journal.
+"""Stores the state of a service in a file, which spares a restart the replay of the journal.
 
 The first line is JSON (``Header``), with the state's position in the journal. The rest is one
 compressed pickle of all objects, which preserves references between them. Objects that a restart
 builds from the scenario (landscape, scenario) are stored by name only. A state is read only by the
 code that wrote it, with the same versions of its libraries; otherwise a restart replays the
-journal, which takes longer. Unpickling executes code: a file that other users could have written is
-refused.
+journal, which takes longer. Because unpickling executes code, a file that other users could have
+written is refused.
 """
 
 import hashlib
@@ -116,10 +116,10 @@ def code_digest() -> str:
 
 
 class Frozen:
-    """Pickled objects, unaffected by later changes of the objects."""
+    """Pickled objects, which do not change when the original objects change."""
 
     def __init__(self, objects: dict[str, Any], shared: Known) -> None:
-        """Pickle the objects in about the time of a copy; ``write`` may run in a thread."""
+        """Pickle the objects, which takes about as long as a copy; ``write`` may use a thread."""
         pickled, buffers = _pickled(objects, shared)
         self.parts = [pickled, *(bytes(each.raw()) for each in buffers)]
         self.shared = shared
@@ -139,7 +139,7 @@ def _unpickled(
 
 
 class _Pickler(pickle.Pickler):
-    """Pickles the ``Known`` objects by name, and arrays that share memory as views of one array."""
+    """A pickler that stores ``Known`` objects by name, and arrays with shared memory as views."""
 
     def __init__(self, file: io.BytesIO, shared: Known, buffers: list[pickle.PickleBuffer]) -> None:
         super().__init__(file, 5, buffer_callback=buffers.append)
@@ -159,7 +159,7 @@ def _reference(name: str) -> Any:
 
 
 class _Unpickler(pickle.Unpickler):
-    """Replaces names by the ``Known`` objects."""
+    """An unpickler that replaces names by the ``Known`` objects."""
 
     def __init__(self, file: io.BytesIO, shared: Known, buffers: list[bytearray]) -> None:
         super().__init__(file, buffers=buffers)
@@ -255,7 +255,7 @@ def header_of(path: Path, shared: Known) -> Header:
 
 
 def read(path: Path, shared: Known) -> dict[str, Any]:
-    """Return the objects of a state. Raises StateError if it is damaged or of another run."""
+    """Return a state's objects. Raises StateError if it is damaged or belongs to another run."""
     header = header_of(path, shared)
     with path.open("rb") as file:
         file.readline()
@@ -271,7 +271,7 @@ def read(path: Path, shared: Known) -> dict[str, Any]:
 
 
 def copied(objects: dict[str, Any], shared: Known) -> dict[str, Any]:
-    """Return deep copies that share the ``shared`` objects; references between them are kept."""
+    """Return deep copies of objects, with references between them and to the ``shared`` objects."""
     pickled, buffers = _pickled(objects, shared)
     return _unpickled(pickled, [bytearray(each.raw()) for each in buffers], shared)
 

@@ -1,4 +1,4 @@
-"""The live service: the links of the vehicles and the interfaces, in one TaskGroup."""
+"""Runs the live service: the vehicles' links and the interfaces, in one TaskGroup."""
 
 import asyncio
 import contextlib
@@ -75,7 +75,7 @@ async def serve(
     watch: Callable[[], None] = lambda: None,
     address: Callable[[str], None] = lambda address: None,
 ) -> tuple[RunStatistics, SimulatedFire]:
-    """Run until the end of the scenario, SIGINT or SIGTERM; returns the figures and the fire.
+    """Run until the scenario's end, SIGINT or SIGTERM; return the statistics and the fire.
 
     Vehicles keep the mission on board, which ends in a loiter, unless the setting ``on_shutdown``
     is an order. ``progress`` and ``watch`` are called five times a second; ``watch`` may raise an
@@ -163,7 +163,7 @@ async def _run_tasks(
 
 
 class _Announcements:
-    """Announcements of links and journal, buffered until the engine exists."""
+    """The announcements of links and journal, buffered until the engine exists."""
 
     def __init__(self) -> None:
         self.engine: Engine | None = None
@@ -216,7 +216,7 @@ async def _engine_of(
 def _context_of(
     run: Run, service: Engine, clock: MissionClock, links: dict[str, Link]
 ) -> RunContext:
-    """Return the context of the interfaces; it is ready after a heartbeat of each vehicle."""
+    """Return the interfaces' context, which is ready after a heartbeat from each vehicle."""
     context = RunContext(
         run.scenario,
         run.settings,
@@ -231,7 +231,7 @@ def _context_of(
 
 
 class _Check:
-    """The checks and displays that the daemon runs five times a second."""
+    """The checks and the progress display that the daemon runs five times a second."""
 
     def __init__(self, context: RunContext, watch: Callable[[], None], progress: Progress) -> None:
         self._context = context
@@ -286,7 +286,7 @@ def _initial_state(
     clock: MissionClock,
     interrupted: InterruptedRun | None,
 ) -> tuple[Core, SimulatedFire, StateView]:
-    """Return core, fire and state view: new, or those of a resumed run's latest state."""
+    """Return the core, fire and state view, new or from the latest state of a resumed run."""
     if interrupted is not None and interrupted.objects is not None:
         saved = interrupted.objects
         return saved["core"], saved["fire"].world, saved["state_view"]
@@ -314,7 +314,7 @@ async def _resume(
 def replay(interrupted: InterruptedRun, service: Engine) -> None:
     """Apply the journal to the core and all other projections; no command is executed.
 
-    Restarts without a line that cannot be applied, if it may be skipped. Raises JournalError.
+    If a line cannot be applied but may be skipped, starts again without it. Raises JournalError.
     """
     initial = Frozen(service.snapshot_fields(), service.shared_references)
     while True:
@@ -378,7 +378,7 @@ async def _stop_ordered(context: RunContext) -> None:
 
 
 async def _fly(on_it: list[Link], context: RunContext) -> None:
-    """Pass the events of all vehicles of one connection to the service until cancelled."""
+    """Pass the events of all vehicles on one connection to the service until cancelled."""
     connection = on_it[0].connection
     while True:
         await connection.wait()
@@ -390,7 +390,7 @@ async def _fly(on_it: list[Link], context: RunContext) -> None:
 
 
 def stop_on_signals(stop: asyncio.Event) -> set[signal.Signals]:
-    """Set ``stop`` on SIGINT or SIGTERM; returns the set of received signals, updated later."""
+    """Set ``stop`` on SIGINT or SIGTERM; return the set to which received signals are added."""
     loop, received = asyncio.get_running_loop(), set[signal.Signals]()
 
     def on_signal(number: signal.Signals) -> None:

@@ -1,4 +1,4 @@
-"""The interfaces of a live run or a replay, and the handler of their requests."""
+"""Builds the interfaces of a live run or a replay, and the handler of their requests."""
 
 import contextlib
 from collections.abc import Callable, Coroutine
@@ -59,7 +59,7 @@ def interfaces_of(
 def request_handler_of(
     scenario: Scenario, service: Engine, clock: MissionClock, links: dict[str, Link]
 ) -> RequestHandler:
-    """Return the handler of operators' requests; frames of a request are sent without delay."""
+    """Return the handler of operators' requests; the resulting frames are sent without delay."""
     burn = scenario.burn_flown
     stations = () if burn is None else tuple(station.name for station in burn.stations)
     items = () if burn is None else burn.go_items

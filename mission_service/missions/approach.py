@@ -1,4 +1,4 @@
-"""The first mission of a vehicle: from takeoff to the fire."""
+"""Plans the first mission of a vehicle, from takeoff to the fire."""
 
 import numpy as np
 from numpy.typing import NDArray

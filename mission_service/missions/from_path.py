@@ -29,16 +29,16 @@ LeastAltitude = Callable[[Floats], Floats]
 
 
 def no_least(points_m: Floats) -> Floats:
-    """Return no minimum altitude (-inf) at points (n, 2): only the terrain counts."""
+    """Return -inf as the minimum altitude at points (n, 2), so that only the terrain counts."""
     return np.full(len(points_m), -np.inf)
 
 
 def flyable(path_m: Floats, turn_radius_m: float, min_leg_m: float, tolerance_m: float) -> Floats:
-    """Return a path with fewer, longer legs: (n, 2) x, y in metres to (m, 2).
+    """Return a path (m, 2) with fewer and longer legs than ``path_m`` (n, 2); x, y in metres.
 
     The path is simplified to ``tolerance_m``. A point is omitted if its leg is shorter than
-    ``min_leg_m``, or than a fly-by turn at that corner requires (turn radius times the tangent of
-    half the turn). The last point is always kept.
+    ``min_leg_m``, or too short for a fly-by turn at that corner (turn radius times the tangent of
+    half the turn angle). The last point is always kept.
     """
     if len(path_m) < 3:
         return path_m
@@ -107,8 +107,8 @@ def mission_along(
 ) -> tuple[MissionItem, ...]:
     """Return the items that fly a path (x, y in metres), with an unlimited loiter at its end.
 
-    Each mission first sets the speed (after a takeoff), because autopilots reset it on a mode
-    change. ``landing`` follows the loiter, for autopilots that require it; ``start_m`` is the
+    Each mission first sets the speed (after a takeoff), because autopilots reset it when the mode
+    changes. ``landing`` follows the loiter, for autopilots that require it; ``start_m`` is the
     position of a vehicle in the air.
     """
     points = flyable(path_m, vehicle.turn_radius_m, vehicle.min_leg_m, landscape.cell_size_m / 2)

@@ -1,11 +1,15 @@
-"""The inner loop of ``separation.py``: maximum altitudes of other vehicles near points."""
+"""Computes the maximum altitudes of other vehicles near points, for ``separation.py``."""
 
 from firemodel.compiled import kernel
 
 
 @kernel
 def heights_near(points_m, others_m, highest_m, near_m, found_m):  # type: ignore[no-untyped-def]
-    """Raise ``found_m`` (n) to the highest of others (m, 2) within ``near_m`` of points (n, 2)."""
+    """Raise ``found_m`` (n,) to the highest altitude of others near each point.
+
+    Near ``points_m`` (n, 2) are those of ``others_m`` (m, 2), with altitudes ``highest_m`` (m,),
+    that are within ``near_m``.
+    """
     for point in range(points_m.shape[0]):
         x_m, y_m = points_m[point, 0], points_m[point, 1]
         for other in range(others_m.shape[0]):

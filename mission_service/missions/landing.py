@@ -1,4 +1,4 @@
-"""The landing that PX4 requires at the end of every mission of a fixed-wing vehicle.
+"""Plans the landing that PX4 requires at the end of every mission of a fixed-wing vehicle.
 
 With PX4's default for planes (MIS_TKO_LAND_REQ = 2) a mission without a landing is rejected. The
 landing follows the unlimited loiter, so it is flown only if an operator selects its items.
@@ -19,7 +19,7 @@ from mission_service.fire.setup import weather_of
 
 Floats = NDArray[np.float64]
 
-GLIDE_DEG = 4.5  # PX4 rejects more than FW_LND_ANG, by default 5 degrees
+GLIDE_DEG = 4.5  # PX4 rejects glides steeper than FW_LND_ANG, by default 5 degrees
 APPROACH_HEIGHTS_M = (50.0, 75.0, 100.0, 125.0, 150.0)
 CLEARANCE_M = 30.0
 UNCHECKED_M = 300.0  # last part of the glide, which is always near the ground
@@ -35,7 +35,7 @@ class Landing:
     """The landing at the end of a vehicle's missions, if required, into the scenario's wind."""
 
     def __init__(self, scenario: Scenario, section: VehicleSection, landscape: Landscape) -> None:
-        """Plan the landing at the scenario's start. Raises ScenarioError without an approach."""
+        """Plan the landing at the scenario's start. Raises ScenarioError if none is possible."""
         self._section = section
         self._landscape = landscape
         self._weather = weather_of(scenario) if needs_landing(section) else None
@@ -59,9 +59,9 @@ def landing_of(
 ) -> tuple[MissionItem, ...]:
     """Return DO_LAND_START, a loiter down to the approach height, and a landing at home.
 
-    The course is ``landing_course_deg``, or else as close to the wind as possible with a terrain
-    clearance of ``CLEARANCE_M`` under approach and loiter; altitudes are above home, as required
-    for touchdown. Raises ScenarioError if no approach is clear.
+    The course is ``landing_course_deg`` if it is set. Otherwise it is the course closest to the
+    wind that leaves a terrain clearance of ``CLEARANCE_M`` under approach and loiter. Altitudes are
+    above home, as required for touchdown. Raises ScenarioError if no approach is clear.
     """
     home_m = np.array(landscape.xy_of_lat_lon(section.home_lat_deg, section.home_lon_deg))
     given = section.landing_course_deg

@@ -1,4 +1,4 @@
-"""Figures of a mission for the operator's acceptance. Pure."""
+"""Computes the figures of a mission that an operator is to accept. Pure."""
 
 import msgspec
 import numpy as np
@@ -23,7 +23,7 @@ class Figures(msgspec.Struct):
     highest_amsl_m: float
     farthest_from_home_m: float
     outside_landscape: bool
-    problems: list[str]  # reasons for which the vehicle's autopilot would reject it
+    problems: list[str]  # reasons why the vehicle's autopilot would reject it
 
 
 def figures_of(

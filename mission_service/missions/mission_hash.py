@@ -1,4 +1,4 @@
-"""The hash of a mission, by which an operator accepts it."""
+"""Computes the hash of a mission, by which an operator accepts it."""
 
 import hashlib
 from collections.abc import Iterable

@@ -1,4 +1,4 @@
-"""Circles over terrain: their positions and altitudes, and the missions that fly them."""
+"""Plans circles over terrain: their positions and altitudes, and the missions that fly them."""
 
 import math
 from dataclasses import dataclass
@@ -15,13 +15,13 @@ Place = tuple[float, float]  # x, y in metres
 Floats = NDArray[np.float64]
 
 WIDER = 1.3  # multiple of the radius within which terrain counts, because circles are flown wider
-CLIMBS_FIRST_M = 100.0  # climb above all terrain on the leg to the circle, before this leg
+CLIMBS_FIRST_M = 100.0  # height above the leg's terrain to which a vehicle climbs before the leg
 CORRIDOR_M = 150.0  # distance to either side of a leg within which terrain counts
 
 
 @dataclass(frozen=True, slots=True)
 class Circle:
-    """A circle to fly, anticlockwise with a negative radius; ``climb_m`` above the usual height."""
+    """A circle to fly, ``climb_m`` above the usual height; a negative radius is anticlockwise."""
 
     x_m: float
     y_m: float
@@ -109,8 +109,8 @@ def waiting_place(
 ) -> Place:
     """Return the waiting position of a vehicle, on the side of the fire that faces its home.
 
-    The positions are rows of eight across the line from home, so that no path leads over the fire;
-    the first row is ``reach_m`` from the fire's centre.
+    The positions form rows of eight across the line from home to the fire, so that no path leads
+    over the fire. The first row is ``reach_m`` from the fire's centre.
     """
     away_m = max(math.dist(centre_m, home_m), 1.0)
     out = ((home_m[0] - centre_m[0]) / away_m, (home_m[1] - centre_m[1]) / away_m)

@@ -1,4 +1,4 @@
-"""Identifies the mission on board of each vehicle by the items read back after a restart."""
+"""Identifies the mission on board each vehicle by the items read back after a restart."""
 
 from collections.abc import Iterable
 
@@ -21,7 +21,7 @@ def as_uploaded(items: Items, stack: Stack | None) -> Items:
 
 
 class MissionsHeld:
-    """The missions that each vehicle may have on board, oldest first, by events and commands."""
+    """The missions that each vehicle may have on board, oldest first, found from the events."""
 
     def __init__(self) -> None:
         self._may_hold: dict[str, list[UploadMission]] = {}
@@ -44,7 +44,7 @@ class MissionsHeld:
                 del held[1 : len(held) + 1 - MAX_HELD]  # the first may be on board
 
     def recognised(self, vehicle: str, read: Items, stack: Stack) -> int:
-        """Return the number of the newest sent mission equal to the one read back; 0: none."""
+        """Return the number of the newest sent mission that equals the one read back, or 0."""
         for sent in reversed(self._may_hold.get(vehicle, [])):
             due = as_uploaded(sent.items, stack)
             if len(due) == len(read) and all(

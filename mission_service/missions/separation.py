@@ -2,10 +2,10 @@
 
 Layers are heights above the terrain under each leg, and the legs of two vehicles end at different
 points, so that a higher layer may be close to a lower one over a slope. A mission is therefore also
-placed above the missions of vehicles in lower layers (``Track``, ``heights_below``). If two
-vehicles at nearly the same altitude (in one layer by the scenario, in a climb, on the return)
-approach each other, one moves away from the fire and loiters until the other has passed.
-Coordinates are in metres, x east, y north.
+placed above the missions of vehicles in lower layers (``Track``, ``heights_below``). Two vehicles
+may fly at nearly the same altitude, because the scenario places them in one layer, or during a
+climb or a return. If they approach each other, one moves away from the fire and loiters until the
+other has passed. Coordinates are in metres, x east, y north.
 """
 
 import math
@@ -23,8 +23,8 @@ Floats = NDArray[np.float64]
 
 SPACING_M = 30.0
 AROUND = 16  # samples of a loiter
-NEAR_M = 200.0  # for cut corners, loiters, and fronts observed at different times
-MARGIN_M = 10.0  # added to the separation for errors of altitude control
+NEAR_M = 200.0  # allows for cut corners, loiters, and fronts observed at different times
+MARGIN_M = 10.0  # added to the required separation for errors of altitude control
 AHEAD_S = 25.0  # time of an upload, half a turn and the flight to the waiting position
 PASSED_M = 1000.0
 NAV_LOITER_UNLIM = 17
@@ -82,7 +82,7 @@ def ahead_on(track: Track, x_m: float, y_m: float) -> Track:
 
 
 def places_of(fixes: list[PositionFix]) -> Track:
-    """Return the positions of vehicles, at least one, as a track."""
+    """Return the positions of one or more vehicles as a track."""
     places = np.array([(fix.x_m, fix.y_m, fix.altitude_m) for fix in fixes])
     return Track(places[:, :2], places[:, 2], places[:, 2])
 
@@ -94,7 +94,7 @@ def along(start: Floats, end: Floats) -> Floats:
 
 
 def box_around(points_m: Floats) -> tuple[float, float, float, float]:
-    """Return west, south, east and north of points (n, 2), n > 0."""
+    """Return the west, south, east and north bounds of points (n, 2), n > 0."""
     (west_m, south_m), (east_m, north_m) = points_m.min(axis=0), points_m.max(axis=0)
     return float(west_m), float(south_m), float(east_m), float(north_m)
 
@@ -121,7 +121,7 @@ def heights_below(points_m: Floats, tracks: list[Track]) -> Floats:
 
 
 def comes_too_low(track: Track, others: list[Track], separation_m: float) -> bool:
-    """Return whether a mission comes nearer than the separation to the tracks under it."""
+    """Return whether a mission is nearer than ``separation_m`` to the tracks below it."""
     return bool(np.any(track.lowest_m < heights_below(track.points_m, others) + separation_m))
 
 
@@ -145,7 +145,7 @@ def is_near(
 
 
 def gives_way(own: PositionFix, other: PositionFix, own_comes_later: bool) -> bool:
-    """Return whether ``own`` gives way: it flies behind, or else comes later in order."""
+    """Return whether ``own`` gives way, as the vehicle behind or else as the later in order."""
     east_m, north_m = other.x_m - own.x_m, other.y_m - own.y_m
     towards = own.east_m_s * east_m + own.north_m_s * north_m > 0.0
     comes = other.east_m_s * east_m + other.north_m_s * north_m < 0.0

@@ -1,7 +1,7 @@
 """Runs only the planners on a journal's positions and observations; missions are not planned.
 
-With the journal's own rule, the decisions must equal the recorded decisions. Another rule decides
-at the recorded positions.
+With the journal's own rule, the decisions must equal the recorded ones. With another rule, the
+decisions are those that it would make at the recorded positions.
 """
 
 from collections.abc import Iterable, Mapping
@@ -37,7 +37,7 @@ Timed = tuple[int, DirectionDecision]  # at_us, decision
 
 @dataclass(frozen=True)
 class Decisions:
-    """Replayed and recorded decisions. ``difference`` is set only for the journal's own rule."""
+    """The replayed and recorded decisions. With another rule ``difference`` is None."""
 
     rule: str
     journal_rule: str
@@ -72,7 +72,7 @@ def decide(path: Path, rule: str | None = None) -> Decisions:
 def decisions_alone(
     journal: JournalReader, scenario: Scenario, entries: Iterable[tuple[SegmentReader, Entry]]
 ) -> tuple[list[Timed], list[Timed]]:
-    """Return the decisions of a scenario's planners on a journal's events, and those recorded."""
+    """Return the planners' decisions on a journal's events, and the recorded decisions."""
     core, excluded = _initial_state(journal, scenario)
     decision_engine = core.decision_engine
     planners = cast(Mapping[str, Planner], decision_engine.planners)  # the rule flies along a front
@@ -105,14 +105,14 @@ def decisions_alone(
 
 @dataclass
 class _Excluded:
-    """Vehicles whose decisions are not recorded: held by operators, or in an unclear state."""
+    """The vehicles without recorded decisions: held by operators, or in an unclear state."""
 
     held: set[str]
     unclear: set[str]
 
 
 def _initial_state(journal: JournalReader, scenario: Scenario) -> tuple[Core, _Excluded]:
-    """Return the initial state of a journal; planners of another rule start without a state."""
+    """Return a journal's initial state; planners of another rule start without a state."""
     if journal.segment == 1:
         return Core(scenario, journal.landscape), _Excluded(set(), set())
     core = journal.core()
@@ -176,7 +176,7 @@ def first_difference(
 ) -> tuple[str | None, list[dict[str, Any]]]:
     """Return the first difference between replayed and recorded decisions, as text and as fields.
 
-    ``may_lack_one``: the journal was cut off and may lack the last decision.
+    ``may_lack_one`` means that the journal was cut off and may lack the last decision.
     """
     for (at_us, replayed), (recorded_us, journal) in zip(found, recorded, strict=False):
         if at_us != recorded_us:
@@ -191,7 +191,7 @@ def first_difference(
 
 
 def summary_of(decisions: Decisions) -> dict[str, Any]:
-    """Return figures of each vehicle and all reversals, as plain data for JSON."""
+    """Return the figures of each vehicle and all reversals as plain data for JSON."""
     names = list(dict.fromkeys(each.vehicle for _, each in decisions.recorded + decisions.found))
     return {
         "rule": decisions.rule,

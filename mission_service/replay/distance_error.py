@@ -1,6 +1,7 @@
-"""Distance error of a planner's estimated front from the true front (Islam & Hu, VI.E).
+"""Computes the distance error of a planner's estimated front (Islam & Hu, VI.E).
 
-Both fronts are distances from the ignition on 360 whole-degree bearings, in cells.
+The estimated and the true front are distances in cells from the ignition, on 360 whole-degree
+bearings.
 """
 
 import numpy as np
@@ -30,7 +31,7 @@ class TrueShape:
         self._reached_s = np.minimum.accumulate(along[:, ::-1], axis=1)[:, ::-1]
 
     def at(self, at_s: float) -> Floats:
-        """Return the distance of the front on 360 bearings, in cells, to half a cell."""
+        """Return the distance of the front on 360 bearings, in cells, accurate to half a cell."""
         reached: NDArray[np.int64] = _reached(self._reached_s, at_s)
         distance: Floats = np.maximum(reached - 1, 0) / SAMPLES_PER_CELL
         return distance
@@ -38,7 +39,7 @@ class TrueShape:
 
 @compiled
 def _reached(reached_s, at_s):  # type: ignore[no-untyped-def]
-    """Return the number of samples reached by a time on each bearing; each row is sorted."""
+    """Return how many samples on each bearing burned by ``at_s``; each row is sorted."""
     found = np.empty(reached_s.shape[0], dtype=np.int64)
     for bearing in range(found.size):
         found[bearing] = np.searchsorted(reached_s[bearing], at_s, side="right")

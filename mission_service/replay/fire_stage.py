@@ -1,7 +1,7 @@
 """Simulates the fire of a journal again and compares every recorded camera observation.
 
 On the machine that recorded the journal, all cells are equal. On another machine the last digits of
-floats may differ, and therefore cells at the edge of the fire or of a camera's footprint.
+floats may differ, and therefore also cells at the edge of the fire or of a camera's footprint.
 """
 
 from collections.abc import Iterator
@@ -30,7 +30,7 @@ def fire_stage(recorded: JournalReader) -> Stage:
 
 
 class _Comparison:
-    """Compares recorded observations with those of the simulated fire, entry by entry."""
+    """A comparison of recorded observations with those of the simulated fire, entry by entry."""
 
     def __init__(self, recorded: JournalReader) -> None:
         self._recorded = recorded
@@ -109,7 +109,7 @@ class _Comparison:
 def _cells(
     recorded: Observed, again: Observed | None, fix: Telemetry, fire: ObservedFire
 ) -> Iterator[dict[str, Any]]:
-    """Yield the cells in which two observations differ, and whether beyond the tolerance."""
+    """Yield the cells in which two observations differ, and whether the tolerance excuses each."""
     before, after = _letters(recorded), _letters(again)
     at_s = recorded.at_us / 1e6
     edge: set[Cell] | None = None

@@ -1,4 +1,4 @@
-"""The result of one stage of a verification."""
+"""Defines the result of one stage of a verification."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -6,9 +6,10 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Stage:
-    """The result. ``difference`` describes the first difference, ``details`` its fields or cells.
+    """A stage's result. ``difference`` describes the first difference, ``details`` its fields.
 
-    ``counts`` are the numbers of compared items by kind; ``note`` is additional information.
+    For an observation, ``details`` contains cells. ``counts`` are the numbers of compared items by
+    kind; ``note`` is additional information.
     """
 
     name: str

@@ -1,10 +1,11 @@
 """Verifies a journal by replay in independent stages.
 
-file: the checksum of every line. fire: the cameras' observations, in the fire simulated again.
-planner: the decisions on the recorded observations. core: all commands, bit for bit.
+The stage "file" checks the checksum of every line. The stage "fire" compares the cameras'
+observations with those in a new simulation of the fire. The stage "planner" compares the decisions
+on the recorded observations, and the stage "core" all commands, bit for bit.
 
 A journal is verified from its first line, or from the state at the beginning of its oldest existing
-segment; a single closed segment from the state at its beginning.
+segment. A single closed segment is verified from the state at its beginning.
 """
 
 from collections import deque
@@ -43,7 +44,7 @@ class Verification:
 
     @property
     def differing(self) -> list[str]:
-        """The stages that found a difference."""
+        """The names of the stages that found a difference."""
         return [each.name for each in self.stages if each.difference is not None]
 
     @property
@@ -70,7 +71,7 @@ class Verification:
 
 
 def verify(path: Path, alone: bool = False, stages: Sequence[str] = ()) -> Verification:
-    """Verify a journal in these stages, or all; with ``alone`` only the segment at ``path``.
+    """Verify a journal, or with ``alone`` only the segment at ``path``, in these or all stages.
 
     Raises JournalError if the journal cannot be read or belongs to another landscape, or if its
     beginning was deleted and the state saved at that position cannot be used.
@@ -104,7 +105,7 @@ def _fields(stage: Stage) -> dict[str, Any]:
 
 
 def in_text(found: Verification) -> str:
-    """Return the results as text: one line per stage, and its difference."""
+    """Return the results as text: one line per stage, with its difference, if any."""
     lines = []
     for each in found.stages:
         counts = ", ".join(f"{count} {kind}" for kind, count in each.counts.items())

@@ -45,7 +45,7 @@ CREW_EVENTS = (ChecklistAnswered, OperatorHeartbeat)
 
 @dataclass
 class PastRun:
-    """The content of a journal that the second run needs."""
+    """The part of a journal that the second run needs."""
 
     scenario: Scenario
     state_view: StateView
@@ -104,10 +104,10 @@ class WhatIf:
 def what_if(
     path: Path, words: Sequence[str], out: Path, created: str, progress: Progress = unshown
 ) -> WhatIf:
-    """Fly a journal's scenario again with ``KEY=VALUE`` settings of [planner]; compare both runs.
+    """Fly a journal's scenario again with ``KEY=VALUE`` settings for [planner]; compare both runs.
 
     Writes the files of ``sim`` to the folder ``out``. Raises ScenarioError for invalid settings,
-    JournalError for a journal that cannot be flown again.
+    and JournalError for a journal that cannot be flown again.
     """
     journal = JournalReader(path)
     scenario, changed = with_settings(journal, words)
@@ -142,7 +142,7 @@ def what_if(
 
 
 class Script:
-    """Repeats the recorded requests of operators at their mission times."""
+    """A script that repeats the recorded requests of operators at their mission times."""
 
     def __init__(self, events: Sequence[AnyOperatorEvent]) -> None:
         self._events = list(events)

@@ -1,4 +1,4 @@
-"""The machine's clocks. Only live code reads them; other code receives the time as an argument."""
+"""Reads the machine's clocks, for live code only; other code receives the time as an argument."""
 
 import time
 from datetime import UTC, datetime

@@ -1,17 +1,18 @@
-"""The engine: applies each event, in simulation and in live flight.
+"""Runs the engine, which applies each event, in simulation and in live flight.
 
 The engine journals the event, applies it to the core and to all other projections, journals the
 commands and executes them. At each position the simulated camera observes the fire.
 
 **No event in the journal can make a restart fail.** Requests of operators are rare and may have any
 content. The engine first applies each request to a copy of all projections (core, state view,
-interlock, missions), as a restart does, and journals it only if none of them raises an
-exception. The copy takes milliseconds, or tens of milliseconds with the maps of a formation. The
-fire is too large to be copied; it applies a request before all other projections, completely or not
-at all. Events of vehicles are too frequent for a copy. Their types limit their values
-(``events.py``), and the journal refuses other values. An event of a vehicle that still raises an
-exception is a defect: the engine removes it from the journal and executes none of its commands, and
-the run ends with one line, because memory and journal differ. A restart resumes the run.
+interlock, missions), as a restart does, and journals it only if none of them raises an exception.
+The copy takes milliseconds, or tens of milliseconds with the maps of a formation. The fire is too
+large to be copied. It is therefore the first projection to apply a request, and it applies it
+completely or not at all. Events of vehicles are too frequent for a copy. Their types limit their
+values (``events.py``), and the journal refuses other values. An event of a vehicle that still
+raises an exception is a defect. The engine removes it from the journal and executes none of its
+commands. The run then ends with an error of one line, because memory and journal differ. A restart
+resumes the run.
 """
 
 import copy
@@ -91,7 +92,7 @@ def no_broadcast(message: AnyMessage) -> None:
 
 
 class Engine:
-    """Joins core, journal, simulated fire and the vehicles' gateways."""
+    """The engine, which joins core, journal, simulated fire and the vehicles' gateways."""
 
     def __init__(
         self,
@@ -191,7 +192,7 @@ class Engine:
             self._handle(PeerMessage(at_us, name, message), now_us)
 
     def submit(self, event: AnyOperatorEvent, now_us: int) -> None:
-        """Handle an operator's event; before this returns, the event is flushed to the disk.
+        """Handle an operator's event, and flush it to the disk before returning.
 
         Raises NotRecordedError if the journal cannot be written, FireModelError for an impossible
         correction of the fire, and RefusedEventError for an event that a projection cannot handle.
@@ -231,7 +232,7 @@ class Engine:
             raise _defect(event, error) from error
 
     def _apply_to_fire(self, event: AnyOperatorEvent) -> Window | None:
-        """Apply an operator's event to the fire, which refuses impossible ones."""
+        """Apply an operator's event to the fire, which refuses impossible changes."""
         found = self.fire.apply_report(event)
         if isinstance(event, OF_FIRE):
             self.state_view.fire_changed()
@@ -263,7 +264,7 @@ class Engine:
         now_us: int,
         skipped: LinesSkipped | None = None,
     ) -> None:
-        """Continue after the history: journal ``missing`` commands of its end, handle ``event``.
+        """Continue after the history: journal its ``missing`` last commands and handle ``event``.
 
         ``skipped`` records the lines of the journal that were not applied.
         """
@@ -280,7 +281,7 @@ class Engine:
             gateway.read_back(partial(self._missions.recognised, name), now_us)
 
     def retry(self, at_us: int, now_us: int) -> bool:
-        """Try to write the journal again; returns whether it can be written."""
+        """Try to write the journal again, and return whether it can be written."""
         if not self.recording.retry():
             return False
         for name in self._unrecorded_modes:
@@ -291,7 +292,7 @@ class Engine:
         return not self.recording.trouble
 
     def snapshot_fields(self) -> dict[str, Any]:
-        """Return the fields of a snapshot, which together with the scenario are the whole state."""
+        """Return the fields of a snapshot. Together with the scenario they are the whole state."""
         return {name: getattr(self, name) for name in SNAPSHOT_FIELDS}
 
     def restore(self, fields: dict[str, Any]) -> None:
@@ -319,11 +320,11 @@ class Engine:
         return {name for (name, word), at_us in found if word == command and at_us >= since_us}
 
     def status(self) -> dict[str, Any]:
-        """Return the interlock's state of plans, vehicles and crew; empty without an interlock."""
+        """Return the interlock's state of plans, vehicles and crew, or {} without an interlock."""
         return {} if self._interlock is None else self._interlock.status()
 
     def _handle(self, event: AnyEvent, now_us: int) -> bool:
-        """Journal and apply an event; returns False, without effect, if the journal refused it."""
+        """Journal and apply an event; if the journal refuses it, only return False."""
         body = self._body_of(event)
         if body is None or not self._written(event, body):
             return False
@@ -331,7 +332,7 @@ class Engine:
         return True
 
     def _body_of(self, event: AnyEvent) -> bytes | None:
-        """Return an event's line of the journal; None, with an alarm, if it cannot be journalled.
+        """Return an event's journal line; if it cannot be journalled, raise an alarm, return None.
 
         The alarm remains until an event of the same type can be journalled.
         """
@@ -390,7 +391,7 @@ class Engine:
             self._handle(self._held_back.popleft(), now_us)
 
     def _apply(self, event: AnyEvent) -> list[AnyCommand]:
-        """Apply an event to all projections except the fire; returns the commands of the core."""
+        """Apply an event to all projections except the fire; return the core's commands."""
         commands = self.core.handle(event)
         self._show(event, commands)
         if self._interlock is not None:
@@ -406,7 +407,7 @@ class Engine:
     def _refused(self, command: AnyCommand) -> DropFinished | UploadFinished | None:
         """Return the event that refuses a command; None for a command that may be executed.
 
-        The interlock refuses drops and missions that may drop.
+        The interlock refuses drops that are not permitted, and all missions that may drop.
         """
         at_us, lock = self.statistics.at_us, self._interlock
         if isinstance(command, Drop):

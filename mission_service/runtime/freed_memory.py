@@ -1,10 +1,10 @@
-"""Settings of the C library's allocator for a process that runs for weeks.
+"""Sets the C library's allocator for a process that runs for weeks.
 
 glibc maps each large block separately and unmaps it when it is freed. When the first such block is
-freed, glibc by default raises its threshold to the size of that block and allocates later blocks of
-this size in its heaps, where other allocations behind them prevent their release. States, forecasts
-and corrections allocate and free arrays of a few hundred KiB to a few MiB every few seconds, in
-several threads with separate heaps. ``benchmarks.weeks`` measures the memory.
+freed, glibc by default raises its threshold to the size of that block. Later blocks of this size
+are then allocated in its heaps, where other allocations behind them prevent their release. States,
+forecasts and corrections allocate and free arrays of a few hundred KiB to a few MiB every few
+seconds, in several threads with separate heaps. ``benchmarks.weeks`` measures the memory.
 """
 
 import ctypes
@@ -17,7 +17,7 @@ _TRIM_THRESHOLD, _MMAP_THRESHOLD, _ARENA_MAX = -1, -3, -8
 
 
 def give_back_freed() -> bool:
-    """Set glibc to return freed large blocks to the system; returns False without glibc."""
+    """Make glibc return large freed blocks to the system, and return False without glibc."""
     if platform.libc_ver()[0] != "glibc":
         return False
     mallopt = ctypes.CDLL(None).mallopt

@@ -1,4 +1,4 @@
-"""Translates one vehicle client's events for the core, and the core's commands. Sans-IO."""
+"""Translates a vehicle client's events for the core, and the core's commands. Sans-IO."""
 
 from collections import deque
 from collections.abc import Callable, Iterator
@@ -60,7 +60,8 @@ StatusChanged = (
     SystemStateChanged | LandedStateChanged | FenceStatusChanged | EstimatorStatusChanged
 )
 
-# A vehicle's clock that lags this far behind mission time for this long is set to mission time.
+# If a vehicle's clock lags this far behind mission time for this long, its time is set to mission
+# time.
 BEHIND_US = 1_000_000
 BEHIND_FOR_US = 5_000_000
 
@@ -79,9 +80,10 @@ class MissionClock:
     """Mission time, from the autopilots' clocks or from the wall clock.
 
     In a simulation that runs faster than real time, the autopilots' clocks synchronise fire and
-    flight. The first autopilot begins at ``start_us``. Each later or restarted one and one whose
-    clock is slower joins at the time reached so far, because a team does not count a vehicle whose
-    time lags behind. With the wall clock, mission time is the time since the service began.
+    flight. The first autopilot begins at ``start_us``. An autopilot that connects later, is
+    restarted or has a slower clock joins at the time reached so far, because a team ignores a
+    vehicle whose time lags behind. With the wall clock, mission time is the time since the service
+    began.
     """
 
     def __init__(self, start_us: int, wall: bool) -> None:
@@ -94,7 +96,7 @@ class MissionClock:
         self._began_us: int | None = None
 
     def go_on(self, mission_us: int, wall_us: int) -> None:
-        """Set the mission time at a time of the machine, before any vehicle is connected."""
+        """Set mission time at a time of the machine's clock, before any vehicle is connected."""
         self.now_us = self.latest_us = self._start_us = mission_us
         self._began_us = wall_us if self.wall else None
 
@@ -112,7 +114,7 @@ class MissionClock:
         self.latest_us = max(self.latest_us, mission_us)
 
     def others_passed(self, mission_us: int, wall_us: int) -> None:
-        """Advance to the mission time of another process, at which a late vehicle joins.
+        """Advance to another process's mission time, at which vehicles that are behind then join.
 
         A small lag of a vehicle remains, because all events of a process share one time.
         """
@@ -123,7 +125,7 @@ class MissionClock:
 
 
 class Gateway:
-    """Translates one client's events and executes the core's commands for its vehicle."""
+    """The translator of one client's events, which also executes commands for its vehicle."""
 
     def __init__(
         self,
@@ -135,7 +137,8 @@ class Gateway:
     ) -> None:
         """Join vehicle and client; without a ``dropper``, every drop is refused.
 
-        ``return_height_m`` above home is set on the vehicle when it is connected.
+        The return height (``return_height_m`` above home) is set on the vehicle when it is
+        connected.
         """
         self.name = name
         self.client = client
@@ -148,7 +151,7 @@ class Gateway:
         self._last: dict[type, VehicleEvent] = {}  # the last event of each kind sent on change
         self._status: dict[type, StatusChanged] = {}  # the newest event of each kind
         self._speed_reports = SpeedReports()
-        self._texts: dict[str, int] = {}  # time of the last report of each text, link's clock
+        self._texts: dict[str, int] = {}  # time of each text's last report on the link's clock
         self._offset_us: int | None = None
         self._min_behind_us = 0
         self._watched_from_us = 0
@@ -345,7 +348,7 @@ class Gateway:
         yield MissionReadBack(now_us, self.name, mission_id, count)
 
     def _text(self, event: bridge.Text, now_us: int) -> AutopilotText | None:
-        """Return an autopilot's text; None if its severity is low or it is a repetition."""
+        """Return an autopilot's text; None for a low severity or a repeated text."""
         text = printable(event.text)
         if event.severity > MIN_SEVERITY or not text:
             return None

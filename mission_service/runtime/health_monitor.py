@@ -1,4 +1,4 @@
-"""Raises and clears the alarms of event loop delays and of near vehicles. Pure."""
+"""Raises and clears the alarms about event loop delays and about near vehicles. Pure."""
 
 import math
 
@@ -40,7 +40,7 @@ def near_pairs(
 
 
 class HealthMonitor:
-    """Checks delays and distances a few times a second."""
+    """A monitor that checks delays and distances a few times per second."""
 
     def __init__(self, state_view: StateView, separation_m: float, every_us: int) -> None:
         """Raise alarms in ``state_view``; ``every_us`` is the interval of calls to ``check``."""

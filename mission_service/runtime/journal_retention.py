@@ -23,12 +23,12 @@ from mission_service.runtime.engine import Engine
 from mission_service.runtime.gateway import MissionClock
 
 LOOK_EVERY_S = 0.5
-# The number of bytes of a journal that a restart reads in about a second.
+# The number of bytes in a journal that a restart can read in about a second.
 STATE_EVERY_BYTES = 4_000_000
 
 
 class JournalRetention:
-    """Writes the files that a restart needs, within the limits of the settings."""
+    """The writer of the files that a restart needs, within the limits of the settings."""
 
     def __init__(self, service: Engine, shared: Known, settings: JournalSection) -> None:
         self._service = service

@@ -1,4 +1,4 @@
-"""Signed links of the service: keys, stored timestamps, and reports of refused frames."""
+"""Manages signed links: their keys, the stored timestamps, and reports on refused frames."""
 
 import os
 from collections.abc import Callable, Iterable, Iterator
@@ -9,7 +9,7 @@ from autopilot_bridge.links.signing import Counts, Key, Signing, Timestamps, key
 from mission_service.errors import MissionServiceError
 from mission_service.runtime.redaction import hide
 
-COMMAND_LINK_ID = 255  # of CLI commands; a service that runs at the same time has other link ids
+COMMAND_LINK_ID = 255  # of CLI commands; a service running at the same time uses other link ids
 REPORT_FROM_FRAMES = 10  # fewer may be transmission errors, or frames of another station nearby
 LEAD_REPORTED_S = 60.0
 CHECK_CLOCKS = "check the clocks of this machine and the vehicle"
@@ -58,7 +58,7 @@ def signings(
 
 
 def refusal(counts: Counts, link: str, from_frames: int = 1) -> str | None:
-    """Return one line on the most frequent cause of refusal; None below ``from_frames`` frames."""
+    """Return one line on the main cause of refusal; None if fewer than ``from_frames`` frames."""
     verdict = max(WORDS, key=lambda verdict: getattr(counts, verdict))
     frames = getattr(counts, verdict)
     if frames < from_frames:
@@ -74,7 +74,7 @@ def key_missing(link: str) -> str:
 
 
 class SigningRefusals:
-    """Reports on the signing of one vehicle's link; each is returned once."""
+    """The reports on the signing of one vehicle's link; each is returned only once."""
 
     def __init__(self, link: str, system_id: int, signing: Signing | None) -> None:
         self._link = link

@@ -1,4 +1,4 @@
-"""Writes the results of a run: GeoJSON of fronts and tracks, a PNG map, a summary, drops."""
+"""Writes the results of a run: fronts and tracks (GeoJSON), a map (PNG), a summary, drops."""
 
 import csv
 import json
@@ -29,7 +29,7 @@ LEGEND_INSIDE = 4  # vehicles; a longer legend is drawn below the map
 
 
 def front_times_s(end_s: float) -> list[float]:
-    """Return the times of fronts in s: every half hour of mission time, and the end."""
+    """Return the times in s of the written fronts: every half hour of mission time, and the end."""
     return [*np.arange(FRONT_EVERY_S, end_s - 1.0, FRONT_EVERY_S).tolist(), end_s]
 
 
@@ -96,7 +96,7 @@ def write_drops(path: Path, record: RunStatistics) -> None:
 
 
 def tracks_geojson(record: RunStatistics) -> dict[str, Any]:
-    """Return tracks as LineStrings, reversals and drops as Points (RFC 7946: lon, lat, height)."""
+    """Return tracks as GeoJSON LineStrings, and reversals and drops as Points (lon, lat)."""
     features: list[dict[str, Any]] = []
     for name, vehicle in record.vehicles.items():
         if len(vehicle.track) > 1:

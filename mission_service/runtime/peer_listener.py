@@ -1,4 +1,4 @@
-"""Passes messages of other processes of a formation to the engine."""
+"""Passes messages from the other processes of a formation to the engine."""
 
 from collections.abc import Callable
 
@@ -8,7 +8,7 @@ from mission_service.runtime.gateway import MissionClock
 
 
 class PeerListener:
-    """The receiver of ``peer_exchange``: passes its messages to the engine of this process."""
+    """The receiver that passes the messages of ``peer_exchange`` to the engine of this process."""
 
     def __init__(self, service: Engine, clock: MissionClock, clock_us: Callable[[], int]) -> None:
         self._service = service
@@ -17,7 +17,7 @@ class PeerListener:
 
     @property
     def mission_us(self) -> int:
-        """Mission time of this process."""
+        """The mission time of this process."""
         return self._clock.now_us
 
     def passed(self, mission_us: int) -> None:

@@ -1,4 +1,4 @@
-"""The play head of a replay: its position on the log's clock and its speed. Pure."""
+"""Moves the play head of a replay along the log's clock. Pure."""
 
 from typing import Literal
 
@@ -37,7 +37,7 @@ def checked_speed(speed: Speed) -> Speed:
 
 
 class PlayHead:
-    """Advances on the log's clock ``speed`` times as fast as the machine's clock.
+    """A play head that advances on the log's clock ``speed`` times as fast as the machine's.
 
     Its position is the time up to which all entries were played. ``due_us`` returns the time up to
     which entries are due, and ``reached`` sets the position, so that the play head waits for a slow

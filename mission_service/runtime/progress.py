@@ -42,12 +42,12 @@ def status_lines(statistics: RunStatistics, world: SimulatedFire) -> list[str]:
 
 
 def announced_text(line: Announcement) -> str:
-    """An announcement with its time and vehicle."""
+    """Return the text of an announcement, with its time and vehicle."""
     return f"{clock_text(line.at_us)}  {line.vehicle}: {line.text}"
 
 
 class LiveReport:
-    """Prints each announcement, and a status line every two minutes of mission time."""
+    """A report of all announcements, and of the status every two minutes of mission time."""
 
     def __init__(self, quiet: bool) -> None:
         self._console = Console(stderr=quiet, highlight=False, soft_wrap=True)
@@ -68,7 +68,7 @@ class LiveReport:
 
 
 class SimProgress:
-    """Progress of a simulation: a bar on a terminal, a line every half hour elsewhere."""
+    """The progress of a simulation: a bar on a terminal, a line every half hour elsewhere."""
 
     def __init__(self, name: str, duration_s: float, quiet: bool) -> None:
         self._console = Console(stderr=quiet, highlight=False, soft_wrap=True)
@@ -107,7 +107,7 @@ class SimProgress:
 
 @contextmanager
 def fire_progress(name: str, from_s: float, to_s: float) -> Iterator[Callable[[float], None]]:
-    """Show a bar on a terminal; yields a function that receives the simulated time in s."""
+    """Show a bar on a terminal, and yield a function that receives the simulated time in s."""
     console = Console(stderr=True)
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
     with Progress(*columns, console=console, disable=not console.is_terminal) as bar:

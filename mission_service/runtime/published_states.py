@@ -1,4 +1,4 @@
-"""The states that interfaces publish: flat JSON with units in its keys."""
+"""Defines the states that interfaces publish, as flat JSON with units in its keys."""
 
 import math
 from typing import Literal
@@ -142,12 +142,12 @@ class DropState(msgspec.Struct, tag="drop/1", tag_field="schema"):
 
     @property
     def place(self) -> tuple[float, float]:
-        """Latitude and longitude in degrees."""
+        """The latitude and longitude in degrees."""
         return self.lat_deg, self.lon_deg
 
 
 def item_state(item: MissionItem) -> ItemState:
-    """An item in a form that does not depend on MAVLink frames."""
+    """Return an item in a form that does not depend on MAVLink frames."""
     lat_deg, lon_deg = place_of(item) or (None, None)
     params = tuple(
         0.0 if math.isnan(value) else value

@@ -18,7 +18,7 @@ OWN_ERRORS = (MissionServiceError, FireModelError, BridgeError)
 
 
 class RequestHandler:
-    """Handles the requests of all interfaces: the control socket's, HTTP's and MQTT's."""
+    """The handler of requests from all interfaces: the control socket, HTTP and MQTT."""
 
     def __init__(
         self,
@@ -28,9 +28,9 @@ class RequestHandler:
         scope: RequestScope = ANYWHERE,
         burned_ha: Callable[[], float] | None = None,
     ) -> None:
-        """``submit`` handles an event and returns the announcements it caused.
+        """Set the functions that handle events; ``submit`` returns the resulting announcements.
 
-        ``scope`` contains the data for checks of requests. ``burned_ha`` returns the burned area if
+        ``scope`` contains the data for checking requests. ``burned_ha`` returns the burned area if
         corrections change it; replies to corrections then contain the old and the new area.
         """
         self._submit = submit
@@ -42,9 +42,9 @@ class RequestHandler:
     def ask(self, request: Any, may_approve: bool | None = None) -> Answer:
         """Handle one request and return the reply; no content of a request raises an exception.
 
-        ``may_approve``: whether its user has the role approve (``request_events.event_of``).
+        ``may_approve`` states whether the user has the role approve (``request_events.event_of``).
         ``confirm`` in the reply means that the order was not executed, because it would end a mode
-        that autopilot or pilot selected; the same request with ``confirmed`` is executed.
+        that the autopilot or the pilot selected. The same request with ``confirmed`` is executed.
         """
         if isinstance(request, dict) and request.get("do") == STATUS:
             return {"ok": True, "status": self._status()}

@@ -1,4 +1,4 @@
-"""The context of a live run: the objects that HTTP, MQTT, metrics and Cursor on Target may use."""
+"""Holds the objects of a run that HTTP, MQTT, metrics and Cursor on Target may use."""
 
 import asyncio
 from collections.abc import Callable
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 class RunContext:
-    """One live run: scenario, state for interfaces, and the handler of operators' requests."""
+    """One run for interfaces: its scenario, its states and the handler of operators' requests."""
 
     def __init__(
         self,
@@ -44,7 +44,7 @@ class RunContext:
         self.clock = clock
         self.links = links
         self.journal_path = journal_path
-        self.not_ready: dict[str, str] = {}  # missing conditions, by name, with the reasons
+        self.not_ready: dict[str, str] = {}  # unmet conditions by name, with the reasons
         self.stopping = False
         self.gauges: dict[str, Callable[[], float]] = {}  # further metrics, by name
         self.replay: Callable[[], ReplayState] | None = None  # in a replay of a logged flight
@@ -76,7 +76,7 @@ class RunContext:
         return self.service.state_view
 
     def ready(self) -> list[str]:
-        """Return the missing conditions of operation, one line each; empty if all are met."""
+        """Return the unmet conditions of operation, one line each; empty if all are met."""
         missing = [f"{name}: {why}" for name, why in self.not_ready.items()]
         trouble = self.service.recording.trouble
         return [*missing, f"journal: {trouble}"] if trouble else missing
@@ -108,14 +108,14 @@ class RunContext:
     def preview(self, vehicle: str) -> Items | None:
         """Return the mission that the service would send to the vehicle now, without sending it.
 
-        None before the first position of the vehicle, and if its rule makes no missions.
+        Returns None before the vehicle's first position, and if its rule makes no missions.
         """
         state = self.core.vehicles[vehicle]
         fix = state.availability.fix
         return None if fix is None else self.core.guidance.preview(state, fix)
 
     def figures(self, vehicle: str, items: Items) -> Figures:
-        """Return the figures of a mission, flown from the vehicle's present position."""
+        """Return the figures of a mission that starts at the vehicle's present position."""
         state = self.core.vehicles[vehicle]
         fix = state.availability.fix if state.availability.airborne else None
         start_m = None if fix is None else (fix.x_m, fix.y_m)

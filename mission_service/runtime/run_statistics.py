@@ -1,4 +1,4 @@
-"""Statistics of a run: tracks, decisions, uploads. Kept in memory; positions at 1 Hz at most."""
+"""Keeps the statistics of a run in memory: tracks (at most 1 Hz), decisions and uploads."""
 
 import math
 from collections import Counter, deque
@@ -58,7 +58,7 @@ class VehicleStatistics:
 
 @dataclass(frozen=True, slots=True)
 class ClosestPair:
-    """The least 3-D distance of two vehicles in the air."""
+    """The smallest 3-D distance between two vehicles in the air."""
 
     distance_m: float
     at_us: int
@@ -113,7 +113,7 @@ class RunStatistics:
                 pass
 
     def _compare(self, fix: Telemetry) -> None:
-        """Update the closest pair; the positions of others are extrapolated in a straight line."""
+        """Update the closest pair; other vehicles' positions are extrapolated linearly."""
         self._in_air.pop(fix.vehicle, None)
         if fix.altitude_relative_m < AIRBORNE_M:
             return
@@ -153,7 +153,7 @@ class RunStatistics:
 
 
 def _distance_m(fix: Telemetry, other: Telemetry, later_s: float) -> float:
-    """Distance of two vehicles, with the second one extrapolated by ``later_s``."""
+    """Return the distance between two vehicles, the second extrapolated by ``later_s``."""
     places = (fix.lat_deg, fix.lon_deg), (other.lat_deg, other.lon_deg)
     north_m, east_m = offset_m(*places)
     north_m += later_s * other.velocity_north_m_s

@@ -1,4 +1,4 @@
-"""The service's log on stderr: plain text, or one JSON object per line.
+"""Writes the service's log to stderr as plain text or as one JSON object per line.
 
 A filter removes secrets from every line, including tracebacks (``redaction.py``).
 """
@@ -16,12 +16,12 @@ from mission_service.runtime.run_context import RunContext
 
 Form = Literal["text", "json"]
 LOG_EVERY_S = 0.2
-# The attributes of every record; a record's other attributes come from ``extra``.
+# The attributes that every record has; a record's other attributes come from ``extra``.
 _USUAL = {*logging.makeLogRecord({}).__dict__, "message", "asctime", "taskName", "color_message"}
 
 
 class _Formatter(logging.Formatter):
-    """Formats each record as one line."""
+    """A formatter that writes each record as one line."""
 
     def __init__(self, form: Form) -> None:
         super().__init__("%(asctime)s %(levelname)-7s %(name)s: %(message)s")
@@ -67,7 +67,7 @@ async def log_announcements(context: RunContext) -> None:
 
 
 class LogFollower:
-    """Logs announcements and alarms of the state view; each one once."""
+    """A follower of the state view that logs each announcement and alarm once."""
 
     def __init__(self) -> None:
         self._log = logging.getLogger("mission_service.announcements")

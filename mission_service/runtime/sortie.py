@@ -1,4 +1,4 @@
-"""Statistics of a vehicle in a run: missions, time in the air, commands, modes, link losses."""
+"""Computes a vehicle's statistics: missions, time in the air, commands, modes, link losses."""
 
 import math
 from collections import Counter

@@ -1,4 +1,4 @@
-"""Changes of airspeed and thrust in VFR_HUD, which arrives twice a second. Pure."""
+"""Finds changes of airspeed and thrust in VFR_HUD, which arrives twice a second. Pure."""
 
 import math
 from collections import deque
@@ -11,13 +11,13 @@ AIRSPEED_CHANGED_M_S = 0.5
 # Neither PX4 1.17 nor ArduPlane 4.6 reports a failed engine: both continue their mission at full
 # throttle, sink, and lose airspeed. A plane that levels off or descends fast gains airspeed.
 FULL_THROTTLE_PERCENT, SINKING_M_S, SLOWER_M_S = 75, 1.0, 1.5
-SLOWER_THAN_US = 10_000_000  # an airspeed is compared with the mean of this time before it
+SLOWER_THAN_US = 10_000_000  # an airspeed is compared with the mean over this time before it
 SINKING_FOR_US = 1_000_000
 RECOVERED_FOR_US = 10_000_000
 
 
 class SpeedReports:
-    """Mean airspeed and thrust of one vehicle."""
+    """The mean airspeed and the thrust status of one vehicle."""
 
     def __init__(self) -> None:
         self._airspeeds_m_s: list[float] = []  # since the last mean

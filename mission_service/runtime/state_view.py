@@ -1,9 +1,9 @@
-"""The state view: events and commands of a run folded into the states that interfaces show. Pure.
+"""Derives the states that interfaces show from the events and commands of a run. Pure.
 
-HTTP, MQTT, metrics and feeds read this and keep no state of their own. Each part has a key
-(``vehicle/hawk``, ``fire``, ...) and the version at which it last changed, so that a slow reader
-misses intermediate states but never the current one. States are flat JSON with units in their keys.
-The figures of the run (``statistics``) are part of it.
+HTTP, MQTT, metrics and feeds read this state view and keep no state of their own. Each part has a
+key (``vehicle/hawk``, ``fire``, ...) and the version at which it last changed, so that a slow
+reader misses intermediate states but never the current one. States are flat JSON with units in
+their keys. The figures of the run (``statistics``) are part of it.
 """
 
 import math
@@ -84,7 +84,7 @@ OF_FLIGHT = (
 
 
 def questioned(commands: Iterable[AnyCommand]) -> set[str]:
-    """The vehicles whose order was not carried out, because it must be confirmed first."""
+    """Return the vehicles whose order was not carried out, because it must be confirmed first."""
     lines = [command for command in commands if isinstance(command, Announce)]
     return {line.vehicle for line in lines if line.text.startswith(CONFIRM)}
 
@@ -94,7 +94,7 @@ def _of_flight(alarm: str) -> bool:
 
 
 class StateView:
-    """The states of a run. ``take`` folds in an event; ``version`` grows with each change."""
+    """The states of a run. ``apply`` processes an event; ``version`` grows with each change."""
 
     def __init__(self, scenario: Scenario, landscape: Landscape, at_us: int) -> None:
         self.at_us = at_us
@@ -199,7 +199,7 @@ class StateView:
         self._touch("announcements")
 
     def announcements_after(self, line_id: int) -> list[Announcement]:
-        """Announcements after ``line_id``, for forwarding; none from before a restart."""
+        """Return the announcements after ``line_id`` to forward; none from before a restart."""
         return [
             line
             for line in self.announcements
@@ -216,7 +216,7 @@ class StateView:
         self._touch("replay")
 
     def take_the_place_of(self, before: "StateView") -> None:
-        """Replace another view, of another time: for readers all states have changed.
+        """Replace the view of another time, so that all states count as changed for readers.
 
         Its announcements count as already forwarded.
         """
@@ -235,7 +235,7 @@ class StateView:
             self.changed[key] = self.version
 
     def _asked(self, event: AnyOperatorEvent, not_ordered: set[str]) -> None:
-        """Process a request; ``not_ordered``: vehicles whose order must be confirmed first."""
+        """Process a request; the orders to vehicles ``not_ordered`` must be confirmed first."""
         if isinstance(event, OperatorHeartbeat):
             return
         self._touch("burn")
@@ -469,7 +469,7 @@ class StateView:
             mission.sending, mission.proposed = sent, None
         self._touch(f"mission/{name}")
 
-    # What changes a vehicle's state, besides its telemetry.
+    # The methods that change a vehicle's state, by event; telemetry is handled separately.
     _HAPPENED: ClassVar[dict[type[VehicleEvent], Callable[..., None]]] = {
         VehicleConnected: _linked,
         LinkLost: _linked,
@@ -488,7 +488,7 @@ class StateView:
     # Output -----------------------------------------------------------------------------------
 
     def fire(self, area_ha: float, corrections: list[dict[str, Any]]) -> dict[str, Any]:
-        """The figures of the fire; its shape has a request of its own."""
+        """Return the figures of the fire; interfaces request its shape separately."""
         wind = self.wind_set
         return {
             "schema": "fire/1",

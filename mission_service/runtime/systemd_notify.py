@@ -16,7 +16,7 @@ LAG_OF_BEATS = 15  # the usual scrape interval of Prometheus
 
 
 def notify_systemd(state: str) -> bool:
-    """Send lines such as READY=1; returns whether they were sent. Raises no exception."""
+    """Send lines such as READY=1, and return whether they were sent. Raises no exception."""
     address = os.environ.get("NOTIFY_SOCKET", "")
     if not address.startswith(("/", "@")):
         return False

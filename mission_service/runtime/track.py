@@ -1,4 +1,4 @@
-"""The track of a vehicle in bounded memory: when it is full, every second point is removed."""
+"""Stores a vehicle's track in bounded memory: when it is full, every second point is removed."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any, overload
@@ -12,7 +12,7 @@ Point = tuple[int, float, float, float]
 
 
 class Track(Sequence[Point]):
-    """Points (at_us, lat_deg, lon_deg, altitude_amsl_m); their interval of 1 s may double."""
+    """The points (at_us, lat_deg, lon_deg, altitude_amsl_m), at first 1 s apart, later more."""
 
     def __init__(self) -> None:
         self._points = np.empty((64, 4))  # float64 is exact for 285 years in microseconds

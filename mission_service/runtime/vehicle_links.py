@@ -1,6 +1,6 @@
-"""The links of a live run: each is opened once, with a client for each of its vehicles.
+"""Opens the links of a live run, each once, with a client for each of its vehicles.
 
-Vehicles with the same link share it and differ in their system ids. Each vehicle is bound to the
+Vehicles on the same link share it and have different system ids. Each vehicle is bound to the
 remote address at which it was found (``autopilot_bridge/vehicle/remote_binding.py``).
 """
 
@@ -28,7 +28,8 @@ from mission_service.runtime.gateway import Gateway, MissionClock, dropper_of, r
 from mission_service.runtime.link_signing import SigningRefusals, refusal, signings
 
 REPORT_SILENCE_AFTER_US = 4_000_000
-# Airframes exceed the commanded airspeed: ArduPlane flew 23 instead of 15 m/s, more in a dive.
+# Vehicles exceed the commanded airspeed: ArduPlane flew at 23 instead of 15 m/s, and faster in a
+# dive.
 FASTER = 2.0
 STRONGEST_WIND_M_S = 30.0  # assumed for flights, unless the scenario has stronger wind
 SEVERITIES: dict[str, Severity] = {
@@ -126,7 +127,7 @@ def _clients_of(
     signing: Signing | None,
     link_id: int,
 ) -> tuple[Sequence[VehicleClient], Connection | MavsdkClient]:
-    """Return the clients of the vehicles of one link, and its connection, not opened yet."""
+    """Return the clients of the vehicles on one link, and the connection, which is not open yet."""
     first = sections[0]
     if first.backend == "mavsdk":
         fastest_m_s = max_speed_m_s(first, scenario)
@@ -152,7 +153,10 @@ def connected(links: dict[str, Link]) -> list[list[Link]]:
 
 
 def alarms(links: dict[str, Link]) -> list[tuple[str, str, str]]:
-    """Return vehicle, kind and text of link alarms since the last call; an empty text ends one."""
+    """Return the link alarms since the last call as (vehicle, kind, text).
+
+    An empty text ends an alarm.
+    """
     found = []
     for name, link in links.items():
         while link.gateway.link_alarms:
@@ -161,14 +165,14 @@ def alarms(links: dict[str, Link]) -> list[tuple[str, str, str]]:
 
 
 class LinkMonitor:
-    """Reports vehicles without a heartbeat once, some seconds after the service began."""
+    """A monitor that reports vehicles without a heartbeat once, some seconds after the start."""
 
     def __init__(self, links: dict[str, Link], now_us: int) -> None:
         self._unreported = dict(links)
         self._report_at_us = now_us + REPORT_SILENCE_AFTER_US
 
     def announcements(self, now_us: int) -> list[tuple[str, str]]:
-        """Return the vehicles without a heartbeat with possible causes, when the report is due."""
+        """When the report is due, return the vehicles without a heartbeat, with possible causes."""
         if now_us < self._report_at_us:
             return []
         found = []

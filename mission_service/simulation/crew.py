@@ -1,4 +1,4 @@
-"""A simulated crew that answers GO, stays present and approves each plan; not for live runs."""
+"""Simulates a crew that answers GO, stays present and approves each plan; not for live runs."""
 
 from collections.abc import Sequence
 
@@ -12,7 +12,7 @@ NAME = "simulated crew"
 class SimulatedCrew:
     """A crew that approves a plan ``thinks_s`` after its proposal.
 
-    ``script`` has further events, in order of time.
+    ``script`` contains further events, in order of time.
     """
 
     def __init__(

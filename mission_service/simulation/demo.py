@@ -1,4 +1,4 @@
-"""The demo: mock autopilots in child processes, connected by UDP to the daemon in this process."""
+"""Runs the demo: mock autopilots in child processes, connected by UDP to the daemon in this one."""
 
 import asyncio
 import contextlib
@@ -25,7 +25,7 @@ from mission_service.runtime.outputs import write_outputs
 def run_demo(
     run: Run, name: str, speedup: float, progress: Progress, address: Callable[[str], None]
 ) -> dict[str, Any]:
-    """Fly the scenario ``name`` with mock autopilots over UDP; return the summary.
+    """Fly the scenario ``name`` with mock autopilots over UDP and return the summary.
 
     Raises MissionServiceError if the process of a mock ends.
     """
@@ -85,7 +85,7 @@ def vehicle_of(scenario: Scenario, name: str | None) -> VehicleSection:
 
 
 def write_plan(name: str, vehicle: str | None, output: Path, overrides: tuple[str, ...]) -> int:
-    """Write a vehicle's first mission as a .plan file; return the number of items."""
+    """Write a vehicle's first mission as a .plan file and return the number of items."""
     scenario = flying(load_scenario(name, overrides))
     landscape = landscape_of(scenario)
     section = vehicle_of(scenario, vehicle)

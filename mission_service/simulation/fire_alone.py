@@ -1,4 +1,4 @@
-"""Simulation of a scenario's fire without vehicles, with the results as files."""
+"""Simulates a scenario's fire without vehicles and writes the results to files."""
 
 import json
 import math
@@ -21,7 +21,7 @@ MAX_FRONTS = 10_000
 
 
 def run_fire(scenario: Scenario, folder: Path, front_every_s: float) -> dict[str, Any]:
-    """Write rasters, fronts, map and summary into a folder; return the summary.
+    """Write the rasters, fronts, map and summary to a folder, and return the summary.
 
     Raises ScenarioError if no fire starts before the scenario's end, for more than ``MAX_FRONTS``
     fronts, or for a folder that cannot be written to.

@@ -1,4 +1,4 @@
-"""The command ``mock``: a process with mock autopilots, from a scenario or from options."""
+"""Runs mock autopilots from a scenario or from options, for the command ``mock``."""
 
 import asyncio
 import contextlib
@@ -32,7 +32,7 @@ FARTHER_DEG = 0.001  # longitude between the homes of two successive mocks
 
 @dataclass(frozen=True, slots=True)
 class MockEnvironment:
-    """Wind, battery, terrain, faults and parameters of mocks, from the command line."""
+    """The wind, battery, terrain, faults and parameters of mocks, from the command line."""
 
     wind: Wind = CALM
     battery_minutes: float | None = None
@@ -42,7 +42,7 @@ class MockEnvironment:
     parameters: dict[str, float] = field(default_factory=dict)
 
     def mock(self, stack: str, kind: str, system_id: int, home: tuple[float, ...]) -> MockAutopilot:
-        """Make a mock. Raises MissionServiceError for a home under ground, or a bad parameter."""
+        """Make a mock. Raises MissionServiceError for an underground home or a bad parameter."""
         lat_deg, lon_deg, altitude_m = home
         ground_m = self.terrain_amsl_m
         if ground_m is not None and altitude_m < ground_m:
@@ -85,7 +85,7 @@ def read_home(text: str) -> tuple[float, ...]:
 
 
 def read_wind(text: str) -> Wind:
-    """Parse FROM_DEG,SPEED_M_S: the direction that the wind comes from, and its speed."""
+    """Parse FROM_DEG,SPEED_M_S, the direction from which the wind comes and its speed."""
     from_deg, speed_m_s = _numbers(f"--wind {text}", text, "FROM_DEG,SPEED_M_S", (360.0, 60.0))
     return Wind(from_deg, speed_m_s)
 
@@ -135,7 +135,7 @@ def by_hand(
 
 @dataclass(frozen=True)
 class MocksOnLink:
-    """Mocks on one link; ``signing_key`` is the source of their key."""
+    """The mocks on one link; ``signing_key`` is the source of their key."""
 
     fleet: MockGroup
     link: str
@@ -147,8 +147,8 @@ def from_scenario(
 ) -> list[MocksOnLink]:
     """Make mocks of a scenario's vehicles, standing at their homes.
 
-    Without ``link``, a mock connects to the link of its vehicle. Without ``vehicle``, it is the
-    first vehicle, or all vehicles if ``link`` is missing too.
+    Without ``link``, each mock connects to the link of its vehicle. Without ``vehicle``, a mock is
+    made of the first vehicle, or of each vehicle if ``link`` is missing too.
     """
     scenario = flying(load_scenario(name))
     landscape = landscape_of(scenario)
@@ -218,8 +218,8 @@ def run(
     """Fly until SIGINT or SIGTERM; print one line per mock when its link is open.
 
     With ``until_eof`` the run also ends when standard input, a pipe, is closed, so that it ends
-    even if the parent process is killed. A mock signs with its given key, or with the key of a
-    SETUP_SIGNING message.
+    even if the parent process is killed. A mock signs with the key that it is given, or with the
+    key from a SETUP_SIGNING message.
     """
     timestamps = Timestamps(wall_us)
 

@@ -1,4 +1,4 @@
-"""Flight of a scenario in virtual time, with mock autopilots, MAVLink frames and an event heap."""
+"""Flies a scenario in virtual time, with mock autopilots, MAVLink frames and an event heap."""
 
 import heapq
 from collections.abc import Callable
@@ -52,7 +52,7 @@ def mock_of(section: VehicleSection, landscape: Landscape) -> MockAutopilot:
 
 
 class SimulatedVehicle:
-    """One simulated vehicle: client and mock autopilot, joined by two memory links."""
+    """One simulated vehicle: a client and a mock autopilot, joined by two memory links."""
 
     def __init__(
         self, section: VehicleSection, scenario: Scenario, landscape: Landscape, clock: MissionClock
@@ -146,7 +146,7 @@ class Simulation:
 
     @property
     def link_us(self) -> int:
-        """Time of the next step on the links' clock (µs); mission time may lag behind it."""
+        """The time of the next step on the links' clock (µs); mission time may lag behind it."""
         return self._heap[0][0]
 
     def step(self) -> None:

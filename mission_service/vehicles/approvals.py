@@ -1,4 +1,4 @@
-"""Missions that wait for an operator's approval (``mission.approval = "each"``). Pure."""
+"""Holds missions until an operator approves them (``mission.approval = "each"``). Pure."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -25,13 +25,13 @@ class Proposal:
 
 
 class MissionApprovals:
-    """Proposes each mission; it is sent when an operator accepts its hash.
+    """The proposals of missions, each of which is sent when an operator accepts its hash.
 
     A mission that separates two vehicles is sent at once and replaces a proposal.
     """
 
     def __init__(self, path_tolerance_m: float, horizon_m: float) -> None:
-        """Set the minimum distances of a different mission beside and beyond a refused mission."""
+        """Set how far beside and beyond a refused mission another mission must lie to differ."""
         self._proposals: dict[str, Proposal] = {}
         self._path_tolerance_m = path_tolerance_m
         self._max_beyond_m = AHEAD_SHARE * horizon_m
@@ -102,7 +102,7 @@ class MissionApprovals:
         return True
 
     def lapsed(self, vehicle: Vehicle, at_s: float) -> list[WithdrawMission]:
-        """Withdraw an expired proposal; a new mission stays due for the same reason."""
+        """Withdraw an expired proposal; a new mission remains due for the same reason."""
         proposal = self._proposals.get(vehicle.name)
         if proposal is None or at_s - proposal.at_s < GOOD_FOR_S:
             return []

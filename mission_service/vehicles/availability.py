@@ -1,4 +1,4 @@
-"""The availability of a vehicle for planning: link, mode, failsafe, position. Pure."""
+"""Determines a vehicle's availability for planning from link, mode, failsafe and position. Pure."""
 
 import math
 from dataclasses import dataclass, field, fields
@@ -51,7 +51,7 @@ class VehicleAvailability:
     mode: str = ""  # by the last report
     armed: bool = False
     mode_is_ordered: bool = True  # False: autopilot or pilot selected it
-    held_by_upload: bool = False  # it holds, and only an upload can be the cause
+    held_by_upload: bool = False  # it holds, and nothing but an upload can be the cause
     system_state: str = ""  # HEARTBEAT.system_status
     fence_breached: bool = False
     fix_good: bool = True
@@ -61,7 +61,7 @@ class VehicleAvailability:
 
     @property
     def position_good(self) -> bool:
-        """Whether its position is reliable: a 3-D fix and a healthy estimator."""
+        """Whether its position is reliable, with a 3-D fix and a healthy estimator."""
         return self.fix_good and self.estimator_healthy
 
     @property
@@ -97,8 +97,8 @@ class VehicleAvailability:
     def restart(self) -> None:
         """Reset after a restart of the autopilot; in flight the mode then counts as not ordered.
 
-        The last mode is valid until the next report, and an order to return while the vehicle is
-        armed. A watchdog may restart an autopilot in flight.
+        The last mode remains valid until the next report. An order to return remains valid while
+        the vehicle is armed. A watchdog may restart an autopilot in flight.
         """
         ordered = self.mode_is_ordered and not self.airborne
         fresh = VehicleAvailability(self.online, wind_m_s=self.wind_m_s, fix=self.fix)

@@ -1,4 +1,4 @@
-"""State of a vehicle that is unconfirmed after a restart, until its mission is read back."""
+"""Handles state of a vehicle that is unconfirmed after a restart until its mission is read back."""
 
 from typing import Literal
 
@@ -25,7 +25,7 @@ def unconfirmed(vehicle: Vehicle) -> None:
 def recognised(
     vehicle: Vehicle, was: UnconfirmedState, event: MissionReadBack
 ) -> Literal["same", "new", "unknown"]:
-    """Return which mission is on board: "same" (accepted), "new" (was being sent) or "unknown".
+    """Return which mission is on board: "same" (the accepted one), "new" (being sent), "unknown".
 
     The vehicle continues the accepted mission, unless a new one is due.
     """

@@ -1,4 +1,4 @@
-"""Separation of all vehicles in flight, by the rules of ``missions/separation.py``."""
+"""Separates all vehicles in flight, by the rules in ``missions/separation.py``."""
 
 import math
 from dataclasses import dataclass, replace
@@ -32,7 +32,7 @@ Floats = NDArray[np.float64]
 
 TAKEOFF_CLEAR_M = 300.0
 TAKES_OFF_WITHIN_S = 60.0
-LEAVES_M, LEAVES_WITHIN_S = 400.0, 30.0  # of a vehicle on the flight to its waiting position
+LEAVES_M, LEAVES_WITHIN_S = 400.0, 30.0  # for a vehicle that flies to its waiting position
 WAITS_AT_MOST_S = 120.0
 STALE_S = 5.0  # an older position is not used
 
@@ -54,7 +54,7 @@ class Flown:
 
 
 class TrafficManager:
-    """Stores the tracks and positions of all vehicles and decides which vehicle gives way."""
+    """The tracks and positions of all vehicles, and the decisions which of them give way."""
 
     def __init__(
         self, scenario: Scenario, landscape: Landscape, availability: dict[str, VehicleAvailability]
@@ -216,7 +216,7 @@ class TrafficManager:
 
 
 def _reported_fixes(own: Flown, other: Flown) -> tuple[PositionFix, PositionFix] | None:
-    """Return the positions of two vehicles, if the other is airborne by a recent position."""
+    """Return two vehicles' positions; None unless a recent one shows the other in the air."""
     fix, other_fix = own.availability.fix, other.availability.fix
     if fix is None or other_fix is None or not other.availability.airborne:
         return None

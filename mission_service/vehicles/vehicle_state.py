@@ -1,4 +1,4 @@
-"""The state of one vehicle in the core, for all ways of flying."""
+"""Defines the core's state of one vehicle, for all ways of flying."""
 
 from collections import deque
 from dataclasses import dataclass, field
@@ -51,7 +51,7 @@ class Pending:
     mission_id: int
     line: shapely.LineString
     takes_off: bool = False  # its first item is a takeoff
-    due: str = ""  # reason for which it was due at once
+    due: str = ""  # the reason why it was due at once
 
 
 @dataclass(frozen=True)
@@ -59,13 +59,13 @@ class Refusal:
     """A proposed mission that an operator refused; similar missions are not proposed again."""
 
     by: str
-    due: str  # reason for which it was due at once; else empty
+    due: str  # the reason why it was due at once; else empty
     line: shapely.LineString
 
 
 @dataclass
 class UnconfirmedState:
-    """State at the end of the last run that the vehicle has not yet confirmed."""
+    """The state at the end of the last run, which the vehicle has not confirmed yet."""
 
     pending: Pending | None
     recalled: bool  # ordered home
@@ -106,7 +106,7 @@ class Vehicle:
     takes_off: bool = False  # flies the takeoff item of its mission
     uploaded_at_s: float = -1e9
     not_before_s: float = -1e9
-    due: str = ""  # reason for which a new mission is due at once
+    due: str = ""  # the reason why a new mission is due at once
     mode: str = ""  # by the last report
     accepted: Pending | None = None  # the last mission that the autopilot accepted
     start_under_way: bool = False
@@ -135,7 +135,7 @@ class Vehicle:
         return self.next_mission if self.mission_phases[-1] is MissionPhase.PROPOSED else None
 
     def enter(self, phase: MissionPhase, mission: Pending | None = None) -> None:
-        """Change the phase of the next mission; raises InvalidTransitionError."""
+        """Change the phase of the next mission. Raises InvalidTransitionError."""
         enter(self.mission_phases, phase, MISSION_TRANSITIONS, f"next mission of {self.name}")
         self.next_mission = mission
 

@@ -1,4 +1,4 @@
-"""The HTTP application of one run: all routes, behind the guard."""
+"""Builds the HTTP application of one run: all routes, behind the access guard."""
 
 import asyncio
 from collections.abc import Callable
@@ -121,7 +121,7 @@ def app_of(context: RunContext, tokens: Tokens, page: Path = PAGE) -> Applicatio
 
 
 def routes_of(app: FastAPI) -> list[APIRoute]:
-    """Return all routes of the API, without the page of the map."""
+    """Return all routes of the API, without those of the map page."""
     return [each for each in app.routes if isinstance(each, APIRoute)]
 
 
@@ -138,7 +138,7 @@ def role_of(api_route: APIRoute) -> str:
 
 
 def _describe(app: FastAPI) -> None:
-    """Add the schemas of the Structs, the token and the common errors to FastAPI's description."""
+    """Add Struct schemas, the token and the common errors to the API description of FastAPI."""
     generate: Callable[[], dict[str, Any]] = app.openapi
 
     def openapi() -> dict[str, Any]:
@@ -196,13 +196,13 @@ def _handle_errors(app: FastAPI) -> None:
 
 
 def _methods(app: FastAPI, path: str) -> list[str]:
-    """Return all methods of a path; the router returns only those of the first matching route."""
+    """Return all methods of a path; the router reports only those of the first matching route."""
     found = [each.methods or set() for each in routes_of(app) if each.path_regex.match(path)]
     return sorted(set().union(*found))
 
 
 def _serve_page(app: FastAPI, page: Path) -> None:
-    """Serve the page for all paths without a route; a wrong method of a route returns 405."""
+    """Serve the page for all paths without a route; a wrong method for a route returns 405."""
     if page.is_dir():
         app.router.default = StaticFiles(directory=page, html=True)
         return

@@ -1,4 +1,4 @@
-"""The route of a prescribed burn's state."""
+"""Defines the route for the state of a prescribed burn."""
 
 from fastapi import APIRouter, Response
 

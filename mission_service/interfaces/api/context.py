@@ -1,4 +1,4 @@
-"""Objects that the routes share: the run, the tokens, caches and limits."""
+"""Holds the objects that the routes share: the run, tokens, caches and limits."""
 
 import asyncio
 from collections.abc import Callable
@@ -17,13 +17,13 @@ from mission_service.interfaces.maps.terrain import TerrainTiles
 from mission_service.runtime.published_states import VehicleState
 from mission_service.runtime.run_context import RunContext
 
-MAX_THREADS = 2  # concurrent threads: requests must not delay the flight
+MAX_THREADS = 2  # in use at once, because requests must not delay the flight
 
 Result = TypeVar("Result")
 
 
 class ApiContext:
-    """The run and the shared objects. ``wall_us`` returns the time since 1970 (µs)."""
+    """The objects that all routes share. ``wall_us`` returns the microseconds since 1970."""
 
     def __init__(self, context: RunContext, tokens: Tokens, wall_us: Callable[[], int]) -> None:
         self.context = context
@@ -54,7 +54,7 @@ class ApiContext:
         return vehicle
 
     async def ask(self, request: Request, do: str, **named: Any) -> Response:
-        """Handle the request ``do``: its keys are in the body and, as ``named``, in the path.
+        """Handle the request ``do``, with keys from the body and, as ``named``, from the path.
 
         Raises ApiError.
         """
@@ -94,7 +94,7 @@ class ApiContext:
         return found
 
     def _requesting_operator(self, user: User, request: dict[str, Any]) -> dict[str, Any]:
-        """Return name and station of a request.
+        """Return the name and the station that a request contains.
 
         Raises ApiError 403 if they differ from those of a personal token.
         """
@@ -107,7 +107,7 @@ class ApiContext:
         return {"by": by, "station": station}
 
     def _only_station(self) -> str:
-        """Return the only station of a burn, an empty text for several stations, else ``http``."""
+        """Return the only station of a burn, "" for several stations, or ``http`` for none."""
         burn = self.context.scenario.burn
         stations = [] if burn is None else [station.name for station in burn.stations]
         return stations[0] if len(stations) == 1 else "http" if not stations else ""

@@ -1,4 +1,4 @@
-"""Routes of the fire: fronts, forecasts, overlays, corrections, wind and weather."""
+"""Defines the routes of the fire: fronts, forecasts, overlays, corrections and weather."""
 
 import asyncio
 from functools import partial
@@ -30,14 +30,14 @@ UPLOADS = (
 
 
 def add(routes: APIRouter, api: ApiContext) -> None:
-    """Add ``/fire``, ``/weather`` and the terrain."""
+    """Add the routes ``/fire``, ``/weather`` and those of the terrain."""
     _add_shapes(routes, api)
     _add_images(routes, api)
     _add_corrections(routes, api)
 
 
 def _add_shapes(routes: APIRouter, api: ApiContext) -> None:
-    """Add fronts, contours and probabilities as GeoJSON, computed in threads."""
+    """Add the routes of fronts, contours and probabilities, computed in threads, as GeoJSON."""
     land = api.context.landscape
 
     def now_s() -> float:
@@ -108,7 +108,7 @@ async def _shape(api: ApiContext, shape: Any, *args: Any, **keywords: Any) -> Re
 
 
 def _add_images(routes: APIRouter, api: ApiContext) -> None:
-    """Add overlays and terrain for the map."""
+    """Add the routes of overlays and terrain for the map."""
     land = api.context.landscape
 
     async def until(until_s: float | None) -> Any:
@@ -156,7 +156,7 @@ def _add_images(routes: APIRouter, api: ApiContext) -> None:
 
 
 def _add_corrections(routes: APIRouter, api: ApiContext) -> None:
-    """Add the list of corrections, the upload of a perimeter, and the weather."""
+    """Add the routes of corrections, of the upload of a perimeter, and of the weather."""
     shown = {"application/json": {"schema": {"type": "array", "items": {"type": "object"}}}}
 
     @routes.get(

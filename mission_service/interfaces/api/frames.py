@@ -1,4 +1,4 @@
-"""Encoding of changed states as server-sent events, once for all clients."""
+"""Encodes changed states as server-sent events, once for all clients."""
 
 from collections.abc import Callable
 from typing import Any
@@ -9,7 +9,7 @@ from mission_service.runtime.run_context import RunContext
 
 
 class Frames:
-    """Events of the live stream; a cache stores the newest event of each key."""
+    """The events of the live stream; a cache stores the newest event for each key."""
 
     def __init__(self, context: RunContext, wall_us: Callable[[], int]) -> None:
         self._context = context
@@ -26,9 +26,9 @@ class Frames:
         await self._context.changed(since)
 
     def frames(self, since: int) -> bytes:
-        """Return events of all states that changed since a version, in the order of their versions.
+        """Return the events for all states that changed since a version, in the order of versions.
 
-        After a reconnection a client continues from its last ``id`` and misses no state.
+        A client that reconnects continues from its last ``id`` and misses no state.
         """
         changed = self._context.state_view.changed
         new = sorted((version, key) for key, version in changed.items() if version > since)

@@ -1,4 +1,4 @@
-"""Routes for liveness, readiness and metrics (Prometheus)."""
+"""Defines the routes for liveness, readiness and metrics (Prometheus)."""
 
 from fastapi import APIRouter, Response
 

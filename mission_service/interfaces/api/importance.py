@@ -1,4 +1,4 @@
-"""The importances that the perimeter planner compares, cell by cell, for display."""
+"""Returns the importances of front cells that the perimeter planner compares, for display."""
 
 from mission_service.interfaces.api.models import Importance
 from mission_service.runtime.published_states import VehicleState
@@ -6,9 +6,9 @@ from mission_service.runtime.run_context import RunContext
 
 
 def importance_of(context: RunContext, vehicle: VehicleState) -> Importance | None:
-    """Return importances at the vehicle's position.
+    """Return the importance of each front cell for a vehicle at its present position.
 
-    Returns None before the vehicle's first lap and for rules without importances.
+    Returns None before the vehicle's first lap, and for rules that use no importances.
     """
     name = vehicle.vehicle
     fix = context.core.decision_engine.availability[name].fix

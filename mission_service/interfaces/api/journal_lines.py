@@ -1,4 +1,4 @@
-"""Access to the lines of a growing journal without reading it from its beginning."""
+"""Reads lines of a growing journal without reading it from its beginning."""
 
 import os
 import threading
@@ -11,17 +11,17 @@ MAX_FILES = 4  # files with an index; the least recently used index is dropped f
 
 
 class JournalLines:
-    """Index of every thousandth line of recently read files. Thread-safe."""
+    """An index of every thousandth line in recently read files. Thread-safe."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._files: OrderedDict[tuple[int, int], _LineIndex] = OrderedDict()
 
     def after(self, file: BinaryIO, line: int, limit: int, max_bytes: int) -> tuple[bytes, int]:
-        """Return the complete lines after ``line``, and the number of the last of them.
+        """Return the complete lines after number ``line``, and the number of the last one returned.
 
-        The header is line 1. Returns at most ``limit`` lines, and no further line once the lines
-        have more than ``max_bytes``.
+        The header is line 1. Returns at most ``limit`` lines, and no further line after the total
+        exceeds ``max_bytes``.
         """
         with self._lock:
             index = self._index_of(file)
@@ -52,7 +52,7 @@ class JournalLines:
 
 
 class _LineIndex:
-    """Byte offsets of lines 1, 1001, 2001, ... of a file."""
+    """The byte offsets of lines 1, 1001, 2001 and so on in a file."""
 
     def __init__(self) -> None:
         self.at_byte = [0]

@@ -1,4 +1,4 @@
-"""Routes of the journal: the current segment and the earlier ones."""
+"""Defines the routes of the journal: its current and its earlier segments."""
 
 import asyncio
 import os
@@ -63,9 +63,9 @@ def add(routes: APIRouter, api: ApiContext) -> None:
 
 
 def _opened(api: ApiContext, segment: int | None) -> tuple[int, BinaryIO]:
-    """Return the number of a segment (None: the newest) and its open file. Raises ApiError 404.
+    """Return the number and the open file of a segment, by default the newest. Raises ApiError 404.
 
-    The function does not await, so that the journal cannot begin a new segment meanwhile.
+    The function never awaits, so the journal cannot begin a new segment meanwhile.
     """
     newest = api.context.service.recording.journal.rest.segment
     number = newest if segment is None else segment

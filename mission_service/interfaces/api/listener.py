@@ -1,4 +1,4 @@
-"""The HTTP interface of the daemon; its port and files are checked before the run begins."""
+"""Opens the daemon's HTTP interface; its port and files are checked before the run begins."""
 
 import asyncio
 import contextlib
@@ -17,7 +17,7 @@ from mission_service.runtime.run_context import RunContext
 
 @dataclass(frozen=True)
 class HttpListener:
-    """The listening socket, its TLS and the valid tokens.
+    """The HTTP interface of a run: its listening socket, its TLS context and the valid tokens.
 
     ``address`` may contain a token, so it must not be logged.
     """
@@ -41,7 +41,7 @@ class HttpListener:
 
 @contextlib.contextmanager
 def http_interface(section: HttpSection, out: Path) -> Iterator[HttpListener]:
-    """Open the HTTP interface of a run with the files in ``out``. Raises MissionServiceError."""
+    """Open the HTTP interface of the run in the folder ``out``. Raises MissionServiceError."""
     tls = tls_of(section)
     with bound(section) as listening:
         address = url_of(section, listening)

@@ -1,9 +1,9 @@
-"""The live stream: changed states as server-sent events, in the order of their changes.
+"""Streams changed states as server-sent events, in the order of their changes.
 
-A client receives the newest state of each item, not each intermediate state. The service stores
-only the last version sent to each client, so memory does not depend on the speed of the clients.
-While a connection is blocked, nothing is encoded for it; afterwards the client receives the states
-that are the newest at that time.
+A client receives the newest state of each item, but not every intermediate state. For each client
+the service stores only the last version sent, so slow clients need no more memory than fast ones.
+While a connection is blocked, nothing is encoded for it. Afterwards the client receives the states
+that are then the newest.
 """
 
 import asyncio
@@ -16,8 +16,9 @@ from starlette.types import Receive, Scope, Send
 MAX_STREAMS = 32
 # After this time without a change a comment is sent, so that both sides detect a dead connection.
 SENT_EVERY_S = 10.0
-# Pause between two batches for a client, for each open stream: all streams together use a few per
-# cent of a core, and a single stream delivers changes within milliseconds.
+# The pause between two batches for a client is this time multiplied by the number of open streams,
+# but at least MIN_PAUSE_S. All streams together use a few per cent of a core, and a single stream
+# delivers changes within milliseconds.
 PAUSE_S = 0.002
 MIN_PAUSE_S = 0.004
 END_WITHIN_S = 0.5  # a client that reads more slowly is disconnected
@@ -33,10 +34,10 @@ class Source(Protocol):
 
     @property
     def version(self) -> int:
-        """Return the version of the whole state; it grows with each change."""
+        """Return the version of the whole state, which grows with each change."""
 
     def frames(self, since: int) -> bytes:
-        """Return events of all changes since a version, in the order of their versions."""
+        """Return the events for all changes since a version, in the order of versions."""
 
     async def changed(self, since: int) -> None:
         """Wait until ``version`` is larger than ``since``."""
@@ -58,7 +59,7 @@ class Streams:
 
     @property
     def pause_s(self) -> float:
-        """Pause between two batches for a client."""
+        """Return the pause in seconds between two batches for a client."""
         return max(MIN_PAUSE_S, PAUSE_S * self.count)
 
 
@@ -125,7 +126,7 @@ async def _set(event: asyncio.Event) -> None:
 
 
 async def _first_of(*awaitables: Awaitable[None]) -> None:
-    """Wait until one has ended and cancel the others; raises the exception of the first."""
+    """Wait until one awaitable ends, cancel the others, and raise its exception, if any."""
     tasks = [asyncio.ensure_future(each) for each in awaitables]
     try:
         done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)

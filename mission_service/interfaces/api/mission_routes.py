@@ -1,4 +1,4 @@
-"""Routes of missions: on board, proposed, and a preview of the next mission."""
+"""Defines the routes of missions: on board, proposed, and a preview of the next one."""
 
 import tempfile
 from functools import partial
@@ -21,9 +21,9 @@ from mission_service.runtime.run_context import RunContext
 
 
 def items_of(mission: Mission) -> Items:
-    """Return the items of a mission as they were sent.
+    """Return the items of a mission exactly as they were sent.
 
-    Raises ApiError 409 if the state of the mission does not contain them exactly.
+    Raises ApiError 409 if the mission's state does not determine them exactly.
     """
     items = tuple(
         MissionItem(
@@ -44,7 +44,7 @@ def items_of(mission: Mission) -> Items:
 
 
 def preview_of(context: RunContext, name: str) -> Preview:
-    """Return the proposed mission or, without one, the mission that would be sent now.
+    """Return the proposed mission or, if none is proposed, the mission that would be sent now.
 
     Raises ApiError 409 if no mission can be planned.
     """

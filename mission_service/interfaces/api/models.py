@@ -1,4 +1,4 @@
-"""Responses of the API that are not states of the state view."""
+"""Defines the API responses that are not states in the state view."""
 
 from typing import Any
 
@@ -25,10 +25,11 @@ class Error(msgspec.Struct):
 
 
 class RequestResult(msgspec.Struct):
-    """Result of a request: mission time, the type of its event, and the resulting announcements.
+    """The result of a request: mission time, event type and the resulting announcements.
 
-    The result of a correction of the fire (correct, erase, undo, redo) also has the areas burned
-    before and after it, except in a burn, where a correction changes the estimated fire.
+    For a correction of the fire (correct, erase, undo, redo), the result also contains the areas
+    burned before and after the correction. In a burn it does not, because there a correction
+    changes the estimated fire.
     """
 
     ok: bool
@@ -41,7 +42,7 @@ class RequestResult(msgspec.Struct):
 
 
 class StatusState(msgspec.Struct, tag="run/1", tag_field="schema"):
-    """Status of the run. ``not_ready`` lists the conditions that the service still waits for."""
+    """The run's status. ``not_ready`` lists the conditions that the service still waits for."""
 
     at_us: int
     time_unix_us: int
@@ -53,7 +54,7 @@ class StatusState(msgspec.Struct, tag="run/1", tag_field="schema"):
 
 
 class LandscapeExtent(msgspec.Struct):
-    """Extent of the landscape: west, south, east, north; corners NW, NE, SE, SW as lon, lat."""
+    """The landscape's extent (west, south, east, north) and corners (NW, NE, SE, SW; lon, lat)."""
 
     bounds: tuple[float, float, float, float]
     corners_lon_lat: tuple[tuple[float, float], ...]
@@ -83,7 +84,7 @@ class FullState(msgspec.Struct):
 
 
 class MissionDifference(msgspec.Struct):
-    """Difference from an earlier mission: equal items at the beginning, and moved positions."""
+    """The difference from an earlier mission: equal items at the beginning, and moved positions."""
 
     alike_first: int
     added: int
@@ -118,7 +119,7 @@ class Importance(msgspec.Struct):
 
 
 class Health(msgspec.Struct):
-    """Health of the service. ``not_ready`` lists the conditions that it still waits for."""
+    """The health of the service. ``not_ready`` lists the conditions that it still waits for."""
 
     ok: bool
     not_ready: list[str] = []

@@ -1,4 +1,4 @@
-"""The OpenAPI description of a route: role, request body, response, example.
+"""Builds the OpenAPI description of a route: its role, request body, response and example.
 
 Schemas are generated from the msgspec Structs.
 """
@@ -46,7 +46,7 @@ OPERATOR_FIELDS = {
 
 
 class RequiredRole:
-    """A dependency of a route that requires a role. ``None``: no token is required."""
+    """The dependency of a route that requires a role; with ``None`` no token is required."""
 
     def __init__(self, role: Role | None) -> None:
         self.role = role

@@ -1,4 +1,4 @@
-"""Reading of uploaded perimeters in a separate process (``maps/perimeter_worker.py``)."""
+"""Reads uploaded perimeters in a separate process (``maps/perimeter_worker.py``)."""
 
 import asyncio
 import signal
@@ -17,7 +17,7 @@ _decode = msgspec.json.Decoder(Done | Failed).decode
 async def read_in_process(job: Job) -> Done:
     """Return an uploaded perimeter and the resulting corrections.
 
-    Raises ApiError 422 for an unusable file, or if the process that reads it crashes or is slow.
+    Raises ApiError 422 if the file is unusable, or if the process that reads it crashes or is slow.
     """
     process = await asyncio.create_subprocess_exec(
         *WORKER,

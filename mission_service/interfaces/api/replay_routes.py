@@ -1,4 +1,4 @@
-"""Routes of a replay: its state, pause, speed and position."""
+"""Defines the routes of a replay: its state, and the control of pause, speed and position."""
 
 from fastapi import APIRouter, Request, Response
 

@@ -1,4 +1,4 @@
-"""Routes of all requests that the service converts to events, generated from their table."""
+"""Generates the routes of all requests that make events, from the table of requests."""
 
 from collections.abc import Awaitable, Callable
 

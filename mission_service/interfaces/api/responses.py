@@ -1,4 +1,4 @@
-"""Responses and request bodies: JSON by msgspec, one form for all errors."""
+"""Encodes responses and decodes request bodies as JSON; all errors have one form."""
 
 from typing import Any
 
@@ -47,7 +47,7 @@ async def body_of(request: Request, max_bytes: int = MAX_BODY_BYTES) -> bytes:
 
 
 async def json_body(request: Request) -> dict[str, Any]:
-    """Return the JSON object in the body of a request; empty for an empty body. Raises ApiError."""
+    """Return the JSON object in a request's body, or {} for an empty body. Raises ApiError."""
     body = await body_of(request)
     if not body.strip():
         return {}

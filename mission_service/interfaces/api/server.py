@@ -1,4 +1,4 @@
-"""uvicorn inside the daemon, which controls tasks, signals and the shutdown.
+"""Runs uvicorn inside the daemon, which controls tasks, signals and the shutdown.
 
 uvicorn contributes the HTTP protocol (h11) and the main loop. This module adds the listening
 socket, TLS, timeouts, the limits of connections (``access/client_connections.py``) and the
@@ -68,7 +68,7 @@ def url_of(section: HttpSection, listening: socket.socket) -> str:
 
 
 def tls_of(section: HttpSection) -> ssl.SSLContext | None:
-    """Return the context of TLS 1.2 and later; None without a certificate.
+    """Return the context for TLS 1.2 and later, or None if no certificate is configured.
 
     Raises MissionServiceError for an unusable certificate or key.
     """
@@ -99,7 +99,7 @@ def _no_password() -> str:
 async def serving(
     app: ASGIApp, listening: socket.socket, stopping: asyncio.Event, tls: ssl.SSLContext | None
 ) -> AsyncIterator[None]:
-    """Serve ``app`` within this context; set ``stopping`` at its end, so that streams end first."""
+    """Serve ``app`` within this context; at its end, first set ``stopping`` to end all streams."""
     config = uvicorn.Config(
         app,
         http=Connection,
@@ -135,7 +135,7 @@ def _shut(client: socket.socket) -> None:
 
 
 class _Server(uvicorn.Server):
-    """uvicorn's server on a given socket, without its signal handlers and with slower ticks."""
+    """A uvicorn server on a given socket, without signal handlers and with slower ticks."""
 
     def __init__(
         self, config: uvicorn.Config, listening: socket.socket, tls: ssl.SSLContext | None
@@ -181,7 +181,7 @@ class _Server(uvicorn.Server):
             task.add_done_callback(self._beginning.discard)
 
     async def _begin(self, client: socket.socket, connection: ClientConnection) -> None:
-        """Attach the protocol to a connection, after the handshake of TLS if it is configured."""
+        """Attach the protocol to a connection, after the TLS handshake if TLS is configured."""
         loop = asyncio.get_running_loop()
         begun = False
 
@@ -251,7 +251,7 @@ class Connection(H11Protocol):
             self._expect_nothing()
 
     def send_400_response(self, msg: str) -> None:
-        """Send an error in the common form for data that are not HTTP; close the connection."""
+        """Reply with the common form of an error to data that are not HTTP, and disconnect."""
         if self.conn.our_state is ERROR or (self.cycle and self.cycle.response_started):
             self.transport.close()
             return

@@ -1,4 +1,4 @@
-"""Routes of the whole state, the live stream, the announcements and the abort."""
+"""Defines the routes of the whole state, the live stream, the announcements and the abort."""
 
 from typing import Annotated
 

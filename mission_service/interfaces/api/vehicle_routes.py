@@ -1,4 +1,4 @@
-"""Routes of vehicles: their states and tracks."""
+"""Defines the routes of vehicles: states, tracks and importances."""
 
 from typing import Annotated
 
@@ -18,7 +18,7 @@ GEOJSON = "application/geo+json"
 
 
 def add(routes: APIRouter, api: ApiContext) -> None:
-    """Add ``/vehicles``: states, tracks and importances."""
+    """Add the routes below ``/vehicles``."""
 
     @routes.get(f"{V1}/vehicles", **route("look", "All vehicles.", structs(VehicleState)))
     async def vehicles() -> Response:

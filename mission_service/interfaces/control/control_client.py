@@ -1,4 +1,4 @@
-"""The client of the control socket, for the command line and tests."""
+"""Connects to the control socket of a run, for the command line and tests."""
 
 import socket
 from pathlib import Path
@@ -13,7 +13,7 @@ ANSWER_WITHIN_S = 10.0
 
 
 class ControlClient:
-    """A connection to the run with the files in ``out``."""
+    """A connection to the run in the folder ``out``."""
 
     def __init__(self, out: Path) -> None:
         self.path = out / NAME
@@ -36,7 +36,7 @@ class ControlClient:
     def ask(self, **request: Any) -> dict[str, Any]:
         """Return the reply to a request.
 
-        Raises RequestError if the run refuses the request, ControlError if no reply arrives.
+        Raises RequestError if the run refuses the request, and ControlError if no reply arrives.
         """
         try:
             self._socket.sendall(msgspec.json.encode(request) + b"\n")

@@ -1,4 +1,4 @@
-"""The control socket of a live run, ``OUT/control.sock``: one reply line for each line of JSON.
+"""Serves the control socket of a live run, ``OUT/control.sock``: a reply for each line of JSON.
 
 Only the user that runs the service may open it (mode 0600). The reply to an invalid request
 contains the error; the request has no effect. The service accepts an abort from every client, with
@@ -20,7 +20,7 @@ from mission_service.runtime.request_handler import Answer, RequestHandler, wron
 
 MAX_LINE_BYTES = 64 * 1024
 MAX_CLIENTS = 16
-MAX_WAITING = 64  # clients above MAX_CLIENTS may only abort; above this number one is disconnected
+MAX_WAITING = 64  # clients after the first MAX_CLIENTS may only abort; one of them makes room
 IDLE_S = 60.0
 LATE_CLIENT_S = 2.0
 MAX_QUEUED = 100  # queued lines at which reading pauses
@@ -30,7 +30,7 @@ LONGEST_PATH_BYTES = 107  # limit for Unix-domain sockets on Linux
 
 @contextlib.contextmanager
 def claimed(path: Path) -> Iterator[socket.socket]:
-    """Open the listening socket at ``path``; remove it at the end of the context.
+    """Open the listening socket at ``path`` and remove it when the context ends.
 
     Replaces the socket of a killed run. Raises ControlError if another run uses the socket, if
     ``path`` is another type of file, or if the socket cannot be created.
@@ -39,7 +39,7 @@ def claimed(path: Path) -> Iterator[socket.socket]:
     _clear(path)
     listening = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     try:
-        # The mode is set before ``listen``: no client can connect earlier.
+        # The mode is set before ``listen``, because clients can connect from then on.
         listening.bind(str(path))
         path.chmod(0o600)
         listening.listen(MAX_WAITING)
@@ -102,7 +102,7 @@ async def serve_control(listening: socket.socket, request_handler: RequestHandle
 
 
 class _Clients:
-    """Connected clients, in the order of their arrival."""
+    """The connected clients, in the order in which they connected."""
 
     def __init__(self, request_handler: RequestHandler, failed: asyncio.Future[None]) -> None:
         self.request_handler = request_handler
@@ -110,7 +110,7 @@ class _Clients:
         self.connected: dict[_Client, None] = {}
 
     def add(self, client: "_Client") -> bool:
-        """Add a client; return True above the limit of clients, where it may only abort."""
+        """Add a client and return True if it is above the limit, so that it may only abort."""
         late = len(self.connected) >= MAX_CLIENTS
         if len(self.connected) >= MAX_WAITING:
             next(each for each in self.connected if each.late).cut()
@@ -119,10 +119,10 @@ class _Clients:
 
 
 class _Client(asyncio.Protocol):
-    """One client. Its complete lines are carried out even if it has disconnected meanwhile.
+    """One client, whose complete lines are carried out even if it has disconnected meanwhile.
 
-    An abort is carried out as soon as it is read, before earlier lines; it needs no newline. Each
-    iteration of the event loop handles one of the other lines. Replies have the order of the lines.
+    An abort is carried out as soon as it is read, before earlier lines, and needs no newline. Each
+    iteration of the event loop handles one other line. Replies are sent in the order of the lines.
     """
 
     def __init__(self, clients: _Clients) -> None:
@@ -130,7 +130,7 @@ class _Client(asyncio.Protocol):
         self._clients = clients
         self._loop = asyncio.get_running_loop()
         self._rest = b""
-        # Lines to handle, and replies to send after them.
+        # Lines to handle, and finished replies to later lines.
         self._queued: deque[bytes | Answer] = deque()
         self._read_s = 0.0
         self._after_abort = False  # the newline of the abort has not arrived

@@ -1,11 +1,12 @@
-"""Cursor on Target: vehicles and the fire as events for TAK (ATAK, WinTAK, TAK Server). Pure.
+"""Encodes vehicles and the fire as Cursor on Target events for TAK. Pure.
 
-Format: MITRE, *Cursor-on-Target Message Router User's Guide* (base event 2.0), and the drawn shapes
-of ATAK (``u-d-f``: a closed line of ``link`` points).
+TAK is ATAK, WinTAK or TAK Server. The format is that of MITRE, *Cursor-on-Target Message Router
+User's Guide* (base event 2.0), and of the drawn shapes of ATAK (``u-d-f``: a closed line of
+``link`` points).
 
-Heights: ``hae`` is the height above the ellipsoid, but autopilots report heights above mean sea
-level. The difference, up to 100 m, is not available, so ``hae`` is sent as unknown and the remarks
-contain the heights.
+``hae`` is the height above the ellipsoid, but autopilots report heights above mean sea level. The
+difference, up to 100 m, is not available, so ``hae`` is sent as unknown and the remarks contain the
+heights.
 """
 
 from collections.abc import Iterator
@@ -30,13 +31,13 @@ _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 
 
 def zulu(unix_us: int) -> str:
-    """Return a time in the format of CoT: 2026-11-22T00:30:00.000Z."""
+    """Return a time in the format of Cursor on Target: 2026-11-22T00:30:00.000Z."""
     when = _EPOCH + timedelta(microseconds=unix_us)
     return f"{when:%Y-%m-%dT%H:%M:%S}.{when.microsecond // 1000:03d}Z"
 
 
 def vehicle_event(fix: TelemetryState, kind: str, site: str, unix_us: int, stale_us: int) -> bytes:
-    """Return the event of a vehicle's position at ``unix_us``, valid for ``stale_us``."""
+    """Return the event for a vehicle's position at ``unix_us``, valid for ``stale_us``."""
     event = _event(f"{site}.{fix.vehicle}", TYPES[kind], MACHINE_GPS, unix_us, stale_us)
     _point(event, fix.lat_deg, fix.lon_deg)
     detail = ElementTree.SubElement(event, "detail")
@@ -54,7 +55,7 @@ def vehicle_event(fix: TelemetryState, kind: str, site: str, unix_us: int, stale
 def fire_events(front: dict[str, Any], site: str, unix_us: int, stale_us: int) -> Iterator[bytes]:
     """Yield the burned area (a GeoJSON Feature) as drawn shapes, one for each of its largest parts.
 
-    The shapes have no unburned islands. Outlines of more than ``MAX_CORNERS`` corners are
+    The shapes omit unburned islands. Outlines with more than ``MAX_CORNERS`` corners are
     simplified.
     """
     areas = sorted(get_parts(shape(front["geometry"])), key=lambda area: -area.area)

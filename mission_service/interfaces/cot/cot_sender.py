@@ -1,4 +1,4 @@
-"""Sending of Cursor on Target by UDP (also multicast), TCP or TLS, configured by ``[service.cot]``.
+"""Sends Cursor on Target events by UDP (also multicast), TCP or TLS (table ``[service.cot]``).
 
 The run never waits for a receiver. Each round sends the current state and drops events that cannot
 be sent.
@@ -30,7 +30,7 @@ ALARM = "cot"
 
 
 class CotTransport(Protocol):
-    """A transport of events."""
+    """A transport for events."""
 
     async def send(self, event: bytes) -> None:
         """Send an event. Raises OSError or TimeoutError if it cannot be sent."""
@@ -40,7 +40,7 @@ class CotTransport(Protocol):
 
 
 class Datagrams:
-    """UDP: one event per datagram, without acknowledgement."""
+    """A UDP transport: one event per datagram, without acknowledgement."""
 
     def __init__(self, address: tuple[Any, ...], family: int) -> None:
         self._address = address
@@ -58,7 +58,7 @@ class Datagrams:
 
 
 class Stream:
-    """TCP or TLS to a TAK server; data from the server are read and dropped."""
+    """A TCP or TLS connection to a TAK server; data from the server are read and dropped."""
 
     def __init__(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         self._writer = writer
@@ -86,7 +86,10 @@ class Stream:
 def cot_interface(
     settings: CotSection, scenario_name: str
 ) -> Callable[["RunContext"], Coroutine[Any, Any, None]]:
-    """Return the coroutine that sends events until cancelled. Raises MissionServiceError."""
+    """Return the coroutine function that sends events until cancelled.
+
+    Raises MissionServiceError for unusable settings.
+    """
     tls = None
     if settings.scheme == "tls":
         tls = tls_of(settings.tls_ca, settings.tls_certificate, settings.tls_key)
@@ -98,14 +101,14 @@ def cot_interface(
 
 
 class CotSender:
-    """Sender of the events of one run."""
+    """The sender of one run's events."""
 
     def __init__(
         self, context: "RunContext", settings: CotSection, site: str, tls: ssl.SSLContext | None
     ) -> None:
         self._context, self._settings, self._site, self._tls = context, settings, site, tls
         self._forecasts = forecasts_of(context)
-        self._sent: dict[str, int] = {}  # version of the state view, by vehicle
+        self._sent: dict[str, int] = {}  # last version sent, by vehicle
 
     async def run(self) -> None:
         """Send until cancelled; reconnect after a failure."""

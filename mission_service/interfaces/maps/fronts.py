@@ -1,4 +1,4 @@
-"""Fronts, forecast contours and bands of uncertainty as GeoJSON (RFC 7946)."""
+"""Encodes fronts, forecast contours and bands of uncertainty as GeoJSON (RFC 7946)."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -19,14 +19,13 @@ Floats = NDArray[np.float64]
 def burned_area(
     arrival_s: Floats, landscape: Landscape, at_s: float, start_area: StartArea | None = None
 ) -> Any:
-    """Return the area burned at a time, a shapely MultiPolygon in the landscape's CRS.
+    """Return the area burned at a time as a shapely MultiPolygon in the landscape's CRS.
 
     Args:
-        arrival_s: arrival times (y, x), infinity where fire never arrives; times after ``at_s``
-            interpolate the front between two cells.
-        landscape: the grid of ``arrival_s``.
-        at_s: mission time.
-        start_area: burned area with which the fire began (``Fire.start_area``).
+        arrival_s: arrival times (y, x), infinite where fire never arrives; times after ``at_s`` are
+        used to interpolate the front between two cells. landscape: the grid of ``arrival_s``. at_s:
+        mission time. start_area: the area that had burned when the fire began
+        (``Fire.start_area``).
     """
     return with_start(front_polygons(arrival_s, at_s, landscape), start_area, at_s)
 
@@ -40,7 +39,7 @@ def front_geojson(
     start_area: StartArea | None = None,
     **props: Any,
 ) -> dict[str, Any]:
-    """Return the area burned at a time (see ``burned_area``) as a Feature.
+    """Return the area burned at a time (see ``burned_area``) as a GeoJSON Feature.
 
     ``props`` are additional properties. The Feature has no coordinates if nothing has burned.
     """
@@ -57,7 +56,7 @@ def contours_geojson(
     start_area: StartArea | None = None,
     **props: Any,
 ) -> dict[str, Any]:
-    """Return ``front_geojson`` at each time as a FeatureCollection, latest first."""
+    """Return a FeatureCollection with ``front_geojson`` at each time, the latest time first."""
     return _collection(
         [
             front_geojson(arrival_s, landscape, at_s, now_s, start_area=start_area, **props)
@@ -76,8 +75,8 @@ def probability_geojson(
 ) -> dict[str, Any]:
     """Return a FeatureCollection of the areas burned with at least the probability of each level.
 
-    The lowest level (the largest area) is first, for drawing in this order. ``probability`` (y, x)
-    of being burned at ``at_s`` is from 0 to 1.
+    The lowest level (the largest area) comes first, which is the order for drawing. ``probability``
+    (y, x), from 0 to 1, is that of being burned at ``at_s``.
     """
     features = []
     for level in sorted(set(levels)):

@@ -1,7 +1,8 @@
-"""Limits for shapes on which GEOS, which cannot be interrupted, would compute for hours.
+"""Limits shapes on which GEOS, which cannot be interrupted, would compute for hours.
 
-The computing time of GEOS grows with the number of pairs of near segments: the validation of a comb
-of 50,000 long teeth takes 48 s, the repair of a scribble of 300 points 3 s.
+The computing time of GEOS grows with the number of pairs of segments that are near each other. The
+validation of a comb with 50,000 long teeth takes 48 s, and the repair of a scribble with 300 points
+takes 3 s.
 """
 
 from collections.abc import Sequence
@@ -36,5 +37,5 @@ def pairs_near(shapes: Sequence[BaseGeometry], most: int) -> int:
 
 
 def max_repaired(shape: BaseGeometry) -> int:
-    """Return the limit of ``pairs_near`` for the repair of a shape."""
+    """Return the limit of ``pairs_near`` above which a shape is not repaired."""
     return MAX_PAIRS_REPAIRED + MORE_A_VERTEX * int(shapely.get_num_coordinates(shape))

@@ -1,4 +1,4 @@
-"""Conversion between Web Mercator (EPSG:3857), used by browser maps, and a landscape's grid."""
+"""Converts between Web Mercator (EPSG:3857), which browser maps use, and a landscape's grid."""
 
 import math
 from typing import Any
@@ -10,8 +10,8 @@ from firemodel.landscape.landscape import Landscape
 
 RADIUS_M = 6378137.0  # of the sphere of EPSG:3857
 WORLD_M = 2.0 * math.pi * RADIUS_M
-# Number of points along each side at which the projections are computed. Between them they are
-# interpolated linearly: over 100 km the error is 2 m, less than a thousandth of a tile.
+# Number of points along each side at which the projections are computed. Between these points they
+# are interpolated linearly. Over 100 km the error is 2 m, less than a thousandth of a tile.
 NODES = 33
 
 Floats = NDArray[np.float64]
@@ -19,13 +19,13 @@ Box = tuple[float, float, float, float]  # west, south, east, north
 
 
 def mercator_of(lon_deg: Any, lat_deg: Any) -> tuple[Any, Any]:
-    """Return x and y in metres of Web Mercator."""
+    """Return the position x, y in metres of Web Mercator."""
     y_m = RADIUS_M * np.arctanh(np.sin(np.deg2rad(lat_deg)))
     return RADIUS_M * np.deg2rad(lon_deg), y_m
 
 
 def lon_lat_of(x_m: Any, y_m: Any) -> tuple[Any, Any]:
-    """Return longitude and latitude in degrees."""
+    """Return the longitude and latitude in degrees of a position in Web Mercator."""
     lat_deg = np.rad2deg(np.arcsin(np.tanh(np.asarray(y_m) / RADIUS_M)))
     return np.rad2deg(np.asarray(x_m) / RADIUS_M), lat_deg
 
@@ -53,7 +53,7 @@ def bounds_deg(box: Box) -> list[float]:
 
 
 def cell_mercator_m(landscape: Landscape) -> float:
-    """Return the side of a cell in metres of Web Mercator, at the centre of the landscape."""
+    """Return a cell's side length in metres of Web Mercator, at the centre of the landscape."""
     rows, cols = landscape.shape
     lat, _ = landscape.lat_lon_of(*landscape.xy_of(rows / 2, cols / 2))
     return landscape.cell_size_m / math.cos(math.radians(lat))

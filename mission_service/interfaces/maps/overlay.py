@@ -1,4 +1,4 @@
-"""Transparent images of the fire as overlays of a map in Web Mercator."""
+"""Draws transparent images of the fire as overlays for a map in Web Mercator."""
 
 import io
 import math
@@ -67,7 +67,7 @@ def arrival_scale(from_s: float, until_s: float) -> list[dict[str, Any]]:
 
 
 def overlay_frame(landscape: Landscape) -> dict[str, Any]:
-    """Return bounds, corners and size in pixels of the overlays of a landscape.
+    """Return the bounds, the corners and the size in pixels of a landscape's overlays.
 
     The corners (NW, NE, SE, SW) are for MapLibre's image source. Positions are [lon, lat] in
     degrees.
@@ -88,7 +88,8 @@ def _frame(landscape: Landscape) -> _Frame:
     pixel_m = max(
         cell_mercator_m(landscape) / PIXELS_A_CELL, max(east - west, north - south) / MAX_PIXELS
     )
-    # A whole number of pixels: the fraction extends the frame to the south and the east.
+    # The number of pixels is rounded up to a whole one, which extends the frame to the south and
+    # the east.
     width, height = math.ceil((east - west) / pixel_m), math.ceil((north - south) / pixel_m)
     box = west, north - height * pixel_m, west + width * pixel_m, north
     row, col = np.rint(grid_positions(landscape, box, width, height)).astype(np.int32)

@@ -1,4 +1,4 @@
-"""The fire's perimeter for other organisations: field names of WFIGS, not marked as approved."""
+"""Exports the fire's perimeter with the field names of WFIGS, not marked as approved."""
 
 from datetime import datetime
 from typing import Any
@@ -30,15 +30,13 @@ def perimeter_geojson(
 ) -> dict[str, Any]:
     """Return a FeatureCollection of the perimeter at a time.
 
-    The properties are those of the US interagency perimeters (WFIGS, where they have the prefix
-    ``poly_``), with times in ms since 1970 UTC.
+    The properties are those of the US interagency perimeters (WFIGS), without the prefix ``poly_``.
+    Times are in ms since 1970 UTC.
 
     Args:
-        arrival_s, landscape, at_s, start_area: as in ``fronts.burned_area``.
-        name: IncidentName.
-        written_unix_ms: the current time.
-        prescribed: whether the fire is a prescribed burn.
-        time_zero: date and time of 0 s; without it PolygonDateTime is None.
+        arrival_s, landscape, at_s, start_area: as in ``fronts.burned_area``. name: IncidentName.
+        written_unix_ms: the current time. prescribed: whether the fire is a prescribed burn.
+        time_zero: the date and time of mission time 0; without it PolygonDateTime is None.
     """
     area = burned_area(arrival_s, landscape, at_s, start_area)
     at_unix_ms = None if time_zero is None else round((time_zero.timestamp() + at_s) * 1000)

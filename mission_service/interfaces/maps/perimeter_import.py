@@ -1,4 +1,4 @@
-"""Reading of perimeters of other organisations: polygons, and their attributes."""
+"""Reads fire perimeters from other organisations: their polygons and attributes."""
 
 import math
 import re
@@ -40,7 +40,7 @@ FIELDS = {
 }
 CUT = 10
 PREFIXES = ("", "poly_", "attr_")
-FAR_APART_MS = 24 * 3600 * 1000  # difference of two times of one record that causes a note
+FAR_APART_MS = 24 * 3600 * 1000  # a larger difference of two times in one record causes a note
 AREAS_DIFFER = 0.1
 SMALL_SHARE = 0.001
 LONGEST_TEXT = 200
@@ -55,7 +55,7 @@ class Perimeter(NamedTuple):
     area: Any  # union of all features: shapely MultiPolygon, WGS84 longitude and latitude
     area_ha: float
     vertices: int
-    records: list[Record]  # one for each feature with the keys of FIELDS; None: missing value
+    records: list[Record]  # one per feature, with the keys of FIELDS; None is a missing value
     notes: list[str]  # irregularities, one line for each
 
     def geojson(self) -> dict[str, Any]:
@@ -76,14 +76,14 @@ def read_perimeter(data: bytes, file_name: str, landscape: Landscape) -> Perimet
     """Return the perimeter in a GeoJSON, KML, KMZ or zipped Shapefile (see ``uploaded_shapes``).
 
     The perimeter omits features without polygons and features outside the landscape; invalid
-    features are repaired. ``notes`` lists all of them. Raises FireModelError with one line that
-    contains file and feature.
+    features are repaired. ``notes`` lists all these features. Raises FireModelError in one line
+    that names file and feature.
     """
     return read_perimeter_in(data, file_name, shapely.Polygon(outline_of(landscape)))
 
 
 def read_perimeter_in(data: bytes, file_name: str, extent: BaseGeometry) -> Perimeter:
-    """Return what ``read_perimeter`` returns; ``extent`` is the landscape (lon, lat)."""
+    """Return what ``read_perimeter`` returns, for a landscape with this outline (lon, lat)."""
     name = _printable(file_name)
     polygons, records, notes = [], [], []
     off: list[tuple[int, BaseGeometry]] = []
@@ -122,7 +122,7 @@ def read_perimeter_in(data: bytes, file_name: str, extent: BaseGeometry) -> Peri
 
 
 def area_m2(area: Any) -> float:
-    """Return the area on the ellipsoid of polygons in longitude and latitude."""
+    """Return the area of polygons (longitude, latitude) on the ellipsoid, in square metres."""
     return abs(float(Geod(ellps="WGS84").geometry_area_perimeter(area)[0]))
 
 
@@ -138,7 +138,7 @@ def _printable(file_name: str) -> str:
 
 
 def _polygons_of(drawn: Drawn, number: int, name: str) -> tuple[BaseGeometry | None, list[str]]:
-    """Return the valid polygons of one feature (None: no polygon), and notes on irregularities."""
+    """Return a feature's valid polygons, or None if it has none, and notes on irregularities."""
     shape, feature = drawn.shape, f"feature {number}"
     if shape.is_empty:
         return None, [f"{feature} was ignored: it has no polygon"]
@@ -175,7 +175,7 @@ def _record(drawn: Drawn) -> Record:
 
 
 def _attribute(attributes: dict[str, Any], names: tuple[str, ...]) -> Any:
-    """Return the first of the attributes ``names``, in any of their spellings, or None."""
+    """Return the first attribute with one of these names, in any spelling, or None."""
     lower = {key.lower(): value for key, value in attributes.items()}
     for name in names:
         for prefix in PREFIXES:
@@ -197,7 +197,7 @@ def _number(value: Any) -> float | None:
 
 
 def _unix_ms(value: Any) -> int | None:
-    """Return ms since 1970 UTC from a number, ISO 8601, RFC 1123 or a date; None if invalid."""
+    """Return ms since 1970 UTC, from a number or text (ISO 8601, RFC 1123), or None."""
     if value is None or isinstance(value, bool):
         return None
     if isinstance(value, np.datetime64):

@@ -1,4 +1,4 @@
-"""A separate process that reads one uploaded perimeter: a file can crash only this process.
+"""Reads one uploaded perimeter in a separate process, because a file may crash the process.
 
 GEOS cannot be interrupted, holds the GIL while it runs, and has crashed on invalid input, so the
 service's process never passes uploaded geometry to it. The worker reads a ``Job`` from stdin and

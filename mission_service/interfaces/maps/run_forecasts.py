@@ -1,4 +1,4 @@
-"""The forecasts and the front of a run."""
+"""Provides the forecasts and the front of a run."""
 
 import asyncio
 from functools import partial
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def forecasts_of(context: "RunContext") -> "Forecasts | EstimatedForecasts":
-    """Return the forecasts of the run's fire, or in a burn of the estimated fire."""
+    """Return the forecasts of the run's fire or, in a burn, of the estimated fire."""
     if context.estimated_fire is not None:
         from mission_service.fire.estimated_forecast import EstimatedForecasts
 
@@ -31,7 +31,7 @@ def forecasts_of(context: "RunContext") -> "Forecasts | EstimatedForecasts":
 async def front_now(
     context: "RunContext", forecasts: "Forecasts | EstimatedForecasts"
 ) -> dict[str, Any]:
-    """Return the currently burned area, a GeoJSON Feature with ``at_us``; computed in a thread."""
+    """Return the area burned now, a GeoJSON Feature with ``at_us``, computed in a thread."""
     # The simulated fire may lag slightly behind the clock.
     at_us = min(context.clock.now_us, round(context.world.fire.time_s * 1e6))
     at_s = at_us / 1e6

@@ -1,4 +1,4 @@
-"""Elevation as tiles for a map's hillshade (MapLibre's raster-dem, Terrarium encoding)."""
+"""Encodes elevation as tiles for a map's hillshade (MapLibre's raster-dem, Terrarium format)."""
 
 import io
 import math
@@ -31,7 +31,7 @@ Heights = NDArray[np.float32]
 
 
 class TerrainTiles:
-    """Tiles of a landscape's elevation at ``/terrain/z/x/y.png``; y is counted from the north.
+    """The tiles of a landscape's elevation (``/terrain/z/x/y.png``); y is counted from the north.
 
     Tiles are cached; the least recently used are dropped first. Thread-safe.
     """
@@ -48,18 +48,18 @@ class TerrainTiles:
         self._made = lru_cache(maxsize=MAX_BYTES // LARGEST_TILE_BYTES)(self._make)
 
     def tile(self, z: int, x: int, y: int) -> bytes | None:
-        """Return a PNG of 256 x 256; None outside the landscape and the range of zoom levels.
+        """Return a PNG (256 x 256), or None outside the landscape or the range of zoom levels.
 
-        Elevation is 256 R + G + B / 256 - 32768 m. Beyond the landscape a tile extends the heights
-        of its edge, with smoothing that grows with the distance, so that the hillshade shows no
-        ridges there.
+        Elevation is 256 R + G + B / 256 - 32768 m. Beyond the landscape a tile continues the
+        heights of its edge. They are smoothed more with increasing distance, so that the hillshade
+        shows no ridges there.
         """
         if not (self._halved and self._minzoom <= z <= self._maxzoom and self._meets(z, x, y)):
             return None
         return self._made(z, x, y)
 
     def describe(self) -> dict[str, Any]:
-        """Return TileJSON with ``tiles`` relative to /api/v1/; no tiles without elevation."""
+        """Return the TileJSON. ``tiles`` is relative to /api/v1/, and empty without elevation."""
         return {
             "tilejson": "3.0.0",
             "tiles": ["terrain/{z}/{x}/{y}.png"] if self._halved else [],
@@ -168,6 +168,6 @@ def terrarium_png(heights: NDArray[np.floating]) -> bytes:
     value = np.rint((heights + TERRARIUM_ZERO_M) * 256.0).astype(np.uint32)
     pixels = np.stack([value >> 16, value >> 8 & 255, value & 255], axis=-1).astype(np.uint8)
     file = io.BytesIO()
-    # The lowest bits are noise, which has no longer matches for the compression.
+    # The lowest bits are noise, in which the compression finds no longer matches.
     Image.fromarray(pixels).save(file, "PNG", compress_type=zlib.Z_HUFFMAN_ONLY)
     return file.getvalue()

@@ -1,4 +1,4 @@
-"""Simplification of uploaded rings in O(n log n) and without recursion."""
+"""Simplifies uploaded rings in O(n log n) and without recursion."""
 
 import heapq
 import itertools
@@ -10,10 +10,10 @@ TRIED = 4  # if sides cross, the second attempt starts from this multiple of ``m
 
 
 def thinned(ring: Ring, most: int) -> Ring:
-    """Simplify a ring to at most ``most`` corners with little change, without crossing sides.
+    """Simplify a ring to at most ``most`` corners, with little change and no crossing sides.
 
-    The last corner differs from the first. The function does not raise: if the simplified ring
-    crosses itself, the result is the outline of the largest part.
+    The last corner differs from the first. If the simplified ring crosses itself, the result is the
+    outline of its largest part. The function raises no exception.
     """
     if len(ring) <= most:
         return ring

@@ -1,7 +1,7 @@
-"""Reading of shapes and their attributes from the bytes of an uploaded, untrusted file.
+"""Reads shapes and their attributes from the bytes of an uploaded, untrusted file.
 
 This module parses GeoJSON and KML and does not pass them to GDAL, which would also follow
-references to other files. It reads few members of an archive and ignores their paths.
+references to other files. It reads only a few members of an archive and ignores their paths.
 """
 
 import io
@@ -43,7 +43,7 @@ class Drawn(NamedTuple):
 
 
 def features_in(data: bytes, name: str) -> list[Drawn]:
-    """Return all features of a GeoJSON, KML, KMZ or zipped Shapefile; detect the format.
+    """Return all features in a GeoJSON, KML, KMZ or zipped Shapefile, whose format is detected.
 
     The shapes may be empty, invalid, or no polygons. ``name`` is for messages. Raises
     FireModelError with one line for a file that is too large or cannot be read.
@@ -153,7 +153,7 @@ def _from_shapefile(members: dict[str, bytes], stem: str, name: str) -> list[Dra
         raise FireModelError(
             f"{name}: {stem}.shp has shape type {kind}; send the perimeter as polygons"
         )
-    # Zipped again with fixed names, so that GDAL reads only these files.
+    # The members are zipped again with fixed names, so that GDAL reads only these files.
     packed = io.BytesIO()
     with zipfile.ZipFile(packed, "w") as archive:
         for suffix in SHAPEFILE_PARTS:
@@ -211,7 +211,7 @@ def _geometry(geometry: Any, feature: str) -> BaseGeometry:
 
 
 def _crs_of(content: dict[str, Any], name: str) -> str | None:
-    """Return the CRS of the crs member of older GeoJSON; None for longitude and latitude."""
+    """Return the CRS in the crs member of older GeoJSON; None for longitude and latitude."""
     member = content.get("crs")
     if member is None:
         return None

@@ -1,6 +1,6 @@
-"""The connection of a process to an MQTT broker.
+"""Keeps the connection of a process to an MQTT broker.
 
-The client reconnects after a lost connection, at intervals that grow to ``MAX_WAIT_S``. Every wait
+After a lost connection the client reconnects, at intervals that grow to ``MAX_WAIT_S``. Every wait
 for the broker has a time limit. The users of the connection keep no queue that grows while the
 broker is unreachable.
 """
@@ -41,7 +41,7 @@ REFUSED = {
 
 @dataclass(frozen=True, slots=True)
 class BrokerAccess:
-    """Credentials for a broker, and the TLS settings that verify the broker."""
+    """The credentials for a broker, and the TLS settings that verify the broker."""
 
     user: str | None = None
     password: str | None = field(default=None, repr=False)
@@ -118,7 +118,7 @@ async def keep_connected(
     use: Callable[[aiomqtt.Client], Awaitable[None]],
     lost: Callable[[str], None],
 ) -> None:
-    """Connect with a new client after each failure and run ``use`` on it, until cancelled.
+    """Run ``use`` on a connected client until cancelled; after each failure use a new client.
 
     Args:
         make: returns a client that logs to the given logger.
@@ -160,7 +160,7 @@ def cause_of(error: aiomqtt.MqttError | OSError, logged: str) -> str:
 
 
 class LastClientError(logging.Handler):
-    """Logging handler that stores the last error of a client.
+    """A logging handler that stores the last error of a client.
 
     Without it the cause is lost: the exceptions of aiomqtt only report a missing response.
     """
@@ -177,7 +177,7 @@ class LastClientError(logging.Handler):
 
 
 async def together(*coroutines: Coroutine[Any, Any, None]) -> None:
-    """Run coroutines until one ends, then cancel the others; raises the exception of the first."""
+    """Run coroutines until one ends, cancel the others, and raise the exception of the first."""
     tasks = {asyncio.create_task(coroutine) for coroutine in coroutines}
     try:
         ended, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
@@ -208,7 +208,7 @@ def _from_client(error: BaseException) -> bool:
 
 
 async def _end(tasks: set[asyncio.Task[None]]) -> None:
-    """Cancel tasks until they end: before Python 3.12 ``wait_for`` may drop a cancellation."""
+    """Cancel tasks until they end, because ``wait_for`` before Python 3.12 may drop one request."""
     running = tasks
     while running:
         for task in running:

@@ -1,4 +1,4 @@
-"""The broker, the credentials and the topics that ``[service.mqtt]`` configures."""
+"""Reads the broker, the credentials and the topics that ``[service.mqtt]`` configures."""
 
 from dataclasses import dataclass
 

@@ -1,7 +1,7 @@
-"""Validation of commands over MQTT before the service handles them. Pure: times are arguments.
+"""Validates MQTT commands before the service handles them. Pure: times are arguments.
 
 The broker controls which user may publish to which topic, so every command has a separate topic.
-The service cannot identify the sender. It therefore refuses every request that permits drops, and
+The service cannot identify the sender, and therefore refuses every request that permits drops. It
 accepts an abort with any content.
 """
 
@@ -46,7 +46,7 @@ class _Answered:
 
 
 class CommandGate:
-    """Filter that passes valid commands to the request handler and stores the replies.
+    """A filter that passes valid commands to the request handler and stores the replies.
 
     It stores ``MAX_REMEMBERED`` replies, as many as the rate limit allows in ``REMEMBERED_S``.
     """
@@ -153,7 +153,7 @@ def _refuse_names(name: str) -> None:
 
 
 def _read(payload: bytes) -> tuple[Command, dict[str, Any]]:
-    """Decode a command; return it and the request for the request handler."""
+    """Decode a command, and return it with the request for the request handler."""
     if len(payload) > MAX_BYTES:
         raise _RefusedError(f"the message has {len(payload)} bytes; the limit is {MAX_BYTES}")
     try:

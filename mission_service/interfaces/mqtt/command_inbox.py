@@ -1,4 +1,4 @@
-"""Queue of received messages that the service has not handled yet."""
+"""Queues received messages that the service has not handled yet."""
 
 import asyncio
 from collections import deque
@@ -7,18 +7,18 @@ import aiomqtt
 
 
 class Inbox(asyncio.Queue[aiomqtt.Message]):
-    """Bounded queue of messages in order of arrival; ``put_nowait`` never raises QueueFull.
+    """A bounded queue of messages in order of arrival; ``put_nowait`` never raises QueueFull.
 
-    With ``urgent``, messages of topics with this ending precede all others. If the queue is full,
-    an urgent message replaces the last of the others, and any other message is dropped: its sender
-    receives no reply and may send it again. Without ``urgent``, a full queue drops its oldest
-    message, so that a slow process does not handle outdated messages.
+    With ``urgent``, messages on topics with this ending come before all others. If the queue is
+    full, an urgent message replaces the last of the others, and any other message is dropped. The
+    sender of a dropped message receives no reply and may send it again. Without ``urgent``, a full
+    queue drops its oldest message, so that a slow process does not handle outdated messages.
     """
 
     def __init__(self, size: int, urgent: str = "", newest: tuple[str, ...] = ()) -> None:
         """Make a queue of ``size`` messages.
 
-        Of each topic with an ending in ``newest`` the queue stores only the newest message.
+        For each topic with an ending in ``newest``, the queue stores only the newest message.
         """
         super().__init__(size)
         self.dropped = 0

@@ -1,4 +1,7 @@
-"""MQTT messages that are not states of the state view: flat JSON with units in the keys."""
+"""Defines the MQTT messages that are not states in the state view.
+
+They are flat JSON with units in the keys.
+"""
 
 from typing import Annotated
 

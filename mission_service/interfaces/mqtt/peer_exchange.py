@@ -1,4 +1,4 @@
-"""MQTT messages between the UAVs of a formation that several processes control.
+"""Exchanges MQTT messages between the UAVs of a formation that several processes control.
 
 Sending never waits for a broker. Each process puts its messages in a short queue, in which a newer
 state replaces an older one. Maps recover from lost messages by their digests. Without a broker all
@@ -59,7 +59,7 @@ class Channel:
     access: BrokerAccess = OPEN
 
     def topic(self, vehicle: str, kind: str) -> str:
-        """Return the topic of a vehicle's messages of a kind; ``+`` matches all of either."""
+        """Return the topic for a vehicle's messages of one kind; ``+`` stands for all of them."""
         return f"{site_topic(self.prefix, self.site)}/formation/{vehicle}/{kind}"
 
 
@@ -72,7 +72,7 @@ def channel_of(
 ) -> Channel:
     """Return the channel of a scenario's vehicles.
 
-    It has the credentials of ``settings`` if these configure the same broker. Raises
+    The channel uses the credentials in ``settings`` if these configure the same broker. Raises
     MissionServiceError for an invalid address or prefix.
     """
     address = read_broker(broker)
@@ -114,9 +114,9 @@ def decoded_time(payload: bytes, latest_us: int) -> int:
 
 
 class Outbox:
-    """Queue of messages to send: states first, digests last.
+    """A queue of messages to send, states first and digests last.
 
-    Beyond ``MAX_WAITING`` other messages the oldest of them is dropped.
+    If more than ``MAX_WAITING`` other messages wait, the oldest of them is dropped.
     """
 
     def __init__(self) -> None:
@@ -148,7 +148,7 @@ class Outbox:
 
 
 class PeerExchange:
-    """Exchange of messages between the vehicles of this process (``own``) and all others.
+    """The exchange of messages between this process's vehicles (``own``) and all others.
 
     ``latest_us`` is the latest possible mission time.
     """
@@ -178,7 +178,7 @@ class PeerExchange:
         )
 
     async def _use(self, client: aiomqtt.Client, listener: "PeerListener") -> None:
-        """Exchange messages until the connection is lost; raises the error that ended it."""
+        """Exchange messages until the connection is lost, and raise the error that ended it."""
         await client.subscribe(self.channel.topic("+", "+"), qos=0)
         listener.announce(f"connected to other processes over {self.channel.broker}", False)
         self.connected, self._loss_reported = True, False
@@ -215,7 +215,7 @@ class PeerExchange:
                 self.sent[kind] += 1
 
     async def _find_contact(self, client: aiomqtt.Client, listener: "PeerListener") -> None:
-        """Report the link after the time in which all processes have reconnected to the broker."""
+        """Report the link after the time that all processes need to reconnect to the broker."""
         await asyncio.sleep(MAX_WAIT_S + 0.5)
         self._in_contact = True
         listener.on_link(True)

@@ -1,4 +1,4 @@
-"""Selection of the states to publish over MQTT: the newest of each key of the state view. Pure.
+"""Selects the states to publish over MQTT: the newest for each key of the state view. Pure.
 
 No message waits in a queue: the schedule stores only the version that was last sent for each key.
 Memory therefore does not grow without a broker, and a new connection receives the current states.
@@ -20,7 +20,7 @@ _encode = msgspec.json.Encoder().encode
 
 
 class Publication(NamedTuple):
-    """One message; ``name`` is the vehicle or command in its topic, if it has one."""
+    """One message; ``name`` is the vehicle or command in its topic, if the topic has one."""
 
     topic: Topic
     payload: bytes
@@ -33,7 +33,7 @@ class Publication(NamedTuple):
 
 
 class PublishSchedule:
-    """Schedule of publications, by a monotonic clock.
+    """A schedule of publications by a monotonic clock.
 
     States have QoS 0, because each new connection sends all of them again. Announcements have
     QoS 1, because no newer message replaces them.

@@ -1,4 +1,4 @@
-"""Publisher of the state view's states to a broker; also handles commands if configured.
+"""Publishes the state view's states to a broker, and handles commands if configured.
 
 The run never waits for the broker, and memory does not grow without one (``publish_schedule.py``).
 """
@@ -110,7 +110,7 @@ class Publisher:
         )
 
     async def _use(self, client: aiomqtt.Client) -> None:
-        """Publish and handle commands until the connection is lost; raises the error of its end."""
+        """Publish and handle commands until the connection is lost, then raise its error."""
         try:
             await self._exchange(client)
         except Exception:
@@ -233,7 +233,7 @@ class Publisher:
             await self._wait_for_change(version)
 
     async def _wait_for_change(self, version: int) -> None:
-        """Wait up to ``LONGEST_LOOK_S`` for a change of the state view; states may be due."""
+        """Wait for a change of the state view, but at most ``LONGEST_LOOK_S``."""
         await asyncio.sleep(LOOK_S)
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(LONGEST_LOOK_S):
@@ -255,7 +255,7 @@ class Publisher:
     # Commands ---------------------------------------------------------------------------------
 
     async def _receive(self, client: aiomqtt.Client) -> None:
-        """Handle commands; raises as soon as the connection is lost, even without publications."""
+        """Handle commands; raise the error of a lost connection even if nothing is published."""
         async for message in client.messages:
             self._handle(message)
             await asyncio.sleep(0)  # other tasks run between two commands

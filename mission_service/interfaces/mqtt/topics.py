@@ -1,8 +1,8 @@
-"""All topics of a site: names after ``PREFIX/v1/SITE/``, payloads, QoS and times. Pure.
+"""Lists all topics of a site: names after ``PREFIX/v1/SITE/``, payloads, QoS and times. Pure.
 
-A topic with ``part`` is published when that part of the state view changes, a topic with only
-``build`` when the message differs from the last one. The publisher builds the messages of all other
-topics. The schemas and the table of ``docs/mqtt.md`` are generated from this table.
+A topic with ``part`` is published when that part of the state view changes. A topic with only
+``build`` is published when its message differs from the last one. The publisher builds the messages
+of all other topics. The schemas and the table of ``docs/mqtt.md`` are generated from this table.
 """
 
 from collections.abc import Callable
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 class Topic(NamedTuple):
-    """A topic; ``{}`` is the place of the name of a vehicle or command."""
+    """A topic; ``{}`` stands for the name of a vehicle or command."""
 
     path: str
     carries: type[msgspec.Struct] | str  # the Struct of its messages, or the name of a schema
@@ -37,7 +37,7 @@ class Topic(NamedTuple):
 
     @property
     def schema(self) -> str:
-        """Return name and version of the schema of its messages."""
+        """The name and version of the schema of its messages."""
         if isinstance(self.carries, str):
             return self.carries
         return str(self.carries.__struct_config__.tag)

@@ -1,4 +1,4 @@
-"""Build of the map into ``dist`` with npm, of the system or of the Node.js package from PyPI.
+"""Builds the map into ``dist`` with npm, from the system or from the Node.js package on PyPI.
 
 The Makefile and hatch (``hatch_build.py``) use this module.
 """

@@ -1,4 +1,4 @@
-"""Build hook of hatch, so that every wheel contains the map. An existing build is not rebuilt."""
+"""Adds the map to every wheel that hatch builds. An existing build of the map is kept."""
 
 import os
 import sys
@@ -12,12 +12,12 @@ from mission_service.interfaces.web.build import NODE_FROM_PYPI, PAGE, build_map
 
 
 class MapHook(BuildHookInterface):  # type: ignore[misc]
-    """Hook that builds the map if it is missing."""
+    """The build hook of hatch that builds the map if it is missing."""
 
     PLUGIN_NAME = "custom"
 
     def dependencies(self) -> list[str]:
-        """Return the Node.js package of PyPI if the map and Node.js are missing."""
+        """Return the Node.js package on PyPI if both the map and Node.js are missing."""
         return [] if PAGE.exists() or has_node() else [NODE_FROM_PYPI]
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:

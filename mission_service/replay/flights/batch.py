@@ -21,7 +21,7 @@ def analysis_of(name: str, flight: Flight) -> RunAnalysis:
 
 
 def analysis_with_fire(name: str, pairing: Pairing, out: Path | None, created: str) -> RunAnalysis:
-    """Analyse a flight with its open-loop replay, whose journal is written to ``out``, if given.
+    """Analyse a flight with its open-loop replay; write the replay's journal to any ``out``.
 
     ``created`` is the time in the journal's header. Raises FlightError if ``out`` already contains
     the journal of a run.
@@ -53,7 +53,7 @@ def distinct(names: Sequence[str]) -> list[str]:
 
 
 def run_name(paths: Sequence[Path]) -> str:
-    """Return the name of a run: the names of its logs, and for a journal that of its folder."""
+    """Return the name of a run: the names of its logs, or of a journal's folder."""
     return " + ".join(dict.fromkeys(_name_of(path) for path in paths))
 
 

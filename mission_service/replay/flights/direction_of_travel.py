@@ -1,4 +1,4 @@
-"""The direction in which a vehicle flew around a fire, and its reversals. Pure."""
+"""Finds the direction in which a vehicle flew around a fire, and its reversals. Pure."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
-# A reversal is a flight back through this angle: around a fire, or around the middle of a track.
-# The second angle is larger, because a track may contain loiters at any position.
+# A reversal is a flight back through at least this angle, first around a fire, second around the
+# middle of a track. The second angle is larger, because a track may contain loiters at any
+# position.
 FIRE_DEG, TRACK_DEG = 30.0, 60.0
-LEAP_DEG = 90.0  # a larger angle between two points is a flight across the middle
+LEAP_DEG = 90.0  # a larger angle between two points means a flight across the middle
 
 
 class Turn(NamedTuple):
@@ -23,11 +24,11 @@ class Turn(NamedTuple):
 
 
 def turns(east_m: Floats, north_m: Floats, min_deg: float, near_m: float) -> list[Turn]:
-    """Return the directions of travel around a middle, from positions (n,) in metres from it.
+    """Return the directions of travel around a middle; positions (n,) are in metres from it.
 
-    A reversal is dated to the point farthest along the old direction, which is determined when
-    the vehicle has flown back by ``min_deg``. Points nearer to the middle than ``near_m`` are
-    ignored, because their bearing is uncertain. Movements of less than ``min_deg`` are not found.
+    A reversal is found when the vehicle has flown back by ``min_deg``, and is dated to the point
+    farthest along the old direction. Points nearer to the middle than ``near_m`` are ignored,
+    because their bearing is uncertain. Movements of less than ``min_deg`` are not found.
     """
     used = np.flatnonzero(np.hypot(east_m, north_m) >= near_m)
     angle_deg = np.rad2deg(np.unwrap(np.arctan2(east_m[used], north_m[used])))
@@ -59,7 +60,7 @@ def differing(
     decided: Sequence[tuple[int, bool | None]],
     end_us: int,
 ) -> list[Span]:
-    """Return the spans in which two directions differ; None (unknown) never differs.
+    """Return the spans in which two directions differ; None (unknown) differs from neither.
 
     Each direction (time, clockwise) is valid from its time until the next one.
     """

@@ -14,7 +14,7 @@ GRIPPER = 0  # used as the servo number
 
 
 class Planned(NamedTuple):
-    """A drop of a mission, at the position of the navigation item before it."""
+    """A drop in a mission, at the position of the navigation item before it."""
 
     lat_deg: float
     lon_deg: float
@@ -58,7 +58,7 @@ def planned_in(items: Items) -> list[Planned]:
 def compared(planned: Sequence[Planned], done: Sequence[Done]) -> list[Compared]:
     """Match each planned drop with the first unmatched actual drop of the same output.
 
-    Unmatched actual drops are returned only without any planned drop.
+    Unmatched actual drops are returned only if no drop is planned.
     """
     unmatched = list(done)
     found: list[Compared] = []

@@ -1,4 +1,4 @@
-"""A stream that can be read again from any position; entries are cached in a file."""
+"""Caches the entries of a stream in a file, so that it can be read again from any position."""
 
 import pickle
 from collections.abc import Iterator
@@ -11,7 +11,7 @@ Entry = TypeVar("Entry")
 
 
 class EntryCache(Generic[Entry]):
-    """Entries of a stream by index from 0; the stream is read only as far as needed."""
+    """The entries of a stream by index from 0; the stream is read only as far as needed."""
 
     def __init__(self, stream: Iterator[Entry]) -> None:
         self._stream = stream

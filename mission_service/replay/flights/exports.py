@@ -37,7 +37,7 @@ def check_libraries(formats: Collection[str]) -> None:
 
 
 def export(logs: list[Log], out: Path, formats: Collection[str]) -> list[str]:
-    """Write the requested formats of tables, tracks, missions and MCAP; returns the file names."""
+    """Write tables, tracks, missions and MCAP in the requested formats; return the file names."""
     names: dict[tuple[int, int], str] = {}
     flown: list[Flown] = []
     with TableFiles(out, [each for each in WRITERS if each in formats]) as tables:
@@ -86,7 +86,10 @@ def _plans(flown: list[Flown], out: Path) -> list[str]:
 
 
 def _kml(flown: list[Flown]) -> Iterator[str]:
-    """Yield KML 2.2 with a gx:Track (Google's extension) per vehicle; altitudes above sea level."""
+    """Yield KML 2.2 with a gx:Track (Google's extension) for each vehicle.
+
+    Altitudes are above sea level.
+    """
     yield (
         '<?xml version="1.0" encoding="UTF-8"?>\n<kml xmlns="http://www.opengis.net/kml/2.2" '
         'xmlns:gx="http://www.google.com/kml/ext/2.2"><Document>\n'

@@ -1,4 +1,4 @@
-"""Analyses the fire of a journal and its observation by replaying the run.
+"""Analyses the fire in a journal, and how it was observed, by replaying the run.
 
 A new core processes the events, so that the planners' estimates at each time are available, and the
 fire is simulated again.
@@ -37,7 +37,7 @@ VISIT_S = 30.0  # observations with shorter gaps belong to the same visit
 
 @dataclass(slots=True)
 class Upload:
-    """A mission that was sent: the reason, the outcome and its time."""
+    """A mission that was sent, with its reason, its outcome and the outcome's time."""
 
     vehicle: str
     at_us: int
@@ -49,7 +49,7 @@ class Upload:
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """The observation of the front at a time: shares of 360 bearings and ages."""
+    """How well the front was observed at a time, as shares of 360 bearings and as ages."""
 
     at_us: int
     area_ha: float
@@ -66,7 +66,7 @@ class FireAnalysis:
     scenario: Scenario
     landscape: Landscape
     record: RunStatistics
-    open_loop: bool  # replay of a logged flight: no mission was sent or flown
+    open_loop: bool  # a replay of a logged flight, in which no mission was sent or flown
     centre: tuple[float, float] | None = None  # lat_deg, lon_deg of the reported fire
     area_ha: float = 0.0  # burned at the end
     arrival_s: Floats = field(default_factory=lambda: np.empty((0, 0)))
@@ -154,7 +154,7 @@ class _Analyser:
                 self._analysis.uploads.append(sent)
 
     def _note_observation(self, observed: Observed) -> None:
-        """Record the bearings of the front in view; an observation after a gap is a visit."""
+        """Record the bearings of the front in view; an observation after a gap is a new visit."""
         assert self._map is not None
         window, at_s = window_codes(observed.cells), observed.at_us / 1e6
         if observed.corrects:
@@ -166,7 +166,7 @@ class _Analyser:
         self._seen_s[in_view] = at_s
 
     def _note_direction(self, name: str, at_us: int) -> None:
-        """Record the direction that the vehicle's planner decided, whenever it changes."""
+        """Record the direction that the vehicle's planner has chosen, whenever it changes."""
         planner: Any = self._core.decision_engine.planners[name]
         phase = getattr(planner, "phase", "approach")
         flies = self._core.decision_engine.availability[name].flies
@@ -197,7 +197,7 @@ class _Analyser:
                 self._estimates.append((at_us, name, shape.copy()))
 
     def _compare(self) -> None:
-        """Compute mean and maximum distance of the estimated fronts from the true front, in m."""
+        """Compute the mean and maximum distance in m between the estimated and true fronts."""
         analysis = self._analysis
         fire = self._fire.world.fire
         analysis.area_ha = fire.burned_ha

@@ -28,8 +28,8 @@ class VehicleLog(NamedTuple):
     event: LogEvent
 
 
-# Entries that remain valid until the next one of their kind. A part of a flight begins with the
-# last entry of each kind before it.
+# The kinds of entries that remain valid until the next entry of their kind. A part of a flight
+# begins with the last earlier entry of each of these kinds.
 LASTING: tuple[tuple[tuple[type, ...], str], ...] = (
     ((Connected,), "stack"),
     ((LinkLost, LinkRestored), "link"),
@@ -40,9 +40,9 @@ LASTING: tuple[tuple[tuple[type, ...], str], ...] = (
 
 
 class Flight(NamedTuple):
-    """Logs that are analysed together; ``names`` are the given names of each log's vehicle.
+    """Logs that are analysed together; ``names`` contains the given name of each log's vehicle.
 
-    Only the part from ``from_s`` to ``to_s`` after the beginning of the logs is used.
+    Only the part between ``from_s`` and ``to_s``, in seconds since the logs begin, is used.
     """
 
     logs: tuple[Log, ...]
@@ -64,7 +64,7 @@ class Flight(NamedTuple):
         return self.from_s > 0.0 or self.to_s < math.inf
 
     def zero_us(self) -> int:
-        """Return the begin of the whole flight on its clock. Raises FlightError for empty logs."""
+        """Return the time at which the whole flight begins. Raises FlightError for empty logs."""
         first = next(self._whole(), None)
         if first is None:
             raise FlightError(f"{self.paths}: no vehicle in it")
@@ -76,10 +76,10 @@ class Flight(NamedTuple):
         return ", ".join(str(log.path) for log in self.logs)
 
     def played(self) -> Iterator[VehicleLog]:
-        """Yield all entries of the part in order of time, after the lasting entries before it.
+        """Yield the lasting entries from before the part, then its entries in order of time.
 
-        If a vehicle has two logs (of the link and from on board), each kind of event is read from
-        the log that contains it first.
+        If a vehicle has two logs (one recorded on the link and one on board), each kind of event is
+        read from the log in which it occurs first.
         """
         from_us, to_us = None, math.inf
         lasting: dict[tuple[str, str], VehicleLog] = {}
@@ -118,7 +118,7 @@ class Flight(NamedTuple):
 
 
 def _replace(lasting: dict[tuple[str, str], VehicleLog], entry: VehicleLog, at_us: int) -> None:
-    """Replace the lasting entry of this kind; it becomes the last of all lasting entries."""
+    """Replace the lasting entry of this kind, and move it to the end of all lasting entries."""
     kind = next((word for kinds, word in LASTING if isinstance(entry.event, kinds)), None)
     if kind is None:
         return
@@ -129,7 +129,7 @@ def _replace(lasting: dict[tuple[str, str], VehicleLog], entry: VehicleLog, at_u
 
 
 def flight_of(words: Sequence[str]) -> Flight:
-    """Open logs, given as PATH or NAME=PATH; logs with the same NAME are of one vehicle.
+    """Open logs, given as PATH or NAME=PATH; logs with the same NAME belong to one vehicle.
 
     Raises FlightError and BridgeError in one line.
     """
@@ -144,7 +144,7 @@ def flight_of(words: Sequence[str]) -> Flight:
 
 
 def path_of(word: str) -> Path:
-    """Return the path in a word PATH or NAME=PATH."""
+    """Return the path in an argument PATH or NAME=PATH."""
     return _split(word)[1]
 
 

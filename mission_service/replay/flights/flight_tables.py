@@ -1,4 +1,4 @@
-"""Log entries as rows of tables; all file formats have the same columns."""
+"""Converts log entries to rows of tables; all file formats have the same columns."""
 
 import math
 from collections import Counter
@@ -101,7 +101,7 @@ class Rows:
         self._pulses: dict[int, tuple[int, ...]] = {}
 
     def of(self, system_id: int, event: LogEvent) -> Iterator[tuple[str, Row]]:
-        """Yield the tables and rows of an event; nothing for an event at an impossible time."""
+        """Yield the tables and rows for an event; none if the event's time is impossible."""
         at_us = event.at_us
         if not 0 <= at_us < LATEST_US:
             return
@@ -111,7 +111,7 @@ class Rows:
             yield table, (self._log, system_id, at_us, unix_us, *own)
 
     def _own(self, system_id: int, event: LogEvent) -> Iterator[tuple[str, Row]]:
-        """Yield the tables of an event with the values of their own columns."""
+        """Yield the tables for an event, with the values of those columns that only they have."""
         table = SAME_FIELDS.get(type(event))
         if table is not None:
             yield table, tuple(getattr(event, column) for column in OWN[table])
@@ -176,7 +176,7 @@ def _items(items: Items) -> Iterator[Row]:
 
 
 def _converted(kind: type, value: Any) -> Any:
-    """Convert a value to its column's type, because the field types of ULog files vary.
+    """Convert a value to its column's type, because field types vary between ULog files.
 
     Returns None for NaN and infinity, which JSON and plots cannot represent.
     """

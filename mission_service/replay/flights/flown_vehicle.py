@@ -1,4 +1,4 @@
-"""Figures of the flights in logs."""
+"""Computes figures of the flights in logs."""
 
 import math
 from collections.abc import Callable
@@ -33,7 +33,7 @@ FIRST_AUXILIARY, STEP_US = 5, 300  # servos 1 to 4 control the flight
 
 
 class Flown:
-    """The flight of one vehicle in a log."""
+    """The flight of one vehicle in a log, with its figures."""
 
     def __init__(self, name: str, system_id: int, offset_us: int | None) -> None:
         self.name = name
@@ -41,7 +41,7 @@ class Flown:
         self.stack: Stack | None = None
         self.track = Track()
         self.missions: list[tuple[int, Items]] = []
-        self.replaced_us: list[int] = []  # replacements by missions without items in the log
+        self.replaced_us: list[int] = []  # replacements by missions whose items are not in the log
         self.home: tuple[float, float, float] | None = None
         self.offset_us = offset_us or 0
         self._dated = offset_us is not None
@@ -96,13 +96,13 @@ class Flown:
                 pass
 
     def _begin_mission(self, at_us: int) -> None:
-        """Begin a new mission; a jump back shortly before it was its first item and is removed."""
+        """Begin a new mission; remove a jump back shortly before, which was to its first item."""
         self._current = None
         if self.turned_back_us and at_us - self.turned_back_us[-1] <= SETTLES_US:
             self.turned_back_us.pop()
 
     def _note_outputs(self, now: Outputs, at_us: int) -> None:
-        """Record steps of auxiliary servos, and of servos with which a mission drops."""
+        """Record the steps of auxiliary servos, and of servos that a mission uses for drops."""
         steps = zip(self._pulses, now.pulse_us, strict=False)
         for number, (before, after) in enumerate(steps, 1):
             if number < FIRST_AUXILIARY and number not in self._dropping:

@@ -1,4 +1,4 @@
-"""Log entries as JSON messages with Foxglove's schemas.
+"""Converts log entries to JSON messages with Foxglove's schemas.
 
 The fields are those of foxglove-sdk's ``schemas/jsonschema``. Plot panels receive rows of the
 tables in ``flight_tables.py`` without time and vehicle, and without unknown values, because
@@ -119,7 +119,7 @@ def _location(name: str, time: dict[str, int], fix: Position) -> dict[str, Any]:
 
 
 def _words(table: str, own: dict[str, Any]) -> tuple[int, str]:
-    """Return level and text of a row of events or modes."""
+    """Return the log level and the text for a row of events or modes."""
     if table == "modes":
         armed = "armed" if own["armed"] else "disarmed"
         return INFO, f"mode {own['mode'] or own['custom_mode']}, {armed}"

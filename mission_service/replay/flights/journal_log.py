@@ -1,4 +1,4 @@
-"""A journal as a log: the events of its vehicles as log entries in mission time."""
+"""Reads a journal as a log: its vehicles' events become log entries in mission time."""
 
 import math
 from collections.abc import Iterator
@@ -62,7 +62,7 @@ class JournalLog:
         return None if zero is None else unix_us(zero)
 
     def entries(self) -> Iterator[Entry]:
-        """Yield the vehicles' events as log entries; an accepted upload is a loaded mission.
+        """Yield the vehicles' events as log entries; an accepted upload becomes a loaded mission.
 
         The journal of a replay yields no missions, because no vehicle received them.
         """
@@ -154,7 +154,7 @@ def _log_event(event: AnyEvent) -> LogEvent | None:
 
 
 def journal_in(path: Path) -> Path:
-    """Return the path of the journal in the folder of a run; the path itself if it is a file."""
+    """Return the path of the journal in a run's folder, or the given path if it is a file."""
     return path / JOURNAL if path.is_dir() else path
 
 

@@ -1,4 +1,4 @@
-"""The client of a logged vehicle: commands do not change its flight."""
+"""Provides the client of a logged vehicle, whose flight no command changes."""
 
 from collections import deque
 
@@ -11,8 +11,8 @@ from autopilot_bridge.vehicle.client_events import ClientEvent
 from autopilot_bridge.vehicle.orders import Dropper
 from autopilot_bridge.vehicle.transfer_states import StartItem
 
-# The log events that the core uses as input. Mission progress is not one of them: its items are
-# those of the flown mission, not of the missions that the core would have sent.
+# The log events that the core uses as input. Mission progress is not one of them, because it refers
+# to the mission that was flown and not to the missions that the core would have sent.
 INPUT_EVENTS = (
     bridge.Connected
     | bridge.LinkLost
@@ -29,7 +29,7 @@ INPUT_EVENTS = (
 
 
 class LoggedVehicle:
-    """Acknowledges every command at once, so that the core continues with its next command.
+    """A client that acknowledges every command at once, so that the core can continue.
 
     Only drops are refused, because the logged vehicle did not release them.
     """

@@ -15,9 +15,9 @@ LIBRARY = "mission-service"  # the default contains the version of mcap, which c
 
 
 def write_mcap(path: Path, logs: Sequence[Log], names: Mapping[tuple[int, int], str]) -> None:
-    """Write all logs with UTC times if all of them have UTC, else with the times of their clocks.
+    """Write all logs, with UTC times if all logs have UTC, else with the times of their clocks.
 
-    ``names`` are the vehicles' names by the index of the log and the system id.
+    ``names`` contains the vehicles' names by the log's index and the system id.
     """
     found = [offset for log in logs if (offset := log.unix_offset_us()) is not None]
     offsets = found if len(found) == len(logs) else [0] * len(logs)

@@ -1,8 +1,8 @@
-"""Open-loop replay: the core processes a logged flight; its commands do not change the flight.
+"""Replays a logged flight in an open loop: the core's commands do not change the flight.
 
-The log's vehicles replace the vehicles on links (``logged_vehicle.py``). Simulated camera, core,
-journal and state view are those of a live run. The replay of a flight therefore writes a journal
-that can be verified, and the interfaces show it like a run.
+The log's vehicles replace the vehicles on links (``logged_vehicle.py``). The simulated camera, the
+core, the journal and the state view are those of a live run. The replay of a flight therefore
+writes a journal that can be verified, and the interfaces show it like a run.
 """
 
 import heapq
@@ -32,7 +32,7 @@ NEVER_LATE_US = 1 << 62  # disables the alarm for delays of the event loop
 def entries_of(pairing: Pairing) -> Iterator[FlightEntry]:
     """Yield the entries of a flight and the operators' requests about the fire, in order of time.
 
-    Of logs with hundreds of positions a second, some positions are omitted.
+    Logs with hundreds of positions per second are thinned.
     """
     log, mission = pairing.flight.logs[0], pairing.mission
     of_fire: list[AnyOperatorEvent] = []
@@ -54,7 +54,7 @@ def entries_of(pairing: Pairing) -> Iterator[FlightEntry]:
 
 
 class OpenLoopReplay:
-    """The service of a scenario with the vehicles of a flight."""
+    """The service that replays a flight, with the vehicles of its logs."""
 
     def __init__(
         self,

@@ -1,4 +1,4 @@
-"""The figures of a report: map, timeline, heights, observation of the front, mission changes."""
+"""Draws the report's figures: map, timeline, heights, observation of the front, missions."""
 
 import io
 from collections.abc import Callable, Sequence
@@ -18,7 +18,7 @@ from mission_service.replay.flights.run_figures import above_terrain_m
 from mission_service.runtime.outputs import VEHICLE_COLOURS
 
 Floats = NDArray[np.float64]
-Places = Callable[[Any, Any], tuple[Any, Any]]  # lat, lon to the axes' own km
+Places = Callable[[Any, Any], tuple[Any, Any]]  # from lat, lon to km on the axes
 
 MAX_MISSIONS = 6  # with more missions none is drawn, because they would hide the map
 GAP_US = 10_000_000
@@ -31,7 +31,7 @@ MODE_COLOURS = (
 
 
 def png(figure: Figure) -> bytes:
-    """Return a figure as a PNG file; equal figures give equal bytes."""
+    """Return a figure as the bytes of a PNG file; equal figures give equal bytes."""
     data = io.BytesIO()
     figure.savefig(data, format="png", metadata={"Software": None})
     return data.getvalue()
@@ -53,7 +53,7 @@ def coloured(run: RunAnalysis) -> list[tuple[str, VehicleAnalysis]]:
 
 
 def draw_map(run: RunAnalysis) -> Figure:
-    """Draw fire, tracks, missions, reversals, drops, and flight against the planner's direction."""
+    """Draw the fire, tracks, missions, reversals, drops and flight against the plan's direction."""
     figure, axes, places = _ground(run)
     handles: list[Any] = []
     for colour, vehicle in coloured(run):
@@ -70,7 +70,7 @@ def draw_map(run: RunAnalysis) -> Figure:
 
 
 def _ground(run: RunAnalysis) -> tuple[Figure, Any, Places]:
-    """Return axes in km, with the fire if the run has one, and the transform from lat, lon."""
+    """Return a figure, its axes in km with any fire drawn, and the transform from lat, lon."""
     points = np.concatenate([each.track[:, 1:3] for each in run.vehicles.values()])
     if run.fire is not None:
         land = run.fire.landscape
@@ -157,7 +157,7 @@ def _draw_decided(
 
 
 def _label(axes: Any, text: str, place: tuple[Any, Any], number: int) -> None:
-    """Label a position on the side with more space, at two alternating heights."""
+    """Label a position on the side with more space, alternating between two heights."""
     west, east = axes.get_xlim()
     left = place[0] > west + 0.7 * (east - west)
     axes.annotate(
@@ -264,7 +264,7 @@ def _draw_strip(axes: Any, run: RunAnalysis, vehicle: VehicleAnalysis, scale: fl
 
 
 def draw_heights(run: RunAnalysis) -> Figure:
-    """Draw altitude above sea level and, if the run has a landscape, the terrain below."""
+    """Draw the altitude above sea level and, if the run has a landscape, the terrain below."""
     count = len(run.vehicles)
     figure, panels = _new(count, 0.8 + 2.0 * count)
     scale, unit = _scale(run.since_s(run.end_us))
@@ -296,7 +296,7 @@ def _title(run: RunAnalysis, vehicle: VehicleAnalysis) -> str:
 
 
 def draw_knowledge(runs: Sequence[RunAnalysis]) -> Figure | None:
-    """Draw the error of the estimated front and its observation; None without a fire."""
+    """Draw how the front was observed and the error of its estimate; return None without a fire."""
     drawn = [run for run in runs if run.fire is not None and run.fire.samples]
     if not drawn:
         return None
@@ -342,7 +342,7 @@ def _since(run: RunAnalysis, mission_us: Floats) -> Floats:
 
 
 def draw_changes(runs: Sequence[RunAnalysis]) -> Figure | None:
-    """Draw distributions of times between visits and of upload times; None without data."""
+    """Draw the distributions of times between visits and of upload times, or return None."""
     visits = [(run.name, run.fire.revisits_s) for run in runs if run.fire and run.fire.revisits_s]
     sent = [
         (run.name, [(each.finished_us - each.at_us) / 1e6 for each in run.fire.uploads

@@ -1,8 +1,8 @@
-"""Plays a flight with pause and seek; stores states from which a seek can continue.
+"""Plays a flight with pause and seek, and stores states from which a seek can start.
 
 A seek computes a second replay from the nearest earlier state, while the interfaces still show the
-first. When the second replay has reached the requested time, it replaces the first. The work is
-divided into short turns, so that it does not block the event loop. Pure: the caller passes the
+first replay. When the second replay has reached the requested time, it replaces the first. The work
+is divided into short turns, so that it does not block the event loop. Pure: the caller passes the
 time.
 """
 
@@ -49,7 +49,7 @@ class _Progress:
 
 
 class Playback:
-    """Plays a flight as its play head prescribes."""
+    """The playback of a flight, as its play head prescribes."""
 
     def __init__(self, pairing: Pairing, journal: WriteOnceJournal, head: PlayHead) -> None:
         self.pairing = pairing
@@ -103,7 +103,7 @@ class Playback:
         self._cache.close()
 
     def turn(self, now_us: int, is_over: Callable[[], bool]) -> bool:
-        """Play due entries until ``is_over`` returns True; returns whether more are due."""
+        """Play due entries until ``is_over`` returns True; return whether more are due."""
         head = self.head
         due_us = head.due_us(now_us)
         if head.seek_to_us is None:
@@ -133,7 +133,7 @@ class Playback:
         self._seeks_us = None
 
     def _nearest(self, to_us: int) -> _Progress:
-        """Return the start of a seek: one of the two replays, or a replay from a saved state."""
+        """Return where a seek starts: one of the two replays, or a replay from a saved state."""
         saved = max(
             (each for each in self._states if each.at_us <= to_us),
             key=lambda each: each.number,
@@ -147,7 +147,7 @@ class Playback:
         return _Progress(replay, saved.number, saved.at_us, saved.rest)
 
     def _play(self, progress: _Progress, until_us: int, is_over: Callable[[], bool]) -> bool:
-        """Play up to a time; returns whether it was reached before the end of the turn."""
+        """Play up to a time; return whether it was reached before the end of the turn."""
         self._journal.rest = progress.rest
         try:
             while True:

@@ -53,10 +53,10 @@ class ReplayRun:
 
 
 class ReplayRequestHandler(RequestHandler):
-    """Accepts only requests for the play head."""
+    """A request handler that accepts only requests for the play head."""
 
     def __init__(self, player: Playback, now_us: Callable[[], int]) -> None:
-        """Control ``player``; ``now_us`` is the machine's clock."""
+        """Control the playback ``player``; ``now_us`` is the machine's clock."""
         scope = RequestScope(accepted=(REPLAY,))
         super().__init__(lambda event: [], self._state, lambda: player.state().at_us, scope)
         self._player = player

@@ -1,4 +1,4 @@
-"""Writes the report of runs as one page with embedded pictures, and its figures as files."""
+"""Writes the report on runs as one page with embedded pictures, and its figures as files."""
 
 import base64
 import json
@@ -14,7 +14,7 @@ from mission_service.replay.flights.run_figures import figures_of, table
 from mission_service.replay.flights.utc_time import utc
 
 LONG_US = 30_000_000  # a shorter flight against the planner's direction belongs to a reversal
-FEW_MISSIONS = 8  # up to this number, missions are main events
+FEW_MISSIONS = 8  # up to this number, missions count as main events
 MAX_EVENTS = 400  # lines; the page states the number of omitted lines
 
 

@@ -1,4 +1,4 @@
-"""The analysis of one run: its flight, and its fire if the run has one."""
+"""Analyses one run: its flight, and its fire if it has one."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -31,13 +31,13 @@ from mission_service.vehicles.availability import AIRBORNE_M
 
 Floats = NDArray[np.float64]
 
-FOLLOWS_US = 20_000_000  # a reversal of the track within this time after one of the mission
+FOLLOWS_US = 20_000_000  # a reversal in the track within this time after one in the mission
 NEAR_CELLS, NEAR_SHARE = 2.0, 0.25  # radius around the middle in which bearings are uncertain
 
 
 @dataclass(frozen=True, slots=True)
 class TurnedBack:
-    """A reversal of a vehicle; ``how`` describes its evidence. ``at_us``: on the log's clock."""
+    """A reversal of a vehicle at ``at_us`` on the log's clock; ``how`` describes the evidence."""
 
     at_us: int
     lat_deg: float
@@ -52,7 +52,7 @@ class VehicleAnalysis:
     flown: Flown
     track: Floats  # (n, 4): at_us, lat_deg, lon_deg, altitude_amsl_m
     terrain_amsl_m: Floats | None = None  # under the track; NaN off the landscape
-    directions: list[tuple[int, bool]] = field(default_factory=list)  # from a time on: clockwise
+    directions: list[tuple[int, bool]] = field(default_factory=list)  # (time, is clockwise)
     turned_back: list[TurnedBack] = field(default_factory=list)
     decided: list[tuple[int, bool | None]] = field(default_factory=list)  # by its planner
     differs: list[Span] = field(default_factory=list)
@@ -72,9 +72,9 @@ class VehicleAnalysis:
 
 @dataclass
 class RunAnalysis:
-    """A run. ``mission.of(at_us)`` converts a time of the log's clock to mission time.
+    """A run. ``mission.of(at_us)`` converts a time on the log's clock to mission time.
 
-    ``zero_us`` is the begin of the flight, ``begin_us`` that of the analysed part.
+    ``zero_us`` is the time at which the flight begins, ``begin_us`` that of the analysed part.
     """
 
     name: str
@@ -89,7 +89,7 @@ class RunAnalysis:
     fire: FireAnalysis | None = None
 
     def since_s(self, at_us: int) -> float:
-        """Return the seconds from the flight's begin to a time of the log's clock."""
+        """Return the seconds from the start of the flight to a time on the log's clock."""
         return (at_us - self.zero_us) / 1e6
 
     def log_us(self, mission_us: int) -> int:
@@ -104,7 +104,7 @@ def run_analysis(
     journal: JournalLog | None = None,
     mission: Mission | None = None,
 ) -> RunAnalysis:
-    """Analyse a flight and the journal of its fire: its own, or that of its open-loop replay."""
+    """Analyse a flight, and the fire in its own journal or in that of its open-loop replay."""
     fire = None if journal is None else fire_analysis(journal)
     mission = mission or Mission(found.zero_us, found.zero_us)
     times_us = (found.zero_us, found.begin_us, found.end_us, found.offset_us)
@@ -149,7 +149,7 @@ def _vehicle(flown: Flown, run: RunAnalysis) -> VehicleAnalysis:
 def _merged(
     by_mission: list[TurnedBack], by_track: list[TurnedBack], run: RunAnalysis
 ) -> list[TurnedBack]:
-    """Return reversals in order of time; one of a mission includes one of the track soon after."""
+    """Return all reversals by time, without those in the track soon after one in a mission."""
     found = list(by_track)
     for turn in by_mission:
         after = [each for each in found if 0 <= each.at_us - turn.at_us <= FOLLOWS_US]

@@ -1,4 +1,4 @@
-"""The figures of a run: for JSON, and as rows of a table that compares runs."""
+"""Computes the figures of a run, for JSON and for a table that compares runs."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -49,7 +49,7 @@ def _of_two(of: dict[str, Any], one: str, other: str) -> str | None:
 
 
 def figures_of(run: RunAnalysis) -> dict[str, Any]:
-    """Return all figures of a run; times are in seconds since the flight began, None is unknown."""
+    """Return all figures of a run. Times are in s since the flight began; None means unknown."""
     return {
         "name": run.name,
         "logs": run.logs,
@@ -134,7 +134,10 @@ def _lowest(heights_m: Any) -> float | None:
 
 
 def _missions(fire: FireAnalysis | None, name: str) -> dict[str, Any]:
-    """Return the numbers of sent and accepted missions, None in an open-loop replay, and times."""
+    """Return the numbers of sent and accepted missions, and their times.
+
+    The values are None in an open-loop replay.
+    """
     if fire is None or fire.open_loop:
         sent, latencies_s, accepted = None, [], None
     else:
@@ -153,7 +156,7 @@ def _missions(fire: FireAnalysis | None, name: str) -> dict[str, Any]:
 
 
 def _drops(fire: FireAnalysis | None, vehicle: VehicleAnalysis) -> dict[str, Any]:
-    """Count the drops of a burn by its plans, those of other flights by missions and outputs."""
+    """Count a burn's drops by its plans, and those of other flights by missions and outputs."""
     record = None if fire is None else fire.record.vehicles[vehicle.name]
     if record is not None and record.plans:
         flown = {drop.plan_hash for drop in record.drops}
@@ -213,7 +216,7 @@ def table(runs: Sequence[dict[str, Any]]) -> list[tuple[str, list[tuple[str, str
 
 
 def in_text(runs: Sequence[dict[str, Any]]) -> str:
-    """Return the table as text, with damaged parts of logs and reversals of the vehicles."""
+    """Return the table as text, with the damaged parts of logs and the vehicles' reversals."""
     lines = [f"DAMAGED: {each}" for run in runs for each in run["damage"]]
     for name, rows in table(runs):
         lines.append(name)

@@ -1,4 +1,4 @@
-"""Pairs a flight with a scenario: vehicles, mission time and landscape of its replay."""
+"""Pairs a flight with a scenario, which gives vehicles, mission time and landscape."""
 
 import math
 from datetime import timedelta
@@ -22,14 +22,15 @@ from mission_service.replay.flights.flown_vehicle import Flown, file_of
 from mission_service.replay.flights.journal_log import JournalLog
 from mission_service.replay.flights.utc_time import EPOCH, unix_us
 
-# The landscape that is made for a flight without a scenario; AROUND_M is its margin.
+# The landscape that is made for a flight without a scenario; AROUND_M is its margin around the
+# tracks.
 AROUND_M = 2000.0
 CELL_M, MAX_CELLS = 30.0, 600
 LONG_AFTER_S = 30 * 86_400.0
 
 
 class ScenarioChoice(NamedTuple):
-    """The user's choice of scenario, rule, begin and settings for a replay."""
+    """The user's choice of scenario, rule, start time and settings for a replay."""
 
     scenario: str | None = None
     rule: str | None = None  # replaces the scenario's rule
@@ -72,12 +73,12 @@ class Pairing(NamedTuple):
 
     @property
     def begin_us(self) -> int:
-        """Begin of the replayed part on the flight's clock."""
+        """The start of the replayed part on the flight's clock."""
         return self.survey.begin_us
 
     @property
     def end_us(self) -> int:
-        """End of the replayed part on the flight's clock."""
+        """The end of the replayed part on the flight's clock."""
         return self.survey.end_us
 
 
@@ -108,7 +109,7 @@ class Mission(NamedTuple):
 def mission_time(
     flight: Flight, found: Survey, scenario: Scenario, at_s: float | None = None
 ) -> Mission:
-    """Return the mission time of a flight's begin.
+    """Return the mission time at which a flight begins.
 
     It is ``at_s`` if given, else computed from UTC if log and scenario have it, else the time at
     which the scenario's vehicles take off. The times of journals are mission times. Raises
@@ -192,8 +193,9 @@ def check_place(survey: Survey, landscape: Landscape, name: str) -> None:
 def fireless_scenario(survey: Survey, name: str) -> Scenario:
     """Return a scenario with level ground around all tracks, for a flight without a scenario.
 
-    Mission time 0 is the flight's begin. The required ignition, in a corner, and the deployment of
-    vehicles are set to a month after the flight, so that no fire burns and no planner decides.
+    Mission time 0 is the start of the flight. The required ignition, in a corner, and the
+    deployment of vehicles are set to a month after the flight, so that no fire burns and no planner
+    decides.
 
     Raises FlightError if the logs have no positions, or positions too near to a pole for a map.
     """

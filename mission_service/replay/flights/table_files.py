@@ -22,7 +22,7 @@ class TableFile(Protocol):
 
 
 class CsvFile:
-    """A table as CSV: unknown values are empty; UTC has milliseconds."""
+    """A table as CSV, in which unknown values are empty and UTC has milliseconds."""
 
     def __init__(self, path: Path, columns: Columns) -> None:
         self._file = path.open("w", newline="", encoding="utf-8")
@@ -43,7 +43,7 @@ class CsvFile:
 
 
 class ParquetFile:
-    """A table as Parquet: unknown values are null; UTC is a timestamp in microseconds."""
+    """A table as Parquet, in which unknown values are null and UTC is in microseconds."""
 
     def __init__(self, path: Path, columns: Columns) -> None:
         import pyarrow
@@ -88,7 +88,7 @@ WRITERS: dict[str, type[CsvFile] | type[ParquetFile]] = {"csv": CsvFile, "parque
 
 
 class TableFiles:
-    """Writes a file in each format for each table that has rows."""
+    """The files of all tables that have rows, one in each format."""
 
     def __init__(self, out: Path, formats: list[str]) -> None:
         self._out = out

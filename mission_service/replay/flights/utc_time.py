@@ -1,4 +1,4 @@
-"""Conversion of UTC times."""
+"""Converts UTC times."""
 
 from datetime import UTC, datetime, timedelta
 

@@ -1,4 +1,4 @@
-"""The journal of a replay that can seek backwards: each line is written only once.
+"""Writes the journal of a replay that can seek backwards, each line only once.
 
 A replay accepts no orders, so the same log always yields the same lines. After a seek backwards,
 lines are counted but not written until the journal's end is reached. The journal contains the
@@ -16,14 +16,14 @@ REPLAY = "replay"  # the key of the logs' names in the header of such a journal
 
 
 class WriteOnceJournal(Journal):
-    """A journal whose position ``remove_last`` sets back."""
+    """A journal in which ``remove_last`` may move only the position."""
 
     def __init__(self, path: Path, header: dict[str, Any], logs: tuple[str, ...]) -> None:
         super().__init__(path, {**header, REPLAY: list(logs)}, durable=False)
         self._farthest = self.rest
 
     def remove_last(self, before: Rest) -> None:
-        """Set the position back; the lines after it are removed only at the journal's end."""
+        """Move the position back. Lines are removed only if it was the end of the journal."""
         if self.rest == self._farthest:
             super().remove_last(before)
             self._farthest = before
@@ -51,7 +51,7 @@ class WriteOnceJournal(Journal):
 
 
 def refuse_loss(path: Path, logs: Iterable[Path]) -> None:
-    """Raise FlightError if ``path`` is a file that no replay has written, or one of the logs."""
+    """Raise FlightError if ``path`` is one of the logs, or a file that no replay has written."""
     if not path.exists():
         return
     of_replay = begins_journal(path) and REPLAY in SegmentReader(path).header

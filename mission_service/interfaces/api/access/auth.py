@@ -1,4 +1,4 @@
-"""Authentication of HTTP clients by tokens with roles; only SHA-256 sums of tokens are stored.
+"""Authenticates HTTP clients by tokens with roles; only SHA-256 sums of tokens are stored.
 
 A token has 32 random bytes and cannot be guessed, so its sum needs no salt and no slow hash.
 """
@@ -29,7 +29,7 @@ log = logging.getLogger(__name__)
 
 
 class User(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The user (a person or program) of a token."""
+    """The user of a token: a person or a program."""
 
     name: Annotated[str, Meta(pattern=r"^[\w .@-]{1,40}$")]
     roles: frozenset[Role]
@@ -46,7 +46,7 @@ class _TokensFile(msgspec.Struct, forbid_unknown_fields=True):
 
 
 def sum_of(token: str) -> str:
-    """Return the SHA-256 sum of a token, which is stored instead of it."""
+    """Return the SHA-256 sum of a token, which is stored instead of the token."""
     return hashlib.sha256(token.encode()).hexdigest()
 
 
@@ -56,7 +56,10 @@ def new_token() -> str:
 
 
 def read_tokens(path: Path) -> tuple[User, ...]:
-    """Return the users in a tokens file. Raises MissionServiceError with file, place and error."""
+    """Return the users in a tokens file.
+
+    Raises MissionServiceError with the file, the place in it and the error.
+    """
     try:
         data = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
@@ -77,7 +80,7 @@ def read_tokens(path: Path) -> tuple[User, ...]:
 
 
 def own_token(out: Path) -> str:
-    """Return the token of a run without a tokens file; create it in OUT/token at the first start.
+    """Return the token of a run without a tokens file; at the first start, create it in OUT/token.
 
     Only the user that runs the service may read the file. Raises MissionServiceError if other users
     may read it, or if it contains no token.
@@ -110,11 +113,11 @@ def own_token(out: Path) -> str:
 
 
 class Tokens:
-    """The valid tokens: those of a file, which is read again after a change, or that of a run.
+    """The valid tokens: those in a file that is read again after each change, or the one of a run.
 
     With ``named`` each token is personal and determines the name in requests; the token of a run is
-    not personal. If the file becomes invalid, the tokens stay valid and the log contains a warning:
-    an error in the file must not lock out the operators of a fire.
+    not personal. If the file becomes invalid, the tokens stay valid and a warning is logged,
+    because an error in the file must not lock out the operators during a fire.
     """
 
     def __init__(self, users: tuple[User, ...], path: Path | None = None) -> None:
@@ -137,7 +140,7 @@ class Tokens:
     def user_of(self, token: str) -> User | None:
         """Return the user of a token, or None.
 
-        The comparison takes the same time for all tokens, because it always includes all sums.
+        The comparison takes the same time for all tokens, because it always covers all stored sums.
         """
         self._read_again()
         digest, found = sum_of(token), None
@@ -164,7 +167,7 @@ class Tokens:
 
 
 def _stamp(path: Path | None) -> tuple[int, ...]:
-    """Return a value that differs after a change of the file; empty without a file."""
+    """Return a value that differs once the file was changed or replaced; empty without a file."""
     if path is None:
         return ()
     try:

@@ -1,4 +1,4 @@
-"""Open connections and their limits: the oldest connections without a valid token are closed."""
+"""Limits the open connections: beyond a limit, the oldest one without a valid token is closed."""
 
 import ipaddress
 from collections import Counter
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 # Connections without and with a valid token: together below the usual limit of 1024 open files.
 MAX_UNPROVEN, MAX_PROVEN = 384, 256
-MAX_OF_AN_ADDRESS = 192  # unproven connections of one client
+MAX_OF_AN_ADDRESS = 192  # connections of one client without a valid token
 
 
 @dataclass(eq=False)
@@ -26,7 +26,7 @@ class ClientConnections:
         self._proven: dict[ClientConnection, None] = {}
 
     def add(self, connection: ClientConnection) -> None:
-        """Add a connection; beyond a limit close one of the same or of the busiest client."""
+        """Add a connection; beyond a limit, close one of this or of the busiest client."""
         self._unproven[connection] = None
         counts = Counter(each.client for each in self._unproven)
         if counts[connection.client] > MAX_OF_AN_ADDRESS:
@@ -35,7 +35,7 @@ class ClientConnections:
             self._cut_oldest(max(counts, key=lambda client: counts[client]))
 
     def prove(self, connection: ClientConnection) -> None:
-        """Mark a connection as one with a valid token; at most ``MAX_PROVEN`` are marked."""
+        """Mark a connection as one with a valid token; mark at most ``MAX_PROVEN`` connections."""
         if connection in self._unproven and len(self._proven) < MAX_PROVEN:
             del self._unproven[connection]
             self._proven[connection] = None
@@ -57,7 +57,7 @@ class ClientConnections:
 
 
 def client_at(address: object) -> str:
-    """Return the client at an address: the IPv4 address, or the /64 network of an IPv6 address."""
+    """Return the client at an address: an IPv4 address, or the /64 network of an IPv6 address."""
     host = address[0] if isinstance(address, tuple) and address else ""
     try:
         found = ipaddress.ip_address(host)

@@ -1,10 +1,11 @@
-"""The guard in front of all routes: checks origin, token, rate, size and speed of each request.
+"""Guards all routes: checks the origin, token, rate, size and speed of each request.
 
-The guard is plain ASGI, so that it covers all routes. It checks in this order: host and origin,
-token, rate, concurrent requests. Clients without a token have a separate limit. An abort with a
-valid token passes all limits; the guard carries it out as soon as its headers have arrived. Health
-routes pass all limits too. The guard reads bodies before it awaits anything else, so that a
-complete request is carried out even if its client has closed the connection meanwhile.
+The guard is a plain ASGI application, so that it covers all routes. It checks host and origin
+first, then token, rate and the number of concurrent requests. Clients without a token have a
+separate limit. No limit applies to an abort with a valid token, which the guard carries out as soon
+as its headers have arrived, nor to health routes. The guard reads bodies before it awaits anything
+else, so that a complete request is carried out even if its client has closed the connection
+meanwhile.
 """
 
 import asyncio
@@ -30,9 +31,11 @@ ABORT, PERIMETER = "/api/v1/abort", "/api/v1/fire/perimeter"
 BODY_WITHIN_S = 20.0
 PREFIXES_WITH_TOKEN = ("/api/", "/metrics")
 HEALTH = ("/healthz", "/readyz")
-# Concurrent requests with a token: those that read (including live streams), those that change.
+# Limits of concurrent requests with a token: for those that read (including live streams), and for
+# those that change something.
 MAX_READING, MAX_CHANGING = 64 + MAX_STREAMS, 64
-# Concurrent requests without a token (for the page): of all clients, and of each client.
+# Limits of concurrent requests without a token (for the page): for all clients together, and for
+# each client.
 MAX_ANONYMOUS, MAX_OF_AN_ANONYMOUS = 32, 16
 # A client that reads nothing for this time is disconnected, with and without a token.
 SEND_WITHIN_S, ANONYMOUS_WITHIN_S = 30.0, 10.0
@@ -64,10 +67,10 @@ class AccessGuard:
     ) -> None:
         """Make the guard of ``app``.
 
-        ``abort`` carries out an abort, with the user and the query string; it may raise ApiError.
-        ``hosts`` are the accepted host names and addresses without ports, including the name of a
-        TLS proxy in front of the service. Loopback and the local address of a connection are always
-        accepted. ``now_s`` is a monotonic clock.
+        ``abort`` receives the user and the query string, and carries out an abort; it may raise
+        ApiError. ``hosts`` are the accepted host names and addresses without ports, including the
+        name of a TLS proxy in front of the service. Loopback and the local address of a connection
+        are always accepted. ``now_s`` is a monotonic clock.
         """
         self._app = app
         self._tokens = tokens
@@ -121,7 +124,7 @@ class AccessGuard:
         return self._readers if _reads(scope) else self._changers
 
     def _admit(self, scope: Scope) -> str:
-        """Check a request, store its user in its state, return its client. Raises ApiError."""
+        """Check a request, store the user in its state and return its client. Raises ApiError."""
         headers = _headers(scope)
         host = self._check_host(headers.get(b"host", []), scope.get("server"))
         _refuse_other_sites(headers, {_origin(scope, host), *self._by_proxy})
@@ -197,7 +200,7 @@ async def _whole(scope: Scope, receive: Receive) -> Receive:
 
 
 class _Bounded:
-    """A ``send`` that adds the common headers and raises TooSlowError if a client does not read."""
+    """A ``send`` that adds common headers and raises TooSlowError if a client reads too slowly."""
 
     def __init__(self, scope: Scope, send: Send) -> None:
         self._send = send
@@ -251,7 +254,7 @@ def _origin(scope: Scope, host: str) -> str:
 
 
 def _refuse_other_sites(headers: dict[bytes, list[bytes]], own: Collection[str]) -> None:
-    """Refuse requests of pages of other sites, by the headers that browsers add."""
+    """Refuse requests from pages of other sites, which the headers of browsers reveal."""
     for origin in headers.get(b"origin", []):
         if origin.decode("latin-1").lower() not in own:
             raise ApiError(403, "pages of other origins may not use the service")

@@ -1,4 +1,4 @@
-"""Limits of rates and of concurrent requests. Pure; ``now_s`` is a monotonic clock."""
+"""Limits request rates and concurrent requests. Pure; ``now_s`` is a monotonic clock."""
 
 from collections import Counter, OrderedDict
 
@@ -6,7 +6,7 @@ MAX_CLIENTS = 1024  # clients with a bucket; the least recently used bucket is d
 
 
 class RateLimiter:
-    """Token bucket for each client: ``burst`` requests at once, ``rate_s`` a second on average."""
+    """A token bucket per client: ``burst`` requests at once, ``rate_s`` per second on average."""
 
     def __init__(self, rate_s: float, burst: float) -> None:
         self._rate_s = rate_s
@@ -14,7 +14,7 @@ class RateLimiter:
         self._left: OrderedDict[str, tuple[float, float]] = OrderedDict()
 
     def consume(self, client: str, now_s: float) -> float:
-        """Take one request from the bucket and return 0, or return the seconds to wait."""
+        """Take one request from the client's bucket and return 0, or return the seconds to wait."""
         left, at_s = self._left.get(client, (self._burst, now_s))
         left = min(self._burst, left + (now_s - at_s) * self._rate_s)
         if left < 1.0:
@@ -27,7 +27,7 @@ class RateLimiter:
 
 
 class ConcurrencyLimiter:
-    """Limit of concurrent requests: ``most`` in total, ``max_each`` of one client."""
+    """A limit of concurrent requests: ``most`` in total and ``max_each`` from one client."""
 
     def __init__(self, most: int, max_each: int) -> None:
         self.most = most

@@ -1,4 +1,4 @@
-"""Adding of tokens to a tokens file; the existing content of the file does not change."""
+"""Adds tokens to a tokens file; the existing content of the file does not change."""
 
 import os
 import tempfile
@@ -12,7 +12,7 @@ def added(path: Path, name: str, roles: tuple[str, ...], station: str) -> str:
     """Add a new token to a file and return it.
 
     The file is replaced as a whole, with mode 0600. Raises MissionServiceError for an unknown role,
-    a name that is in use or has invalid characters, and an unusable file.
+    for a name that is in use or contains invalid characters, and for an unusable file.
     """
     for role in roles:
         if role not in ROLES:
