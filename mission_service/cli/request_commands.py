@@ -88,11 +88,23 @@ def only_station(client: Any) -> str:
 
 
 def print_reply(reply: dict[str, Any], as_json: bool) -> None:
-    """Print the messages of a reply, or the whole reply as JSON."""
+    """Print the messages of a reply, or the whole reply as JSON.
+
+    Raises RequestError if an order was not carried out because it needs a confirmation.
+    """
+    from mission_service.commands import CONFIRM
+    from mission_service.errors import RequestError
+
+    questions = [line for line in reply["messages"] if line.startswith(CONFIRM)]
+    messages = [line for line in reply["messages"] if line not in questions]
     if as_json:
         click.echo(json.dumps(reply))
-    else:
-        click.echo("\n".join(reply["messages"]) or f"{reply['event']}: accepted")
+    elif messages or not questions:
+        click.echo("\n".join(messages) or f"{reply['event']}: accepted")
+    if questions:
+        what = "; ".join(line.removeprefix(CONFIRM).partition(";")[0].strip() for line in questions)
+        remedy = "to carry it out, repeat the command with --confirmed"
+        raise RequestError(f"not carried out: {what}; {remedy}")
 
 
 class RequestGroup(click.Group):

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from mission_service import events
-from mission_service.commands import CONFIRM, AnyCommand, Hold, Return, StartMission
+from mission_service.commands import CONFIRM, REJECTED, AnyCommand, Hold, Return, StartMission
 from mission_service.config.scenario import Scenario
 from mission_service.core.autopilot_reports import back_under_control
 from mission_service.core.decision_engine import DecisionEngine
@@ -200,8 +200,11 @@ class OperatorOrders:
         self, event: events.MissionAccepted | events.MissionRefused
     ) -> list[AnyCommand]:
         vehicle = self.vehicles.get(event.vehicle)
-        if self._approvals is None or vehicle is None:
+        if vehicle is None:
             return []
+        if self._approvals is None:
+            words = f"{REJECTED} the missions of this run need no approval"
+            return [announce(vehicle, words, warning=True)]
         if isinstance(event, events.MissionAccepted):
             mission = self._approvals.accepted(vehicle, event.mission_hash)
             if mission is not None:
@@ -210,7 +213,7 @@ class OperatorOrders:
         elif self._approvals.refused(vehicle, event.mission_hash, event.by):
             words = "no similar one is proposed until the front or the reason changes"
             return [announce(vehicle, f"mission refused by {event.by}: {words}")]
-        words = "no such mission is proposed; load the proposal again"
+        words = f"{REJECTED} no such mission is proposed; load the proposal again"
         return [announce(vehicle, words, warning=True)]
 
 

@@ -7,7 +7,7 @@ import msgspec
 
 from autopilot_bridge.errors import BridgeError
 from firemodel.errors import FireModelError
-from mission_service.commands import CONFIRM
+from mission_service.commands import CONFIRM, REJECTED
 from mission_service.core.request_events import ANYWHERE, STATUS, RequestScope, event_of
 from mission_service.errors import MissionServiceError
 from mission_service.events import AnyOperatorEvent, Corrected, Erased, Redone, Undone
@@ -55,6 +55,9 @@ class RequestHandler:
             messages = self._submit(event)
         except OWN_ERRORS as error:
             return wrong(str(error))
+        if any(line.startswith(REJECTED) for line in messages):
+            words = "; ".join(line.removeprefix(REJECTED).strip() for line in messages)
+            return wrong(f"{request['do']}: {words}")
         answer: Answer = {"ok": True, "at_s": event.at_us / 1e6, "event": type(event).__name__}
         if burned_ha is not None:
             answer |= {"burned_ha_before": before_ha, "burned_ha_after": burned_ha()}

@@ -167,7 +167,9 @@ def test_missions_wait_for_approval_where_configured(fly: Fly) -> None:
     assert first is not None
     assert flight.state_view.missions["hawk"].on_board is None
     wrong = MissionAccepted(flight.now_us, *ANN, "hawk", "0" * 64)
-    assert flight.submit(wrong) == ["no such mission is proposed; load the proposal again"]
+    assert flight.submit(wrong) == [
+        "rejected: no such mission is proposed; load the proposal again"
+    ]
     accept = MissionAccepted(flight.now_us, *ANN, "hawk", first.mission_hash)
     assert "accepted by ann" in flight.submit(accept)[0]
     flight.run(60.0)

@@ -1,24 +1,25 @@
 """The table of requests: each is reachable by each interface, with its role."""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import click
 import msgspec
 import pytest
-from click.testing import CliRunner
+from click.testing import CliRunner, Result
 
 from benchmarks.mqtt_schemas import command_file, documents
 from mission_service.cli.main import main
 from mission_service.cli.request_commands import request as group
 from mission_service.config.sections import PlannerSection
 from mission_service.core.request_events import ABORT, ALL_REQUESTS, REPLAY, REQUESTS, accepted_in
+from mission_service.errors import RequestError
 from mission_service.events import TUNED, SettingsChanged
 from mission_service.interfaces.api.access.auth import ROLES
 from mission_service.interfaces.mqtt.command_gate import CommandGate
-from tests.api.worlds import World, scenario_of, served, world_in
+from tests.api.worlds import SMALL, World, scenario_of, served, world_in
 
 API_PAGE = (Path(__file__).parents[2] / "docs" / "api.md").read_text(encoding="utf-8")
 OPERATOR_FIELDS = {"by": "anna", "station": "desk"}
@@ -127,3 +128,88 @@ def test_settings_are_the_keys_of_their_event_with_its_bounds() -> None:
             event = {"type": "SettingsChanged", "at_us": 0, **OPERATOR_FIELDS, name: value}
             with pytest.raises(msgspec.ValidationError):
                 msgspec.convert(event, SettingsChanged)
+
+
+class Direct:
+    """A client of a world's request handler, in place of the client of a control socket."""
+
+    def __init__(self, world: World) -> None:
+        self.world = world
+
+    def __enter__(self) -> "Direct":
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        pass
+
+    def ask(self, **request: Any) -> dict[str, Any]:
+        answer = self.world.context.request_handler.answer(msgspec.json.encode(request))
+        if not answer["ok"]:
+            raise RequestError(answer["error"])
+        return dict(json.loads(msgspec.json.encode(answer)))
+
+
+Call = Callable[..., Result]
+
+
+@pytest.fixture
+def call(monkeypatch: pytest.MonkeyPatch) -> Call:
+    def request(world: World, *arguments: str) -> Result:
+        client = "mission_service.interfaces.control.control_client.ControlClient"
+        monkeypatch.setattr(client, lambda out: Direct(world))
+        return CliRunner().invoke(main, ["request", *arguments, "--by", "ann"])
+
+    return request
+
+
+def refused_in_one_line(result: Result, words: str) -> None:
+    assert result.exit_code == 1, result.output
+    assert words in result.stderr
+    assert result.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize("approval", ["each", "none"])
+@pytest.mark.parametrize("name", ["accept", "refuse"])
+def test_a_decision_on_a_mission_that_is_not_proposed_fails(
+    tmp_path: Path, call: Call, name: str, approval: str
+) -> None:
+    world = world_in(tmp_path, scenario_of(changes=(*SMALL, f"mission.approval={approval}")))
+    why = (
+        "no such mission is proposed"
+        if approval == "each"
+        else "the missions of this run need no approval"
+    )
+    refused_in_one_line(call(world, name, "hawk", "a" * 64), f"{name}: {why}")
+    ask = world.context.request_handler.ask
+    body = json.dumps({**SENT, "vehicle": "hawk", "hash": "a" * 64}).encode()
+    reply = CommandGate(ask).accept(name, body, False, 0, 0.0, 0)
+    assert reply is not None
+    assert (reply.ok, why in reply.error) == (False, True)
+
+
+@pytest.mark.parametrize("name", ["approve", "reject"])
+def test_a_decision_on_a_plan_that_is_not_proposed_is_refused(tmp_path: Path, name: str) -> None:
+    world = world_in(tmp_path, scenario_of("burn", ()))
+    station = world.context.scenario.burn.stations[0].name  # type: ignore[union-attr]
+    request = {"do": name, "by": "ann", "station": station, "hash": "a" * 64}
+    answer = world.context.request_handler.ask(request)
+    assert answer["ok"] is False
+    assert answer["error"].startswith(f"{name}: ")
+
+
+def test_an_order_that_must_be_confirmed_fails_on_the_command_line(
+    tmp_path: Path, call: Call
+) -> None:
+    world = world_in(tmp_path, scenario_of())
+    world.fly(4000.0)
+    for rig in world.simulation.rigs:
+        rig.mock.battery_percent = 10.0
+    world.fly(4005.0)
+    held = "not carried out: hawk: hold would end mode return"
+    for option in ((), ("--json",)):
+        result = call(world, "hold", "--vehicle", "hawk", *option)
+        refused_in_one_line(result, held)
+        assert "repeat the command with --confirmed" in result.stderr
+        assert not option or json.loads(result.stdout)["confirm"] is True
+    result = call(world, "hold", "--vehicle", "hawk", "--confirmed")
+    assert (result.exit_code, result.output) == (0, "hold ordered by ann\n")

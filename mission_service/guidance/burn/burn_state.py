@@ -10,6 +10,7 @@ from shapely.geometry.base import BaseGeometry
 
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.weather import WeatherStream
+from mission_service.commands import REJECTED
 from mission_service.config.sections import BurnSection, VehicleSection
 from mission_service.events import BurnUnitSet, PersonReported, PlanRequested
 from mission_service.fire.estimated_fire import EstimatedFire, toward
@@ -85,7 +86,7 @@ class BurnState:
         drop_m = event.drop_spacing_m or self.burn.drop_spacing_m
         min_spacing_m = self.burn.speed_m_s * 60.0 / self.burn.max_drops_per_min
         if drop_m < min_spacing_m or line_m <= 0.0:
-            return f"spacings rejected: drops must be at least {min_spacing_m:g} m apart"
+            return f"{REJECTED} drops must be at least {min_spacing_m:g} m apart"
         changed = {"line_spacing_m": line_m, "drop_spacing_m": drop_m}
         self.burn = self.burn.model_copy(update=changed)
         return None

@@ -21,6 +21,7 @@ from autopilot_bridge.items import MissionItem
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
 from mission_service.commands import (
+    REJECTED,
     Announce,
     AnyCommand,
     ClimbAndHold,
@@ -137,7 +138,7 @@ class BurnFlight(Guidance):
         try:
             changed = self.state.fire.apply(event)
         except FireModelError as error:
-            return self._announce(f"input rejected: {error}", warning=True)
+            return self._announce(f"{REJECTED} {error}", warning=True)
         match event:
             case PersonReported() | BurnUnitSet():
                 return self._unit_reported(event)
@@ -149,6 +150,9 @@ class BurnFlight(Guidance):
                 return self._approved(event)
             case Rejected() if event.plan_hash == self.approvals.plan_hash:
                 return self._stop(f"rejected by {event.by}", "waiting")
+            case Rejected():
+                words = f"{REJECTED} no such plan is proposed; load the state of the burn again"
+                return self._announce(words, warning=True)
             case Aborted():
                 self.checklist.apply(event)
                 return self._stop(f"aborted by {event.by}", "waiting", always=True)
@@ -192,7 +196,7 @@ class BurnFlight(Guidance):
         try:
             self.state.unit_reported(event)
         except MissionServiceError as error:
-            return self._announce(f"input rejected: {error}", warning=True)
+            return self._announce(f"{REJECTED} {error}", warning=True)
         return self._changed(event.at_us / 1e6)
 
     def _wind_measured(self, event: WindMeasured) -> list[AnyCommand]:
@@ -305,7 +309,7 @@ class BurnFlight(Guidance):
         refused = self.approvals.approve(event) if not items else f"{len(items)} items are open"
         plan = self.approvals.plan
         if refused is not None or plan is None:
-            words = self._announce(f"approval by {event.by} rejected: {refused}", warning=True)
+            words = self._announce(f"{REJECTED} approval by {event.by}: {refused}", warning=True)
             repeated = event.plan_hash == self.approvals.plan_hash and self.approvals.approval
             return [*words, *self._stop("the approval is uncertain")] if repeated else words
         why = self._why_invalid(event.at_us / 1e6)
