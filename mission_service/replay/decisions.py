@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from mission_service.commands import DirectionDecision, Return
-from mission_service.config.rule_lookup import rules
+from mission_service.config.rule_lookup import faults_of, rules
 from mission_service.config.scenario import Scenario
 from mission_service.core.core import Core
 from mission_service.core.decision_engine import DecisionEngine
@@ -62,7 +62,8 @@ def decide(path: Path, rule: str | None = None) -> Decisions:
             f"{path}: rule {rule} takes no decisions along a front; use replay --verify, "
             "or --planner with another rule"
         )
-    found, recorded = decisions_alone(journal, scenario, journal.intact())
+    with faults_of(rule):
+        found, recorded = decisions_alone(journal, scenario, journal.intact())
     difference = None
     if own == rule:
         difference, _ = first_difference(found, recorded, may_lack_one=journal.cut_off)
