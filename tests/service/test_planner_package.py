@@ -77,6 +77,38 @@ def test_it_flies_in_a_simulation_and_decides_the_same_again(tmp_path: Path) -> 
     assert json.loads(other.stdout)["journal_rule"] == "pendulum"
 
 
+def test_a_journal_is_readable_without_the_package_of_its_rule(site: Path, tmp_path: Path) -> None:
+    run = tmp_path / "out"
+    assert service("sim", "default", "--out", str(run), *changed(*FLOWN, *RULE)).returncode == 0
+    journal = str(run / "journal.jsonl")
+    with_package = service("replay", journal, "--planner", "circling")
+    assert with_package.returncode == 0, with_package.stderr
+    site.rename(tmp_path / "removed")
+    for command in (
+        ["decide"],
+        ["replay", "--verify"],
+        ["report", "--out", str(tmp_path / "page")],
+    ):
+        done = service(*command, journal)
+        assert done.returncode == 1
+        assert re.fullmatch(
+            r"Error: .*: the rule pendulum of this journal is from a package .*--planner RULE\)\n",
+            done.stderr,
+        )
+    described = service("log", "info", journal)
+    assert described.returncode == 0, described.stderr
+    assert "positions" in described.stdout
+    for command in ("decide", "replay"):
+        done = service(command, journal, "--planner", "circling", "--json")
+        assert done.returncode == 0, done.stderr
+    assert (
+        json.loads(service("decide", journal, "--planner", "circling", "--json").stdout)[
+            "journal_rule"
+        ]
+        == "pendulum"
+    )
+
+
 @pytest.mark.usefixtures("site")
 def test_it_decides_on_the_journal_of_another_rule(tmp_path: Path) -> None:
     assert service("sim", "default", "--out", str(tmp_path), *changed(*FLOWN)).returncode == 0
