@@ -9,6 +9,10 @@ class ScenarioError(MissionServiceError):
     """A scenario file cannot be used; the message names file, key and value."""
 
 
+class PlannerError(MissionServiceError):
+    """A rule of another package failed; the message names the rule and the package."""
+
+
 class JournalError(MissionServiceError):
     """A journal cannot be written or read; the message names the file and line."""
 

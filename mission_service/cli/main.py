@@ -259,14 +259,19 @@ def config() -> None:
 def config_check(file: str, overrides: tuple[str, ...], as_json: bool) -> None:
     """Check FILE and all files that it names."""
     from firemodel.errors import FireModelError
+    from mission_service.config.rule_lookup import own_ways
     from mission_service.config.scenario import load_scenario, scenario_path
-    from mission_service.errors import ScenarioError
+    from mission_service.core.core import Core
+    from mission_service.errors import MissionServiceError, ScenarioError
+    from mission_service.fire.setup import landscape_of
     from mission_service.fire.simulated_fire import check
 
     loaded = load_scenario(file, overrides)
     try:
         summary = check(loaded)
-    except (FireModelError, ScenarioError) as error:  # they name only the landscape's part
+        if loaded.vehicles and loaded.planner.rule not in own_ways():
+            Core(loaded, landscape_of(loaded))  # makes the planners of another package
+    except (FireModelError, MissionServiceError) as error:  # they do not name the file
         raise ScenarioError(f"{scenario_path(file)}: {error}") from None
     echo({"result": "ok", **summary}, as_json)
 

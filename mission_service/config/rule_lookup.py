@@ -6,12 +6,15 @@ other packages are entry points of ``GROUP``, each named like its rule. Both are
 """
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any, Protocol
 
 from pydantic import BaseModel
+
+from mission_service.errors import MissionServiceError, PlannerError
 
 GROUP = "mission_service.planners"
 OWN = EntryPoint("own", "mission_service.guidance.registry:WAYS", GROUP)
@@ -64,9 +67,14 @@ def versions_of_others() -> dict[str, str]:
 def way_named(rule: str) -> Way:
     """Return the way of flying of a rule. Raises ValueError if it cannot be found or loaded."""
     own = own_ways().get(rule)
+    found = list(entry_points(group=GROUP, name=rule))
+    if own is not None and found:
+        raise ValueError(
+            f"{_described(found[0])} has the name of a rule of this service; rename its rule, or "
+            "uninstall the package"
+        )
     if own is not None:
         return own
-    found = list(entry_points(group=GROUP, name=rule))
     if not found:
         raise ValueError(f"no such rule; available are {', '.join(rules())}")
     if len(found) > 1:
@@ -77,13 +85,45 @@ def way_named(rule: str) -> Way:
 
 def _of_another_package(point: EntryPoint) -> Way:
     """Return the way of flying at an entry point. Raises ValueError."""
-    where = f"entry point {point.name} = {point.value}"
+    where = _described(point)
     if re.fullmatch(NAME, point.name) is None:
         raise ValueError(f"{where}: the name of a rule has only lower-case letters, digits and _")
     try:
         way: Way = point.load()
-    except Exception as error:  # an import of another package may raise anything
+    except (Exception, SystemExit) as error:  # an import of another package may raise anything
         raise ValueError(f"{where}: {type(error).__name__}: {error}") from error
-    if getattr(way, "rules", ()) != (point.name,):
+    own = next(iter(own_ways().values()))
+    if not isinstance(way, type(own)) or way.rules != (point.name,):
         raise ValueError(f"{where}: it must be a WayOfFlying whose only rule is {point.name}")
+    section: Any = way.section
+    if section is not None and not (isinstance(section, type) and issubclass(section, BaseModel)):
+        raise ValueError(f"{where}: its section must be a pydantic model (got {section!r})")
     return way
+
+
+def _described(point: EntryPoint) -> str:
+    package = "" if point.dist is None else f" of package {point.dist.name} {point.dist.version}"
+    return f"entry point {point.name} = {point.value}{package}"
+
+
+def blamed(rule: str) -> str | None:
+    """Return the end of an error's text that names a rule of another package as the cause."""
+    if rule in own_ways():
+        return None
+    where = ", ".join(_described(point) for point in entry_points(group=GROUP, name=rule))
+    return (
+        f"the cause is probably rule {rule} ({where}): correct that package, or choose another rule"
+    )
+
+
+@contextmanager
+def faults_of(rule: str) -> Iterator[None]:
+    """Convert any exception of a rule of another package to PlannerError."""
+    try:
+        yield
+    except (Exception, SystemExit) as error:
+        blame = blamed(rule)
+        if blame is None or isinstance(error, MissionServiceError):
+            raise
+        why = " ".join(f"{type(error).__name__}: {error}".split())
+        raise PlannerError(f"{why}; {blame}") from error

@@ -11,7 +11,7 @@ from pydantic import AwareDatetime, BaseModel, Field, ValidationError, create_mo
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.links.link import parse_link
 from mission_service.config.renamed_keys import renamed_keys
-from mission_service.config.rule_lookup import Way, own_ways, way_named
+from mission_service.config.rule_lookup import Way, own_ways, rules, way_named
 from mission_service.config.sections import (
     KEY_SOURCE,
     BurnSection,
@@ -188,19 +188,43 @@ def run_of(
 
 def parse_scenario(data: dict[str, Any], path: Path) -> Scenario:
     """Return the checked scenario in a dictionary; its paths start at the folder of ``path``."""
-    kind = _with_table_of(data.get("planner"))
+    kind = _with_table_of(rule_in(data))
     found: Scenario = _with_paths(_in_layers(_checked(kind, data, path)), path, ())
     return found
 
 
-def _with_table_of(planner: Any) -> type[Scenario]:
-    """Return the scenario model that includes the table of the planner's rule."""
+def rule_in(data: dict[str, Any]) -> str | None:
+    """Return the rule in the content of a scenario that is not checked yet; None without one."""
+    planner = data.get("planner")
     rule = planner.get("rule") if isinstance(planner, dict) else None
+    return rule if isinstance(rule, str) else None
+
+
+def recorded_scenario(data: dict[str, Any], path: Path, rule: str | None = None) -> Scenario:
+    """Return the checked scenario of a journal.
+
+    ``rule`` replaces the journal's rule. Raises ScenarioError for a rule whose package is not
+    installed.
+    """
+    own = rule_in(data)
+    if rule is None and (own is None or own in rules()):
+        return parse_scenario(data, path)
+    if rule is None:
+        raise ScenarioError(
+            f"{path}: the rule {own} of this journal is from a package that is not installed; "
+            "install the package, or choose another rule (replay and decide: --planner RULE)"
+        )
+    others = {key: value for key, value in data.items() if key != own or own in own_ways()}
+    return parse_scenario({**others, "planner": {**data.get("planner", {}), "rule": rule}}, path)
+
+
+def _with_table_of(rule: str | None) -> type[Scenario]:
+    """Return the scenario model that includes the table of the planner's rule."""
     try:
-        section = way_named(rule).section if isinstance(rule, str) else None
+        section = None if rule is None else way_named(rule).section
     except ValueError:  # the model reports the invalid rule with its key
         return Scenario
-    return Scenario if section is None else _with_table(rule, section)
+    return Scenario if rule is None or section is None else _with_table(rule, section)
 
 
 @cache

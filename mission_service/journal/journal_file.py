@@ -341,12 +341,8 @@ class SegmentReader:
             yield self.entry(number, body, intact)
 
     def trusted(self, place: Rest) -> Iterator[Entry | Unreadable]:
-<<<<<<< HEAD
-        """Yield entries after a position, with ``Unreadable`` for altered, undecodable lines."""
-        altered = 0
-=======
         """Yield entries after a position, with ``Unreadable`` for altered or undecodable lines."""
->>>>>>> p4
+        altered = 0
         for number, body, intact in self.lines(place):
             if not intact:
                 why = "was altered: its checksum does not match"

@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from firemodel.landscape.landscape import Landscape
-from mission_service.config.scenario import Scenario, parse_scenario
+from mission_service.config.rule_lookup import rules
+from mission_service.config.scenario import Scenario, recorded_scenario, rule_in
 from mission_service.core.core import Core
 from mission_service.errors import JournalError, StateError
 from mission_service.events import LinesSkipped
@@ -28,11 +29,15 @@ class JournalReader:
     beginning of the oldest existing segment.
     """
 
-    def __init__(self, path: Path, alone: bool = False) -> None:
-        """Open a journal. With ``alone``, or for a closed segment, read only the file ``path``."""
+    def __init__(self, path: Path, alone: bool = False, rule: str | None = None) -> None:
+        """Open a journal. With ``alone``, or for a closed segment, read only the file ``path``.
+
+        ``rule`` replaces the journal's rule if its package is not installed.
+        """
         self.path = path
         self._chain = None if alone or journal_of(path) is not None else Chain(path)
         self.readers = [SegmentReader(path)] if self._chain is None else self._chain.readers
+        self._instead = rule
         self.at: tuple[SegmentReader, Entry] | None = None  # the last entry read
         self.damaged = False
         self.skipped = self._lines_skipped()
@@ -47,10 +52,16 @@ class JournalReader:
         """The last segment; ``cut_at_line`` is valid after all entries were read."""
         return self.readers[-1]
 
+    @property
+    def rule(self) -> str | None:
+        """The rule that was flown."""
+        return rule_in(self.readers[0].header["scenario"])
+
     @cached_property
     def scenario(self) -> Scenario:
-        """The scenario that was flown."""
-        return parse_scenario(self.readers[0].header["scenario"], self.path)
+        """The scenario that was flown, with another rule only if its package is not installed."""
+        instead = None if self.rule in rules() else self._instead
+        return recorded_scenario(self.readers[0].header["scenario"], self.path, instead)
 
     @cached_property
     def landscape(self) -> Landscape:

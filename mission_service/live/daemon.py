@@ -10,6 +10,7 @@ from importlib import import_module
 from pathlib import Path
 
 from firemodel.landscape.landscape import Landscape
+from mission_service.config.rule_lookup import faults_of
 from mission_service.config.scenario import Scenario
 from mission_service.config.service import ServiceSection
 from mission_service.config.shared_links import sharing
@@ -90,7 +91,8 @@ async def serve(
     clock = MissionClock(round(scenario.start_s * 1e6), wall=scenario.clock == "wall")
     latest_us = round(scenario.duration_s * 1e6)
     landscape = landscape_of(scenario)
-    way_of(scenario).warm_up(scenario, landscape)
+    with faults_of(scenario.planner.rule):
+        way_of(scenario).warm_up(scenario, landscape)
     announcements = _Announcements()
     async with contextlib.AsyncExitStack() as stack:
         # Ports and socket first: if one is in use, the journal of an earlier run stays unchanged.

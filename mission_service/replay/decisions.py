@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from mission_service.commands import DirectionDecision, Return
-from mission_service.config.rule_lookup import rules
+from mission_service.config.rule_lookup import faults_of, rules
 from mission_service.config.scenario import Scenario
 from mission_service.core.core import Core
 from mission_service.core.decision_engine import DecisionEngine
@@ -51,9 +51,9 @@ def decide(path: Path, rule: str | None = None) -> Decisions:
 
     Raises JournalError if the journal cannot be read or one of its lines was altered.
     """
-    journal = JournalReader(path)
+    journal = JournalReader(path, rule=rule)
     scenario = journal.scenario
-    own = scenario.planner.rule
+    own = journal.rule or scenario.planner.rule
     if rule is not None:
         scenario = with_rule(scenario, rule)
     rule = scenario.planner.rule
@@ -62,7 +62,8 @@ def decide(path: Path, rule: str | None = None) -> Decisions:
             f"{path}: rule {rule} takes no decisions along a front; use replay --verify, "
             "or --planner with another rule"
         )
-    found, recorded = decisions_alone(journal, scenario, journal.intact())
+    with faults_of(rule):
+        found, recorded = decisions_alone(journal, scenario, journal.intact())
     difference = None
     if own == rule:
         difference, _ = first_difference(found, recorded, may_lack_one=journal.cut_off)
@@ -164,11 +165,24 @@ def _apply_order(
 
 def with_rule(scenario: Scenario, rule: str) -> Scenario:
     """Return the scenario with another rule. Raises MissionServiceError for an unknown rule."""
-    names = [each for each in rules() if way_for(each).along_front]
+    names = [each for each in rules() if _flies_along_front(each, given=rule)]
     if rule not in names:
         raise MissionServiceError(f"--planner {rule}: no such rule; choose {', '.join(names)}")
     planner = scenario.planner.model_copy(update={"rule": rule})
     return scenario.model_copy(update={"planner": planner})
+
+
+def _flies_along_front(rule: str, given: str) -> bool:
+    """Return whether a rule flies along a front; False for one that cannot be loaded.
+
+    Raises MissionServiceError if that is the rule ``given``.
+    """
+    try:
+        return way_for(rule).along_front
+    except ValueError as error:
+        if rule == given:
+            raise MissionServiceError(f"--planner {rule}: {error}") from None
+        return False
 
 
 def first_difference(

@@ -31,6 +31,7 @@ from mission_service.commands import (
     Level,
     UploadMission,
 )
+from mission_service.config.rule_lookup import blamed
 from mission_service.config.scenario import Scenario
 from mission_service.core.core import Core
 from mission_service.errors import NotRecordedError, RefusedEventError
@@ -209,7 +210,7 @@ class Engine:
             self.recording.remove_last()
             if isinstance(error, FireModelError):
                 raise
-            raise _defect(event, error) from error
+            raise _defect(event, error, self._scenario.planner.rule) from error
         self._process(event, now_us)
         self._queue(window)
         self._deliver(event.at_us, now_us)
@@ -229,7 +230,7 @@ class Engine:
             if isinstance(event, Aborted):  # the core cannot handle it
                 for name, gateway in self._gateways.items():
                     gateway.execute(Hold(name), now_us)
-            raise _defect(event, error) from error
+            raise _defect(event, error, self._scenario.planner.rule) from error
 
     def _apply_to_fire(self, event: AnyOperatorEvent) -> Window | None:
         """Apply an operator's event to the fire, which refuses impossible changes."""
@@ -373,7 +374,7 @@ class Engine:
             raise
         except Exception as error:
             self.recording.remove_last()
-            self.defect = _defect(event, error)
+            self.defect = _defect(event, error, self._scenario.planner.rule)
             raise self.defect from error
         for command in commands if may_act else ():
             if isinstance(command, BroadcastMessage):
@@ -427,11 +428,12 @@ def _alarm_of(event: AnyEvent) -> str:
     return f"refused/{name}/{type(event).__name__}"
 
 
-def _defect(event: AnyEvent, error: Exception) -> RefusedEventError:
+def _defect(event: AnyEvent, error: Exception, rule: str) -> RefusedEventError:
+    blame = blamed(rule)
     if isinstance(error, RefusedEventError):
-        return error
+        return error if blame is None else RefusedEventError(f"{error}; {blame}")
     why = " ".join(f"{type(error).__name__}: {error}".split())
     return RefusedEventError(
         f"{type(event).__name__} at {event.at_us / 1e6:.3f} s cannot be handled and had no effect: "
-        f"{why}; this is a defect, please report it"
+        f"{why}; {blame or 'this is a defect, please report it'}"
     )

@@ -77,6 +77,38 @@ def test_it_flies_in_a_simulation_and_decides_the_same_again(tmp_path: Path) -> 
     assert json.loads(other.stdout)["journal_rule"] == "pendulum"
 
 
+def test_a_journal_is_readable_without_the_package_of_its_rule(site: Path, tmp_path: Path) -> None:
+    run = tmp_path / "out"
+    assert service("sim", "default", "--out", str(run), *changed(*FLOWN, *RULE)).returncode == 0
+    journal = str(run / "journal.jsonl")
+    with_package = service("replay", journal, "--planner", "circling")
+    assert with_package.returncode == 0, with_package.stderr
+    site.rename(tmp_path / "removed")
+    for command in (
+        ["decide"],
+        ["replay", "--verify"],
+        ["report", "--out", str(tmp_path / "page")],
+    ):
+        done = service(*command, journal)
+        assert done.returncode == 1
+        assert re.fullmatch(
+            r"Error: .*: the rule pendulum of this journal is from a package .*--planner RULE\)\n",
+            done.stderr,
+        )
+    described = service("log", "info", journal)
+    assert described.returncode == 0, described.stderr
+    assert "positions" in described.stdout
+    for command in ("decide", "replay"):
+        done = service(command, journal, "--planner", "circling", "--json")
+        assert done.returncode == 0, done.stderr
+    assert (
+        json.loads(service("decide", journal, "--planner", "circling", "--json").stdout)[
+            "journal_rule"
+        ]
+        == "pendulum"
+    )
+
+
 @pytest.mark.usefixtures("site")
 def test_it_decides_on_the_journal_of_another_rule(tmp_path: Path) -> None:
     assert service("sim", "default", "--out", str(tmp_path), *changed(*FLOWN)).returncode == 0
@@ -129,11 +161,60 @@ def test_its_table_is_checked_by_its_own_model() -> None:
     assert "burn, pendulum (got 'nonsense')" in error_of("planner.rule=nonsense")
 
 
+MAKE = """
+from mission_service.guidance.front.way import front_way
+
+def planner(scenario, vehicle, ground):
+    return None
+
+WAY = front_way("pendulum", planner, {})
+"""
+FAULTS = {
+    "return Pendulum(own": ("raise OSError('x'); ", "OSError: x"),
+    "math.dist((row, col)": ("{}['x'] or ", "KeyError: 'x'"),
+    "return Decision(": ("return 'x'; ", "'str' object has no attribute"),
+    "return np.column_stack(": ("return [[math.nan, 0], [0, 0]]; ", "not finite"),
+    "own = math.atan2(": ("return 'x'; ", "could not convert string to float: 'x'"),
+}
+
+
+@pytest.mark.parametrize("line", FAULTS)
+def test_a_planner_that_fails_in_flight_is_named_with_its_package(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, line: str
+) -> None:
+    fault, words = FAULTS[line]
+    good = block("python", "PENDULUM =")
+    assert good.count(line) == 1
+    install(tmp_path / "site", good.replace(line, f"{fault}{line}"), "pendulum = pendulum:PENDULUM")
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join((str(tmp_path / "site"), str(ROOT))))
+    done = service("sim", "default", "--out", str(tmp_path / "out"), *changed(*FLOWN, *RULE))
+    assert done.returncode == 1
+    assert "Traceback" not in done.stderr
+    error = done.stderr.strip().splitlines()[-1]
+    assert words in error
+    assert (
+        "rule pendulum (entry point pendulum = pendulum:PENDULUM of package pendulum 1.0" in error
+    )
+    assert "report it" not in error
+
+
 @pytest.mark.parametrize(
     ("module", "entry_point", "words"),
     [
         ("import nothing_such", "pendulum = pendulum:WAY", "No module named 'nothing_such'"),
         ("WAY = 1", "pendulum = pendulum:WAY", "it must be a WayOfFlying"),
+        ("raise SystemExit(7)", "pendulum = pendulum:WAY", "SystemExit: 7"),
+        (
+            MAKE.format("section={'a': 1}"),
+            "pendulum = pendulum:WAY",
+            "a pydantic model (got {'a': 1})",
+        ),
+        (
+            MAKE.format(""),
+            "pendulum = pendulum:WAY",
+            "TypeError: the planner of hawk (NoneType) lacks",
+        ),
+        ("WAY = 1", "circling = pendulum:WAY", "has the name of a rule of this service"),
         ("WAY = 1", "Pen-dulum = pendulum:WAY", "lower-case letters, digits and _"),
     ],
 )

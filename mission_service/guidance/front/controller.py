@@ -170,7 +170,9 @@ class FrontFlight(Guidance):
         return [] if ahead is None or why is None else [self._upload(vehicle, ahead, fix, why)]
 
     def _path(self, planner: Planner, fix: PositionFix) -> Floats | None:
-        cells = planner.path(fix.row, fix.col)
+        cells = np.asarray(planner.path(fix.row, fix.col), dtype=float)
+        if not np.isfinite(cells).all():
+            raise ValueError("the planner's path has a value that is not finite")
         if len(cells) < 2:
             return None
         return np.column_stack(self.landscape.xy_of(cells[:, 0], cells[:, 1]))

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from pydantic import BaseModel
 
+from mission_service.config.rule_lookup import faults_of
 from mission_service.guidance.way_of_flying import WayOfFlying, later
 
 if TYPE_CHECKING:
@@ -44,7 +45,7 @@ def front_way(rule: str, planner: Maker, section: type[BaseModel] | None = None)
     Returns:
         The object to which an entry point in the group ``mission_service.planners`` refers.
     """
-    return along_front((rule,), partial(_each_alone, planner), section)
+    return along_front((rule,), partial(_checked, planner), section)
 
 
 def along_front(
@@ -68,6 +69,20 @@ def _each_alone(maker: Maker, scenario: "Scenario", landscape: "Landscape") -> "
 
     ground = ground_of(scenario, landscape)
     return {section.name: maker(scenario, section, ground) for section in scenario.vehicles}
+
+
+def _checked(maker: Maker, scenario: "Scenario", landscape: "Landscape") -> "dict[str, Planner]":
+    """Return the planners of another package. Raises PlannerError for incomplete ones."""
+    from mission_service.guidance.protocol import Planner, Steered
+
+    with faults_of(scenario.planner.rule):
+        planners = _each_alone(maker, scenario, landscape)
+        needed = [name for name in (*vars(Steered), *vars(Planner)) if not name.startswith("_")]
+        for vehicle, planner in planners.items():
+            if missing := [name for name in needed if not hasattr(planner, name)]:
+                kind = type(planner).__name__
+                raise TypeError(f"the planner of {vehicle} ({kind}) lacks {', '.join(missing)}")
+    return planners
 
 
 def _planners(scenario: "Scenario", landscape: "Landscape") -> "dict[str, Planner]":

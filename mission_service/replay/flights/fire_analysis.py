@@ -94,7 +94,7 @@ class _Analyser:
     """One pass over a journal."""
 
     def __init__(self, log: JournalLog, recorded: JournalReader) -> None:
-        scenario, landscape = log.scenario, recorded.landscape
+        scenario, landscape = recorded.scenario, recorded.landscape
         self._log = log
         self._landscape = landscape
         self._core = recorded.core()

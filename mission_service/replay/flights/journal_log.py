@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator
 from datetime import datetime
+from functools import cached_property
 from pathlib import Path
 
 from autopilot_bridge.items import Items
@@ -11,7 +12,8 @@ from autopilot_bridge.logs.reading import open_log
 from autopilot_bridge.stacks.stacks import stack_named
 from autopilot_bridge.vehicle import client_events as bridge
 from mission_service.commands import Announce, AnyCommand, UploadMission
-from mission_service.config.scenario import Scenario, parse_scenario
+from mission_service.config.rule_lookup import rules
+from mission_service.config.scenario import Scenario, recorded_scenario, rule_in
 from mission_service.errors import JournalError
 from mission_service.events import (
     AnyEvent,
@@ -36,6 +38,7 @@ from mission_service.replay.flights.write_once_journal import REPLAY
 
 SEVERITY = {"warning": 4, "info": 6}  # MAV_SEVERITY
 JOURNAL = "journal.jsonl"
+ANY_RULE = "circling"  # for a log's own data, which do not depend on the planner
 
 
 class JournalLog:
@@ -51,14 +54,23 @@ class JournalLog:
         self.damage: list[Damage] = []
         self._chain = Chain(path)
         header = self._chain.readers[0].header
-        self.scenario: Scenario = parse_scenario(header["scenario"], path)
+        self._recorded = header["scenario"]
         self.open_loop = bool(header.get(REPLAY))
-        self.names = {at: each.name for at, each in enumerate(self.scenario.vehicles, 1)}
+        self.names = {at: each.name for at, each in enumerate(self._without_planner.vehicles, 1)}
         self._numbers = {name: number for number, name in self.names.items()}
+
+    def scenario(self, rule: str | None = None) -> Scenario:
+        """Return the scenario, with another rule if given."""
+        return recorded_scenario(self._recorded, self.path, rule)
+
+    @cached_property
+    def _without_planner(self) -> Scenario:
+        installed = rule_in(self._recorded) in (None, *rules())
+        return self.scenario(None if installed else ANY_RULE)
 
     def unix_offset_us(self) -> int | None:
         """Return the offset to microseconds since 1970, if the scenario has ``time_zero``."""
-        zero: datetime | None = self.scenario.time_zero
+        zero: datetime | None = self._without_planner.time_zero
         return None if zero is None else unix_us(zero)
 
     def entries(self) -> Iterator[Entry]:

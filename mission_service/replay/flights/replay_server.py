@@ -10,6 +10,7 @@ from typing import Any
 
 import msgspec
 
+from mission_service.config.rule_lookup import faults_of
 from mission_service.config.service import ServiceSection
 from mission_service.core.request_events import REPLAY, STATUS, RequestScope
 from mission_service.errors import RequestError
@@ -123,7 +124,8 @@ async def serve_flight(
     async with contextlib.AsyncExitStack() as stack:
         listening = stack.enter_context(claimed(run.out / NAME))
         run_interfaces = interfaces_of(settings, run.out, site, stack, address, run.logs)
-        way_of(scenario).warm_up(scenario, pairing.landscape)
+        with faults_of(scenario.planner.rule):
+            way_of(scenario).warm_up(scenario, pairing.landscape)
         path = run.out / JOURNAL
         refuse_loss(path, [log.path for log in pairing.flight.logs])
         header = header_of(scenario, pairing.landscape.digest(), run.created)

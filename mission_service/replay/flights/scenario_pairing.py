@@ -51,7 +51,7 @@ def chosen_scenario(
     if choice.scenario is not None:
         return load_run(choice.scenario, overrides)
     if isinstance(own, JournalLog):
-        return run_of(own.scenario.model_dump(mode="json"), own.path, overrides)
+        return run_of(own.scenario(choice.rule).model_dump(mode="json"), own.path, overrides)
     if overrides:
         raise FlightError(f"{own.path}: contains no scenario; give one with --scenario")
     return None
