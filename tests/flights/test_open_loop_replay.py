@@ -118,7 +118,7 @@ def test_the_shadow_flies_the_very_track_and_its_journal_verifies(
     assert found.difference is None
     assert found.commands > 5
     assert journal.open_loop
-    assert journal.scenario.vehicles[0].stack == "ardupilot"  # by the log, not the scenario
+    assert journal.scenario().vehicles[0].stack == "ardupilot"  # by the log, not the scenario
     contents = list(journal.contents())
     assert any(isinstance(thing, Observed) and "b" in "".join(thing.cells) for thing in contents)
     assert {thing.outcome for thing in contents if isinstance(thing, UploadFinished)} == {
@@ -258,7 +258,7 @@ def test_a_journal_by_its_own_rule_has_its_own_decisions(tmp_path: Path) -> None
     flight = flight_of([str(run)])
     own = flight.logs[0]
     assert isinstance(own, JournalLog)
-    analysis_with_fire("again", pair(flight, survey(flight), own.scenario), out, "today")
+    analysis_with_fire("again", pair(flight, survey(flight), own.scenario()), out, "today")
     first_decisions, again = (decided(JournalLog(each / "journal.jsonl")) for each in (run, out))
     assert len(first_decisions) > 50
     assert again == first_decisions

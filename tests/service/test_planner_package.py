@@ -98,15 +98,11 @@ def test_a_journal_is_readable_without_the_package_of_its_rule(site: Path, tmp_p
     described = service("log", "info", journal)
     assert described.returncode == 0, described.stderr
     assert "positions" in described.stdout
-    for command in ("decide", "replay"):
-        done = service(command, journal, "--planner", "circling", "--json")
-        assert done.returncode == 0, done.stderr
-    assert (
-        json.loads(service("decide", journal, "--planner", "circling", "--json").stdout)[
-            "journal_rule"
-        ]
-        == "pendulum"
-    )
+    other = service("replay", journal, "--planner", "circling")
+    assert other.returncode == 0, other.stderr
+    other = service("decide", journal, "--planner", "circling", "--json")
+    assert other.returncode == 0, other.stderr
+    assert json.loads(other.stdout)["journal_rule"] == "pendulum"
 
 
 @pytest.mark.usefixtures("site")
