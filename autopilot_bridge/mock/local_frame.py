@@ -42,11 +42,11 @@ class LocalFrame:
         self.east_m_per_deg = math.radians(normal) * math.cos(math.radians(self.lat_deg))
 
     def local(self, item: MissionItem) -> tuple[float, float]:
-        """Return the distances north and east of home to an item, in metres."""
+        """Return an item's distances north and east of home, in metres."""
         return self.local_of(item.x / 1e7, item.y / 1e7)
 
     def local_of(self, lat_deg: float, lon_deg: float) -> tuple[float, float]:
-        """Return the distances north and east of home to a position, in metres."""
+        """Return a position's distances north and east of home, in metres."""
         return (
             (lat_deg - self.lat_deg) * self.north_m_per_deg,
             (lon_deg - self.lon_deg) * self.east_m_per_deg,

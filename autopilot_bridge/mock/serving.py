@@ -92,7 +92,7 @@ async def serve(
     """Run a mock or a group on a link until cancelled; ``clock`` returns real microseconds.
 
     ``opened`` is called when the link is open. If ``learns`` is given, a group signs with the keys
-    that it receives; ``learns`` returns the signing for a key.
+    that it receives; ``learns`` returns the ``Signing`` object for a key.
     """
     began_us = clock()
 

@@ -1,4 +1,6 @@
-"""Names the flight modes of the stacks (equivalent modes alike), with their ``custom_mode``.
+"""Lists the flight modes of the stacks, with their ``custom_mode``.
+
+Equivalent modes of two stacks have the same name.
 
 Sources: ``mode.h`` of ArduPlane and ArduCopter 4.6.2, ``px4_custom_mode.h`` of PX4 1.17. If two
 names have the same number, the first is the name of that number.

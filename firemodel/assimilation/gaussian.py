@@ -1,4 +1,4 @@
-"""Correct a simulated fire by observations, by Gaussian-process regression along fire's paths.
+"""Correct a simulated fire by observations, by Gaussian-process regression along its paths.
 
 An error in the rate of spread accumulates along the path from the source. Therefore the regression
 does not estimate arrival times but w, the logarithm of the slowness. A path that takes t seconds in

@@ -1,11 +1,11 @@
 """Compute arrival times along straight lines, at any angle, from sources to cells.
 
-A source is the centre of a burned cell, or a point on the front when the weather changes. A burning
-cell offers each neighbour two paths: a straight line from its own source, and a straight line from
-itself. The time along a line is the sum of the times in the cells that it crosses
-(``travel_time``). Cells are processed in order of time (Dijkstra 1959). A cell's source is chosen
-like a parent in "Theta*" (Nash et al. 2007). Where conditions are uniform, lines may have any
-length and arrival times are those of the exact ellipse.
+A source is the centre of a burned cell, or a point on the front when the weather changes. From a
+burning cell, two paths to each neighbour are tried: a straight line from the source of that cell,
+and a straight line from the cell itself. The time along a line is the sum of the times in the cells
+that it crosses (``travel_time``). Cells are processed in order of time (Dijkstra 1959). A cell's
+source is chosen like a parent in "Theta*" (Nash et al. 2007). Where conditions are uniform, lines
+may have any length and arrival times are those of the exact ellipse.
 
 When the weather changes, each line along which fire is moving is cut at the position of the fire,
 and that point becomes the source of the remaining line. Only the remaining line has the new spread

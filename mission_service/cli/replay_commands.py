@@ -91,7 +91,11 @@ class ReplayOptions(ReportOptions):
     help="Repeat a journal's run in the simulator with another value of a [planner] key "
     "(repeatable; arguments after LOG may be further settings); planner=RULE sets the rule.",
 )
-@click.option("--speed", metavar="X", help="Play on the map and MQTT: 0.1 to 100 times, or max.")
+@click.option(
+    "--speed",
+    metavar="X",
+    help="Play on the map and over MQTT at 0.1 to 100 times real time, or max.",
+)
 @click.option("--listen", metavar="HOST:PORT", help="With --speed: address of the map.")
 @click.option("--until-end", is_flag=True, help="With --speed: exit at the end instead of pausing.")
 @OVERRIDE

@@ -140,7 +140,7 @@ def _port(link: str) -> str:
 
 
 def scenario_path(name: str) -> Path:
-    """Return the file of a scenario that is given by its path or is shipped under this name."""
+    """Return the file of a scenario, given by its path or by the name of a shipped scenario."""
     path = Path(name)
     shipped = SHIPPED / f"{name}.toml"
     if path.exists() or not shipped.exists():
@@ -151,8 +151,8 @@ def scenario_path(name: str) -> Path:
 def load_scenario(name: str, overrides: tuple[str, ...] = ()) -> Scenario:
     """Read a scenario, apply ``key=value`` overrides and check the result.
 
-    ``name`` is a file or the name of a shipped scenario. Raises ScenarioError with file, key, value
-    and reason in one line.
+    ``name`` is a file or the name of a shipped scenario. Raises ScenarioError with a one-line text
+    that contains the file, the key, the value and the reason.
     """
     return load_run(name, overrides)[0]
 

@@ -53,9 +53,10 @@ def polar(
 def _grid_around(
     shape: tuple[int, int], centre_row: float, centre_col: float
 ) -> tuple[NDArray[np.int64], Floats, NDArray[np.int64]]:
-    """Return arrays (y, x) of each cell's bearing, distance, and half its width in whole degrees.
+    """Return arrays (y, x) of each cell's bearing, distance, and half the angle that it spans.
 
-    A cell near the centre spans many bearings. Maps with the same centre share these arrays.
+    Angles are in whole degrees and distances in cells. A cell near the centre spans many bearings.
+    Maps with the same centre share these arrays.
     """
     rows, cols = np.meshgrid(np.arange(shape[0]), np.arange(shape[1]), indexing="ij")
     bearing, distance = polar(rows.astype(float), cols.astype(float), centre_row, centre_col)

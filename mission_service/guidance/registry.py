@@ -31,6 +31,6 @@ def way_for(rule: str) -> WayOfFlying:
 
 
 def lock_of(scenario: Scenario, landscape: "Landscape") -> "Lock | None":
-    """Return the independent lock on drops, or None if the scenario's tables do not need one."""
+    """Return the lock of a scenario, or None if its tables do not need one."""
     locks = (way.lock(scenario, landscape) for way in (*WAYS, way_of(scenario)))
     return next((lock for lock in locks if lock is not None), None)

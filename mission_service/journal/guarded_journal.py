@@ -1,4 +1,4 @@
-"""Guards a journal on a disk that may fail: of unwritten events, only aborts are handled.
+"""Guards a journal on a disk that may fail; during a failure only aborts are handled.
 
 While the disk fails, the service answers operators' requests with an error and does not handle
 events of vehicles. The vehicles fly the missions on board, which end in a loiter. Commands already

@@ -144,7 +144,8 @@ class Journal:
     def begin_segment(self) -> Path:
         """Rename this file to a closed segment, begin the next file, and return the closed file.
 
-        After an OSError the journal is unchanged. The caller has to sync both names to the disk.
+        After an OSError the journal is unchanged. The caller has to flush the folder to the disk,
+        so that the new names are permanent.
         """
         number = self.rest.segment + 1
         position = {

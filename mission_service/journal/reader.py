@@ -100,7 +100,7 @@ class JournalReader:
             yield from ((self.last, *line) for line in self.last.lines(self.last.begin))
 
     def _lines_skipped(self) -> dict[tuple[int, int], str]:
-        """Return the reasons for the lines that restarts have skipped, by (segment, line)."""
+        """Return the reasons why restarts have skipped lines, by (segment, line)."""
         found: dict[tuple[int, int], str] = {}
         try:
             for reader, number, body, intact in self._lines():

@@ -3,7 +3,7 @@
 journal.jsonl            the segment being written
 journal-000001.jsonl     a closed segment; the oldest has the smallest number
 journal-000002.state     the state at the beginning of segment 2 (segment 1 has none)
-journal.state            the newest state; journal.earlier.state is the state before it
+journal.state            the newest state; journal.earlier.state is the previous one
 """
 
 import re
@@ -48,7 +48,7 @@ def newest_state(path: Path) -> Path:
 
 
 def earlier_state(path: Path) -> Path:
-    """Return the path of the state written before the last."""
+    """Return the path of the state that was the newest before."""
     return path.with_suffix(".earlier.state")
 
 

@@ -1,4 +1,4 @@
-"""Stores the state of a service in a file, which spares a restart the replay of the journal.
+"""Stores the state of a service in a file, so that a restart need not replay the whole journal.
 
 The first line is JSON (``Header``), with the state's position in the journal. The rest is one
 compressed pickle of all objects, which preserves references between them. Objects that a restart

@@ -325,7 +325,7 @@ class Engine:
         return {} if self._interlock is None else self._interlock.status()
 
     def _handle(self, event: AnyEvent, now_us: int) -> bool:
-        """Journal and apply an event; if the journal refuses it, only return False."""
+        """Journal and apply an event; if it cannot be journalled, return False instead."""
         body = self._body_of(event)
         if body is None or not self._written(event, body):
             return False

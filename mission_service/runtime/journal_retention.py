@@ -64,7 +64,7 @@ class JournalRetention:
             await self.write_state()
 
     async def write_state(self) -> None:
-        """Write the newest state; the state before it is renamed."""
+        """Write the newest state, after renaming the previous one (``earlier_state``)."""
         path, rest = self._service.recording.journal.path, self._service.recording.journal.rest
         await self._write(lambda frozen: _write_newest(path, frozen, rest), rest)
 

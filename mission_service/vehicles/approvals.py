@@ -31,7 +31,11 @@ class MissionApprovals:
     """
 
     def __init__(self, path_tolerance_m: float, horizon_m: float) -> None:
-        """Set how far beside and beyond a refused mission another mission must lie to differ."""
+        """Set the distances at which a mission differs from a refused mission.
+
+        These are ``path_tolerance_m`` beside the refused mission, and a share of the horizon
+        beyond its end.
+        """
         self._proposals: dict[str, Proposal] = {}
         self._path_tolerance_m = path_tolerance_m
         self._max_beyond_m = AHEAD_SHARE * horizon_m

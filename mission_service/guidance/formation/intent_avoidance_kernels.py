@@ -305,7 +305,7 @@ def decide_orbit(  # type: ignore[no-untyped-def]
     """Decide on the orbit to fly; fill ``adopted`` if this is another orbit.
 
     Returns whether another orbit is adopted, whether a conflict prevents the desired orbit, and for
-    how long the orbit to fly is clear.
+    how long the orbit to fly is free of conflicts.
     """
     near_m = rule[0] + rule[1] + LATE_M
     nowhere = (np.inf, -np.inf, np.inf, -np.inf)

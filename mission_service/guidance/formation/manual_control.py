@@ -18,10 +18,10 @@ ObservedMotion = tuple[float, float, float, float, float]
 def expected_orbit(
     before: ObservedMotion, now: ObservedMotion, radius_m: float
 ) -> tuple[float, float, float]:
-    """Estimate the circle on which, or to which, a UAV flies, from its turn between two moments.
+    """Estimate the circle of a UAV's flight from the change of its course between two observations.
 
     Returns the circle's x, y and radius; a negative radius means anticlockwise. In straight flight
-    the circle has the radius ``radius_m`` (> 0) and is a minute ahead.
+    the circle has the radius ``radius_m`` (> 0), and its centre is a minute ahead.
     """
     at_s, x_m, y_m, vx_m_s, vy_m_s = now
     speed_m_s = math.hypot(vx_m_s, vy_m_s)

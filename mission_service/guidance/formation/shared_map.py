@@ -8,9 +8,9 @@ A UAV sends each view once, as a ``FireUpdate``, which may be lost. Therefore ev
 sends a checksum of each tile of the map (``Digest``), which is the sum of the hashes of the tile's
 cells. If the receiver has another checksum, it tests whether the difference is the hash of one or
 two of its own cells. If so, the sender lacks these cells, and the receiver sends them
-(``Difference``). If not, the receiver may lack cells itself, and requests the tile by a digest. If
-no UAV can derive the missing cells from that digest, one UAV sends the whole tile, and the others
-send the cells that are newer on their maps.
+(``Difference``). If not, the receiver may itself lack cells, and sends its own digest of the tile
+as a request. If no UAV can derive the missing cells from that digest, one UAV sends the whole tile,
+and the others send the cells that are newer on their maps.
 
 Replies are delayed by a pseudo-random number of slots, and omit cells that others have sent in the
 meantime. The size and the rate of messages are bounded.

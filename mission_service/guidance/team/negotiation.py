@@ -46,7 +46,7 @@ def reserved_cells(begin: int, end: int, cells: tuple[int, ...]) -> tuple[int, i
 
 
 def offers(own: float, left: float, right: float, alone: bool) -> tuple[float, float]:
-    """Return the importance to give to the left and to the right neighbour.
+    """Return the importance offered to the left and to the right neighbour.
 
     ``alone`` means that both neighbours are the same vehicle. The vehicle then offers what makes
     both regions equal, half of it at each border, because the thesis does not define the border at

@@ -76,8 +76,8 @@ def read_perimeter(data: bytes, file_name: str, landscape: Landscape) -> Perimet
     """Return the perimeter in a GeoJSON, KML, KMZ or zipped Shapefile (see ``uploaded_shapes``).
 
     The perimeter omits features without polygons and features outside the landscape; invalid
-    features are repaired. ``notes`` lists all these features. Raises FireModelError in one line
-    that names file and feature.
+    features are repaired. ``notes`` lists all these features. Raises FireModelError with a
+    one-line text that names the file and the feature.
     """
     return read_perimeter_in(data, file_name, shapely.Polygon(outline_of(landscape)))
 

@@ -24,7 +24,7 @@ LIBRARIES = {"parquet": "pyarrow", "mcap": "mcap"}
 
 
 def check_libraries(formats: Collection[str]) -> None:
-    """Raise RequestError in one line if the library of a format is not installed."""
+    """Raise RequestError if the library of a format is not installed."""
     for each, library in LIBRARIES.items():
         if each in formats:
             try:

@@ -131,7 +131,7 @@ def _replace(lasting: dict[tuple[str, str], VehicleLog], entry: VehicleLog, at_u
 def flight_of(words: Sequence[str]) -> Flight:
     """Open logs, given as PATH or NAME=PATH; logs with the same NAME belong to one vehicle.
 
-    Raises FlightError and BridgeError in one line.
+    Raises FlightError or BridgeError with a one-line text.
     """
     given = [_split(word) for word in words]
     logs = tuple(open_flight(path) for _, path in given)
