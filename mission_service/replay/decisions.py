@@ -165,23 +165,23 @@ def _apply_order(
 
 def with_rule(scenario: Scenario, rule: str) -> Scenario:
     """Return the scenario with another rule. Raises MissionServiceError for an unknown rule."""
-    names = [each for each in rules() if _flies_along_front(each, given=rule)]
+    names = [each for each in rules() if _flies_along_front(each)]
     if rule not in names:
-        raise MissionServiceError(f"--planner {rule}: no such rule; choose {', '.join(names)}")
+        try:
+            way_for(rule)
+        except ValueError as error:
+            raise MissionServiceError(f"--planner {rule}: {error}") from None
+        words = f"does not fly along a front; choose {', '.join(names)}"
+        raise MissionServiceError(f"--planner {rule}: {words}")
     planner = scenario.planner.model_copy(update={"rule": rule})
     return scenario.model_copy(update={"planner": planner})
 
 
-def _flies_along_front(rule: str, given: str) -> bool:
-    """Return whether a rule flies along a front; False for one that cannot be loaded.
-
-    Raises MissionServiceError if that is the rule ``given``.
-    """
+def _flies_along_front(rule: str) -> bool:
+    """Return whether a rule flies along a front; False for one that cannot be loaded."""
     try:
         return way_for(rule).along_front
-    except ValueError as error:
-        if rule == given:
-            raise MissionServiceError(f"--planner {rule}: {error}") from None
+    except ValueError:
         return False
 
 
