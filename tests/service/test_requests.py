@@ -19,6 +19,8 @@ from mission_service.errors import RequestError
 from mission_service.events import TUNED, SettingsChanged
 from mission_service.interfaces.api.access.auth import ROLES
 from mission_service.interfaces.mqtt.command_gate import CommandGate
+from mission_service.replay.verification import verify
+from mission_service.requests import PLACE
 from tests.api.worlds import SMALL, World, scenario_of, served, world_in
 
 API_PAGE = (Path(__file__).parents[2] / "docs" / "api.md").read_text(encoding="utf-8")
@@ -36,6 +38,11 @@ def described(flight: World) -> Iterator[dict[str, Any]]:
     app = served(flight).app
     yield app.routes.openapi()
     app.api.close()
+
+
+def station_in(world: World) -> str:
+    burn = world.context.scenario.burn
+    return OPERATOR_FIELDS["station"] if burn is None else burn.stations[0].name
 
 
 def own_keys(name: str) -> set[str]:
@@ -93,8 +100,7 @@ def test_each_line_of_the_socket_is_answered_as_its_run_accepts_it(
     name: str, scenario: str, tmp_path: Path
 ) -> None:
     world = world_in(tmp_path, scenario_of(scenario, ()))
-    place = {} if scenario == "demo" else {"station": world.context.scenario.burn.stations[0].name}  # type: ignore[union-attr]
-    line = {"do": name, **OPERATOR_FIELDS, **place, **REQUESTS[name].example}
+    line = {"do": name, **OPERATOR_FIELDS, "station": station_in(world), **REQUESTS[name].example}
     answer = world.context.request_handler.answer(json.dumps(line).encode())
     accepted = name in accepted_in(world.context.scenario)
     of_run = "only in a burn" if scenario == "demo" else "not in a burn"
@@ -190,7 +196,7 @@ def test_a_decision_on_a_mission_that_is_not_proposed_fails(
 @pytest.mark.parametrize("name", ["approve", "reject"])
 def test_a_decision_on_a_plan_that_is_not_proposed_is_refused(tmp_path: Path, name: str) -> None:
     world = world_in(tmp_path, scenario_of("burn", ()))
-    station = world.context.scenario.burn.stations[0].name  # type: ignore[union-attr]
+    station = station_in(world)
     request = {"do": name, "by": "ann", "station": station, "hash": "a" * 64}
     answer = world.context.request_handler.ask(request)
     assert answer["ok"] is False
@@ -213,3 +219,41 @@ def test_an_order_that_must_be_confirmed_fails_on_the_command_line(
         assert not option or json.loads(result.stdout)["confirm"] is True
     result = call(world, "hold", "--vehicle", "hawk", "--confirmed")
     assert (result.exit_code, result.output) == (0, "hold ordered by ann\n")
+
+
+@pytest.mark.parametrize("scenario", ["demo", "burn"])
+def test_a_correction_without_effect_is_refused(tmp_path: Path, call: Call, scenario: str) -> None:
+    world = world_in(tmp_path, scenario_of(scenario, () if scenario == "burn" else SMALL))
+    world.fly(world.now_s + 2.0)
+    home = world.context.scenario.vehicles[0]
+    place = PLACE
+    if scenario == "burn":
+        place = {"lat_deg": home.home_lat_deg, "lon_deg": home.home_lon_deg}
+    point = {"state": "burning", "shape": "point", "points": [list(place.values())]}
+    station = station_in(world)
+    steps: list[tuple[str, dict[str, Any], str]] = [
+        ("undo", {}, "nothing to undo"),
+        ("redo", {}, "nothing to redo"),
+        ("erase", {**place, "radius_m": 9.0}, "no correction to erase"),
+        ("correct", point, ""),
+        ("redo", {}, "nothing to redo"),
+        ("undo", {}, ""),
+        ("undo", {}, "nothing to undo"),
+        ("redo", {}, ""),
+    ]
+    for do, fields, why in steps:
+        request = {"do": do, "by": "ann", "station": station, **fields}
+        answer = world.context.request_handler.ask(request)
+        assert answer["ok"] is (why == ""), answer
+        assert why in answer.get("error", "")
+    if scenario == "demo":
+        assert call(world, "undo").exit_code == 0
+        refused_in_one_line(call(world, "undo"), "nothing to undo")
+        body = json.dumps(SENT).encode()
+        reply = CommandGate(world.context.request_handler.ask).accept(
+            "undo", body, False, 0, 0.0, 0
+        )
+        assert reply is not None
+        assert (reply.ok, reply.error) == (False, "nothing to undo")
+    world.simulation.service.recording.journal.close()
+    assert verify(tmp_path / "journal.jsonl").difference is None
