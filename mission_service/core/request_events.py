@@ -118,7 +118,8 @@ def _check_names(request: Request, scope: RequestScope) -> None:
         raise RequestError(f"unknown station {_cut(request.station)}; the scenario has {names}")
     item, vehicle = getattr(request, "item", ""), getattr(request, "vehicle", "")
     if item and items is not None and item not in items:
-        raise RequestError(f"no item {_cut(item)} on the GO list: {'; '.join(items)}")
+        listed = "; ".join(items) or "the list is empty"
+        raise RequestError(f"no item {_cut(item)} on the GO list: {listed}")
     if vehicle and vehicles is not None and vehicle not in vehicles:
         raise RequestError(f"no vehicle {_cut(vehicle)}; the run has {', '.join(vehicles)}")
 

@@ -1,6 +1,7 @@
 """The table of requests: each is reachable by each interface, with its role."""
 
 import json
+import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,7 @@ from mission_service.errors import RequestError
 from mission_service.events import TUNED, SettingsChanged
 from mission_service.interfaces.api.access.auth import ROLES
 from mission_service.interfaces.mqtt.command_gate import CommandGate
+from mission_service.live.interfaces import request_handler_of
 from mission_service.replay.verification import verify
 from mission_service.requests import PLACE
 from tests.api.worlds import SMALL, World, scenario_of, served, world_in
@@ -257,3 +259,66 @@ def test_a_correction_without_effect_is_refused(tmp_path: Path, call: Call, scen
         assert (reply.ok, reply.error) == (False, "nothing to undo")
     world.simulation.service.recording.journal.close()
     assert verify(tmp_path / "journal.jsonl").difference is None
+
+
+def as_live(world: World) -> World:
+    """With the request handler and the status of a live run."""
+    context = world.context
+    context.request_handler = request_handler_of(
+        context.scenario, context.service, context.clock, context.links
+    )
+    return world
+
+
+def test_corrections_print_the_burned_area_before_and_after(tmp_path: Path, call: Call) -> None:
+    world = world_in(tmp_path, scenario_of())
+    lat_deg, lon_deg = PLACE.values()
+    corners = [f"{lat_deg + y},{lon_deg + x}" for y, x in ((0, 0), (0, 0.004), (0.004, 0.004))]
+    drawn = call(world, "correct", "burned", *corners, "--shape", "polygon")
+    areas = re.fullmatch(r"burned area: (.+) ha before, (.+) ha after\n", drawn.output)
+    assert areas is not None, drawn.output
+    before_ha, after_ha = areas.groups()
+    assert float(after_ha) > float(before_ha) + 1.0
+    undone = call(world, "undo")
+    assert undone.output == f"burned area: {after_ha} ha before, {before_ha} ha after\n"
+    redone = json.loads(call(world, "redo", "--json").output)
+    assert f"{redone['burned_ha_before']:.2f}" == before_ha
+    assert f"{redone['burned_ha_after']:.2f}" == after_ha
+
+
+def test_requests_of_a_burn_are_refused_in_another_run(tmp_path: Path, call: Call) -> None:
+    world = as_live(world_in(tmp_path, scenario_of()))
+    for arguments in (
+        ("go", "all"),
+        ("no-go", "x"),
+        ("reject", "12345678"),
+        ("approve", "12345678"),
+    ):
+        refused_in_one_line(call(world, *arguments), "only in a burn")
+    burn_status = CliRunner().invoke(main, ["burn", "status"])
+    refused_in_one_line(burn_status, "this run is not a burn")
+
+
+def test_an_abort_of_a_burn_is_announced(tmp_path: Path, call: Call) -> None:
+    world = as_live(world_in(tmp_path, scenario_of("burn", ())))
+    result = call(world, "abort")
+    words = "aborted by ann: no further drop; the next line requires a request for a plan\n"
+    assert (result.exit_code, result.output) == (0, words)
+
+
+@pytest.mark.parametrize("value", ["nan", "inf", "-inf"])
+def test_a_number_that_is_not_finite_is_refused(tmp_path: Path, call: Call, value: str) -> None:
+    world = world_in(tmp_path, scenario_of())
+    words = f"settings: alpha = {value}: give a finite number"
+    refused_in_one_line(call(world, "settings", f"--alpha={value}"), words)
+
+
+def test_who_has_left_a_burn_must_have_been_reported(tmp_path: Path, call: Call) -> None:
+    world = as_live(world_in(tmp_path, scenario_of("burn", ())))
+    station = ("--station", station_in(world))
+    home = world.context.scenario.vehicles[0]
+    place = f"{home.home_lat_deg},{home.home_lon_deg}"
+    left = ("person", "bob", place, "--gone", *station)
+    refused_in_one_line(call(world, *left), "person: no person 'bob' is in the unit")
+    assert call(world, "person", "bob", place, "--radius", "5", *station).exit_code == 0
+    assert call(world, *left).exit_code == 0
