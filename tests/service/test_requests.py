@@ -15,6 +15,7 @@ from benchmarks.mqtt_schemas import command_file, documents
 from mission_service.cli.main import main
 from mission_service.cli.request_commands import request as group
 from mission_service.config.sections import PlannerSection
+from mission_service.core.autopilot_reports import taken_over
 from mission_service.core.request_events import ABORT, ALL_REQUESTS, REPLAY, REQUESTS, accepted_in
 from mission_service.errors import RequestError
 from mission_service.events import TUNED, SettingsChanged
@@ -322,3 +323,47 @@ def test_who_has_left_a_burn_must_have_been_reported(tmp_path: Path, call: Call)
     refused_in_one_line(call(world, *left), "person: no person 'bob' is in the unit")
     assert call(world, "person", "bob", place, "--radius", "5", *station).exit_code == 0
     assert call(world, *left).exit_code == 0
+
+
+def test_a_renewal_on_the_ground_names_what_it_waits_for(tmp_path: Path, call: Call) -> None:
+    world = world_in(tmp_path, scenario_of())
+    assert call(world, "return", "--vehicle", "hawk").exit_code == 0
+    words = "ordered home on the ground: a mission is sent when an operator orders its start\n"
+    assert call(world, "renew", "--vehicle", "hawk").output == words
+
+
+def test_a_mode_without_a_name_is_announced_by_its_number(tmp_path: Path) -> None:
+    vehicle = world_in(tmp_path, scenario_of()).context.core.vehicles["hawk"]
+    for mode, words in (("mode 0", "in mode 0:"), ("hold", "in mode hold:"), ("", "in an unknown")):
+        vehicle.availability.mode = mode
+        assert getattr(taken_over(vehicle)[0], "text").startswith(words)  # noqa: B009
+
+
+def test_a_start_during_a_hold_is_refused_and_ends_neither_hold_nor_abort(
+    tmp_path: Path, call: Call
+) -> None:
+    world = world_in(tmp_path, scenario_of())
+    assert call(world, "abort").exit_code == 0
+    words = "start: hawk: a hold is ordered: order resume first"
+    refused_in_one_line(call(world, "start", "--vehicle", "hawk"), words)
+    state_view = world.context.state_view
+    assert state_view.vehicles["hawk"].order == "hold"
+    assert "abort" in state_view.alarms
+
+
+@pytest.mark.parametrize(
+    ("scenario", "settings"),
+    [("demo", (*SMALL, 'planner.rule="predictive"')), ("virtual-agents", ())],
+)
+def test_settings_that_the_rule_does_not_have_are_refused(
+    tmp_path: Path, call: Call, scenario: str, settings: tuple[str, ...]
+) -> None:
+    world = world_in(tmp_path, scenario_of(scenario, settings))
+    rule = world.context.scenario.planner.rule
+    words = f"settings: the rule {rule} has no such settings: no setting was changed"
+    refused_in_one_line(call(world, "settings", "--alpha", "1"), words)
+
+
+def test_a_renewal_in_a_formation_is_refused(tmp_path: Path, call: Call) -> None:
+    world = world_in(tmp_path, scenario_of("virtual-agents", ()))
+    refused_in_one_line(call(world, "renew"), "renew: the rule of this run does not renew missions")

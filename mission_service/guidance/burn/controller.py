@@ -75,6 +75,7 @@ from mission_service.guidance.burn.plan_validity import (
 from mission_service.guidance.protocol import Awaited, Decision, Guidance
 from mission_service.ignition_plan import IgnitionPlan
 from mission_service.position_fix import PositionFix
+from mission_service.vehicles.availability import named_mode
 from mission_service.vehicles.missions_sent import MissionsSent
 from mission_service.vehicles.traffic import TrafficManager
 from mission_service.vehicles.vehicle_state import Vehicle, announce
@@ -455,7 +456,7 @@ class BurnFlight(Guidance):
         if self.approvals.approval is None or not self.checklist.complete:
             return "the plan is not approved"
         if self._mode != "mission" or not self._armed:
-            return f"the vehicle is in mode {self._mode}"
+            return f"the vehicle is in {named_mode(self._mode)}"
         return None
 
     def _drop_finished(self, event: DropFinished) -> list[AnyCommand]:
@@ -555,7 +556,7 @@ class BurnFlight(Guidance):
             self._manual_control = False
         elif self.phase == "flying":
             self._manual_control, self.phase = True, "waiting"
-            return self._withdraw(f"mode {event.mode} was not ordered by the service")
+            return self._withdraw(f"{named_mode(event.mode)} was not ordered by the service")
         return []
 
     def _battery_reported(self, vehicle: Vehicle, event: BatteryUpdated) -> list[AnyCommand]:
