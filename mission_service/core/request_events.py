@@ -22,6 +22,7 @@ from mission_service.requests import (
     Name,
     Replay,
     Request,
+    in_words,
     name_of,
 )
 
@@ -99,7 +100,7 @@ def event_of(
     try:
         parsed = msgspec.convert(request, kind)
     except (msgspec.ValidationError, OverflowError, UnicodeError) as error:
-        raise RequestError(f"{do}: {error}") from None
+        raise RequestError(f"{do}: {in_words(error)}") from None
     if _is_service(parsed.by):
         raise RequestError(f"{do}: by {SERVICE!r} is reserved for the service; give your name")
     _check_names(parsed, scope)

@@ -10,20 +10,29 @@ import click
 import msgspec
 import pytest
 from click.testing import CliRunner, Result
+from msgspec import inspect
 
 from benchmarks.mqtt_schemas import command_file, documents
 from mission_service.cli.main import main
 from mission_service.cli.request_commands import request as group
 from mission_service.config.sections import PlannerSection
 from mission_service.core.autopilot_reports import taken_over
-from mission_service.core.request_events import ABORT, ALL_REQUESTS, REPLAY, REQUESTS, accepted_in
+from mission_service.core.request_events import (
+    ABORT,
+    ALL_REQUESTS,
+    REPLAY,
+    REQUESTS,
+    accepted_in,
+    event_of,
+)
 from mission_service.errors import RequestError
 from mission_service.events import TUNED, SettingsChanged
 from mission_service.interfaces.api.access.auth import ROLES
 from mission_service.interfaces.mqtt.command_gate import CommandGate
+from mission_service.interfaces.mqtt.payloads import Command
 from mission_service.live.interfaces import request_handler_of
 from mission_service.replay.verification import verify
-from mission_service.requests import PLACE
+from mission_service.requests import HASH, PATTERNS, PLACE
 from tests.api.worlds import SMALL, World, scenario_of, served, world_in
 
 API_PAGE = (Path(__file__).parents[2] / "docs" / "api.md").read_text(encoding="utf-8")
@@ -367,3 +376,39 @@ def test_settings_that_the_rule_does_not_have_are_refused(
 def test_a_renewal_in_a_formation_is_refused(tmp_path: Path, call: Call) -> None:
     world = world_in(tmp_path, scenario_of("virtual-agents", ()))
     refused_in_one_line(call(world, "renew"), "renew: the rule of this run does not renew missions")
+
+
+@pytest.mark.parametrize(
+    ("do", "fields", "words"),
+    [
+        ("hold", {"by": "a\nb"}, "by: give one line of printable characters that is not blank"),
+        ("hold", {"station": " "}, "station: give one line of printable characters that is not"),
+        ("hold", {"vehicle": "a b"}, "vehicle: give the name of a vehicle: letters, digits, -"),
+        ("accept", {"vehicle": "a b", "hash": HASH}, "vehicle: give the name of a vehicle"),
+        ("accept", {"vehicle": "hawk", "hash": "12345678"}, "hash: give all 64 digits of the hash"),
+        ("approve", {"hash": "12345678"}, "hash: give all 64 digits of the hash"),
+        ("person", {**PLACE, "radius_m": 1.0, "name": "\t"}, "name: give one line of printable"),
+    ],
+)
+def test_a_text_of_another_form_is_refused_without_a_pattern(
+    do: str, fields: dict[str, Any], words: str
+) -> None:
+    with pytest.raises(RequestError) as caught:
+        event_of({"do": do, **OPERATOR_FIELDS, **fields}, 0)
+    assert str(caught.value).startswith(f"{do}: {words}")
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("key", ["id", "by", "station"])
+def test_a_text_of_a_command_over_mqtt_is_refused_without_a_pattern(key: str) -> None:
+    body = json.dumps({**SENT, key: "a\nb"}).encode()
+    reply = CommandGate(lambda request: {"ok": True}).accept("undo", body, False, 0, 0.0, 0)
+    assert reply is not None
+    assert f"the message cannot be read: {key}: give " in reply.error
+    assert "regex" not in reply.error
+
+
+def test_each_pattern_of_a_text_has_words_for_errors() -> None:
+    kinds = (*ALL_REQUESTS.values(), Command)
+    patterns = re.findall(r"pattern='(.*?)'", "".join(str(inspect.type_info(k)) for k in kinds))
+    assert {repr(each)[1:-1] for each in PATTERNS} == set(patterns)
