@@ -151,11 +151,11 @@ def command_of(kind: Any, name: str) -> click.Command:
     def send(out: Path, by: str, station: str | None, as_json: bool, **given: Any) -> None:
         from mission_service.interfaces.control.control_client import ControlClient
 
+        _refuse_not_finite(do, given)
         with ControlClient(out) as client:
             # An abort is sent at once, without asking the run for its stations.
             station = station or ("unknown" if do == "abort" else only_station(client))
             for each in _completed(do, given, lambda: dict(client.ask(do="status")["status"])):
-                _refuse_not_finite(do, each)
                 print_reply(client.ask(do=do, by=by, station=station, **each), as_json)
 
     made = click.command(name, help=kind.__doc__)(user_options(send))

@@ -97,7 +97,6 @@ def run(tmp_path: Path, stations: tuple[str, ...]) -> Iterator[Run]:
         yield made
         loop.call_soon_threadsafe(task.cancel)
         thread.join(10)
-    loop.run_until_complete(asyncio.sleep(0))  # the connections are closed
     loop.close()
 
 
