@@ -28,18 +28,28 @@ MAX_FIRE_LENGTH_M = 500_000.0  # the same limit for outlines of fires from other
 OPERATOR_FIELDS = ("by", "station")  # keys of all requests
 Role = Literal["look", "correct", "fly", "approve"]
 
-# Not blank, without control characters. Limits of numbers also exclude NaN.
-Name = Annotated[
-    str,
-    Meta(
-        max_length=80,
-        pattern=r"^[^\x00-\x1f\x7f-\x9f]*[!-~\xa1-\uffff][^\x00-\x1f\x7f-\x9f]*$(?!\n)",
-    ),
-]
+# The patterns of texts, with the words for errors. Python's $ also matches before a line break.
+NAME = r"^[^\x00-\x1f\x7f-\x9f]*[!-~\xa1-\uffff][^\x00-\x1f\x7f-\x9f]*$(?!\n)"
+PRINTED = r"^[^\x00-\x1f\x7f-\x9f]*$(?!\n)"
+VISIBLE = r"^[!-~]+$(?!\n)"
+ANY_VEHICLE, ONE_VEHICLE = r"^[\w-]*$(?!\n)", r"^[\w-]+$(?!\n)"
+FULL_HASH = r"^[0-9a-f]{64}$(?!\n)"
+_OF_VEHICLE = "give the name of a vehicle: letters, digits, - and _"
+PATTERNS = {
+    NAME: "give one line of printable characters that is not blank",
+    PRINTED: "give one line of printable characters",
+    VISIBLE: "give printable ASCII characters without spaces",
+    ANY_VEHICLE: _OF_VEHICLE,
+    ONE_VEHICLE: _OF_VEHICLE,
+    FULL_HASH: "give all 64 digits of the hash, 0 to 9 and a to f",
+}
+
+# Limits of numbers also exclude NaN.
+Name = Annotated[str, Meta(max_length=80, pattern=NAME)]
 AnyVehicle = Annotated[
-    str, Meta(max_length=40, pattern=r"^[\w-]*$(?!\n)", description="Empty: all vehicles.")
+    str, Meta(max_length=40, pattern=ANY_VEHICLE, description="Empty: all vehicles.")
 ]
-OneVehicle = Annotated[str, Meta(min_length=1, max_length=40, pattern=r"^[\w-]+$(?!\n)")]
+OneVehicle = Annotated[str, Meta(min_length=1, max_length=40, pattern=ONE_VEHICLE)]
 Item = Annotated[
     str, Meta(min_length=1, max_length=200, description="An item of the GO list, in its wording.")
 ]
@@ -47,7 +57,7 @@ Latitude = Annotated[float, Meta(ge=-90, le=90)]
 Longitude = Annotated[float, Meta(ge=-180, le=180)]
 Radius = Annotated[float, Meta(ge=0, le=MAX_LENGTH_M)]
 Seconds = Annotated[float, Meta(ge=-MAX_DURATION_S, le=MAX_DURATION_S)]
-Hash = Annotated[str, Meta(pattern=r"^[0-9a-f]{64}$(?!\n)", description="All 64 digits.")]
+Hash = Annotated[str, Meta(pattern=FULL_HASH, description="All 64 digits.")]
 Places = Annotated[
     tuple[tuple[Latitude, Longitude], ...],
     Meta(min_length=1, max_length=1000, description="Latitude and longitude of each point."),
@@ -95,6 +105,15 @@ class Request(
 def name_of(kind: type[Request]) -> str:
     """Return the value of ``do`` for requests of this kind."""
     return str(kind.__struct_config__.tag)
+
+
+def in_words(error: Exception) -> str:
+    """Return the text of an error; for a text that does not match its pattern, key and remedy."""
+    text = str(error)
+    for pattern, words in PATTERNS.items():
+        if f"regex {pattern!r}" in text:
+            return f"{text.rpartition('$.')[2].rstrip('`')}: {words}"
+    return text
 
 
 def summary_of(kind: type[Request]) -> str:

@@ -88,7 +88,7 @@ def only_station(client: Any) -> str:
 
 
 def print_reply(reply: dict[str, Any], as_json: bool) -> None:
-    """Print the messages of a reply, or the whole reply as JSON.
+    """Print the messages and burned areas of a reply, or the whole reply as JSON.
 
     Raises RequestError if an order was not carried out because it needs a confirmation.
     """
@@ -97,6 +97,9 @@ def print_reply(reply: dict[str, Any], as_json: bool) -> None:
 
     questions = [line for line in reply["messages"] if line.startswith(CONFIRM)]
     messages = [line for line in reply["messages"] if line not in questions]
+    if "burned_ha_before" in reply:
+        before_ha, after_ha = reply["burned_ha_before"], reply["burned_ha_after"]
+        messages.append(f"burned area: {before_ha:.2f} ha before, {after_ha:.2f} ha after")
     if as_json:
         click.echo(json.dumps(reply))
     elif messages or not questions:
@@ -148,6 +151,7 @@ def command_of(kind: Any, name: str) -> click.Command:
     def send(out: Path, by: str, station: str | None, as_json: bool, **given: Any) -> None:
         from mission_service.interfaces.control.control_client import ControlClient
 
+        _refuse_not_finite(do, given)
         with ControlClient(out) as client:
             # An abort is sent at once, without asking the run for its stations.
             station = station or ("unknown" if do == "abort" else only_station(client))
@@ -233,7 +237,9 @@ def _completed(do: str, given: dict[str, Any], status: Status) -> list[dict[str,
         case "reject":
             fields["hash"] = proposed_plan(status(), fields["hash"])[1]
         case "go" | "no-go":
-            items = _items(status()["items"], " ".join(fields["item"]))
+            listed, text = status().get("items"), " ".join(fields["item"])
+            # Without a list, the run refuses the request with the reason.
+            items = _items(listed, text) if listed else [text]
             return [{**fields, "item": item} for item in items]
     return [fields]
 
@@ -249,6 +255,8 @@ def proposed_plan(status: dict[str, Any], digits: str) -> tuple[Any, str]:
     from mission_service.errors import RequestError
     from mission_service.ignition_plan import IgnitionPlan, plan_hash
 
+    if "plans" not in status:
+        raise RequestError("only in a burn: this run has no plans")
     if len(digits) < 8:
         raise RequestError(f"{digits}: give at least the first 8 digits of the plan's hash")
     found = [each for each in status["plans"] if each["plan_hash"].startswith(digits.lower())]
@@ -261,6 +269,17 @@ def proposed_plan(status: dict[str, Any], digits: str) -> tuple[Any, str]:
     if name != found[0]["plan_hash"]:
         raise RequestError(f"{digits}: the plan does not match its hash; it is not approved")
     return proposed, name
+
+
+def _refuse_not_finite(do: str, fields: dict[str, Any]) -> None:
+    """Raise RequestError for a field with NaN or infinity, which JSON does not have."""
+    from mission_service.errors import RequestError
+
+    for name, value in fields.items():
+        try:
+            json.dumps(value, allow_nan=False)
+        except ValueError:
+            raise RequestError(f"{do}: {name} = {value}: give a finite number") from None
 
 
 def _items(items: list[str], text: str) -> list[str]:

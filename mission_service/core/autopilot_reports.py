@@ -7,7 +7,7 @@ text.
 
 from mission_service import events
 from mission_service.commands import AnyCommand, ClearAlarm, RaiseAlarm, Severity
-from mission_service.vehicles.availability import FAILSAFE_STATES, GOING_HOME
+from mission_service.vehicles.availability import FAILSAFE_STATES, GOING_HOME, named_mode
 from mission_service.vehicles.vehicle_state import Vehicle, announce
 
 # MAV_SEVERITY: 0 emergency, 1 alert, 2 critical, 3 error, 4 warning, 5 notice, 6 information.
@@ -45,7 +45,7 @@ def reported(vehicle: Vehicle, event: events.VehicleEvent) -> list[AnyCommand]:
             mode = vehicle.availability.mode
             lands = mode in GOING_HOME  # the autopilot disarms next
             down = vehicle.availability.airborne and event.state == "on ground" and not lands
-            words = f"on the ground in mode {mode}, and armed"
+            words = f"on the ground in {named_mode(mode)}, and armed"
             return _alarm(vehicle, LANDED, down, words, "severe")
         case _:
             return []
@@ -56,7 +56,9 @@ def taken_over(vehicle: Vehicle) -> list[AnyCommand]:
     mode = vehicle.availability.mode
     doing = {"return": ", returning home", "land": ", landing at its position"}.get(mode, "")
     until = "no command is sent until it is back in its mission or an operator gives an order"
-    words = f"in mode {mode}{doing}: not ordered, selected by its autopilot or pilot; {until}"
+    words = (
+        f"in {named_mode(mode)}{doing}: not ordered, selected by its autopilot or pilot; {until}"
+    )
     return [announce(vehicle, words, warning=True), RaiseAlarm(vehicle.name, MODE, words, "severe")]
 
 

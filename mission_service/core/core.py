@@ -26,7 +26,13 @@ from mission_service.guidance.way_of_flying import WayOfFlying
 from mission_service.missions.landing import Landing
 from mission_service.position_fix import PositionFix
 from mission_service.vehicles.approvals import MissionApprovals
-from mission_service.vehicles.availability import GOING_HOME, LEADS_TO, MISSION, VehicleAvailability
+from mission_service.vehicles.availability import (
+    GOING_HOME,
+    LEADS_TO,
+    MISSION,
+    VehicleAvailability,
+    named_mode,
+)
 from mission_service.vehicles.missions_sent import MissionsSent
 from mission_service.vehicles.reconciliation import in_words, recognised, unconfirmed
 from mission_service.vehicles.traffic import TrafficManager
@@ -343,7 +349,7 @@ class Core:
         return []
 
     def _taken_over(self, vehicle: Vehicle) -> list[AnyCommand]:
-        why = f"mode {vehicle.availability.mode} was not ordered"
+        why = f"{named_mode(vehicle.availability.mode)} was not ordered"
         return [*taken_over(vehicle), *self._end_intentions(vehicle, why)]
 
     def _end_intentions(self, vehicle: Vehicle, why: str) -> list[AnyCommand]:

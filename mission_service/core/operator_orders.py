@@ -10,6 +10,7 @@ from mission_service.core.autopilot_reports import back_under_control
 from mission_service.core.decision_engine import DecisionEngine
 from mission_service.guidance.registry import way_of
 from mission_service.vehicles.approvals import MissionApprovals
+from mission_service.vehicles.availability import named_mode
 from mission_service.vehicles.vehicle_state import Vehicle, announce
 
 HOLD_AGAIN_S = 3.0
@@ -31,6 +32,7 @@ class OperatorOrders:
         approvals: MissionApprovals | None,
     ) -> None:
         self._resumes_mission = way_of(scenario).resumes_mission
+        self._renews_missions = way_of(scenario).along_front or approvals is not None
         self.decision_engine = decision_engine
         self.vehicles = vehicles
         self._start = start
@@ -65,7 +67,8 @@ class OperatorOrders:
         """Execute an order, or ask for confirmation if it would end a mode that was not ordered."""
         obstacle = self._obstacle(vehicle, event.order)
         if obstacle:
-            return [announce(vehicle, obstacle, warning=True)]
+            words = f"{REJECTED} {vehicle.name}: {obstacle}"
+            return [announce(vehicle, words, warning=True)]
         was_taken_over = vehicle.availability.taken_over
         if self.decision_engine.apply_order(vehicle.name, event):
             ended = back_under_control(vehicle) if was_taken_over else []
@@ -73,7 +76,7 @@ class OperatorOrders:
                 ended += self._withdrawn(vehicle, f"{event.order} by {event.by}")
             return [*self._order(vehicle, event.order, event.by, event.at_us / 1e6), *ended]
         if event.by == events.SERVICE:
-            words = f"no order is sent: it stays in mode {vehicle.availability.mode}"
+            words = f"no order is sent: it stays in {named_mode(vehicle.availability.mode)}"
             return [announce(vehicle, words)]
         availability = vehicle.availability
         why = (
@@ -81,7 +84,7 @@ class OperatorOrders:
             if availability.taken_over
             else "while its autopilot reports a failsafe"
         )
-        chosen = f"mode {availability.mode}, {why}"
+        chosen = f"{named_mode(availability.mode)}, {why}"
         question = f"{CONFIRM} {vehicle.name}: {event.order} would end {chosen}"
         words = f"{question}; repeat the order with confirmation to execute it"
         return [announce(vehicle, words, warning=True)]
@@ -97,14 +100,12 @@ class OperatorOrders:
 
     def _abort(self, vehicle: Vehicle, event: events.Aborted) -> list[AnyCommand]:
         """Order a hold; it begins when any mode that the autopilot or pilot selected has ended."""
-        at_s, mode = event.at_us / 1e6, vehicle.availability.mode
+        at_s, mode = event.at_us / 1e6, named_mode(vehicle.availability.mode)
         if self.decision_engine.apply_abort(vehicle.name):
             return self._hold(vehicle, event.by, at_s, "aborted")
         vehicle.ordered, vehicle.hold_again_at_s = "hold", at_s
         vehicle.end_intentions()
-        words = (
-            f"aborted by {event.by}; stays in mode {mode}, which its autopilot or pilot selected"
-        )
+        words = f"aborted by {event.by}; stays in {mode}, which its autopilot or pilot selected"
         return [announce(vehicle, words, warning=True)]
 
     def _order(
@@ -181,6 +182,9 @@ class OperatorOrders:
         return [announce(vehicle, f"resumed by {by}")]
 
     def _request_mission(self, vehicle: Vehicle, by: str) -> list[AnyCommand]:
+        if not self._renews_missions:
+            words = f"{REJECTED} the rule of this run does not renew missions"
+            return [announce(vehicle, words, warning=True)]
         vehicle.due, vehicle.refusal = f"requested by {by}", None
         availability = vehicle.availability
         if not availability.position_good:
@@ -188,7 +192,10 @@ class OperatorOrders:
             return [announce(vehicle, words, warning=True)]
         led = not (availability.airborne and (availability.taken_over or vehicle.ordered))
         if availability.recalled or not led:
-            words = f"mode {availability.mode}: a mission is sent when its planner has control"
+            why, then = f"in {named_mode(availability.mode)}", "its planner has control"
+            if not availability.airborne:
+                why, then = "ordered home on the ground", "an operator orders its start"
+            words = f"{why}: a mission is sent when {then}"
             return [announce(vehicle, words, warning=True)]
         return self._withdrawn(vehicle, f"{by} requested another mission")
 

@@ -22,6 +22,7 @@ from mission_service.requests import (
     Name,
     Replay,
     Request,
+    in_words,
     name_of,
 )
 
@@ -99,7 +100,7 @@ def event_of(
     try:
         parsed = msgspec.convert(request, kind)
     except (msgspec.ValidationError, OverflowError, UnicodeError) as error:
-        raise RequestError(f"{do}: {error}") from None
+        raise RequestError(f"{do}: {in_words(error)}") from None
     if _is_service(parsed.by):
         raise RequestError(f"{do}: by {SERVICE!r} is reserved for the service; give your name")
     _check_names(parsed, scope)
@@ -118,7 +119,8 @@ def _check_names(request: Request, scope: RequestScope) -> None:
         raise RequestError(f"unknown station {_cut(request.station)}; the scenario has {names}")
     item, vehicle = getattr(request, "item", ""), getattr(request, "vehicle", "")
     if item and items is not None and item not in items:
-        raise RequestError(f"no item {_cut(item)} on the GO list: {'; '.join(items)}")
+        listed = "; ".join(items) or "the list is empty"
+        raise RequestError(f"no item {_cut(item)} on the GO list: {listed}")
     if vehicle and vehicles is not None and vehicle not in vehicles:
         raise RequestError(f"no vehicle {_cut(vehicle)}; the run has {', '.join(vehicles)}")
 

@@ -57,7 +57,7 @@ class CorrectedFire:
     def apply_report(self, event: AnyOperatorEvent, fire: Fire) -> Fire:
         """Apply a report and return the fire from now on, which is ``fire`` itself if unchanged.
 
-        Raises FireModelError for an invalid report, which changes nothing.
+        Raises FireModelError for a report that is invalid or has no effect, which changes nothing.
         """
         match event:
             case WindSet():
@@ -71,9 +71,9 @@ class CorrectedFire:
                 found, self._base = self._set_right(base, self.log.held()), base
                 return found
             case Corrected() | Erased() | Undone() | Redone():
+                self.log.refuse_no_effect(event)
                 log = copy.deepcopy(self.log)
-                if not log.apply(event):
-                    return fire
+                log.apply(event)
                 base = self.all_of(fire)[-1]
                 if len(log.steps) > MAX_STEPS:
                     base = self._set_right(base, log.settle(MAX_STEPS // 2))

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from firemodel.assimilation.map_drawing import observations_of
 from firemodel.ellipses.observations import BURNED, BURNING, UNBURNED
+from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
 from mission_service.events import AnyEvent, Corrected, Erased, Redone, Undone
 from mission_service.ground_distance import distance_m
@@ -35,6 +36,16 @@ class CorrectionLog:
     def __init__(self) -> None:
         self.steps: list[Step] = []
         self.taken_back: list[Step] = []  # undone steps, in the order of undo
+
+    def refuse_no_effect(self, event: AnyEvent) -> None:
+        """Raise FireModelError if there is no step to undo or redo, or no correction to erase."""
+        match event:
+            case Undone() if not self.steps:
+                raise FireModelError("nothing to undo")
+            case Redone() if not self.taken_back:
+                raise FireModelError("nothing to redo")
+            case Erased() if not self.held():
+                raise FireModelError("no correction to erase")
 
     def apply(self, event: AnyEvent) -> bool:
         """Process an event, and return whether the corrections in effect changed."""

@@ -109,7 +109,8 @@ class EstimatedFire:
     def apply(self, event: object) -> bool:
         """Apply an event, and return whether the estimate changed.
 
-        Raises FireModelError for a correction with an invalid shape, which changes nothing.
+        Raises FireModelError for a correction with an invalid shape, and if there is nothing to
+        undo, redo or erase. The estimate is then unchanged.
         """
         before = self.version
         match event:
@@ -120,6 +121,7 @@ class EstimatedFire:
                 if isinstance(event, events.Corrected):
                     # Raises for an invalid shape before the log changes.
                     observations_of_correction(event, self._landscape, OBSERVATION_SPACING_M)
+                self.log.refuse_no_effect(event)
                 self.log.apply(event)
                 self._collect_observations()
             case events.Observed() if self._burn.camera_corrects:

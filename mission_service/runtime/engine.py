@@ -65,7 +65,7 @@ from mission_service.peer_messages import AnyMessage
 from mission_service.runtime.gateway import Gateway
 from mission_service.runtime.run_statistics import RunStatistics
 from mission_service.runtime.state_view import StateView
-from mission_service.vehicles.availability import MISSION
+from mission_service.vehicles.availability import MISSION, named_mode
 
 NO_BURN = "the scenario has no burn"
 HOST_TIME_EVERY_US = 1_000_000
@@ -166,7 +166,9 @@ class Engine:
         name = event.vehicle
         if isinstance(event, ModeChanged):
             self._unrecorded_modes[name] = event.mode
-            words = f"{name}: mode {event.mode}, selected while the journal cannot be written"
+            words = (
+                f"{name}: {named_mode(event.mode)}, selected while the journal cannot be written"
+            )
             self.state_view.alarm(f"unrecorded/{name}", words, "severe", name)
         elif isinstance(event, AutopilotText):
             self.announce(name, f"autopilot: {event.text}")
@@ -176,7 +178,7 @@ class Engine:
         mode = self._unrecorded_modes.get(command.vehicle, MISSION)
         if not isinstance(command, Hold | ClimbAndHold) or mode == MISSION:
             return False
-        self.announce(command.vehicle, f"stays in mode {mode}, which was selected meanwhile")
+        self.announce(command.vehicle, f"stays in {named_mode(mode)}, which was selected meanwhile")
         return True
 
     def clock_read(self, now_us: int) -> None:

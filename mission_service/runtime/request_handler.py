@@ -56,7 +56,8 @@ class RequestHandler:
         except OWN_ERRORS as error:
             return wrong(str(error))
         if any(line.startswith(REJECTED) for line in messages):
-            words = "; ".join(line.removeprefix(REJECTED).strip() for line in messages)
+            lines = dict.fromkeys(line.removeprefix(REJECTED).strip() for line in messages)
+            words = "; ".join(lines)
             return wrong(f"{request['do']}: {words}")
         answer: Answer = {"ok": True, "at_s": event.at_us / 1e6, "event": type(event).__name__}
         if burned_ha is not None:

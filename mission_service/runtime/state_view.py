@@ -14,6 +14,7 @@ from typing import Any, ClassVar
 from firemodel.landscape.landscape import Landscape
 from mission_service.commands import (
     CONFIRM,
+    REJECTED,
     Announce,
     AnyCommand,
     ChangeSpeed,
@@ -84,9 +85,9 @@ OF_FLIGHT = (
 
 
 def questioned(commands: Iterable[AnyCommand]) -> set[str]:
-    """Return the vehicles whose order was not carried out, because it must be confirmed first."""
+    """Return the vehicles whose order was refused or needs a confirmation."""
     lines = [command for command in commands if isinstance(command, Announce)]
-    return {line.vehicle for line in lines if line.text.startswith(CONFIRM)}
+    return {line.vehicle for line in lines if line.text.startswith((CONFIRM, REJECTED))}
 
 
 def _of_flight(alarm: str) -> bool:
@@ -235,7 +236,7 @@ class StateView:
             self.changed[key] = self.version
 
     def _asked(self, event: AnyOperatorEvent, not_ordered: set[str]) -> None:
-        """Process a request; the orders to vehicles ``not_ordered`` must be confirmed first."""
+        """Process a request; the orders to vehicles ``not_ordered`` are not carried out."""
         if isinstance(event, OperatorHeartbeat):
             return
         self._touch("burn")

@@ -1,5 +1,6 @@
 """Flies a scenario in virtual time, with mock autopilots, MAVLink frames and an event heap."""
 
+import contextlib
 import heapq
 from collections.abc import Callable
 from pathlib import Path
@@ -10,6 +11,7 @@ from autopilot_bridge.mock.autopilot import MockAutopilot
 from autopilot_bridge.mock.kinematics import Wind
 from autopilot_bridge.mock.local_frame import LocalFrame
 from autopilot_bridge.stacks.stacks import stack_named
+from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.weather import Weather
 from mission_service.config.scenario import Scenario
@@ -155,7 +157,8 @@ class Simulation:
         self.rigs[index].advance(now_us, self.service)
         if self._crew is not None:
             for event in self._crew(self.clock.now_us, self.core):
-                self.service.submit(event, now_us)
+                with contextlib.suppress(FireModelError):  # refused, as in a live run
+                    self.service.submit(event, now_us)
         heapq.heappush(self._heap, (max(self.rigs[index].next_timer(), now_us), index))
         if self.clock.now_us >= self._report_us:
             self._report_us += PROGRESS_EVERY_US

@@ -38,6 +38,11 @@ TAKES_EFFECT_S = 5.0  # in which an acknowledged command may change the mode
 FAILSAFE_STATES = ("critical", "emergency", "flight termination")  # HEARTBEAT.system_status
 
 
+def named_mode(mode: str) -> str:
+    """Return a mode with the word "mode"; the bridge's name may be only a number (``mode 0``)."""
+    return f"mode {mode.removeprefix('mode ')}" if mode else "an unknown mode"
+
+
 @dataclass(slots=True)
 class VehicleAvailability:
     """The state that determines whether planners may use a vehicle."""

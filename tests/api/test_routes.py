@@ -24,7 +24,7 @@ from mission_service.interfaces.api.app import role_of, routes_of
 from mission_service.interfaces.api.journal_lines import JournalLines
 from mission_service.journal.journal_file import Journal, SegmentReader
 from mission_service.missions.mission_hash import mission_hash
-from tests.api.worlds import SMALL, Served, World, client, scenario_of, served, world_in
+from tests.api.worlds import SMALL, Served, World, calls, client, scenario_of, served, world_in
 
 V1 = "/api/v1"
 CENTRE = (36.364232, -84.140907)
@@ -233,12 +233,56 @@ def test_the_fire_can_be_seen_at_any_time(flying: World) -> None:
         assert (await got(http, "/fire/uncertainty", in_min=10))["features"]
         perimeter = await got(http, "/fire/perimeters.geojson")
         assert "IncidentName" in perimeter["features"][0]["properties"]
-        assert "at_s or in_s" in await refused(http, 422, "GET", "/fire/front?at_s=1&in_s=1")
+        both = await refused(http, 422, "GET", "/fire/front?at_s=1&in_s=1")
+        assert both == "give only one of at_s, in_s and in_min"
         for wrong in ("nan", "inf", "1e300", "soon", ""):
             await refused(http, 422, "GET", f"/fire/front?in_s={wrong}")
         assert "is the maximum" in await refused(http, 422, "GET", "/fire/front?in_s=900000")
 
     asked(flying, ask)
+
+
+@pytest.mark.parametrize("path", ["/fire/front", "/fire/uncertainty", "/fire/perimeters.geojson"])
+def test_a_time_is_given_in_each_of_three_ways(flying: World, path: str) -> None:
+    async def ask(http: httpx.AsyncClient) -> None:
+        later = {"in_min": 10.0}, {"in_s": 600.0}, {"at_s": flying.now_s + 600.0}
+        found = [await got(http, path, **each) for each in later]
+        for each in found[1:]:
+            each.pop("written_unix_ms", None)
+        shapes = [each.get("features", [each])[0] for each in found]
+        assert shapes[0]["geometry"] == shapes[1]["geometry"] == shapes[2]["geometry"]
+        assert shapes[0]["properties"]["at_s"] == pytest.approx(flying.now_s + 600.0)
+        assert "is the maximum" in await refused(http, 422, "GET", f"{path}?in_min=500")
+
+    asked(flying, ask)
+
+
+def test_unknown_query_parameters_are_refused_on_every_route(flying: World) -> None:
+    service = served(flying)
+
+    async def ask() -> None:
+        async with client(service.app, headers=service.headers()) as http:
+            for call in calls(service.app):
+                if call.path == f"{V1}/abort":  # an abort is never refused
+                    continue
+                answer = await http.request(
+                    call.method, call.path, params={"colour": 1}, json=call.body
+                )
+                assert answer.status_code == 422, call
+                assert "unknown query parameter 'colour'; the route has" in answer.json()["error"]
+
+    asyncio.run(ask())
+    service.app.api.close()
+
+
+def test_an_abort_is_accepted_with_any_query_parameter(tmp_path: Path) -> None:
+    world = world_in(tmp_path, scenario_of())
+
+    async def ask(http: httpx.AsyncClient) -> None:
+        answer = await http.post(f"{V1}/abort", params={"colour": 1})
+        assert (answer.status_code, answer.json()["event"]) == (200, "Aborted")
+
+    asked(world, ask)
 
 
 def test_images_are_images(flying: World) -> None:

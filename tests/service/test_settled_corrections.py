@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
+from firemodel.errors import FireModelError
 from firemodel.physics.weather import Weather, WeatherStream
 from mission_service.config.scenario import Scenario, load_scenario
 from mission_service.events import AnyOperatorEvent, Corrected, Erased, Undone, WindSet
@@ -67,7 +68,9 @@ def test_the_older_half_is_part_of_the_fire_and_the_newer_can_be_undone(drawn: D
     assert all(drawn.burned(each) for each in places)
     listed = drawn.world.corrections()
     assert len(listed) == MAX_STEPS + 1 - MAX_STEPS // 2
-    for _ in range(2 * MAX_STEPS):
+    for _ in listed:
+        drawn.submit(Undone(AT_US, *ANN))
+    with pytest.raises(FireModelError, match="nothing to undo"):
         drawn.submit(Undone(AT_US, *ANN))
     assert drawn.world.corrections() == []
     assert [drawn.burned(each) for each in places] == [True, True, False, False, False]

@@ -12,6 +12,7 @@ from firemodel.landscape.landscape import Landscape
 from firemodel.physics.weather import WeatherStream
 from mission_service.commands import REJECTED
 from mission_service.config.sections import BurnSection, VehicleSection
+from mission_service.errors import MissionServiceError
 from mission_service.events import BurnUnitSet, PersonReported, PlanRequested
 from mission_service.fire.estimated_fire import EstimatedFire, toward
 from mission_service.guidance.burn.burn_unit import ExclusionCircle, burn_unit_of
@@ -66,7 +67,8 @@ class BurnState:
     def unit_reported(self, event: PersonReported | BurnUnitSet) -> None:
         """Apply a changed unit or a reported person.
 
-        Raises MissionServiceError if the changed unit is invalid.
+        Raises MissionServiceError if the changed unit is invalid, or if the person that has left
+        was not reported before.
         """
         if isinstance(event, BurnUnitSet):
             unit = burn_unit_of(self.burn, self.landscape, corners=event.points)
@@ -77,6 +79,11 @@ class BurnState:
             people = [each for each in self.unit.people if each.name != event.name]
             if event.radius_m > 0:
                 people.append(ExclusionCircle(event.name, *place, event.radius_m))
+            elif len(people) == len(self.unit.people):
+                names = ", ".join(each.name for each in people) or "none"
+                raise MissionServiceError(
+                    f"no person {event.name!r} is in the unit; the names are: {names}"
+                )
             self.unit = self.unit.with_people(tuple(people))
         self._air = None
 

@@ -75,6 +75,7 @@ from mission_service.guidance.burn.plan_validity import (
 from mission_service.guidance.protocol import Awaited, Decision, Guidance
 from mission_service.ignition_plan import IgnitionPlan
 from mission_service.position_fix import PositionFix
+from mission_service.vehicles.availability import named_mode
 from mission_service.vehicles.missions_sent import MissionsSent
 from mission_service.vehicles.traffic import TrafficManager
 from mission_service.vehicles.vehicle_state import Vehicle, announce
@@ -154,14 +155,22 @@ class BurnFlight(Guidance):
                 words = f"{REJECTED} no such plan is proposed; load the state of the burn again"
                 return self._announce(words, warning=True)
             case Aborted():
-                self.checklist.apply(event)
-                return self._stop(f"aborted by {event.by}", "waiting", always=True)
+                return self._aborted(event)
             case Resumed():
                 self.checklist.apply(event)
                 self._manual_control, self._mode = False, ""
                 return self._stop(f"the service was down for {event.down_s:.0f} s", always=True)
             case _:
                 return self._changed(event.at_us / 1e6) if changed else []
+
+    def _aborted(self, event: Aborted) -> list[AnyCommand]:
+        self.checklist.apply(event)
+        why = f"aborted by {event.by}"
+        words = f"{why}: no further drop; the next line requires a request for a plan"
+        return [
+            *self._announce(words, warning=True),
+            *self._stop(why, "waiting", always=True),
+        ]
 
     def on_vehicle(self, vehicle: Vehicle, event: VehicleEvent) -> list[AnyCommand]:
         """Process a vehicle's event, such as a new mode, a lost link or the result of a drop."""
@@ -296,7 +305,8 @@ class BurnFlight(Guidance):
 
     def _plan_requested(self, event: PlanRequested) -> list[AnyCommand]:
         if self.phase in ("flying", "approved", "climbing"):
-            return self._announce("a line is being flown; the next plan follows after its end")
+            words = f"{REJECTED} a line is being flown; the next plan follows after its end"
+            return self._announce(words, warning=True)
         refused = self.state.set_spacings(event)
         if refused is not None:
             return self._announce(refused, warning=True)
@@ -314,7 +324,8 @@ class BurnFlight(Guidance):
             return [*words, *self._stop("the approval is uncertain")] if repeated else words
         why = self._why_invalid(event.at_us / 1e6)
         if why is not None:
-            return self._stop(why)
+            words = self._announce(f"{REJECTED} approval by {event.by}", warning=True)
+            return [*words, *self._stop(why)]
         self._flown = approved_plan_of(plan, self.state.landscape)
         self.phase, self._manual_control = "approved", False
         return self._announce(f"line {plan.line} approved by {event.by} at {event.station}")
@@ -445,7 +456,7 @@ class BurnFlight(Guidance):
         if self.approvals.approval is None or not self.checklist.complete:
             return "the plan is not approved"
         if self._mode != "mission" or not self._armed:
-            return f"the vehicle is in mode {self._mode}"
+            return f"the vehicle is in {named_mode(self._mode)}"
         return None
 
     def _drop_finished(self, event: DropFinished) -> list[AnyCommand]:
@@ -545,7 +556,7 @@ class BurnFlight(Guidance):
             self._manual_control = False
         elif self.phase == "flying":
             self._manual_control, self.phase = True, "waiting"
-            return self._withdraw(f"mode {event.mode} was not ordered by the service")
+            return self._withdraw(f"{named_mode(event.mode)} was not ordered by the service")
         return []
 
     def _battery_reported(self, vehicle: Vehicle, event: BatteryUpdated) -> list[AnyCommand]:

@@ -54,6 +54,7 @@ from mission_service.events import (
 from mission_service.ground_distance import distance_m
 from mission_service.guidance.burn.plan_mission import has_drop
 from mission_service.ignition_plan import IgnitionPlan, plan_hash
+from mission_service.vehicles.availability import named_mode
 
 POSITION_GOOD_US = 1_500_000
 MINUTE_US = 60_000_000
@@ -375,7 +376,7 @@ class Interlock:
         if not vehicle.armed:
             return f"{name}: not armed"
         if vehicle.mode != "mission":
-            return f"{name}: in mode {vehicle.mode or 'unknown'}, not in mode mission"
+            return f"{name}: in {named_mode(vehicle.mode)}, not in mode mission"
         return None
 
     def _place_refuses(self, plan: IgnitionPlan, drop: Drop) -> str | None:

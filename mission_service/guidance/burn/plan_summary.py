@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from mission_service.errors import RequestError
 from mission_service.ignition_plan import IgnitionPlan
 
 M_PER_FT = 0.3048
@@ -36,7 +37,12 @@ def describe_plan(plan: IgnitionPlan, name: str) -> list[str]:
 
 
 def describe_status(status: dict[str, Any]) -> list[str]:
-    """Describe the state of a burn in a control socket's reply, in lines with one topic each."""
+    """Describe the state of a burn in a control socket's reply, in lines with one topic each.
+
+    Raises RequestError for the state of another run.
+    """
+    if "plans" not in status:
+        raise RequestError("this run is not a burn")
     phase, at_us = status["guidance"]["phase"], round(status["at_s"] * 1e6)
     lines = [f"{status['scenario']}  mission time {_clock(at_us)}, {phase}"]
     open_items = status["open_items"]

@@ -17,7 +17,14 @@ from numpy.typing import NDArray
 
 from autopilot_bridge.items import MissionItem
 from firemodel.landscape.landscape import Landscape
-from mission_service.commands import AnyCommand, ChangeSpeed, Orbit, StartMission
+from mission_service.commands import (
+    REJECTED,
+    Announce,
+    AnyCommand,
+    ChangeSpeed,
+    Orbit,
+    StartMission,
+)
 from mission_service.config.scenario import Scenario
 from mission_service.config.sections import VehicleSection
 from mission_service.errors import MissionServiceError
@@ -31,6 +38,7 @@ from mission_service.events import (
     PeerLinkChanged,
     PeerMessage,
     Resumed,
+    SettingsChanged,
     Telemetry,
     UploadFinished,
     VehicleEvent,
@@ -161,7 +169,13 @@ class FormationFlight(Guidance):
     # Inputs ----------------------------------------------------------------------------
 
     def on_operator(self, event: AnyOperatorEvent) -> list[AnyCommand]:
-        """Forget pending orders after a restart of the service; orbits are commanded again."""
+        """Forget pending orders after a restart of the service; orbits are commanded again.
+
+        Settings are refused.
+        """
+        if isinstance(event, SettingsChanged):
+            words = f"{REJECTED} the rule formation has no such settings: no setting was changed"
+            return [Announce(self.scenario.flown[0].name, words, "warning")]
         if isinstance(event, Resumed):
             for state in self._states.values():
                 if (

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from autopilot_bridge.items import MissionItem
 from firemodel.landscape.landscape import Landscape
-from mission_service.commands import Announce, AnyCommand, UploadMission
+from mission_service.commands import REJECTED, Announce, AnyCommand, UploadMission
 from mission_service.config.scenario import Scenario
 from mission_service.events import (
     TUNED,
@@ -84,7 +84,7 @@ class FrontFlight(Guidance):
                 commands.append(Announce(name, words))
             else:
                 rule = self.scenario.planner.rule
-                words = f"the rule {rule} has no such settings: no setting was changed"
+                words = f"{REJECTED} the rule {rule} has no such settings: no setting was changed"
                 commands.append(Announce(name, words, "warning"))
         return commands
 

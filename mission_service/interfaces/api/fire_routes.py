@@ -4,7 +4,7 @@ import asyncio
 from functools import partial
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Query, Request, Response
+from fastapi import APIRouter, Depends, Query, Request, Response
 
 from mission_service.interfaces import examples
 from mission_service.interfaces.api.context import ApiContext
@@ -18,9 +18,12 @@ from mission_service.interfaces.maps.perimeter_worker import Job
 
 GEOJSON = "application/geo+json"
 LONGEST_S = 1e7
-FAR_S, FAR_MIN = 3600.0, 60.0
+FAR_S = 3600.0
 Seconds = Annotated[float | None, Query(ge=-LONGEST_S, le=LONGEST_S, allow_inf_nan=False)]
 Minutes = Annotated[float, Query(ge=0, le=LONGEST_S / 60, allow_inf_nan=False)]
+SomeMinutes = Annotated[
+    float | None, Query(ge=-LONGEST_S / 60, le=LONGEST_S / 60, allow_inf_nan=False)
+]
 UPLOADS = (
     "application/geo+json",
     "application/vnd.google-earth.kml+xml",
@@ -43,13 +46,23 @@ def _add_shapes(routes: APIRouter, api: ApiContext) -> None:
     def now_s() -> float:
         return api.context.clock.now_us / 1e6
 
+    def time_s(
+        at_s: Seconds = None, in_s: Seconds = None, in_min: SomeMinutes = None
+    ) -> float | None:
+        """Return the mission time in the query, if any."""
+        if sum(each is not None for each in (at_s, in_s, in_min)) > 1:
+            raise ApiError(422, "give only one of at_s, in_s and in_min")
+        if in_min is not None:
+            in_s = 60.0 * in_min
+        return at_s if in_s is None else now_s() + in_s
+
+    Time = Annotated[float | None, Depends(time_s)]  # noqa: N806
+
     @routes.get(
         f"{V1}/fire/front", **route("look", "Burned area at a time.", json(examples.FRONT, GEOJSON))
     )
-    async def front(at_s: Seconds = None, in_s: Seconds = None) -> Response:
-        if at_s is not None and in_s is not None:
-            raise ApiError(422, "give at_s or in_s, not both")
-        when_s = at_s if at_s is not None else now_s() + (in_s or 0.0)
+    async def front(given_s: Time) -> Response:
+        when_s = now_s() if given_s is None else given_s
         found = await api.forecasts.arrival(when_s)
         shape, start = fronts.front_geojson, found.start_area
         return await _shape(api, shape, found.arrival_s, land, when_s, now_s(), start_area=start)
@@ -74,8 +87,8 @@ def _add_shapes(routes: APIRouter, api: ApiContext) -> None:
             json(examples.FRONTS, GEOJSON),
         ),
     )
-    async def uncertainty(in_min: Minutes = FAR_MIN) -> Response:
-        at_s = now_s() + 60.0 * in_min
+    async def uncertainty(given_s: Time) -> Response:
+        at_s = now_s() + FAR_S if given_s is None else given_s
         probability = await api.forecasts.probability(at_s)
         return await _shape(api, fronts.probability_geojson, probability, land, at_s, now_s())
 
@@ -83,8 +96,8 @@ def _add_shapes(routes: APIRouter, api: ApiContext) -> None:
         f"{V1}/fire/perimeters.geojson",
         **route("look", "Perimeter with the field names of WFIGS.", json(examples.FRONTS, GEOJSON)),
     )
-    async def perimeters(at_s: Seconds = None) -> Response:
-        when_s = now_s() if at_s is None else at_s
+    async def perimeters(given_s: Time) -> Response:
+        when_s = now_s() if given_s is None else given_s
         found = await api.forecasts.arrival(when_s)
         scenario = api.context.scenario
         return await _shape(

@@ -8,6 +8,7 @@ from typing import Any
 
 import msgspec
 from fastapi import Depends, Request
+from fastapi.routing import APIRoute
 
 from mission_service import requests
 from mission_service.interfaces import examples
@@ -61,6 +62,22 @@ class RequiredRole:
             raise ApiError(403, f"requires the role {self.role}, which {user.name} does not have")
 
 
+async def refuse_unknown_query(request: Request) -> None:
+    """Raise ApiError 422 for a parameter in the query string that the route does not have.
+
+    An abort, which the guard has carried out by now, is accepted with any parameter.
+    """
+    if hasattr(request.state, "aborted"):
+        return
+    route: APIRoute = request.scope["route"]
+    parts = (route.dependant, *route.dependant.dependencies)
+    names = [each.alias for part in parts for each in part.query_params]
+    for name in request.query_params:
+        if name not in names:
+            known = f"the route has {', '.join(names)}" if names else "the route has none"
+            raise ApiError(422, f"unknown query parameter {name[:40]!r}; {known}")
+
+
 def route(
     role: Role | None,
     summary: str,
@@ -78,7 +95,7 @@ def route(
         extra["requestBody"] = {"required": False, "content": dict(takes)}
     success = {200: {"description": "Success.", "content": dict(answer)}}
     return {
-        "dependencies": [Depends(RequiredRole(role))],
+        "dependencies": [Depends(RequiredRole(role)), Depends(refuse_unknown_query)],
         "summary": summary,
         "responses": {**success, **COMMON},
         "openapi_extra": extra,

@@ -15,6 +15,7 @@ import msgspec
 
 from mission_service.core.request_events import ABORT, ALL_REQUESTS
 from mission_service.interfaces.mqtt.payloads import Command, CommandId, Reply
+from mission_service.requests import in_words
 
 MQTT = "mqtt"  # prefix of the names of operators and stations
 MAX_BYTES = 64 * 1024
@@ -162,7 +163,7 @@ def _read(payload: bytes) -> tuple[Command, dict[str, Any]]:
             found.setdefault("schema", "command/1")
         command = msgspec.convert(found, Command)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise _RefusedError(f"the message cannot be read: {error}") from None
+        raise _RefusedError(f"the message cannot be read: {in_words(error)}") from None
     if "do" in found:
         raise _RefusedError("unknown key do: the topic contains the command")
     request = {key: value for key, value in found.items() if key not in _ENVELOPE}

@@ -8,11 +8,10 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
+from mission_service.requests import PRINTED, VISIBLE
 from mission_service.runtime.published_states import Alarm
 
-# Python's $ also matches before a line break at the end.
-PRINTED = r"^[^\x00-\x1f\x7f-\x9f]*$(?!\n)"
-CommandId = Annotated[str, Meta(min_length=1, max_length=80, pattern=r"^[!-~]+$(?!\n)")]
+CommandId = Annotated[str, Meta(min_length=1, max_length=80, pattern=VISIBLE)]
 OperatorName = Annotated[str, Meta(min_length=1, max_length=70, pattern=PRINTED)]
 
 
