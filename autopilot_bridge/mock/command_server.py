@@ -143,8 +143,10 @@ class CommandServer:
         arm = request.params[0] > 0.5
         if not arm and flight.airborne:
             return DENIED
-        copter_auto = not self._px4 and not self._plane and flight.mode == "mission"
-        if arm and copter_auto and not flight.armed:
+        not_armable = "rtl" if self._plane else "mission"  # ArduPilot's RTL and AUTO
+        if arm and not flight.armed and not self._px4 and flight.mode == not_armable:
+            name = "RTL" if self._plane else "AUTO"
+            self._send(text(2, f"Arm: {name} mode not armable"))
             return FAILED
         flight.armed = arm
         return ACCEPTED

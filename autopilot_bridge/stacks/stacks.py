@@ -122,7 +122,8 @@ _ARDUPLANE = Stack(
     mission_mode=10,
     hold_mode=12,
     rtl_mode=11,
-    start=(ARM, Step(mavlink.MAV_CMD_DO_SET_MODE, (1.0, 10.0))),
+    # ArduPlane does not arm in RTL, which is its mode after a return, so it changes to AUTO first.
+    start=(Step(mavlink.MAV_CMD_DO_SET_MODE, (1.0, 10.0)), ARM),
     modes=ARDUPLANE,
 )
 STACKS = (

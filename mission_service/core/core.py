@@ -48,6 +48,7 @@ RETRY_S = 5.0
 START_AGAIN_S = 10.0
 CHECK_EVERY_S = 2.0
 TAKEOFF_EVERY_S = 20.0
+BEFORE_MODES = ("", "initialising")  # before the first report, and while ArduPlane boots
 WAITS = "on the ground: it waits for an operator's order to start"
 # Commands that are sent often: only their refusal is announced.
 UNANNOUNCED = ("orbit", "change speed")
@@ -333,6 +334,8 @@ class Core:
             vehicle.start_again_at_s = None
         if availability.taken_over and (availability.airborne or vehicle.started):
             return self._taken_over(vehicle)
+        if vehicle.start_is_pending and self._was_overridden(vehicle, was):
+            return self._start_ended(vehicle)
         if availability.recalled and not was.recalled:
             return [_announce_return(vehicle, event.mode)]
         if (was.recalled or was.taken_over) and event.mode == MISSION:
@@ -356,6 +359,20 @@ class Core:
         """Cancel the vehicle's pending commands and its proposed mission."""
         vehicle.end_intentions()
         return [] if self._approvals is None else [*self._approvals.withdraw(vehicle, why)]
+
+    def _was_overridden(self, vehicle: Vehicle, was: "_Was") -> bool:
+        """Return whether another than the service has changed the mode on the ground."""
+        mode, booted = vehicle.availability.mode, was.mode not in BEFORE_MODES
+        changed = booted and mode != was.mode and mode not in LEADS_TO[StartMission]
+        return changed and not vehicle.availability.airborne
+
+    def _start_ended(self, vehicle: Vehicle) -> list[AnyCommand]:
+        """End a start that has not taken effect; the next one requires an order or an approval."""
+        vehicle.waits_for_operator |= not self._way.prescribed
+        why = f"{named_mode(vehicle.availability.mode)} was not ordered"
+        chosen = f"start ended: {why}, selected by its autopilot or pilot"
+        words = announce(vehicle, f"{chosen}; {WAITS}", warning=True)
+        return [*self._end_intentions(vehicle, why), words]
 
     def _disarmed(self, vehicle: Vehicle, has_landed: bool) -> list[AnyCommand]:
         vehicle.waits_for_operator = True
@@ -471,6 +488,7 @@ class Core:
     def _command_finished(
         self, vehicle: Vehicle, event: events.CommandFinished
     ) -> list[AnyCommand]:
+        was_starting = event.command == "start mission" and vehicle.start_under_way
         if event.command == "start mission":
             vehicle.start_under_way = False
             vehicle.start_again_at_s = None
@@ -488,7 +506,7 @@ class Core:
         again_at_s = event.at_us / 1e6 + START_AGAIN_S
         if event.command == "return" and vehicle.availability.recalled:
             vehicle.return_again_at_s = again_at_s
-        elif event.command == "start mission" and self._may_start_again(vehicle):
+        elif was_starting and self._may_start_again(vehicle):
             vehicle.start_again_at_s = again_at_s
         else:
             return [announce(vehicle, refused, warning=True)]
@@ -553,6 +571,7 @@ class _Was(NamedTuple):
     recalled: bool
     taken_over: bool
     armed: bool
+    mode: str
 
 
 def _announce_return(vehicle: Vehicle, mode: str) -> Announce:

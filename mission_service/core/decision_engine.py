@@ -9,7 +9,7 @@ from typing import ClassVar
 
 from firemodel.landscape.landscape import Landscape
 from mission_service import events
-from mission_service.commands import AnyCommand, StartMission, UploadMission
+from mission_service.commands import AnyCommand, UploadMission
 from mission_service.config.scenario import Scenario
 from mission_service.guidance.protocol import Decision, Steered
 from mission_service.position_fix import PositionFix
@@ -150,21 +150,16 @@ class DecisionEngine:
         else:
             changed = (event.mode, event.armed) != before
             if changed:
-                self._mode_chosen(availability, event, armed_now=not before[1])
+                self._mode_chosen(availability, event)
             if event.mode in GOING_HOME and availability.airborne:
                 self.recall(event.vehicle, at_s)
             elif changed and availability.taken_over:
                 self.planners[event.vehicle].left(at_s)
 
-    def _mode_chosen(
-        self, availability: VehicleAvailability, event: events.ModeChanged, armed_now: bool
-    ) -> None:
+    def _mode_chosen(self, availability: VehicleAvailability, event: events.ModeChanged) -> None:
         """Classify an armed vehicle's mode, other than its mission, as ordered or not ordered."""
         at_s = event.at_us / 1e6
         leading = availability.leading_to(event.mode, at_s)
-        arms = armed_now and not availability.airborne and event.mode not in GOING_HOME
-        if arms and availability.is_expected(StartMission, at_s):
-            leading.add(StartMission)  # arms first and then changes the mode
         availability.held_by_upload = leading == {UploadMission}
         availability.mode_is_ordered = bool(leading)
         self._look_for_failsafe(event.vehicle, at_s)

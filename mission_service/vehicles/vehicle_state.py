@@ -134,6 +134,13 @@ class Vehicle:
         """The mission that waits for an operator's approval."""
         return self.next_mission if self.mission_phases[-1] is MissionPhase.PROPOSED else None
 
+    @property
+    def start_is_pending(self) -> bool:
+        """Whether a start is under way, is to be repeated, or is to follow an upload."""
+        was_starting = self.unconfirmed is not None and self.unconfirmed.starting
+        pending = self.start_under_way or self.holding or was_starting
+        return pending or self.start_again_at_s is not None
+
     def enter(self, phase: MissionPhase, mission: Pending | None = None) -> None:
         """Change the phase of the next mission. Raises InvalidTransitionError."""
         enter(self.mission_phases, phase, MISSION_TRANSITIONS, f"next mission of {self.name}")

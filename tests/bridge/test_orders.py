@@ -185,6 +185,18 @@ def test_a_vehicle_lands_where_it_is_and_disarms(stack: Stack) -> None:
     assert not pair.client.armed
 
 
+def test_arduplane_starts_from_the_mode_of_its_return_which_does_not_arm() -> None:
+    pair = standing(PLANE)
+    pair.result_of(pair.client.upload(flight_of(), pair.now_us))
+    accepted(pair, pair.client.command("return", pair.now_us))
+    refused = outcome(pair, pair.client.command("arm", pair.now_us))
+    assert refused.reason == "COMPONENT_ARM_DISARM failed: Arm: RTL mode not armable"
+    accepted(pair, pair.client.command("start mission", pair.now_us))
+    pair.run_for(20.0)
+    assert mode(pair) == "mission"
+    assert pair.mock.flight.airborne
+
+
 def test_arduplane_lands_only_by_its_mission() -> None:
     pair = airborne(PLANE)
     ended = outcome(pair, pair.client.command("land", pair.now_us))

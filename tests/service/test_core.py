@@ -279,6 +279,43 @@ def test_a_start_that_was_refused_is_tried_again(land: Landscape) -> None:
     assert flight.at_height(0.0) == []
 
 
+@pytest.mark.parametrize("under_way", [False, True])
+def test_a_start_ends_when_a_pilot_sets_another_mode_on_the_ground(
+    land: Landscape, under_way: bool
+) -> None:
+    """Seen with ArduPlane 4.6.2: it armed and took off seconds after MANUAL was selected."""
+    flight = Flight(load_scenario("default"), land)
+    flight.handle(ModeChanged(flight.at_us, "hawk", 11, False, "return"))
+    (mission,) = uploads(flight.at_height(0.0))
+    flight.finished(mission.mission_id, "accepted")
+    refusal = CommandFinished(flight.at_us, "hawk", "start mission", False, "not yet")
+    if not under_way:
+        flight.handle(refusal)
+    assert flight.handle(ModeChanged(flight.at_us, "hawk", 10, False, "mission")) == []
+    (ended,) = flight.handle(ModeChanged(flight.at_us, "hawk", 0, False, "manual"))
+    assert isinstance(ended, Announce)
+    assert ended.text.startswith("start ended: mode manual was not ordered")
+    if under_way:
+        (refused,) = flight.handle(refusal)
+        assert isinstance(refused, Announce)
+        assert refused.text == "start mission refused: not yet"
+    assert StartMission not in kinds(flight.at_height(0.0, later_s=11.0))
+    ordered = flight.handle(OrderGiven(flight.at_us, "ann", "desk", "hawk", "start"))
+    assert StartMission in kinds(ordered)
+
+
+def test_a_start_ends_when_a_pilot_arms(land: Landscape) -> None:
+    flight = Flight(load_scenario("default"), land)
+    flight.handle(ModeChanged(flight.at_us, "hawk", 0, False, "manual"))
+    (mission,) = uploads(flight.at_height(0.0))
+    flight.finished(mission.mission_id, "accepted")
+    flight.handle(CommandFinished(flight.at_us, "hawk", "start mission", False, "not yet"))
+    armed = flight.handle(ModeChanged(flight.at_us, "hawk", 0, True, "manual"))
+    assert Announce in kinds(armed)
+    assert flight.core.vehicles["hawk"].availability.taken_over
+    assert StartMission not in kinds(flight.at_height(0.0, later_s=11.0))
+
+
 def test_an_answer_to_an_older_mission_changes_nothing(land: Landscape) -> None:
     flight, mission = airborne(land, atomic=False)
     assert flight.finished(mission.mission_id - 1, "failed") == []

@@ -188,7 +188,6 @@ class Oracle:
         self, record: VehicleRecord, event: ModeChanged, at_s: float, chosen_by: Source
     ) -> None:
         same = record.armed and event.armed and record.mode == event.mode
-        arms = event.armed and not record.armed
         was_armed, record.armed, record.mode = record.armed, event.armed, event.mode
         if not event.armed:
             if was_armed or record.airborne:
@@ -201,11 +200,7 @@ class Oracle:
                 record.judged = "ordered"
             return
         record.effects = [each for each in record.effects if each.until_s > at_s]
-        may_be = [
-            each
-            for each in record.effects
-            if event.mode in each.modes or (arms and each.name == "start mission")
-        ]
+        may_be = [each for each in record.effects if event.mode in each.modes]
         if event.mode == "mission":  # flown by what is on board: that mode hands it over
             record.judged = "ordered"
             if chosen_by == "pilot":
