@@ -11,7 +11,10 @@ AIRSPEED_CHANGED_M_S = 0.5
 # Neither PX4 1.17 nor ArduPlane 4.6 reports a failed engine: both continue their mission at full
 # throttle, sink, and lose airspeed. A plane that levels off or descends fast gains airspeed.
 FULL_THROTTLE_PERCENT, SINKING_M_S, SLOWER_M_S = 75, 1.0, 1.5
-SLOWER_THAN_US = 10_000_000  # an airspeed is compared with the mean over this time before it
+# An airspeed is compared with the mean over this time before it, or before the vehicle began to
+# sink at full throttle: a mean that fell with the airspeed would hide a slow loss.
+SLOWER_THAN_US = 10_000_000
+CLIMB_OVER_US = 2_000_000  # gusts average out
 SINKING_FOR_US = 1_000_000
 RECOVERED_FOR_US = 10_000_000
 
@@ -23,7 +26,8 @@ class SpeedReports:
         self._airspeeds_m_s: list[float] = []  # since the last mean
         self._airspeeds_from_us = 0
         self._reported_m_s = math.nan
-        self._newest: deque[tuple[int, float]] = deque()  # mission time, airspeed
+        self._before: deque[tuple[int, float]] = deque()  # mission time, airspeed
+        self._climbs: deque[tuple[int, float]] = deque()  # mission time, climb
         self._thrust_sufficient = True
         self._otherwise_since_us: int | None = None  # time since which thrust differs from it
 
@@ -50,22 +54,22 @@ class SpeedReports:
         self._reported_m_s = mean_m_s
         return AirspeedMeasured(now_us, name, mean_m_s)
 
-    def _is_slower(self, airspeed_m_s: float | None, now_us: int) -> bool:
+    def _is_slower(self, airspeed_m_s: float | None, now_us: int, sinks: bool) -> bool:
         """Return whether the vehicle has lost airspeed; True if no airspeed is measured."""
         if airspeed_m_s is None:
             return True
-        while self._newest and self._newest[0][0] < now_us - SLOWER_THAN_US:
-            self._newest.popleft()
-        before_m_s = [value for _, value in self._newest]
-        self._newest.append((now_us, airspeed_m_s))
-        if not before_m_s:
-            return False
-        return airspeed_m_s <= math.fsum(before_m_s) / len(before_m_s) - SLOWER_M_S
+        before_m_s = _mean(self._before)
+        if not sinks:
+            _add(self._before, airspeed_m_s, now_us, SLOWER_THAN_US)
+        return airspeed_m_s <= before_m_s - SLOWER_M_S
 
     def _thrust(self, speed: Speed, name: str, now_us: int) -> ThrustStatusChanged | None:
         """Return the new thrust status if it has changed: sinking at full throttle, or not."""
-        sinks = speed.throttle_percent >= FULL_THROTTLE_PERCENT and speed.climb_m_s <= -SINKING_M_S
-        slower = self._is_slower(speed.airspeed_m_s, now_us)
+        _add(self._climbs, speed.climb_m_s, now_us, CLIMB_OVER_US)
+        climb_m_s = _mean(self._climbs)
+        full_throttle = speed.throttle_percent >= FULL_THROTTLE_PERCENT
+        slower = self._is_slower(speed.airspeed_m_s, now_us, full_throttle and climb_m_s < 0.0)
+        sinks = full_throttle and climb_m_s <= -SINKING_M_S
         if self._thrust_sufficient and not slower:
             sinks = False
         if sinks != self._thrust_sufficient:  # the last report is still correct
@@ -77,5 +81,17 @@ class SpeedReports:
         if now_us - self._otherwise_since_us < min_us:
             return None
         self._thrust_sufficient, self._otherwise_since_us = not sinks, None
-        climb_m_s = round(speed.climb_m_s, 1)
-        return ThrustStatusChanged(now_us, name, not sinks, speed.throttle_percent, climb_m_s)
+        throttle_percent, climb_m_s = speed.throttle_percent, round(climb_m_s, 1)
+        return ThrustStatusChanged(now_us, name, not sinks, throttle_percent, climb_m_s)
+
+
+def _add(values: deque[tuple[int, float]], value: float, now_us: int, over_us: int) -> None:
+    """Append a value and remove those that are older than ``over_us``."""
+    values.append((now_us, value))
+    while values[0][0] < now_us - over_us:
+        values.popleft()
+
+
+def _mean(values: deque[tuple[int, float]]) -> float:
+    """Return the mean of values with their times; NaN if there are none."""
+    return math.fsum(value for _, value in values) / len(values) if values else math.nan

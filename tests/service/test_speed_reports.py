@@ -35,8 +35,22 @@ def test_a_plane_that_sinks_at_full_throttle_and_loses_airspeed_is_reported_and_
     assert thrust([*CRUISE, *fails, *glides, *CRUISE]) == [(21.5, False), (53.0, True)]
 
 
+def test_a_slow_loss_of_airspeed_in_uneven_air_is_reported() -> None:
+    """ArduPlane 4.6.2 with SIM_ENGINE_FAIL, as flown: the mean of 10 s falls with the airspeed."""
+    cruise: list[Flown] = [(14.9, 0.0, 23)] * 40
+    fails: list[Flown] = [
+        *((14.3, -0.9, 33), (13.4, -2.0, 40), (12.7, -1.1, 50), (12.1, -1.9, 59)),
+        *((11.7, -1.9, 65), (11.3, -1.3, 70), (11.1, -2.4, 76), (10.9, -0.4, 82)),
+        *((10.2, -1.6, 86), (10.1, -1.1, 92), (9.7, 0.0, 97), (9.1, -1.6, 100)),
+        *((9.0, -0.8, 100), (8.6, -0.2, 100), (8.3, -3.9, 100), (9.5, -4.7, 100)),
+        *((10.4, -1.7, 100), (10.3, -1.7, 100), (10.3, -2.5, 100), (10.3, -1.1, 100)),
+    ]
+    glides: list[Flown] = [(9.4, -1.6, 100)] * 30
+    assert thrust([*cruise, *fails, *glides]) == [(24.0, False)]
+
+
 def test_a_vehicle_without_a_measured_airspeed_is_reported_too() -> None:
-    assert thrust([(None, 0.0, 40)] * 4 + [(None, -3.0, 95)] * 4) == [(3.0, False)]
+    assert thrust([(None, 0.0, 40)] * 4 + [(None, -3.0, 95)] * 4) == [(3.5, False)]
 
 
 def test_a_plane_that_levels_off_or_dives_is_not_reported() -> None:
