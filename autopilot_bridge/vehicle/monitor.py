@@ -11,6 +11,7 @@ from autopilot_bridge.vehicle.client_events import (
     ClientEvent,
     ClockChanged,
     Connected,
+    EstimatorStatus,
     Implausible,
     ItemReached,
     LinkLost,
@@ -61,6 +62,9 @@ class VehicleMonitor:
         self._reached: int | None = None
         self._clock = BootClock()
         self._reach = Reach(max_speed_m_s)
+        # Whether its position estimate has been healthy since its start; None before its reports.
+        self._settled: bool | None = None
+        self._estimate_healthy = True  # by the last report
         self._alarms: dict[AlarmKind, int] = {}  # active alarms with their end times
         self._backward_jump_us = 0  # 0 if the time since boot did not jump back
         self.undecided_until_us = 0  # until this time a restart may still be detected
@@ -120,8 +124,11 @@ class VehicleMonitor:
         for event in self._telemetry.events(message, now_us):
             if isinstance(event, Position):
                 events += self._position(event)
-            else:
-                events.append(event)
+                continue
+            if isinstance(event, EstimatorStatus):
+                self._estimate_healthy = event.healthy
+                self._settled = event.healthy or bool(self._settled)
+            events.append(event)
         events += self._state(message, now_us)
         return events
 
@@ -145,6 +152,7 @@ class VehicleMonitor:
         if verdict == "rebooted":
             self.current = self._reached = None
             self._restarted = True
+            self._settled = None if self._estimate_healthy else False
             return [Rebooted(now_us)]
         words = (
             f"its time since boot jumped {jump} and continues from there; it is used from now on"
@@ -152,6 +160,8 @@ class VehicleMonitor:
         return [ClockChanged(now_us), *self._alarm("clock", words, now_us, again=True)]
 
     def _position(self, position: Position) -> list[ClientEvent]:
+        if self._settled is False:  # ArduPlane reports 0 m AMSL until its estimator has an origin
+            self._reach.forget_positions()
         beyond_m = self._reach.beyond_m(position)
         verdict = self._reach.judge(position, self._clock.rate)
         if verdict == "beyond":

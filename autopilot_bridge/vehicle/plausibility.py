@@ -20,7 +20,7 @@ continues without a jump.
 *Positions.* A position is discarded if the airframe could not have flown there from its last
 positions in the time between them. Positions that are consistent with each other for
 ``PLACES_KEPT_US`` are adopted: a simulator's vehicle was moved, or a wrong position estimate was
-corrected.
+corrected. After the start of the autopilot the check begins when its position estimate is healthy.
 
 A forged message within these limits that comes from the vehicle's own address cannot be told from a
 true one. Signed links prevent forgery.
@@ -203,6 +203,10 @@ class Reach:
     def forget_times(self) -> None:
         """Use the link's clock for the next position, because the time since boot has restarted."""
         self._anchor = self._other = None
+
+    def forget_positions(self) -> None:
+        """Accept any next position, because no earlier one is reliable."""
+        self._last = self._anchor = self._other = None
 
     def judge(self, place: Position, rate: float) -> PlaceVerdict:
         """Return the verdict on a position; ``rate`` is ``BootClock.rate``."""

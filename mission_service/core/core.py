@@ -157,6 +157,9 @@ class Core:
                 return self._mode_changed(vehicle, event, was)
             case events.VehicleRebooted():
                 return self._rebooted(vehicle, event.at_us / 1e6, was)
+            case events.EstimatorStatusChanged() if not (was.airborne or was.estimator_healthy):
+                # The problems of an estimator that starts change often: announced once.
+                return [each for each in reported(vehicle, event) if not isinstance(each, Announce)]
             case events.SystemStateChanged() | events.FenceStatusChanged():
                 commands = reported(vehicle, event)
                 if vehicle.availability.taken_over and not was.taken_over:  # hold by a failsafe
@@ -572,6 +575,7 @@ class _Was(NamedTuple):
     taken_over: bool
     armed: bool
     mode: str
+    estimator_healthy: bool
 
 
 def _announce_return(vehicle: Vehicle, mode: str) -> Announce:

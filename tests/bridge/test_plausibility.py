@@ -301,6 +301,32 @@ def test_after_a_restart_places_go_on() -> None:
     assert not vehicle.of(Implausible)
 
 
+def test_positions_before_the_first_healthy_estimate_are_no_reference() -> None:
+    """ArduPlane 4.6.2 reports 0 m AMSL until its estimator has an origin."""
+    vehicle = Vehicle()
+
+    def ekf(flags: int) -> Any:
+        return mavlink.MAVLink_ekf_status_report_message(flags, 0.1, 0.1, 0.1, 0.1, 0.1)
+
+    def boot() -> None:
+        for height_m, flags in ((0, mavlink.EKF_UNINITIALIZED), (394, 0x80), (394, 0x033F)):
+            for _ in range(12):
+                vehicle.now_us += SECOND // 4
+                vehicle.boot_us += SECOND // 4
+                at_home = position(vehicle.boot_us, up_m=height_m - 400.0)
+                vehicle.send(heartbeat(armed=False), at_home, ekf(flags))
+
+    boot()
+    assert not vehicle.of(Implausible)
+    assert len(vehicle.of(Position)) == 36
+    vehicle.send(position(vehicle.boot_us + 1000, 4000.0, -6.0))
+    assert len(vehicle.of(Implausible)) == 1
+    vehicle.boot_us = 0
+    boot()
+    assert len(vehicle.of(Rebooted)) == 1
+    assert len(vehicle.of(Implausible)) == 1
+
+
 def test_a_clock_that_was_set_is_used_with_an_alarm() -> None:
     vehicle = Vehicle()
     vehicle.fly(60.0)

@@ -8,7 +8,9 @@ from firemodel.landscape.landscape import Landscape
 from mission_service.commands import (
     Announce,
     AnyCommand,
+    ClearAlarm,
     Hold,
+    RaiseAlarm,
     Return,
     StartMission,
     UploadMission,
@@ -19,6 +21,7 @@ from mission_service.events import (
     Aborted,
     AnyEvent,
     CommandFinished,
+    EstimatorStatusChanged,
     LinkLost,
     LinkRestored,
     MissionProgress,
@@ -314,6 +317,21 @@ def test_a_start_ends_when_a_pilot_arms(land: Landscape) -> None:
     assert Announce in kinds(armed)
     assert flight.core.vehicles["hawk"].availability.taken_over
     assert StartMission not in kinds(flight.at_height(0.0, later_s=11.0))
+
+
+def test_a_starting_estimator_is_announced_once(land: Landscape) -> None:
+    flight = Flight(load_scenario("default"), land)
+
+    def reported(*problems: str) -> list[type]:
+        event = EstimatorStatusChanged(flight.at_us, "hawk", not problems, problems)
+        return kinds(flight.handle(event))
+
+    assert reported("not initialised") == [Announce, RaiseAlarm]
+    assert reported("attitude not valid", "position lost") == [RaiseAlarm]
+    assert reported() == [ClearAlarm]
+    flight.at_height(50.0)
+    assert reported("satellite position glitch") == [Announce, RaiseAlarm]
+    assert reported("position lost") == [Announce, RaiseAlarm]
 
 
 def test_an_answer_to_an_older_mission_changes_nothing(land: Landscape) -> None:
