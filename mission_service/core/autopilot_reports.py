@@ -15,6 +15,8 @@ WARNING, CRITICAL = 4, 2
 TEXT_STANDS_S = 60.0
 # PX4's mission protocol sends these texts with severity critical after repeated requests.
 OF_TRANSFERS = ("WPM:", "IGN MISSION", "Operation timeout")
+# ArduCopter sends this text with severity critical after each change of the mission that it flies.
+OF_UPLOADS, AFTER_UPLOAD_S = "Auto mission changed, restarted command", 5.0
 MODE, STATE, FENCE, ESTIMATOR, TEXT = "mode", "state", "fence", "estimator", "autopilot"
 LANDED, THRUST = "landed", "thrust"
 
@@ -77,12 +79,19 @@ def texts_over(vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
 
 def _text(vehicle: Vehicle, event: events.AutopilotText) -> list[AnyCommand]:
     words = f"autopilot: {event.text}"
+    if event.text == OF_UPLOADS and _uploads(vehicle, event.at_us / 1e6):
+        return [announce(vehicle, words)]
     line = announce(vehicle, words, warning=event.severity <= WARNING)
     if event.severity > WARNING or event.text.startswith(OF_TRANSFERS):
         return [line]
     vehicle.text_at_s = event.at_us / 1e6
     severity: Severity = "severe" if event.severity <= CRITICAL else "warning"
     return [line, RaiseAlarm(vehicle.name, TEXT, words, severity)]
+
+
+def _uploads(vehicle: Vehicle, at_s: float) -> bool:
+    """Return whether the service uploads a mission to the vehicle, or has just done so."""
+    return vehicle.pending is not None or at_s - vehicle.upload_ended_at_s < AFTER_UPLOAD_S
 
 
 def _alarm(

@@ -456,6 +456,7 @@ class Core:
     def _upload_finished(self, vehicle: Vehicle, event: events.UploadFinished) -> list[AnyCommand]:
         if vehicle.pending is None or vehicle.pending.mission_id != event.mission_id:
             return []
+        vehicle.upload_ended_at_s = event.at_us / 1e6
         pending, accepted = vehicle.pending, event.outcome == "accepted"
         vehicle.enter(MissionPhase.ACCEPTED if accepted else MissionPhase.FAILED)
         if accepted:

@@ -105,6 +105,7 @@ class Vehicle:
     flown_line: shapely.LineString | None = None  # path of the confirmed mission on board
     takes_off: bool = False  # flies the takeoff item of its mission
     uploaded_at_s: float = -1e9
+    upload_ended_at_s: float = -1e9
     not_before_s: float = -1e9
     due: str = ""  # the reason why a new mission is due at once
     mode: str = ""  # by the last report

@@ -20,6 +20,7 @@ from mission_service.core.core import Core
 from mission_service.events import (
     Aborted,
     AnyEvent,
+    AutopilotText,
     CommandFinished,
     EstimatorStatusChanged,
     LinkLost,
@@ -39,6 +40,7 @@ from mission_service.fire.setup import fire_of, landscape_of
 from mission_service.fire.simulated_fire import SimulatedFire
 
 NAV_LOITER_UNLIM, NAV_TAKEOFF = 17, 22
+CRITICAL = 2  # MAV_SEVERITY
 
 
 @pytest.fixture(scope="module")
@@ -332,6 +334,23 @@ def test_a_starting_estimator_is_announced_once(land: Landscape) -> None:
     flight.at_height(50.0)
     assert reported("satellite position glitch") == [Announce, RaiseAlarm]
     assert reported("position lost") == [Announce, RaiseAlarm]
+
+
+def test_what_arducopter_reports_of_an_upload_of_the_service_is_no_alarm(land: Landscape) -> None:
+    flight, mission = airborne(land, atomic=False)
+
+    def reported(later_s: float = 0.0) -> list[AnyCommand]:
+        text = "Auto mission changed, restarted command"
+        return flight.handle(
+            AutopilotText(flight.at_us + round(later_s * 1e6), "hawk", CRITICAL, text)
+        )
+
+    during = reported()
+    flight.finished(mission.mission_id, "accepted")
+    for (announcement,) in (during, reported(1.0)):
+        assert isinstance(announcement, Announce)
+        assert announcement.level == "info"
+    assert kinds(reported(10.0)) == [Announce, RaiseAlarm]  # by another station
 
 
 def test_an_answer_to_an_older_mission_changes_nothing(land: Landscape) -> None:
