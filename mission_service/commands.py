@@ -77,7 +77,11 @@ class ChangeSpeed(Command, frozen=True, tag=True):
 
 
 class DirectionDecision(Command, frozen=True, tag=True):
-    """A planner's decision on the flight direction; importances are 0 for rules that use none."""
+    """A planner's decision on the flight direction; importances are 0 for rules that use none.
+
+    ``reversals`` is the planner's own count, which includes decisions that cause no command, such
+    as those during a hold. Interfaces count the commands with ``reversed``.
+    """
 
     direction: Direction
     reversed: bool

@@ -133,9 +133,9 @@ class RunStatistics:
             case DirectionDecision():
                 vehicle.decisions += 1
                 vehicle.direction = command.direction
+                vehicle.reversal_count += command.reversed
                 if command.reversed and vehicle.fix is not None:
                     vehicle.reversals.append(vehicle.fix[:3])
-                    vehicle.reversal_count += 1
             case UploadMission():
                 reasons = vehicle.upload_reasons
                 known = command.why in reasons or len(reasons) < MAX_REASONS

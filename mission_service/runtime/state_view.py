@@ -435,8 +435,9 @@ class StateView:
         match command:
             case DirectionDecision():
                 vehicle.direction = command.direction
-                vehicle.decisions = self.statistics.vehicles[vehicle.vehicle].decisions
-                vehicle.reversals = command.reversals
+                statistics = self.statistics.vehicles[vehicle.vehicle]
+                vehicle.decisions = statistics.decisions
+                vehicle.reversals = statistics.reversal_count
                 if command.reversed:
                     vehicle.reversed_at_us = self.at_us
                 vehicle.importance_back = round(command.importance_back, 3)
