@@ -6,9 +6,21 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
-from mission_service.commands import AnyCommand, ProposeMission, UploadMission, WithdrawMission
+from mission_service.commands import (
+    Announce,
+    AnyCommand,
+    ProposeMission,
+    UploadMission,
+    WithdrawMission,
+)
 from mission_service.missions.mission_hash import mission_hash
-from mission_service.vehicles.vehicle_state import MissionPhase, Pending, Refusal, Vehicle
+from mission_service.vehicles.vehicle_state import (
+    MissionPhase,
+    Pending,
+    Refusal,
+    Vehicle,
+    announce,
+)
 
 SAMPLED_EVERY_M = 20.0
 GOOD_FOR_S = 60.0  # validity of a proposal; then a new one is planned, because the front moves
@@ -37,6 +49,7 @@ class MissionApprovals:
         beyond its end.
         """
         self._proposals: dict[str, Proposal] = {}
+        self._announced: set[str] = set()  # vehicles with a proposal that waits for an answer
         self._path_tolerance_m = path_tolerance_m
         self._max_beyond_m = AHEAD_SHARE * horizon_m
 
@@ -57,7 +70,7 @@ class MissionApprovals:
 
     def _propose(
         self, command: UploadMission, vehicle: Vehicle, at_s: float
-    ) -> list[ProposeMission]:
+    ) -> list[ProposeMission | Announce]:
         pending, earlier = vehicle.pending, self._proposals.get(vehicle.name)
         assert pending is not None  # by ``MissionsSent``
         why = command.why
@@ -73,7 +86,12 @@ class MissionApprovals:
         vehicle.enter(MissionPhase.PROPOSED, pending)
         self._proposals[vehicle.name] = Proposal(at_s, command, pending)
         mission = (command.mission_id, why, command.items, mission_hash(command.items))
-        return [ProposeMission(vehicle.name, *mission)]
+        proposed = ProposeMission(vehicle.name, *mission)
+        if vehicle.name in self._announced:
+            return [proposed]
+        self._announced.add(vehicle.name)
+        words = f"mission {command.mission_id} waits for approval: {why}"
+        return [proposed, announce(vehicle, words)]
 
     def _differs(self, refusal: Refusal, pending: Pending) -> bool:
         """Return whether a mission differs from a refused one in its path or its reason."""
@@ -111,10 +129,14 @@ class MissionApprovals:
         if proposal is None or at_s - proposal.at_s < GOOD_FOR_S:
             return []
         vehicle.due = vehicle.due or proposal.pending.due
-        return self.withdraw(vehicle, f"no answer for {GOOD_FOR_S:.0f} s: a new one is planned")
+        why = f"no answer for {GOOD_FOR_S:.0f} s: a new one is planned"
+        withdrawn = self.withdraw(vehicle, why)
+        self._announced.add(vehicle.name)  # the new one is not announced
+        return withdrawn
 
     def withdraw(self, vehicle: Vehicle, why: str) -> list[WithdrawMission]:
         """Withdraw the proposal of a vehicle, if any."""
+        self._announced.discard(vehicle.name)
         proposal = self._proposals.pop(vehicle.name, None)
         if proposal is None:
             return []
@@ -126,6 +148,7 @@ class MissionApprovals:
         proposal = self._proposals.get(vehicle.name)
         if proposal is None or mission_hash(proposal.command.items) != named:
             return None
+        self._announced.discard(vehicle.name)
         return self._proposals.pop(vehicle.name)
 
     def validate_state(self, vehicles: Mapping[str, Vehicle]) -> None:

@@ -196,7 +196,13 @@ def test_missions_wait_for_approval_where_configured(fly: Fly) -> None:
     assert lapsed is not None
     entries = flight.over()
     assert len(commands(entries, UploadMission)) == 1
-    assert len(commands(entries, ProposeMission)) > 3, "what waits too long is proposed again"
+    proposed = commands(entries, ProposeMission)
+    assert len(proposed) > 3, "what waits too long is proposed again"
+    announced = [each.text for each in commands(entries, Announce)]
+    waits = [text for text in announced if "waits for approval" in text]
+    # The first, the one that was requested, and those after a refusal; none that replaces another.
+    assert waits[0] == "mission 1 waits for approval: fly to the fire"
+    assert 3 <= len(waits) < len(proposed)
     assert len(commands(entries, StartMission)) == 1
 
 
