@@ -23,7 +23,7 @@ def airspeed_compared(vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
     """
     commanded_m_s, measured_m_s = vehicle.section.airspeed_m_s, vehicle.airspeed_m_s
     availability = vehicle.availability
-    led = availability.airborne and not availability.taken_over
+    led = availability.airborne and not (availability.on_ground or availability.taken_over)
     in_mission = led and (availability.mode == MISSION or availability.held_by_upload)
     if vehicle.section.kind != "plane" or measured_m_s is None or not in_mission:
         return _compared_equal(vehicle)

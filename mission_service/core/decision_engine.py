@@ -171,6 +171,11 @@ class DecisionEngine:
             availability.mode_is_ordered = availability.held_by_upload = False
             self.planners[name].left(at_s)
 
+    def _landed_state_changed(
+        self, availability: VehicleAvailability, event: events.LandedStateChanged
+    ) -> None:
+        availability.on_ground = event.state == "on ground"
+
     def _position_measured(
         self,
         availability: VehicleAvailability,
@@ -219,6 +224,7 @@ class DecisionEngine:
         events.UploadFinished: _answered,
         events.SystemStateChanged: _status_changed,
         events.FenceStatusChanged: _status_changed,
+        events.LandedStateChanged: _landed_state_changed,
         events.GpsFixChanged: _position_measured,
         events.EstimatorStatusChanged: _position_measured,
     }

@@ -56,6 +56,7 @@ class VehicleAvailability:
     mode: str = ""  # by the last report
     armed: bool = False
     mode_is_ordered: bool = True  # False: autopilot or pilot selected it
+    on_ground: bool = False  # by EXTENDED_SYS_STATE; a crashed vehicle may remain armed
     held_by_upload: bool = False  # it holds, and nothing but an upload can be the cause
     system_state: str = ""  # HEARTBEAT.system_status
     fence_breached: bool = False

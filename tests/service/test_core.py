@@ -19,10 +19,12 @@ from mission_service.config.scenario import Scenario, load_scenario
 from mission_service.core.core import Core
 from mission_service.events import (
     Aborted,
+    AirspeedMeasured,
     AnyEvent,
     AutopilotText,
     CommandFinished,
     EstimatorStatusChanged,
+    LandedStateChanged,
     LinkLost,
     LinkRestored,
     MissionProgress,
@@ -351,6 +353,16 @@ def test_what_arducopter_reports_of_an_upload_of_the_service_is_no_alarm(land: L
         assert isinstance(announcement, Announce)
         assert announcement.level == "info"
     assert kinds(reported(10.0)) == [Announce, RaiseAlarm]  # by another station
+
+
+def test_a_vehicle_on_the_ground_in_its_mission_has_no_wrong_airspeed(land: Landscape) -> None:
+    flight, _ = airborne(land, atomic=True)
+    flight.handle(ModeChanged(flight.at_us, "hawk", 4, armed=True, mode="mission"))
+    flight.handle(AirspeedMeasured(flight.at_us, "hawk", 1.0))
+    assert RaiseAlarm not in kinds(flight.at_height(50.0))
+    assert RaiseAlarm in kinds(flight.at_height(5.0, later_s=61.0))
+    flight.handle(LandedStateChanged(flight.at_us, "hawk", "on ground"))
+    assert ClearAlarm("hawk", "airspeed") in flight.at_height(0.0)
 
 
 def test_an_answer_to_an_older_mission_changes_nothing(land: Landscape) -> None:

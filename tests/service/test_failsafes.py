@@ -291,10 +291,13 @@ def test_a_text_of_the_autopilot_is_one_printable_line() -> None:
 def test_a_vehicle_on_the_ground_in_its_mission_is_reported(fly: Fly) -> None:
     """A failed engine shows in neither stack's texts: PX4 1.17 sank and landed in its mission."""
     flight = fly()
-    flight.run(400.0)
+    flight.run(500.0)
+    assert alarm(flight, "front") == ""
     down = LandedStateChanged(flight.now_us, "hawk", "on ground")
     flight.sim.service.handle_events([down], flight.sim.link_us)
     assert "on the ground" in alarm(flight, "landed")
+    flight.run(10.0)
+    assert "no vehicle monitors the whole front" in alarm(flight, "front")
     up = LandedStateChanged(flight.now_us, "hawk", "in air")
     flight.sim.service.handle_events([up], flight.sim.link_us)
     assert alarm(flight, "landed") == ""

@@ -133,7 +133,7 @@ class FrontFlight(Guidance):
         commands = self._watch.standing_alarms() if isinstance(event, Resumed) else []
         for name in names:
             available = availability[name].flies and availability[name].armed
-            available &= not vehicles[name].ordered
+            available &= not (vehicles[name].ordered or availability[name].on_ground)
             commands += self._watch.update(name, available, observes_front(event), availability)
         return commands
 
