@@ -8,13 +8,13 @@ import msgspec
 import numpy as np
 from shapely.geometry.base import BaseGeometry
 
-from firemodel.spread import devs8_kernels, labels
+from firemodel.spread import devs8_kernels
 from firemodel.spread.anyangle import AnyAngleFire
 from mission_service.guidance.formation.shared_map import SharedMap
 from mission_service.guidance.team.lookahead import Moves
 from mission_service.runtime.track import Track
 
-HEAPS = (devs8_kernels.EventHeap, labels.Heap)
+HEAPS = (devs8_kernels.EventHeap,)
 SIMPLE = (str, bytes, int, float, complex, type(None), type)
 
 
@@ -81,8 +81,10 @@ def _parts(thing: Any) -> Iterator[tuple[str, Any]]:
     if isinstance(thing, SharedMap):
         names = [name for name in names if name not in ("_found", "_shares", "_theirs")]
     if isinstance(thing, AnyAngleFire):
-        names.remove("_points")
-        yield "._points", thing._points[: thing._used]
+        names = [name for name in names if name not in ("_points", "_queue")]
+        yield "._points", [each[: thing._used] for each in thing._points]
+        times, keys, waiting = thing._queue
+        yield "._queue", [times[: thing._size], keys[: thing._size], waiting[: thing._waits]]
     for name in names:
         if hasattr(thing, name):
             yield f".{name}", getattr(thing, name)

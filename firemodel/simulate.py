@@ -69,7 +69,7 @@ def burn(
         >>> fire.arrival_time_s.shape
         (200, 200)
         >>> round(fire.burned_ha)
-        12
+        13
         >>> fire.front(1800.0).geom_type
         'MultiPolygon'
     """

@@ -1,11 +1,15 @@
-"""Compute arrival times along straight lines, at any angle, from sources to cells.
+"""Compute arrival times along straight lines, at any angle, from sources to the corners of cells.
 
-A source is the centre of a burned cell, or a point on the front when the weather changes. From a
-burning cell, two paths to each neighbour are tried: a straight line from the source of that cell,
-and a straight line from the cell itself. The time along a line is the sum of the times in the cells
-that it crosses (``travel_time``). Cells are processed in order of time (Dijkstra 1959). A cell's
-source is chosen like a parent in "Theta*" (Nash et al. 2007). Where conditions are uniform, lines
-may have any length and arrival times are those of the exact ellipse.
+Within a cell the slowness of fire is constant, so that the fastest path is a chain of straight
+lines that bend on the edges of cells. Here they bend at corners or, with ``precise``, also at the
+middles of edges (``labels``). A source is a node that fire has reached, a lit place, or a point on
+the front when the weather changes. A node that fire reaches has two paths to each node of its
+cells: a straight line from its own source, and a straight line from itself. The time along a line
+is the sum of the times in the cells that it crosses, along an edge at the speed of the faster cell
+(``travel_time``). Nodes are processed in order of time (Dijkstra 1959). A node's source is chosen
+like a parent in "Theta*" (Nash et al. 2007); before fire spreads from the node, the nodes beside
+that source are tried as well. Where conditions are uniform, lines may have any length and arrival
+times are those of the exact ellipse. Everywhere they are times of real paths and thus never early.
 
 When the weather changes, each line along which fire is moving is cut at the position of the fire,
 and that point becomes the source of the remaining line. Only the remaining line has the new spread
@@ -23,12 +27,37 @@ import numpy as np
 from firemodel.arrays import Floats
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.weather import WeatherStream
-from firemodel.spread.anyangle_kernels import burn_until
+from firemodel.spread.anyangle_kernels import (
+    IGNITION_ROOM,
+    ROOM,
+    arrive,
+    burn_until,
+    expect_neighbours,
+    ignite,
+)
 from firemodel.spread.fire_scheme import Burning, Fire, Ignition, StartArea
-from firemodel.spread.heap import push
-from firemodel.spread.labels import ActivePaths, Heap, Labels, empty_paths
+from firemodel.spread.labels import (
+    ActivePaths,
+    Labels,
+    Points,
+    Queue,
+    Tips,
+    at_centres,
+    empty_labels,
+    empty_paths,
+    empty_points,
+    empty_tips,
+    lattice_of,
+    settle,
+)
 from firemodel.spread.local_spread import perturbed
-from firemodel.spread.rerate_kernels import active_paths, paths_from, start_paths
+from firemodel.spread.rerate_kernels import (
+    POINTS_PER_TIP,
+    active_paths,
+    front_of,
+    paths_from,
+    start_paths,
+)
 from firemodel.spread.travel_time import clear_slowness, ground_of
 
 
@@ -43,54 +72,54 @@ class AnyAngleFire(Fire):
         burning: Burning | None = None,
         *,
         wind_limit: bool = False,
+        precise: bool = False,
     ) -> None:
         """Raise FireModelError for an ignition on ground that cannot burn."""
         super().__init__(landscape, weather, ignitions, burning, wind_limit)
         if burning and burning.area is not None:
             self.start_area = StartArea(burning.area, burning.at_s)
-        n, cols = landscape.fuel_model.size, landscape.shape[1]
         changes = weather.changes()
         self._ground = ground_of(landscape, changes, wind_limit)
-        self._labels = Labels(
-            np.full(n, np.inf),
-            np.where(self._ground.terrain.fuel < 0, -np.inf, np.inf),
-            np.full(n, -1, dtype=np.int32),
-        )
-        self.arrival_time_s = self._labels.arrival_s.reshape(landscape.shape)
-        self._heap = _empty_heap(1024)
-        self._points, self._used = np.empty((64, 3)), 0  # sources: row, column, time
+        self._lattice = lattice_of(landscape.shape, precise)
+        burnable = self._ground.terrain.fuel.reshape(landscape.shape) >= 0
+        self._labels = empty_labels(burnable, self._lattice)
+        self.arrival_time_s = np.full(landscape.shape, np.inf)
+        self._queue, self._size, self._waits = _empty_queue(1024), 0, 0
+        self._points, self._used = empty_points(64), 0
         self._paths = empty_paths(0)
         self._changes_s = [*(entry.at_s for entry in changes[1:]), math.inf]
         self._entry = bisect.bisect_right(self._changes_s, self.time_s)
-        self._since_s = self.time_s  # time at which the paths begin
+        self._since_s = self.time_s  # time of the last change of weather
+        self._clock_s = self.time_s  # latest time at which a node was reached
         # The order is reversed, so that the next ignition is the last element.
-        self._ignitions = sorted(((t, row * cols + col) for row, col, t in ignitions), reverse=True)
+        self._ignitions = sorted(((t, row, col) for row, col, t in ignitions), reverse=True)
         if burning:
-            burned = np.isfinite(burning.arrival_s.ravel())
-            self._labels.arrival_s[burned] = burning.arrival_s.ravel()[burned]
-            self._labels.best_s[burned] = burning.arrival_s.ravel()[burned]
-            self._labels.source[burned] = burned.nonzero()[0]
-            paths = paths_from(burning.front, self._labels.best_s, landscape.shape)
+            self.arrival_time_s[:] = burning.arrival_s
+            settle(self._labels, burning.arrival_s, burnable, self._lattice)
+            paths = paths_from(burning.front + 0.5, self.time_s, self._labels.best_s, self._lattice)
             targets = np.unique(paths.target)
-            self._start_paths(paths, ActivePaths(targets, np.full((targets.size, 2), np.nan)))
+            tips = empty_tips(targets.size)._replace(target=targets)
+            self._start_paths(paths, tips, self._add_front(self.time_s, paths, tips))
         self.advance(self.time_s)
 
     def _light(self, ignition: Ignition) -> None:
         row, col, at_s = ignition
-        self._ignitions.append((at_s, row * self.landscape.shape[1] + col))
+        self._ignitions.append((at_s, row, col))
         self._ignitions.sort(reverse=True)
 
     def copy(self) -> Self:
         found = copy.copy(self)
-        arrival_s, best_s, source = self._labels
-        found._labels = Labels(arrival_s.copy(), best_s.copy(), source.copy())
-        found.arrival_time_s = found._labels.arrival_s.reshape(self.landscape.shape)
+        best_s, source = self._labels
+        found._labels = Labels(best_s.copy(), source.copy())
+        found.arrival_time_s = self.arrival_time_s.copy()
         slowness = self._ground.slowness.copy()
         found._ground = self._ground._replace(
             slowness=slowness, rise=slowness.view(np.float32), computed=self._ground.computed.copy()
         )
-        found._heap = Heap(self._heap.times.copy(), self._heap.cells.copy(), self._heap.size)
-        found._points = self._points.copy()
+        times, keys, waiting = self._queue
+        found._queue = Queue(times.copy(), keys.copy(), waiting.copy())
+        at, beside = self._points
+        found._points = Points(at[: self._used].copy(), beside[: self._used].copy())
         found._changes_s, found._ignitions = self._changes_s.copy(), self._ignitions.copy()
         return found
 
@@ -115,91 +144,171 @@ class AnyAngleFire(Fire):
     def _burn(self, to_time_s: float) -> None:
         """Burn until a time under the present weather entry."""
         while True:
-            size, self._used = burn_until(
+            self._size, self._waits, self._used, self._clock_s = burn_until(
                 to_time_s,
-                *self._heap,
+                self._clock_s,
+                self._since_s,
+                self._queue,
+                self._size,
+                self._waits,
                 self._points,
                 self._used,
                 self._labels,
                 self._ground,
+                self._lattice,
                 self._entry,
             )
-            times, cells = self._heap.times, self._heap.cells
-            self._heap = Heap(times, cells, size)
-            if size == 0 or times[0] > to_time_s:
-                return
-            if size + 16 > times.size:
-                self._heap = Heap(np.resize(times, 2 * size), np.resize(cells, 2 * size), size)
-            else:
-                self._points = np.resize(self._points, (2 * self._used, 3))
-
-    def _ignite(self, at_s: float, cell: int) -> None:
-        labels = self._labels
-        if labels.arrival_s[cell] == np.inf:
-            labels.best_s[cell], labels.source[cell] = at_s, cell
-            times, cells, size = self._heap
-            if size == times.size:
-                times, cells = np.resize(times, 2 * size), np.resize(cells, 2 * size)
-            self._heap = Heap(times, cells, push(times, cells, size, at_s, cell))
-
-    def _change_weather(self, at_s: float) -> None:
-        room = self._paths.target.size + 16 * self._heap.size
-        paths, tips = empty_paths(room), empty_paths(self._heap.size)
-        counts = active_paths(
-            at_s,
-            self._since_s,
-            self._heap,
-            self._paths,
-            self._points,
+            if self._size == 0 or self._queue.times[0] > to_time_s:
+                break
+            self._make_room(ROOM)
+        self._waits = arrive(
+            to_time_s,
+            self._queue.waiting,
+            self._waits,
+            self.arrival_time_s,
             self._labels,
-            self._ground,
-            self._entry,
-            paths,
-            tips,
+            self._lattice,
         )
-        clear_slowness(self._ground)
-        self._entry += 1
-        self._since_s = at_s
-        self._start_paths(paths.first(counts[0]), tips.first(counts[1]))
 
-    def _start_paths(self, paths: ActivePaths, tips: ActivePaths) -> None:
-        """Start the fire on these paths at ``_since_s``, and drop all other paths."""
-        self._paths = paths
-        count = tips.target.size
-        while self._points.shape[0] < self._used + count:
-            self._points = np.resize(self._points, (2 * (self._used + count), 3))
-        heap = _empty_heap(count + 1024)
-        self._used, size = start_paths(
-            self._since_s,
+    def _make_room(self, room: int) -> None:
+        """Make room for at least ``room`` more nodes, centres and points."""
+        times, keys, waiting = self._queue
+        if self._size + room > times.size:
+            size = 2 * (self._size + room)
+            times, keys = np.resize(times, size), np.resize(keys, size)
+        if self._waits + room > waiting.size:
+            waiting = np.resize(waiting, 2 * (self._waits + room))
+        self._queue = Queue(times, keys, waiting)
+        if self._used + room > len(self._points.at):
+            size = 2 * (self._used + room)
+            at, beside = np.resize(self._points.at, (size, 3)), self._points.beside
+            self._points = Points(at, np.resize(beside, (size, 2)))
+
+    def _ignite(self, at_s: float, row: int, col: int) -> None:
+        if self.arrival_time_s[row, col] < np.inf:
+            return
+        self._make_room(IGNITION_ROOM)
+        paths = empty_paths(IGNITION_ROOM)
+        self._size, self._waits, count = ignite(
+            at_s,
+            row,
+            col,
+            self._queue,
+            self._size,
+            self._waits,
             paths,
-            tips,
-            np.empty((count, 3)),
-            heap,
             self._points,
             self._used,
             self._labels,
             self._ground,
+            self._lattice,
             self._entry,
         )
-        self._heap = Heap(heap.times, heap.cells, size)
+        self._used += 1
+        self._paths = ActivePaths(
+            np.concatenate([self._paths.target, paths.target[:count]]),
+            np.concatenate([self._paths.at, paths.at[:count]]),
+        )
+
+    def _change_weather(self, at_s: float) -> None:
+        targets = self._size + self._waits
+        paths, tips = empty_paths(self._paths.target.size + 48 * targets), empty_tips(targets)
+        self._make_room(targets)
+        count, tip, self._used = active_paths(
+            at_s,
+            self._since_s,
+            self._queue,
+            self._size,
+            self._waits,
+            self._paths,
+            self._points,
+            self._used,
+            self._labels,
+            self._ground,
+            self._lattice,
+            self._entry,
+            paths,
+            tips,
+        )
+        paths, tips = paths.first(count), tips.first(tip)
+        first = self._add_front(at_s, paths, tips)
+        clear_slowness(self._ground)
+        self._entry += 1
+        self._since_s = at_s
+        self._start_paths(paths, tips, first)
+
+    def _add_front(self, at_s: float, paths: ActivePaths, tips: Tips) -> int:
+        """Add the front between the tips to the points. Returns the index of the first tip."""
+        self._make_room(POINTS_PER_TIP * tips.target.size + paths.target.size)
+        first = self._used
+        self._used = front_of(
+            at_s,
+            paths,
+            tips,
+            np.empty(tips.target.size),
+            self._points,
+            self._used,
+            self._labels,
+            self._ground,
+            self._lattice,
+            self._entry,
+        )
+        return first
+
+    def _start_paths(self, paths: ActivePaths, tips: Tips, first: int) -> None:
+        """Start the fire on these paths at ``_since_s``, and drop all other paths."""
+        self._paths = paths
+        count = tips.target.size
+        self._queue, self._size, self._waits = _empty_queue(count + 1024), 0, 0
+        self._used, self._size, self._waits = start_paths(
+            self._since_s,
+            paths,
+            tips,
+            np.empty(count),
+            self._queue,
+            self._points,
+            first,
+            self._used,
+            self._labels,
+            self._ground,
+            self._lattice,
+            self._entry,
+        )
 
     def arrival_vectors(self) -> Floats:
         """Return the vector (2, y, x) from each cell's source to the cell, in m north and east.
 
         It is 0 where the fire was lit.
         """
-        labels, (rows, cols) = self._labels, self.landscape.shape
-        n, burned = rows * cols, np.isfinite(labels.arrival_s)
-        centres = np.stack(np.divmod(np.arange(n), cols)).astype(np.float64)
-        source = np.where(burned, labels.source, np.arange(n))
-        sources = np.concatenate([centres, self._points[: self._used, :2].T], axis=1)
-        down, right = centres - sources[:, source]
-        return np.stack([-down, right]).reshape(2, rows, cols) * self.landscape.cell_size_m
+        rows, cols = self.landscape.shape
+        centres = np.indices((rows, cols)) + 0.5
+        source = np.asarray(at_centres(self._labels.source, self._lattice))
+        cells = np.indices((rows + 1, cols + 1)).reshape(2, -1, 1)
+        offsets = (
+            [[0.0, 0.5], [0.0, 0.5]]
+            if self._lattice.each == 2
+            else [[0, 0, 0.5, 0.5], [0, 0.5, 0, 0.5]]
+        )
+        nodes = (cells + np.array(offsets)[:, None]).reshape(2, -1)
+        sources = np.concatenate([nodes, self._points.at[: self._used, :2].T], axis=1)
+        burned = np.isfinite(self.arrival_time_s) & (source >= 0)
+        down, right = np.where(burned, centres - sources[:, source], 0.0)
+        return np.stack([-down, right]) * self.landscape.cell_size_m
 
     def _expected_s(self) -> Floats:
-        best_s = self._labels.best_s.reshape(self.landscape.shape)
-        return np.where(best_s == -np.inf, np.inf, best_s)
+        best_s = np.asarray(at_centres(self._labels.best_s, self._lattice))
+        expected_s: Floats = np.where(best_s == -np.inf, np.inf, best_s)
+        expect_neighbours(
+            expected_s,
+            self.arrival_time_s,
+            self._points,
+            self._labels,
+            self._ground,
+            self._lattice,
+            self._entry,
+        )
+        return expected_s
 
 
-def _empty_heap(room: int) -> Heap:
-    return Heap(np.empty(room), np.empty(room, dtype=np.int32), 0)
+def _empty_queue(room: int) -> Queue:
+    return Queue(np.empty(room), np.empty(room, dtype=np.int32), np.empty(room, dtype=np.int32))

@@ -1,112 +1,419 @@
-"""Ignite cells in order of time: the inner loop of ``anyangle``."""
+"""Reach the nodes in order of time: the inner loop of ``anyangle``."""
 
 import numpy as np
 
 from firemodel.compiled import kernel
 from firemodel.spread.heap import drop_first, push
-from firemodel.spread.labels import blocked_diagonal, place_of
+from firemodel.spread.labels import add_point, ij_of, key_of, place_of
 from firemodel.spread.travel_time import (
     STEP_COL,
     STEP_ROW,
-    cell_at,
     crossing_s,
+    evenest_cell,
     from_segment,
+    prepare,
     travel,
 )
 
 MAX_LINE_CELLS = 32  # longest line over ground that is not uniform
-KNIGHT_ROW = np.array([-2, -1, 1, 2, 2, 1, -1, -2])
-KNIGHT_COL = np.array([1, 2, 2, 1, -1, -2, -2, -1])
+IGNITES = 17  # distance in i and j up to which the centre of a lit cell has paths to nodes
+IGNITION_ROOM = (2 * IGNITES + 1) ** 2
+ADJOINS = 5  # distance in i and j of the nodes to which a path from there is kept
+ROOM = 100  # maximum number of entries that a node adds to the heap or to the points
+BETWEEN_CELLS = 3.0  # largest distance between two sources on a front that are joined
+MAX_SLIDES = 12  # largest number of points on a front that a source passes at once
+BEND_CELLS = 8  # longest line from a point to which a bend is added
 ROUNDING = 1e-12  # relative gain in time that a path must exceed to replace another
 WORTH_A_POINT = 0.002  # relative gain in time that justifies a new source
 
 
-@kernel
-def burn_until(to_time_s, times, cells, size, points, used, labels, ground, entry):  # type: ignore[no-untyped-def]
-    """Ignite cells from the heap until a time, but stop when the heap or the points are full.
+def _within_a_cell(step: int, odd_i: bool, odd_j: bool) -> list[tuple[int, int]]:
+    """Return the offsets (i, j) from a node to the nodes of its cells, those on edges first."""
+    reach_i, reach_j = 1 if odd_i else 2, 1 if odd_j else 2
+    found = []
+    for i in range(-reach_i, reach_i + 1):
+        for j in range(-reach_j, reach_j + 1):
+            at_centre = (i % 2 == 1) != odd_i and (j % 2 == 1) != odd_j
+            on_lattice = step == 1 or (i % 2 == 0 and j % 2 == 0)
+            if (i, j) != (0, 0) and (at_centre or on_lattice):
+                found.append((at_centre, (i, j)))
+    return [offset for _, offset in sorted(found, key=lambda each: each[0])]
 
-    Returns the heap's new size and the number of points in use.
+
+def _offsets() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the offsets (kinds, 24, 2), and how many there are for each kind of node.
+
+    The second array has the numbers of those on edges, the third the numbers of all.
+
+    The kinds are a corner of the lattice of corners; then, in the lattice with middles of edges, a
+    corner, the middle of a horizontal and of a vertical edge.
     """
-    arrival_s, best_s, sources = labels
-    cols = ground.cols
-    n = arrival_s.size
-    rows = n // cols
+    kinds = [(2, False, False), (1, False, False), (1, False, True), (1, True, False)]
+    each = [_within_a_cell(*kind) for kind in kinds]
+    table = np.zeros((len(each), 24, 2), dtype=np.int64)
+    for number, offsets in enumerate(each):
+        table[number, : len(offsets)] = offsets
+    edges = [
+        sum((i + odd_i) % 2 == 0 or (j + odd_j) % 2 == 0 for i, j in offsets)
+        for (_, odd_i, odd_j), offsets in zip(kinds, each, strict=True)
+    ]
+    return table, np.array(edges), np.array([len(offsets) for offsets in each])
+
+
+OFFSETS, EDGES, COUNTS = _offsets()
+KNIGHT_I = np.array([-4, -2, 2, 4, 4, 2, -2, -4])
+KNIGHT_J = np.array([2, 4, 4, 2, -2, -4, -4, -2])
+
+
+@kernel
+def prepare_around(i, j, ground, lattice, entry):  # type: ignore[no-untyped-def]
+    """Compute the slownesses of a node's cells unless they are known."""
+    for row in range(max((i - 1) >> 1, 0), min((i >> 1) + 1, lattice.rows)):
+        for col in range(max((j - 1) >> 1, 0), min((j >> 1) + 1, lattice.cols)):
+            prepare(row * lattice.cols + col, ground, entry)
+
+
+@kernel
+def step_s(i, j, di, dj, ground, lattice):  # type: ignore[no-untyped-def]
+    """Return the time from a node to another node of the same cell.
+
+    Along an edge it is the time of the faster of the two cells. The time is infinite if fire does
+    not spread there now, and 0 if it never can. The cells' slowness must be known.
+    """
+    north, east = -0.5 * di * ground.cell_m, 0.5 * dj * ground.cell_m
+    length2 = north * north + east * east
+    row, col = (2 * i + di) >> 2, (2 * j + dj) >> 2  # of the middle between the nodes
+    along_row = di == 0 and i % 2 == 0
+    along_col = dj == 0 and j % 2 == 0
+    cell, found = row * lattice.cols + col, 0.0
+    if row < lattice.rows and col < lattice.cols and ground.terrain.fuel[cell] >= 0:
+        found = crossing_s(cell, north, east, length2, ground)
+        if found == 0.0:
+            found = np.inf
+    if (along_row and row > 0) or (along_col and col > 0):
+        cell -= lattice.cols if along_row else 1
+        if ground.terrain.fuel[cell] >= 0:
+            other = crossing_s(cell, north, east, length2, ground)
+            if other == 0.0:
+                other = np.inf
+            if found == 0.0 or other < found:
+                found = other
+    return found
+
+
+@kernel
+def burn_until(  # type: ignore[no-untyped-def]
+    to_time_s, clock_s, since_s, queue, size, waits, points, used, labels, ground, lattice, entry
+):
+    """Reach nodes from the queue until a time, but stop when the queue or the points are full.
+
+    A path may be found when a node beyond it has been reached. The time of a node may then be
+    before that of nodes that were reached earlier; the time of a centre never is before
+    ``clock_s``, the latest time reached so far.
+
+    Returns the heap's new size, the number of waiting centres, the number of points in use, and the
+    clock.
+    """
+    times, keys, waiting = queue
+    best_s, sources = labels
+    n = best_s.size
+    source, origin = np.int64(-1), 0
+    from_y = from_x = from_s = alike = 0.0
     while size > 0 and times[0] <= to_time_s:
-        if size + 16 > times.size or used + 8 > points.shape[0]:
+        if (
+            size + ROOM > times.size
+            or waits + ROOM > waiting.size
+            or used + ROOM > points.at.shape[0]
+        ):
             break
-        now, cell = times[0], np.int64(cells[0])
-        size = drop_first(times, cells, size)
-        if arrival_s[cell] < np.inf:
-            continue
-        arrival_s[cell] = now
-        row, col = cell // cols, cell % cols
-        source = sources[cell]
-        from_row, from_col, from_s = place_of(source, points, labels, cols)
-        alike = ground.reach[cell_at(from_row, from_col, cols)] - 0.5
+        now, key = times[0], np.int64(keys[0])
+        size = drop_first(times, keys, size)
+        if best_s[key] != now:
+            continue  # replaced by a better entry
+        clock_s = max(clock_s, now)
+        i, j = ij_of(key, lattice)
+        y, x = 0.5 * i, 0.5 * j
+        if source != sources[key]:
+            source = np.int64(sources[key])
+            from_y, from_x, from_s = place_of(source, points, labels, lattice)
+            origin = evenest_cell(from_y, from_x, ground)
+            alike = ground.reach[origin] - 0.5
+        far = max(abs(y - from_y), abs(x - from_x))
+        if on_front(source - n, points):
+            used = slide_on_front(y, x, key, points, used, labels, ground, lattice, entry)
+        elif far > alike:
+            if source < n:
+                slide(i, j, key, since_s, labels, ground, lattice, entry)
+            elif far <= BEND_CELLS:
+                used = bend(y, x, key, points, used, labels, ground, lattice, entry)
+        if source != sources[key]:
+            source = np.int64(sources[key])
+            from_y, from_x, from_s = place_of(source, points, labels, lattice)
+            origin = evenest_cell(from_y, from_x, ground)
+            alike = ground.reach[origin] - 0.5
         reachable = max(alike, MAX_LINE_CELLS)
-        for side in range(8):
-            to_row, to_col = row + STEP_ROW[side], col + STEP_COL[side]
-            if not (0 <= to_row < rows and 0 <= to_col < cols):
+        prepare(origin, ground, entry)
+        prepared = False
+        at_s = best_s[key]
+        kind = 0 if lattice.step == 2 else 1 + j % 2 + 2 * (i % 2)
+        inside = 2 <= i <= 2 * lattice.rows - 2 and 2 <= j <= 2 * lattice.cols - 2
+        for number in range(COUNTS[kind]):
+            di, dj = OFFSETS[kind, number, 0], OFFSETS[kind, number, 1]
+            to_i, to_j = i + di, j + dj
+            if not inside and not (0 <= to_i <= 2 * lattice.rows and 0 <= to_j <= 2 * lattice.cols):
                 continue
-            target = to_row * cols + to_col
-            if best_s[target] <= now or blocked_diagonal(row, col, to_row, to_col, best_s, cols):
+            target = key_of(to_i, to_j, lattice)
+            centre = number >= EDGES[kind]
+            if best_s[target] <= (clock_s if centre else now):
                 continue
-            best, via = best_s[target], sources[target]
-            length = max(abs(to_row - from_row), abs(to_col - from_col))
-            if source != cell and source != via and length <= reachable:
-                limit_s = best - from_s
-                path_s, _ = travel(
-                    from_row, from_col, float(to_row), float(to_col), limit_s, ground, entry
-                )
-                other = via
-                if path_s < limit_s:
-                    best, via = max(from_s + path_s, now), source
-                if other >= n and source >= n and points[other - n, 2] == from_s:
-                    # Both sources are on the same front: try a source between them.
-                    time, at_row, at_col = from_segment(
-                        from_row,
-                        from_col,
-                        points[other - n, 0],
-                        points[other - n, 1],
-                        target,
-                        ground,
-                        entry,
-                    )
-                    limit_s = best - from_s
-                    path_s, _ = travel(
-                        at_row, at_col, float(to_row), float(to_col), limit_s, ground, entry
-                    )
-                    if time < np.inf and path_s < limit_s - WORTH_A_POINT * (best - from_s):
-                        best, via = max(from_s + path_s, now), n + used
-                        points[used, 0], points[used, 1], points[used, 2] = at_row, at_col, from_s
-                        used += 1
-            if source == cell or length > alike:
-                north, east = -STEP_ROW[side] * ground.cell_m, STEP_COL[side] * ground.cell_m
-                length2 = north * north + east * east
-                half_s = 0.5 * crossing_s(cell, north, east, length2, ground, entry)
-                if half_s > 0.0 and now + half_s < best:
-                    rest_s = 0.5 * crossing_s(target, north, east, length2, ground, entry)
-                    if rest_s > 0.0 and now + half_s + rest_s < best * (1.0 - ROUNDING):
-                        best, via = now + half_s + rest_s, cell
-            if best < best_s[target] or via < 0:
+            to_y, to_x = 0.5 * to_i, 0.5 * to_j
+            other = np.int64(sources[target])
+            best, via = best_s[target], other
+            length = max(abs(to_y - from_y), abs(to_x - from_x))
+            if length <= alike:
+                if source == other:
+                    continue
+                north, east = (from_y - to_y) * ground.cell_m, (to_x - from_x) * ground.cell_m
+                path_s = crossing_s(origin, north, east, north * north + east * east, ground)
+                if path_s > 0.0 and from_s + path_s < best:
+                    best, via = from_s + path_s, source
+            else:
+                if not prepared:
+                    prepare_around(i, j, ground, lattice, entry)
+                    prepared = True
+                path_s = step_s(i, j, di, dj, ground, lattice)
+                if path_s == 0.0:
+                    continue
+                if at_s + path_s < best * (1.0 - ROUNDING):
+                    best, via = at_s + path_s, key
+                if source != other and length <= reachable:
+                    limit_s = best * (1.0 + ROUNDING) - from_s  # a straight line wins a tie
+                    path_s, _ = travel(from_y, from_x, to_y, to_x, limit_s, ground, entry)
+                    if path_s < limit_s:
+                        best, via = from_s + path_s, source
+            if best < best_s[target] or other < 0:
                 best_s[target] = best
-                sources[target] = via if via >= 0 else cell
-                size = push(times, cells, size, best, target)
-        # A cell that becomes the source of most cells ahead also tries the knight's moves: in only
+                sources[target] = via if via >= 0 else key
+                if not centre:
+                    size = push(times, keys, size, best, target)
+                    continue
+                used = slide_on_front(
+                    to_y, to_x, target, points, used, labels, ground, lattice, entry
+                )
+                best_s[target] = max(best_s[target], clock_s)
+                if other < 0:
+                    waiting[waits] = target
+                    waits += 1
+        # A node that becomes the source of most nodes ahead also tries the knight's moves: in only
         # eight directions the arrival between two directions of a narrow ellipse would be late.
-        if source != cell and max(abs(row - from_row), abs(col - from_col)) + 1.0 <= reachable:
+        if lattice.step == 1 or far + 1.0 <= reachable:
             continue
         for side in range(8):
-            to_row, to_col = row + KNIGHT_ROW[side], col + KNIGHT_COL[side]
-            if not (0 <= to_row < rows and 0 <= to_col < cols):
+            to_i, to_j = i + KNIGHT_I[side], j + KNIGHT_J[side]
+            if not (0 <= to_i <= 2 * lattice.rows and 0 <= to_j <= 2 * lattice.cols):
                 continue
-            target = to_row * cols + to_col
+            target = key_of(to_i, to_j, lattice)
             if best_s[target] > now:
                 limit_s = best_s[target] * (1.0 - ROUNDING) - now
-                path_s, _ = travel(
-                    float(row), float(col), float(to_row), float(to_col), limit_s, ground, entry
-                )
+                path_s, _ = travel(y, x, 0.5 * to_i, 0.5 * to_j, limit_s, ground, entry)
                 if path_s < limit_s:
-                    best_s[target], sources[target] = now + path_s, cell
-                    size = push(times, cells, size, now + path_s, target)
-    return size, used
+                    best_s[target], sources[target] = now + path_s, key
+                    size = push(times, keys, size, now + path_s, target)
+    return size, waits, used, clock_s
+
+
+@kernel
+def arrive(to_time_s, waiting, waits, arrival_s, labels, lattice):  # type: ignore[no-untyped-def]
+    """Set the arrival times of the waiting centres that fire reached by a time.
+
+    Returns the number of centres that still wait.
+    """
+    rest = 0
+    for k in range(waits):
+        key = np.int64(waiting[k])
+        if labels.best_s[key] <= to_time_s:
+            i, j = ij_of(key, lattice)
+            arrival_s[i // 2, j // 2] = labels.best_s[key]
+        else:
+            waiting[rest] = key
+            rest += 1
+    return rest
+
+
+@kernel
+def bend(y, x, key, points, used, labels, ground, lattice, entry):  # type: ignore[no-untyped-def]
+    """Improve the label of a node near a point: try paths that bend on an edge between them.
+
+    Returns the number of points in use; the bend of a better path becomes a point.
+    """
+    best_s, sources = labels
+    n = best_s.size
+    source = np.int64(sources[key])
+    from_y, from_x, from_s = place_of(source, points, labels, lattice)
+    for along_row in range(2):
+        # The edge, along a row or a column of cells, that the line crosses nearest to its middle.
+        start, end = (from_y, y) if along_row == 1 else (from_x, x)
+        edge = np.floor(0.5 * (start + end) + 0.5)
+        if not min(start, end) < edge < max(start, end):
+            continue
+        share = (edge - start) / (end - start)
+        step = 0.25
+        place = from_x + share * (x - from_x) if along_row == 1 else from_y + share * (y - from_y)
+        most = ground.cols if along_row == 1 else lattice.rows
+        found_s, found, bend_s = best_s[key] * (1.0 - ROUNDING), -1.0, 0.0
+        for _ in range(3):
+            centre = place if found < 0.0 else found
+            for side in range(-2, 3):
+                at = centre + side * step
+                if side == 0 or not 0.0 <= at <= most:
+                    continue
+                at_y, at_x = (edge, at) if along_row == 1 else (at, edge)
+                first_s, _ = travel(from_y, from_x, at_y, at_x, found_s - from_s, ground, entry)
+                limit_s = found_s - from_s - first_s
+                if limit_s <= 0.0:
+                    continue
+                then_s, _ = travel(at_y, at_x, y, x, limit_s, ground, entry)
+                if then_s < limit_s:
+                    found_s, found, bend_s = from_s + first_s + then_s, at, from_s + first_s
+            step *= 0.4
+        if found >= 0.0 and found_s < best_s[key] - WORTH_A_POINT * (best_s[key] - from_s):
+            best_s[key], sources[key] = found_s, n + used
+            at_y, at_x = (edge, found) if along_row == 1 else (found, edge)
+            used = add_point(points, used, at_y, at_x, bend_s, -1, -1)
+    return used
+
+
+@kernel
+def on_front(point, points):  # type: ignore[no-untyped-def]
+    """Return True for a point with other points beside it on a front."""
+    return point >= 0 and max(points.beside[point, 0], points.beside[point, 1]) >= 0
+
+
+@kernel
+def slide_on_front(y, x, key, points, used, labels, ground, lattice, entry):  # type: ignore[no-untyped-def]
+    """Improve the label of a node: move its source along the front of the last change of weather.
+
+    Returns the number of points in use; a better place between two points becomes a point.
+    """
+    best_s, sources = labels
+    n = best_s.size
+    for _ in range(MAX_SLIDES):
+        source = np.int64(sources[key])
+        if not on_front(source - n, points):
+            break
+        from_y, from_x, from_s = place_of(source, points, labels, lattice)
+        moved = False
+        for side in range(2):
+            other = points.beside[source - n, side]
+            if other < 0:
+                continue
+            other_y, other_x = points.at[other, 0], points.at[other, 1]
+            time, at_y, at_x = from_segment(
+                from_y, from_x, other_y, other_x, y, x, BETWEEN_CELLS, ground, entry
+            )
+            if time == np.inf or (at_y == from_y and at_x == from_x):
+                continue
+            to_point = at_y == other_y and at_x == other_x
+            worth = ROUNDING if to_point else WORTH_A_POINT
+            limit_s = (1.0 - worth) * (best_s[key] - from_s)
+            path_s, _ = travel(at_y, at_x, y, x, limit_s, ground, entry)
+            if path_s < limit_s:
+                best_s[key] = from_s + path_s
+                if to_point:
+                    sources[key] = n + other
+                    moved = True
+                else:
+                    sources[key] = n + used
+                    used = add_point(points, used, at_y, at_x, from_s, source - n, other)
+                break
+        if not moved:
+            break
+    return used
+
+
+@kernel
+def slide(i, j, key, since_s, labels, ground, lattice, entry):  # type: ignore[no-untyped-def]
+    """Improve the label of a node: try the nodes beside its source as sources."""
+    best_s, sources = labels
+    now = best_s[key]
+    from_i, from_j = ij_of(np.int64(sources[key]), lattice)
+    y, x = 0.5 * i, 0.5 * j
+    across = abs(j - from_j) > abs(i - from_i)
+    for side in range(-1, 2, 2):
+        at_i = from_i + (side * lattice.step if across else 0)
+        at_j = from_j + (0 if across else side * lattice.step)
+        if not (0 <= at_i <= 2 * lattice.rows and 0 <= at_j <= 2 * lattice.cols):
+            continue
+        if (at_i % 2 == 1 and at_j % 2 == 1) or (at_i == i and at_j == j):
+            continue
+        other = key_of(at_i, at_j, lattice)
+        if not since_s <= best_s[other] < now:
+            continue
+        limit_s = best_s[key] - best_s[other]
+        if limit_s <= 0.0:
+            continue
+        path_s, _ = travel(0.5 * at_i, 0.5 * at_j, y, x, limit_s, ground, entry)
+        if path_s < limit_s * (1.0 - ROUNDING):
+            best_s[key], sources[key] = best_s[other] + path_s, other
+
+
+@kernel
+def ignite(  # type: ignore[no-untyped-def]
+    at_s, row, col, queue, size, waits, paths, points, used, labels, ground, lattice, entry
+):
+    """Light the centre of a cell: set the labels of the nodes around it.
+
+    ``paths`` receives the paths to the nearest nodes. Returns the heap's new size, the number of
+    waiting centres and the number of paths.
+    """
+    best_s, sources = labels
+    n = best_s.size
+    y, x = row + 0.5, col + 0.5
+    mid_i, mid_j = 2 * row + 1, 2 * col + 1
+    add_point(points, used, y, x, at_s, -1, -1)
+    count = 0
+    for i in range(max(mid_i - IGNITES, 0), min(mid_i + IGNITES, 2 * lattice.rows) + 1):
+        for j in range(max(mid_j - IGNITES, 0), min(mid_j + IGNITES, 2 * lattice.cols) + 1):
+            if lattice.step == 2 and i % 2 != j % 2:
+                continue
+            target = key_of(i, j, lattice)
+            if best_s[target] <= at_s:
+                continue
+            far = max(abs(i - mid_i), abs(j - mid_j))
+            if 0 < far <= ADJOINS:
+                paths.target[count] = target
+                paths.at[count, 0], paths.at[count, 1], paths.at[count, 2] = y, x, at_s
+                count += 1
+            path_s, _ = travel(y, x, 0.5 * i, 0.5 * j, best_s[target] - at_s, ground, entry)
+            if at_s + path_s < best_s[target] or (far <= ADJOINS and sources[target] < 0):
+                if i % 2 == 0 or j % 2 == 0:
+                    size = push(queue.times, queue.keys, size, at_s + path_s, target)
+                elif sources[target] < 0:
+                    queue.waiting[waits] = target
+                    waits += 1
+                best_s[target], sources[target] = at_s + path_s, n + used
+    return size, waits, count
+
+
+@kernel
+def expect_neighbours(expected_s, arrival_s, points, labels, ground, lattice, entry):  # type: ignore[no-untyped-def]
+    """Lower the expected times (y, x) next to burned cells where fire has reached no corner yet."""
+    for row in range(lattice.rows):
+        for col in range(lattice.cols):
+            if arrival_s[row, col] == np.inf:
+                continue
+            source = np.int64(labels.source[key_of(2 * row + 1, 2 * col + 1, lattice)])
+            for side in range(8):
+                to_row, to_col = row + STEP_ROW[side], col + STEP_COL[side]
+                if not (0 <= to_row < lattice.rows and 0 <= to_col < lattice.cols):
+                    continue
+                key = key_of(2 * to_row + 1, 2 * to_col + 1, lattice)
+                if labels.source[key] >= 0 or labels.best_s[key] != np.inf:
+                    continue
+                y, x, from_s = row + 0.5, col + 0.5, arrival_s[row, col]
+                for own in range(2):
+                    if own == 1 and source >= 0:
+                        y, x, from_s = place_of(source, points, labels, lattice)
+                    limit_s = expected_s[to_row, to_col] - from_s
+                    path_s, _ = travel(y, x, to_row + 0.5, to_col + 0.5, limit_s, ground, entry)
+                    expected_s[to_row, to_col] = min(from_s + path_s, expected_s[to_row, to_col])

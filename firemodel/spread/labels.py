@@ -1,6 +1,12 @@
-"""Store the arrival times and the sources of cells in the any-angle scheme."""
+"""Store arrival times and sources of the nodes of the any-angle scheme.
 
-from typing import NamedTuple
+A node is a corner of a cell, the centre of a cell or, in the precise variant, the middle of an
+edge. Positions are (y, x) in cells from the north-west corner of the grid, so that corners have
+whole numbers. A node's place in the lattice is (i, j) = (2 y, 2 x): both are even at a corner, both
+odd at a centre. Fire passes through corners and edges; centres only receive arrival times.
+"""
+
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,53 +15,172 @@ from firemodel.arrays import Floats
 from firemodel.compiled import kernel
 
 
+class Lattice(NamedTuple):
+    """The numbering of the nodes: cell by cell, so that neighbours are close in memory.
+
+    A cell has its north-west corner and its centre; between them, if there are middles of edges,
+    the middles of its north and west edges. There is one more row and column of cells.
+    """
+
+    step: int  # spacing in i and j of the nodes on edges: 2 with corners alone, 1 with middles
+    rows: int  # number of rows of cells
+    cols: int
+    each: int  # number of keys for each cell: 2 or 4
+
+
 class Labels(NamedTuple):
-    """The arrival time and the source of fire in each cell; cells are flattened (n)."""
+    """The arrival time and the source of fire at each node."""
 
-    arrival_s: Floats  # (n) infinity until it burns
-    best_s: Floats  # (n) earliest arrival found so far; minus infinity where nothing burns
-    source: NDArray[np.int32]  # (n) a cell, or n + index of a point; -1 if no fire is near
+    best_s: Floats  # (keys) earliest arrival found so far; minus infinity if never reached
+    source: NDArray[np.int32]  # (keys) a key, or number of keys + index of a point; -1 if unknown
 
 
-class Heap(NamedTuple):
-    """The cells that fire reaches next, ordered by time (see ``heap``)."""
+class Points(NamedTuple):
+    """Sources that are no nodes: lit places, bends, and the front at a change of weather."""
+
+    at: Floats  # (k, 3) position and time: y, x, s
+    beside: NDArray[np.int32]  # (k, 2) the next points to both sides on the front; -1 for none
+
+
+class Queue(NamedTuple):
+    """What fire reaches next: a heap of nodes on edges (see ``heap``), and a list of centres."""
 
     times: Floats
-    cells: NDArray[np.int32]
-    size: int
+    keys: NDArray[np.int32]
+    waiting: NDArray[np.int32]  # keys of the centres that have a label and have not burned
 
 
 class ActivePaths(NamedTuple):
-    """The lines along which fire was moving when the weather last changed."""
+    """Lines along which fire was moving when the weather last changed, or from lit cells."""
 
-    target: NDArray[np.int32]  # (k) the cell at the end of the line
-    at: Floats  # (k, 2) position of the fire: row, column
+    target: NDArray[np.int32]  # (k) key of the node at the end of the line
+    at: Floats  # (k, 3) position of the fire: y, x, time
 
     def first(self, count: int) -> "ActivePaths":
         """Return a copy of the first ``count`` paths."""
         return ActivePaths(self.target[:count].copy(), self.at[:count].copy())
 
 
+class Tips(NamedTuple):
+    """The position of fire on the best line to each node next to it."""
+
+    target: NDArray[np.int32]  # (k) key of the node
+    at: Floats  # (k, 2) position: y, x; NaN if not known
+    source: Floats  # (k, 3) position and time of the line's source: y, x, s; NaN if not known
+
+    def first(self, count: int) -> "Tips":
+        """Return views of the first ``count`` tips."""
+        return Tips(self.target[:count], self.at[:count], self.source[:count])
+
+
+def lattice_of(shape: tuple[int, int], precise: bool) -> Lattice:
+    """Return the lattice of a grid with ``shape`` (rows, columns)."""
+    rows, cols = shape
+    return Lattice(1, rows, cols, 4) if precise else Lattice(2, rows, cols, 2)
+
+
+def by_cells(values: NDArray[Any], lattice: Lattice) -> NDArray[Any]:
+    """Return the view (y + 1, x + 1, each) of values (keys)."""
+    return values.reshape(lattice.rows + 1, lattice.cols + 1, lattice.each)
+
+
+def at_centres(values: NDArray[Any], lattice: Lattice) -> NDArray[Any]:
+    """Return the view (y, x) of values (keys) at the cells' centres."""
+    return by_cells(values, lattice)[:-1, :-1, -1]
+
+
+def empty_labels(burnable: NDArray[np.bool_], lattice: Lattice) -> Labels:
+    """Return the labels before any fire for the mask (y, x) of the cells that can burn.
+
+    Fire cannot pass a corner at which two cells that cannot burn touch. Such a corner and nodes
+    without a burnable cell are never reached.
+    """
+    count = (lattice.rows + 1) * (lattice.cols + 1) * lattice.each
+    labels = Labels(np.full(count, np.inf), np.full(count, -1, dtype=np.int32))
+    best_s = by_cells(labels.best_s, lattice)
+    padded = np.pad(burnable, 1)
+    nw, ne, sw, se = padded[:-1, :-1], padded[:-1, 1:], padded[1:, :-1], padded[1:, 1:]
+    diagonal = (nw & se & ~ne & ~sw) | (~nw & ~se & ne & sw)
+    best_s[~(nw | ne | sw | se) | diagonal, 0] = -np.inf
+    best_s[~se, -1] = -np.inf
+    if lattice.each == 4:
+        best_s[~(ne | se), 1] = -np.inf
+        best_s[~(sw | se), 2] = -np.inf
+    return labels
+
+
+def settle(
+    labels: Labels, arrival_s: Floats, burnable: NDArray[np.bool_], lattice: Lattice
+) -> None:
+    """Set the labels of an initial fire with the arrival times (y, x) of its burned cells.
+
+    A node on an edge has burned if all burnable cells beside it have burned; its label is the last
+    of their times.
+    """
+    last_s = np.pad(np.where(burnable, arrival_s, -np.inf), 1, constant_values=-np.inf)
+    nw, ne, sw, se = last_s[:-1, :-1], last_s[:-1, 1:], last_s[1:, :-1], last_s[1:, 1:]
+    slots = [(0, np.maximum(np.maximum(nw, ne), np.maximum(sw, se))), (-1, se)]
+    if lattice.each == 4:
+        slots += [(1, np.maximum(ne, se)), (2, np.maximum(sw, se))]
+    for slot, time_s in slots:
+        view = by_cells(labels.best_s, lattice)[..., slot]
+        reached = (view == np.inf) & np.isfinite(time_s)
+        view[reached] = time_s[reached]
+
+
+def keys_of(i: NDArray[np.int64], j: NDArray[np.int64], lattice: Lattice) -> NDArray[np.int64]:
+    """Return the keys of nodes at places (i, j), which are arrays; see ``key_of``."""
+    slot = i % 2 if lattice.each == 2 else 2 * (i % 2) + j % 2
+    return lattice.each * ((i // 2) * (lattice.cols + 1) + j // 2) + slot
+
+
+def empty_points(room: int) -> Points:
+    """Return uninitialised arrays for ``room`` points."""
+    return Points(np.empty((room, 3)), np.empty((room, 2), dtype=np.int32))
+
+
 def empty_paths(room: int) -> ActivePaths:
     """Return uninitialised arrays for ``room`` paths."""
-    return ActivePaths(np.empty(room, dtype=np.int32), np.empty((room, 2)))
+    return ActivePaths(np.empty(room, dtype=np.int32), np.empty((room, 3)))
+
+
+def empty_tips(room: int) -> Tips:
+    """Return arrays for ``room`` tips with unknown positions."""
+    target = np.empty(room, dtype=np.int32)
+    return Tips(target, np.full((room, 2), np.nan), np.full((room, 3), np.nan))
 
 
 @kernel
-def place_of(source, points, labels, cols):  # type: ignore[no-untyped-def]
-    """Return the row, the column and the time of a source."""
+def key_of(i, j, lattice):  # type: ignore[no-untyped-def]
+    """Return the key of the node at (i, j)."""
+    cell = (i >> 1) * (lattice.cols + 1) + (j >> 1)
+    return 2 * cell + (i & 1) if lattice.each == 2 else 4 * cell + 2 * (i & 1) + (j & 1)
+
+
+@kernel
+def ij_of(key, lattice):  # type: ignore[no-untyped-def]
+    """Return the place (i, j) of a node."""
+    cell = key >> 1 if lattice.each == 2 else key >> 2
+    row = cell // (lattice.cols + 1)
+    col = cell - row * (lattice.cols + 1)
+    if lattice.each == 2:
+        return 2 * row + (key & 1), 2 * col + (key & 1)
+    return 2 * row + ((key >> 1) & 1), 2 * col + (key & 1)
+
+
+@kernel
+def place_of(source, points, labels, lattice):  # type: ignore[no-untyped-def]
+    """Return the position (y, x) and the time of a source."""
     n = labels.source.size
     if source < n:
-        return float(source // cols), float(source % cols), labels.arrival_s[source]
-    return points[source - n, 0], points[source - n, 1], points[source - n, 2]
+        i, j = ij_of(source, lattice)
+        return 0.5 * i, 0.5 * j, labels.best_s[source]
+    return points.at[source - n, 0], points.at[source - n, 1], points.at[source - n, 2]
 
 
 @kernel
-def blocked_diagonal(row, col, to_row, to_col, best_s, cols):  # type: ignore[no-untyped-def]
-    """Return True if a diagonal step passes between two cells that cannot burn."""
-    return (
-        row != to_row
-        and col != to_col
-        and best_s[row * cols + to_col] == -np.inf
-        and best_s[to_row * cols + col] == -np.inf
-    )
+def add_point(points, used, y, x, at_s, left, right):  # type: ignore[no-untyped-def]
+    """Store a point in row ``used`` and return the number of points in use."""
+    points.at[used, 0], points.at[used, 1], points.at[used, 2] = y, x, at_s
+    points.beside[used, 0], points.beside[used, 1] = left, right
+    return used + 1

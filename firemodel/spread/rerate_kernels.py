@@ -1,6 +1,6 @@
 """Restart an any-angle fire when the weather changes.
 
-Each active line is cut at the position of the fire. On the best lines to neighbouring cells, cuts
+Each active line is cut at the position of the fire. On the best lines to neighbouring nodes, cuts
 that are close together are joined. Fire then spreads from the whole front (Huygens) and not only
 from single points; otherwise frequent changes of weather would distort the fire.
 """
@@ -9,171 +9,363 @@ import numpy as np
 
 from firemodel.arrays import Floats
 from firemodel.compiled import kernel
+from firemodel.spread.anyangle_kernels import (
+    COUNTS,
+    OFFSETS,
+    WORTH_A_POINT,
+    prepare_around,
+    slide_on_front,
+    step_s,
+)
 from firemodel.spread.heap import push
-from firemodel.spread.labels import ActivePaths, blocked_diagonal, place_of
-from firemodel.spread.travel_time import STEP_COL, STEP_ROW, from_segment, travel
+from firemodel.spread.labels import (
+    ActivePaths,
+    Lattice,
+    add_point,
+    ij_of,
+    key_of,
+    keys_of,
+    place_of,
+)
+from firemodel.spread.travel_time import from_segment, travel
 
-NEAR_FRONT_CELLS = 2  # distance up to which an initial front has paths to cells
-WINDOW_CELLS = 3  # maximum distance of a cell from the segment of the front that ignites it
+NEAR_FRONT = 4  # distance in i and j up to which a point of a front has paths to nodes
+WINDOW = 6  # maximum distance in i and j of a node from the segment of the front that ignites it
+SEGMENT_CELLS = 1.5  # largest distance between two neighbouring tips that are joined
+FARTHER = 1.5  # length of a line beyond the chord between two tips
+PIECES = 4  # number of pieces into which the front between two tips is divided
+POINTS_PER_TIP = 2 + 2 * (PIECES - 1)  # maximum number; one for the slide of its node
+APPROACH = 0.25  # smallest cosine between the paths from two tips and the line that joins them
+NEXT_I = np.array([0, 1, 1, 1])  # each pair of neighbours on edges once, times the lattice's step
+NEXT_J = np.array([1, 0, 1, -1])
+AROUND_I = np.array([-1, -1, 0, 1, 1, 1, 0, -1])  # the nodes around a centre
+AROUND_J = np.array([0, 1, 1, 1, 0, -1, -1, -1])
 
 
-def paths_from(front: Floats, best_s: Floats, shape: tuple[int, int]) -> ActivePaths:
-    """Return the paths from each point (k, 2) of a front to the unburned cells around it."""
-    rows, cols = shape
-    around = np.arange(-NEAR_FRONT_CELLS, NEAR_FRONT_CELLS + 1)
-    cell = np.floor(front + 0.5).astype(np.int64)
-    row = (cell[:, 0, None, None] + around[:, None]).repeat(around.size, axis=2)
-    col = (cell[:, 1, None, None] + around).repeat(around.size, axis=1)
-    inside = (row >= 0) & (row < rows) & (col >= 0) & (col < cols)
-    target = np.where(inside, row * cols + col, 0)
+def paths_from(front_yx: Floats, at_s: float, best_s: Floats, lattice: Lattice) -> ActivePaths:
+    """Return the paths from each point (k, 2) of a front to the unreached nodes around it."""
+    around = np.arange(-NEAR_FRONT, NEAR_FRONT + 1)
+    nearest = np.floor(2.0 * front_yx + 0.5).astype(np.int64)
+    i = (nearest[:, 0, None, None] + around[:, None]).repeat(around.size, axis=2)
+    j = (nearest[:, 1, None, None] + around).repeat(around.size, axis=1)
+    inside = (i >= 0) & (i <= 2 * lattice.rows) & (j >= 0) & (j <= 2 * lattice.cols)
+    if lattice.step == 2:
+        inside &= i % 2 == j % 2
+    target = np.where(inside, keys_of(i, j, lattice), 0)
     reachable = inside & (best_s[target] == np.inf)
     point = np.nonzero(reachable)[0]
-    return ActivePaths(target[reachable].astype(np.int32), front[point])
+    at = np.column_stack([front_yx[point], np.full(point.size, at_s)])
+    return ActivePaths(target[reachable].astype(np.int32), at)
 
 
 @kernel
-def active_paths(at_s, since_s, heap, paths, points, labels, ground, entry, found, tips):  # type: ignore[no-untyped-def]
+def _add_path(found, count, first, target, y, x, at_s):  # type: ignore[no-untyped-def]
+    """Store a path unless one of those from ``first`` on begins at the same position."""
+    for other in range(first, count):
+        if found.at[other, 0] == y and found.at[other, 1] == x:
+            return count
+    found.target[count] = target
+    found.at[count, 0], found.at[count, 1], found.at[count, 2] = y, x, at_s
+    return count + 1
+
+
+@kernel
+def _position_at(y, x, to_i, to_j, time_s, ground, entry):  # type: ignore[no-untyped-def]
+    """Return the position of fire that moved for a time from a position towards a node."""
+    to_y, to_x = 0.5 * to_i, 0.5 * to_j
+    _, part = travel(y, x, to_y, to_x, time_s, ground, entry)
+    return y + part * (to_y - y), x + part * (to_x - x)
+
+
+@kernel
+def active_paths(  # type: ignore[no-untyped-def]
+    at_s,
+    since_s,
+    queue,
+    size,
+    waits,
+    paths,
+    points,
+    used,
+    labels,
+    ground,
+    lattice,
+    entry,
+    found,
+    tips,
+):
     """Find every line along which fire is moving at a time.
 
     ``found`` receives the paths from the last weather change that are not completed, and the paths
-    to neighbours of cells that have burned since then. ``tips`` receives, for each cell next to the
-    fire, the position of the fire on the best line to this cell. Returns the number of paths in
-    ``found`` and in ``tips``.
+    to neighbours of nodes that were reached since then. ``tips`` receives, for each node next to
+    the fire, the position of the fire on the best line to this node. Returns the number of paths in
+    ``found`` and in ``tips``, and the number of points in use.
     """
-    arrival_s, best_s, sources = labels
-    cols = ground.cols
-    rows = arrival_s.size // cols
+    best_s, sources = labels
     count = tip = 0
     for k in range(paths.target.size):
-        target = paths.target[k]
-        if arrival_s[target] == np.inf:
-            row, col = paths.at[k, 0], paths.at[k, 1]
-            to_row, to_col = float(target // cols), float(target % cols)
-            _, part = travel(row, col, to_row, to_col, at_s - since_s, ground, entry)
+        target = np.int64(paths.target[k])
+        if best_s[target] > at_s:
+            to_i, to_j = ij_of(target, lattice)
+            lasts_s = at_s - paths.at[k, 2]
+            y, x = _position_at(paths.at[k, 0], paths.at[k, 1], to_i, to_j, lasts_s, ground, entry)
             found.target[count] = target
-            found.at[count, 0] = row + part * (to_row - row)
-            found.at[count, 1] = col + part * (to_col - col)
+            found.at[count, 0], found.at[count, 1], found.at[count, 2] = y, x, at_s
             count += 1
-    for k in range(heap.size):
-        target = np.int64(heap.cells[k])
-        if arrival_s[target] < np.inf or best_s[target] != heap.times[k]:
+    for k in range(size + waits):
+        target = np.int64(queue.keys[k] if k < size else queue.waiting[k - size])
+        if k < size and best_s[target] != queue.times[k]:
             continue  # replaced by a better entry
-        to_row, to_col = target // cols, target % cols
-        at_row, at_col, at_s_ = place_of(sources[target], points, labels, cols)
-        if sources[target] == target:
-            at_row, at_col = np.nan, np.nan
-        else:
-            _, part = travel(
-                at_row, at_col, float(to_row), float(to_col), at_s - at_s_, ground, entry
-            )
-            at_row, at_col = at_row + part * (to_row - at_row), at_col + part * (to_col - at_col)
+        to_i, to_j = ij_of(target, lattice)
+        used = slide_on_front(
+            0.5 * to_i, 0.5 * to_j, target, points, used, labels, ground, lattice, entry
+        )
+        y, x, from_s = place_of(sources[target], points, labels, lattice)
+        tips.source[tip, 0], tips.source[tip, 1], tips.source[tip, 2] = y, x, from_s
+        if from_s < at_s:
+            y, x = _position_at(y, x, to_i, to_j, at_s - from_s, ground, entry)
         tips.target[tip] = target
-        tips.at[tip, 0], tips.at[tip, 1] = at_row, at_col
+        tips.at[tip, 0], tips.at[tip, 1] = y, x
         tip += 1
         first = count
-        for side in range(8):
-            row, col = to_row + STEP_ROW[side], to_col + STEP_COL[side]
-            if not (0 <= row < rows and 0 <= col < cols):
+        centre = to_i % 2 == 1 and to_j % 2 == 1
+        kind = 0 if lattice.step == 2 else 1 + to_j % 2 + 2 * (to_i % 2)
+        for number in range(8 if centre else COUNTS[kind]):
+            if centre:
+                i, j = to_i + AROUND_I[number], to_j + AROUND_J[number]
+                if lattice.step == 2 and (i % 2 == 1 or j % 2 == 1):
+                    continue
+            else:
+                i, j = to_i + OFFSETS[kind, number, 0], to_j + OFFSETS[kind, number, 1]
+            if not (0 <= i <= 2 * lattice.rows and 0 <= j <= 2 * lattice.cols):
                 continue
-            cell = row * cols + col
-            if not since_s <= arrival_s[cell] < np.inf:
+            if i % 2 == 1 and j % 2 == 1:
                 continue
-            if blocked_diagonal(row, col, to_row, to_col, best_s, cols):
+            key = key_of(i, j, lattice)
+            if not since_s <= best_s[key] <= at_s:
+                continue
+            prepare_around(i, j, ground, lattice, entry)
+            if step_s(i, j, to_i - i, to_j - j, ground, lattice) == 0.0:
                 continue
             for own in range(2):
-                source = np.int64(sources[cell]) if own == 0 else cell
-                from_row, from_col, from_s = place_of(source, points, labels, cols)
-                if from_s < since_s or (own == 1 and source == sources[cell]):
+                source = np.int64(sources[key]) if own == 0 else key
+                from_y, from_x, from_s = place_of(source, points, labels, lattice)
+                if from_s < since_s:
                     continue
-                _, part = travel(
-                    from_row, from_col, float(to_row), float(to_col), at_s - from_s, ground, entry
-                )
-                at_row = from_row + part * (to_row - from_row)
-                at_col = from_col + part * (to_col - from_col)
-                duplicate = False  # True if another neighbour gave the same source
-                for other in range(first, count):
-                    duplicate |= found.at[other, 0] == at_row and found.at[other, 1] == at_col
-                if not duplicate:
-                    found.target[count] = target
-                    found.at[count, 0], found.at[count, 1] = at_row, at_col
-                    count += 1
-    return count, tip
+                y, x = _position_at(from_y, from_x, to_i, to_j, at_s - from_s, ground, entry)
+                count = _add_path(found, count, first, target, y, x, at_s)
+    return count, tip, used
 
 
 @kernel
-def _along_front(target, tips, sources, ground, entry):  # type: ignore[no-untyped-def]
-    """Return the place on the joined front from which fire is estimated to reach a cell first.
+def _approach(at, tip, other, i, j, other_i, other_j):  # type: ignore[no-untyped-def]
+    """Return True if fire moves from both tips towards the other tip: they are two fronts."""
+    tip_y, tip_x, other_y, other_x = at[tip, 0], at[tip, 1], at[other, 0], at[other, 1]
+    down, right = other_y - tip_y, other_x - tip_x
+    near_y, near_x = 0.5 * i - tip_y, 0.5 * j - tip_x
+    far_y, far_x = other_y - 0.5 * other_i, other_x - 0.5 * other_j
+    length2 = APPROACH * APPROACH * (down * down + right * right)
+    near, far = near_y * down + near_x * right, far_y * down + far_x * right
+    return (
+        near > 0.0
+        and far > 0.0
+        and near * near > length2 * (near_y * near_y + near_x * near_x)
+        and far * far > length2 * (far_y * far_y + far_x * far_x)
+    )
 
-    The result is NaN if no piece of the front is near. Tip k is marked in ``sources`` as -2 - k.
+
+@kernel
+def _along_front(to_i, to_j, tips, marks, ground, lattice, entry):  # type: ignore[no-untyped-def]
+    """Return the tip next to the place on the front from which fire first reaches a node; or -1.
+
+    Tip k is marked in ``marks`` (keys) as -2 - k.
     """
-    cols = ground.cols
-    rows = sources.size // cols
-    row, col = target // cols, target % cols
-    best, best_row, best_col = np.inf, np.nan, np.nan
-    for near_row in range(max(row - WINDOW_CELLS, 0), min(row + WINDOW_CELLS + 1, rows)):
-        for near_col in range(max(col - WINDOW_CELLS, 0), min(col + WINDOW_CELLS + 1, cols)):
-            tip = -2 - sources[near_row * cols + near_col]
+    step = lattice.step
+    best, found = np.inf, -1
+    low_i, low_j = max(to_i - WINDOW, 0), max(to_j - WINDOW, 0)
+    if step == 2:
+        low_i, low_j = low_i + low_i % 2, low_j + low_j % 2
+    for i in range(low_i, min(to_i + WINDOW, 2 * lattice.rows) + 1, step):
+        for j in range(low_j, min(to_j + WINDOW, 2 * lattice.cols) + 1, step):
+            if i % 2 == 1 and j % 2 == 1:
+                continue
+            tip = -2 - marks[key_of(i, j, lattice)]
             if tip < 0:
                 continue
-            for side in range(4):  # each pair of neighbours once
-                other_row, other_col = near_row + STEP_ROW[side], near_col + STEP_COL[side]
-                if not (0 <= other_row < rows and 0 <= other_col < cols):
+            for side in range(4):
+                next_i, next_j = i + step * NEXT_I[side], j + step * NEXT_J[side]
+                if not (next_i <= 2 * lattice.rows and 0 <= next_j <= 2 * lattice.cols):
                     continue
-                other = -2 - sources[other_row * cols + other_col]
-                if other < 0:
+                if next_i % 2 == 1 and next_j % 2 == 1:
                     continue
-                time, at_row, at_col = from_segment(
+                other = -2 - marks[key_of(next_i, next_j, lattice)]
+                if other < 0 or _approach(tips.at, tip, other, i, j, next_i, next_j):
+                    continue
+                time, y, x = from_segment(
                     tips.at[tip, 0],
                     tips.at[tip, 1],
                     tips.at[other, 0],
                     tips.at[other, 1],
-                    target,
+                    0.5 * to_i,
+                    0.5 * to_j,
+                    SEGMENT_CELLS,
                     ground,
                     entry,
                 )
                 if time < best:
-                    best, best_row, best_col = time, at_row, at_col
-    return best_row, best_col
+                    to_tip = abs(y - tips.at[tip, 0]) + abs(x - tips.at[tip, 1])
+                    to_other = abs(y - tips.at[other, 0]) + abs(x - tips.at[other, 1])
+                    best, found = time, (tip if to_tip <= to_other else other)
+    return found
 
 
 @kernel
-def _try_path(k, row, col, at_s, tips, best, ground, entry):  # type: ignore[no-untyped-def]
-    """Store a path in row k of ``best`` (time, row, column) if tip k has no faster path yet."""
-    target, cols = tips.target[k], ground.cols
-    limit_s = best[k, 0] - at_s
-    path_s, _ = travel(
-        row, col, float(target // cols), float(target % cols), limit_s, ground, entry
-    )
-    if path_s < limit_s or best[k, 1] != best[k, 1]:
-        best[k, 0], best[k, 1], best[k, 2] = at_s + path_s, row, col
+def _beside(k, tips, marks, lattice):  # type: ignore[no-untyped-def]
+    """Return the tips beside tip k on the front, to both sides of the path from it; -1 for none.
 
-
-@kernel
-def start_paths(at_s, paths, tips, best, heap, points, used, labels, ground, entry):  # type: ignore[no-untyped-def]
-    """Restart the fire from paths and tips: set the labels, the heap and the source points.
-
-    ``best`` (tips, 3) is a work array. Returns the number of points in use and the heap's size.
+    Tip k is marked in ``marks`` (keys) as -2 - k.
     """
-    _, best_s, sources = labels
-    n = sources.size
+    i, j = ij_of(np.int64(tips.target[k]), lattice)
+    left = right = -1
+    left_2 = right_2 = SEGMENT_CELLS * SEGMENT_CELLS
+    if i % 2 == 1 and j % 2 == 1:
+        return left, right
+    to_y, to_x = 0.5 * i - tips.at[k, 0], 0.5 * j - tips.at[k, 1]
+    for number in range(8):
+        next_i, next_j = i + lattice.step * AROUND_I[number], j + lattice.step * AROUND_J[number]
+        if not (0 <= next_i <= 2 * lattice.rows and 0 <= next_j <= 2 * lattice.cols):
+            continue
+        if next_i % 2 == 1 and next_j % 2 == 1:
+            continue
+        other = -2 - marks[key_of(next_i, next_j, lattice)]
+        if other < 0 or _approach(tips.at, k, other, i, j, next_i, next_j):
+            continue
+        down, across = tips.at[other, 0] - tips.at[k, 0], tips.at[other, 1] - tips.at[k, 1]
+        distance_2, side = down * down + across * across, to_y * across - to_x * down
+        if side > 0.0 and distance_2 < left_2:
+            left, left_2 = other, distance_2
+        elif side < 0.0 and distance_2 < right_2:
+            right, right_2 = other, distance_2
+    return left, right
+
+
+@kernel
+def _divide(k, other, side, at_s, first, tips, points, used, ground, lattice, entry):  # type: ignore[no-untyped-def]
+    """Add points on the front between tips k and ``other``, which is on ``side`` of tip k.
+
+    Each point is on a line from a place between the two sources, so that the front is not a chord
+    of its curve. Returns the number of points in use.
+    """
+    before = first + k
+    for number in range(1, PIECES):
+        share = number / PIECES
+        from_y = tips.source[k, 0] + share * (tips.source[other, 0] - tips.source[k, 0])
+        from_x = tips.source[k, 1] + share * (tips.source[other, 1] - tips.source[k, 1])
+        from_s = tips.source[k, 2] + share * (tips.source[other, 2] - tips.source[k, 2])
+        y = tips.at[k, 0] + share * (tips.at[other, 0] - tips.at[k, 0])
+        x = tips.at[k, 1] + share * (tips.at[other, 1] - tips.at[k, 1])
+        far_y, far_x = from_y + FARTHER * (y - from_y), from_x + FARTHER * (x - from_x)
+        if 0.0 <= far_y <= lattice.rows and 0.0 <= far_x <= lattice.cols:
+            _, part = travel(from_y, from_x, far_y, far_x, at_s - from_s, ground, entry)
+            if part * FARTHER > 1.0:
+                y, x = from_y + part * (far_y - from_y), from_x + part * (far_x - from_x)
+        points.beside[before, side if number == 1 else 1] = used
+        before = used
+        used = add_point(points, used, y, x, at_s, used - 1 if number > 1 else first + k, -1)
+    points.beside[before, 1] = first + other
+    for back in range(2):
+        if points.beside[first + other, back] == first + k:
+            points.beside[first + other, back] = before
+    return used
+
+
+@kernel
+def _known_tips(paths, tips, marks, best, ground, lattice, entry):  # type: ignore[no-untyped-def]
+    """Set each unknown tip to the beginning of the fastest path to its node.
+
+    ``best`` (tips) is a work array.
+    """
     for k in range(tips.target.size):
-        sources[tips.target[k]] = -2 - k
-        best[k, 0], best[k, 1], best[k, 2] = np.inf, np.nan, np.nan
-    for k in range(tips.target.size):
-        if tips.at[k, 0] == tips.at[k, 0]:
-            _try_path(k, tips.at[k, 0], tips.at[k, 1], at_s, tips, best, ground, entry)
-        row, col = _along_front(np.int64(tips.target[k]), tips, sources, ground, entry)
-        if row == row:
-            _try_path(k, row, col, at_s, tips, best, ground, entry)
+        best[k] = np.inf if tips.at[k, 0] != tips.at[k, 0] else -np.inf
     for k in range(paths.target.size):
-        tip = -2 - sources[paths.target[k]]
-        _try_path(tip, paths.at[k, 0], paths.at[k, 1], at_s, tips, best, ground, entry)
-    size = 0
+        tip = -2 - marks[paths.target[k]]
+        if best[tip] == -np.inf:
+            continue
+        to_i, to_j = ij_of(np.int64(paths.target[k]), lattice)
+        y, x = paths.at[k, 0], paths.at[k, 1]
+        path_s, _ = travel(y, x, 0.5 * to_i, 0.5 * to_j, best[tip], ground, entry)
+        if path_s < best[tip] or tips.at[tip, 0] != tips.at[tip, 0]:
+            best[tip], tips.at[tip, 0], tips.at[tip, 1] = path_s, y, x
+
+
+@kernel
+def front_of(at_s, paths, tips, best, points, used, labels, ground, lattice, entry):  # type: ignore[no-untyped-def]
+    """Store the front as points with ``beside``: first the tips, then the places between them.
+
+    ``labels.source`` of the node of tip k becomes -2 - k. ``best`` (tips) is a work array. Returns
+    the number of points in use.
+    """
+    first, marks = used, labels.source
     for k in range(tips.target.size):
-        target = tips.target[k]
-        best_s[target] = best[k, 0]
-        points[used, 0], points[used, 1], points[used, 2] = best[k, 1], best[k, 2], at_s
-        sources[target] = n + used
-        used += 1
-        size = push(heap.times, heap.cells, size, best_s[target], target)
-    return used, size
+        marks[tips.target[k]] = -2 - k
+    _known_tips(paths, tips, marks, best, ground, lattice, entry)
+    for k in range(tips.target.size):
+        left, right = _beside(k, tips, marks, lattice)
+        left, right = (first + left if left >= 0 else -1), (first + right if right >= 0 else -1)
+        used = add_point(points, used, tips.at[k, 0], tips.at[k, 1], at_s, left, right)
+    for k in range(tips.target.size):
+        for side in range(2):
+            other = points.beside[first + k, side] - first
+            is_tip = 0 <= other < tips.target.size
+            if is_tip and tips.source[k, 2] + tips.source[other, 2] < np.inf:
+                used = _divide(
+                    k, other, side, at_s, first, tips, points, used, ground, lattice, entry
+                )
+    return used
+
+
+@kernel
+def start_paths(  # type: ignore[no-untyped-def]
+    at_s, paths, tips, best, queue, points, first, used, labels, ground, lattice, entry
+):
+    """Restart the fire from paths and tips: set the labels and the queue.
+
+    The tips are the points from ``first`` on (``front_of``). ``best`` (tips) is a work array.
+    Returns the number of points in use, the heap's size and the number of waiting centres.
+    """
+    best_s, sources = labels
+    n, count = sources.size, tips.target.size
+    for k in range(count):
+        target = np.int64(tips.target[k])
+        to_i, to_j = ij_of(target, lattice)
+        best_s[target], best[k] = np.inf, first + k
+        for candidate in (k, _along_front(to_i, to_j, tips, sources, ground, lattice, entry)):
+            if candidate >= 0:
+                y, x, limit_s = tips.at[candidate, 0], tips.at[candidate, 1], best_s[target] - at_s
+                path_s, _ = travel(y, x, 0.5 * to_i, 0.5 * to_j, limit_s, ground, entry)
+                if path_s < limit_s:
+                    best_s[target], best[k] = at_s + path_s, first + candidate
+    for k in range(count):
+        key = np.int64(tips.target[k])
+        sources[key] = n + np.int64(best[k])
+        i, j = ij_of(key, lattice)
+        used = slide_on_front(0.5 * i, 0.5 * j, key, points, used, labels, ground, lattice, entry)
+    for k in range(paths.target.size):
+        target = np.int64(paths.target[k])
+        to_i, to_j = ij_of(target, lattice)
+        limit_s = (1.0 - WORTH_A_POINT) * (best_s[target] - at_s)
+        y, x = paths.at[k, 0], paths.at[k, 1]
+        path_s, _ = travel(y, x, 0.5 * to_i, 0.5 * to_j, limit_s, ground, entry)
+        if path_s < limit_s:
+            best_s[target], sources[target] = at_s + path_s, n + used
+            used = add_point(points, used, y, x, at_s, -1, -1)
+    size = waits = 0
+    for k in range(count):
+        key = np.int64(tips.target[k])
+        i, j = ij_of(key, lattice)
+        if i % 2 == 1 and j % 2 == 1:
+            queue.waiting[waits] = key
+            waits += 1
+        else:
+            size = push(queue.times, queue.keys, size, best_s[key], key)
+    return used, size, waits

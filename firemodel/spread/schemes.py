@@ -27,7 +27,7 @@ class Scheme(NamedTuple):
 
 
 SCHEMES: dict[SchemeName, Scheme] = {
-    "anyangle": Scheme("firemodel.spread.anyangle", "AnyAngleFire", ("wind_limit",)),
+    "anyangle": Scheme("firemodel.spread.anyangle", "AnyAngleFire", ("wind_limit", "precise")),
     "devs8": Scheme("firemodel.spread.devs8", "Devs8Fire", ("wind_limit",)),
     "probabilistic": Scheme(
         "firemodel.spread.probabilistic", "ProbabilisticFire", ("p_spread", "update_s"), random=True

@@ -13,8 +13,9 @@ from firemodel.landscape.landscape import Landscape
 from firemodel.physics.weather import Weather
 from firemodel.spread.local_spread import Tables, Terrain, slowness_of, tables_of, terrain_of
 
-MAX_SEGMENT_CELLS = 2.0
+ONE, TWO, FOUR, SIX, SEVEN = (np.uint64(each) for each in (1, 2, 4, 6, 7))
 TOUCH = 1e-9  # share of a line in a cell that it only touches at a corner
+LAST = 1.0 - TOUCH
 # North, north-east, east, ... as steps of (row, col); odd ones are diagonal.
 STEP_ROW = np.array([-1, -1, 0, 1, 1, 1, 0, -1])
 STEP_COL = np.array([0, 1, 1, 1, 0, -1, -1, -1])
@@ -29,10 +30,10 @@ class Ground(NamedTuple):
     tables: Tables
     reach: NDArray[np.int16]  # (n) distance in cells within which all cells are like this one
     # One record of 32 bytes for each cell, read in one memory access: A, B north, B east in float64
-    # (indices 0 to 2; A is NaN if not yet computed, 0 if fire does not spread), and the rise
-    # towards north and east in float32 (indices 6 and 7).
-    slowness: Floats  # (n, 4)
-    rise: NDArray[np.float32]  # (n, 8), the same memory
+    # (places 0 to 2 of 4; A is NaN if not yet computed, 0 if fire does not spread), and the rise
+    # towards north and east in float32 (places 6 and 7 of 8).
+    slowness: Floats  # (4 n)
+    rise: NDArray[np.float32]  # (8 n), the same memory
     computed: NDArray[np.int32]  # (n + 1) number of the computed cells, then their indices
 
 
@@ -40,7 +41,7 @@ def ground_of(landscape: Landscape, entries: Sequence[Weather], wind_limit: bool
     """Return the ``Ground`` of a landscape; slownesses are computed later, when needed."""
     terrain = terrain_of(landscape)
     n, cols = terrain.fuel.size, landscape.shape[1]
-    slowness = np.full((n, 4), np.nan)
+    slowness = np.full(4 * n, np.nan)
     return Ground(
         cols,
         landscape.cell_size_m,
@@ -91,9 +92,10 @@ def _reach(terrain, cols):  # type: ignore[no-untyped-def]
 @kernel
 def _compute_slowness(cell, ground, entry):  # type: ignore[no-untyped-def]
     a, north, east = slowness_of(cell, entry, ground.terrain, ground.tables)
-    ground.slowness[cell, 0], ground.slowness[cell, 1], ground.slowness[cell, 2] = a, north, east
-    ground.rise[cell, 6] = ground.terrain.gradient[0, cell]
-    ground.rise[cell, 7] = ground.terrain.gradient[1, cell]
+    at = 4 * cell
+    ground.slowness[at], ground.slowness[at + 1], ground.slowness[at + 2] = a, north, east
+    ground.rise[2 * at + 6] = ground.terrain.gradient[0, cell]
+    ground.rise[2 * at + 7] = ground.terrain.gradient[1, cell]
     ground.computed[0] += 1
     ground.computed[ground.computed[0]] = cell
 
@@ -102,47 +104,91 @@ def _compute_slowness(cell, ground, entry):  # type: ignore[no-untyped-def]
 def clear_slowness(ground):  # type: ignore[no-untyped-def]
     """Clear the computed slownesses; required before another weather entry is used."""
     for place in range(1, ground.computed[0] + 1):
-        ground.slowness[ground.computed[place], 0] = np.nan
+        ground.slowness[4 * ground.computed[place]] = np.nan
     ground.computed[0] = 0
 
 
 @kernel
-def crossing_s(cell, north, east, length2, ground, entry):  # type: ignore[no-untyped-def]
+def prepare(cell, ground, entry):  # type: ignore[no-untyped-def]
+    """Compute the slowness of a cell unless it is known."""
+    if ground.slowness[4 * cell] != ground.slowness[4 * cell]:
+        _compute_slowness(cell, ground, entry)
+
+
+@kernel
+def crossing_s(cell, north, east, length2, ground):  # type: ignore[no-untyped-def]
     """Return the time in s along a horizontal vector in metres, at the slowness of one cell.
 
     ``length2`` is the squared length of the vector. The result is 0 if fire does not spread in the
-    cell.
+    cell, and NaN if its slowness is not known (``prepare``).
     """
     slowness, rise = ground.slowness, ground.rise
-    if slowness[cell, 0] != slowness[cell, 0]:
-        _compute_slowness(cell, ground, entry)
-    up = rise[cell, 6] * north + rise[cell, 7] * east
+    at = np.uint64(cell) * FOUR  # unsigned: an index that is never negative is faster
+    up = rise[at + at + SIX] * north + rise[at + at + SEVEN] * east
     return (
-        slowness[cell, 0] * math.sqrt(length2 + up * up)
-        - slowness[cell, 1] * north
-        - slowness[cell, 2] * east
+        slowness[at] * math.sqrt(length2 + up * up)
+        - slowness[at + ONE] * north
+        - slowness[at + TWO] * east
     )
 
 
 @kernel
-def cell_at(row, col, cols):  # type: ignore[no-untyped-def]
-    """Return the cell in which a float position lies."""
-    return math.floor(row + 0.5) * cols + math.floor(col + 0.5)
+def cell_at(y, x, ground):  # type: ignore[no-untyped-def]
+    """Return the cell at a position (y, x); on an edge, the cell to the south or east."""
+    rows = ground.reach.size // ground.cols
+    row, col = min(int(y), rows - 1), min(int(x), ground.cols - 1)
+    return row * ground.cols + col
 
 
 @kernel
-def travel(row, col, to_row, to_col, limit_s, ground, entry):  # type: ignore[no-untyped-def]
-    """Follow a line to the centre of a cell for at most ``limit_s``.
+def evenest_cell(y, x, ground):  # type: ignore[no-untyped-def]
+    """Return the cell at a position, or beside it, around which most cells are alike."""
+    rows, found = ground.reach.size // ground.cols, -1
+    for row in range(max(math.ceil(y) - 1, 0), min(math.floor(y) + 1, rows)):
+        for col in range(max(math.ceil(x) - 1, 0), min(math.floor(x) + 1, ground.cols)):
+            cell = row * ground.cols + col
+            if found < 0 or ground.reach[cell] > ground.reach[found]:
+                found = cell
+    return found
 
-    Positions are float rows and columns. Returns the time and the fraction of the line that is
-    covered. The time is ``limit_s`` if the line is not completed by then, or if it crosses a cell
-    that does not burn.
+
+@kernel
+def _first_and_crossings(start, end):  # type: ignore[no-untyped-def]
+    """Return the first row (or column) of a line, and how many times it enters another one."""
+    if end > start:
+        first = math.floor(start)
+        return first, math.ceil(end) - 1.0 - first
+    if end < start:
+        first = math.ceil(start) - 1.0
+        return first, first - math.floor(end)
+    return math.floor(start), 0.0
+
+
+@kernel
+def _follow(y, x, to_y, to_x, limit_s, ground):  # type: ignore[no-untyped-def]
+    """Follow a line as ``travel`` does, but stop at a cell whose slowness is not known.
+
+    Returns the time, the fraction of the line that is covered, and that cell, or -1.
     """
-    down, right = to_row - row, to_col - col
+    down, right = to_y - y, to_x - x
     north, east = -down * ground.cell_m, right * ground.cell_m
     length2 = north * north + east * east
-    at_row, at_col = math.floor(row + 0.5), math.floor(col + 0.5)
-    crossings_row, crossings_col = abs(to_row - at_row), abs(to_col - at_col)
+    if length2 == 0.0:
+        return 0.0, 1.0, -1
+    rows = ground.reach.size // ground.cols
+    at_row, crossings_row = _first_and_crossings(y, to_y)
+    at_col, crossings_col = _first_and_crossings(x, to_x)
+    beside = 0  # offset of the other cell, for a line along an edge
+    if down == 0.0 and at_row == y:
+        if at_row == rows:
+            at_row -= 1.0
+        elif at_row > 0.0:
+            beside = -ground.cols
+    if right == 0.0 and at_col == x:
+        if at_col == ground.cols:
+            at_col -= 1.0
+        elif at_col > 0.0:
+            beside = -1
     cell = int(at_row) * ground.cols + int(at_col)
     if max(crossings_row, crossings_col) <= ground.reach[cell]:
         crossings_row = crossings_col = 0.0  # all its cells are like the first one
@@ -151,51 +197,84 @@ def travel(row, col, to_row, to_col, limit_s, ground, entry):  # type: ignore[no
     if crossings_row > 0.0:
         row_step = ground.cols if down > 0.0 else -ground.cols
         each_row = 1.0 / abs(down)
-        next_row = ((at_row - row if down > 0.0 else row - at_row) + 0.5) * each_row
+        next_row = (at_row + 1.0 - y if down > 0.0 else y - at_row) * each_row
     col_step, next_col, each_col = 0, 2.0, 0.0
     if crossings_col > 0.0:
         col_step = 1 if right > 0.0 else -1
         each_col = 1.0 / abs(right)
-        next_col = ((at_col - col if right > 0.0 else col - at_col) + 0.5) * each_col
+        next_col = (at_col + 1.0 - x if right > 0.0 else x - at_col) * each_col
     time_s, done = 0.0, 0.0
-    for _ in range(int(crossings_row + crossings_col) + 1):
-        leaves_row = next_row < next_col
-        upto = min(next_row if leaves_row else next_col, 1.0)
+    while True:
+        upto = min(next_row, next_col)
+        upto = upto if upto < LAST else 1.0
         share = upto - done
-        whole = crossing_s(cell, north, east, length2, ground, entry)
-        stuck = whole == 0.0 and share > TOUCH
-        if stuck or time_s + share * whole > limit_s:
-            done += 0.0 if stuck else (limit_s - time_s) / whole
-            time_s = limit_s
-            break
+        whole = crossing_s(cell, north, east, length2, ground)
+        if beside != 0:
+            other = crossing_s(cell + beside, north, east, length2, ground)
+            if other != other:
+                return limit_s, done, cell + beside
+            if whole == 0.0 or 0.0 < other < whole:
+                whole = other
+        if whole != whole:
+            return limit_s, done, cell
+        if whole == 0.0 or time_s + share * whole > limit_s:
+            done += 0.0 if whole == 0.0 else (limit_s - time_s) / whole
+            return limit_s, done, -1
         time_s += share * whole
         done = upto
+        if done == 1.0:
+            return time_s, done, -1
+        leaves_row, leaves_col = next_row <= upto + TOUCH, next_col <= upto + TOUCH
+        if leaves_row and leaves_col:  # through a corner
+            fuel = ground.terrain.fuel
+            if fuel[cell + row_step] < 0 and fuel[cell + col_step] < 0:
+                return limit_s, done, -1
         next_row += each_row if leaves_row else 0.0
-        next_col += 0.0 if leaves_row else each_col
-        cell += row_step if leaves_row else col_step
-    return time_s, done
+        next_col += each_col if leaves_col else 0.0
+        cell += (row_step if leaves_row else 0) + (col_step if leaves_col else 0)
 
 
 @kernel
-def from_segment(row, col, other_row, other_col, target, ground, entry):  # type: ignore[no-untyped-def]
-    """Return the point on a straight piece of the front from which fire first reaches a cell.
+def travel(y, x, to_y, to_x, limit_s, ground, entry):  # type: ignore[no-untyped-def]
+    """Follow a line for at most ``limit_s``.
 
-    The result is the time, the row and the column.
-
-    The slowness of the target cell is used for the whole path. Let d be the vector along the piece,
-    w the vector from its start to the cell, and s the fraction of d. The time A |w - s d| - B (w -
-    s d) has its minimum where its derivative by s is 0. Its unit is s/m times cells. The time is
-    infinite if the ends are too far apart, or if fire does not spread in the cell.
+    Positions are (y, x) in cells. A line along an edge has the time of the faster cell beside it.
+    Returns the time and the fraction of the line that is covered. The time is ``limit_s`` if the
+    line is not completed by then, if it crosses a cell that does not burn, or if it passes between
+    two such cells.
     """
-    d_north, d_east = row - other_row, other_col - col
+    while True:
+        time_s, done, unknown = _follow(y, x, to_y, to_x, limit_s, ground)
+        if unknown < 0:
+            return time_s, done
+        _compute_slowness(unknown, ground, entry)
+
+
+@kernel
+def from_segment(y, x, other_y, other_x, to_y, to_x, most_cells, ground, entry):  # type: ignore[no-untyped-def]
+    """Return the point on a straight piece of the front from which fire first reaches a place.
+
+    The result is the time and the point (y, x).
+
+    The slowness of the last cell of the path from the middle of the piece is used for the whole
+    path. Let d be the vector along the piece, w the vector from its start to the place, and s the
+    fraction of d. The time A |w - s d| - B (w - s d) has its minimum where its derivative by s is
+    0. Its unit is s/m times cells. The time is infinite if the ends are more than ``most_cells``
+    apart, or if fire does not spread in the cell.
+    """
+    d_north, d_east = y - other_y, other_x - x
     d2 = d_north * d_north + d_east * d_east
-    crossing_s(target, 0.0, 0.0, 0.0, ground, entry)  # computes the slowness of the cell
-    a = ground.slowness[target, 0]
-    if not 0.0 < d2 <= MAX_SEGMENT_CELLS * MAX_SEGMENT_CELLS or a == 0.0:
-        return np.inf, row, col
-    b_north, b_east = ground.slowness[target, 1], ground.slowness[target, 2]
-    g_north, g_east = ground.rise[target, 6], ground.rise[target, 7]
-    w_north, w_east = row - target // ground.cols, target % ground.cols - col
+    if not 0.0 < d2 <= most_cells * most_cells:
+        return np.inf, y, x
+    middle_y, middle_x = 0.5 * (y + other_y), 0.5 * (x + other_x)
+    target = cell_at(to_y + TOUCH * (middle_y - to_y), to_x + TOUCH * (middle_x - to_x), ground)
+    prepare(target, ground, entry)
+    a = ground.slowness[4 * target]
+    if a == 0.0:
+        return np.inf, y, x
+    b_north, b_east = ground.slowness[4 * target + 1], ground.slowness[4 * target + 2]
+    g_north, g_east = ground.rise[8 * target + 6], ground.rise[8 * target + 7]
+    w_north, w_east = y - to_y, to_x - x
     d_up, w_up = g_north * d_north + g_east * d_east, g_north * w_north + g_east * w_east
     dd = d2 + d_up * d_up
     dw = d_north * w_north + d_east * w_east + d_up * w_up
@@ -206,4 +285,4 @@ def from_segment(row, col, other_row, other_col, target, ground, entry):  # type
     share = min(max(share, 0.0), 1.0)
     time = a * math.sqrt(max(ww - 2.0 * share * dw + share * share * dd, 0.0))
     time -= b_north * (w_north - share * d_north) + b_east * (w_east - share * d_east)
-    return time, row - share * d_north, col + share * d_east
+    return time, y - share * d_north, x + share * d_east

@@ -159,6 +159,7 @@ class Ignition(Section):
 class FireSection(Section):
     """The scheme of fire spread, and the area that has already burned at the start.
 
+    ``precise`` lets the paths of the any-angle scheme bend in the middles of edges too.
     ``perimeter`` is a file of polygons that have burned by ``burning_at_s``; ``arrival`` is a
     raster of arrival times. ``p_spread`` and ``update_s`` apply to the probabilistic scheme. That
     scheme can also start with a fire of ``initial_cells`` cells, which it grows from the ignitions.
@@ -166,6 +167,7 @@ class FireSection(Section):
 
     scheme: SchemeName = "anyangle"
     wind_limit: bool = False
+    precise: bool = False
     perimeter: Path | None = None
     arrival: Path | None = None
     arrival_unit: Literal["seconds", "minutes", "hours", "days"] = "seconds"

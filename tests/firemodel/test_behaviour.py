@@ -75,4 +75,5 @@ def test_each_cell_has_the_weather_it_burned_in() -> None:
     burned = np.isfinite(head_row)
     assert (head_row[burned] <= 3000.0).any()
     assert (head_row[burned] > 3000.0).any()
-    np.testing.assert_allclose(found[burned], expected[burned], rtol=1e-5)
+    # After a change of wind, fire comes from points on the front, up to half a cell beside the row.
+    np.testing.assert_allclose(found[burned], expected[burned], rtol=0.01)
