@@ -297,7 +297,7 @@ def test_a_user_with_read_only_access_sees_the_reason(chromium: Browser, fire: S
         for name in ("Burned", "Undo"):
             button = page.get_by_role("button", name=name, exact=True)
             expect(button).to_be_disabled()
-            assert 'lacks the role "correct"' in str(button.get_attribute("title"))
+            assert 'does not have the role "correct"' in str(button.get_attribute("title"))
         hold = page.get_by_role("button", name="Hold", exact=True).first
         expect(hold).to_be_disabled()
         assert 'lacks the role "fly"' in str(hold.get_attribute("title"))
