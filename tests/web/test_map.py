@@ -300,7 +300,7 @@ def test_a_user_with_read_only_access_sees_the_reason(chromium: Browser, fire: S
             assert 'does not have the role "correct"' in str(button.get_attribute("title"))
         hold = page.get_by_role("button", name="Hold", exact=True).first
         expect(hold).to_be_disabled()
-        assert 'lacks the role "fly"' in str(hold.get_attribute("title"))
+        assert 'does not have the role "fly"' in str(hold.get_attribute("title"))
         expect(page.locator("#abort")).to_be_enabled()
 
 
