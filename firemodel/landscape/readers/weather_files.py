@@ -280,8 +280,8 @@ def _times_s(path: Path, rows: Rows, start: datetime | None) -> Floats:
         if number and not at_s[number] > at_s[number - 1]:
             raise FireModelError(
                 f"{path} line {line}: {name} = {row[name]} is not later than the previous record "
-                f"({rows[number - 1][1][name]}); sort the records and remove duplicates (local times "
-                "repeat an hour when clocks go back: give them a UTC offset)"
+                f"({rows[number - 1][1][name]}); sort the records and remove duplicates (local "
+                "times repeat an hour when clocks go back: give them a UTC offset)"
             )
     if at_s[0] > 0.0 or at_s[-1] < 0.0:
         raise FireModelError(
