@@ -19,6 +19,7 @@ from msgspec import Meta
 from mission_service.errors import MissionServiceError
 from mission_service.requests import Role
 from mission_service.runtime.redaction import hide
+from mission_service.value_errors import in_words
 
 ROLES: tuple[Role, ...] = get_args(Role)
 TOKEN_FILE = "token"  # in the folder of a run
@@ -70,8 +71,8 @@ def read_tokens(path: Path) -> tuple[User, ...]:
         found = msgspec.convert(data, _TokensFile).tokens
     except msgspec.ValidationError as error:
         raise MissionServiceError(
-            f"{path}: {error}; a token is a table [[tokens]] with name, roles, station and sha256, "
-            "written by `mission-service token`"
+            f"{path}: {in_words(error, _TokensFile)}; a token is a table [[tokens]] with name, "
+            "roles, station and sha256, written by `mission-service token`"
         ) from None
     names = [user.name for user in found]
     if twice := [name for name in names if names.count(name) > 1]:
