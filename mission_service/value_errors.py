@@ -18,7 +18,8 @@ Path = Sequence[str | int]
 MAX_SHOWN = 60  # characters of a value
 UNKNOWN = object()  # a value that is not shown
 WORDS = {pattern: words.removeprefix("give ") for pattern, words in PATTERNS.items()} | {
-    r"^[\w-]+$": "letters, digits, - and _"
+    r"^[\w-]+$": "letters, digits, - and _",
+    r"^[\w .@-]{1,40}$": "1 to 40 letters, digits, spaces and . @ - _",
 }
 FORMATS = {
     "date-time": "a date and time, as in 2026-08-01T12:00:00-07:00",
@@ -127,9 +128,11 @@ def _allowed(part: Schema, whole: Schema) -> list[str]:
     kind = part.get("type")
     if kind == "null":
         return []
-    if kind == "string" and part.get("pattern") in WORDS:
-        limit = f", at most {part['maxLength']} characters" if "maxLength" in part else ""
-        return [WORDS[part["pattern"]] + limit]
+    if kind == "string" and "pattern" in part:
+        words = WORDS.get(part["pattern"], f"a text that matches {part['pattern']}")
+        return [
+            f"{words}, at most {part['maxLength']} characters" if "maxLength" in part else words
+        ]
     if kind == "string" and part.get("format") in FORMATS:
         return [FORMATS[part["format"]]]
     return [KINDS.get(str(kind), "another value") + _limits(part)]

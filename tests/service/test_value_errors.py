@@ -39,7 +39,7 @@ USER = {"by": "ann", "station": "desk"}
             "state: give one of burned, burning, unburned (got 'wet')",
         ),
         ({"do": "lit", "points": [[0, 10**400]]}, "points.0.1: give a number from -180 to 180"),
-        ({"do": "hold", "vehicle": "\ud800"}, "not valid Unicode"),
+        ({"do": "wind", "\ud800": 1}, "not valid Unicode"),
     ],
 )
 def test_a_request(request_: dict[str, Any], text: str) -> None:
@@ -101,6 +101,7 @@ class Parts(BaseModel):
     two: tuple[Annotated[str, Field(min_length=2)], ...] = ()
     three: Literal["a"] = "a"
     four: tuple[float, float] = (0.0, 0.0)
+    five: Annotated[str, Field(pattern="^a*$")] = ""
 
 
 def test_each_kind_of_schema() -> None:
@@ -115,6 +116,7 @@ def test_each_kind_of_schema() -> None:
     assert words("two", 4) == "give a text of at least 2 characters"
     assert words("three") == "give a"
     assert words("four") == "give a list of 2 entries"
+    assert words("five") == "give a text that matches ^a*$"
     assert schema_at(schema, ("one", "deeper")) is None
     assert schema_at(schema, ("none",)) is None
 

@@ -17,7 +17,7 @@ import msgspec
 from msgspec import Meta
 
 from mission_service.errors import MissionServiceError
-from mission_service.requests import Role
+from mission_service.requests import FULL_HASH, Role
 from mission_service.runtime.redaction import hide
 from mission_service.value_errors import in_words
 
@@ -34,7 +34,7 @@ class User(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     name: Annotated[str, Meta(pattern=r"^[\w .@-]{1,40}$")]
     roles: frozenset[Role]
-    sha256: Annotated[str, Meta(pattern=r"^[0-9a-f]{64}$")]
+    sha256: Annotated[str, Meta(pattern=FULL_HASH)]
     station: Annotated[str, Meta(max_length=80)] = ""
 
     def may(self, role: Role) -> bool:
