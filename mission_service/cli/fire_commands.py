@@ -10,7 +10,7 @@ from pathlib import Path
 
 import click
 
-from mission_service.cli.options import JSON, OUT_FOLDER, OVERRIDE, echo, folder
+from mission_service.cli.options import JSON, OUT_FOLDER, OVERRIDE, echo, echo_warning, folder
 
 
 @click.group()
@@ -36,15 +36,12 @@ def fire_run(
 ) -> None:
     """Simulate the fire of SCENARIO; write GeoTIFFs, GeoJSON fronts, a map and a summary to DIR."""
     from mission_service.config.scenario import load_scenario
-    from mission_service.fire.setup import notes_on
     from mission_service.simulation.fire_alone import run_fire
 
     if math.isnan(front_every_s):
         raise click.UsageError("--front-every nan: give seconds")
     loaded = load_scenario(scenario, overrides)
-    for note in notes_on(loaded):
-        click.echo(f"Note: {note}", err=True)
-    summary = run_fire(loaded, folder(out), front_every_s)
+    summary = run_fire(loaded, folder(out), front_every_s, echo_warning)
     echo(summary, as_json)
     if not as_json:
         click.echo(f"GeoTIFFs, fronts.geojson, map.png and summary.json in {out}/")

@@ -7,6 +7,7 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
+from firemodel.input_warnings import FireInputs, input_warnings
 from firemodel.landscape.default import jacksboro
 from firemodel.landscape.flat import flat_landscape
 from firemodel.landscape.landscape import Landscape
@@ -28,7 +29,6 @@ from mission_service.config.sections import (
 from mission_service.errors import ScenarioError
 
 STALLED = 100  # updates without growth after which the fire is checked for burning cells
-LASTING_S = 3600.0  # maximum duration of the last weather record without a note
 
 
 def landscape_of(scenario: Scenario) -> Landscape:
@@ -167,19 +167,12 @@ def _check_polygons(path: Path, shapes: list[BaseGeometry]) -> None:
             )
 
 
-def notes_on(scenario: Scenario) -> list[str]:
-    """Return notes on settings that are valid but may be unintended."""
-    if scenario.weather_file is None:
-        return []
-    entries = weather_of(scenario).entries
-    last_s = entries[-1].at_s
-    usual_s = last_s - entries[-2].at_s if len(entries) > 1 else LASTING_S
-    if scenario.duration_s - last_s <= max(usual_s, LASTING_S):
-        return []
-    return [
-        f"{scenario.weather_file.path}: ends at {last_s:g} s; its last record is used until "
-        f"{scenario.duration_s:g} s"
-    ]
+def warnings_on(scenario: Scenario, landscape: Landscape) -> list[str]:
+    """Return a line for each input that is valid but probably unintended (``input_warnings``)."""
+    ignitions = _ignitions_of(scenario, landscape)
+    return input_warnings(
+        FireInputs(landscape, weather_of(scenario), ignitions, scenario.duration_s)
+    )
 
 
 def fire_of(scenario: Scenario, landscape: Landscape) -> Fire:

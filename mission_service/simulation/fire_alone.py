@@ -2,26 +2,31 @@
 
 import json
 import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from firemodel.landscape.landscape import Landscape
 from firemodel.spread.arrival_map import draw_map
+from firemodel.spread.edge import at_edge
 from firemodel.spread.fire_scheme import Fire
 from firemodel.spread.writers import write_fronts, write_rasters
 from mission_service.config.scenario import Scenario
 from mission_service.errors import ScenarioError
-from mission_service.fire.setup import fire_of, landscape_of
+from mission_service.fire.setup import fire_of, landscape_of, warnings_on
 from mission_service.runtime.progress import fire_progress
 
 STEPS = 200  # progress reports of a run
 MAX_FRONTS = 10_000
 
 
-def run_fire(scenario: Scenario, folder: Path, front_every_s: float) -> dict[str, Any]:
+def run_fire(
+    scenario: Scenario, folder: Path, front_every_s: float, warn: Callable[[str], None]
+) -> dict[str, Any]:
     """Write the rasters, fronts, map and summary to a folder, and return the summary.
+
+    ``warn`` receives each warning as soon as its cause is known.
 
     Raises ScenarioError if no fire starts before the scenario's end, for more than ``MAX_FRONTS``
     fronts, or for a folder that cannot be written to.
@@ -41,12 +46,18 @@ def run_fire(scenario: Scenario, folder: Path, front_every_s: float) -> dict[str
             f"{scenario.name}: fire.burning_at_s = {start_s:g} must be before duration_s"
         )
     times_s = _times_s(start_s, scenario.duration_s, front_every_s)
+    lines = warnings_on(scenario, landscape)
+    for line in lines:
+        warn(line)
     with fire_progress(scenario.name, start_s, scenario.duration_s) as progress:
         for time_s in np.linspace(start_s, scenario.duration_s, STEPS + 1)[1:]:
             fire.advance(float(time_s))
             progress(float(time_s))
+    if (reached := at_edge(fire)) is not None:
+        lines.append(str(reached))
+        warn(str(reached))
     try:
-        return _write(scenario, landscape, fire, folder, times_s)
+        return _write(scenario, fire, folder, times_s, lines)
     except OSError as error:
         reason = error.strerror or " ".join(str(error).split())
         raise ScenarioError(f"{error.filename or folder}: cannot be written: {reason}") from None
@@ -64,8 +75,9 @@ def _times_s(start_s: float, end_s: float, every_s: float) -> list[float]:
 
 
 def _write(
-    scenario: Scenario, landscape: Landscape, fire: Fire, folder: Path, times_s: list[float]
+    scenario: Scenario, fire: Fire, folder: Path, times_s: list[float], warnings: list[str]
 ) -> dict[str, Any]:
+    landscape = fire.landscape
     write_rasters(folder, fire)
     write_fronts(folder / "fronts.geojson", fire, times_s, scenario.name, scenario.time_zero)
     arrival_s = np.where(fire.burned(), fire.arrival_time_s, np.inf)
@@ -81,8 +93,9 @@ def _write(
         "cells": landscape.fuel_model.size,
         "burned_cells": int(np.count_nonzero(fire.burned())),
         "burned_area_ha": round(fire.front(fire.time_s).area / 1e4, 2),
-        "reached_edge": bool(_edge(fire.burned()).any()),
+        "reached_edge": at_edge(fire) is not None,
         "time_s": fire.time_s,
+        "warnings": warnings,
     }
     (folder / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
     return summary
@@ -90,7 +103,3 @@ def _write(
 
 def _in_words(time_s: float) -> str:
     return f"{time_s / 3600.0:.3g} h" if time_s >= 3600.0 else f"{time_s / 60.0:.3g} min"
-
-
-def _edge(cells: np.ndarray[Any, np.dtype[np.bool_]]) -> np.ndarray[Any, np.dtype[np.bool_]]:
-    return np.concatenate([cells[0], cells[-1], cells[:, 0], cells[:, -1]])

@@ -12,7 +12,7 @@ from firemodel.arrays import Floats
 from firemodel.errors import FireModelError
 from firemodel.physics.moisture import dead_moistures_pct
 from firemodel.physics.rothermel import M_S_PER_MPH, Moisture
-from firemodel.physics.weather import Weather, WeatherStream, wind_20ft_from_10m
+from firemodel.physics.weather import Weather, WeatherSource, WeatherStream, wind_20ft_from_10m
 
 Rows = list[tuple[int, dict[str, str]]]  # line number, text of each named field
 
@@ -120,8 +120,20 @@ def read_weather(
             for record in np.column_stack(
                 [at_s, values["wind_speed_m_s"], values["wind_from_deg"], moistures_pct]
             )[first:]
-        ]
+        ],
+        _source(path, rows, start, values.get("humidity_pct"), int(first)),
     )
+
+
+def _source(
+    path: Path, rows: Rows, start: datetime | None, humidity_pct: Floats | None, first: int
+) -> WeatherSource:
+    """Return the origin of a stream that begins with the record ``first``."""
+    line, row = rows[0]
+    if start is None and "time" in row:
+        start = _time(path, line, row["time"])
+    humid = None if humidity_pct is None else tuple(humidity_pct[first:].tolist())
+    return WeatherSource(str(path), start, humid)
 
 
 def _text(path: Path) -> str:
@@ -268,7 +280,8 @@ def _times_s(path: Path, rows: Rows, start: datetime | None) -> Floats:
         if number and not at_s[number] > at_s[number - 1]:
             raise FireModelError(
                 f"{path} line {line}: {name} = {row[name]} is not later than the previous record "
-                f"({rows[number - 1][1][name]}); sort the records and remove duplicates"
+                f"({rows[number - 1][1][name]}); sort the records and remove duplicates (local "
+                "times repeat an hour when clocks go back: give them a UTC offset)"
             )
     if at_s[0] > 0.0 or at_s[-1] < 0.0:
         raise FireModelError(
