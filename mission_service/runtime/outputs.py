@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from firemodel.landscape.landscape import Landscape
-from firemodel.spread.arrival_map import frame_around, start_map
+from firemodel.outputs.arrival_map import frame_around, start_map
+from firemodel.outputs.front_files import write_fronts
 from firemodel.spread.fire_scheme import Fire
-from firemodel.spread.writers import write_fronts
 from mission_service.config.scenario import Scenario
 from mission_service.guidance.registry import way_of
 from mission_service.runtime.run_statistics import RunStatistics, VehicleStatistics

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 
 from firemodel.landscape.landscape import Landscape
-from firemodel.spread.arrival_map import draw_map
+from firemodel.outputs.arrival_map import draw_map
+from firemodel.outputs.front_files import write_fronts
+from firemodel.outputs.geotiff import write_rasters
 from firemodel.spread.fire_scheme import Fire
-from firemodel.spread.writers import write_fronts, write_rasters
 from mission_service.config.scenario import Scenario
 from mission_service.errors import ScenarioError
 from mission_service.fire.setup import fire_of, landscape_of

@@ -11,12 +11,11 @@ import rasterio
 from shapely.geometry import shape
 
 from firemodel.errors import FireModelError
+from firemodel.outputs.arrival_map import draw_map, frame_around, start_map
+from firemodel.outputs.front_files import fronts_geojson, write_fronts
+from firemodel.outputs.geotiff import write_rasters
 from firemodel.spread.anyangle import AnyAngleFire
-from firemodel.spread.arrival_map import draw_map, frame_around, start_map
-from firemodel.spread.writers import fronts_geojson, write_fronts, write_geotiff, write_rasters
-from tests.firemodel.grids import CRS, landscape, steady
-
-LAND = landscape(shape=(6, 7))
+from tests.firemodel.grids import landscape, steady
 
 
 def around_a_rock() -> AnyAngleFire:
@@ -26,15 +25,6 @@ def around_a_rock() -> AnyAngleFire:
     fire = AnyAngleFire(landscape(codes), steady(), [(9, 9, 0.0)])
     fire.advance(15_000.0)
     return fire
-
-
-def test_a_geotiff_lies_on_the_grid(tmp_path: Path) -> None:
-    values = np.arange(42.0).reshape(6, 7)
-    write_geotiff(tmp_path / "values.tif", values, LAND, nodata=-1.0)
-    with rasterio.open(tmp_path / "values.tif") as file:
-        assert (file.crs.to_string(), file.nodata) == (CRS, -1.0)
-        assert file.transform == LAND.transform()
-        assert np.array_equal(file.read(1), values)
 
 
 def signed_area(ring: Any) -> float:
@@ -79,19 +69,17 @@ def test_fronts_have_time_area_and_a_note_that_they_are_not_approved() -> None:
 def test_rasters_hold_what_burned(tmp_path: Path) -> None:
     fire = around_a_rock()
     paths = write_rasters(tmp_path, fire)
-    assert sorted(path.name for path in tmp_path.iterdir()) == [
-        "arrival_time_s.tif",
-        "fireline_intensity_kw_m.tif",
-        "flame_length_m.tif",
-        "spread_rate_m_s.tif",
-        "spread_toward_deg.tif",
-    ]
-    for path in paths.values():
-        with rasterio.open(path) as file:
+    assert {path.name for path in tmp_path.iterdir()} == {
+        f"{name}.{suffix}" for name in paths for suffix in ("tif", "qml")
+    }
+    for name in paths.keys() - {"state", "fuel_model"}:
+        with rasterio.open(paths[name]) as file:
             assert np.array_equal(file.read_masks(1) > 0, fire.burned())
     with rasterio.open(paths["arrival_time_s"]) as file:
         burned = fire.burned()
         np.testing.assert_allclose(file.read(1)[burned], fire.arrival_time_s[burned], rtol=1e-6)
+    with rasterio.open(paths["state"]) as file:
+        assert np.array_equal(file.read(1), fire.state_at(fire.time_s))
 
 
 def test_a_map_is_drawn_of_any_fire(tmp_path: Path) -> None:

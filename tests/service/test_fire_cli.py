@@ -12,7 +12,6 @@ import rasterio
 from numpy.typing import NDArray
 from shapely.geometry import LineString, shape
 
-from firemodel.spread.writers import write_geotiff
 from tests.firemodel.grids import CELL_M, CRS, write_raster
 from tests.firemodel.test_rasters import ascii_grid
 from tests.service.fires import (
@@ -40,7 +39,9 @@ RASTERS = (
     "flame_length_m",
     "fireline_intensity_kw_m",
 )
-NAMES = {"fronts.geojson", "map.png", "summary.json", *(f"{name}.tif" for name in RASTERS)}
+NAMES = {"fronts.geojson", "map.png", "summary.json"}.union(
+    *({f"{name}.tif", f"{name}.qml"} for name in (*RASTERS, "state", "fuel_model"))
+)
 WALL = TIFFS + 'barriers = ["wall.geojson"]\n'
 
 
@@ -170,7 +171,7 @@ def test_a_fire_taken_over_from_arrival_in_hours_goes_on_as_the_first(tmp_path: 
     whole = burn(write_scenario(site), tmp_path / "whole")
     first = arrival_s(tmp_path / "whole")
     hours = np.where(first < 0, -9999.0, first / 3600.0)
-    write_geotiff(site / "arrival.tif", hours, LAND, nodata=-9999.0)
+    write_raster(site / "arrival.tif", hours, nodata=-9999.0)
     taken = '[fire]\narrival = "arrival.tif"\narrival_unit = "hours"\nburning_at_s = 1800\n'
     rest = burn(write_scenario(site, TIFFS, CSV, taken), tmp_path / "rest")
     before = (first >= 0) & (first <= 1800)

@@ -1,4 +1,4 @@
-"""Write results as GeoTIFF and GeoJSON files."""
+"""Write the fronts of a fire as GeoJSON."""
 
 import json
 from collections.abc import Sequence
@@ -11,33 +11,10 @@ from numpy.typing import NDArray
 
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
-from firemodel.spread.behaviour import behaviour_of
 from firemodel.spread.fire_scheme import Fire
 
 M2_PER_ACRE = 4046.8564224
 MIN_DEG, DECIMALS = 1e-7, 7  # a centimetre
-
-
-def write_geotiff(
-    path: Path, values: NDArray[Any], landscape: Landscape, nodata: float | None = None
-) -> None:
-    """Write an array (y, x) of the landscape's shape as a file with one band on its grid."""
-    import rasterio
-
-    with rasterio.open(
-        path,
-        "w",
-        driver="GTiff",
-        height=landscape.shape[0],
-        width=landscape.shape[1],
-        count=1,
-        dtype=values.dtype,
-        crs=landscape.crs,
-        transform=landscape.transform(),
-        nodata=nodata,
-        compress="deflate",
-    ) as file:
-        file.write(values, 1)
 
 
 def area_geometry(area: Any, landscape: Landscape) -> dict[str, Any]:
@@ -123,34 +100,3 @@ def write_fronts(
         raise FireModelError(
             f"{path}: cannot be written: {error.strerror}; give another path"
         ) from None
-
-
-def write_rasters(folder: Path | str, fire: Fire) -> dict[str, Path]:
-    """Write the arrival time and fire behaviour of each cell as GeoTIFFs on the landscape's grid.
-
-    Args:
-        folder: An existing folder.
-        fire: A fire that has been advanced to the time of interest.
-
-    Returns:
-        The path of each layer: arrival_time_s, spread_rate_m_s, spread_toward_deg, flame_length_m,
-        fireline_intensity_kw_m. Values are float32; unburned cells have -1.
-
-    Raises:
-        OSError: A file cannot be written.
-    """
-    found = behaviour_of(fire)
-    arrival_s = np.where(fire.burned(), fire.arrival_time_s, np.nan)
-    layers = {
-        "arrival_time_s": arrival_s,
-        "spread_rate_m_s": found.spread_rate_m_s,
-        "spread_toward_deg": found.toward_deg,
-        "flame_length_m": found.flame_length_m,
-        "fireline_intensity_kw_m": found.intensity_kw_m,
-    }
-    paths = {}
-    for name, values in layers.items():
-        paths[name] = Path(folder) / f"{name}.tif"
-        filled = np.where(np.isnan(values), -1.0, values).astype(np.float32)
-        write_geotiff(paths[name], filled, fire.landscape, nodata=-1.0)
-    return paths
