@@ -1,4 +1,4 @@
-"""Write the fronts of a fire as GeoJSON."""
+"""Write the fronts of a fire as GeoJSON and KML, with a QGIS style."""
 
 import json
 from collections.abc import Sequence
@@ -11,6 +11,10 @@ from numpy.typing import NDArray
 
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
+from firemodel.outputs.fronts_kml import fronts_kml
+from firemodel.outputs.qgis_styles import fronts_qml
+from firemodel.outputs.raster_layers import after_zero, arrival_layer
+from firemodel.outputs.whole_file import write_whole
 from firemodel.spread.fire_scheme import Fire
 
 M2_PER_ACRE = 4046.8564224
@@ -65,6 +69,7 @@ def fronts_geojson(
             "GISAcres": round(area.area / M2_PER_ACRE, 2),
             "area_ha": round(area.area / 1e4, 2),
             "time_s": time_s,
+            "time_s_origin": after_zero(time_zero),
         }
         if time_zero is not None:
             properties["PolygonDateTime"] = round((time_zero.timestamp() + time_s) * 1000)
@@ -82,8 +87,11 @@ def write_fronts(
 ) -> None:
     """Write the burned area at each time as GeoJSON (RFC 7946; see ``fronts_geojson``).
 
+    Two files of the same name are written beside it: a QGIS style (.qml), and KML (.kml) with the
+    calendar times, if there are any.
+
     Args:
-        path: The file to write.
+        path: The GeoJSON file to write.
         fire: A fire that has been advanced at least to the last of the times.
         times_s: Times in seconds; each gives one feature.
         name: The incident's name.
@@ -93,9 +101,13 @@ def write_fronts(
         FireModelError: The fire has not been advanced to one of the times, or the file cannot be
             written.
     """
+    path = Path(path)
     found = fronts_geojson(fire, times_s, name, time_zero)
+    layer = arrival_layer(min(times_s, default=0.0), max(times_s, default=0.0), time_zero)
     try:
-        Path(path).write_text(json.dumps(found) + "\n", encoding="utf-8")
+        write_whole(path, json.dumps(found) + "\n")
+        write_whole(path.with_suffix(".qml"), fronts_qml(layer))
+        write_whole(path.with_suffix(".kml"), fronts_kml(found, name, layer, time_zero))
     except OSError as error:
         raise FireModelError(
             f"{path}: cannot be written: {error.strerror}; give another path"

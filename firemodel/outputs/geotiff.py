@@ -20,12 +20,12 @@ from firemodel.outputs.raster_layers import (
     Layer,
     arrival_layer,
 )
-from firemodel.outputs.whole_file import whole_file
+from firemodel.outputs.whole_file import whole_file, write_whole
 from firemodel.spread.behaviour import behaviour_of
 from firemodel.spread.fire_scheme import Fire
 
 NO_VALUE = -1.0  # of float32 layers, none of which has negative values
-NO_CODE = 255
+NO_CODE = 255.0
 
 
 def write_raster(path: Path, values: NDArray[Any], landscape: Landscape, layer: Layer) -> None:
@@ -83,14 +83,8 @@ def write_raster(path: Path, values: NDArray[Any], landscape: Landscape, layer: 
         file.set_band_description(1, layer.description)
         file.units = (layer.unit,)
         if layer.categorical:
-            file.write_colormap(1, {int(each.upto): _rgba(each.colour) for each in layer.classes})
-    with whole_file(path.with_suffix(".qml")) as style:
-        style.write_text(raster_qml(layer), encoding="utf-8")
-
-
-def _rgba(colour: str) -> tuple[int, int, int, int]:
-    red, green, blue = (int(colour[place : place + 2], 16) for place in (1, 3, 5))
-    return red, green, blue, 255
+            file.write_colormap(1, {int(each.upto): (*each.rgb, 255) for each in layer.classes})
+    write_whole(path.with_suffix(".qml"), raster_qml(layer))
 
 
 def write_rasters(

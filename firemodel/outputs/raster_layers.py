@@ -5,6 +5,7 @@ ordered layer darken from class to class, so that a colour-blind reader sees the
 """
 
 import math
+from bisect import bisect_left
 from collections.abc import Sequence
 from datetime import datetime, timedelta
 from typing import NamedTuple
@@ -28,6 +29,11 @@ class ColourClass(NamedTuple):
     colour: str
     label: str
 
+    @property
+    def rgb(self) -> tuple[int, int, int]:
+        """The colour as red, green and blue from 0 to 255."""
+        return rgb_of(self.colour)
+
 
 class Layer(NamedTuple):
     """What the values of a raster mean, and how they are drawn.
@@ -40,6 +46,17 @@ class Layer(NamedTuple):
     unit: str
     classes: tuple[ColourClass, ...]
     categorical: bool = False
+
+
+def rgb_of(colour: str) -> tuple[int, int, int]:
+    """Convert #rrggbb to red, green and blue from 0 to 255."""
+    red, green, blue = (int(colour[place : place + 2], 16) for place in (1, 3, 5))
+    return red, green, blue
+
+
+def class_of(layer: Layer, value: float) -> int:
+    """Return the place of the class of ranges to which a value belongs."""
+    return min(bisect_left([each.upto for each in layer.classes], value), len(layer.classes) - 1)
 
 
 def shades(count: int) -> list[str]:
@@ -112,8 +129,7 @@ def _fuel_classes() -> tuple[ColourClass, ...]:
 
 
 def _darker(colour: str, share: float) -> str:
-    parts = [int(colour[place : place + 2], 16) for place in (1, 3, 5)]
-    return "#" + "".join(f"{round(part * (1.0 - 0.6 * share)):02x}" for part in parts)
+    return "#" + "".join(f"{round(part * (1.0 - 0.6 * share)):02x}" for part in rgb_of(colour))
 
 
 # Groups of codes, each with the colour of its first code.

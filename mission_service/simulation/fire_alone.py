@@ -11,6 +11,7 @@ from firemodel.landscape.landscape import Landscape
 from firemodel.outputs.arrival_map import draw_map
 from firemodel.outputs.front_files import write_fronts
 from firemodel.outputs.geotiff import write_rasters
+from firemodel.outputs.whole_file import write_whole
 from firemodel.spread.fire_scheme import Fire
 from mission_service.config.scenario import Scenario
 from mission_service.errors import ScenarioError
@@ -67,7 +68,7 @@ def _times_s(start_s: float, end_s: float, every_s: float) -> list[float]:
 def _write(
     scenario: Scenario, landscape: Landscape, fire: Fire, folder: Path, times_s: list[float]
 ) -> dict[str, Any]:
-    write_rasters(folder, fire)
+    write_rasters(folder, fire, scenario.time_zero)
     write_fronts(folder / "fronts.geojson", fire, times_s, scenario.name, scenario.time_zero)
     arrival_s = np.where(fire.burned(), fire.arrival_time_s, np.inf)
     draw_map(
@@ -84,8 +85,9 @@ def _write(
         "burned_area_ha": round(fire.front(fire.time_s).area / 1e4, 2),
         "reached_edge": bool(_edge(fire.burned()).any()),
         "time_s": fire.time_s,
+        "time_zero": scenario.time_zero and scenario.time_zero.isoformat(),
     }
-    (folder / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+    write_whole(folder / "summary.json", json.dumps(summary, indent=2) + "\n")
     return summary
 
 

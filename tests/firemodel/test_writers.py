@@ -60,6 +60,7 @@ def test_fronts_have_time_area_and_a_note_that_they_are_not_approved() -> None:
         "GISAcres": round(area_m2 / 4046.8564224, 2),
         "area_ha": round(area_m2 / 1e4, 2),
         "time_s": 15_000.0,
+        "time_s_origin": "seconds after mission time 0, 2026-08-01T12:00:00+00:00",
         "PolygonDateTime": 1_785_585_600_000 + 15_000_000,
     }
     assert area_m2 == pytest.approx(np.count_nonzero(fire.burned()) * 900.0, rel=0.05)

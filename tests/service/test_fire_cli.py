@@ -39,7 +39,7 @@ RASTERS = (
     "flame_length_m",
     "fireline_intensity_kw_m",
 )
-NAMES = {"fronts.geojson", "map.png", "summary.json"}.union(
+NAMES = {"fronts.geojson", "fronts.kml", "fronts.qml", "map.png", "summary.json"}.union(
     *({f"{name}.tif", f"{name}.qml"} for name in (*RASTERS, "state", "fuel_model"))
 )
 WALL = TIFFS + 'barriers = ["wall.geojson"]\n'
