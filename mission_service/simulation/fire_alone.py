@@ -11,6 +11,7 @@ from firemodel.landscape.landscape import Landscape
 from firemodel.outputs.arrival_map import draw_map
 from firemodel.outputs.front_files import write_fronts
 from firemodel.outputs.geotiff import write_rasters
+from firemodel.outputs.netcdf import check_netcdf, write_netcdf
 from firemodel.outputs.whole_file import write_whole
 from firemodel.spread.fire_scheme import Fire
 from mission_service.config.scenario import Scenario
@@ -22,12 +23,18 @@ STEPS = 200  # progress reports of a run
 MAX_FRONTS = 10_000
 
 
-def run_fire(scenario: Scenario, folder: Path, front_every_s: float) -> dict[str, Any]:
+def run_fire(
+    scenario: Scenario, folder: Path, front_every_s: float, netcdf: bool = False
+) -> dict[str, Any]:
     """Write the rasters, fronts, map and summary to a folder, and return the summary.
+
+    With ``netcdf`` also fire.nc, which holds the state at the times of the fronts.
 
     Raises ScenarioError if no fire starts before the scenario's end, for more than ``MAX_FRONTS``
     fronts, or for a folder that cannot be written to.
     """
+    if netcdf:
+        check_netcdf()
     first_s = min((ignition.at_s for ignition in scenario.ignition), default=0.0)
     given = scenario.fire.perimeter or scenario.fire.arrival
     if first_s >= scenario.duration_s and not given:
@@ -48,6 +55,9 @@ def run_fire(scenario: Scenario, folder: Path, front_every_s: float) -> dict[str
             fire.advance(float(time_s))
             progress(float(time_s))
     try:
+        if netcdf:
+            path = folder / "fire.nc"
+            write_netcdf(path, fire, times_s, scenario.name, scenario.time_zero)
         return _write(scenario, landscape, fire, folder, times_s)
     except OSError as error:
         reason = error.strerror or " ".join(str(error).split())

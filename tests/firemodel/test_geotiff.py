@@ -8,6 +8,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 import rasterio
+from rio_cogeo import cog_validate
 
 from firemodel.errors import FireModelError
 from firemodel.outputs.geotiff import write_raster
@@ -103,6 +104,14 @@ def test_a_file_is_replaced_as_a_whole_or_not_at_all(tmp_path: Path) -> None:
     with whole_file(path) as part:
         part.write_bytes(b"new")
     assert [each.read_bytes() for each in tmp_path.iterdir()] == [b"new"]
+
+
+@pytest.mark.parametrize("layer", [FLAME_LENGTH_LAYER, FUEL_LAYER, SPREAD_TOWARD_LAYER])
+def test_large_rasters_are_cloud_optimised_by_an_independent_check(
+    tmp_path: Path, layer: Layer
+) -> None:
+    write_raster(tmp_path / "x.tif", np.ones(LARGE.shape, np.int16), LARGE, layer)
+    assert cog_validate(tmp_path / "x.tif", strict=True) == (True, [], [])
 
 
 @pytest.mark.parametrize("layer", [*ORDERED, SPREAD_TOWARD_LAYER, arrival_layer(0, 7200, None)])

@@ -6,6 +6,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import netCDF4
 import numpy as np
 import pytest
 import rasterio
@@ -400,3 +401,14 @@ def test_info_refuses_words_it_would_not_use(tmp_path: Path) -> None:
     assert "is a folder; give a file" in call("fire", "info", str(tmp_path)).stdout
     write_raster(tmp_path / "c.tif", HEIGHTS.astype(np.complex64))
     assert "c.tif: holds complex numbers" in call("fire", "info", str(tmp_path / "c.tif")).stdout
+
+
+def test_netcdf_is_written_on_request(tmp_path: Path) -> None:
+    zero = ("--set", "time_zero=2026-08-01T12:00:00-07:00")
+    summary = burn(write_scenario(write_site(tmp_path)), tmp_path / "out", "--netcdf", *zero)
+    assert summary["time_zero"] == "2026-08-01T12:00:00-07:00"
+    with netCDF4.Dataset(tmp_path / "out" / "fire.nc") as file:
+        assert file["state"].shape == (1, SIZE, SIZE)
+        assert file["time"].units == "seconds since 2026-08-01T19:00:00Z"
+        burned = ~np.ma.getmaskarray(file["arrival_time"][:])
+    assert np.array_equal(burned, arrival_s(tmp_path / "out") >= 0)
