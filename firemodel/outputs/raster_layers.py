@@ -65,7 +65,7 @@ def shades(count: int) -> list[str]:
     from matplotlib.colors import to_hex
 
     scale = colormaps["YlOrRd"]
-    return [to_hex(scale(0.1 + 0.9 * number / max(count - 1, 1))) for number in range(count)]
+    return [to_hex(scale(0.15 + 0.75 * number / max(count - 1, 1))) for number in range(count)]
 
 
 def ranges(limits: Sequence[float], labels: Sequence[str]) -> tuple[ColourClass, ...]:
@@ -111,14 +111,14 @@ def _span(from_s: float, to_s: float, time_zero: datetime | None) -> str:
     label = f"{from_s / unit_s:g}–{to_s / unit_s:g} {unit}"
     if time_zero is None:
         return label
-    return f"{label} (until {time_zero + timedelta(seconds=to_s):%Y-%m-%d %H:%M})"
+    return f"{label}, to {time_zero + timedelta(seconds=to_s):%Y-%m-%d %H:%M}"
 
 
 def _fuel_classes() -> tuple[ColourClass, ...]:
     """Return a class for each fuel code: a hue for each group, darker with the number."""
     classes = [
         ColourClass(code, _darker(hue, number / len(codes)), FUEL_MODELS[code].name)
-        for codes, hue in FUEL_GROUPS
+        for _, codes, hue in FUEL_GROUPS
         for number, code in enumerate(codes)
     ]
     classes += [
@@ -132,14 +132,14 @@ def _darker(colour: str, share: float) -> str:
     return "#" + "".join(f"{round(part * (1.0 - 0.6 * share)):02x}" for part in rgb_of(colour))
 
 
-# Groups of codes, each with the colour of its first code.
+# Groups of burnable codes, each with the colour of its first code.
 FUEL_GROUPS = (
-    ((1, 2, 3, *range(101, 110)), "#fff3b0"),  # grass
-    (tuple(range(121, 125)), "#f2c879"),  # grass and shrub
-    ((4, 5, 6, 7, *range(141, 150)), "#e0a58b"),  # shrub
-    (tuple(range(161, 166)), "#b6e3a1"),  # timber and understory
-    ((8, 9, 10, *range(181, 190)), "#8fd4c1"),  # timber litter
-    ((11, 12, 13, *range(201, 205)), "#c9b3e6"),  # slash and blowdown
+    ("grass", (1, 2, 3, *range(101, 110)), "#e9efb5"),
+    ("grass and shrub", tuple(range(121, 125)), "#d8c98f"),
+    ("shrub", (4, 5, 6, 7, *range(141, 150)), "#c9a9a0"),
+    ("timber and understory", tuple(range(161, 166)), "#a8cf9a"),
+    ("timber litter", (8, 9, 10, *range(181, 190)), "#8fc4bd"),
+    ("slash and blowdown", (11, 12, 13, *range(201, 205)), "#c3b1dc"),
 )
 NON_BURNABLE_COLOURS = {91: "#737373", 92: "#ffffff", 93: "#e6e6c8", 98: "#6baed6", 99: "#d9d9d9"}
 

@@ -80,13 +80,8 @@ def _write(
 ) -> dict[str, Any]:
     write_rasters(folder, fire, scenario.time_zero)
     write_fronts(folder / "fronts.geojson", fire, times_s, scenario.name, scenario.time_zero)
-    arrival_s = np.where(fire.burned(), fire.arrival_time_s, np.inf)
-    draw_map(
-        folder / "map.png",
-        landscape,
-        arrival_s,
-        f"{scenario.name}: {scenario.fire.scheme}, {_in_words(scenario.duration_s)}",
-    )
+    title = f"{scenario.name}: {scenario.fire.scheme}"
+    draw_map(folder / "map.png", fire, title, scenario.time_zero)
     summary = {
         "scenario": scenario.name,
         "scheme": scenario.fire.scheme,
@@ -99,10 +94,6 @@ def _write(
     }
     write_whole(folder / "summary.json", json.dumps(summary, indent=2) + "\n")
     return summary
-
-
-def _in_words(time_s: float) -> str:
-    return f"{time_s / 3600.0:.3g} h" if time_s >= 3600.0 else f"{time_s / 60.0:.3g} min"
 
 
 def _edge(cells: np.ndarray[Any, np.dtype[np.bool_]]) -> np.ndarray[Any, np.dtype[np.bool_]]:

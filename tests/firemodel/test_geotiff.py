@@ -172,5 +172,5 @@ def test_arrival_classes_have_round_steps(first_s: float, last_s: float, labels:
 def test_a_date_appears_in_description_and_labels() -> None:
     layer = arrival_layer(0.0, 10_800.0, datetime(2026, 8, 1, 23, 0, tzinfo=UTC))
     assert layer.description.endswith("mission time 0, 2026-08-01T23:00:00+00:00")
-    assert layer.classes[1].label == "1–2 h (until 2026-08-02 01:00)"
+    assert layer.classes[1].label == "1–2 h, to 2026-08-02 01:00"
     assert "no calendar date" in arrival_layer(0.0, 10_800.0, None).description

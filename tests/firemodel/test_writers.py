@@ -11,7 +11,6 @@ import rasterio
 from shapely.geometry import shape
 
 from firemodel.errors import FireModelError
-from firemodel.outputs.arrival_map import draw_map, frame_around, start_map
 from firemodel.outputs.front_files import fronts_geojson, write_fronts
 from firemodel.outputs.geotiff import write_rasters
 from firemodel.spread.anyangle import AnyAngleFire
@@ -81,38 +80,6 @@ def test_rasters_hold_what_burned(tmp_path: Path) -> None:
         np.testing.assert_allclose(file.read(1)[burned], fire.arrival_time_s[burned], rtol=1e-6)
     with rasterio.open(paths["state"]) as file:
         assert np.array_equal(file.read(1), fire.state_at(fire.time_s))
-
-
-def test_a_map_is_drawn_of_any_fire(tmp_path: Path) -> None:
-    from matplotlib.image import imread
-
-    fire = around_a_rock()
-    none = np.full(fire.landscape.shape, np.inf)
-    one = none.copy()
-    one[3, 4] = 0.0
-    for number, arrival_s in enumerate((fire.arrival_time_s, one, none)):
-        path = tmp_path / f"{number}.png"
-        draw_map(path, fire.landscape, arrival_s, "a fire")
-        assert imread(path).std() > 0.05
-    nowhere = np.array([[np.inf, np.inf]])  # a place too far away for the projection
-    assert frame_around(fire.landscape, one, nowhere) == frame_around(fire.landscape, one)
-    west, east, south, north = frame_around(fire.landscape, one)
-    assert west < 0.135 < east  # the cell's centre in km
-    assert south < 0.495 < north
-
-
-def test_isochrones_and_colours_of_a_fire_taken_over_start_with_it() -> None:
-    land = landscape(shape=(20, 20))
-    row, col = np.indices(land.shape)
-    away = np.hypot(row - 10, col - 10)
-    arrival_s = np.where(away < 9, 1800.0 + 300.0 * np.maximum(away - 3, 0.0), np.inf)
-    _, axes = start_map(land, arrival_s, frame_around(land, arrival_s), isochrones=True)
-    (lines,) = (part for part in axes.collections if hasattr(part, "levels"))
-    assert lines.levels[0] > 0.5 + 1e-6
-    assert axes.images[-1].get_clim() == pytest.approx((0.5, arrival_s[away < 9].max() / 3600))
-    at_once = np.where(away < 9, 0.0, np.inf)
-    _, axes = start_map(land, at_once, frame_around(land, at_once))
-    assert axes.images[-1].get_clim() == pytest.approx((0.0, 1 / 60))
 
 
 def test_fronts_are_written_to_a_path_given_as_text_or_fail_in_one_line(tmp_path: Path) -> None:

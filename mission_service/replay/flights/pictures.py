@@ -2,6 +2,7 @@
 
 import io
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from firemodel.outputs.arrival_map import frame_around, start_map
+from firemodel.outputs.graticule import km_of
 from mission_service.ground_distance import M_PER_DEG
 from mission_service.replay.flights.run_analysis import RunAnalysis, VehicleAnalysis, places_of
 from mission_service.replay.flights.run_figures import above_terrain_m
@@ -74,16 +76,10 @@ def _ground(run: RunAnalysis) -> tuple[Figure, Any, Places]:
     points = np.concatenate([each.track[:, 1:3] for each in run.vehicles.values()])
     if run.fire is not None:
         land = run.fire.landscape
-        south_m = land.north_m - land.shape[0] * land.cell_size_m
-
-        def on_grid(lat: Any, lon: Any) -> tuple[Any, Any]:
-            x_m, y_m = land.xy_of_lat_lon(lat, lon)
-            return (x_m - land.west_m) / 1e3, (y_m - south_m) / 1e3
-
         flown_m = np.stack(land.xy_of_lat_lon(*points.T), axis=1) if len(points) else None
         frame = frame_around(land, run.fire.arrival_s, flown_m)
         figure, axes = start_map(land, run.fire.arrival_s, frame)
-        return figure, axes, on_grid
+        return figure, axes, partial(km_of, land)
     figure = Figure(figsize=(9.5, 9), dpi=120, layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.add_subplot()
