@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from firemodel.outputs.arrival_map import draw_map
     from firemodel.outputs.front_files import write_fronts
     from firemodel.outputs.geotiff import write_rasters
+    from firemodel.outputs.netcdf import write_netcdf
     from firemodel.physics.fuels import FUEL_MODELS
     from firemodel.physics.weather import Weather, WeatherStream
     from firemodel.simulate import burn
@@ -52,6 +53,7 @@ _MODULES = {
     "read_weather": "firemodel.landscape.readers.weather_files",
     "with_barriers": "firemodel.landscape.rasterise",
     "write_fronts": "firemodel.outputs.front_files",
+    "write_netcdf": "firemodel.outputs.netcdf",
     "write_rasters": "firemodel.outputs.geotiff",
 }
 
@@ -73,6 +75,7 @@ __all__ = [
     "read_weather",
     "with_barriers",
     "write_fronts",
+    "write_netcdf",
     "write_rasters",
 ]
 

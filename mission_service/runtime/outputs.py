@@ -162,7 +162,7 @@ def draw_map(path: Path, scenario: Scenario, record: RunStatistics, fire: Fire) 
     alpha = f", α = {scenario.planner.alpha:g}" if way_of(scenario).along_front else ""
     facts = status_line(fire, scenario.time_zero)
     set_title(axes, f"{scenario.name}: {rule} rule{alpha}", facts)
-    below = {"ncols": 4, "loc": "upper center", "bbox_to_anchor": (0.5, -0.06)}
+    below = {"ncols": 4, "loc": "upper center", "bbox_to_anchor": (0.5, -0.07)}
     placement = below if len(handles) > LEGEND_INSIDE else {"loc": "upper left"}
     axes.legend(handles=handles, **placement)
     figure.savefig(path)

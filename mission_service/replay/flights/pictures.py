@@ -63,7 +63,7 @@ def draw_map(run: RunAnalysis) -> Figure:
             handles += _draw_vehicle(axes, run, vehicle, colour, places)
     by_label: dict[str, Any] = {handle.get_label(): handle for handle in handles}
     axes.set_title(run.name, parse_math=False)
-    figure.set_layout_engine("constrained", rect=(0.0, 0.0, 1.0, 0.98))  # room for the title
+    figure.set_layout_engine("compressed", rect=(0.0, 0.0, 1.0, 0.98))  # room for the title
     axes.legend(
         handles=list(by_label.values()), ncols=3, loc="upper center", bbox_to_anchor=(0.5, -0.07),
         fontsize=9,
@@ -275,7 +275,7 @@ def draw_heights(run: RunAnalysis) -> Figure:
         axes.set_ylabel("m above sea level")
         axes.set_title(_height_title(run, vehicle), loc="left", fontsize=10, parse_math=False)
         axes.grid(alpha=0.3)
-        axes.legend(loc="upper right", fontsize=8)
+        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8)
     panels[-1].set_xlabel(f"since the flight began ({unit})")
     return figure
 
