@@ -132,12 +132,13 @@ def _draw_legend(axes: Any, parts: Mapping[str, Sequence[tuple[str, str]]]) -> N
     from matplotlib.legend import Legend
     from matplotlib.patches import Patch
 
-    handles = []
+    handles, labels = [], []
     for heading, entries in parts.items():
-        handles.append(Patch(alpha=0.0, label=heading))
+        handles.append(Patch(alpha=0.0))
+        labels.append(heading)
         for colour, label in entries:
-            handles.append(Patch(facecolor=colour, edgecolor="0.4", linewidth=0.5, label=label))
-    labels = [handle.get_label() for handle in handles]
+            handles.append(Patch(facecolor=colour, edgecolor="0.4", linewidth=0.5))
+            labels.append(label)
     legend = Legend(
         axes, handles, labels, loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0,
         fontsize=9, frameon=False,

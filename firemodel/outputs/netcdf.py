@@ -132,8 +132,7 @@ def _add_behaviour(file: "Dataset", fire: Fire, time_zero: datetime | None) -> N
 
 
 def _add_cells(file: "Dataset", name: str, values: Floats, attributes: dict[str, Any]) -> None:
-    masked = np.ma.masked_invalid(values.astype(np.float32))
-    _add(file, name, masked, ("y", "x"), attributes | GRID)
+    _add(file, name, values.astype(np.float32), ("y", "x"), attributes | GRID)
 
 
 def _add_times(
@@ -170,7 +169,10 @@ def _flags(layer: Layer, dtype: type) -> dict[str, Any]:
 def _variable(file: "Dataset", name: str, dtype: Any, dimensions: tuple[str, ...]) -> Any:
     rows_cols = [min(len(file.dimensions[each]), MAX_CHUNK) for each in dimensions[-2:]]
     chunks = None if len(dimensions) == 1 else [1] * (len(dimensions) - 2) + rows_cols
-    return file.createVariable(name, dtype, dimensions, compression="zlib", chunksizes=chunks)
+    missing = np.nan if dtype == np.float32 else None  # xarray requires the attribute _FillValue
+    return file.createVariable(
+        name, dtype, dimensions, compression="zlib", chunksizes=chunks, fill_value=missing
+    )
 
 
 def _add(

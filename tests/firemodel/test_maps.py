@@ -99,7 +99,9 @@ def test_the_graticule_has_round_coordinates_at_the_right_places(km: float, labe
 
     # Just east of Greenwich and north of the equator, in a zone whose middle is 3 degrees east
     codes = np.full((2, 2), 1, np.int16)
-    land = Landscape("EPSG:32631", 166_021.4, km * 1e3, km * 500.0, codes, np.zeros((2, 2)))
+    land = Landscape(
+        "EPSG:32631", 166_021.4, km * 1e3, km * 500.0, codes, np.zeros((2, 2), np.float32)
+    )
     axes = Figure().add_subplot()
     draw_graticule(axes, land, (0.0, km, 0.0, km))
     axes.figure.canvas.draw()

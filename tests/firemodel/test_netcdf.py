@@ -38,6 +38,7 @@ def test_a_file_has_the_fire_its_grid_and_its_units(tmp_path: Path) -> None:
         for (name, unit), values in zip(LAYERS.items(), expected, strict=True):
             variable = file[name]
             assert (variable.dimensions, variable.units) == (("y", "x"), unit)
+            assert np.isnan(variable._FillValue)
             assert (variable.grid_mapping, variable.coordinates) == ("crs", "lat lon")
             assert np.array_equal(~np.ma.getmaskarray(variable[:]), fire.burned())
             np.testing.assert_allclose(
@@ -56,7 +57,7 @@ def test_the_state_over_time_has_calendar_times(tmp_path: Path) -> None:
     write_netcdf(tmp_path / "fire.nc", fire, TIMES_S, "rock", ZERO)
     with netCDF4.Dataset(tmp_path / "fire.nc") as file:
         time = file["time"]
-        dates = netCDF4.num2date(time[:], time.units, time.calendar)
+        dates = np.atleast_1d(netCDF4.num2date(time[:], time.units, time.calendar))
         assert [each.isoformat() for each in dates] == [
             *("2026-08-01T20:00:00", "2026-08-01T21:00:00", "2026-08-01T21:46:40"),
         ]
