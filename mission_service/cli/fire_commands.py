@@ -29,22 +29,31 @@ def fire() -> None:
     show_default=True,
     help="Seconds between two fronts in the output.",
 )
+@click.option("--netcdf", is_flag=True, help="Also write fire.nc (NetCDF, CF conventions).")
 @OVERRIDE
 @JSON
 def fire_run(
-    scenario: str, out: Path, front_every_s: float, overrides: tuple[str, ...], as_json: bool
+    scenario: str,
+    out: Path,
+    front_every_s: float,
+    netcdf: bool,
+    overrides: tuple[str, ...],
+    as_json: bool,
 ) -> None:
-    """Simulate the fire of SCENARIO; write GeoTIFFs, GeoJSON fronts, a map and a summary to DIR."""
+    """Simulate the fire of SCENARIO; write GeoTIFFs, fronts, a map and a summary to DIR.
+
+    The fronts are GeoJSON and KML. QGIS applies the styles (.qml) beside the files.
+    """
     from mission_service.config.scenario import load_scenario
     from mission_service.simulation.fire_alone import run_fire
 
     if math.isnan(front_every_s):
         raise click.UsageError("--front-every nan: give seconds")
     loaded = load_scenario(scenario, overrides)
-    summary = run_fire(loaded, folder(out), front_every_s, echo_warning)
+    summary = run_fire(loaded, folder(out), front_every_s, echo_warning, netcdf)
     echo(summary, as_json)
     if not as_json:
-        click.echo(f"GeoTIFFs, fronts.geojson, map.png and summary.json in {out}/")
+        click.echo(f"GeoTIFFs, fronts (GeoJSON, KML), map.png and summary.json in {out}/")
 
 
 @fire.command("info")

@@ -8,10 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from firemodel.spread.arrival_map import draw_map
+from firemodel.outputs.arrival_map import draw_map
+from firemodel.outputs.front_files import write_fronts
+from firemodel.outputs.geotiff import write_rasters
+from firemodel.outputs.netcdf import check_netcdf, write_netcdf
+from firemodel.outputs.whole_file import write_whole
 from firemodel.spread.edge import at_edge
 from firemodel.spread.fire_scheme import Fire
-from firemodel.spread.writers import write_fronts, write_rasters
 from mission_service.config.scenario import Scenario
 from mission_service.errors import ScenarioError
 from mission_service.fire.setup import fire_of, landscape_of, warnings_on
@@ -22,15 +25,22 @@ MAX_FRONTS = 10_000
 
 
 def run_fire(
-    scenario: Scenario, folder: Path, front_every_s: float, warn: Callable[[str], None]
+    scenario: Scenario,
+    folder: Path,
+    front_every_s: float,
+    warn: Callable[[str], None],
+    netcdf: bool = False,
 ) -> dict[str, Any]:
     """Write the rasters, fronts, map and summary to a folder, and return the summary.
 
-    ``warn`` receives each warning as soon as its cause is known.
+    ``warn`` receives each warning as soon as its cause is known. With ``netcdf`` also fire.nc,
+    which holds the state at the times of the fronts.
 
     Raises ScenarioError if no fire starts before the scenario's end, for more than ``MAX_FRONTS``
     fronts, or for a folder that cannot be written to.
     """
+    if netcdf:
+        check_netcdf()
     first_s = min((ignition.at_s for ignition in scenario.ignition), default=0.0)
     given = scenario.fire.perimeter or scenario.fire.arrival
     if first_s >= scenario.duration_s and not given:
@@ -57,6 +67,9 @@ def run_fire(
         lines.append(str(reached))
         warn(str(reached))
     try:
+        if netcdf:
+            path = folder / "fire.nc"
+            write_netcdf(path, fire, times_s, scenario.name, scenario.time_zero)
         return _write(scenario, fire, folder, times_s, lines)
     except OSError as error:
         reason = error.strerror or " ".join(str(error).split())
@@ -78,15 +91,10 @@ def _write(
     scenario: Scenario, fire: Fire, folder: Path, times_s: list[float], warnings: list[str]
 ) -> dict[str, Any]:
     landscape = fire.landscape
-    write_rasters(folder, fire)
+    write_rasters(folder, fire, scenario.time_zero)
     write_fronts(folder / "fronts.geojson", fire, times_s, scenario.name, scenario.time_zero)
-    arrival_s = np.where(fire.burned(), fire.arrival_time_s, np.inf)
-    draw_map(
-        folder / "map.png",
-        landscape,
-        arrival_s,
-        f"{scenario.name}: {scenario.fire.scheme}, {_in_words(scenario.duration_s)}",
-    )
+    title = f"{scenario.name}: {scenario.fire.scheme}"
+    draw_map(folder / "map.png", fire, title, scenario.time_zero)
     summary = {
         "scenario": scenario.name,
         "scheme": scenario.fire.scheme,
@@ -96,10 +104,9 @@ def _write(
         "reached_edge": at_edge(fire) is not None,
         "time_s": fire.time_s,
         "warnings": warnings,
+        "time_zero": scenario.time_zero and scenario.time_zero.isoformat(),
     }
-    (folder / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+    write_whole(folder / "summary.json", json.dumps(summary, indent=2) + "\n")
     return summary
 
 
-def _in_words(time_s: float) -> str:
-    return f"{time_s / 3600.0:.3g} h" if time_s >= 3600.0 else f"{time_s / 60.0:.3g} min"

@@ -10,8 +10,7 @@ from shapely.geometry.base import BaseGeometry
 
 from firemodel.landscape.landscape import Landscape
 from firemodel.landscape.readers.shapes import into_crs
-from firemodel.spread.writers import write_geotiff
-from tests.firemodel.grids import landscape
+from tests.firemodel.grids import landscape, write_raster
 from tests.firemodel.test_shapes import geojson
 
 SIZE = 60
@@ -51,9 +50,9 @@ def on_grid(row: float, col: float) -> Point:
 
 def write_site(folder: Path, land: Landscape = LAND, fuel: NDArray[Any] | None = None) -> Path:
     """The files that ``TIFFS``, ``CSV`` and ``POINT`` name."""
-    write_geotiff(folder / "fuel.tif", land.fuel_model if fuel is None else fuel, land)
+    write_raster(folder / "fuel.tif", land.fuel_model if fuel is None else fuel)
     assert land.elevation_m is not None
-    write_geotiff(folder / "dem.tif", land.elevation_m, land)
+    write_raster(folder / "dem.tif", land.elevation_m)
     (folder / "weather.csv").write_text(WEATHER, encoding="utf-8")
     lat, lon = land.lat_lon_of(*land.xy_of(*LIT))
     geojson(folder / "lit.geojson", {"type": "Point", "coordinates": [lon, lat]})
