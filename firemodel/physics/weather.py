@@ -22,6 +22,8 @@ class Weather:
 
     The wind is 6.1 m (20 ft) above the vegetation; its direction is the direction from which it
     blows, in degrees clockwise from north. Moistures are in percent of the oven-dry weight.
+    ``of_fuels`` holds pairs of a fuel code and its moistures (fractions), of the fuels that have
+    others.
     """
 
     at_s: float
@@ -32,10 +34,15 @@ class Weather:
     dead_100h_pct: float
     live_herb_pct: float
     live_woody_pct: float
+    of_fuels: tuple[tuple[int, Moisture], ...] = ()
+
+    def moisture_of(self, code: int) -> Moisture:
+        """Return the moistures of a fuel as fractions; ``of_fuels`` has fuels with their own."""
+        return dict(self.of_fuels).get(code, self.moisture)
 
     @property
     def moisture(self) -> Moisture:
-        """The moistures as fractions."""
+        """The moistures as fractions, of fuels without their own."""
         return Moisture(
             self.dead_1h_pct / 100.0,
             self.dead_10h_pct / 100.0,
@@ -103,6 +110,8 @@ class WeatherStream:
 
 def _check(number: int, entry: Weather) -> None:
     for field in fields(entry):
+        if field.name == "of_fuels":
+            continue
         value = getattr(entry, field.name)
         if not math.isfinite(value):
             raise FireModelError(f"weather entry {number}: {field.name} = {value} is not a number")

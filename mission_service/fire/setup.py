@@ -11,6 +11,7 @@ from firemodel.landscape.default import jacksboro
 from firemodel.landscape.flat import flat_landscape
 from firemodel.landscape.landscape import Landscape
 from firemodel.landscape.rasterise import burnable_cells, with_barriers
+from firemodel.physics.fuels import FUEL_MODELS, FuelModel
 from firemodel.physics.rothermel import Moisture
 from firemodel.physics.weather import Weather, WeatherStream
 from firemodel.simulate import cells_of_file
@@ -67,8 +68,24 @@ def _from_rasters(section: LandscapeSection) -> Landscape:
         if section.bands:
             files = {layer: (section.file, band) for layer, band in section.bands.items()}
     return read_landscape(
-        files, units=section.units, missing=section.missing, crs=section.crs, nodata=section.nodata
+        files,
+        units=section.units,
+        missing=section.missing,
+        crs=section.crs,
+        nodata=section.nodata,
+        fuel_codes=section.fuel_codes,
+        custom_fuels=custom_fuels_of(section),
     )
+
+
+def custom_fuels_of(section: LandscapeSection) -> dict[int, FuelModel]:
+    """Return the fuel models of a scenario's .fmd and .adj files, by code."""
+    from firemodel.landscape.readers.fuel_files import read_fuels, with_rate_factors
+
+    found = {} if section.custom_fuels is None else read_fuels(section.custom_fuels)
+    if section.rate_factors is not None:
+        found |= with_rate_factors(FUEL_MODELS | found, section.rate_factors)
+    return found
 
 
 def weather_of(scenario: Scenario) -> WeatherStream:
@@ -113,7 +130,7 @@ def burning_of(scenario: Scenario, landscape: Landscape) -> Burning | None:
     if section.perimeter is not None:
         from firemodel.landscape.readers.shapes import read_shapes
 
-        shapes = read_shapes(section.perimeter, landscape)
+        shapes = read_shapes(section.perimeter, landscape, repair=section.repair_perimeter)
         _check_polygons(section.perimeter, shapes)
         return burning_from_perimeter(shapes, landscape, section.burning_at_s)
     if section.arrival is not None:
@@ -163,23 +180,29 @@ def _check_polygons(path: Path, shapes: list[BaseGeometry]) -> None:
         if kinds != {"Polygon"}:
             raise ScenarioError(
                 f"{path}: feature {number} has {', '.join(sorted(kinds - {'Polygon'}))}; a "
-                "perimeter has only polygons: remove the rest, or give it as an ignition"
+                "perimeter has only polygons: remove the rest, give it as an ignition, or make "
+                "polygons of closed lines with fire.repair_perimeter = true"
             )
 
 
 def notes_on(scenario: Scenario) -> list[str]:
     """Return notes on settings that are valid but may be unintended."""
+    notes = []
+    if scenario.fire.perimeter is not None and scenario.fire.repair_perimeter:
+        from firemodel.landscape.readers.shapes import repairs_of
+
+        notes += repairs_of(scenario.fire.perimeter)
     if scenario.weather_file is None:
-        return []
+        return notes
     entries = weather_of(scenario).entries
     last_s = entries[-1].at_s
     usual_s = last_s - entries[-2].at_s if len(entries) > 1 else LASTING_S
-    if scenario.duration_s - last_s <= max(usual_s, LASTING_S):
-        return []
-    return [
-        f"{scenario.weather_file.path}: ends at {last_s:g} s; its last record is used until "
-        f"{scenario.duration_s:g} s"
-    ]
+    if scenario.duration_s - last_s > max(usual_s, LASTING_S):
+        notes.append(
+            f"{scenario.weather_file.path}: ends at {last_s:g} s; its last record is used until "
+            f"{scenario.duration_s:g} s"
+        )
+    return notes
 
 
 def fire_of(scenario: Scenario, landscape: Landscape) -> Fire:
