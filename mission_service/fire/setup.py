@@ -96,11 +96,18 @@ def weather_of(scenario: Scenario) -> WeatherStream:
 
 
 def _from_file(section: WeatherFile) -> WeatherStream:
+    from firemodel.landscape.readers.fuel_files import read_fuel_moistures
     from firemodel.landscape.readers.weather_files import read_weather
 
     moisture = Moisture(*(getattr(section, name) / 100.0 for name in FuelMoisture.model_fields))
+    own = read_fuel_moistures(section.fuel_moistures) if section.fuel_moistures else None
     return read_weather(
-        section.path, start=section.start, moisture=moisture, conditioned=section.conditioned
+        section.path,
+        start=section.start,
+        moisture=moisture,
+        conditioned=section.conditioned,
+        wind=section.wind,
+        fuel_moistures=own,
     )
 
 
@@ -194,6 +201,7 @@ def notes_on(scenario: Scenario) -> list[str]:
         notes += repairs_of(scenario.fire.perimeter)
     if scenario.weather_file is None:
         return notes
+    notes += _ignored_in(scenario.weather_file)
     entries = weather_of(scenario).entries
     last_s = entries[-1].at_s
     usual_s = last_s - entries[-2].at_s if len(entries) > 1 else LASTING_S
@@ -203,6 +211,16 @@ def notes_on(scenario: Scenario) -> list[str]:
             f"{scenario.duration_s:g} s"
         )
     return notes
+
+
+def _ignored_in(section: WeatherFile) -> list[str]:
+    """Return a note on the keys of an inputs file that have no effect."""
+    from firemodel.landscape.readers.inputs_files import is_inputs_file, read_inputs
+
+    if not is_inputs_file(section.path):
+        return []
+    keys = read_inputs(section.path).ignored()
+    return [f"{section.path}: the run ignores {', '.join(keys)}"] if keys else []
 
 
 def fire_of(scenario: Scenario, landscape: Landscape) -> Fire:

@@ -97,9 +97,10 @@ def _fuel(where: str, fields: list[str], units: tuple[float, float, float, float
         if wrong:
             raise FireModelError(f"{where}: fuel model {fields[0]}: {fault}")
     used = [sav if sav > 0.0 else 1500.0 for sav in savs]
+    one, ten, hundred, herb, woody = loads
     return FuelModel(
         name,
-        *loads,
+        *(one, ten, hundred, herb, woody),
         sav_1h=used[0],
         depth_ft=depth_ft,
         extinction_moisture=extinction,
