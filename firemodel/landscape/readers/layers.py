@@ -196,9 +196,10 @@ def value_problems(
         bad |= values != np.round(values)
     bad &= ~missing
     if bad.any():
+        bare = 'read these cells as bare ground (missing = "unburnable"), ' * (layer == "slope")
         yield (
             f"{band.name}: {layer} is {cells_with(bad, values)}; in {unit} it must be from "
-            f"{least:g} to {most:g}: correct it, declare it as nodata, or give another unit"
+            f"{least:g} to {most:g}: correct it, declare it as nodata, {bare}or give another unit"
         )
 
 

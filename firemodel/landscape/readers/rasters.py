@@ -26,6 +26,7 @@ from firemodel.landscape.readers.layers import (
     BARE_GROUND,
     layers_of,
     level_ground,
+    limits,
     to_gradient,
     to_layer,
     translated,
@@ -67,7 +68,8 @@ def read_landscape(
             and canopy are rejected.
         missing: With "refuse", cells without a value in a layer are rejected. With "unburnable",
             they become bare ground (99) without slope and trees, and a missing elevation becomes
-            that of the nearest cell. A missing aspect (or -1) is not a missing value where the
+            that of the nearest cell. A slope of more than 89.9 degrees is a missing value then. A
+            missing aspect (or -1) is not a missing value where the
             slope is at most 5 degrees: such a cell is level ground.
         crs: The CRS of files that have none.
         nodata: A value that means no data, in addition to those that the files declare.
@@ -96,10 +98,12 @@ def read_landscape(
     for layer, band in bands.items():
         values = values_of(band)
         without = missing_in(band, values, nodata)
-        if layer == "aspect" and "slope" in layers:
+        if layer == "aspect":
             values, without = level_ground(layers["slope"], values, without)
         if missing == "refuse":
             refuse(gaps(band, values, without))
+        else:
+            without |= _too_steep(layer, kinds[layer], values)
         refuse(value_problems(layer, kinds[layer], band, values, without, fuels, fuel_codes or {}))
         if layer == "fuel":
             codes = translated(values, fuel_codes or {})
@@ -130,6 +134,11 @@ def read_landscape(
         layers.get("canopy_base"),
         dict(custom_fuels or {}),
     )
+
+
+def _too_steep(layer: str, unit: str, values: NDArray[Any]) -> Mask | np.bool_:
+    """Return a mask (y, x) of the slopes beyond the valid ones; False for other layers."""
+    return values > limits(layer, unit)[1] if layer == "slope" else np.False_
 
 
 def bands_for(files: Sources) -> dict[str, Band]:
