@@ -25,7 +25,7 @@ from firemodel.landscape.readers.bands import (
     missing_in,
     values_of,
 )
-from firemodel.landscape.readers.code_systems import NO_FUEL
+from firemodel.landscape.readers.code_systems import NO_FUEL, renamed_code
 from firemodel.landscape.readers.layers import (
     LEVEL_TAN,
     layer_of,
@@ -49,6 +49,7 @@ from firemodel.physics.fuels import FUEL_MODELS, NON_BURNABLE
 Description = dict[str, Any]
 
 USUAL_NODATA = (-9999, -32768)
+MAX_CODES = 200  # a band with more different values has no fuel codes
 
 
 def describe(path: Path, *, crs: str | None = None, nodata: float | None = None) -> Description:
@@ -99,7 +100,12 @@ def describe_rasters(
     found["bands"] = [
         _band_in_words(layer, band, units or {}, nodata, ground, problems) for layer, band in pairs
     ]
-    found["notes"] = [*_ignored(pairs), *_fuel_notes(found["bands"]), *_ground_notes(pairs, ground)]
+    found["notes"] = [note for band in found["bands"] for note in band.pop("notes", ())]
+    found["notes"] += [
+        *_ignored(pairs),
+        *_fuel_notes(found["bands"]),
+        *_ground_notes(pairs, ground),
+    ]
     return {**found, "problems": list(dict.fromkeys(problems))}
 
 
@@ -135,6 +141,15 @@ def _ignored(pairs: list[tuple[str, Band]]) -> Iterator[str]:
         if not layer:
             what = band.description or band.unit or "without a name"
             yield f"{band.name}: a run ignores this band ({what})"
+
+
+def _table_note(band: Band, present: NDArray[Any]) -> Iterator[str]:
+    """Yield a note if a lookup table beside an unnamed band gives other fuels to its codes."""
+    codes = np.unique(present)
+    if codes.size <= MAX_CODES:
+        other = renamed_code(band.path, {int(code) for code in codes}, FUEL_MODELS)
+        if other:
+            yield f"if these are fuel codes: {other}"
 
 
 def _fuel_notes(bands: list[Description]) -> Iterator[str]:
@@ -349,6 +364,8 @@ def _band_in_words(
     if present.size:
         found |= {"least": present.min().item(), "most": present.max().item()}
         found |= _fuels(present, layer)
+    if not layer and present.size:
+        found["notes"] = list(_table_note(band, present))
     if layer or "fuels" in found:
         problems += gaps(band, values, missing)
     elif found["least"] in USUAL_NODATA:
@@ -363,11 +380,13 @@ def _fuels(present: NDArray[Any], layer: str) -> Description:
     """Return the share of each fuel code in a fuel layer, or in an unnamed band of fuel codes."""
     names = {code: fuel.name for code, fuel in FUEL_MODELS.items()} | NON_BURNABLE
     names[NO_FUEL] = "no fuel"
-    if layer not in ("fuel", "") or not np.issubdtype(present.dtype, np.integer):
+    if layer not in ("fuel", ""):
         return {}
     found, counts = np.unique(present, return_counts=True)
-    codes = found.tolist()
-    if len(codes) > 2 * len(names) or not (layer or set(codes) <= set(names)):
+    if found.size > 2 * len(names) or (found != np.round(found)).any():
+        return {}
+    codes = [int(code) for code in found]
+    if not (layer or set(codes) <= set(names)):
         return {}
     percents = dict(zip(codes, (100.0 * counts / present.size).tolist(), strict=True))
     return {

@@ -3,7 +3,7 @@
 import bisect
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +34,7 @@ class Weather:
     dead_100h_pct: float
     live_herb_pct: float
     live_woody_pct: float
-    of_fuels: tuple[tuple[int, Moisture], ...] = ()
+    of_fuels: tuple[tuple[int, Moisture], ...] = field(default=(), kw_only=True)
 
     def moisture_of(self, code: int) -> Moisture:
         """Return the moistures of a fuel as fractions; ``of_fuels`` has fuels with their own."""
@@ -109,16 +109,12 @@ class WeatherStream:
 
 
 def _check(number: int, entry: Weather) -> None:
-    for field in fields(entry):
-        if field.name == "of_fuels":
-            continue
-        value = getattr(entry, field.name)
+    for name in (each.name for each in fields(entry) if each.name != "of_fuels"):
+        value = getattr(entry, name)
         if not math.isfinite(value):
-            raise FireModelError(f"weather entry {number}: {field.name} = {value} is not a number")
-        if field.name != "at_s" and value < 0.0:
-            raise FireModelError(
-                f"weather entry {number}: {field.name} = {value} must not be negative"
-            )
+            raise FireModelError(f"weather entry {number}: {name} = {value} is not a number")
+        if name != "at_s" and value < 0.0:
+            raise FireModelError(f"weather entry {number}: {name} = {value} must not be negative")
     if entry.wind_from_deg > 360.0:
         raise FireModelError(
             f"weather entry {number}: wind_from_deg = {entry.wind_from_deg} must be 0 to 360, "

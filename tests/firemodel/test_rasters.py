@@ -97,7 +97,10 @@ def test_a_file_cut_short_is_refused(tmp_path: Path) -> None:
             changed(transform=rasterio.Affine(30, 0, WEST_M, 0, -25, NORTH_M)),
             "bad.tif: cells are 30.0 x 25.0 m; resample",
         ),
-        (changed(FUEL.astype(np.float32)), "bad.tif: fuel codes must be integers, .* float32"),
+        (
+            changed(FUEL.astype(np.float32) + np.float32(0.5)),
+            "bad.tif: fuel code .* is not a whole number",
+        ),
         (
             changed(with_value(-9999, np.int16), nodata=-9999),
             r"bad.tif: no data: value -9999 at row 1, column 0 \(1 such cells\)",

@@ -10,7 +10,6 @@ import re
 from collections.abc import Collection, Mapping
 from pathlib import Path
 
-from firemodel.errors import FireModelError
 from firemodel.physics.fuels import NON_BURNABLE, FuelModel
 
 NO_FUEL = 0  # FARSITE's code for ground without fuel
@@ -51,7 +50,7 @@ def renamed_code(path: Path, codes: Collection[int], fuels: Mapping[int, FuelMod
     """Return text on the first code that a lookup table beside a raster gives to another fuel.
 
     ``codes`` are the different codes in the raster, ``fuels`` the models of this run. The text is
-    empty if no table contradicts the models. Raises FireModelError for an unreadable table.
+    empty if no table contradicts the models.
     """
     for table in sorted(path.parent.glob("*_lookup_table.csv")):
         system = TABLES.get(table.name.split("_")[0].lower(), table.name)
@@ -77,19 +76,12 @@ def advice_on(codes: Collection[int], fuels: Mapping[int, FuelModel]) -> str:
 
 
 def names_in(table: Path) -> dict[int, str]:
-    """Return the fuel type of each code in a lookup table of Cell2Fire.
-
-    Raises FireModelError if the file is not such a table.
-    """
+    """Return the fuel type of each code in a lookup table of Cell2Fire; empty for other files."""
     try:
         rows = list(csv.DictReader(table.read_text(encoding="utf-8-sig").splitlines()))
-        found = [(row["grid_value"], row[_column_of_types(row)].strip()) for row in rows]
-        return {int(code): name for code, name in found}
-    except (OSError, ValueError, LookupError, AttributeError):
-        raise FireModelError(
-            f"{table}: is no lookup table of fuel codes (grid_value, ..., fuel_type); correct it, "
-            "or move it out of the folder of the fuel raster"
-        ) from None
+        return {int(row["grid_value"]): row[_column_of_types(row)].strip() for row in rows}
+    except (OSError, ValueError, LookupError, AttributeError, StopIteration, csv.Error):
+        return {}
 
 
 def _column_of_types(row: Mapping[str, str]) -> str:

@@ -64,8 +64,16 @@ class Inputs:
         return moistures_in(path, iter(rows))
 
     def units(self, key: str) -> str:
-        """Return the units that a key gives for a table; ENGLISH without it, as in FARSITE."""
-        return self.values.get(UNITS[key], (0, "ENGLISH"))[1].upper() or "ENGLISH"
+        """Return ENGLISH or METRIC for the rows of a key; ENGLISH if it is not given, as in FARSITE.
+
+        Raises FireModelError for another word.
+        """
+        line, text = self.values.get(UNITS[key], (0, "ENGLISH"))
+        if text.upper() not in ("ENGLISH", "METRIC"):
+            raise FireModelError(
+                f"{self.path} line {line}: {UNITS[key]} = {text} must be ENGLISH or METRIC"
+            )
+        return text.upper()
 
     def has(self, key: str) -> bool:
         """Return True if the file has the rows of a key or names a file with them."""

@@ -216,12 +216,6 @@ def _fuel_problems(
             "converted codes"
         )
     if np.issubdtype(values.dtype, np.floating):
-        if band.driver != "AAIGrid":  # an ASCII grid has no types
-            yield (
-                f"{band.name}: fuel codes must be integers, the file has {values.dtype}; "
-                "write it as int16"
-            )
-            return
         broken = (values != np.round(values)) & ~missing
         if broken.any():
             yield (

@@ -102,8 +102,8 @@ def read_landscape(
             values, without = level_ground(layers["slope"], values, without)
         if missing == "refuse":
             refuse(gaps(band, values, without))
-        else:
-            without |= _too_steep(layer, kinds[layer], values)
+        elif layer == "slope":
+            without |= values > limits(layer, kinds[layer])[1]
         refuse(value_problems(layer, kinds[layer], band, values, without, fuels, fuel_codes or {}))
         if layer == "fuel":
             codes = translated(values, fuel_codes or {})
@@ -115,9 +115,7 @@ def read_landscape(
         incomplete |= without
     if incomplete.all():
         raise FireModelError(f"{bands['fuel'].path}: no cell has a value in every layer")
-    for layer, values in layers.items():
-        if layer not in ("elevation", "aspect"):
-            values[incomplete] = BARE_GROUND if layer == "fuel" else 0
+    _make_bare(layers, incomplete)
     gradient = None
     if "slope" in layers:
         gradient = to_gradient(layers.pop("slope"), layers.pop("aspect"))
@@ -136,9 +134,11 @@ def read_landscape(
     )
 
 
-def _too_steep(layer: str, unit: str, values: NDArray[Any]) -> Mask | np.bool_:
-    """Return a mask (y, x) of the slopes beyond the valid ones; False for other layers."""
-    return values > limits(layer, unit)[1] if layer == "slope" else np.False_
+def _make_bare(layers: Mapping[str, NDArray[Any]], cells: Mask) -> None:
+    """Set some cells of all layers to bare ground without slope and trees."""
+    for layer, values in layers.items():
+        if layer not in ("elevation", "aspect"):
+            values[cells] = BARE_GROUND if layer == "fuel" else 0
 
 
 def bands_for(files: Sources) -> dict[str, Band]:

@@ -36,6 +36,15 @@ KINDS = ".raws, .wxs, .wtr, .csv or a FARSITE inputs file"
 WIND_COLUMNS = {"": "wind_speed_mph", "0": "wind_speed_mph", "1": "wind_10m_kmh"}
 
 
+# Columns of Cell2Fire's Weather.csv, which has a line for each hour. The wind is at 10 m.
+CELL2FIRE = {
+    "WS": "wind_10m_kmh",
+    "WD": "wind_from_deg",
+    "TMP": "temperature_c",
+    "RH": "humidity_pct",
+}
+
+
 class Records(NamedTuple):
     """The content of a weather file; at least one record."""
 
@@ -141,7 +150,13 @@ def _csv_rows(path: Path) -> Rows:
         rows.append((lines.line_num, dict(zip(names, texts, strict=True))))
     if len(set(names)) < len(names):
         raise FireModelError(f"{path} line 1: a column is named twice; remove one")
-    return rows
+    known = _cell2fire(names)
+    if not known:
+        return rows
+    return [
+        (line, {"at_s": f"{hour * 3600}"} | {to: row[name] for name, to in known.items()})
+        for hour, (line, row) in enumerate(rows)
+    ]
 
 
 def _raws_rows(path: Path) -> Rows:
@@ -175,6 +190,12 @@ def _raws_rows(path: Path) -> Rows:
                 "correct or remove the line"
             )
     return rows
+
+
+def _cell2fire(names: list[str]) -> dict[str, str]:
+    """Return the columns to read of a Cell2Fire weather table; empty for other tables."""
+    known = {name: CELL2FIRE[name.upper()] for name in names if name.upper() in CELL2FIRE}
+    return known if {"WS", "WD"} <= {name.upper() for name in names} else {}
 
 
 def raws_row(path: Path, line: int, fields: list[str], units: str) -> dict[str, str]:
