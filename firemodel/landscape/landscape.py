@@ -15,7 +15,7 @@ from firemodel.errors import FireModelError
 from firemodel.physics.fuels import FUEL_MODELS, FuelModel, check_codes
 
 if TYPE_CHECKING:
-    from pyproj import Transformer
+    from pyproj import CRS, Transformer
 
 
 MAX_ELEVATION_M = 9000.0  # a larger elevation is a wrong unit or an undeclared nodata value
@@ -84,11 +84,28 @@ def same_crs(one: str, other: str) -> bool:
     left, right = CRS.from_user_input(one), CRS.from_user_input(other)
     if left == right:
         return True
-    if not (left.is_projected and right.is_projected) or left.geodetic_crs != right.geodetic_crs:
+    if not (left.is_projected and right.is_projected and _same_datum(left, right)):
         return False
     places_m = np.array([[0.0, 1e5, 5e5], [0.0, 3e5, 4e6]])
     moved_m = Transformer.from_crs(left, right, always_xy=True).transform(*places_m)
     return bool((np.abs(moved_m - places_m) < 1e-3).all())
+
+
+def _same_datum(left: "CRS", right: "CRS") -> bool:
+    """Return True if two projections have one datum, or unknown datums on one ellipsoid."""
+    one, other = left.geodetic_crs, right.geodetic_crs
+    if one is None or other is None or one.equals(other, ignore_axis_order=True):
+        return one is not None and other is not None
+    if not all("unknown" in str(crs.datum and crs.datum.name).lower() for crs in (one, other)):
+        return False
+    shapes = [
+        (crs.ellipsoid.semi_major_metre, crs.ellipsoid.inverse_flattening)
+        for crs in (one, other)
+        if crs.ellipsoid
+    ]
+    return (
+        len(shapes) == 2 and shapes[0] == shapes[1] and one.prime_meridian == other.prime_meridian
+    )
 
 
 def horn(elevation_m: NDArray[np.floating], cell_size_m: float) -> NDArray[np.float32]:

@@ -64,7 +64,7 @@ class Inputs:
         return moistures_in(path, iter(rows))
 
     def units(self, key: str) -> str:
-        """Return ENGLISH or METRIC for the rows of a key; ENGLISH if it is not given, as in FARSITE.
+        """Return ENGLISH or METRIC for the rows of a key; ENGLISH without it, as in FARSITE.
 
         Raises FireModelError for another word.
         """
