@@ -171,9 +171,10 @@ class FireSection(Section):
     """The scheme of fire spread, and the area that has already burned at the start.
 
     ``precise`` lets the paths of the any-angle scheme bend in the middles of edges too.
-    ``perimeter`` is a file of polygons that have burned by ``burning_at_s``; with
-    ``repair_perimeter`` its closed lines and invalid polygons become valid polygons. ``arrival`` is
-    a raster of arrival times. ``p_spread`` and ``update_s`` apply to the probabilistic scheme. That
+    ``perimeter`` is a file of polygons that have burned by ``burning_at_s``; ``perimeter_feature``
+    is the number of the only feature to use. With ``repair_perimeter`` closed lines and invalid
+    polygons become valid polygons. ``arrival`` is a raster of arrival times. ``p_spread`` and
+    ``update_s`` apply to the probabilistic scheme. That
     scheme can also start with a fire of ``initial_cells`` cells, which it grows from the ignitions.
     """
 
@@ -181,6 +182,7 @@ class FireSection(Section):
     wind_limit: bool = False
     precise: bool = False
     perimeter: Path | None = None
+    perimeter_feature: Annotated[int, Field(ge=1)] | None = None
     repair_perimeter: bool = False
     arrival: Path | None = None
     arrival_unit: Literal["seconds", "minutes", "hours", "days"] = "seconds"
@@ -193,8 +195,9 @@ class FireSection(Section):
     def _one_fire(self) -> "FireSection":
         if self.perimeter is not None and self.arrival is not None:
             raise ValueError("give either perimeter or arrival, not both")
-        if self.repair_perimeter and self.perimeter is None:
-            raise ValueError("repair_perimeter has no effect without perimeter; leave it out")
+        for name in ("repair_perimeter", "perimeter_feature"):
+            if getattr(self, name) and self.perimeter is None:
+                raise ValueError(f"{name} has no effect without perimeter; leave it out")
         if self.initial_cells is not None:
             if self.scheme != "probabilistic":
                 raise ValueError('initial_cells needs scheme = "probabilistic"')

@@ -137,7 +137,12 @@ def burning_of(scenario: Scenario, landscape: Landscape) -> Burning | None:
     if section.perimeter is not None:
         from firemodel.landscape.readers.shapes import read_shapes
 
-        shapes = read_shapes(section.perimeter, landscape, repair=section.repair_perimeter)
+        shapes = read_shapes(
+            section.perimeter,
+            landscape,
+            repair=section.repair_perimeter,
+            feature=section.perimeter_feature,
+        )
         _check_polygons(section.perimeter, shapes)
         return burning_from_perimeter(shapes, landscape, section.burning_at_s)
     if section.arrival is not None:
@@ -198,7 +203,7 @@ def notes_on(scenario: Scenario) -> list[str]:
     if scenario.fire.perimeter is not None and scenario.fire.repair_perimeter:
         from firemodel.landscape.readers.shapes import repairs_of
 
-        notes += repairs_of(scenario.fire.perimeter)
+        notes += repairs_of(scenario.fire.perimeter, scenario.fire.perimeter_feature)
     if scenario.weather_file is None:
         return notes
     notes += _ignored_in(scenario.weather_file)

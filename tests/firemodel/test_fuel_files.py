@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from firemodel.arrays import Floats
 from firemodel.errors import FireModelError
 from firemodel.landscape.readers.code_systems import advice_on
 from firemodel.landscape.readers.fuel_files import (
@@ -14,9 +15,9 @@ from firemodel.landscape.readers.fuel_files import (
     with_rate_factors,
 )
 from firemodel.landscape.readers.rasters import read_landscape
-from firemodel.physics.fuels import FUEL_MODELS
+from firemodel.physics.fuels import FUEL_MODELS, FuelModel
 from firemodel.physics.rothermel import Moisture, fuel_bed
-from firemodel.physics.weather import WeatherStream
+from firemodel.physics.weather import Weather, WeatherStream
 from firemodel.spread.anyangle import AnyAngleFire
 from tests.firemodel.grids import landscape, weather, write_raster
 
@@ -87,7 +88,7 @@ def test_a_fire_burns_custom_fuel_at_its_own_rate_and_moisture(tmp_path: Path) -
     wet = replace(entry, of_fuels=((20, Moisture(0.10, 0.10, 0.10, 0.60, 0.90)),))
     standard = landscape(122)
 
-    def arrival_s(fuels, given=entry):  # type: ignore[no-untyped-def]
+    def arrival_s(fuels: dict[int, FuelModel], given: Weather = entry) -> Floats:
         codes = np.full_like(standard.fuel_model, 20)
         land = replace(standard, fuel_model=codes, custom_fuels=fuels)
         fire = AnyAngleFire(land, WeatherStream([given]), [(20, 20, 0.0)], None)

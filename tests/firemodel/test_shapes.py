@@ -242,3 +242,12 @@ def test_a_perimeter_is_repaired_on_request_and_reported(tmp_path: Path) -> None
     assert repairs_of(whole) == []
     road = shapefile(tmp_path / "d.shp", LineString([(X_M, Y_M), (X_M + 90, Y_M)]))
     assert read_shapes(road, LAND, repair=True)[0].geom_type == "LineString"
+
+
+def test_one_feature_of_a_file_is_read_whatever_the_others_are(tmp_path: Path) -> None:
+    far = shapely.box(0.0, 0.0, 1.0, 1.0)
+    path = shapefile(tmp_path / "a.shp", far, AREA)
+    (found,) = read_shapes(path, LAND, feature=2)
+    assert same(found)
+    with pytest.raises(FireModelError, match=r"a.shp: has no feature 3; its features are 1 to 2"):
+        read_shapes(path, LAND, feature=3)

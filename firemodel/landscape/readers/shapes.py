@@ -24,7 +24,12 @@ Record = dict[str, Any]
 
 
 def read_shapes(
-    path: Path, landscape: Landscape, *, crs: str | None = None, repair: bool = False
+    path: Path,
+    landscape: Landscape,
+    *,
+    crs: str | None = None,
+    repair: bool = False,
+    feature: int | None = None,
 ) -> list[BaseGeometry]:
     """Read the geometries of a file's features into the landscape's CRS, without z.
 
@@ -36,6 +41,7 @@ def read_shapes(
         landscape: The geometries are projected to its CRS; each must touch its grid.
         crs: The CRS of a file that has none.
         repair: True if closed lines and invalid polygons become valid polygons (``repairs``).
+        feature: The number of the only feature to read, from 1; by default all are read.
 
     Returns:
         A shapely geometry for each feature, in the order of the file.
@@ -48,26 +54,39 @@ def read_shapes(
     refuse(crs_problems(path, found, crs))
     if not shapes:
         raise FireModelError(f"{path}: has no features; give a file with at least one")
-    if repair:
-        shapes = [repaired(shape) for shape in shapes]
     their_crs = str(found or crs)
     moved = []
-    for number, shape in enumerate(shapes, start=1):
+    for number, read in _selected(path, shapes, feature):
+        shape = repaired(read) if repair else read
         refuse(shape_problems(path, number, shape, their_crs))
         moved.append(into_crs(shape, their_crs, landscape.crs))
         refuse(place_problems(path, number, moved[-1], landscape))
     return moved
 
 
-def repairs_of(path: Path) -> list[str]:
+def _selected(
+    path: Path, shapes: list[BaseGeometry], feature: int | None
+) -> list[tuple[int, BaseGeometry]]:
+    """Return the number and geometry of one feature, or of all. Raises FireModelError for none."""
+    found = [
+        (number, shape) for number, shape in enumerate(shapes, start=1) if feature in (None, number)
+    ]
+    if not found:
+        raise FireModelError(
+            f"{path}: has no feature {feature}; its features are 1 to {len(shapes)}"
+        )
+    return found
+
+
+def repairs_of(path: Path, feature: int | None = None) -> list[str]:
     """Return a line on each feature that ``read_shapes`` with ``repair`` changes.
 
-    The line contains the areas before and after in hectares. Raises FireModelError if the file
-    cannot be read as shapes.
+    The line contains the areas before and after in hectares. ``feature`` is as in ``read_shapes``.
+    Raises FireModelError if the file cannot be read as shapes.
     """
     shapes, crs = features_of(path)
     lines = []
-    for number, shape in enumerate(shapes, start=1):
+    for number, shape in _selected(path, shapes, feature):
         found = repaired(shape)
         if found is shape:
             continue
