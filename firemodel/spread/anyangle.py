@@ -11,9 +11,14 @@ like a parent in "Theta*" (Nash et al. 2007); before fire spreads from the node,
 that source are tried as well. Where conditions are uniform, lines may have any length and arrival
 times are those of the exact ellipse. Everywhere they are times of real paths and thus never early.
 
+A path from a point may also bend once on an edge between the point and the node (``bend``), because
+near a lit place there are few nodes at which paths could bend.
+
 When the weather changes, each line along which fire is moving is cut at the position of the fire,
 and that point becomes the source of the remaining line. Only the remaining line has the new spread
-rate, so that the progress of the fire is kept.
+rate, so that the progress of the fire is kept. The cuts on the best lines are the tips of the
+front. The front between two neighbouring tips is kept as points too (``front_of``), and a node may
+move its source along it (``slide_on_front``): fire spreads on from the whole front.
 """
 
 import bisect
@@ -39,6 +44,7 @@ from firemodel.spread.fire_scheme import Burning, Fire, Ignition, StartArea
 from firemodel.spread.labels import (
     ActivePaths,
     Labels,
+    Lattice,
     Points,
     Queue,
     Tips,
@@ -48,6 +54,7 @@ from firemodel.spread.labels import (
     empty_points,
     empty_tips,
     lattice_of,
+    positions_of,
     settle,
 )
 from firemodel.spread.local_spread import perturbed
@@ -58,7 +65,7 @@ from firemodel.spread.rerate_kernels import (
     paths_from,
     start_paths,
 )
-from firemodel.spread.travel_time import clear_slowness, ground_of
+from firemodel.spread.travel_time import Ground, clear_slowness, ground_of
 
 
 class AnyAngleFire(Fire):
@@ -101,6 +108,11 @@ class AnyAngleFire(Fire):
             tips = empty_tips(targets.size)._replace(target=targets)
             self._start_paths(paths, tips, self._add_front(self.time_s, paths, tips))
         self.advance(self.time_s)
+
+    @property
+    def _state(self) -> tuple[Points, int, Labels, Ground, Lattice, int]:
+        """The arguments that the kernels have in common, in their order."""
+        return self._points, self._used, self._labels, self._ground, self._lattice, self._entry
 
     def _light(self, ignition: Ignition) -> None:
         row, col, at_s = ignition
@@ -151,12 +163,7 @@ class AnyAngleFire(Fire):
                 self._queue,
                 self._size,
                 self._waits,
-                self._points,
-                self._used,
-                self._labels,
-                self._ground,
-                self._lattice,
-                self._entry,
+                *self._state,
             )
             if self._size == 0 or self._queue.times[0] > to_time_s:
                 break
@@ -197,12 +204,7 @@ class AnyAngleFire(Fire):
             self._size,
             self._waits,
             paths,
-            self._points,
-            self._used,
-            self._labels,
-            self._ground,
-            self._lattice,
-            self._entry,
+            *self._state,
         )
         self._used += 1
         self._paths = ActivePaths(
@@ -221,12 +223,7 @@ class AnyAngleFire(Fire):
             self._size,
             self._waits,
             self._paths,
-            self._points,
-            self._used,
-            self._labels,
-            self._ground,
-            self._lattice,
-            self._entry,
+            *self._state,
             paths,
             tips,
         )
@@ -246,12 +243,7 @@ class AnyAngleFire(Fire):
             paths,
             tips,
             np.empty(tips.target.size),
-            self._points,
-            self._used,
-            self._labels,
-            self._ground,
-            self._lattice,
-            self._entry,
+            *self._state,
         )
         return first
 
@@ -264,15 +256,10 @@ class AnyAngleFire(Fire):
             self._since_s,
             paths,
             tips,
+            first,
             np.empty(count),
             self._queue,
-            self._points,
-            first,
-            self._used,
-            self._labels,
-            self._ground,
-            self._lattice,
-            self._entry,
+            *self._state,
         )
 
     def arrival_vectors(self) -> Floats:
@@ -280,17 +267,10 @@ class AnyAngleFire(Fire):
 
         It is 0 where the fire was lit.
         """
-        rows, cols = self.landscape.shape
-        centres = np.indices((rows, cols)) + 0.5
+        centres = np.indices(self.landscape.shape) + 0.5
         source = np.asarray(at_centres(self._labels.source, self._lattice))
-        cells = np.indices((rows + 1, cols + 1)).reshape(2, -1, 1)
-        offsets = (
-            [[0.0, 0.5], [0.0, 0.5]]
-            if self._lattice.each == 2
-            else [[0, 0, 0.5, 0.5], [0, 0.5, 0, 0.5]]
-        )
-        nodes = (cells + np.array(offsets)[:, None]).reshape(2, -1)
-        sources = np.concatenate([nodes, self._points.at[: self._used, :2].T], axis=1)
+        points = self._points.at[: self._used, :2].T
+        sources = np.concatenate([positions_of(self._lattice), points], axis=1)
         burned = np.isfinite(self.arrival_time_s) & (source >= 0)
         down, right = np.where(burned, centres - sources[:, source], 0.0)
         return np.stack([-down, right]) * self.landscape.cell_size_m

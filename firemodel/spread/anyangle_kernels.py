@@ -4,7 +4,7 @@ import numpy as np
 
 from firemodel.compiled import kernel
 from firemodel.spread.heap import drop_first, push
-from firemodel.spread.labels import add_point, ij_of, key_of, place_of
+from firemodel.spread.labels import add_path, add_point, ij_of, key_of, place_of
 from firemodel.spread.travel_time import (
     STEP_COL,
     STEP_ROW,
@@ -33,8 +33,9 @@ def _within_a_cell(step: int, odd_i: bool, odd_j: bool) -> list[tuple[int, int]]
     found = []
     for i in range(-reach_i, reach_i + 1):
         for j in range(-reach_j, reach_j + 1):
-            at_centre = (i % 2 == 1) != odd_i and (j % 2 == 1) != odd_j
-            on_lattice = step == 1 or (i % 2 == 0 and j % 2 == 0)
+            to_odd_i, to_odd_j = (i + odd_i) % 2 == 1, (j + odd_j) % 2 == 1
+            at_centre = to_odd_i and to_odd_j
+            on_lattice = step == 1 or not (to_odd_i or to_odd_j)
             if (i, j) != (0, 0) and (at_centre or on_lattice):
                 found.append((at_centre, (i, j)))
     return [offset for _, offset in sorted(found, key=lambda each: each[0])]
@@ -43,12 +44,12 @@ def _within_a_cell(step: int, odd_i: bool, odd_j: bool) -> list[tuple[int, int]]
 def _offsets() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the offsets (kinds, 24, 2), and how many there are for each kind of node.
 
-    The second array has the numbers of those on edges, the third the numbers of all.
-
-    The kinds are a corner of the lattice of corners; then, in the lattice with middles of edges, a
-    corner, the middle of a horizontal and of a vertical edge.
+    The second array has the numbers of those on edges, the third the numbers of all. The kinds
+    (``kind_of``) are a corner and a centre of the lattice of corners; then, in the lattice with
+    middles of edges, a corner, the middle of a horizontal and of a vertical edge, and a centre.
     """
-    kinds = [(2, False, False), (1, False, False), (1, False, True), (1, True, False)]
+    kinds = [(2, odd, odd) for odd in (False, True)]
+    kinds += [(1, odd_i, odd_j) for odd_i in (False, True) for odd_j in (False, True)]
     each = [_within_a_cell(*kind) for kind in kinds]
     table = np.zeros((len(each), 24, 2), dtype=np.int64)
     for number, offsets in enumerate(each):
@@ -63,6 +64,24 @@ def _offsets() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 OFFSETS, EDGES, COUNTS = _offsets()
 KNIGHT_I = np.array([-4, -2, 2, 4, 4, 2, -2, -4])
 KNIGHT_J = np.array([2, 4, 4, 2, -2, -4, -4, -2])
+
+
+@kernel
+def kind_of(i, j, lattice):  # type: ignore[no-untyped-def]
+    """Return the kind of a node, an index of ``OFFSETS``."""
+    return i % 2 if lattice.step == 2 else 2 + 2 * (i % 2) + j % 2
+
+
+@kernel
+def _source_of(key, points, labels, ground, lattice):  # type: ignore[no-untyped-def]
+    """Return a node's source: its key, position and time, its cell, and where all is alike.
+
+    The last value is the distance in cells up to which all cells are like that of the source.
+    """
+    source = np.int64(labels.source[key])
+    y, x, at_s = place_of(source, points, labels, lattice)
+    origin = evenest_cell(y, x, ground)
+    return source, y, x, at_s, origin, ground.reach[origin] - 0.5
 
 
 @kernel
@@ -134,10 +153,9 @@ def burn_until(  # type: ignore[no-untyped-def]
         i, j = ij_of(key, lattice)
         y, x = 0.5 * i, 0.5 * j
         if source != sources[key]:
-            source = np.int64(sources[key])
-            from_y, from_x, from_s = place_of(source, points, labels, lattice)
-            origin = evenest_cell(from_y, from_x, ground)
-            alike = ground.reach[origin] - 0.5
+            source, from_y, from_x, from_s, origin, alike = _source_of(
+                key, points, labels, ground, lattice
+            )
         far = max(abs(y - from_y), abs(x - from_x))
         if on_front(source - n, points):
             used = slide_on_front(y, x, key, points, used, labels, ground, lattice, entry)
@@ -147,15 +165,14 @@ def burn_until(  # type: ignore[no-untyped-def]
             elif far <= BEND_CELLS:
                 used = bend(y, x, key, points, used, labels, ground, lattice, entry)
         if source != sources[key]:
-            source = np.int64(sources[key])
-            from_y, from_x, from_s = place_of(source, points, labels, lattice)
-            origin = evenest_cell(from_y, from_x, ground)
-            alike = ground.reach[origin] - 0.5
+            source, from_y, from_x, from_s, origin, alike = _source_of(
+                key, points, labels, ground, lattice
+            )
         reachable = max(alike, MAX_LINE_CELLS)
         prepare(origin, ground, entry)
         prepared = False
         at_s = best_s[key]
-        kind = 0 if lattice.step == 2 else 1 + j % 2 + 2 * (i % 2)
+        kind = kind_of(i, j, lattice)
         inside = 2 <= i <= 2 * lattice.rows - 2 and 2 <= j <= 2 * lattice.cols - 2
         for number in range(COUNTS[kind]):
             di, dj = OFFSETS[kind, number, 0], OFFSETS[kind, number, 1]
@@ -381,9 +398,7 @@ def ignite(  # type: ignore[no-untyped-def]
                 continue
             far = max(abs(i - mid_i), abs(j - mid_j))
             if 0 < far <= ADJOINS:
-                paths.target[count] = target
-                paths.at[count, 0], paths.at[count, 1], paths.at[count, 2] = y, x, at_s
-                count += 1
+                count = add_path(paths, count, count, target, y, x, at_s)
             path_s, _ = travel(y, x, 0.5 * i, 0.5 * j, best_s[target] - at_s, ground, entry)
             if at_s + path_s < best_s[target] or (far <= ADJOINS and sources[target] < 0):
                 if i % 2 == 0 or j % 2 == 0:

@@ -134,6 +134,14 @@ def keys_of(i: NDArray[np.int64], j: NDArray[np.int64], lattice: Lattice) -> NDA
     return lattice.each * ((i // 2) * (lattice.cols + 1) + j // 2) + slot
 
 
+def positions_of(lattice: Lattice) -> Floats:
+    """Return the positions (2, keys) of all nodes: y, x in cells; see ``ij_of``."""
+    places = np.array([[i, j] for i in range(2) for j in range(2)])
+    offsets = places[:: 3 if lattice.each == 2 else 1]
+    cells = np.indices((lattice.rows + 1, lattice.cols + 1)).reshape(2, -1, 1)
+    return (cells + 0.5 * offsets.T[:, None]).reshape(2, -1)
+
+
 def empty_points(room: int) -> Points:
     """Return uninitialised arrays for ``room`` points."""
     return Points(np.empty((room, 3)), np.empty((room, 2), dtype=np.int32))
@@ -184,3 +192,17 @@ def add_point(points, used, y, x, at_s, left, right):  # type: ignore[no-untyped
     points.at[used, 0], points.at[used, 1], points.at[used, 2] = y, x, at_s
     points.beside[used, 0], points.beside[used, 1] = left, right
     return used + 1
+
+
+@kernel
+def add_path(paths, count, first, target, y, x, at_s):  # type: ignore[no-untyped-def]
+    """Store a path unless one of those from ``first`` on begins at the same position.
+
+    Returns the number of paths.
+    """
+    for other in range(first, count):
+        if paths.at[other, 0] == y and paths.at[other, 1] == x:
+            return count
+    paths.target[count] = target
+    paths.at[count, 0], paths.at[count, 1], paths.at[count, 2] = y, x, at_s
+    return count + 1

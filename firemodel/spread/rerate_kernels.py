@@ -10,9 +10,10 @@ import numpy as np
 from firemodel.arrays import Floats
 from firemodel.compiled import kernel
 from firemodel.spread.anyangle_kernels import (
-    COUNTS,
+    EDGES,
     OFFSETS,
     WORTH_A_POINT,
+    kind_of,
     prepare_around,
     slide_on_front,
     step_s,
@@ -21,13 +22,14 @@ from firemodel.spread.heap import push
 from firemodel.spread.labels import (
     ActivePaths,
     Lattice,
+    add_path,
     add_point,
     ij_of,
     key_of,
     keys_of,
     place_of,
 )
-from firemodel.spread.travel_time import from_segment, travel
+from firemodel.spread.travel_time import STEP_COL, STEP_ROW, from_segment, travel
 
 NEAR_FRONT = 4  # distance in i and j up to which a point of a front has paths to nodes
 WINDOW = 6  # maximum distance in i and j of a node from the segment of the front that ignites it
@@ -38,8 +40,6 @@ POINTS_PER_TIP = 2 + 2 * (PIECES - 1)  # maximum number; one for the slide of it
 APPROACH = 0.25  # smallest cosine between the paths from two tips and the line that joins them
 NEXT_I = np.array([0, 1, 1, 1])  # each pair of neighbours on edges once, times the lattice's step
 NEXT_J = np.array([1, 0, 1, -1])
-AROUND_I = np.array([-1, -1, 0, 1, 1, 1, 0, -1])  # the nodes around a centre
-AROUND_J = np.array([0, 1, 1, 1, 0, -1, -1, -1])
 
 
 def paths_from(front_yx: Floats, at_s: float, best_s: Floats, lattice: Lattice) -> ActivePaths:
@@ -56,17 +56,6 @@ def paths_from(front_yx: Floats, at_s: float, best_s: Floats, lattice: Lattice) 
     point = np.nonzero(reachable)[0]
     at = np.column_stack([front_yx[point], np.full(point.size, at_s)])
     return ActivePaths(target[reachable].astype(np.int32), at)
-
-
-@kernel
-def _add_path(found, count, first, target, y, x, at_s):  # type: ignore[no-untyped-def]
-    """Store a path unless one of those from ``first`` on begins at the same position."""
-    for other in range(first, count):
-        if found.at[other, 0] == y and found.at[other, 1] == x:
-            return count
-    found.target[count] = target
-    found.at[count, 0], found.at[count, 1], found.at[count, 2] = y, x, at_s
-    return count + 1
 
 
 @kernel
@@ -109,9 +98,7 @@ def active_paths(  # type: ignore[no-untyped-def]
             to_i, to_j = ij_of(target, lattice)
             lasts_s = at_s - paths.at[k, 2]
             y, x = _position_at(paths.at[k, 0], paths.at[k, 1], to_i, to_j, lasts_s, ground, entry)
-            found.target[count] = target
-            found.at[count, 0], found.at[count, 1], found.at[count, 2] = y, x, at_s
-            count += 1
+            count = add_path(found, count, count, target, y, x, at_s)
     for k in range(size + waits):
         target = np.int64(queue.keys[k] if k < size else queue.waiting[k - size])
         if k < size and best_s[target] != queue.times[k]:
@@ -128,18 +115,10 @@ def active_paths(  # type: ignore[no-untyped-def]
         tips.at[tip, 0], tips.at[tip, 1] = y, x
         tip += 1
         first = count
-        centre = to_i % 2 == 1 and to_j % 2 == 1
-        kind = 0 if lattice.step == 2 else 1 + to_j % 2 + 2 * (to_i % 2)
-        for number in range(8 if centre else COUNTS[kind]):
-            if centre:
-                i, j = to_i + AROUND_I[number], to_j + AROUND_J[number]
-                if lattice.step == 2 and (i % 2 == 1 or j % 2 == 1):
-                    continue
-            else:
-                i, j = to_i + OFFSETS[kind, number, 0], to_j + OFFSETS[kind, number, 1]
+        kind = kind_of(to_i, to_j, lattice)
+        for number in range(EDGES[kind]):
+            i, j = to_i + OFFSETS[kind, number, 0], to_j + OFFSETS[kind, number, 1]
             if not (0 <= i <= 2 * lattice.rows and 0 <= j <= 2 * lattice.cols):
-                continue
-            if i % 2 == 1 and j % 2 == 1:
                 continue
             key = key_of(i, j, lattice)
             if not since_s <= best_s[key] <= at_s:
@@ -153,7 +132,7 @@ def active_paths(  # type: ignore[no-untyped-def]
                 if from_s < since_s:
                     continue
                 y, x = _position_at(from_y, from_x, to_i, to_j, at_s - from_s, ground, entry)
-                count = _add_path(found, count, first, target, y, x, at_s)
+                count = add_path(found, count, first, target, y, x, at_s)
     return count, tip, used
 
 
@@ -175,11 +154,24 @@ def _approach(at, tip, other, i, j, other_i, other_j):  # type: ignore[no-untype
 
 
 @kernel
-def _along_front(to_i, to_j, tips, marks, ground, lattice, entry):  # type: ignore[no-untyped-def]
-    """Return the tip next to the place on the front from which fire first reaches a node; or -1.
+def _neighbour_tip(tip, i, j, next_i, next_j, tips, marks, lattice):  # type: ignore[no-untyped-def]
+    """Return the tip at node (next_i, next_j) if it is on the front of a tip at (i, j); or -1.
 
-    Tip k is marked in ``marks`` (keys) as -2 - k.
+    Tip k is marked in ``marks`` (keys) as -2 - k. Tips that approach each other are on two fronts.
     """
+    if not (0 <= next_i <= 2 * lattice.rows and 0 <= next_j <= 2 * lattice.cols):
+        return -1
+    if next_i % 2 == 1 and next_j % 2 == 1:
+        return -1
+    other = -2 - marks[key_of(next_i, next_j, lattice)]
+    if other < 0 or _approach(tips.at, tip, other, i, j, next_i, next_j):
+        return -1
+    return other
+
+
+@kernel
+def _along_front(to_i, to_j, tips, marks, ground, lattice, entry):  # type: ignore[no-untyped-def]
+    """Return the tip next to the place on the front from which fire first reaches a node; or -1."""
     step = lattice.step
     best, found = np.inf, -1
     low_i, low_j = max(to_i - WINDOW, 0), max(to_j - WINDOW, 0)
@@ -194,12 +186,8 @@ def _along_front(to_i, to_j, tips, marks, ground, lattice, entry):  # type: igno
                 continue
             for side in range(4):
                 next_i, next_j = i + step * NEXT_I[side], j + step * NEXT_J[side]
-                if not (next_i <= 2 * lattice.rows and 0 <= next_j <= 2 * lattice.cols):
-                    continue
-                if next_i % 2 == 1 and next_j % 2 == 1:
-                    continue
-                other = -2 - marks[key_of(next_i, next_j, lattice)]
-                if other < 0 or _approach(tips.at, tip, other, i, j, next_i, next_j):
+                other = _neighbour_tip(tip, i, j, next_i, next_j, tips, marks, lattice)
+                if other < 0:
                     continue
                 time, y, x = from_segment(
                     tips.at[tip, 0],
@@ -221,10 +209,7 @@ def _along_front(to_i, to_j, tips, marks, ground, lattice, entry):  # type: igno
 
 @kernel
 def _beside(k, tips, marks, lattice):  # type: ignore[no-untyped-def]
-    """Return the tips beside tip k on the front, to both sides of the path from it; -1 for none.
-
-    Tip k is marked in ``marks`` (keys) as -2 - k.
-    """
+    """Return the tips beside tip k on the front, to both sides of the path from it; -1 for none."""
     i, j = ij_of(np.int64(tips.target[k]), lattice)
     left = right = -1
     left_2 = right_2 = SEGMENT_CELLS * SEGMENT_CELLS
@@ -232,13 +217,9 @@ def _beside(k, tips, marks, lattice):  # type: ignore[no-untyped-def]
         return left, right
     to_y, to_x = 0.5 * i - tips.at[k, 0], 0.5 * j - tips.at[k, 1]
     for number in range(8):
-        next_i, next_j = i + lattice.step * AROUND_I[number], j + lattice.step * AROUND_J[number]
-        if not (0 <= next_i <= 2 * lattice.rows and 0 <= next_j <= 2 * lattice.cols):
-            continue
-        if next_i % 2 == 1 and next_j % 2 == 1:
-            continue
-        other = -2 - marks[key_of(next_i, next_j, lattice)]
-        if other < 0 or _approach(tips.at, k, other, i, j, next_i, next_j):
+        next_i, next_j = i + lattice.step * STEP_ROW[number], j + lattice.step * STEP_COL[number]
+        other = _neighbour_tip(k, i, j, next_i, next_j, tips, marks, lattice)
+        if other < 0:
             continue
         down, across = tips.at[other, 0] - tips.at[k, 0], tips.at[other, 1] - tips.at[k, 1]
         distance_2, side = down * down + across * across, to_y * across - to_x * down
@@ -326,7 +307,7 @@ def front_of(at_s, paths, tips, best, points, used, labels, ground, lattice, ent
 
 @kernel
 def start_paths(  # type: ignore[no-untyped-def]
-    at_s, paths, tips, best, queue, points, first, used, labels, ground, lattice, entry
+    at_s, paths, tips, first, best, queue, points, used, labels, ground, lattice, entry
 ):
     """Restart the fire from paths and tips: set the labels and the queue.
 
