@@ -83,6 +83,12 @@ def run_fire(scenario: str, every_s: float, crs: str) -> list[tuple[float, Any]]
     ]
 
 
+def place(x_m: float, y_m: float, crs: str) -> str:
+    """Return the lines of a scenario on a place, which is given in a CRS."""
+    lon, lat = into_crs(shapely.Point(x_m, y_m), crs, "EPSG:4326").coords[0]
+    return f"lat_deg = {lat}\nlon_deg = {lon}"
+
+
 def san_diego(folder: Path) -> Iterator[Row]:
     """Yield the comparisons with FARSITE's perimeters, for both readings of the slope."""
     name = folder / "tmp" / "0912a968d53d4a8a81ec57e3e2d79308"
@@ -116,7 +122,6 @@ def belgium(folder: Path) -> Iterator[Row]:
         header = (case / "fuels.asc").read_text(encoding="utf-8").split(maxsplit=10)
         cols, rows, west_m, south_m, cell_m = (float(text) for text in header[1:10:2])
         x_m, y_m = west_m + cols / 2 * cell_m, south_m + rows / 2 * cell_m
-        middle = into_crs(shapely.Point(x_m, y_m), BELGIUM, "EPSG:4326")
         hours = len((case / "Weather.csv").read_text(encoding="utf-8").split("\n")[1:]) - 1
         fronts = run_fire(
             f"""name = "{case.name}"
@@ -130,8 +135,7 @@ missing = "unburnable"
 path = "{case / "Weather.csv"}"
 {D2L2}
 [[ignition]]
-lat_deg = {middle.y}
-lon_deg = {middle.x}
+{place(x_m, y_m, BELGIUM)}
 """,
             3600.0,
             BELGIUM,
@@ -171,7 +175,6 @@ live_woody_pct = 60
 """
         for hour in range(12)
     )
-    lit = into_crs(shapely.Point(6938.0, 343607.0), crs, "EPSG:4326")
     ground = data / "fuels_and_topography"
     files = "\n".join(
         f'{layer} = "{ground / name}.tif"'
@@ -194,8 +197,7 @@ canopy_height = "m*10"
 canopy_base = "m*10"
 {weather}
 [[ignition]]
-lat_deg = {lit.y}
-lon_deg = {lit.x}
+{place(6938.0, 343607.0, crs)}
 at_s = 1800
 """,
         7200.0,
