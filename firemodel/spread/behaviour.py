@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from firemodel.compiled import compiled
 from firemodel.physics import rothermel
-from firemodel.physics.fuels import FUEL_MODELS
 from firemodel.spread.fire_scheme import Fire
 from firemodel.spread.local_spread import (
+    beds_of,
     burnable_codes,
     head_of,
     slowness_of,
@@ -49,9 +49,7 @@ def behaviour_of(fire: Fire) -> Behaviour:
     terrain, tables = terrain_of(land), tables_of(land, entries, fire.wind_limit)
     heat = np.empty((len(entries), len(burnable_codes(land))))
     for number, entry in enumerate(entries):
-        for place, code in enumerate(burnable_codes(land)):
-            bed = rothermel.fuel_bed(FUEL_MODELS[code], entry.moisture)
-            heat[number, place] = rothermel.fireline_intensity_kw_m(bed, 1.0)
+        heat[number] = [rothermel.fireline_intensity_kw_m(bed, 1.0) for bed in beds_of(land, entry)]
     began_s = np.array([-math.inf, *(entry.at_s for entry in entries[1:])])
     arrival_s = np.where(fire.burned(), fire.arrival_time_s, np.inf).ravel()
     paths = fire.arrival_vectors().reshape(2, -1)

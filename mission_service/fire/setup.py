@@ -12,6 +12,7 @@ from firemodel.landscape.default import jacksboro
 from firemodel.landscape.flat import flat_landscape
 from firemodel.landscape.landscape import Landscape
 from firemodel.landscape.rasterise import burnable_cells, with_barriers
+from firemodel.physics.fuels import FUEL_MODELS, FuelModel
 from firemodel.physics.rothermel import Moisture
 from firemodel.physics.weather import Weather, WeatherStream
 from firemodel.simulate import cells_of_file
@@ -67,8 +68,24 @@ def _from_rasters(section: LandscapeSection) -> Landscape:
         if section.bands:
             files = {layer: (section.file, band) for layer, band in section.bands.items()}
     return read_landscape(
-        files, units=section.units, missing=section.missing, crs=section.crs, nodata=section.nodata
+        files,
+        units=section.units,
+        missing=section.missing,
+        crs=section.crs,
+        nodata=section.nodata,
+        fuel_codes=section.fuel_codes,
+        custom_fuels=custom_fuels_of(section),
     )
+
+
+def custom_fuels_of(section: LandscapeSection) -> dict[int, FuelModel]:
+    """Return the fuel models of a scenario's .fmd and .adj files, by code."""
+    from firemodel.landscape.readers.fuel_files import read_fuels, with_rate_factors
+
+    found = {} if section.custom_fuels is None else read_fuels(section.custom_fuels)
+    if section.rate_factors is not None:
+        found |= with_rate_factors(FUEL_MODELS | found, section.rate_factors)
+    return found
 
 
 def weather_of(scenario: Scenario) -> WeatherStream:
@@ -79,11 +96,18 @@ def weather_of(scenario: Scenario) -> WeatherStream:
 
 
 def _from_file(section: WeatherFile) -> WeatherStream:
+    from firemodel.landscape.readers.fuel_files import read_fuel_moistures
     from firemodel.landscape.readers.weather_files import read_weather
 
     moisture = Moisture(*(getattr(section, name) / 100.0 for name in FuelMoisture.model_fields))
+    own = read_fuel_moistures(section.fuel_moistures) if section.fuel_moistures else None
     return read_weather(
-        section.path, start=section.start, moisture=moisture, conditioned=section.conditioned
+        section.path,
+        start=section.start,
+        moisture=moisture,
+        conditioned=section.conditioned,
+        wind=section.wind,
+        fuel_moistures=own,
     )
 
 
@@ -113,7 +137,12 @@ def burning_of(scenario: Scenario, landscape: Landscape) -> Burning | None:
     if section.perimeter is not None:
         from firemodel.landscape.readers.shapes import read_shapes
 
-        shapes = read_shapes(section.perimeter, landscape)
+        shapes = read_shapes(
+            section.perimeter,
+            landscape,
+            repair=section.repair_perimeter,
+            feature=section.perimeter_feature,
+        )
         _check_polygons(section.perimeter, shapes)
         return burning_from_perimeter(shapes, landscape, section.burning_at_s)
     if section.arrival is not None:
@@ -163,16 +192,38 @@ def _check_polygons(path: Path, shapes: list[BaseGeometry]) -> None:
         if kinds != {"Polygon"}:
             raise ScenarioError(
                 f"{path}: feature {number} has {', '.join(sorted(kinds - {'Polygon'}))}; a "
-                "perimeter has only polygons: remove the rest, or give it as an ignition"
+                "perimeter has only polygons: remove the rest, give it as an ignition, or make "
+                "polygons of closed lines with fire.repair_perimeter = true"
             )
 
 
 def warnings_on(scenario: Scenario, landscape: Landscape) -> list[str]:
-    """Return a line for each input that is valid but probably unintended (``input_warnings``)."""
+    """Return a line for each input that is valid but probably unintended.
+
+    These are repaired perimeters, keys of an inputs file that have no effect, and the
+    ``input_warnings`` of the fire model.
+    """
+    lines = []
+    if scenario.fire.perimeter is not None and scenario.fire.repair_perimeter:
+        from firemodel.landscape.readers.shapes import repairs_of
+
+        lines += repairs_of(scenario.fire.perimeter, scenario.fire.perimeter_feature)
+    if scenario.weather_file is not None:
+        lines += _ignored_in(scenario.weather_file)
     ignitions = _ignitions_of(scenario, landscape)
-    return input_warnings(
+    return lines + input_warnings(
         FireInputs(landscape, weather_of(scenario), ignitions, scenario.duration_s)
     )
+
+
+def _ignored_in(section: WeatherFile) -> list[str]:
+    """Return a line on the keys of an inputs file that have no effect."""
+    from firemodel.landscape.readers.inputs_files import is_inputs_file, read_inputs
+
+    if not is_inputs_file(section.path):
+        return []
+    keys = read_inputs(section.path).ignored()
+    return [f"{section.path}: the run ignores {', '.join(keys)}"] if keys else []
 
 
 def fire_of(scenario: Scenario, landscape: Landscape) -> Fire:

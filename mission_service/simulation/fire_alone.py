@@ -108,5 +108,3 @@ def _write(
     }
     write_whole(folder / "summary.json", json.dumps(summary, indent=2) + "\n")
     return summary
-
-

@@ -2,6 +2,7 @@
 
 from datetime import datetime, timedelta, timezone
 from pathlib import Path
+from typing import Any
 
 import netCDF4
 import numpy as np
@@ -57,7 +58,7 @@ def test_the_state_over_time_has_calendar_times(tmp_path: Path) -> None:
     write_netcdf(tmp_path / "fire.nc", fire, TIMES_S, "rock", ZERO)
     with netCDF4.Dataset(tmp_path / "fire.nc") as file:
         time = file["time"]
-        dates = np.atleast_1d(netCDF4.num2date(time[:], time.units, time.calendar))
+        dates: Any = np.atleast_1d(netCDF4.num2date(time[:], time.units, time.calendar))  # type: ignore[arg-type]
         assert [each.isoformat() for each in dates] == [
             *("2026-08-01T20:00:00", "2026-08-01T21:00:00", "2026-08-01T21:46:40"),
         ]
