@@ -13,7 +13,7 @@ from firemodel.errors import FireModelError
 from firemodel.spread.fire_scheme import Fire
 from mission_service.fire.ensemble import (
     Arrival,
-    Ensemble,
+    EnsembleForecast,
     burned_ahead,
     ensemble_of,
     probability_at,
@@ -29,7 +29,7 @@ OLD_S = 180.0  # age in mission time at which a forecast is computed again
 REST_S = 10.0  # minimum real time between two forecasts, unless operators changed the fire
 
 Floats = NDArray[np.float64]
-ForecastT = TypeVar("ForecastT", Arrival, Ensemble)
+ForecastT = TypeVar("ForecastT", Arrival, EnsembleForecast)
 
 
 class _Slot(Generic[ForecastT]):
@@ -63,7 +63,7 @@ class Forecasts:
         self._arrivals: _Slot[Arrival] = _Slot(
             lambda fire, until_s, version: burned_ahead(fire, until_s, version, seed)
         )
-        self._ensembles: _Slot[Ensemble] = _Slot(
+        self._ensembles: _Slot[EnsembleForecast] = _Slot(
             lambda fire, until_s, version: ensemble_of(
                 fire, until_s, version, seed, lambda: self._open
             )
