@@ -1,5 +1,6 @@
 """Burn many fires that differ by what is uncertain: wind, moisture, spread rates, ignition.
 
-``draws`` has the distributions, ``members`` the fires (``Ensemble``, ``burned_windows``) and
-``products`` what they give together: burn probability, arrival times, flame lengths.
+``uncertainty`` states the distributions and ``draws`` draws from them. ``members`` has the fires
+(``Ensemble``, ``burned_windows``) and ``products`` what they give together: burn probability,
+arrival times, flame lengths.
 """

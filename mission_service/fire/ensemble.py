@@ -6,9 +6,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from firemodel.ensemble.draws import Uncertainty, latin_draws
+from firemodel.ensemble.draws import latin_draws
 from firemodel.ensemble.members import Start, Window, burned_windows
 from firemodel.ensemble.products import burn_probability
+from firemodel.ensemble.uncertainty import Uncertainty
 from firemodel.spread.fire_scheme import Fire, StartArea
 
 # Odd, and no share of members is 10, 50 or 90 %, so that bands never follow the centres of cells.
@@ -50,16 +51,21 @@ def burned_ahead(fire: Fire, until_s: float, version: int, seed: int) -> Arrival
 
 
 def ensemble_of(
-    fire: Fire, until_s: float, version: int, seed: int, go_on: Callable[[], bool] = lambda: True
+    fire: Fire,
+    until_s: float,
+    version: int,
+    seed: int,
+    uncertainty: Uncertainty | None = None,
+    go_on: Callable[[], bool] = lambda: True,
 ) -> EnsembleForecast:
     """Return the ensemble of a fire until a time; the fire is not changed.
 
     The draws depend only on seed and fuels, so that successive forecasts differ only because the
-    fire differs. The ensemble has fewer members if ``go_on()`` returns False during the
-    computation.
+    fire differs. ``uncertainty`` has the defaults if it is None. The ensemble has fewer members if
+    ``go_on()`` returns False during the computation.
     """
     start = Start(fire)
-    draws = latin_draws(Uncertainty(), seed, MEMBERS, start.fuels)
+    draws = latin_draws(uncertainty or Uncertainty(), seed, MEMBERS, start.fuels)
     numbers = (number for number in range(MEMBERS) if go_on())
     members = list(burned_windows(start, draws, numbers, until_s, seed))
     return EnsembleForecast(fire.time_s, until_s, fire.landscape.shape, members, version)

@@ -9,6 +9,7 @@ from typing import Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from firemodel.ensemble.uncertainty import Uncertainty
 from firemodel.errors import FireModelError
 from firemodel.spread.fire_scheme import Fire
 from mission_service.fire.ensemble import (
@@ -54,7 +55,11 @@ class Forecasts:
     """
 
     def __init__(
-        self, fire_of: Callable[[], Fire], version_of: Callable[[], int], seed: int
+        self,
+        fire_of: Callable[[], Fire],
+        version_of: Callable[[], int],
+        seed: int,
+        uncertainty: Uncertainty | None = None,
     ) -> None:
         self._fire_of, self._version_of = fire_of, version_of
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="forecast")
@@ -65,7 +70,7 @@ class Forecasts:
         )
         self._ensembles: _Slot[EnsembleForecast] = _Slot(
             lambda fire, until_s, version: ensemble_of(
-                fire, until_s, version, seed, lambda: self._open
+                fire, until_s, version, seed, uncertainty, lambda: self._open
             )
         )
 

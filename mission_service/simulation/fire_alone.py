@@ -2,10 +2,13 @@
 
 import json
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from firemodel.landscape.landscape import Landscape
 from firemodel.spread.arrival_map import draw_map
@@ -26,30 +29,44 @@ def run_fire(scenario: Scenario, folder: Path, front_every_s: float) -> dict[str
     Raises ScenarioError if no fire starts before the scenario's end, for more than ``MAX_FRONTS``
     fronts, or for a folder that cannot be written to.
     """
-    first_s = min((ignition.at_s for ignition in scenario.ignition), default=0.0)
-    given = scenario.fire.perimeter or scenario.fire.arrival
-    if first_s >= scenario.duration_s and not given:
-        raise ScenarioError(
-            f"{scenario.name}: the first ignition is at_s = {first_s:g}, which must be before "
-            f"duration_s = {scenario.duration_s:g}"
-        )
+    check_times(scenario)
     landscape = landscape_of(scenario)
     fire = fire_of(scenario, landscape)
     start_s = fire.time_s
-    if start_s >= scenario.duration_s:
-        raise ScenarioError(
-            f"{scenario.name}: fire.burning_at_s = {start_s:g} must be before duration_s"
-        )
     times_s = _times_s(start_s, scenario.duration_s, front_every_s)
     with fire_progress(scenario.name, start_s, scenario.duration_s) as progress:
         for time_s in np.linspace(start_s, scenario.duration_s, STEPS + 1)[1:]:
             fire.advance(float(time_s))
             progress(float(time_s))
-    try:
+    with writing(folder):
         return _write(scenario, landscape, fire, folder, times_s)
+
+
+@contextmanager
+def writing(folder: Path) -> Iterator[None]:
+    """Report an OSError within the context as a ScenarioError that names the file or folder."""
+    try:
+        yield
     except OSError as error:
         reason = error.strerror or " ".join(str(error).split())
         raise ScenarioError(f"{error.filename or folder}: cannot be written: {reason}") from None
+
+
+def check_times(scenario: Scenario) -> None:
+    """Raise ScenarioError unless a fire burns before the scenario's end."""
+    section, end_s = scenario.fire, scenario.duration_s
+    given = section.perimeter or section.arrival
+    first_s = min((ignition.at_s for ignition in scenario.ignition), default=0.0)
+    if first_s >= end_s and not given:
+        raise ScenarioError(
+            f"{scenario.name}: the first ignition is at_s = {first_s:g}, which must be before "
+            f"duration_s = {end_s:g}"
+        )
+    if (given or section.initial_cells) and section.burning_at_s >= end_s:
+        raise ScenarioError(
+            f"{scenario.name}: fire.burning_at_s = {section.burning_at_s:g} must be before "
+            "duration_s"
+        )
 
 
 def _times_s(start_s: float, end_s: float, every_s: float) -> list[float]:
@@ -73,7 +90,7 @@ def _write(
         folder / "map.png",
         landscape,
         arrival_s,
-        f"{scenario.name}: {scenario.fire.scheme}, {_in_words(scenario.duration_s)}",
+        f"{scenario.name}: {scenario.fire.scheme}, {in_words(scenario.duration_s)}",
     )
     summary = {
         "scenario": scenario.name,
@@ -81,16 +98,18 @@ def _write(
         "cells": landscape.fuel_model.size,
         "burned_cells": int(np.count_nonzero(fire.burned())),
         "burned_area_ha": round(fire.front(fire.time_s).area / 1e4, 2),
-        "reached_edge": bool(_edge(fire.burned()).any()),
+        "reached_edge": reaches_edge(fire.burned()),
         "time_s": fire.time_s,
     }
     (folder / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
     return summary
 
 
-def _in_words(time_s: float) -> str:
+def in_words(time_s: float) -> str:
+    """Return a duration in hours or minutes."""
     return f"{time_s / 3600.0:.3g} h" if time_s >= 3600.0 else f"{time_s / 60.0:.3g} min"
 
 
-def _edge(cells: np.ndarray[Any, np.dtype[np.bool_]]) -> np.ndarray[Any, np.dtype[np.bool_]]:
-    return np.concatenate([cells[0], cells[-1], cells[:, 0], cells[:, -1]])
+def reaches_edge(cells: NDArray[np.bool_]) -> bool:
+    """Return True if a mask (y, x) has a cell at the edge of the grid."""
+    return bool(np.concatenate([cells[0], cells[-1], cells[:, 0], cells[:, -1]]).any())

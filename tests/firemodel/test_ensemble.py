@@ -7,13 +7,14 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from firemodel.ensemble.draws import Draw, Uncertainty, latin_draws, random_draws
+from firemodel.ensemble.draws import Draw, latin_draws, random_draws
 from firemodel.ensemble.members import Ensemble, Start, Window, burned_windows
 from firemodel.ensemble.products import (
     arrival_quantiles_s,
     burn_probability,
     mean_flame_length_m,
 )
+from firemodel.ensemble.uncertainty import Uncertainty
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.weather import Weather, WeatherStream

@@ -15,7 +15,6 @@ from click.testing import CliRunner
 
 from mission_service.cli.main import main
 from mission_service.errors import MissionServiceError
-from mission_service.experiments import tuning
 from mission_service.experiments.tuning import Genes, on_cores, tune
 from mission_service.experiments.virtual_agents.tuning_scenarios import (
     KINDS,
@@ -26,6 +25,7 @@ from mission_service.experiments.virtual_agents.tuning_scenarios import (
 from mission_service.guidance import formation
 from mission_service.guidance.formation.settings import Constants
 from mission_service.guidance.formation.virtual_forces_kernels import NAMES, constants_array
+from mission_service.simulation import task_pool
 from tests.service.test_live import free_port
 
 TUNED = Path(formation.__file__).parent / "tuned.json"
@@ -177,7 +177,7 @@ def test_a_dask_cluster_finds_what_one_process_does(tmp_path: Path) -> None:
 
 
 def test_a_missing_scheduler_is_reported_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tuning, "SECONDS_TO_CONNECT", 1)
+    monkeypatch.setattr(task_pool, "SECONDS_TO_CONNECT", 1)
     address = f"tcp://127.0.0.1:{free_port()}"
     result = CliRunner().invoke(main, ["tune", "virtual-agents", "--scheduler", address])
     assert result.exit_code == 1
