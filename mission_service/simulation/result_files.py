@@ -85,12 +85,12 @@ def results_folder(folder: Path, recipe: Recipe) -> Path:
     path, recipe = folder / RECIPE, json.loads(json.dumps(recipe))
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        write_text_whole(path, json.dumps(recipe, indent=1) + "\n")
-        return folder
-    except ValueError:
+    except (FileNotFoundError, ValueError):
         found = {}
     if found != recipe:
+        if not any(each.name[0].isdigit() for each in folder.iterdir()):  # no results yet
+            write_text_whole(path, json.dumps(recipe, indent=1) + "\n")
+            return folder
         raise MissionServiceError(
             f"{folder}: has results of other settings ({difference(found, recipe)}); choose "
             "another -o, or delete this folder"

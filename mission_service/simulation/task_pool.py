@@ -20,12 +20,12 @@ def on_threads(workers: int) -> Iterator[Run]:
     """Yield a function that runs tasks in threads of this process; kernels release the GIL."""
     pool = ThreadPoolExecutor(workers, thread_name_prefix="fires")
     try:
-        yield lambda work, items, job: iter(pool.map(partial(_called, work, job), items))
+        yield lambda work, items, job: iter(pool.map(partial(_done, work=work, job=job), items))
     finally:
         pool.shutdown(cancel_futures=True)
 
 
-def _called(work: Callable[[Any, Any], Any], job: Any, item: Any) -> Any:
+def _done(item: Any, work: Callable[[Any, Any], Any], job: Any) -> Any:
     return work(item, job)
 
 
@@ -44,7 +44,7 @@ def on_cluster(scheduler: str, command: str) -> Iterator[Run]:
 
             # The job is sent to each worker once; hash=False, because equal jobs may be scattered.
             shared = client.scatter(job, broadcast=True, hash=False)
-            futures = client.map(work, items, job=shared, pure=False)
+            futures = client.map(_done, items, work=work, job=shared, pure=False)
             try:
                 for future in futures:
                     yield future.result()
