@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firemodel.arrays import Floats
-from firemodel.ensemble.members import Window
+from firemodel.ensemble.member_fires import Window
 from firemodel.landscape.landscape import ROWS_AT_ONCE
 
 

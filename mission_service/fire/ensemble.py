@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firemodel.ensemble.draws import latin_draws
-from firemodel.ensemble.members import Start, Window, burned_windows
+from firemodel.ensemble.member_fires import Start, Window, burned_windows
 from firemodel.ensemble.products import burn_probability
 from firemodel.ensemble.uncertainty import Uncertainty
 from firemodel.spread.fire_scheme import Fire, StartArea

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from firemodel.ensemble.draws import Draw, latin_draws
-from firemodel.ensemble.members import Start, Window, burned_windows
+from firemodel.ensemble.member_fires import Start, Window, burned_windows
 from firemodel.ensemble.products import (
     arrival_quantiles_s,
     burn_probability,

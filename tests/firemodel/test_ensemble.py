@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from firemodel.ensemble.draws import Draw, latin_draws, random_draws
-from firemodel.ensemble.members import Ensemble, Start, Window, burned_windows
+from firemodel.ensemble.member_fires import Ensemble, Start, Window, burned_windows
 from firemodel.ensemble.products import (
     arrival_quantiles_s,
     burn_probability,
