@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 
 from firemodel.arrays import Floats
 from firemodel.ensemble.member_fires import Window
-from firemodel.landscape.landscape import ROWS_AT_ONCE
+
+TIMES_AT_ONCE = 2**24  # arrival times of all members that are sorted at once, to save memory
 
 
 def burn_probability(windows: Sequence[Window], shape: tuple[int, int], after_s: float) -> Floats:
@@ -37,8 +38,9 @@ def arrival_quantiles_s(
     # The smallest number of members that is at least the share; 1e-9 for shares such as 0.1 * 3.
     places = [max(int(np.ceil(share * count - 1e-9)), 1) - 1 for share in shares]
     found = np.full((len(shares), *shape), np.inf, dtype=np.float32)
-    for top in range(0, shape[0], ROWS_AT_ONCE):
-        block = found[:, top : top + ROWS_AT_ONCE]
+    rows_at_once = max(TIMES_AT_ONCE // (count * shape[1]), 1)
+    for top in range(0, shape[0], rows_at_once):
+        block = found[:, top : top + rows_at_once]
         stack = np.full((count, *block.shape[1:]), np.inf, dtype=np.float32)
         for layer, window in zip(stack, windows, strict=True):
             first = max(window.top, top)

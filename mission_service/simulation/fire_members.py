@@ -37,6 +37,7 @@ from mission_service.simulation.fire_alone import check_times, in_words, reaches
 from mission_service.simulation.result_files import (
     missing,
     numbered,
+    reading,
     recipe_of,
     results_folder,
     whole_files,
@@ -147,9 +148,11 @@ def _save(window: Window, path: Path) -> None:
 
 def _read(folder: Path, count: int) -> Iterator[Window]:
     for number in range(count):
-        with np.load(numbered(folder, number, SUFFIX)) as file:
+        path = numbered(folder, number, SUFFIX)
+        with reading(path), path.open("rb") as raw, np.load(raw) as file:
             top, left = file["corner"].tolist()
-            yield Window(top, left, file["after_s"], file["flame_m"])
+            window = Window(top, left, file["after_s"], file["flame_m"])
+        yield window
 
 
 def _write(scenario: Scenario, job: Job, windows: list[Window], folder: Path) -> dict[str, Any]:

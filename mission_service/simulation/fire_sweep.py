@@ -26,6 +26,7 @@ from mission_service.simulation.fire_alone import check_times, reaches_edge, wri
 from mission_service.simulation.result_files import (
     missing,
     numbered,
+    reading,
     recipe_of,
     results_folder,
     whole_files,
@@ -49,9 +50,14 @@ class Sweep:
     def load(self, number: int) -> Scenario:
         """Return the scenario of a run. Raises ScenarioError for an invalid combination."""
         pairs = zip(self.keys, self.values[number], strict=True)
-        return load_scenario(
-            self.scenario, (*self.overrides, *(f"{key}={value}" for key, value in pairs))
-        )
+        changes = tuple(f"{key}={value}" for key, value in pairs)
+        try:
+            return load_scenario(self.scenario, (*self.overrides, *changes))
+        except ScenarioError as error:
+            option, _, rest = str(error).partition(": ")
+            if option.removeprefix("--set ") in changes:
+                raise ScenarioError(f"--vary {option.removeprefix('--set ')}: {rest}") from None
+            raise
 
     def label(self, number: int) -> str:
         """Return the values of a run in words."""
@@ -129,10 +135,7 @@ def run_sweep(
             for place, (number, text) in enumerate(zip(absent, found, strict=True), start=1):
                 write_text_whole(numbered(results, number, SUFFIX), text)
                 progress(len(scenarios) - len(absent) + place)
-        features = [
-            json.loads(numbered(results, number, SUFFIX).read_text(encoding="utf-8"))
-            for number in range(len(scenarios))
-        ]
+        features = [_read(numbered(results, n, SUFFIX)) for n in range(len(scenarios))]
         with whole_files(folder) as part:
             _write(part, features)
     areas_ha = [each["properties"]["area_ha"] for each in features]
@@ -170,6 +173,12 @@ def swept_run(number: int, sweep: Sweep) -> str:
 @lru_cache(maxsize=4)
 def _landscape(section: str) -> Landscape:
     return landscape_in(LandscapeSection.model_validate_json(section))
+
+
+def _read(path: Path) -> dict[str, Any]:
+    with reading(path):
+        feature: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    return feature
 
 
 def _write(folder: Path, features: list[dict[str, Any]]) -> None:

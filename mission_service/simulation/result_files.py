@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import firemodel
 from firemodel.compiled import cache_folder
@@ -108,6 +109,17 @@ def difference(before: Any, now: Any, key: str = "") -> str:
         return f"{key}: before {json.dumps(before)[:60]}, now {json.dumps(now)[:60]}"
     name, old, new = next(pair for pair in pairs if pair[1] != pair[2])
     return difference(old, new, f"{key}.{name}" if key else name)
+
+
+@contextmanager
+def reading(path: Path) -> Iterator[None]:
+    """Report a damaged result within the context as a MissionServiceError with the remedy."""
+    try:
+        yield
+    except (ValueError, KeyError, EOFError, BadZipFile) as error:
+        raise MissionServiceError(
+            f"{path}: is damaged ({' '.join(str(error).split())}); delete it and repeat the command"
+        ) from None
 
 
 def numbered(folder: Path, number: int, suffix: str) -> Path:

@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from firemodel.ensemble import products
 from firemodel.ensemble.draws import Draw, latin_draws, random_draws
 from firemodel.ensemble.member_fires import Ensemble, Start, Window, burned_windows
 from firemodel.ensemble.products import (
@@ -193,7 +194,8 @@ def test_products_agree_with_a_count_of_members() -> None:
     assert mean_flame_length_m(windows, shape) == pytest.approx(expected, nan_ok=True, rel=1e-6)
 
 
-def test_quantiles_over_several_blocks_of_rows() -> None:
+def test_quantiles_over_several_blocks_of_rows(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(products, "TIMES_AT_ONCE", 1000)  # 100 rows of 5 cells of 2 members
     tall = Window(200, 3, np.arange(120, dtype=np.float32).reshape(120, 1), np.empty((120, 1)))
     none = Window(0, 0, np.empty((0, 0), np.float32), np.empty((0, 0), np.float32))
     half, all_s = arrival_quantiles_s([tall, none], (600, 5), [0.5, 0.6])

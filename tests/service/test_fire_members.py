@@ -152,6 +152,19 @@ def test_other_settings_are_refused_and_name_the_difference(tmp_path: Path) -> N
     assert files_in(out) == before
 
 
+def test_a_damaged_result_is_named(tmp_path: Path) -> None:
+    flat, out = write_flat(tmp_path), tmp_path / "out"
+    burn(flat, out, "--members", "2")
+    damaged = out / "members" / "000001.npz"
+    for content in (b"", damaged.read_bytes()[:-30], b"text"):
+        damaged.write_bytes(content)
+        line = refused(str(flat), "-o", str(out), "--members", "2")
+        assert f"{damaged}: is damaged" in line
+        assert "delete it and repeat" in line
+    damaged.unlink()
+    burn(flat, out, "--members", "2")
+
+
 def test_changed_input_files_are_refused(tmp_path: Path) -> None:
     site, out = write_site(tmp_path), tmp_path / "out"
     scenario = write_scenario(site, head=HEAD)

@@ -86,6 +86,14 @@ def test_a_failed_sweep_names_the_run_and_can_be_corrected(tmp_path: Path) -> No
     assert sweep(flat, out, "--vary", f"{key}=37.0,37.001")["runs"] == 2
 
 
+def test_an_unknown_key_is_refused(tmp_path: Path) -> None:
+    flat = write_flat(tmp_path)
+    for key, text in [("weather.9.at_s", "--vary weather.9.at_s=1: "), ("fire.no", "fire.no")]:
+        result = call("fire", "sweep", str(flat), "-o", str(tmp_path), "--vary", f"{key}=1,2")
+        assert result.exit_code == 1
+        assert text in result.output
+
+
 def test_ranges_contain_their_ends_and_are_exact() -> None:
     assert sweep_of("x", (), ["a=0.1:0.5:0.1"]).values == (
         ("0.1",),
