@@ -2,11 +2,13 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
+from firemodel.ensemble.uncertainty import Uncertainty
 from firemodel.input_warnings import FireInputs, input_warnings
 from firemodel.landscape.default import jacksboro
 from firemodel.landscape.flat import flat_landscape
@@ -34,7 +36,11 @@ STALLED = 100  # updates without growth after which the fire is checked for burn
 
 def landscape_of(scenario: Scenario) -> Landscape:
     """Return the landscape of a scenario, with its barriers."""
-    section = scenario.landscape
+    return landscape_in(scenario.landscape)
+
+
+def landscape_in(section: LandscapeSection) -> Landscape:
+    """Return the landscape that a scenario's table describes, with its barriers."""
     if section.source == "jacksboro":
         found = jacksboro(section.rows, section.cols, section.cell_size_m)
     elif section.source == "flat":
@@ -210,7 +216,7 @@ def warnings_on(scenario: Scenario, landscape: Landscape) -> list[str]:
         lines += repairs_of(scenario.fire.perimeter, scenario.fire.perimeter_feature)
     if scenario.weather_file is not None:
         lines += _ignored_in(scenario.weather_file)
-    ignitions = _ignitions_of(scenario, landscape)
+    ignitions = ignitions_of(scenario, landscape)
     return lines + input_warnings(
         FireInputs(landscape, weather_of(scenario), ignitions, scenario.duration_s)
     )
@@ -228,7 +234,7 @@ def _ignored_in(section: WeatherFile) -> list[str]:
 
 def fire_of(scenario: Scenario, landscape: Landscape) -> Fire:
     """Return the fire of a scenario at its start."""
-    ignitions = _ignitions_of(scenario, landscape)
+    ignitions = ignitions_of(scenario, landscape)
     burning = burning_of(scenario, landscape)
     return _fire(scenario, landscape, weather_of(scenario), ignitions, burning)
 
@@ -240,18 +246,19 @@ def check_fire(scenario: Scenario, landscape: Landscape) -> None:
     if burning is not None:
         check_burning(burning, landscape)
         at_s = burning.at_s
-    check_ignitions(landscape, _ignitions_of(scenario, landscape), at_s)
+    check_ignitions(landscape, ignitions_of(scenario, landscape), at_s)
 
 
 def begun_again(
     scenario: Scenario, landscape: Landscape, burning: Burning, weather: WeatherStream
 ) -> Fire:
     """Return the fire of a scenario, restarted from a burning state and with later ignitions."""
-    later = [each for each in _ignitions_of(scenario, landscape) if each[2] > burning.at_s]
+    later = [each for each in ignitions_of(scenario, landscape) if each[2] > burning.at_s]
     return _fire(scenario, landscape, weather, later, burning)
 
 
-def _ignitions_of(scenario: Scenario, landscape: Landscape) -> list[CellIgnition]:
+def ignitions_of(scenario: Scenario, landscape: Landscape) -> list[CellIgnition]:
+    """Return the cells that the scenario lights: row, column, time in s."""
     section = scenario.fire
     ignitions: list[CellIgnition] = [
         (row, col, ignition.at_s)
@@ -275,9 +282,18 @@ def _fire(
     ignitions: list[CellIgnition],
     burning: Burning | None,
 ) -> Fire:
-    name = scenario.fire.scheme
-    settings = {each: getattr(scenario.fire, each) for each in SCHEMES[name].settings}
+    name, settings = scenario.fire.scheme, settings_of(scenario)
     return new_fire(name, landscape, weather, ignitions, burning, seed=scenario.seed, **settings)
+
+
+def settings_of(scenario: Scenario) -> dict[str, Any]:
+    """Return the settings of the scenario's spread scheme."""
+    return {each: getattr(scenario.fire, each) for each in SCHEMES[scenario.fire.scheme].settings}
+
+
+def uncertainty_of(scenario: Scenario) -> Uncertainty:
+    """Return how uncertain the scenario's inputs are, from its table [ensemble]."""
+    return Uncertainty(**scenario.ensemble.model_dump())
 
 
 def fire_position(scenario: Scenario, landscape: Landscape) -> tuple[float, float]:

@@ -2,7 +2,8 @@
 
 import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -41,20 +42,10 @@ def run_fire(
     """
     if netcdf:
         check_netcdf()
-    first_s = min((ignition.at_s for ignition in scenario.ignition), default=0.0)
-    given = scenario.fire.perimeter or scenario.fire.arrival
-    if first_s >= scenario.duration_s and not given:
-        raise ScenarioError(
-            f"{scenario.name}: the first ignition is at_s = {first_s:g}, which must be before "
-            f"duration_s = {scenario.duration_s:g}"
-        )
+    check_times(scenario)
     landscape = landscape_of(scenario)
     fire = fire_of(scenario, landscape)
     start_s = fire.time_s
-    if start_s >= scenario.duration_s:
-        raise ScenarioError(
-            f"{scenario.name}: fire.burning_at_s = {start_s:g} must be before duration_s"
-        )
     times_s = _times_s(start_s, scenario.duration_s, front_every_s)
     lines = warnings_on(scenario, landscape)
     for line in lines:
@@ -66,14 +57,38 @@ def run_fire(
     if (reached := at_edge(fire)) is not None:
         lines.append(str(reached))
         warn(str(reached))
-    try:
+    with writing(folder):
         if netcdf:
             path = folder / "fire.nc"
             write_netcdf(path, fire, times_s, scenario.name, scenario.time_zero)
         return _write(scenario, fire, folder, times_s, lines)
+
+
+@contextmanager
+def writing(folder: Path) -> Iterator[None]:
+    """Report an OSError within the context as a ScenarioError that names the file or folder."""
+    try:
+        yield
     except OSError as error:
         reason = error.strerror or " ".join(str(error).split())
         raise ScenarioError(f"{error.filename or folder}: cannot be written: {reason}") from None
+
+
+def check_times(scenario: Scenario) -> None:
+    """Raise ScenarioError unless a fire burns before the scenario's end."""
+    section, end_s = scenario.fire, scenario.duration_s
+    given = section.perimeter or section.arrival
+    first_s = min((ignition.at_s for ignition in scenario.ignition), default=0.0)
+    if first_s >= end_s and not given:
+        raise ScenarioError(
+            f"{scenario.name}: the first ignition is at_s = {first_s:g}, which must be before "
+            f"duration_s = {end_s:g}"
+        )
+    if (given or section.initial_cells) and section.burning_at_s >= end_s:
+        raise ScenarioError(
+            f"{scenario.name}: fire.burning_at_s = {section.burning_at_s:g} must be before "
+            "duration_s"
+        )
 
 
 def _times_s(start_s: float, end_s: float, every_s: float) -> list[float]:
