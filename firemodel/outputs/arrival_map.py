@@ -13,7 +13,13 @@ from firemodel.arrays import Floats
 from firemodel.landscape.landscape import Landscape
 from firemodel.outputs.front_files import M2_PER_ACRE
 from firemodel.outputs.graticule import Frame, draw_graticule, draw_north
-from firemodel.outputs.raster_layers import FUEL_GROUPS, FUEL_LAYER, Layer, arrival_layer
+from firemodel.outputs.raster_layers import (
+    FUEL_GROUPS,
+    FUEL_LAYER,
+    Layer,
+    arrival_layer,
+    arrival_layer_of,
+)
 from firemodel.outputs.whole_file import whole_file
 from firemodel.physics.fuels import NON_BURNABLE
 from firemodel.spread.fire_scheme import Fire
@@ -38,7 +44,8 @@ def draw_map(path: Path | str, fire: Fire, title: str, time_zero: datetime | Non
     land = fire.landscape
     arrival_s = np.where(fire.burned(), fire.arrival_time_s, np.inf)
     frame = frame_around(land, arrival_s)
-    figure, axes = start_map(land, arrival_s, frame, isochrones=True, time_zero=time_zero)
+    layer = arrival_layer_of(fire, time_zero)
+    figure, axes = start_map(land, arrival_s, frame, isochrones=True, layer=layer)
     set_title(axes, title, status_line(fire, time_zero))
     with whole_file(Path(path)) as part:
         figure.savefig(part, format="png", metadata={"Software": None})
@@ -68,11 +75,12 @@ def start_map(
     frame: Frame,
     *,
     isochrones: bool = False,
-    time_zero: datetime | None = None,
+    layer: Layer | None = None,
 ) -> tuple[Any, Any]:
     """Return a figure and its axes, which show the base map and the fire, with a legend.
 
-    The axes are in km from the south-west corner, and labelled with the graticule.
+    The axes are in km from the south-west corner, and labelled with the graticule. The classes of
+    arrival are those of ``layer``; without it they are made from the times on the map.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.colors import LightSource
@@ -93,7 +101,7 @@ def start_map(
     parts = {}
     times_s = np.ma.masked_invalid(np.where(np.isfinite(arrival_s), arrival_s, np.nan))[window]
     if times_s.count():
-        layer = arrival_layer(float(times_s.min()), float(times_s.max()), time_zero)
+        layer = layer or arrival_layer(float(times_s.min()), float(times_s.max()), None)
         fire = _coloured(times_s.filled(np.nan), layer, FIRE_ALPHA)
         axes.imshow(fire, extent=extent, interpolation="nearest")
         parts["Arrival of fire"] = [(each.colour, each.label) for each in layer.classes]

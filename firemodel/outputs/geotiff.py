@@ -18,7 +18,7 @@ from firemodel.outputs.raster_layers import (
     SPREAD_TOWARD_LAYER,
     STATE_LAYER,
     Layer,
-    arrival_layer,
+    arrival_layer_of,
 )
 from firemodel.outputs.whole_file import whole_file, write_whole
 from firemodel.spread.behaviour import behaviour_of
@@ -105,11 +105,9 @@ def write_rasters(
         OSError: A file cannot be written.
     """
     found = behaviour_of(fire)
-    burned = fire.burned()
-    arrival_s = np.where(burned, fire.arrival_time_s, np.nan)
-    first_s = float(np.nanmin(arrival_s)) if burned.any() else 0.0
+    arrival_s = np.where(fire.burned(), fire.arrival_time_s, np.nan)
     layers = {
-        "arrival_time_s": (arrival_s, arrival_layer(first_s, fire.time_s, time_zero)),
+        "arrival_time_s": (arrival_s, arrival_layer_of(fire, time_zero)),
         "spread_rate_m_s": (found.spread_rate_m_s, SPREAD_RATE_LAYER),
         "spread_toward_deg": (found.toward_deg, SPREAD_TOWARD_LAYER),
         "flame_length_m": (found.flame_length_m, FLAME_LENGTH_LAYER),

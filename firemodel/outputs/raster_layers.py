@@ -11,6 +11,7 @@ from datetime import datetime, timedelta
 from typing import NamedTuple
 
 from firemodel.physics.fuels import FUEL_MODELS, NON_BURNABLE
+from firemodel.spread.fire_scheme import Fire
 
 MAX_ARRIVAL_CLASSES = 12
 SHORT_FIRE_S = 3 * 3600.0  # a shorter fire has classes shorter than an hour
@@ -104,6 +105,12 @@ def arrival_layer(
     labels = [_span(limit - step_s, limit, time_zero) for limit in limits]
     classes = tuple(map(ColourClass, limits, shades(len(limits)), labels))
     return Layer(f"{what}, {after_zero(time_zero)}", "s", classes)
+
+
+def arrival_layer_of(fire: Fire, time_zero: datetime | None) -> Layer:
+    """Return the layer of a fire's times of arrival, until the time to which it has advanced."""
+    first_s = float(fire.arrival_time_s.min())
+    return arrival_layer(min(first_s, fire.time_s), fire.time_s, time_zero)
 
 
 def _span(from_s: float, to_s: float, time_zero: datetime | None) -> str:
