@@ -48,7 +48,7 @@ def write_raster(path: Path, values: NDArray[Any], landscape: Landscape, layer: 
         FireModelError: The array has another shape than the landscape.
         OSError: A file cannot be written.
     """
-    import rasterio
+    from rasterio.io import MemoryFile
 
     if values.shape != landscape.shape:
         raise FireModelError(
@@ -61,11 +61,9 @@ def write_raster(path: Path, values: NDArray[Any], landscape: Landscape, layer: 
         array = np.where(np.isfinite(values), values, NO_VALUE).astype(np.float32)
         # A mean of directions has no meaning.
         nodata, overviews = NO_VALUE, "NEAREST" if layer.unit == "degree" else "AVERAGE"
-    with (
-        whole_file(path) as part,
-        rasterio.open(
-            part,
-            "w",
+    # In memory, because GDAL reports a full disk by an exception that is not public.
+    with MemoryFile() as memory:
+        with memory.open(
             driver="COG",
             height=landscape.shape[0],
             width=landscape.shape[1],
@@ -77,13 +75,14 @@ def write_raster(path: Path, values: NDArray[Any], landscape: Landscape, layer: 
             compress="DEFLATE",
             predictor="YES",
             overview_resampling=overviews,
-        ) as file,
-    ):
-        file.write(array, 1)
-        file.set_band_description(1, layer.description)
-        file.units = (layer.unit,)
-        if layer.categorical:
-            file.write_colormap(1, {int(each.upto): (*each.rgb, 255) for each in layer.classes})
+        ) as file:
+            file.write(array, 1)
+            file.set_band_description(1, layer.description)
+            file.units = (layer.unit,)
+            if layer.categorical:
+                file.write_colormap(1, {int(each.upto): (*each.rgb, 255) for each in layer.classes})
+        with whole_file(path) as part:
+            part.write_bytes(memory.read())
     write_whole(path.with_suffix(".qml"), raster_qml(layer))
 
 
