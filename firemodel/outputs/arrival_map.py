@@ -14,11 +14,11 @@ from firemodel.landscape.landscape import Landscape
 from firemodel.outputs.front_files import M2_PER_ACRE
 from firemodel.outputs.graticule import Frame, draw_graticule, draw_north
 from firemodel.outputs.raster_layers import (
-    FUEL_GROUPS,
-    FUEL_LAYER,
     Layer,
     arrival_layer,
     arrival_layer_of,
+    fuel_groups,
+    fuel_layer,
 )
 from firemodel.outputs.whole_file import whole_file
 from firemodel.physics.fuels import NON_BURNABLE
@@ -97,7 +97,8 @@ def start_map(
     shade = LightSource(315, 45).shade_normals(normals)
     axes.imshow(shade, cmap="gray", extent=extent, vmin=-0.4, vmax=1.1, interpolation="bilinear")
     codes = land.fuel_model[window]
-    axes.imshow(_coloured(codes, FUEL_LAYER, FUEL_ALPHA), extent=extent, interpolation="nearest")
+    fuel = _coloured(codes, fuel_layer(codes), FUEL_ALPHA)
+    axes.imshow(fuel, extent=extent, interpolation="nearest")
     parts = {}
     times_s = np.ma.masked_invalid(np.where(np.isfinite(arrival_s), arrival_s, np.nan))[window]
     if times_s.count():
@@ -107,7 +108,8 @@ def start_map(
         parts["Arrival of fire"] = [(each.colour, each.label) for each in layer.classes]
         if isochrones:
             _draw_isochrones(axes, times_s / 3600.0, extent)
-    present = [(hue, name) for name, some, hue in FUEL_GROUPS if np.isin(codes, some).any()]
+    groups = [group for group in fuel_groups(codes) if np.isin(codes, group.codes).any()]
+    present = [(group.colour, group.name) for group in groups]
     parts["Fuel"] = [*present, *_unburnable(codes)]
     axes.set_xlabel(NOTE.format(crs=land.crs if len(land.crs) < 20 else "Grid"), fontsize=9)
     draw_graticule(axes, land, frame)
@@ -130,7 +132,7 @@ def _unburnable(codes: NDArray[Any]) -> list[tuple[str, str]]:
     """Return the colours and names of the codes in a map that do not burn."""
     return [
         (each.colour, each.label)
-        for each in FUEL_LAYER.classes
+        for each in fuel_layer(codes).classes
         if each.upto in NON_BURNABLE and (codes == each.upto).any()
     ]
 

@@ -12,20 +12,19 @@ from firemodel.landscape.landscape import Landscape
 from firemodel.outputs.qgis_styles import raster_qml
 from firemodel.outputs.raster_layers import (
     FLAME_LENGTH_LAYER,
-    FUEL_LAYER,
     INTENSITY_LAYER,
     SPREAD_RATE_LAYER,
     SPREAD_TOWARD_LAYER,
     STATE_LAYER,
     Layer,
     arrival_layer_of,
+    fuel_layer,
 )
 from firemodel.outputs.whole_file import whole_file, write_whole
 from firemodel.spread.behaviour import behaviour_of
 from firemodel.spread.fire_scheme import Fire
 
 NO_VALUE = -1.0  # of float32 layers, none of which has negative values
-NO_CODE = 255.0
 
 
 def write_raster(path: Path, values: NDArray[Any], landscape: Landscape, layer: Layer) -> None:
@@ -38,8 +37,9 @@ def write_raster(path: Path, values: NDArray[Any], landscape: Landscape, layer: 
     Args:
         path: The file to write, ending in .tif, in an existing folder.
         values: (y, x) of the landscape's shape, row 0 in the north. Codes are integers from 0 to
-            254 and written as uint8. Other values are not negative and written as float32; where
-            they are NaN or infinite the file has no data (-1).
+            65534, written as uint8 if they are all below 255, else as uint16. Other values are not
+            negative and written as float32; where they are NaN or infinite the file has no data
+            (-1).
         landscape: The grid and CRS.
         layer: Description, unit and classes, for example ``raster_layers.PROBABILITY_LAYER`` or
             ``arrival_layer(...)``.
@@ -56,7 +56,8 @@ def write_raster(path: Path, values: NDArray[Any], landscape: Landscape, layer: 
             "must be (rows, columns) of the same size"
         )
     if layer.categorical:
-        array, nodata, overviews = values.astype(np.uint8), NO_CODE, "MODE"
+        dtype = np.uint8 if values.max() < np.iinfo(np.uint8).max else np.uint16
+        array, nodata, overviews = values.astype(dtype), float(np.iinfo(dtype).max), "MODE"
     else:
         array = np.where(np.isfinite(values), values, NO_VALUE).astype(np.float32)
         # A mean of directions has no meaning.
@@ -103,7 +104,7 @@ def write_rasters(
     Raises:
         OSError: A file cannot be written.
     """
-    found = behaviour_of(fire)
+    found, codes = behaviour_of(fire), fire.landscape.fuel_model
     arrival_s = np.where(fire.burned(), fire.arrival_time_s, np.nan)
     layers = {
         "arrival_time_s": (arrival_s, arrival_layer_of(fire, time_zero)),
@@ -112,7 +113,7 @@ def write_rasters(
         "flame_length_m": (found.flame_length_m, FLAME_LENGTH_LAYER),
         "fireline_intensity_kw_m": (found.intensity_kw_m, INTENSITY_LAYER),
         "state": (fire.state_at(fire.time_s), STATE_LAYER),
-        "fuel_model": (fire.landscape.fuel_model, FUEL_LAYER),
+        "fuel_model": (codes, fuel_layer(codes)),
     }
     paths = {}
     for name, (values, layer) in layers.items():
