@@ -13,7 +13,13 @@ from firemodel.arrays import Floats
 from firemodel.landscape.landscape import Landscape
 from firemodel.outputs.front_files import M2_PER_ACRE
 from firemodel.outputs.graticule import Frame, draw_graticule, draw_north
-from firemodel.outputs.raster_layers import FUEL_GROUPS, FUEL_LAYER, Layer, arrival_layer
+from firemodel.outputs.raster_layers import (
+    Layer,
+    arrival_layer,
+    arrival_layer_of,
+    fuel_groups,
+    fuel_layer,
+)
 from firemodel.outputs.whole_file import whole_file
 from firemodel.physics.fuels import NON_BURNABLE
 from firemodel.spread.fire_scheme import Fire
@@ -37,7 +43,8 @@ def draw_map(path: Path | str, fire: Fire, title: str, time_zero: datetime | Non
     """
     arrival_s = np.where(fire.burned(), fire.arrival_time_s, np.inf)
     line = status_line(fire, time_zero)
-    draw_arrival(Path(path), fire.landscape, arrival_s, title, line, time_zero)
+    layer = arrival_layer_of(fire, time_zero)
+    draw_arrival(Path(path), fire.landscape, arrival_s, title, line, layer)
 
 
 def draw_arrival(
@@ -46,11 +53,11 @@ def draw_arrival(
     arrival_s: Floats,
     title: str,
     line: str,
-    time_zero: datetime | None,
+    layer: Layer,
 ) -> None:
     """Draw times of arrival (y, x) as ``draw_map`` does, with a line of facts below the title."""
     frame = frame_around(land, arrival_s)
-    figure, axes = start_map(land, arrival_s, frame, isochrones=True, time_zero=time_zero)
+    figure, axes = start_map(land, arrival_s, frame, isochrones=True, layer=layer)
     set_title(axes, title, line)
     with whole_file(path) as part:
         figure.savefig(part, format="png", metadata={"Software": None})
@@ -88,11 +95,12 @@ def start_map(
     frame: Frame,
     *,
     isochrones: bool = False,
-    time_zero: datetime | None = None,
+    layer: Layer | None = None,
 ) -> tuple[Any, Any]:
     """Return a figure and its axes, which show the base map and the fire, with a legend.
 
-    The axes are in km from the south-west corner, and labelled with the graticule.
+    The axes are in km from the south-west corner, and labelled with the graticule. The classes of
+    arrival are those of ``layer``; without it they are made from the times on the map.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.colors import LightSource
@@ -109,17 +117,19 @@ def start_map(
     shade = LightSource(315, 45).shade_normals(normals)
     axes.imshow(shade, cmap="gray", extent=extent, vmin=-0.4, vmax=1.1, interpolation="bilinear")
     codes = land.fuel_model[window]
-    axes.imshow(_coloured(codes, FUEL_LAYER, FUEL_ALPHA), extent=extent, interpolation="nearest")
+    fuel = _coloured(codes, fuel_layer(codes), FUEL_ALPHA)
+    axes.imshow(fuel, extent=extent, interpolation="nearest")
     parts = {}
     times_s = np.ma.masked_invalid(np.where(np.isfinite(arrival_s), arrival_s, np.nan))[window]
     if times_s.count():
-        layer = arrival_layer(float(times_s.min()), float(times_s.max()), time_zero)
+        layer = layer or arrival_layer(float(times_s.min()), float(times_s.max()), None)
         fire = _coloured(times_s.filled(np.nan), layer, FIRE_ALPHA)
         axes.imshow(fire, extent=extent, interpolation="nearest")
         parts["Arrival of fire"] = [(each.colour, each.label) for each in layer.classes]
         if isochrones:
             _draw_isochrones(axes, times_s / 3600.0, extent)
-    present = [(hue, name) for name, some, hue in FUEL_GROUPS if np.isin(codes, some).any()]
+    groups = [group for group in fuel_groups(codes) if np.isin(codes, group.codes).any()]
+    present = [(group.colour, group.name) for group in groups]
     parts["Fuel"] = [*present, *_unburnable(codes)]
     axes.set_xlabel(NOTE.format(crs=land.crs if len(land.crs) < 20 else "Grid"), fontsize=9)
     draw_graticule(axes, land, frame)
@@ -142,7 +152,7 @@ def _unburnable(codes: NDArray[Any]) -> list[tuple[str, str]]:
     """Return the colours and names of the codes in a map that do not burn."""
     return [
         (each.colour, each.label)
-        for each in FUEL_LAYER.classes
+        for each in fuel_layer(codes).classes
         if each.upto in NON_BURNABLE and (codes == each.upto).any()
     ]
 

@@ -13,7 +13,7 @@ from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
 from firemodel.outputs.fronts_kml import fronts_kml
 from firemodel.outputs.qgis_styles import fronts_qml
-from firemodel.outputs.raster_layers import after_zero, arrival_layer
+from firemodel.outputs.raster_layers import after_zero, arrival_layer_of
 from firemodel.outputs.whole_file import write_whole
 from firemodel.spread.fire_scheme import Fire
 
@@ -103,7 +103,7 @@ def write_fronts(
     """
     path = Path(path)
     found = fronts_geojson(fire, times_s, name, time_zero)
-    layer = arrival_layer(min(times_s, default=0.0), max(times_s, default=0.0), time_zero)
+    layer = arrival_layer_of(fire, time_zero)
     try:
         write_whole(path, json.dumps(found) + "\n")
         write_whole(path.with_suffix(".qml"), fronts_qml(layer))

@@ -12,20 +12,19 @@ from firemodel.landscape.landscape import Landscape
 from firemodel.outputs.qgis_styles import raster_qml
 from firemodel.outputs.raster_layers import (
     FLAME_LENGTH_LAYER,
-    FUEL_LAYER,
     INTENSITY_LAYER,
     SPREAD_RATE_LAYER,
     SPREAD_TOWARD_LAYER,
     STATE_LAYER,
     Layer,
-    arrival_layer,
+    arrival_layer_of,
+    fuel_layer,
 )
 from firemodel.outputs.whole_file import whole_file, write_whole
 from firemodel.spread.behaviour import behaviour_of
 from firemodel.spread.fire_scheme import Fire
 
 NO_VALUE = -1.0  # of float32 layers, none of which has negative values
-NO_CODE = 255.0
 
 
 def write_raster(path: Path, values: NDArray[Any], landscape: Landscape, layer: Layer) -> None:
@@ -38,8 +37,9 @@ def write_raster(path: Path, values: NDArray[Any], landscape: Landscape, layer: 
     Args:
         path: The file to write, ending in .tif, in an existing folder.
         values: (y, x) of the landscape's shape, row 0 in the north. Codes are integers from 0 to
-            254 and written as uint8. Other values are not negative and written as float32; where
-            they are NaN or infinite the file has no data (-1).
+            65534, written as uint8 if they are all below 255, else as uint16. Other values are not
+            negative and written as float32; where they are NaN or infinite the file has no data
+            (-1).
         landscape: The grid and CRS.
         layer: Description, unit and classes, for example ``raster_layers.PROBABILITY_LAYER`` or
             ``arrival_layer(...)``.
@@ -48,7 +48,7 @@ def write_raster(path: Path, values: NDArray[Any], landscape: Landscape, layer: 
         FireModelError: The array has another shape than the landscape.
         OSError: A file cannot be written.
     """
-    import rasterio
+    from rasterio.io import MemoryFile
 
     if values.shape != landscape.shape:
         raise FireModelError(
@@ -56,16 +56,15 @@ def write_raster(path: Path, values: NDArray[Any], landscape: Landscape, layer: 
             "must be (rows, columns) of the same size"
         )
     if layer.categorical:
-        array, nodata, overviews = values.astype(np.uint8), NO_CODE, "MODE"
+        dtype = np.uint8 if values.max() < np.iinfo(np.uint8).max else np.uint16
+        array, nodata, overviews = values.astype(dtype), float(np.iinfo(dtype).max), "MODE"
     else:
         array = np.where(np.isfinite(values), values, NO_VALUE).astype(np.float32)
         # A mean of directions has no meaning.
         nodata, overviews = NO_VALUE, "NEAREST" if layer.unit == "degree" else "AVERAGE"
-    with (
-        whole_file(path) as part,
-        rasterio.open(
-            part,
-            "w",
+    # In memory, because GDAL reports a full disk by an exception that is not public.
+    with MemoryFile() as memory:
+        with memory.open(
             driver="COG",
             height=landscape.shape[0],
             width=landscape.shape[1],
@@ -77,13 +76,14 @@ def write_raster(path: Path, values: NDArray[Any], landscape: Landscape, layer: 
             compress="DEFLATE",
             predictor="YES",
             overview_resampling=overviews,
-        ) as file,
-    ):
-        file.write(array, 1)
-        file.set_band_description(1, layer.description)
-        file.units = (layer.unit,)
-        if layer.categorical:
-            file.write_colormap(1, {int(each.upto): (*each.rgb, 255) for each in layer.classes})
+        ) as file:
+            file.write(array, 1)
+            file.set_band_description(1, layer.description)
+            file.units = (layer.unit,)
+            if layer.categorical:
+                file.write_colormap(1, {int(each.upto): (*each.rgb, 255) for each in layer.classes})
+        with whole_file(path) as part:
+            part.write_bytes(memory.read())
     write_whole(path.with_suffix(".qml"), raster_qml(layer))
 
 
@@ -104,18 +104,16 @@ def write_rasters(
     Raises:
         OSError: A file cannot be written.
     """
-    found = behaviour_of(fire)
-    burned = fire.burned()
-    arrival_s = np.where(burned, fire.arrival_time_s, np.nan)
-    first_s = float(np.nanmin(arrival_s)) if burned.any() else 0.0
+    found, codes = behaviour_of(fire), fire.landscape.fuel_model
+    arrival_s = np.where(fire.burned(), fire.arrival_time_s, np.nan)
     layers = {
-        "arrival_time_s": (arrival_s, arrival_layer(first_s, fire.time_s, time_zero)),
+        "arrival_time_s": (arrival_s, arrival_layer_of(fire, time_zero)),
         "spread_rate_m_s": (found.spread_rate_m_s, SPREAD_RATE_LAYER),
         "spread_toward_deg": (found.toward_deg, SPREAD_TOWARD_LAYER),
         "flame_length_m": (found.flame_length_m, FLAME_LENGTH_LAYER),
         "fireline_intensity_kw_m": (found.intensity_kw_m, INTENSITY_LAYER),
         "state": (fire.state_at(fire.time_s), STATE_LAYER),
-        "fuel_model": (fire.landscape.fuel_model, FUEL_LAYER),
+        "fuel_model": (codes, fuel_layer(codes)),
     }
     paths = {}
     for name, (values, layer) in layers.items():

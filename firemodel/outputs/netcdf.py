@@ -13,13 +13,13 @@ from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
 from firemodel.outputs.raster_layers import (
     FLAME_LENGTH_LAYER,
-    FUEL_LAYER,
     INTENSITY_LAYER,
     SPREAD_RATE_LAYER,
     SPREAD_TOWARD_LAYER,
     STATE_LAYER,
     Layer,
     after_zero,
+    fuel_layer,
 )
 from firemodel.outputs.whole_file import whole_file
 from firemodel.spread.behaviour import behaviour_of
@@ -127,7 +127,8 @@ def _add_behaviour(file: "Dataset", fire: Fire, time_zero: datetime | None) -> N
     for name, (values, layer) in layers.items():
         _add_cells(file, name, values, {"long_name": layer.description, "units": layer.unit})
     codes = fire.landscape.fuel_model
-    fuel = {"long_name": FUEL_LAYER.description, **_flags(FUEL_LAYER, np.int16), **GRID}
+    layer = fuel_layer(codes)
+    fuel = {"long_name": layer.description, **_flags(layer, np.int16), **GRID}
     _add(file, "fuel_model", codes, ("y", "x"), fuel)
 
 

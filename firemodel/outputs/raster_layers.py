@@ -10,7 +10,11 @@ from collections.abc import Sequence
 from datetime import datetime, timedelta
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from firemodel.physics.fuels import FUEL_MODELS, NON_BURNABLE
+from firemodel.spread.fire_scheme import Fire
 
 MAX_ARRIVAL_CLASSES = 12
 SHORT_FIRE_S = 3 * 3600.0  # a shorter fire has classes shorter than an hour
@@ -33,6 +37,14 @@ class ColourClass(NamedTuple):
     def rgb(self) -> tuple[int, int, int]:
         """The colour as red, green and blue from 0 to 255."""
         return rgb_of(self.colour)
+
+
+class FuelGroup(NamedTuple):
+    """Similar fuels, and the colour (#rrggbb) of the first of their codes."""
+
+    name: str
+    codes: tuple[int, ...]
+    colour: str
 
 
 class Layer(NamedTuple):
@@ -106,6 +118,12 @@ def arrival_layer(
     return Layer(f"{what}, {after_zero(time_zero)}", "s", classes)
 
 
+def arrival_layer_of(fire: Fire, time_zero: datetime | None) -> Layer:
+    """Return the layer of a fire's times of arrival, until the time to which it has advanced."""
+    first_s = float(fire.arrival_time_s.min())
+    return arrival_layer(min(first_s, fire.time_s), fire.time_s, time_zero)
+
+
 def _span(from_s: float, to_s: float, time_zero: datetime | None) -> str:
     unit_s, unit = (3600.0, "h") if from_s % 3600.0 == to_s % 3600.0 == 0.0 else (60.0, "min")
     label = f"{from_s / unit_s:g}–{to_s / unit_s:g} {unit}"
@@ -114,36 +132,49 @@ def _span(from_s: float, to_s: float, time_zero: datetime | None) -> str:
     return f"{label}, to {time_zero + timedelta(seconds=to_s):%Y-%m-%d %H:%M}"
 
 
-def _fuel_classes() -> tuple[ColourClass, ...]:
-    """Return a class for each fuel code: a hue for each group, darker with the number."""
+def fuel_groups(codes: NDArray[np.integer]) -> list[FuelGroup]:
+    """Return the groups of burnable codes; codes in the array that are not standard are one."""
+    standard = {*FUEL_MODELS, *NON_BURNABLE}
+    custom = tuple(code for code in np.unique(codes).tolist() if code not in standard)
+    return [*FUEL_GROUPS, *([FuelGroup("custom fuel", custom, "#e8b3cf")] if custom else [])]
+
+
+def fuel_layer(codes: NDArray[np.integer]) -> Layer:
+    """Return the layer of fuel codes: a hue for each group, darker with the number.
+
+    Args:
+        codes: Fuel codes of any shape. Those that are not standard are custom fuels.
+    """
     classes = [
-        ColourClass(code, _darker(hue, number / len(codes)), FUEL_MODELS[code].name)
-        for _, codes, hue in FUEL_GROUPS
-        for number, code in enumerate(codes)
+        ColourClass(
+            code,
+            _darker(group.colour, number / len(group.codes)),
+            FUEL_MODELS[code].name if code in FUEL_MODELS else group.name,
+        )
+        for group in fuel_groups(codes)
+        for number, code in enumerate(group.codes)
     ]
     classes += [
         ColourClass(code, NON_BURNABLE_COLOURS.get(code, "#bdbdbd"), name)
         for code, name in NON_BURNABLE.items()
     ]
-    return tuple(sorted(classes))
+    return Layer("fuel model, code", "", tuple(sorted(classes)), categorical=True)
 
 
 def _darker(colour: str, share: float) -> str:
     return "#" + "".join(f"{round(part * (1.0 - 0.6 * share)):02x}" for part in rgb_of(colour))
 
 
-# Groups of burnable codes, each with the colour of its first code.
 FUEL_GROUPS = (
-    ("grass", (1, 2, 3, *range(101, 110)), "#e9efb5"),
-    ("grass and shrub", tuple(range(121, 125)), "#d8c98f"),
-    ("shrub", (4, 5, 6, 7, *range(141, 150)), "#c9a9a0"),
-    ("timber and understory", tuple(range(161, 166)), "#a8cf9a"),
-    ("timber litter", (8, 9, 10, *range(181, 190)), "#8fc4bd"),
-    ("slash and blowdown", (11, 12, 13, *range(201, 205)), "#c3b1dc"),
+    FuelGroup("grass", (1, 2, 3, *range(101, 110)), "#e9efb5"),
+    FuelGroup("grass and shrub", tuple(range(121, 125)), "#d8c98f"),
+    FuelGroup("shrub", (4, 5, 6, 7, *range(141, 150)), "#c9a9a0"),
+    FuelGroup("timber and understory", tuple(range(161, 166)), "#a8cf9a"),
+    FuelGroup("timber litter", (8, 9, 10, *range(181, 190)), "#8fc4bd"),
+    FuelGroup("slash and blowdown", (11, 12, 13, *range(201, 205)), "#c3b1dc"),
 )
 NON_BURNABLE_COLOURS = {91: "#737373", 92: "#ffffff", 93: "#e6e6c8", 98: "#6baed6", 99: "#d9d9d9"}
 
-FUEL_LAYER = Layer("fuel model, codes 1-13 and 91-204", "", _fuel_classes(), categorical=True)
 STATE_LAYER = Layer(
     "state of the cell: 0 unburned, 1 burning, 2 burned, 3 cannot burn",
     "",

@@ -12,6 +12,7 @@ from firemodel.landscape.landscape import Landscape
 from firemodel.outputs.arrival_map import frame_around, set_title, start_map, status_line
 from firemodel.outputs.front_files import write_fronts
 from firemodel.outputs.graticule import km_of
+from firemodel.outputs.raster_layers import arrival_layer_of
 from firemodel.spread.fire_scheme import Fire
 from mission_service.config.scenario import Scenario
 from mission_service.guidance.registry import way_of
@@ -146,7 +147,8 @@ def draw_map(path: Path, scenario: Scenario, record: RunStatistics, fire: Fire) 
     flown_xy_m = np.stack(land.xy_of_lat_lon(*np.array(flown).T), axis=1) if flown else None
     arrival_s = np.where(fire.burned(), fire.arrival_time_s, np.inf)
     frame = frame_around(land, arrival_s, flown_xy_m)
-    figure, axes = start_map(land, arrival_s, frame, time_zero=scenario.time_zero)
+    layer = arrival_layer_of(fire, scenario.time_zero)
+    figure, axes = start_map(land, arrival_s, frame, layer=layer)
     handles = []
     for colour, (name, vehicle) in zip(
         VEHICLE_COLOURS * len(record.vehicles), record.vehicles.items(), strict=False

@@ -181,15 +181,16 @@ def _write(scenario: Scenario, job: Job, windows: list[Window], folder: Path) ->
         what = f"time by which {100 * share:.0f} % of the members have burned the cell"
         layer = arrival_layer(start_s, job.until_s, scenario.time_zero, what)
         write_raster(folder / f"arrival_time_p{100 * share:.0f}_s.tif", time_s, land, layer)
-    layer = FLAME_LENGTH_LAYER._replace(
+    flame_layer = FLAME_LENGTH_LAYER._replace(
         description="mean flame length of the members whose fire comes to the cell"
     )
-    write_raster(folder / "flame_length_m.tif", mean_flame_length_m(windows, shape), land, layer)
+    flame_m = mean_flame_length_m(windows, shape)
+    write_raster(folder / "flame_length_m.tif", flame_m, land, flame_layer)
     median_s = arrival_s[QUANTILES.index(0.5)].astype(np.float64)
     title = f"{scenario.name}: cells that at least half of {job.count} members burn"
     area = area_in_words(np.count_nonzero(np.isfinite(median_s)) * land.cell_size_m**2)
     line = f"{time_in_words(job.until_s, scenario.time_zero)} · {area}"
-    draw_arrival(folder / "map.png", land, median_s, title, line, scenario.time_zero)
+    draw_arrival(folder / "map.png", land, median_s, title, line, layer)
     cell_ha = land.cell_size_m**2 / 1e4
     areas_ha = [np.count_nonzero(np.isfinite(w.after_s)) * cell_ha for w in windows]
     p10, p50, p90 = np.quantile(areas_ha, QUANTILES)

@@ -40,6 +40,9 @@ def land() -> Landscape:
     return landscape(fuel, (300.0 + 3.0 * np.abs(row - 30.0)).astype(np.float32))
 
 
+SETTINGS: dict[str, Any] = {"probabilistic": {"p_spread": 0.1, "update_s": 60.0}}
+
+
 def begun(sky: list[Weather] = SKY, scheme: SchemeName = "anyangle") -> Start:
     settings: dict[str, Any] = (
         {"p_spread": 0.1, "update_s": 60.0} if scheme == "probabilistic" else {}

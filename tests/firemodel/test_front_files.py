@@ -79,7 +79,7 @@ def test_the_style_draws_later_areas_first_in_the_colours_of_the_raster(tmp_path
     assert (renderer.get("attr"), renderer.get("enableorderby")) == ("time_s", "1")
     (order,) = root.iter("orderByClause")
     assert (order.text, order.get("asc")) == ('"time_s"', "0")
-    classes = arrival_layer(TIMES_S[0], TIMES_S[-1], None).classes
+    classes = arrival_layer(0.0, TIMES_S[-1], None).classes
     assert [each.get("label") for each in root.iter("range")] == [each.label for each in classes]
     colours = [each.get("value") for each in root.iter("Option") if each.get("name") == "color"]
     assert colours == ["{},{},{},255".format(*each.rgb) for each in classes]
@@ -104,3 +104,14 @@ def test_a_folder_under_the_name_is_refused_without_remains(tmp_path: Path) -> N
     with pytest.raises(FireModelError, match=r"fronts\.geojson: cannot be written: "):
         write_fronts(tmp_path / "fronts.geojson", fire_round_a_rock(), TIMES_S, "rock")
     assert [each.name for each in tmp_path.iterdir()] == ["fronts.geojson"]
+
+
+def test_a_front_has_the_class_of_the_cells_that_burn_until_its_time(tmp_path: Path) -> None:
+    fire = AnyAngleFire(landscape(shape=(20, 20)), steady(), [(9, 9, 0.0)])
+    fire.advance(4 * 3600.0)
+    write_fronts(tmp_path / "fronts.geojson", fire, [3600.0, 14_400.0], "flat")
+    found = [text(each, "styleUrl") for each in placemarks(tmp_path / "fronts.kml")]
+    assert found == ["#class0", "#class3"]
+    root = ElementTree.parse(tmp_path / "fronts.qml").getroot()
+    labels = [each.get("label") for each in root.iter("range")]
+    assert labels == ["0–1 h", "1–2 h", "2–3 h", "3–4 h"]

@@ -14,7 +14,6 @@ from firemodel.errors import FireModelError
 from firemodel.outputs.geotiff import write_raster
 from firemodel.outputs.raster_layers import (
     FLAME_LENGTH_LAYER,
-    FUEL_LAYER,
     INTENSITY_LAYER,
     PROBABILITY_LAYER,
     SPREAD_RATE_LAYER,
@@ -22,6 +21,7 @@ from firemodel.outputs.raster_layers import (
     STATE_LAYER,
     Layer,
     arrival_layer,
+    fuel_layer,
 )
 from firemodel.outputs.whole_file import whole_file
 from firemodel.physics.fuels import FUEL_MODELS, NON_BURNABLE
@@ -30,6 +30,7 @@ from tests.firemodel.grids import CRS, landscape
 LAND = landscape(shape=(6, 7))
 LARGE = landscape(shape=(1030, 600))
 ORDERED = (FLAME_LENGTH_LAYER, INTENSITY_LAYER, SPREAD_RATE_LAYER, PROBABILITY_LAYER)
+FUEL_LAYER = fuel_layer(np.array([1, 101]))
 CODES = (STATE_LAYER, FUEL_LAYER)
 
 
@@ -139,6 +140,18 @@ def test_each_fuel_code_has_its_own_colour() -> None:
     assert [each.upto for each in FUEL_LAYER.classes] == sorted([*FUEL_MODELS, *NON_BURNABLE])
     burnable = [each.colour for each in FUEL_LAYER.classes if each.upto in FUEL_MODELS]
     assert len(set(burnable)) == len(burnable)
+
+
+@pytest.mark.parametrize(("code", "dtype"), [(21, "uint8"), (300, "uint16")])
+def test_custom_fuels_have_colours_too(tmp_path: Path, code: int, dtype: str) -> None:
+    codes = np.full(LAND.shape, code)
+    layer = fuel_layer(codes)
+    assert (code, "custom fuel") in [(each.upto, each.label) for each in layer.classes]
+    write_raster(tmp_path / "x.tif", codes, LAND, layer)
+    with rasterio.open(tmp_path / "x.tif") as file:
+        assert file.dtypes == (dtype,)
+        assert np.array_equal(file.read(1), codes)
+        assert "#{:02x}{:02x}{:02x}".format(*file.colormap(1)[code]) == "#e8b3cf"
 
 
 @pytest.mark.parametrize("layer", [*ORDERED, arrival_layer(0, 36000, None)])

@@ -17,6 +17,7 @@ from firemodel.outputs.arrival_map import (
     status_line,
 )
 from firemodel.outputs.graticule import draw_graticule, km_of
+from firemodel.outputs.raster_layers import arrival_layer_of
 from tests.firemodel.grids import landscape
 from tests.firemodel.test_front_files import fire_round_a_rock
 
@@ -80,11 +81,10 @@ def test_a_map_has_time_area_north_scale_and_a_note() -> None:
 def test_the_legend_has_the_classes_and_the_fuels_on_the_map_and_lies_on_the_page() -> None:
     fire = fire_round_a_rock()
     land = fire.landscape
-    figure, axes = start_map(
-        land, fire.arrival_time_s, frame_around(land, fire.arrival_time_s), time_zero=ZERO
-    )
+    frame, layer = frame_around(land, fire.arrival_time_s), arrival_layer_of(fire, ZERO)
+    figure, axes = start_map(land, fire.arrival_time_s, frame, layer=layer)
     labels = legend_of(axes)
-    assert labels[:2] == ["Arrival of fire", "0–15 min, to 2026-08-01 12:15"]
+    assert labels[:2] == ["Arrival of fire", "0–30 min, to 2026-08-01 12:30"]
     assert labels[-3:] == ["Fuel", "grass", "bare ground"]
     from matplotlib.legend import Legend
 
