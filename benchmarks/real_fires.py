@@ -214,7 +214,7 @@ def maria(folder: Path) -> Iterator[Row]:
     table, _, _, columns = pyogrio.raw.read(path, read_geometry=False)
     record = dict(zip(table["fields"], columns, strict=True))
     times = {
-        datetime.fromisoformat(f"{day[:4]}-{day[4:6]}-{day[6:]}T{clock}"): number
+        datetime.fromisoformat(f"{int(day)}T{clock}"): number
         for number, (day, clock, kind) in enumerate(
             zip(record["YYYYMMDD"], record["24_HHMMSS"], record["type"], strict=True)
         )

@@ -146,6 +146,8 @@ def test_rain_wets_the_fuel_only_in_its_hours(tmp_path: Path) -> None:
     entries = read_weather(path, start=begin, moisture=MOISTURE, conditioned=True).entries
     before, after = entries[0], next(each for each in entries if each.at_s == 3.0 * 3600.0)
     assert after.dead_1h_pct > before.dead_1h_pct + 10.0
+    later = next(each for each in entries if each.at_s == 6.0 * 3600.0)
+    assert later.dead_1h_pct < after.dead_1h_pct - 5.0
 
 
 def test_cell2fires_weather_has_an_hour_a_line(tmp_path: Path) -> None:
