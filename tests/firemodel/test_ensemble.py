@@ -3,6 +3,7 @@
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
@@ -40,7 +41,9 @@ def land() -> Landscape:
 
 
 def begun(sky: list[Weather] = SKY, scheme: SchemeName = "anyangle") -> Start:
-    settings = {"p_spread": 0.1, "update_s": 60.0} if scheme == "probabilistic" else {}
+    settings: dict[str, Any] = (
+        {"p_spread": 0.1, "update_s": 60.0} if scheme == "probabilistic" else {}
+    )
     return Start(new_fire(scheme, land(), WeatherStream(sky), [], **settings), [LIT])
 
 
@@ -82,7 +85,9 @@ def test_draws_have_the_stated_sizes_and_do_not_depend_on_each_other() -> None:
 @pytest.mark.parametrize("scheme", ["anyangle", "devs8", "probabilistic"])
 def test_a_member_without_errors_is_the_plain_fire(scheme: SchemeName) -> None:
     start = begun(scheme=scheme)
-    settings = {"p_spread": 0.1, "update_s": 60.0} if scheme == "probabilistic" else {}
+    settings: dict[str, Any] = (
+        {"p_spread": 0.1, "update_s": 60.0} if scheme == "probabilistic" else {}
+    )
     plain = new_fire(scheme, land(), WeatherStream(SKY), [LIT], seed=0, **settings)
     plain.advance(HOUR_S)
     member = burned(start, STATED)
@@ -196,7 +201,8 @@ def test_products_agree_with_a_count_of_members() -> None:
 
 def test_quantiles_over_several_blocks_of_rows(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(products, "TIMES_AT_ONCE", 1000)  # 100 rows of 5 cells of 2 members
-    tall = Window(200, 3, np.arange(120, dtype=np.float32).reshape(120, 1), np.empty((120, 1)))
+    times_s = np.arange(120, dtype=np.float32).reshape(120, 1)
+    tall = Window(200, 3, times_s, times_s)
     none = Window(0, 0, np.empty((0, 0), np.float32), np.empty((0, 0), np.float32))
     half, all_s = arrival_quantiles_s([tall, none], (600, 5), [0.5, 0.6])
     assert np.array_equal(half[200:320, 3], np.arange(120))
