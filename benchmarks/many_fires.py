@@ -2,11 +2,11 @@
 
     .venv/bin/python -m benchmarks.many_fires [--members 100] [--workers 2]
 
-Single fires are runs of one process, one after the other: ``new_fire`` and ``advance``, as without
-an ensemble; and the same with ``behaviour_of``, which gives the flame length that the ensemble
-gives too. A whole command ``fire run`` also starts Python and writes files; it is timed once. All
-fires have the same landscape and weather; they are the bench's hills with patches of 12 fuels, and
-its plain, with a moderate and a strong wind.
+Single fires are the same fires in one process, one after the other: ``new_fire``, ``perturb`` and
+``advance``; and the same with ``behaviour_of``, which gives the flame length that the ensemble
+gives too. A whole command ``fire run`` also starts Python and writes files; it is timed once. The
+landscapes are those of ``bench fire``, hills with patches of 12 fuels and a plain, with a moderate
+and a strong wind.
 """
 
 import argparse
@@ -23,19 +23,18 @@ from pathlib import Path
 import click
 import numpy as np
 
-from firemodel.ensemble.draws import latin_draws
-from firemodel.ensemble.member_fires import Start, burned_windows
+from firemodel.ensemble.draws import Draw, latin_draws
+from firemodel.ensemble.member_fires import Start, Window, burned_windows
 from firemodel.ensemble.products import arrival_quantiles_s, burn_probability, mean_flame_length_m
 from firemodel.ensemble.uncertainty import Uncertainty
-from firemodel.landscape.landscape import Landscape
 from firemodel.physics.weather import Weather, WeatherStream
 from firemodel.spread.behaviour import behaviour_of
 from firemodel.spread.fire_scheme import Fire
 from firemodel.spread.schemes import new_fire
-from mission_service.cli.bench_commands import landscape
+from mission_service.cli.bench_commands import CELL_M, landscape
 
 CELLS, UNTIL_S = 500, 3 * 3600.0
-LIT = (250, 200, 0.0)
+LIT = (250, 250, 0.0)
 COMMAND = [sys.executable, "-m", "mission_service.cli", "fire", "run", "default"]
 THREE_HOURS = ["--set", "fire.scheme=anyangle", "--set", f"duration_s={UNTIL_S:g}"]
 
@@ -45,22 +44,36 @@ def weather(wind_m_s: float) -> WeatherStream:
     return WeatherStream([Weather(0.0, wind_m_s, 250.0, 5.0, 6.0, 7.0, 60.0, 90.0)])
 
 
-def single(land: Landscape, wind_m_s: float) -> Fire:
-    """Burn one fire as a program does without an ensemble."""
-    fire = new_fire("anyangle", land, weather(wind_m_s), [LIT])
-    fire.advance(UNTIL_S)
-    return fire
+class Case:
+    """One landscape and wind, and the draws of its members."""
 
+    def __init__(self, mixed: bool, wind_m_s: float, count: int) -> None:
+        self.land, self.weather = landscape(CELLS, mixed), weather(wind_m_s)
+        self.start = self._start()
+        self.draws = latin_draws(Uncertainty(), 1, count, self.start.fuels)
 
-def ensemble(land: Landscape, wind_m_s: float, members: int, workers: int) -> None:
-    """Burn an ensemble from the landscape to its maps."""
-    start = Start(new_fire("anyangle", land, weather(wind_m_s), []), [LIT])
-    draws = latin_draws(Uncertainty(), 1, members, start.fuels)
-    with ThreadPoolExecutor(workers) as pool:
-        windows = list(burned_windows(start, draws, range(members), UNTIL_S, 1, pool.map))
-    burn_probability(windows, land.shape, UNTIL_S)
-    arrival_quantiles_s(windows, land.shape, (0.1, 0.5, 0.9))
-    mean_flame_length_m(windows, land.shape)
+    def _start(self) -> Start:
+        return Start(new_fire("anyangle", self.land, self.weather, []), [LIT])
+
+    def single(self, draw: Draw) -> Fire:
+        """Burn a member as a program does that has no ensembles."""
+        row, col, at_s = LIT
+        down, right = round(-draw.north_m / CELL_M), round(draw.east_m / CELL_M)
+        lit = (row + down, col + right, at_s)
+        fire = new_fire("anyangle", self.land, self.weather, [lit])
+        fire.perturb(draw.wind_factor, draw.turn_deg, self.start.rate_factors(draw))
+        fire.advance(UNTIL_S)
+        return fire
+
+    def ensemble(self, workers: int) -> list[Window]:
+        """Burn all members, from the landscape to the maps; return what they burned."""
+        start, numbers = self._start(), range(len(self.draws))
+        with ThreadPoolExecutor(workers) as pool:
+            windows = list(burned_windows(start, self.draws, numbers, UNTIL_S, 1, pool.map))
+        burn_probability(windows, self.land.shape, UNTIL_S)
+        arrival_quantiles_s(windows, self.land.shape, (0.1, 0.5, 0.9))
+        mean_flame_length_m(windows, self.land.shape)
+        return windows
 
 
 def seconds(work: Callable[[], object]) -> tuple[float, float]:
@@ -85,16 +98,17 @@ def command_s() -> float:
 
 def measured(mixed: bool, wind_m_s: float, count: int, workers: int) -> dict[str, object]:
     """Return the times of single fires and of an ensemble on one landscape, in s and s of CPU."""
-    land = landscape(CELLS, mixed)
-    ensemble(land, wind_m_s, 4, workers)  # compiles
-    burned = int(np.count_nonzero(single(land, wind_m_s).burned()))
-    plain = seconds(lambda: [single(land, wind_m_s) for _ in range(count)])
-    flames = seconds(lambda: [behaviour_of(single(land, wind_m_s)) for _ in range(count)])
-    many = seconds(lambda: ensemble(land, wind_m_s, count, workers))
+    Case(mixed, wind_m_s, 4).ensemble(workers)  # compiles
+    case = Case(mixed, wind_m_s, count)
+    burned = [np.isfinite(window.after_s).sum() for window in case.ensemble(workers)]
+    assert burned[0] == case.single(case.draws[0]).burned().sum()
+    plain = seconds(lambda: [case.single(draw) for draw in case.draws])
+    flames = seconds(lambda: [behaviour_of(case.single(draw)) for draw in case.draws])
+    many = seconds(lambda: case.ensemble(workers))
     return {
         "fuel": "mixed" if mixed else "uniform",
         "wind_m_s": wind_m_s,
-        "burned_cells_without_errors": burned,
+        "mean_burned_cells": round(float(np.mean(burned))),
         "single_s": [round(each, 2) for each in plain],
         "single_with_flames_s": [round(each, 2) for each in flames],
         "ensemble_s": [round(each, 2) for each in many],

@@ -61,7 +61,7 @@ class Start:
         """Return a member at the start; ``rng`` is for schemes that use random numbers."""
         fire = self.fire.copy()
         fire.draw_from(rng)
-        fire.perturb(draw.wind_factor, draw.turn_deg, self._rate_factors(draw))
+        fire.perturb(draw.wind_factor, draw.turn_deg, self.rate_factors(draw))
         for row, col, at_s in self._moved(draw):
             fire.light(row, col, at_s)
         return fire
@@ -87,7 +87,7 @@ class Start:
         """Return the flame length (y, x) in a window, NaN where fire did not come."""
         shape, terrain = self.fire.landscape.shape, self._terrain
         changed: Tables = perturbed(
-            self._tables, 0, draw.wind_factor, draw.turn_deg, self._rate_factors(draw)
+            self._tables, 0, draw.wind_factor, draw.turn_deg, self.rate_factors(draw)
         )
         _, _, intensity = front_behaviour(
             came_s.ravel(),
@@ -103,8 +103,8 @@ class Start:
         )
         return np.asarray(flame_length_m(intensity), np.float32).reshape(came_s.shape)
 
-    def _rate_factors(self, draw: Draw) -> Floats:
-        """Return the factors (entries, fuels) of the spread rates."""
+    def rate_factors(self, draw: Draw) -> Floats:
+        """Return the factors (entries ahead, fuels) of a member's spread rates."""
         by_moisture, _ = self._wet(draw.moisture_factor)
         found: Floats = by_moisture * draw.spread_factor * np.array(draw.fuel_factors)
         return found

@@ -102,7 +102,7 @@ def weather_of(scenario: Scenario) -> WeatherStream:
 
 
 def _from_file(section: WeatherFile) -> WeatherStream:
-    from firemodel.landscape.readers.fuel_files import read_fuel_moistures
+    from firemodel.landscape.readers.inputs_files import read_fuel_moistures
     from firemodel.landscape.readers.weather_files import read_weather
 
     moisture = Moisture(*(getattr(section, name) / 100.0 for name in FuelMoisture.model_fields))

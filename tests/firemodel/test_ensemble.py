@@ -204,9 +204,8 @@ def test_products_agree_with_a_count_of_members() -> None:
 
 def test_quantiles_over_several_blocks_of_rows(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(products, "TIMES_AT_ONCE", 1000)  # 100 rows of 5 cells of 2 members
-    tall = Window(
-        200, 3, np.arange(120, dtype=np.float32).reshape(120, 1), np.empty((120, 1), np.float32)
-    )
+    times_s = np.arange(120, dtype=np.float32).reshape(120, 1)
+    tall = Window(200, 3, times_s, times_s)
     none = Window(0, 0, np.empty((0, 0), np.float32), np.empty((0, 0), np.float32))
     half, all_s = arrival_quantiles_s([tall, none], (600, 5), [0.5, 0.6])
     assert np.array_equal(half[200:320, 3], np.arange(120))

@@ -194,3 +194,23 @@ def _lines(path: Path) -> Iterator[tuple[int, str]]:
         plain = text.partition("#")[0].rstrip()
         if plain:
             yield line, plain
+
+
+def read_fuel_moistures(path: Path) -> dict[int, Moisture]:
+    """Read the initial moistures of fuel models from an .fms file.
+
+    A line is a fuel code and the moistures of 1-h, 10-h, 100-h, live herbaceous and live woody fuel
+    in percent; a seventh number (1000 h) is ignored. Code 0 means all fuels without a line.
+
+    Args:
+        path: The file, or a FARSITE inputs file with such lines under FUEL_MOISTURES_DATA.
+
+    Returns:
+        The moistures of each code as fractions.
+
+    Raises:
+        FireModelError: The file cannot be used; the message names file, line, field and value.
+    """
+    if is_inputs_file(path):
+        return read_inputs(path).fuel_moistures()
+    return moistures_in(path, rows_of(path))

@@ -94,7 +94,7 @@ def read_weather(
             and then follow temperature, humidity and rain (``physics/moisture.py``).
         wind: The .wnd file of a .wtr file, by default the one with the same name.
         fuel_moistures: Moistures (fractions) of single fuel codes, instead of ``moisture``; code 0
-            means all others (``fuel_files.read_fuel_moistures``).
+            means all others (``inputs_files.read_fuel_moistures``).
 
     Returns:
         The weather, with the wind at 20 ft in m/s.
