@@ -1,4 +1,4 @@
-"""Reversals in the default scenario by alpha: ``python -m benchmarks.alpha_sweep [--json]``."""
+"""Reversals in the scenario islam-hu by alpha: ``python -m benchmarks.alpha_sweep [--json]``."""
 
 import json
 import sys
@@ -15,8 +15,8 @@ ALPHAS = (0.0, 0.8, 1.0, 1.2, 1.5, 5.0)
 
 
 def reversals(alpha: float) -> int:
-    """Fly the default scenario once in calm air and return the number of reversals."""
-    scenario = load_scenario("default", (f"planner.alpha={alpha}", "fly_in_wind=false"))
+    """Fly the scenario once in calm air and return the number of reversals."""
+    scenario = load_scenario("islam-hu", (f"planner.alpha={alpha}", "fly_in_wind=false"))
     with tempfile.TemporaryDirectory() as folder:
         record, _ = simulate(scenario, Path(folder) / "journal.jsonl", created="")
     return sum(vehicle.reversal_count for vehicle in record.vehicles.values())

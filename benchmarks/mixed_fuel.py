@@ -3,8 +3,9 @@
 Each case burns the same fire on the given cells and on the same cells cut into smaller ones, and
 prints the difference of the burned areas in percent, for the scheme and for ``precise``:
 
-* patches of 120 m with five fuels, cells of 120 to 15 m against cells of 7.5 m;
-* a checkerboard of fuels 1 and 10, against cells cut 8 x 8;
+* patches of 120 m with five fuels, cells of 120 to 24 m against cells of 8 m;
+* the same patches turned, on cells of 30 m, against these cells cut 5 x 5;
+* a checkerboard of fuels 1 and 10, against cells cut 7 x 7;
 * a strip of fuel 1, one cell wide, across fuel 8: time to its end against cells cut 7 x 7;
 * fifteen changes of weather that change nothing (the wind by a millionth), against none, in patches
   and on even ground, whose ellipse has a length-to-width ratio of 2.3 at 10 m/s;
@@ -35,6 +36,8 @@ WEATHER = Weather(0.0, 5.0, 250.0, 6.0, 7.0, 8.0, 90.0, 90.0)
 FUELS = (1, 2, 5, 9, 10)
 WINDS_M_S = (5.0, 10.0)
 CHANGES = 15
+TURNS_DEG = (17.0, 30.0, 45.0)
+TURNED_MAPS = 5
 WINDOW_CELLS = 120
 LEAST_CELLS = 600  # smaller fires are not counted
 
@@ -107,6 +110,28 @@ def patches(seed: int, precise: bool) -> None:
         found = [burned_ha(cut(coarse, n), weather, end_s, precise) for n in (1, 3, 5)]
         errors = [100.0 * (each / fine_ha - 1.0) for each in found]
         line(f"patches of 120 m, wind {wind_m_s:g} m/s, cells of 120, 40, 24 m", errors)
+
+
+def turned(seed: int, precise: bool) -> None:
+    """Print the mean and the largest error in turned patches."""
+    generator = np.random.default_rng(seed)
+    maps = [generator.choice(FUELS, (53, 53)) for _ in range(TURNED_MAPS)]  # large for any turn
+    right, down = np.meshgrid(np.arange(-70, 71) * 30.0, np.arange(-70, 71) * 30.0)
+    for wind_m_s in WINDS_M_S:
+        weather, errors = WeatherStream([replace(WEATHER, wind_speed_m_s=wind_m_s)]), list[float]()
+        for fuel in maps:
+            for turn_deg in TURNS_DEG:
+                cos, sin = math.cos(math.radians(turn_deg)), math.sin(math.radians(turn_deg))
+                rows = np.floor((cos * down + sin * right) / 120.0 + 26.5).astype(int)
+                cols = np.floor((cos * right - sin * down) / 120.0 + 26.5).astype(int)
+                land = flat(fuel[rows, cols], 30.0)
+                end_s = duration_s(land, weather, 0.3)
+                coarse, fine = (burned_ha(cut(land, n), weather, end_s, precise) for n in (1, 5))
+                errors.append(100.0 * (coarse / fine - 1.0))
+        worst = max(errors, key=abs)
+        turns = ", ".join(f"{each:g}" for each in TURNS_DEG)
+        name = f"patches turned by {turns}°, cells of 30 m, wind {wind_m_s:g} m/s, mean and largest"
+        line(name, [float(np.mean(errors)), worst])
 
 
 def checkerboard(precise: bool) -> None:
@@ -208,6 +233,7 @@ def main() -> None:
     for precise in (False, True):
         click.echo("precise" if precise else "default")
         patches(given.seed, precise)
+        turned(given.seed, precise)
         checkerboard(precise)
         strips(precise)
         changes(given.seed, precise)

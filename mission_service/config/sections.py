@@ -194,7 +194,7 @@ class PlannerSection(Section):
     Rules that begin with ``team.`` direct all vehicles together on a shared map.
     """
 
-    rule: str = "islam_hu_damped"
+    rule: str = "predictive"
     importance: Literal["linear", "exponential"] = "linear"  # of teams
     negotiation: Literal["importance", "centre", "arrival"] = "importance"  # of Bent's teams
     # The targets of a team. The team announces how many vehicles it needs to meet them.

@@ -6,7 +6,7 @@ and turns the vehicle back or keeps its direction.
 
 The planner has three rules. ``islam_hu`` is the rule in the paper. It oscillates if the spread is
 very uneven, for two reasons: each turn makes the other window more important, and spread rates are
-computed from two views only seconds apart. ``islam_hu_damped``, the default, has three differences:
+computed from two views only seconds apart. ``islam_hu_damped`` has three differences:
 
 - Spread rates are computed from views at least ``baseline_s`` apart and averaged over neighbouring
   bearings, so that a difference of one cell does not become a high rate.

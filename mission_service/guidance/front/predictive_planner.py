@@ -139,10 +139,10 @@ class PredictivePlanner:
         cell = (round(row), round(col))
         new = cell != self._cell
         self._cell = cell
-        if self.phase != "monitor":
+        if self.phase != "monitor" or not new:
             return None
         self.estimate.advance(at_s)
-        return self._decide(round(bearing) % BEARINGS, at_s) if new else None
+        return self._decide(round(bearing) % BEARINGS, at_s)
 
     def _finish_initial_circle(self) -> None:
         """Replace an unknown ignition point by the fire's centre, and apply all views again."""
