@@ -181,6 +181,14 @@ def test_the_first_arrival_at_the_edge(row: int, col: int) -> None:
     assert at_edge(fire) == found
 
 
+def test_a_cell_at_the_edge_that_is_lit_later_has_not_burned_yet() -> None:
+    fire = firemodel.burn(LAND, steady(), duration_s=1.0)
+    fire.arrival_time_s[0, 3] = 60.0  # as schemes may hold a time to come
+    assert at_edge(fire) is None
+    fire.time_s = 60.0
+    assert at_edge(fire) is not None
+
+
 def test_burn_issues_python_warnings() -> None:
     fraction = replace(weather(5.0), dead_1h_pct=0.06)
     with pytest.warns(FireModelWarning) as caught:

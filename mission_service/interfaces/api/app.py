@@ -182,8 +182,9 @@ def _handle_errors(app: FastAPI) -> None:
     @app.exception_handler(RequestValidationError)
     async def invalid(request: Request, error: RequestValidationError) -> Response:
         first = error.errors()[0]
-        operation = app.openapi()["paths"][request.scope["route"].path_format]
-        return error_answer(422, _refused_parameter(first, operation[request.method.lower()]))
+        described = app.openapi()["paths"].get(request.scope["route"].path_format, {})
+        operation = described.get(request.method.lower(), {})
+        return error_answer(422, _refused_parameter(first, operation))
 
     @app.exception_handler(Exception)
     async def failed(request: Request, error: Exception) -> Response:
