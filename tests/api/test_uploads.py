@@ -138,7 +138,7 @@ def posted(world: World, *polygons: list[list[list[float]]]) -> dict[str, Any]:
 def test_the_inside_of_a_perimeter_has_burned_and_its_edge_burns(standing: World) -> None:
     standing.fly(3600.0)
     (accepted,) = posted(standing, [around(standing, 30, 118, 700.0)])["accepted"]
-    assert accepted["burned_ha_before"] < 30.0
+    assert accepted["burned_ha_before"] < 40.0
     assert accepted["burned_ha_after"] == pytest.approx(196.0, rel=0.03)
     fire = standing.simulation.world.fire
     front = fire.front(fire.time_s)

@@ -24,7 +24,10 @@ from mission_service.runtime.request_handler import RequestHandler
 from mission_service.runtime.run_context import RunContext
 from mission_service.simulation.sim import Simulation
 
-SMALL = ("landscape.rows=150", "landscape.cols=150", "vehicles.1.autostart=false")
+SMALL = (
+    *("landscape.rows=150", "landscape.cols=150", "vehicles.1.autostart=false"),
+    'planner.rule="islam_hu_damped"',  # it has importances and settings that may change in flight
+)
 HOST = "127.0.0.1:8765"
 ANY = HttpSection(listen="127.0.0.1:0")
 

@@ -51,7 +51,7 @@ def test_the_vehicle_monitors_the_front(run: Run) -> None:
     assert hawk.decisions > 300
     assert hawk.uploads["accepted"] > 20
     assert hawk.uploads.total() == hawk.uploads["accepted"]
-    assert 1 <= len(hawk.reversals) < 20
+    assert len(hawk.reversals) < 20
 
 
 def test_telemetry_comes_four_times_a_second(run: Run) -> None:

@@ -17,7 +17,7 @@ from mission_service.config.sections import FireSection
 from mission_service.errors import ScenarioError
 from mission_service.fire.simulated_fire import check
 
-DEFAULT = (SHIPPED / "default.toml").read_text(encoding="utf-8")
+ISLAM_HU = (SHIPPED / "islam-hu.toml").read_text(encoding="utf-8")
 
 
 def refusal(tmp_path: Path, text: str) -> str:
@@ -61,7 +61,7 @@ def test_every_shipped_scenario_is_sound(path: Path) -> None:
         ("[[ignition]]\nlat_deg = 36.364232", "[[ignition]]", ["ignition.0", "either"]),
         ('scheme = "devs8"', 'scheme = "huygens"', ["fire.scheme", "huygens"]),
         ('source = "jacksboro"', 'source = "jacksboro"\ncrs = "EPSG:1"', ["crs has no effect"]),
-        ('name = "default"', 'name = "a\\nb"', ["name", "one line of printable characters"]),
+        ('name = "islam-hu"', 'name = "a\\nb"', ["name", "one line of printable characters"]),
         ('name = "hawk"', 'name = "all"', ["vehicles.0.name", "all vehicles", "another name"]),
         ('source = "jacksboro"', 'barriers = "a.kml"', ["landscape.barriers", "a list"]),
         ("wind_speed_m_s = 4", "wind_speed_m_s = 400", ["weather.0.wind_speed_m_s", "400"]),
@@ -78,15 +78,15 @@ def test_every_shipped_scenario_is_sound(path: Path) -> None:
     ],
 )
 def test_what_is_wrong_is_named(tmp_path: Path, before: str, after: str, named: list[str]) -> None:
-    assert before in DEFAULT
-    message = refusal(tmp_path, DEFAULT.replace(before, after, 1))
+    assert before in ISLAM_HU
+    message = refusal(tmp_path, ISLAM_HU.replace(before, after, 1))
     for words in named:
         assert words in message
 
 
 def test_two_vehicles_of_one_name_are_refused(tmp_path: Path) -> None:
-    vehicle = DEFAULT[DEFAULT.index("[[vehicles]]") :]
-    assert "different names" in refusal(tmp_path, DEFAULT + vehicle)
+    vehicle = ISLAM_HU[ISLAM_HU.index("[[vehicles]]") :]
+    assert "different names" in refusal(tmp_path, ISLAM_HU + vehicle)
 
 
 def test_broken_toml_and_missing_files_are_named(tmp_path: Path) -> None:
@@ -97,8 +97,8 @@ def test_broken_toml_and_missing_files_are_named(tmp_path: Path) -> None:
 
 def test_a_file_may_begin_with_a_byte_order_mark(tmp_path: Path) -> None:
     path = tmp_path / "scenario.toml"
-    path.write_text(DEFAULT, encoding="utf-8-sig")
-    assert load_scenario(str(path)).name == "default"
+    path.write_text(ISLAM_HU, encoding="utf-8-sig")
+    assert load_scenario(str(path)).name == "islam-hu"
 
 
 @pytest.mark.parametrize("key", ["ignition.0.lat_deg", "vehicles.0.home_lat_deg"])
@@ -106,7 +106,7 @@ def test_config_check_names_the_file_of_a_place_outside_the_landscape(
     tmp_path: Path, key: str
 ) -> None:
     path = tmp_path / "scenario.toml"
-    path.write_text(DEFAULT, encoding="utf-8")
+    path.write_text(ISLAM_HU, encoding="utf-8")
     done = CliRunner().invoke(main, ["config", "check", str(path), "--set", f"{key}=10.0"])
     assert done.exit_code == 1
     assert re.match(rf"Error: {re.escape(str(path))}: .* outside the landscape\n$", done.output)

@@ -54,7 +54,7 @@ def script() -> Script:
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("run") / "journal.jsonl"
-    simulate(flying(load_scenario("default", CHANGES)), path, "", crew=script().due)
+    simulate(flying(load_scenario("islam-hu", CHANGES)), path, "", crew=script().due)
     return path
 
 
@@ -123,7 +123,7 @@ def test_settings_may_stand_in_one_word_or_in_several(run: Path, tmp_path: Path)
 
 def test_a_recorded_flight_is_described_by_its_journal_alone(tmp_path: Path) -> None:
     path = tmp_path / "journal.jsonl"
-    scenario = flying(load_scenario("default", CHANGES))
+    scenario = flying(load_scenario("islam-hu", CHANGES))
     record, world = simulate(scenario, path, "", crew=script().due)
     past = past_run(JournalReader(path))
     assert summary_of(scenario, past.record, past.fire.world.fire) == summary_of(
