@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 from firemodel.errors import FireModelError
-from firemodel.landscape.readers.fuel_files import text_of
 from firemodel.landscape.readers.inputs_files import (
     MOISTURES,
     RAWS,
@@ -26,6 +25,7 @@ from firemodel.landscape.readers.stream_files import (
     units_in,
     wind_file_of,
 )
+from firemodel.landscape.readers.text_rows import text_of
 from firemodel.physics.rothermel import Moisture
 
 Rows = list[tuple[int, dict[str, str]]]  # line number, text of each named field
