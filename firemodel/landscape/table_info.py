@@ -7,12 +7,17 @@ from typing import Any
 
 from firemodel.errors import FireModelError
 from firemodel.landscape.readers.fuel_files import (
-    read_fuel_moistures,
     read_fuels,
+    rows_of,
     with_rate_factors,
 )
-from firemodel.landscape.readers.inputs_files import END, START, is_inputs_file, read_inputs
-from firemodel.landscape.readers.text_rows import rows_of
+from firemodel.landscape.readers.inputs_files import (
+    END,
+    START,
+    is_inputs_file,
+    read_fuel_moistures,
+    read_inputs,
+)
 from firemodel.landscape.readers.weather_files import read_weather
 from firemodel.landscape.readers.weather_records import records_in
 from firemodel.physics.fuels import FUEL_MODELS

@@ -4,6 +4,8 @@ import bisect
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
+from datetime import datetime, timedelta
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,10 +54,28 @@ class Weather:
         )
 
 
+class WeatherSource(NamedTuple):
+    """The file of a stream, for messages about its records.
+
+    ``start`` is the file's own time of 0 s, or None if its times are in seconds. ``humidity_pct``
+    belongs to the entries of the stream, one by one; None if the file has no humidity.
+    """
+
+    name: str
+    start: datetime | None = None
+    humidity_pct: tuple[float, ...] | None = None
+
+    def place(self, at_s: float) -> str:
+        """Return the file and the time of a record, for a message."""
+        if self.start is None:
+            return f"{self.name}, record at {at_s:g} s"
+        return f"{self.name}, record of {self.start + timedelta(seconds=at_s):%Y-%m-%dT%H:%M}"
+
+
 class WeatherStream:
     """Weather entries in order of time, the first at 0 s or earlier."""
 
-    def __init__(self, entries: Sequence[Weather]) -> None:
+    def __init__(self, entries: Sequence[Weather], source: WeatherSource | None = None) -> None:
         """Raise FireModelError for an invalid entry; the message names the entry and the value."""
         if not entries:
             raise FireModelError("weather: no entries; give at least one, at 0 s")
@@ -72,6 +92,7 @@ class WeatherStream:
                 "the first entry must be at 0 s or earlier"
             )
         self.entries = tuple(entries)
+        self.source = source
         self._times = [entry.at_s for entry in entries]
 
     def index_at(self, time_s: float) -> int:

@@ -115,7 +115,10 @@ class Devs8Fire(Fire):
         found._changes_s = self._changes_s.copy()
         return found
 
-    def perturb(self, wind_factor: float, turn_deg: float, spread_factor: float) -> None:
+    def weather_ahead(self) -> tuple[Weather, ...]:
+        return self._entries_ahead(self.weather.entries)
+
+    def perturb(self, wind_factor: float, turn_deg: float, spread_factor: float | Floats) -> None:
         ground, entry = self._ground, self._entry
         slowest = ground.slowest_m_s
         self._ground = ground._replace(

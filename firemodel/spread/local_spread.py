@@ -105,13 +105,13 @@ def tables_of(landscape: Landscape, entries: Sequence[Weather], wind_limit: bool
 
 
 def perturbed(
-    tables: Tables, entry: int, wind_factor: float, turn_deg: float, spread_factor: float
+    tables: Tables, entry: int, wind_factor: float, turn_deg: float, spread_factor: float | Floats
 ) -> Tables:
     """Return tables with an entry split into two, of which the second part is changed.
 
     All later entries are changed too. In these entries the wind speed is multiplied by
     ``wind_factor``, the wind direction is turned clockwise by ``turn_deg``, and the spread rate is
-    multiplied by ``spread_factor``.
+    multiplied by ``spread_factor``, a number or an array (changed entries, fuels).
     """
     terms = np.concatenate([tables.terms[: entry + 1], tables.terms[entry:]])
     wind = np.concatenate([tables.wind[: entry + 1], tables.wind[entry:]])

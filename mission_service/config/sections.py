@@ -14,6 +14,7 @@ from pydantic import (
     model_validator,
 )
 
+from firemodel.ensemble.uncertainty import Uncertainty
 from firemodel.landscape import LAYERS
 from firemodel.spread.schemes import SchemeName
 from mission_service.config.rule_lookup import way_named
@@ -27,6 +28,7 @@ Bearing = Annotated[float, Field(ge=0, le=360)]
 Percent = Annotated[float, Field(ge=0, le=400)]
 Share = Annotated[float, Field(ge=0, lt=1)]
 
+STATED = Uncertainty()
 ALL = "all"  # instead of a vehicle's name, in requests that are possible for all vehicles
 RASTER_KEYS = (
     *("bands", "units", "missing", "crs", "nodata"),
@@ -204,6 +206,21 @@ class FireSection(Section):
             if self.perimeter is not None or self.arrival is not None:
                 raise ValueError("give either initial_cells or perimeter or arrival")
         return self
+
+
+class EnsembleSection(Section):
+    """How uncertain the inputs of the fire are, for ensembles and for forecasts of a flight.
+
+    Sources of the defaults: ``firemodel/ensemble/uncertainty.py``. Factors are log-normal with a
+    median of 1. Each error is constant during a fire and independent of the others.
+    """
+
+    wind_log_sd: NotNegative = STATED.wind_log_sd
+    wind_turn_sd_deg: NotNegative = STATED.wind_turn_sd_deg
+    spread_log_sd: NotNegative = STATED.spread_log_sd
+    fuel_log_sd: NotNegative = STATED.fuel_log_sd
+    moisture_log_sd: NotNegative = STATED.moisture_log_sd
+    ignition_sd_m: NotNegative = STATED.ignition_sd_m
 
 
 class PlannerSection(Section):

@@ -10,10 +10,10 @@ from firemodel.arrays import Floats
 from firemodel.errors import FireModelError
 from firemodel.landscape.readers.code_systems import advice_on
 from firemodel.landscape.readers.fuel_files import (
-    read_fuel_moistures,
     read_fuels,
     with_rate_factors,
 )
+from firemodel.landscape.readers.inputs_files import read_fuel_moistures
 from firemodel.landscape.readers.rasters import read_landscape
 from firemodel.physics.fuels import FUEL_MODELS, FuelModel
 from firemodel.physics.rothermel import Moisture, fuel_bed

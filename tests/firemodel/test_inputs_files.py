@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from firemodel.errors import FireModelError
-from firemodel.landscape.readers.fuel_files import read_fuel_moistures
-from firemodel.landscape.readers.inputs_files import read_inputs
+from firemodel.landscape.readers.inputs_files import read_fuel_moistures, read_inputs
 from firemodel.landscape.readers.weather_files import read_weather
 from firemodel.physics.rothermel import M_S_PER_MPH, Moisture
 from tests.firemodel.shared import shared_file

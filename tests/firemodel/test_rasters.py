@@ -15,7 +15,6 @@ from firemodel.landscape.info import describe_rasters
 from firemodel.landscape.landscape import Landscape
 from firemodel.landscape.readers.layers import layer_of
 from firemodel.landscape.readers.rasters import read_arrival, read_landscape
-from firemodel.spread.writers import write_geotiff
 from tests.firemodel.grids import CRS, NORTH_M, WEST_M, landscape, write_raster
 
 DATA = Path("/work/shared/data")
@@ -37,8 +36,8 @@ def elevation(land: Landscape) -> NDArray[np.float32]:
 
 def test_geotiffs_come_back_as_written(tmp_path: Path) -> None:
     land = landscape(FUEL, HEIGHTS)
-    write_geotiff(tmp_path / "fuel.tif", land.fuel_model, land)
-    write_geotiff(tmp_path / "dem.tif", HEIGHTS, land, nodata=-9999.0)
+    write_raster(tmp_path / "fuel.tif", land.fuel_model)
+    write_raster(tmp_path / "dem.tif", HEIGHTS, nodata=-9999.0)
     again = read_two(tmp_path / "fuel.tif", tmp_path / "dem.tif")
     assert again.digest() == land.digest()
     assert [str(a.dtype) for a in (again.fuel_model, elevation(again))] == ["int16", "float32"]

@@ -1,12 +1,11 @@
 """Read FARSITE's files on fuels: custom models (.fmd), moistures (.fms), rate factors (.adj)."""
 
-from collections.abc import Mapping
+import math
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 
 from firemodel.errors import FireModelError
-from firemodel.landscape.readers.inputs_files import is_inputs_file, moistures_in, read_inputs
-from firemodel.landscape.readers.text_rows import fuel_code, number, rows_of
 from firemodel.physics.fuels import (
     FUEL_MODELS,
     LB_FT2_PER_TON_ACRE,
@@ -27,6 +26,8 @@ FMD_FIELDS = (
     "number, code, five loads, static or dynamic, three SAVs, depth, extinction moisture, two "
     "heats, name; or without code, type and name"
 )
+MAX_CODE = 32767
+MAX_PCT = 400.0
 
 
 def read_fuels(path: Path) -> dict[int, FuelModel]:
@@ -51,7 +52,7 @@ def read_fuels(path: Path) -> dict[int, FuelModel]:
         if fields[0].upper() in FMD_UNITS:
             units = FMD_UNITS[fields[0].upper()]
             continue
-        code = fuel_code(where, fields[0])
+        code = _code(where, fields[0])
         if code in FUEL_MODELS or code in NON_BURNABLE or code in found:
             fault = "is in the file twice" if code in found else "is a standard fuel model"
             raise FireModelError(f"{where}: fuel code {code} {fault}; give it another number")
@@ -133,7 +134,7 @@ def with_rate_factors(fuels: Mapping[int, FuelModel], path: Path) -> dict[int, F
         where = f"{path} line {line}"
         if len(fields) < 2:
             raise FireModelError(f"{where}: give a fuel code and a factor of the spread rate")
-        code = fuel_code(where, fields[0])
+        code = _code(where, fields[0])
         factor = number(where, "the factor", fields[1], 0.0, 100.0)
         if code in fuels:
             found[code] = replace(fuels[code], rate_factor=factor)
@@ -145,21 +146,63 @@ def with_rate_factors(fuels: Mapping[int, FuelModel], path: Path) -> dict[int, F
     return found
 
 
-def read_fuel_moistures(path: Path) -> dict[int, Moisture]:
-    """Read the initial moistures of fuel models from an .fms file.
+def moistures_in(path: Path, rows: "Iterator[tuple[int, list[str]]]") -> dict[int, Moisture]:
+    """Return the moistures (fractions) of each code in lines of an .fms (``rows_of``)."""
+    found: dict[int, Moisture] = {}
+    for line, fields in rows:
+        where = f"{path} line {line}"
+        if not 6 <= len(fields) <= 7:
+            raise FireModelError(
+                f"{where}: {len(fields)} fields; give a fuel code and the moistures of 1-h, 10-h, "
+                "100-h, live herbaceous and live woody fuel"
+            )
+        code = _code(where, fields[0], least=0)
+        if code in found:
+            raise FireModelError(f"{where}: fuel code {code} is in the file twice; remove a line")
+        pct = [number(where, "a moisture", text, 0.5, MAX_PCT) for text in fields[1:6]]
+        found[code] = Moisture(*(value / 100.0 for value in pct))
+    if not found:
+        raise FireModelError(f"{path}: holds no moistures; give a line with fuel code 0")
+    return found
 
-    A line is a fuel code and the moistures of 1-h, 10-h, 100-h, live herbaceous and live woody fuel
-    in percent; a seventh number (1000 h) is ignored. Code 0 means all fuels without a line.
 
-    Args:
-        path: The file, or a FARSITE inputs file with such lines under FUEL_MOISTURES_DATA.
+def rows_of(path: Path) -> Iterator[tuple[int, list[str]]]:
+    """Yield the number and the fields of each line of a text file; ``#`` begins a comment.
 
-    Returns:
-        The moistures of each code as fractions.
-
-    Raises:
-        FireModelError: The file cannot be used; the message names file, line, field and value.
+    Fields are separated by spaces, tabs or commas. Raises FireModelError for an unreadable file.
     """
-    if is_inputs_file(path):
-        return read_inputs(path).fuel_moistures()
-    return moistures_in(path, rows_of(path))
+    for line, text in enumerate(text_of(path).splitlines(), 1):
+        fields = text.partition("#")[0].replace(",", " ").split()
+        if fields:
+            yield line, fields
+
+
+def text_of(path: Path) -> str:
+    """Return the text of a file. Raises FireModelError if it cannot be read as UTF-8."""
+    try:
+        return path.read_text(encoding="utf-8-sig")
+    except OSError as error:
+        raise FireModelError(f"{path}: cannot be read ({error.strerror})") from None
+    except UnicodeDecodeError:
+        raise FireModelError(f"{path}: is not text in UTF-8; save it as such") from None
+
+
+def number(where: str, name: str, text: str, least: float, most: float) -> float:
+    """Return the number in a field. Raises FireModelError beyond the limits or for other text."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not least <= value <= most:
+        raise FireModelError(
+            f"{where}: {name} is {text!r}; it must be a number from {least:g} to {most:g}"
+        )
+    return value
+
+
+def _code(where: str, text: str, least: int = 1) -> int:
+    if not text.isascii() or not text.isdigit() or not least <= int(text) <= MAX_CODE:
+        raise FireModelError(
+            f"{where}: fuel code {text!r} must be a whole number from {least} to {MAX_CODE}"
+        )
+    return int(text)

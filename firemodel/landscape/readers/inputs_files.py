@@ -12,7 +12,7 @@ from datetime import datetime
 from pathlib import Path
 
 from firemodel.errors import FireModelError
-from firemodel.landscape.readers.text_rows import fuel_code, number, rows_of, text_of
+from firemodel.landscape.readers.fuel_files import moistures_in, rows_of, text_of
 from firemodel.physics.rothermel import Moisture
 
 NumberedRows = list[tuple[int, list[str]]]  # number of the line, fields
@@ -33,7 +33,6 @@ FILES = {
 UNITS = {RAWS: "RAWS_UNITS", WTR: "WEATHER_DATA_UNITS", WND: "WIND_DATA_UNITS"}
 WIND = ("WIND_SPEED", "WIND_DIRECTION", "WIND_SPEED_UNITS")  # one wind, as in FlamMap
 USED = {START, END, MOISTURES, RAWS, WTR, WND, *WIND, *FILES, *UNITS.values()}
-MAX_PCT = 400.0
 # What to do about keys that a scenario expresses in another way.
 INSTEAD = {
     "CUSTOM_FUELS_FILE": "give it as landscape.custom_fuels",
@@ -137,26 +136,6 @@ def time_of(where: str, year: int, fields: list[str]) -> datetime:
         ) from None
 
 
-def moistures_in(path: Path, rows: Iterator[tuple[int, list[str]]]) -> dict[int, Moisture]:
-    """Return the moistures (fractions) of each code in lines of an .fms (``rows_of``)."""
-    found: dict[int, Moisture] = {}
-    for line, fields in rows:
-        where = f"{path} line {line}"
-        if not 6 <= len(fields) <= 7:
-            raise FireModelError(
-                f"{where}: {len(fields)} fields; give a fuel code and the moistures of 1-h, 10-h, "
-                "100-h, live herbaceous and live woody fuel"
-            )
-        code = fuel_code(where, fields[0], least=0)
-        if code in found:
-            raise FireModelError(f"{where}: fuel code {code} is in the file twice; remove a line")
-        pct = [number(where, "a moisture", text, 0.5, MAX_PCT) for text in fields[1:6]]
-        found[code] = Moisture(*(value / 100.0 for value in pct))
-    if not found:
-        raise FireModelError(f"{path}: holds no moistures; give a line with fuel code 0")
-    return found
-
-
 def is_inputs_file(path: Path) -> bool:
     """Return True for a file with the suffix .input or the first line of an inputs file."""
     if path.suffix.lower() == ".input":
@@ -215,3 +194,23 @@ def _lines(path: Path) -> Iterator[tuple[int, str]]:
         plain = text.partition("#")[0].rstrip()
         if plain:
             yield line, plain
+
+
+def read_fuel_moistures(path: Path) -> dict[int, Moisture]:
+    """Read the initial moistures of fuel models from an .fms file.
+
+    A line is a fuel code and the moistures of 1-h, 10-h, 100-h, live herbaceous and live woody fuel
+    in percent; a seventh number (1000 h) is ignored. Code 0 means all fuels without a line.
+
+    Args:
+        path: The file, or a FARSITE inputs file with such lines under FUEL_MOISTURES_DATA.
+
+    Returns:
+        The moistures of each code as fractions.
+
+    Raises:
+        FireModelError: The file cannot be used; the message names file, line, field and value.
+    """
+    if is_inputs_file(path):
+        return read_inputs(path).fuel_moistures()
+    return moistures_in(path, rows_of(path))

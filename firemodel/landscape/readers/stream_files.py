@@ -15,8 +15,8 @@ from typing import NamedTuple
 import numpy as np
 
 from firemodel.errors import FireModelError
+from firemodel.landscape.readers.fuel_files import number, rows_of
 from firemodel.landscape.readers.inputs_files import NumberedRows, time_of
-from firemodel.landscape.readers.text_rows import number, rows_of
 
 WTR = (
     "month, day, rain, hour of the minimum and of the maximum temperature, minimum and maximum "

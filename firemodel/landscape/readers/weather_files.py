@@ -12,7 +12,7 @@ from firemodel.errors import FireModelError
 from firemodel.landscape.readers.weather_records import Rows, records_in, time_in
 from firemodel.physics.moisture import dead_moistures_pct
 from firemodel.physics.rothermel import M_S_PER_MPH, Moisture
-from firemodel.physics.weather import Weather, WeatherStream, wind_20ft_from_10m
+from firemodel.physics.weather import Weather, WeatherSource, WeatherStream, wind_20ft_from_10m
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +94,7 @@ def read_weather(
             and then follow temperature, humidity and rain (``physics/moisture.py``).
         wind: The .wnd file of a .wtr file, by default the one with the same name.
         fuel_moistures: Moistures (fractions) of single fuel codes, instead of ``moisture``; code 0
-            means all others (``fuel_files.read_fuel_moistures``).
+            means all others (``inputs_files.read_fuel_moistures``).
 
     Returns:
         The weather, with the wind at 20 ft in m/s.
@@ -127,8 +127,20 @@ def read_weather(
                 of_fuels=tuple((code, _fractions(pct[number])) for code, pct in own_pct.items()),
             )
             for number in range(first, at_s.size)
-        ]
+        ],
+        _source(path, rows, start, values.get("humidity_pct"), int(first)),
     )
+
+
+def _source(
+    path: Path, rows: Rows, start: datetime | None, humidity_pct: Floats | None, first: int
+) -> WeatherSource:
+    """Return the origin of a stream that begins with the record ``first``."""
+    line, row = rows[0]
+    if start is None and "time" in row:
+        start = time_in(path, line, row["time"])
+    humid = None if humidity_pct is None else tuple(humidity_pct[first:].tolist())
+    return WeatherSource(str(path), start, humid)
 
 
 def _fractions(pct: Floats) -> Moisture:
@@ -203,7 +215,8 @@ def _times_s(path: Path, rows: Rows, start: datetime | None) -> Floats:
         if number and not at_s[number] > at_s[number - 1]:
             raise FireModelError(
                 f"{path} line {line}: {name} = {row[name]} is not later than the previous record "
-                f"({rows[number - 1][1][name]}); sort the records and remove duplicates"
+                f"({rows[number - 1][1][name]}); sort the records and remove duplicates (local "
+                "times repeat an hour when clocks go back: give them a UTC offset)"
             )
     if at_s[0] > 0.0 or at_s[-1] < 0.0:
         raise FireModelError(

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from firemodel.errors import FireModelError
+from firemodel.landscape.readers.fuel_files import text_of
 from firemodel.landscape.readers.inputs_files import (
     MOISTURES,
     RAWS,
@@ -25,7 +26,6 @@ from firemodel.landscape.readers.stream_files import (
     units_in,
     wind_file_of,
 )
-from firemodel.landscape.readers.text_rows import text_of
 from firemodel.physics.rothermel import Moisture
 
 Rows = list[tuple[int, dict[str, str]]]  # line number, text of each named field
@@ -105,8 +105,8 @@ def _inputs_rows(inputs: Inputs, year: int) -> Rows:
     if inputs.has(WTR) or inputs.has(WND):
         units_of_both = inputs.units(WTR), inputs.units(WND)
         return _named(*daily_records(inputs.table(WTR), inputs.table(WND), year, units_of_both))
-    speed, toward, wind_units = (inputs.values.get(key, (0, "")) for key in WIND)
-    if not (speed[1] and toward[1]):
+    speed, direction, wind_units = (inputs.values.get(key, (0, "")) for key in WIND)
+    if not (speed[1] and direction[1]):
         raise FireModelError(
             f"{inputs.path}: holds no weather; add RAWS, WEATHER_DATA with WIND_DATA, or "
             "WIND_SPEED with WIND_DIRECTION"
@@ -116,7 +116,7 @@ def _inputs_rows(inputs: Inputs, year: int) -> Rows:
         raise FireModelError(
             f"{inputs.path} line {line}: WIND_SPEED_UNITS = {unit}: give 0 (mph) or 1 (km/h)"
         )
-    record = {"at_s": "0", WIND_COLUMNS[unit]: speed[1], "wind_from_deg": toward[1]}
+    record = {"at_s": "0", WIND_COLUMNS[unit]: speed[1], "wind_from_deg": direction[1]}
     return [(speed[0], record)]
 
 
