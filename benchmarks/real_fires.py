@@ -23,7 +23,7 @@ import json
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from datetime import datetime
 from itertools import pairwise
 from pathlib import Path
@@ -59,14 +59,20 @@ class Row(NamedTuple):
     reference: BaseGeometry | None
 
 
-def run_fire(scenario: str, every_s: float, crs: str) -> list[tuple[float, Any]]:
-    """Return each front of a scenario in a CRS, with its time in s."""
+def run_fire(
+    scenario: str, every_s: float, crs: str, changes: Sequence[str]
+) -> list[tuple[float, Any]]:
+    """Return each front of a scenario in a CRS, with its time in s.
+
+    ``changes`` are keys and values as in ``fire run --set``.
+    """
     with tempfile.TemporaryDirectory() as folder:
         path, out = Path(folder) / "fire.toml", Path(folder) / "out"
         path.write_text(scenario, encoding="utf-8")
+        overrides = [word for change in changes for word in ("--set", change)]
         program = [sys.executable, "-m", "mission_service.cli", "fire", "run"]
         done = subprocess.run(
-            [*program, path, "-o", out, "--front-every", f"{every_s:g}"],
+            [*program, path, "-o", out, "--front-every", f"{every_s:g}", *overrides],
             capture_output=True,
             text=True,
             check=False,
@@ -89,7 +95,7 @@ def place(x_m: float, y_m: float, crs: str) -> str:
     return f"lat_deg = {lat}\nlon_deg = {lon}"
 
 
-def san_diego(folder: Path) -> Iterator[Row]:
+def san_diego(folder: Path, changes: Sequence[str]) -> Iterator[Row]:
     """Yield the comparisons with FARSITE's perimeters, for both readings of the slope."""
     name = folder / "tmp" / "0912a968d53d4a8a81ec57e3e2d79308"
     theirs = [repaired(line) for line in features_of(Path(f"{name}_out_Perimeters.shp"))[0]]
@@ -111,12 +117,13 @@ perimeter = "{name}_ignite.shp"
 """,
             1800.0,
             ALBERS,
+            changes,
         )
         for (at_s, front), their in zip(fronts, theirs, strict=True):
             yield Row(f"slope in {unit}, {at_s / 60:.0f} min", front, lit, their)
 
 
-def belgium(folder: Path) -> Iterator[Row]:
+def belgium(folder: Path, changes: Sequence[str]) -> Iterator[Row]:
     """Yield the comparison with the mapped area of each fire; persistence is the ignited cell."""
     for case in sorted(each for each in folder.glob("Case*") if each.is_dir()):
         header = (case / "fuels.asc").read_text(encoding="utf-8").split(maxsplit=10)
@@ -139,6 +146,7 @@ path = "{case / "Weather.csv"}"
 """,
             3600.0,
             BELGIUM,
+            changes,
         )
         scar = shapely.union_all(
             [repaired(each) for each in features_of(case / "ground_truth/observed_scar.shp")[0]]
@@ -148,7 +156,7 @@ path = "{case / "Weather.csv"}"
             yield Row(f"{case.name}, {at_s / 3600:.0f} h", front, cell, scar)
 
 
-def tubbs(folder: Path) -> Iterator[Row]:
+def tubbs(folder: Path, changes: Sequence[str]) -> Iterator[Row]:
     """Yield the simulated area of the Tubbs fire after each hour."""
     import rasterio
 
@@ -202,12 +210,13 @@ at_s = 1800
 """,
         7200.0,
         crs,
+        changes,
     )
     for at_s, front in fronts:
         yield Row(f"{at_s / 3600:.0f} h", front, shapely.Point(6938.0, 343607.0), None)
 
 
-def maria(folder: Path) -> Iterator[Row]:
+def maria(folder: Path, changes: Sequence[str]) -> Iterator[Row]:
     """Yield the comparison of each interval between two mapped perimeters."""
     path = folder / "firis_perimeters.shp"
     areas, crs = features_of(path)
@@ -255,6 +264,7 @@ repair_perimeter = true
 """,
             86400.0,
             ALBERS,
+            changes,
         )
         now, reference = (
             into_crs(repaired(areas[each]), str(crs), ALBERS) for each in (number, later)
@@ -267,7 +277,7 @@ repair_perimeter = true
         )
 
 
-FIRES: dict[str, Callable[[Path], Iterator[Row]]] = {
+FIRES: dict[str, Callable[[Path, Sequence[str]], Iterator[Row]]] = {
     "sandiego": san_diego,
     "belgium": belgium,
     "tubbs": tubbs,
@@ -280,10 +290,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("fire", choices=FIRES)
     parser.add_argument("folder", type=Path)
+    parser.add_argument("--set", action="append", default=[], help="as in fire run (repeatable)")
     given = parser.parse_args()
     click.echo(f"{'':30} {'ha':>9} {'IoU':>6} {'persist':>8} {'area':>6}")
     scores = []
-    for row in FIRES[given.fire](check_folder(given.folder).resolve()):
+    for row in FIRES[given.fire](check_folder(given.folder).resolve(), given.set):
         line = f"{row.name:30} {row.found.area / 1e4:9.1f}"
         if row.reference is not None:
             both = overlap(row.found, row.reference), overlap(row.start, row.reference)

@@ -49,6 +49,7 @@ from firemodel.physics.fuels import FUEL_MODELS, NON_BURNABLE
 Description = dict[str, Any]
 
 USUAL_NODATA = (-9999, -32768)
+REAL = "iuf"  # kinds of NumPy types
 MAX_CODES = 200  # a band with more different values has no fuel codes
 
 
@@ -364,7 +365,7 @@ def _band_in_words(
     if present.size:
         found |= {"least": present.min().item(), "most": present.max().item()}
         found |= _fuels(present, layer)
-    if not layer and present.size:
+    if not layer and present.size and present.dtype.kind in REAL:
         found["notes"] = list(_table_note(band, present))
     if layer or "fuels" in found:
         problems += gaps(band, values, missing)
@@ -380,7 +381,7 @@ def _fuels(present: NDArray[Any], layer: str) -> Description:
     """Return the share of each fuel code in a fuel layer, or in an unnamed band of fuel codes."""
     names = {code: fuel.name for code, fuel in FUEL_MODELS.items()} | NON_BURNABLE
     names[NO_FUEL] = "no fuel"
-    if layer not in ("fuel", ""):
+    if layer not in ("fuel", "") or present.dtype.kind not in REAL:
         return {}
     found, counts = np.unique(present, return_counts=True)
     if found.size > 2 * len(names) or (found != np.round(found)).any():
