@@ -16,7 +16,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from firemodel.errors import FireModelError
+    from firemodel.errors import FireModelError, FireModelWarning
     from firemodel.landscape.default import jacksboro
     from firemodel.landscape.flat import flat_landscape
     from firemodel.landscape.landscape import Landscape
@@ -40,6 +40,7 @@ _MODULES = {
     "SCHEMES": "firemodel.spread.schemes",
     "Fire": "firemodel.spread.fire_scheme",
     "FireModelError": "firemodel.errors",
+    "FireModelWarning": "firemodel.errors",
     "Landscape": "firemodel.landscape.landscape",
     "Weather": "firemodel.physics.weather",
     "WeatherStream": "firemodel.physics.weather",
@@ -62,6 +63,7 @@ __all__ = [
     "SCHEMES",
     "Fire",
     "FireModelError",
+    "FireModelWarning",
     "Landscape",
     "Weather",
     "WeatherStream",

@@ -1,15 +1,18 @@
 """Simulate a fire from ignition to a given time in one call."""
 
+import warnings
 from collections.abc import Sequence
 from numbers import Real
 from pathlib import Path
 from typing import Any
 
-from firemodel.errors import FireModelError
+from firemodel.errors import FireModelError, FireModelWarning
+from firemodel.input_warnings import FireInputs, input_warnings
 from firemodel.landscape.default import jacksboro
 from firemodel.landscape.landscape import Landscape
 from firemodel.landscape.rasterise import burnable_cells
 from firemodel.physics.weather import Weather, WeatherStream
+from firemodel.spread.edge import at_edge
 from firemodel.spread.fire_scheme import Fire
 from firemodel.spread.schemes import SCHEMES, SchemeName, new_fire
 
@@ -45,7 +48,7 @@ def burn(
     Args:
         landscape: Terrain and fuel, or a file whose bands are named (.lcp, GeoTIFF; see
             ``read_landscape``). Default: ``jacksboro()``, 200 x 200 cells of 30 m in Tennessee.
-        weather: A stream, a single entry for the whole time, or a .raws, .wxs or .csv file (see
+        weather: A stream, a single entry for the whole time, or a weather file (see
             ``read_weather``). Default: dry weather with a wind of 4 m/s from the north-east.
         ignitions: WGS84 (latitude, longitude) of points in degrees, or a file of points, lines or
             polygons (GeoJSON, KML, Shapefile). Default: the cell in the middle.
@@ -62,6 +65,10 @@ def burn(
     Raises:
         FireModelError: A file or an argument cannot be used, or an ignition is off the landscape or
             on ground that does not burn.
+
+    Warns:
+        FireModelWarning: An input is valid but probably unintended (``input_warnings``), or the
+            fire reached the edge of the landscape.
 
     Example:
         >>> import firemodel
@@ -83,8 +90,13 @@ def burn(
         raise FireModelError(f"duration_s = {duration_s!r}: give a number of seconds")
     land = _landscape(landscape)
     lit = [(row, col, 0.0) for row, col in _cells(ignitions, land)]
-    fire = new_fire(scheme, land, _stream(weather), lit, **settings)
+    stream = _stream(weather)
+    fire = new_fire(scheme, land, stream, lit, **settings)
+    for line in input_warnings(FireInputs(land, stream, lit, duration_s)):
+        warnings.warn(line, FireModelWarning, stacklevel=2)
     fire.advance(duration_s)
+    if (reached := at_edge(fire)) is not None:
+        warnings.warn(str(reached), FireModelWarning, stacklevel=2)
     return fire
 
 

@@ -356,6 +356,17 @@ class LinesSkipped(OperatorEvent, frozen=True, tag=True):
     lines: tuple[tuple[Count, Count, str], ...]
 
 
+class FireReachedEdge(OperatorEvent, frozen=True, tag=True):
+    """The service's report that the simulated fire has reached the edge of the landscape.
+
+    The place is the first cell at the edge, which ignited at ``arrived_at_us``.
+    """
+
+    arrived_at_us: MissionUs
+    lat_deg: Latitude
+    lon_deg: Longitude
+
+
 Order = Literal["hold", "resume", "return", "start"]
 
 
@@ -446,6 +457,7 @@ AnyOperatorEvent = (
     | SettingsChanged
     | Resumed
     | LinesSkipped
+    | FireReachedEdge
 )
 
 VehicleEvent = (

@@ -107,15 +107,6 @@ def name_of(kind: type[Request]) -> str:
     return str(kind.__struct_config__.tag)
 
 
-def in_words(error: Exception) -> str:
-    """Return the text of an error; for a text that does not match its pattern, key and remedy."""
-    text = str(error)
-    for pattern, words in PATTERNS.items():
-        if f"regex {pattern!r}" in text:
-            return f"{text.rpartition('$.')[2].rstrip('`')}: {words}"
-    return text
-
-
 def summary_of(kind: type[Request]) -> str:
     """Return the first line of a request's help text."""
     return (kind.__doc__ or "").partition("\n")[0]

@@ -41,26 +41,46 @@ def draw_map(path: Path | str, fire: Fire, title: str, time_zero: datetime | Non
     Raises:
         OSError: The file cannot be written.
     """
-    land = fire.landscape
     arrival_s = np.where(fire.burned(), fire.arrival_time_s, np.inf)
-    frame = frame_around(land, arrival_s)
+    line = status_line(fire, time_zero)
     layer = arrival_layer_of(fire, time_zero)
+    draw_arrival(Path(path), fire.landscape, arrival_s, title, line, layer)
+
+
+def draw_arrival(
+    path: Path,
+    land: Landscape,
+    arrival_s: Floats,
+    title: str,
+    line: str,
+    layer: Layer,
+) -> None:
+    """Draw times of arrival (y, x) as ``draw_map`` does, with a line of facts below the title."""
+    frame = frame_around(land, arrival_s)
     figure, axes = start_map(land, arrival_s, frame, isochrones=True, layer=layer)
-    set_title(axes, title, status_line(fire, time_zero))
-    with whole_file(Path(path)) as part:
+    set_title(axes, title, line)
+    with whole_file(path) as part:
         figure.savefig(part, format="png", metadata={"Software": None})
 
 
 def status_line(fire: Fire, time_zero: datetime | None = None) -> str:
     """Return the time of the fire and its burned area in words."""
-    after = f"{fire.time_s / 3600.0:.4g} h after mission time 0"
-    if time_zero is None:
-        at = f"{after} (no calendar date)"
-    else:
-        instant = time_zero + timedelta(seconds=fire.time_s)
-        at = f"{instant.isoformat(sep=' ', timespec='minutes')}, {after}"
     area_m2 = fire.front(fire.time_s).area
-    return f"{at} · burned: {area_m2 / 1e4:,.1f} ha ({area_m2 / M2_PER_ACRE:,.0f} acres)"
+    return f"{time_in_words(fire.time_s, time_zero)} · burned: {area_in_words(area_m2)}"
+
+
+def time_in_words(time_s: float, time_zero: datetime | None) -> str:
+    """Return a time after mission time 0, with its date if there is one."""
+    after = f"{time_s / 3600.0:.4g} h after mission time 0"
+    if time_zero is None:
+        return f"{after} (no calendar date)"
+    instant = time_zero + timedelta(seconds=time_s)
+    return f"{instant.isoformat(sep=' ', timespec='minutes')}, {after}"
+
+
+def area_in_words(area_m2: float) -> str:
+    """Return an area in hectares and acres."""
+    return f"{area_m2 / 1e4:,.1f} ha ({area_m2 / M2_PER_ACRE:,.0f} acres)"
 
 
 def set_title(axes: Any, title: str, line: str) -> None:

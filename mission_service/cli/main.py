@@ -24,6 +24,7 @@ from mission_service.cli.options import (
     TLOG,
     ReportOptions,
     echo,
+    echo_warning,
     folder,
     report_address,
     report_options,
@@ -273,6 +274,8 @@ def config_check(file: str, overrides: tuple[str, ...], as_json: bool) -> None:
             Core(loaded, landscape_of(loaded))  # makes the planners of another package
     except (FireModelError, MissionServiceError) as error:  # they do not name the file
         raise ScenarioError(f"{scenario_path(file)}: {error}") from None
+    for line in summary["warnings"]:
+        echo_warning(line)
     echo({"result": "ok", **summary}, as_json)
 
 
@@ -281,10 +284,8 @@ def _finish(summary: dict[str, Any], out: Path, as_json: bool) -> None:
         click.echo(json.dumps(summary))
     closest_m, separation_m = summary["closest_pair_m"], summary["separation_m"]
     if closest_m is not None and closest_m < separation_m:
-        click.echo(
-            f"Warning: two vehicles were {closest_m:.0f} m apart; mission.separation_m is "
-            f"{separation_m:g}",
-            err=True,
+        echo_warning(
+            f"two vehicles were {closest_m:.0f} m apart; mission.separation_m is {separation_m:g}"
         )
     if as_json:
         return

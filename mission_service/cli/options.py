@@ -120,11 +120,17 @@ def folder(out: Path) -> Path:
 
 
 def echo(result: dict[str, Any], as_json: bool) -> None:
-    """Print a result as JSON, or as one line per key."""
+    """Print a result as JSON, or as one line per key without ``warnings``, which stderr has."""
     if as_json:
         click.echo(json.dumps(result))
     else:
-        click.echo("\n".join(f"{key}: {value}" for key, value in result.items()))
+        shown = (f"{key}: {value}" for key, value in result.items() if key != "warnings")
+        click.echo("\n".join(shown))
+
+
+def echo_warning(text: str) -> None:
+    """Print a warning to stderr."""
+    click.echo(f"Warning: {text}", err=True)
 
 
 def report_address(out: Path, address: str) -> None:

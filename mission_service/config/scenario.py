@@ -15,6 +15,7 @@ from mission_service.config.rule_lookup import Way, own_ways, rules, way_named
 from mission_service.config.sections import (
     KEY_SOURCE,
     BurnSection,
+    EnsembleSection,
     FireSection,
     FormationSection,
     Ignition,
@@ -32,9 +33,11 @@ from mission_service.config.sections import (
 )
 from mission_service.config.service import ServiceSection
 from mission_service.errors import ScenarioError
+from mission_service.value_errors import got, missing_key, remedy, schema_at
 
 SHIPPED = Path(__file__).parents[1] / "scenarios"
 S = TypeVar("S", bound=Section)
+OWN_ERRORS = ("value_error", "assertion_error")  # their texts are those of this package
 
 
 class Scenario(Section):
@@ -54,6 +57,7 @@ class Scenario(Section):
     fly_in_wind: bool = True  # simulated vehicles fly in the wind of the fire's weather
     landscape: LandscapeSection = LandscapeSection()
     fire: FireSection = FireSection()
+    ensemble: EnsembleSection = EnsembleSection()
     weather: tuple[WeatherEntry, ...] = ()
     weather_file: WeatherFile | None = None
     ignition: tuple[Ignition, ...] = ()
@@ -255,7 +259,7 @@ def _checked(kind: type[BaseModel], data: Any, path: Path, keys: tuple[str, ...]
     try:
         return kind.model_validate(data)
     except ValidationError as error:
-        raise ScenarioError(f"{path}: {'.'.join((*keys, _in_words(error)))}") from None
+        raise ScenarioError(f"{path}: {'.'.join((*keys, _in_words(error, kind)))}") from None
 
 
 def _in_layers(scenario: Scenario) -> Scenario:
@@ -338,22 +342,24 @@ def flying(scenario: Scenario) -> Scenario:
     return scenario
 
 
-def _in_words(error: ValidationError) -> str:
+def _in_words(error: ValidationError, kind: type[BaseModel]) -> str:
     first = error.errors()[0]
     key = ".".join(str(part) for part in first["loc"]) or "scenario"
     value = first.get("input")
     # The value of a key with such a name, even if misspelt, may be a secret.
     secret = re.search("key|sign|password|token", key)
-    hidden = isinstance(value, dict | list | tuple | BaseModel) or secret
-    shown = "" if hidden else f" (got {value!r})"
+    shown = "" if secret or isinstance(value, BaseModel) else got(value)
     others = len(error.errors()) - 1
     more = f"; and {others} more" if others else ""
     if first["type"] == "extra_forbidden":
         return f"{key}: unknown key{shown}{more}"
-    text = first["msg"].removeprefix("Value error, ")
-    text = text.replace("a valid tuple", "a list, as in [ ... ]")
-    text = re.sub(r"a valid dictionary.*", "a table", text)
-    return f"{key}: {text}{shown}{more}"
+    if first["type"] in OWN_ERRORS:
+        return f"{key}: {first['msg'].removeprefix('Value error, ')}{shown}{more}"
+    schema = kind.model_json_schema()
+    if first["type"] == "missing":
+        return f"{missing_key(first['loc'], schema)}{more}"
+    found = schema_at(schema, first["loc"])
+    return f"{key}: {first['msg'] if found is None else remedy(found, schema)}{shown}{more}"
 
 
 def apply_override(data: dict[str, Any], override: str) -> None:

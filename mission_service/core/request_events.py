@@ -22,9 +22,9 @@ from mission_service.requests import (
     Name,
     Replay,
     Request,
-    in_words,
     name_of,
 )
+from mission_service.value_errors import in_words
 
 if TYPE_CHECKING:
     from mission_service.config.scenario import Scenario
@@ -100,7 +100,7 @@ def event_of(
     try:
         parsed = msgspec.convert(request, kind)
     except (msgspec.ValidationError, OverflowError, UnicodeError) as error:
-        raise RequestError(f"{do}: {in_words(error)}") from None
+        raise RequestError(f"{do}: {in_words(error, kind, request)}") from None
     if _is_service(parsed.by):
         raise RequestError(f"{do}: by {SERVICE!r} is reserved for the service; give your name")
     _check_names(parsed, scope)

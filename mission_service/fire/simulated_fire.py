@@ -20,7 +20,14 @@ from mission_service.errors import ScenarioError
 from mission_service.events import AnyOperatorEvent, Observed, Telemetry
 from mission_service.fire.camera import Camera, beyond_rectangle
 from mission_service.fire.corrected_fire import CorrectedFire
-from mission_service.fire.setup import begun_again, cells_lit, check_fire, fire_of, landscape_of
+from mission_service.fire.setup import (
+    begun_again,
+    cells_lit,
+    check_fire,
+    fire_of,
+    landscape_of,
+    warnings_on,
+)
 
 AROUND_CELLS = 3  # margin of a reported window, which includes the edge of the change
 
@@ -143,7 +150,7 @@ def world_of(scenario: Scenario, landscape: Landscape) -> SimulatedFire:
     return SimulatedFire(fire_of(scenario, landscape), landscape, corrected)
 
 
-def check(scenario: Scenario) -> dict[str, object]:
+def check(scenario: Scenario) -> dict[str, Any]:
     """Load all inputs of a scenario and return a summary; raise an error for any problem."""
     landscape = landscape_of(scenario)
     check_fire(scenario, landscape)
@@ -162,4 +169,5 @@ def check(scenario: Scenario) -> dict[str, object]:
         "scenario": scenario.name,
         "landscape": f"{rows} x {cols} cells of {landscape.cell_size_m:g} m, {landscape.crs}",
         "vehicles": ", ".join(vehicle.name for vehicle in scenario.vehicles),
+        "warnings": warnings_on(scenario, landscape),
     }

@@ -22,7 +22,7 @@ from typing import Any, BinaryIO
 
 import msgspec
 
-from mission_service import __version__
+from mission_service import __version__, value_errors
 from mission_service.commands import AnyCommand
 from mission_service.config.scenario import Scenario
 from mission_service.errors import JournalError, RefusedEventError
@@ -261,7 +261,8 @@ def _readable(content: AnyEvent | AnyCommand, decode: Callable[[bytes], object])
         body = _encode(content)
         again = decode(body)
     except (msgspec.MsgspecError, UnicodeError, OverflowError, TypeError, ValueError) as error:
-        raise RefusedEventError(f"{name} refused: {error}") from None
+        words = value_errors.in_words(error, type(content))
+        raise RefusedEventError(f"{name} refused: {words}") from None
     if again != content:
         raise RefusedEventError(f"{name} refused: it differs after encoding and decoding")
     return body

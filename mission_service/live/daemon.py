@@ -17,7 +17,7 @@ from mission_service.config.shared_links import sharing
 from mission_service.core.core import Core
 from mission_service.errors import UnhandledLineError
 from mission_service.events import SERVICE, OrderGiven
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.setup import landscape_of, warnings_on
 from mission_service.fire.simulated_fire import SimulatedFire, world_of
 from mission_service.guidance.registry import way_of
 from mission_service.interfaces.control.control_client import NAME
@@ -37,7 +37,7 @@ from mission_service.runtime.journal_retention import JournalRetention
 from mission_service.runtime.peer_listener import PeerListener
 from mission_service.runtime.run_context import RunContext
 from mission_service.runtime.run_statistics import RunStatistics
-from mission_service.runtime.state_view import StateView
+from mission_service.runtime.state_view import OF_FIRE, StateView
 from mission_service.runtime.vehicle_links import (
     SEVERITIES,
     Link,
@@ -294,7 +294,8 @@ def _initial_state(
         return saved["core"], saved["fire"].world, saved["state_view"]
     world = world_of(scenario, landscape)
     world.advance(clock.now_us)
-    return Core(scenario, landscape), world, StateView(scenario, landscape, clock.now_us)
+    warnings = warnings_on(scenario, landscape)
+    return Core(scenario, landscape), world, StateView(scenario, landscape, clock.now_us, warnings)
 
 
 async def _resume(
@@ -308,7 +309,7 @@ async def _resume(
     last_us = max(interrupted.last_us, service.statistics.at_us)
     restart = resumed(last_us, down_s)
     clock.go_on(restart.at_us, began_us)
-    service.state_view.clear_all_but("abort")
+    service.state_view.clear_all_but("abort", *OF_FIRE)
     service.state_view.last_id_before_restart = service.state_view.announcement_id
     service.resume(interrupted.missing, restart, clock_us(), interrupted.skips(last_us))
 
@@ -353,6 +354,7 @@ def _check_state(context: RunContext, health: HealthMonitor, link_monitor: LinkM
             context.service.announce(name, line)
     context.clock.wall_passed(now_us)
     context.world.advance(context.clock.now_us)
+    context.service.check_edge(now_us)
     for name, link in context.links.items():
         if link.connected:
             context.not_ready.pop(name, None)

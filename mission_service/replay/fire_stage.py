@@ -7,7 +7,8 @@ floats may differ, and therefore also cells at the edge of the fire or of a came
 from collections.abc import Iterator
 from typing import Any
 
-from mission_service.events import Aborted, Observed, Resumed, Telemetry
+from firemodel.spread.edge import at_edge
+from mission_service.events import Aborted, FireReachedEdge, Observed, Resumed, Telemetry
 from mission_service.fire.observed_fire import ObservedFire
 from mission_service.journal.journal_file import Entry, SegmentReader
 from mission_service.journal.reader import JournalReader
@@ -64,6 +65,8 @@ class _Comparison:
                     self._position_missing(place, recorded)
                 else:
                     self._compare(place, recorded, content)
+            case FireReachedEdge() if entry.sure and entry.intact:
+                self._compare_edge(self._recorded.place(reader, entry), content)
             case Resumed() | Aborted() if self._pending:  # its position was not journalled
                 self._without_position, self._pending = self._without_position + 1, None
             case _:
@@ -96,6 +99,14 @@ class _Comparison:
             self._counts["beyond tolerance" if beyond else "within tolerance"] += 1
             if beyond:
                 self._differs(f"{place}: {_in_words(recorded, cell)}", cell)
+
+    def _compare_edge(self, place: str, recorded: FireReachedEdge) -> None:
+        self._fire.world.advance(recorded.at_us)
+        again, arrived_s = at_edge(self._fire.world.fire), recorded.arrived_at_us / 1e6
+        if again is None or abs(again.at_s - arrived_s) > ARRIVAL_WITHIN_S:
+            replay = "not reached it" if again is None else f"reached it at {again.at_s:.3f} s"
+            words = f"the journal has the fire at the edge at {arrived_s:.3f} s"
+            self._differs(f"{place}: {words}, in the replay it has {replay}")
 
     def _position_missing(self, place: str, recorded: Observed) -> None:
         self._differs(f"{place}: no position of {recorded.vehicle} follows at its time")

@@ -21,6 +21,7 @@ from mission_service.events import (
     AnyOperatorEvent,
     Approved,
     ChecklistAnswered,
+    FireReachedEdge,
     MissionAccepted,
     MissionRefused,
     OperatorEvent,
@@ -61,7 +62,7 @@ class PastRun:
         """Add an event and its commands."""
         self.fire.apply_history(event, commands)
         self.state_view.apply(event, commands)
-        if isinstance(event, OperatorEvent):
+        if isinstance(event, OperatorEvent) and not isinstance(event, FireReachedEdge):
             self.requests.append(event)
 
 

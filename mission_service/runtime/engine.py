@@ -22,6 +22,7 @@ from functools import cached_property, partial
 from typing import Any
 
 from firemodel.errors import FireModelError
+from firemodel.spread.edge import at_edge
 from mission_service.commands import (
     AnyCommand,
     BroadcastMessage,
@@ -36,12 +37,14 @@ from mission_service.config.scenario import Scenario
 from mission_service.core.core import Core
 from mission_service.errors import NotRecordedError, RefusedEventError
 from mission_service.events import (
+    SERVICE,
     Aborted,
     AnyEvent,
     AnyOperatorEvent,
     AutopilotText,
     CommandFinished,
     DropFinished,
+    FireReachedEdge,
     HostTime,
     LinesSkipped,
     ModeChanged,
@@ -155,6 +158,18 @@ class Engine:
                     self._process(event, now_us)
                 else:
                     self.state_view.show_unrecorded(event)
+        self.check_edge(now_us)
+
+    def check_edge(self, now_us: int) -> None:
+        """Journal once that the fire has reached the edge of the landscape."""
+        if self.state_view.reached_edge is not None or self.recording.trouble:
+            return
+        found = at_edge(self.world.fire)
+        if found is not None:
+            at_us = max(self.statistics.at_us, round(self.world.fire.time_s * 1e6))
+            arrived_us = round(found.at_s * 1e6)
+            place = (found.lat_deg, found.lon_deg)
+            self._handle(FireReachedEdge(at_us, SERVICE, "", arrived_us, *place), now_us)
 
     def _show_unrecorded(self, event: VehicleEvent) -> None:
         """Show operators an event that could not be journalled and was not handled.

@@ -16,6 +16,7 @@ from mission_service.commands import (
 from mission_service.events import (
     AnyEvent,
     DropFinished,
+    FireReachedEdge,
     Observed,
     OperatorEvent,
     Resumed,
@@ -84,6 +85,8 @@ class RunStatistics:
         self.at_us = max(self.at_us, event.at_us)
         if isinstance(event, Resumed):
             self.restarts += 1
+        elif isinstance(event, FireReachedEdge):
+            pass  # the alarm is counted
         elif isinstance(event, OperatorEvent):
             self.requests[type(event).__name__] += 1
         else:

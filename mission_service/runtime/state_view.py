@@ -8,10 +8,11 @@ their keys. The figures of the run (``statistics``) are part of it.
 
 import math
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, ClassVar
 
 from firemodel.landscape.landscape import Landscape
+from firemodel.spread.edge import AtEdge
 from mission_service.commands import (
     CONFIRM,
     REJECTED,
@@ -38,6 +39,7 @@ from mission_service.events import (
     BatteryUpdated,
     CommandFinished,
     DropFinished,
+    FireReachedEdge,
     GpsFixChanged,
     LinkLost,
     LinkRestored,
@@ -77,10 +79,12 @@ MAX_ANNOUNCEMENTS = 500
 MAX_CLEARED = 50
 FIRE_EVERY_US = 30_000_000
 LOW_BATTERY_PCT, GOOD_BATTERY_PCT = 25.0, 30.0
+OF_FIRE = ("edge", "input")  # prefixes of the alarms about the fire, which a restart keeps
 # Prefixes of the alarms that follow from the flight; all others concern the service itself.
 OF_FLIGHT = (
     *("link", "silent", "position", "battery", "mission", "order", "abort", "near"),
     *("mode", "state", "fence", "estimator", "autopilot", "front", "landed", "unrecorded"),
+    *OF_FIRE,
 )
 
 
@@ -90,6 +94,11 @@ def questioned(commands: Iterable[AnyCommand]) -> set[str]:
     return {line.vehicle for line in lines if line.text.startswith((CONFIRM, REJECTED))}
 
 
+def edge_text(event: FireReachedEdge) -> str:
+    """Return the warning that the fire has reached the edge of the landscape."""
+    return str(AtEdge(event.arrived_at_us / 1e6, event.lat_deg, event.lon_deg))
+
+
 def _of_flight(alarm: str) -> bool:
     return alarm.partition("/")[0] in OF_FLIGHT
 
@@ -97,7 +106,10 @@ def _of_flight(alarm: str) -> bool:
 class StateView:
     """The states of a run. ``apply`` processes an event; ``version`` grows with each change."""
 
-    def __init__(self, scenario: Scenario, landscape: Landscape, at_us: int) -> None:
+    def __init__(
+        self, scenario: Scenario, landscape: Landscape, at_us: int, warnings: Sequence[str] = ()
+    ) -> None:
+        """Begin at ``at_us`` with the warnings about the scenario (``warnings_on``) as alarms."""
         self.at_us = at_us
         self.version = 1
         self.changed: dict[str, int] = {}
@@ -125,6 +137,7 @@ class StateView:
         self.plan_hash = ""
         self.fire_version = 1  # grows when operators change the fire
         self.wind_set: WindSet | None = None
+        self.reached_edge: FireReachedEdge | None = None
         self.telemetry_count = 0  # with positions that could not be journalled
         self.statistics = RunStatistics(tuple(self.vehicles), at_us)
         self._landscape = landscape
@@ -136,6 +149,8 @@ class StateView:
         self._touch("status", "fire", "burn", "alarms", "announcements")
         for name in self.vehicles:
             self._touch(f"vehicle/{name}", f"mission/{name}")
+        for number, line in enumerate(warnings, start=1):
+            self._warn(f"input/{number}", line)
 
     # Input ------------------------------------------------------------------------------------
 
@@ -185,9 +200,9 @@ class StateView:
             self.cleared.append(alarm)
             self._touch("alarms")
 
-    def clear_all_but(self, *keys: str) -> None:
+    def clear_all_but(self, *prefixes: str) -> None:
         """Clear all other alarms; their sources raise them again if the cause persists."""
-        for key in [key for key in self.alarms if key not in keys]:
+        for key in [key for key in self.alarms if key.partition("/")[0] not in prefixes]:
             self.clear(key)
 
     def announce(self, vehicle: str, text: str, level: str = "info") -> None:
@@ -198,6 +213,11 @@ class StateView:
             Announcement(self.announcement_id, self.at_us, vehicle, level, text)
         )
         self._touch("announcements")
+
+    def _warn(self, key: str, text: str) -> None:
+        """Raise an alarm about the fire and announce it."""
+        self.alarm(key, text)
+        self.announce("fire", text, "warning")
 
     def announcements_after(self, line_id: int) -> list[Announcement]:
         """Return the announcements after ``line_id`` to forward; none from before a restart."""
@@ -252,6 +272,9 @@ class StateView:
                     self._order(vehicle, "hold")
             case SettingsChanged():
                 self._touch("status")
+            case FireReachedEdge():
+                self.reached_edge = event
+                self._warn("edge", edge_text(event))
             case MissionRefused():
                 proposed = self.missions[event.vehicle].proposed
                 if proposed is not None and proposed.mission_hash == event.mission_hash:

@@ -18,7 +18,7 @@ from mission_service.config.scenario import Scenario
 from mission_service.config.sections import LinkSection, VehicleSection
 from mission_service.core.core import Core
 from mission_service.events import AnyOperatorEvent
-from mission_service.fire.setup import home_of, landscape_of, weather_of
+from mission_service.fire.setup import home_of, landscape_of, warnings_on, weather_of
 from mission_service.fire.simulated_fire import SimulatedFire, world_of
 from mission_service.guidance.registry import way_of
 from mission_service.journal.journal_file import Journal, header_of
@@ -133,7 +133,8 @@ class Simulation:
         ]
         self.core = Core(scenario, landscape)
         gateways = {rig.gateway.name: rig.gateway for rig in self.rigs}
-        state_view = StateView(scenario, landscape, self.clock.now_us)
+        warnings = warnings_on(scenario, landscape)
+        state_view = StateView(scenario, landscape, self.clock.now_us, warnings)
         self.service = Engine(scenario, self.core, self.world, journal, state_view, gateways)
         self._crew = crew
         self._progress = progress

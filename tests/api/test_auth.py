@@ -51,12 +51,12 @@ def test_a_token_that_is_none_or_open_to_all_is_refused(
     ("text", "why"),
     [
         ("[[tokens", "not valid TOML"),
-        (GOOD.replace("fly", "all"), "Invalid enum value 'all'"),
-        (GOOD.replace("0" * 64, "abc"), "regex"),
-        (GOOD + "colour = 1\n", "unknown field"),
+        (GOOD.replace("fly", "all"), "tokens.0.roles.0: give one of approve, correct, fly, look;"),
+        (GOOD.replace("0" * 64, "abc"), "tokens.0.sha256: give all 64 digits of the hash"),
+        (GOOD + "colour = 1\n", "tokens.0.colour: unknown key; give name, roles, sha256, station;"),
         (GOOD + GOOD, "two tokens have the name anna"),
         ("tokens = 7", "tokens"),
-        ("other = 7", "unknown field"),
+        ("other = 7", "other: unknown key; give tokens;"),
     ],
 )
 def test_an_invalid_tokens_file_is_reported_in_one_line(

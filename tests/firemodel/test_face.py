@@ -71,7 +71,14 @@ def test_an_ignition_off_the_landscape_is_refused() -> None:
 
 def test_a_scheme_by_chance_takes_its_settings() -> None:
     fires = [
-        firemodel.burn(landscape(), scheme="probabilistic", p_spread=0.1, update_s=60.0, seed=seed)
+        firemodel.burn(
+            landscape(),
+            duration_s=1800.0,
+            scheme="probabilistic",
+            p_spread=0.1,
+            update_s=60.0,
+            seed=seed,
+        )
         for seed in (1, 1, 2)
     ]
     one, same, other = (fire.arrival_time_s for fire in fires)

@@ -102,8 +102,11 @@ def test_no_operator_is_present_by_a_message() -> None:
         (b"\xff{", "cannot be read"),
         (b"[" * 60_000, "cannot be read"),
         (b"[1]", "cannot be read"),
-        (b"{}", "`id`"),
-        (b'{"id": 1, "by": "a", "sent_at_unix_us": 1}', "$.id"),
+        (b"{}", "id: is missing; give printable ASCII"),
+        (
+            b'{"id": 1, "by": "a", "sent_at_unix_us": 1}',
+            "id: give printable ASCII characters without spaces",
+        ),
         (b'{"id": "a b", "by": "a", "sent_at_unix_us": 1}', "id: give printable ASCII"),
         (b'{"id": "ab\\n", "by": "a", "sent_at_unix_us": 1}', "id: give printable ASCII"),
         (

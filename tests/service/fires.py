@@ -23,6 +23,24 @@ TIFFS = FILES + 'fuel = "fuel.tif"\nelevation = "dem.tif"\n'
 CSV = '[weather_file]\npath = "weather.csv"\nstart = 2024-07-01T12:00:00\n'
 POINT = '[[ignition]]\nfile = "lit.geojson"\n'
 HEAD = 'name = "small"\nseed = 5\nduration_s = 3600\n'
+FLAT = """\
+name = "flat"
+seed = 3
+duration_s = 1800
+[landscape]
+source = "flat"
+lat_deg = 37.0
+lon_deg = -119.0
+rows = 60
+cols = 60
+[[ignition]]
+lat_deg = 37.0
+lon_deg = -119.0
+[[weather]]
+at_s = 0
+wind_speed_m_s = 2
+wind_from_deg = 250
+"""
 # Two hours; moistures are in the file but for the live ones.
 WEATHER = """\
 time,wind_speed_m_s,wind_from_deg,dead_1h_pct,dead_10h_pct,dead_100h_pct
@@ -63,4 +81,11 @@ def write_scenario(folder: Path, *parts: str, head: str = HEAD) -> Path:
     """A scenario of these tables; without any, the usual ones."""
     path = folder / "fire.toml"
     path.write_text("\n".join([head, *(parts or (TIFFS, CSV, POINT))]), encoding="utf-8")
+    return path
+
+
+def write_flat(folder: Path) -> Path:
+    """A scenario of level ground, without further files."""
+    path = folder / "flat.toml"
+    path.write_text(FLAT, encoding="utf-8")
     return path

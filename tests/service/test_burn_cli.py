@@ -191,7 +191,7 @@ def test_an_open_list_comes_before_an_approval(run: Run) -> None:
         (("wind", "nan", "0"), "wind: speed_m_s = nan: give a finite number"),
         (("correct", "burned", "nan,-84"), "correct: points = ((nan, -84.0),): give a finite"),
         (("plan", "--drop-spacing", "inf"), "plan: drop_spacing_m = inf: give a finite number"),
-        (("erase", "91,0", "--radius", "5"), "erase: Expected `float` <= 90"),
+        (("erase", "91,0", "--radius", "5"), "erase: lat_deg: give a number from -90 to 90"),
         (("unit", "0,0", "0.01,0.01", "0,0.02", "0.02,0"), "its sides cross"),
     ],
 )

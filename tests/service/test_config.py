@@ -45,7 +45,7 @@ def test_every_shipped_scenario_is_sound(path: Path) -> None:
         ("wind_speed_m_s = 4", "wind_speed_m_s = -4", ["weather.0.wind_speed_m_s", "-4"]),
         ('rule = "islam_hu_damped"', 'rule = "dampened"', ["planner.rule", "dampened"]),
         ("duration_s = 21600", 'duration_s = "six hours"', ["duration_s", "six hours"]),
-        ("duration_s = 21600", "", ["duration_s", "Field required"]),
+        ("duration_s = 21600", "", ["duration_s", "is missing; give a number, above 0"]),
         ('source = "jacksboro"', 'source = "files"', ["landscape", "either file, or fuel"]),
         ('source = "jacksboro"', 'fuel = "no.tif"', ["landscape", 'source = "files"']),
         (

@@ -356,7 +356,7 @@ def test_weather_that_ends_early_is_noted(tmp_path: Path) -> None:
     scenario = write_scenario(write_site(tmp_path))
     options = ("-o", str(tmp_path / "out"), "--set")
     quiet = call("fire", "run", str(scenario), *options, "duration_s=10800")
-    assert "Note" not in quiet.stderr
+    assert "weather.csv" not in quiet.stderr
     result = call("fire", "run", str(scenario), *options, "duration_s=14400")
     assert result.exit_code == 0
     assert "weather.csv: ends at 7200 s; its last record is used until" in result.stderr

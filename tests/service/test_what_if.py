@@ -170,7 +170,11 @@ def test_approvals_and_restarts_are_not_submitted_again() -> None:
     [
         (("--what-if", "beta=1", "--out", "OUT/new"), "planner.beta: unknown key (got 1)", 1),
         (("--what-if", "planner=nix", "--out", "OUT/new"), "planner.rule: no such rule", 1),
-        (("--what-if", "alpha=-1", "--out", "OUT/new"), "planner.alpha: Input should be", 1),
+        (
+            ("--what-if", "alpha=-1", "--out", "OUT/new"),
+            "planner.alpha: give a number, at least 0",
+            1,
+        ),
         (("--what-if", "alpha", "--out", "OUT/new"), "write it as KEY=VALUE of [planner]", 1),
         (("--what-if", "alpha.x=1", "--out", "OUT/new"), "write it as KEY=VALUE of [planner]", 1),
         (("--what-if", "alpha=1", "--out", "RUN"), "is the folder of the journal", 1),

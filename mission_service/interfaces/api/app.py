@@ -45,6 +45,7 @@ from mission_service.runtime.published_states import (
     VehicleState,
 )
 from mission_service.runtime.run_context import RunContext
+from mission_service.value_errors import got, missing_key, remedy, schema_at
 
 PAGE = Path(__file__).parents[1] / "web" / "dist"
 ANSWERS = (
@@ -181,8 +182,9 @@ def _handle_errors(app: FastAPI) -> None:
     @app.exception_handler(RequestValidationError)
     async def invalid(request: Request, error: RequestValidationError) -> Response:
         first = error.errors()[0]
-        location = ".".join(str(part) for part in first["loc"])
-        return error_answer(422, f"{location}: {first['msg']}")
+        described = app.openapi()["paths"].get(request.scope["route"].path_format, {})
+        operation = described.get(request.method.lower(), {})
+        return error_answer(422, _refused_parameter(first, operation))
 
     @app.exception_handler(Exception)
     async def failed(request: Request, error: Exception) -> Response:
@@ -193,6 +195,18 @@ def _handle_errors(app: FastAPI) -> None:
     @app.exception_handler(MissionServiceError)
     async def unusable(request: Request, error: Exception) -> Response:
         return error_answer(422, str(error))
+
+
+def _refused_parameter(error: dict[str, Any], operation: dict[str, Any]) -> str:
+    """Return the text for a refused parameter of an operation, as described by OpenAPI."""
+    parameters = operation.get("parameters", ())
+    schema = {"properties": {each["name"]: each["schema"] for each in parameters}}
+    place, *path = error["loc"]
+    if error["type"] == "missing":
+        return f"{place}.{missing_key(path, schema)}"
+    found = schema_at(schema, path)
+    words = error["msg"] if found is None else remedy(found, schema)
+    return f"{'.'.join(map(str, error['loc']))}: {words}{got(error['input'])}"
 
 
 def _methods(app: FastAPI, path: str) -> list[str]:

@@ -15,7 +15,7 @@ import msgspec
 
 from mission_service.core.request_events import ABORT, ALL_REQUESTS
 from mission_service.interfaces.mqtt.payloads import Command, CommandId, Reply
-from mission_service.requests import in_words
+from mission_service.value_errors import UNKNOWN, in_words
 
 MQTT = "mqtt"  # prefix of the names of operators and stations
 MAX_BYTES = 64 * 1024
@@ -157,13 +157,16 @@ def _read(payload: bytes) -> tuple[Command, dict[str, Any]]:
     """Decode a command, and return it with the request for the request handler."""
     if len(payload) > MAX_BYTES:
         raise _RefusedError(f"the message has {len(payload)} bytes; the limit is {MAX_BYTES}")
+    found = UNKNOWN
     try:
         found = msgspec.json.decode(payload)
         if isinstance(found, dict):
             found.setdefault("schema", "command/1")
         command = msgspec.convert(found, Command)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise _RefusedError(f"the message cannot be read: {in_words(error)}") from None
+        raise _RefusedError(
+            f"the message cannot be read: {in_words(error, Command, found)}"
+        ) from None
     if "do" in found:
         raise _RefusedError("unknown key do: the topic contains the command")
     request = {key: value for key, value in found.items() if key not in _ENVELOPE}

@@ -15,18 +15,20 @@ from mission_service.commands import AnyCommand, UploadMission
 from mission_service.config.scenario import Scenario
 from mission_service.events import (
     AnyEvent,
+    FireReachedEdge,
     LinkLost,
     Observed,
     Telemetry,
     UploadFinished,
 )
-from mission_service.fire.setup import fire_position
+from mission_service.fire.setup import fire_position, warnings_on
 from mission_service.guidance.fire_map import BEARINGS, FireMap, window_codes
 from mission_service.guidance.registry import way_of
 from mission_service.journal.reader import JournalReader
 from mission_service.replay.distance_error import TrueShape
 from mission_service.replay.flights.journal_log import JournalLog
 from mission_service.runtime.run_statistics import RunStatistics
+from mission_service.runtime.state_view import edge_text
 
 Floats = NDArray[np.float64]
 
@@ -75,6 +77,8 @@ class FireAnalysis:
     revisits_s: list[float] = field(default_factory=list)
     directions: dict[str, list[tuple[int, bool | None]]] = field(default_factory=dict)
     uploads: list[Upload] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)  # about the scenario, then about the edge
+    reached_edge_us: int | None = None  # mission time of the report
 
     @property
     def follows_front(self) -> bool:
@@ -102,6 +106,7 @@ class _Analyser:
         start_us = round(scenario.start_s * 1e6)
         record = RunStatistics(tuple(each.name for each in scenario.vehicles), start_us)
         self._analysis = FireAnalysis(scenario, landscape, record, log.open_loop)
+        self._analysis.warnings += warnings_on(scenario, landscape)
         self._due_us = start_us
         self._sent: dict[tuple[str, int], Upload] = {}
         self._estimates: list[tuple[int, str, Floats]] = []
@@ -144,6 +149,9 @@ class _Analyser:
                 sent = self._sent.pop((event.vehicle, event.mission_id), None)
                 if sent is not None:
                     sent.outcome, sent.finished_us = event.outcome, event.at_us
+            case FireReachedEdge():
+                self._analysis.reached_edge_us = event.at_us
+                self._analysis.warnings.append(edge_text(event))
             case _:
                 pass
         for command in commands:

@@ -13,6 +13,7 @@ from autopilot_bridge.vehicle.client_events import Position
 from mission_service.core.core import Core
 from mission_service.events import AnyOperatorEvent, IgnitionReported
 from mission_service.fire.observed_fire import OF_FIRE, ObservedFire
+from mission_service.fire.setup import warnings_on
 from mission_service.fire.simulated_fire import world_of
 from mission_service.journal.journal_file import Journal
 from mission_service.replay.flights.flight_logs import VehicleLog
@@ -108,7 +109,8 @@ def _initial_state(pairing: Pairing) -> dict[str, Any]:
     vehicles = {section.name: LoggedVehicle() for section in scenario.vehicles}
     world = world_of(scenario, landscape)
     world.advance(mission.start_us)
-    state_view = StateView(scenario, landscape, mission.start_us)
+    warnings = warnings_on(scenario, landscape)
+    state_view = StateView(scenario, landscape, mission.start_us, warnings)
     separation_m = scenario.mission.separation_m
     return {
         "clock": clock,

@@ -25,7 +25,7 @@ from mission_service.replay.flights.journal_log import JOURNAL
 from mission_service.replay.flights.playback import Playback
 from mission_service.replay.flights.scenario_pairing import Pairing
 from mission_service.replay.flights.write_once_journal import WriteOnceJournal, refuse_loss
-from mission_service.requests import Replay, in_words
+from mission_service.requests import Replay
 from mission_service.runtime.clocks import clock_us
 from mission_service.runtime.engine import Progress, unshown
 from mission_service.runtime.gateway import MissionClock
@@ -33,6 +33,7 @@ from mission_service.runtime.play_head import PlayHead, Speed
 from mission_service.runtime.request_handler import Answer, RequestHandler, wrong
 from mission_service.runtime.run_context import RunContext
 from mission_service.runtime.run_statistics import RunStatistics
+from mission_service.value_errors import in_words
 
 TURN_US = 20_000  # time of playing before other tasks run
 TICK_S = 0.02  # interval of turns while no entry is due
@@ -89,7 +90,7 @@ def control(player: Playback, request: dict[str, Any], now_us: int) -> list[str]
     try:
         values = msgspec.convert(request, Replay)
     except (msgspec.ValidationError, OverflowError) as error:
-        raise RequestError(f"replay: {in_words(error)}") from None
+        raise RequestError(f"replay: {in_words(error, Replay, request)}") from None
     head, messages = player.head, []
     if values.speed is not None:
         head.go_at(values.speed)

@@ -75,6 +75,7 @@ def _values(run: RunAnalysis, several: bool) -> dict[str, Any]:
         "name": run.name,
         "logs": run.logs,
         "damage": run.damage,
+        "warnings": [] if fire is None else fire.warnings,
         "begun": begun,
         "from_s": run.since_s(run.begin_us),
         "to_s": run.since_s(run.end_us),
@@ -101,6 +102,8 @@ def _events(run: RunAnalysis) -> list[ReportLine]:
     def add(mission_us: int, name: str, text: str, is_main: bool) -> None:
         lines.append(ReportLine(run.since_s(run.log_us(mission_us)), name, text, is_main))
 
+    if fire.reached_edge_us is not None:
+        add(fire.reached_edge_us, "fire", fire.warnings[-1], True)
     for name, record in fire.record.vehicles.items():
         for at_us, lat, lon in record.reversals:
             add(at_us, name, f"planner decides to turn back at {lat:.5f}, {lon:.5f}", False)

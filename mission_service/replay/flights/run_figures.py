@@ -76,6 +76,7 @@ def _fire(fire: FireAnalysis) -> dict[str, Any]:
             round(float(np.percentile(revisits_s, 95)), 1) if revisits_s.size else None
         ),
         "closest_pair_m": None if closest is None else round(closest.distance_m, 1),
+        "warnings": fire.warnings,
     }
 
 
@@ -218,6 +219,8 @@ def table(runs: Sequence[dict[str, Any]]) -> list[tuple[str, list[tuple[str, str
 def in_text(runs: Sequence[dict[str, Any]]) -> str:
     """Return the table as text, with the damaged parts of logs and the vehicles' reversals."""
     lines = [f"DAMAGED: {each}" for run in runs for each in run["damage"]]
+    fires = [run["fire"] for run in runs if run["fire"] is not None]
+    lines += [f"Warning: {each}" for fire in fires for each in fire["warnings"]]
     for name, rows in table(runs):
         lines.append(name)
         for label, unit, values in rows:

@@ -17,8 +17,9 @@ import msgspec
 from msgspec import Meta
 
 from mission_service.errors import MissionServiceError
-from mission_service.requests import Role
+from mission_service.requests import FULL_HASH, Role
 from mission_service.runtime.redaction import hide
+from mission_service.value_errors import in_words
 
 ROLES: tuple[Role, ...] = get_args(Role)
 TOKEN_FILE = "token"  # in the folder of a run
@@ -33,7 +34,7 @@ class User(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     name: Annotated[str, Meta(pattern=r"^[\w .@-]{1,40}$")]
     roles: frozenset[Role]
-    sha256: Annotated[str, Meta(pattern=r"^[0-9a-f]{64}$")]
+    sha256: Annotated[str, Meta(pattern=FULL_HASH)]
     station: Annotated[str, Meta(max_length=80)] = ""
 
     def may(self, role: Role) -> bool:
@@ -70,8 +71,8 @@ def read_tokens(path: Path) -> tuple[User, ...]:
         found = msgspec.convert(data, _TokensFile).tokens
     except msgspec.ValidationError as error:
         raise MissionServiceError(
-            f"{path}: {error}; a token is a table [[tokens]] with name, roles, station and sha256, "
-            "written by `mission-service token`"
+            f"{path}: {in_words(error, _TokensFile)}; a token is a table [[tokens]] with name, "
+            "roles, station and sha256, written by `mission-service token`"
         ) from None
     names = [user.name for user in found]
     if twice := [name for name in names if names.count(name) > 1]:

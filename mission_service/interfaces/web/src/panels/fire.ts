@@ -27,6 +27,7 @@ const KEY_COLOURS: [string, string][] = [
 export class FirePanel {
   readonly element = h("div", { class: "panel" });
   private size = h("p", { class: "big" });
+  private warnings = h("ul", { class: "log" });
   private legend = h("div", { class: "legend" });
   private dial = windDial((wind) => this.drawWind(wind));
   private now: Wind | null = null;
@@ -59,6 +60,7 @@ export class FirePanel {
     this.file.addEventListener("change", () => void this.upload(this.file.files?.[0]));
     this.element.append(
       this.size,
+      this.warnings,
       section("Shown on the map", h("div", { class: "checks" }, ...boxes), this.legend),
       section(
         "Wind",
@@ -81,6 +83,7 @@ export class FirePanel {
     }, 2000);
     store.on(["fire"], weather);
     store.on(["fire", "moment"], () => this.renew());
+    store.on(["alarms"], () => this.listWarnings());
     store.on(["burn"], () => {
       for (const box of this.element.querySelectorAll<HTMLElement>("label[data-group]")) {
         const ofBurns = box.dataset.group === "unit" || box.dataset.group === "drops";
@@ -138,6 +141,12 @@ export class FirePanel {
       this.confirm,
       this.entered ? `Set: from ${this.entered.from_deg}°, ${speed(this.entered.speed_m_s)}` : "Set this wind",
     );
+  }
+
+  /** List the warnings about the scenario and the edge; they stay when the banner is acknowledged. */
+  private listWarnings(): void {
+    const ofFire = (this.store.state?.alarms ?? []).filter((each) => /^(edge|input)\b/.test(each.alarm));
+    fill(this.warnings, ...ofFire.map((each) => h("li", { class: each.severity }, each.text)));
   }
 
   /** Show the legend, with the colours of arrival times if these are visible. */

@@ -1,0 +1,216 @@
+"""Find inputs of a fire that are valid but probably unintended: one rule each, one line of text."""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from datetime import date, datetime, timedelta
+from itertools import pairwise
+from typing import NamedTuple
+from zoneinfo import ZoneInfo
+
+import numpy as np
+
+from firemodel.landscape.landscape import Landscape
+from firemodel.physics.fuels import NON_BURNABLE
+from firemodel.physics.weather import Weather, WeatherStream
+from firemodel.spread.fire_scheme import Ignition
+
+LASTING_S = 3600.0  # maximum duration of the last weather record without a warning
+MAX_GAP_S = 3.0 * 3600.0
+MIN_DEAD_PCT = 1.0  # dead fuel is moister, even in a desert
+MIN_LIVE_PCT = 5.0  # live fuel is moister; as a fraction its moisture is at most 3
+MIN_HUMIDITY_PCT = 1.0
+MAX_WIND_M_S = 60.0
+DEAD = ("dead_1h_pct", "dead_10h_pct", "dead_100h_pct")
+LIVE = ("live_herb_pct", "live_woody_pct")
+
+
+class FireInputs(NamedTuple):
+    """The inputs of a fire until ``end_s``, in seconds after the first ignition."""
+
+    landscape: Landscape
+    weather: WeatherStream
+    ignitions: Sequence[Ignition]
+    end_s: float
+
+
+def input_warnings(inputs: FireInputs) -> list[str]:
+    """Return a line for each rule of ``RULES`` that the inputs break.
+
+    Args:
+        inputs: The inputs, which a spread scheme has accepted or would accept.
+
+    Returns:
+        Lines with the place, the value and the probable cause; empty for usual inputs.
+    """
+    return [line for rule in RULES for line in rule(inputs)]
+
+
+def _moisture_as_fraction(inputs: FireInputs) -> Iterator[str]:
+    limits_pct = dict.fromkeys(DEAD, MIN_DEAD_PCT) | dict.fromkeys(LIVE, MIN_LIVE_PCT)
+    found = [
+        f"{place}: {name} = {value:g} %: probably a fraction; give percent ({100.0 * value:g})"
+        for place, entry in _used(inputs)
+        for name, limit_pct in limits_pct.items()
+        if 0.0 < (value := getattr(entry, name)) < limit_pct
+    ]
+    yield from _first(found, "value")
+
+
+def _no_dead_moisture(inputs: FireInputs) -> Iterator[str]:
+    found = [
+        f"{place}: {name} = 0 %: dead fuel is never this dry, so a value is probably missing; give "
+        "the moisture in percent"
+        for place, entry in _used(inputs)
+        for name in DEAD
+        if getattr(entry, name) == 0.0
+    ]
+    yield from _first(found, "value")
+
+
+def _strong_wind(inputs: FireInputs) -> Iterator[str]:
+    found = [
+        f"{place}: wind of {entry.wind_speed_m_s:g} m/s, more than {MAX_WIND_M_S:g} m/s: probably "
+        "given in another unit (km/h, mph); give m/s"
+        for place, entry in _used(inputs)
+        if entry.wind_speed_m_s > MAX_WIND_M_S
+    ]
+    yield from _first(found, "entry")
+
+
+def _dry_air(inputs: FireInputs) -> Iterator[str]:
+    source = inputs.weather.source
+    if source is None or source.humidity_pct is None:
+        return
+    pairs = zip(_used(inputs), source.humidity_pct, strict=False)
+    found = [
+        f"{place}: humidity of {value:g} %, below {MIN_HUMIDITY_PCT:g} %: probably a fraction or a "
+        "missing value; give percent"
+        for (place, _), value in pairs
+        if value < MIN_HUMIDITY_PCT
+    ]
+    yield from _first(found, "record")
+
+
+def _weather_ends_early(inputs: FireInputs) -> Iterator[str]:
+    source, entries, end_s = inputs.weather.source, inputs.weather.entries, inputs.end_s
+    last_s = entries[-1].at_s
+    usual_s = last_s - entries[-2].at_s if len(entries) > 1 else LASTING_S
+    if source is not None and end_s - last_s > max(usual_s, LASTING_S):
+        yield (
+            f"{source.name}: ends at {last_s:g} s; its last record is used until {end_s:g} s; give "
+            "a longer file, or check the start and the duration"
+        )
+
+
+def _weather_gap(inputs: FireInputs) -> Iterator[str]:
+    source = inputs.weather.source
+    if source is None:
+        return
+    times_s = [entry.at_s for _, entry in _used(inputs)]
+    found = [
+        f"{source.name}: no record between {before_s:g} s and {after_s:g} s "
+        f"({(after_s - before_s) / 3600.0:g} h): records are probably missing; the one before is "
+        "used"
+        for before_s, after_s in pairwise(times_s)
+        if after_s - before_s > MAX_GAP_S
+    ]
+    yield from _first(found, "gap")
+
+
+def _change_of_clocks(inputs: FireInputs) -> Iterator[str]:
+    source, last_s = inputs.weather.source, inputs.weather.entries[-1].at_s
+    if source is None or source.start is None or source.start.tzinfo is not None:
+        return
+    to = source.start + timedelta(seconds=min(last_s, inputs.end_s))
+    zone = _time_zone(inputs.landscape)
+    change = None if zone is None else _first_change(zone, source.start, to)
+    if change is not None:
+        yield (
+            f"{source.name}: its times have no UTC offset, and clocks in {zone} change on "
+            f"{change}: an hour is missing or double if these are local times; give the times a "
+            "UTC offset"
+        )
+
+
+def _time_zone(landscape: Landscape) -> ZoneInfo | None:
+    """Return the time zone at the centre of a landscape; None at sea and on a machine without."""
+    from tzfpy import get_tz
+
+    rows, cols = landscape.shape
+    lat, lon = landscape.lat_lon_of(*landscape.xy_of((rows - 1) / 2.0, (cols - 1) / 2.0))
+    name = get_tz(float(lon), float(lat))
+    return ZoneInfo(name) if name else None
+
+
+def _first_change(zone: ZoneInfo, start: datetime, to: datetime) -> date | None:
+    """Return the first date between two local times on which the UTC offset changes, or None."""
+    hours = int((to - start).total_seconds() // 3600.0)
+    times = [start + timedelta(hours=each) for each in range(hours + 1)] + [to]
+    offset = zone.utcoffset(start)
+    return next((each.date() for each in times if zone.utcoffset(each) != offset), None)
+
+
+def _enclosed_ignition(inputs: FireInputs) -> Iterator[str]:
+    """Find cells without a burnable neighbour, or that no lit cell has one that is not lit."""
+    land = inputs.landscape
+    lit = {(row, col) for row, col, _ in inputs.ignitions}
+    burnable = {cell: _burnable_around(land, *cell) for cell in sorted(lit)}
+    then = "the fire cannot spread; move the ignition, or check the fuel and the barriers around it"
+    if lit and not any(around - lit for around in burnable.values()):
+        row, col = min(lit)
+        yield f"ignition at row {row}, column {col}: no cell around it can burn, so {then}"
+        return
+    found = [
+        f"ignition at row {row}, column {col}: no cell around it can burn, so there {then}"
+        for (row, col), around in burnable.items()
+        if not around
+    ]
+    yield from _first(found, "cell")
+
+
+def _burnable_around(land: Landscape, row: int, col: int) -> set[tuple[int, int]]:
+    """Return the burnable ones of the eight neighbours of a cell."""
+    top, left = max(row - 1, 0), max(col - 1, 0)
+    codes = land.fuel_model[top : row + 2, left : col + 2]
+    found = np.argwhere(~np.isin(codes, list(NON_BURNABLE))).tolist()
+    return {(top + down, left + right) for down, right in found} - {(row, col)}
+
+
+def _ignition_at_edge(inputs: FireInputs) -> Iterator[str]:
+    rows, cols = inputs.landscape.shape
+    found = [
+        f"ignition at row {row}, column {col}: at the edge of the landscape; fire beyond the edge "
+        "is not simulated; give a larger landscape"
+        for row, col, _ in inputs.ignitions
+        if row in (0, rows - 1) or col in (0, cols - 1)
+    ]
+    yield from _first(found, "cell")
+
+
+def _used(inputs: FireInputs) -> list[tuple[str, Weather]]:
+    """Return the entries in effect before the end, each with its place for a message."""
+    source = inputs.weather.source
+    return [
+        (f"weather entry {number}" if source is None else source.place(entry.at_s), entry)
+        for number, entry in enumerate(inputs.weather.entries)
+        if entry.at_s < inputs.end_s
+    ]
+
+
+def _first(lines: Sequence[str], kind: str) -> Iterable[str]:
+    """Return the first line, with the number of the others of a kind, or nothing."""
+    others = len(lines) - 1
+    more = f" (and {others} more {kind}{'s' * (others != 1)})" if others > 0 else ""
+    return [f"{line}{more}" for line in lines[:1]]
+
+
+RULES: tuple[Callable[[FireInputs], Iterator[str]], ...] = (
+    _moisture_as_fraction,
+    _no_dead_moisture,
+    _strong_wind,
+    _dry_air,
+    _weather_ends_early,
+    _weather_gap,
+    _change_of_clocks,
+    _enclosed_ignition,
+    _ignition_at_edge,
+)

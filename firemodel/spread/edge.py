@@ -1,0 +1,49 @@
+"""Find where a fire first reaches the edge of its landscape, beyond which it is not simulated."""
+
+from datetime import timedelta
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firemodel.spread.fire_scheme import Fire
+
+
+class AtEdge(NamedTuple):
+    """The first arrival of a fire at the edge: time in s, place in WGS84 degrees."""
+
+    at_s: float
+    lat_deg: float
+    lon_deg: float
+
+    def __str__(self) -> str:
+        clock = timedelta(seconds=round(self.at_s))
+        return (
+            f"the fire reached the edge of the landscape at {clock} (lat {self.lat_deg:.5f}, "
+            f"lon {self.lon_deg:.5f}); fire beyond the edge is not simulated; give a larger "
+            "landscape"
+        )
+
+
+def reaches_edge(cells: NDArray[np.bool_]) -> bool:
+    """Return True if a mask (y, x) has a cell in the outermost rows and columns."""
+    return bool(np.concatenate([cells[0], cells[-1], cells[:, 0], cells[:, -1]]).any())
+
+
+def at_edge(fire: Fire) -> AtEdge | None:
+    """Return the first burned cell in the outermost rows and columns, or None if none has burned.
+
+    The cost is proportional to the circumference of the landscape.
+    """
+    arrival_s = fire.arrival_time_s
+    rows, cols = arrival_s.shape
+    sides = (arrival_s[0], arrival_s[-1], arrival_s[:, 0], arrival_s[:, -1])
+    first_s = [float(side.min()) for side in sides]
+    number = int(np.argmin(first_s))
+    if not first_s[number] <= fire.time_s:
+        return None
+    along = int(np.argmin(sides[number]))
+    row, col = ((0, along), (rows - 1, along), (along, 0), (along, cols - 1))[number]
+    land = fire.landscape
+    lat, lon = land.lat_lon_of(*land.xy_of(row, col))
+    return AtEdge(first_s[number], float(lat), float(lon))

@@ -1,0 +1,191 @@
+"""Turns refusals of values by msgspec, pydantic and FastAPI into one line: key, remedy, value.
+
+The remedy follows from the JSON schema of the refused key, so that one table serves the requests
+over all interfaces, the scenario file, the tokens file and the query parameters of HTTP.
+"""
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import msgspec
+
+from mission_service.requests import PATTERNS
+
+Schema = Mapping[str, Any]
+Path = Sequence[str | int]
+
+MAX_SHOWN = 60  # characters of a value
+UNKNOWN = object()  # a value that is not shown
+WORDS = {pattern: words.removeprefix("give ") for pattern, words in PATTERNS.items()} | {
+    r"^[\w-]+$": "letters, digits, - and _",
+    r"^[\w .@-]{1,40}$": "1 to 40 letters, digits, spaces and . @ - _",
+}
+FORMATS = {
+    "date-time": "a date and time, as in 2026-08-01T12:00:00-07:00",
+    "path": "the path of a file",
+    "file-path": "the path of a file",
+}
+KINDS = {
+    "boolean": "true or false",
+    "object": "a table of keys and values",
+    "number": "a number",
+    "integer": "a whole number",
+    "string": "a text",
+    "array": "a list",
+}
+_MISSING, _UNKNOWN_KEY = (
+    re.compile(f"Object {text} field `(.+)`") for text in ("missing required", "contains unknown")
+)
+
+
+def in_words(error: Exception, kind: type, value: Any = UNKNOWN) -> str:
+    """Return the text of msgspec's error about a value that should be a ``kind``.
+
+    Args:
+        error: The ValidationError, OverflowError or UnicodeError of ``msgspec.convert``.
+        kind: The type that was expected.
+        value: The value, of which the text shows the refused part; by default nothing is shown.
+
+    Returns:
+        One line without the name of a type: "speed_m_s: give a number from 0 to 150 (got -3)".
+    """
+    if isinstance(error, UnicodeError):
+        return "a text contains a character that is not valid Unicode; remove it"
+    problem, _, place = str(error).partition(" - at `$")
+    path: list[str | int] = [
+        int(part) if part.isdigit() else part for part in re.findall(r"[^.\[\]`]+", place)
+    ]
+    schema = msgspec.json.schema(kind)
+    if missing := _MISSING.match(problem):
+        return missing_key([*path, missing[1]], schema)
+    if unknown := _UNKNOWN_KEY.match(problem):
+        keys = schema_at(schema, path) or {}
+        return f"{_key([*path, unknown[1]])}: unknown key; give {', '.join(keys['properties'])}"
+    found = schema_at(schema, path)
+    if not place or found is None:
+        return str(error)
+    return f"{_key(path)}: {remedy(found, schema)}{got(_part(value, path))}"
+
+
+def missing_key(path: Path, schema: Schema) -> str:
+    """Return the text for a key that is missing."""
+    found = schema_at(schema, path)
+    return f"{_key(path)}: is missing; {'give it' if found is None else remedy(found, schema)}"
+
+
+def schema_at(schema: Schema, path: Path) -> Schema | None:
+    """Return the part of a JSON schema for a key, or None if it has no such part.
+
+    Args:
+        schema: The schema of the whole value.
+        path: The keys and the indices of lists from the whole value to the part.
+    """
+    return _at(schema, list(path), schema)
+
+
+def _at(part: Schema, path: list[str | int], whole: Schema) -> Schema | None:
+    part = _resolved(part, whole)
+    if not path:
+        return part
+    for branch in part.get("anyOf", ()):
+        found = _at(branch, path, whole)
+        if found is not None:
+            return found
+    step, rest = path[0], path[1:]
+    if isinstance(step, int):
+        entries = part.get("prefixItems", ())
+        inner = entries[step] if step < len(entries) else part.get("items")
+    else:
+        inner = part.get("properties", {}).get(step)
+    return _at(inner, rest, whole) if isinstance(inner, Mapping) else None
+
+
+def _resolved(part: Schema, whole: Schema) -> Schema:
+    while "$ref" in part:
+        part = whole["$defs"][part["$ref"].rpartition("/")[2]]
+    return part
+
+
+def remedy(part: Schema, whole: Schema) -> str:
+    """Return what a JSON schema allows as a request: "give a number from 0 to 150".
+
+    Args:
+        part: The schema of one value.
+        whole: The schema with the definitions (``$defs``) to which ``part`` refers.
+    """
+    return f"give {' or '.join(dict.fromkeys(_allowed(part, whole)))}"
+
+
+def _allowed(part: Schema, whole: Schema) -> list[str]:
+    """Return what each branch of a schema allows; nothing for null."""
+    part = _resolved(part, whole)
+    if "anyOf" in part:
+        return [words for branch in part["anyOf"] for words in _allowed(branch, whole)]
+    if "enum" in part or "const" in part:
+        values = [str(each) for each in part.get("enum", [part.get("const")])]
+        return [f"one of {', '.join(values)}" if len(values) > 1 else values[0]]
+    kind = part.get("type")
+    if kind == "null":
+        return []
+    if kind == "string" and "pattern" in part:
+        words = WORDS.get(part["pattern"], f"a text that matches {part['pattern']}")
+        return [
+            f"{words}, at most {part['maxLength']} characters" if "maxLength" in part else words
+        ]
+    if kind == "string" and part.get("format") in FORMATS:
+        return [FORMATS[part["format"]]]
+    return [KINDS.get(str(kind), "another value") + _limits(part)]
+
+
+def _limits(part: Schema) -> str:
+    """Return the limits of a number or of a length in words, with a space before them."""
+    if "minimum" in part and "maximum" in part:
+        return f" from {_number(part['minimum'])} to {_number(part['maximum'])}"
+    words = {
+        "minimum": "at least",
+        "exclusiveMinimum": "above",
+        "maximum": "at most",
+        "exclusiveMaximum": "below",
+    }
+    found = [f"{word} {_number(part[key])}" for key, word in words.items() if key in part]
+    if found:
+        return f", {' and '.join(found)}"
+    of = {"array": ("Items", "entries"), "string": ("Length", "characters")}.get(part["type"])
+    if of is None:
+        return ""
+    least, most = part.get(f"min{of[0]}"), part.get(f"max{of[0]}")
+    if least == most:
+        return "" if least is None else f" of {least} {of[1]}"
+    if least is None or most is None:
+        return f" of at most {most} {of[1]}" if least is None else f" of at least {least} {of[1]}"
+    return f" of {least} to {most} {of[1]}"
+
+
+def _number(value: float) -> str:
+    return str(value) if isinstance(value, int) else f"{value:g}"
+
+
+def _key(path: Path) -> str:
+    return ".".join(map(str, path)) or "the value"
+
+
+def _part(value: Any, path: Path) -> Any:
+    """Return the part of a value at a path; UNKNOWN if it has no such part."""
+    for step in path:
+        try:
+            value = value[step]
+        except (LookupError, TypeError):
+            return UNKNOWN
+    return value
+
+
+def got(value: Any) -> str:
+    """Return a refused value for the end of a text; nothing for one with parts, or UNKNOWN."""
+    if value is UNKNOWN or isinstance(value, Mapping | list | tuple):
+        return ""
+    try:
+        text = repr(value)
+    except ValueError:  # a whole number of thousands of digits
+        return ""
+    return f" (got {text if len(text) <= MAX_SHOWN else text[: MAX_SHOWN - 1] + '…'})"
