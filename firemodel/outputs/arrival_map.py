@@ -139,13 +139,13 @@ def start_map(
     return figure, axes
 
 
-def _coloured(values: NDArray[Any], layer: Layer, alpha: float) -> Floats:
+def _coloured(values: NDArray[Any], layer: Layer, alpha: float) -> NDArray[np.uint8]:
     """Return the colours (y, x, 4) of the values' classes; NaN is transparent."""
     limits = [each.upto for each in layer.classes]
     place = np.minimum(np.searchsorted(limits, values), len(limits) - 1)
-    colours = np.array([[part / 255.0 for part in each.rgb] for each in layer.classes])
-    shown = np.where(np.isnan(values), 0.0, alpha)
-    return np.concatenate([colours[place], shown[..., np.newaxis]], axis=2)
+    place[np.isnan(values)] = len(limits)
+    colours = [(*each.rgb, round(255 * alpha)) for each in layer.classes]
+    return np.array([*colours, (0, 0, 0, 0)], np.uint8)[place]
 
 
 def _unburnable(codes: NDArray[Any]) -> list[tuple[str, str]]:
