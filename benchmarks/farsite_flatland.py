@@ -28,7 +28,7 @@ from dataclasses import replace
 from datetime import datetime
 from itertools import pairwise
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import click
 import numpy as np
@@ -133,7 +133,7 @@ def followed(stream: WeatherStream) -> WeatherStream:
         middle_h = (at_s + 0.5 * STEP_S) / HOUR_S
         dead = after_time_lag(first, dry, middle_h, TIME_LAGS_H)
         names = ("dead_1h_pct", "dead_10h_pct", "dead_100h_pct")
-        given = dict(zip(names, (float(value) for value in dead), strict=True))
+        given: dict[str, Any] = dict(zip(names, map(float, dead), strict=True))
         entries.append(replace(stream.at(float(at_s)), at_s=float(at_s), **given))
     return WeatherStream(entries)
 

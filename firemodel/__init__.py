@@ -24,14 +24,16 @@ if TYPE_CHECKING:
     from firemodel.landscape.readers.rasters import read_landscape
     from firemodel.landscape.readers.shapes import read_shapes
     from firemodel.landscape.readers.weather_files import read_weather
+    from firemodel.outputs.arrival_map import draw_map
+    from firemodel.outputs.front_files import write_fronts
+    from firemodel.outputs.geotiff import write_rasters
+    from firemodel.outputs.netcdf import write_netcdf
     from firemodel.physics.fuels import FUEL_MODELS
     from firemodel.physics.weather import Weather, WeatherStream
     from firemodel.simulate import burn
-    from firemodel.spread.arrival_map import draw_map
     from firemodel.spread.behaviour import behaviour_of
     from firemodel.spread.fire_scheme import Fire
     from firemodel.spread.schemes import SCHEMES
-    from firemodel.spread.writers import write_fronts, write_rasters
 
 _MODULES = {
     "FUEL_MODELS": "firemodel.physics.fuels",
@@ -44,15 +46,16 @@ _MODULES = {
     "WeatherStream": "firemodel.physics.weather",
     "behaviour_of": "firemodel.spread.behaviour",
     "burn": "firemodel.simulate",
-    "draw_map": "firemodel.spread.arrival_map",
+    "draw_map": "firemodel.outputs.arrival_map",
     "flat_landscape": "firemodel.landscape.flat",
     "jacksboro": "firemodel.landscape.default",
     "read_landscape": "firemodel.landscape.readers.rasters",
     "read_shapes": "firemodel.landscape.readers.shapes",
     "read_weather": "firemodel.landscape.readers.weather_files",
     "with_barriers": "firemodel.landscape.rasterise",
-    "write_fronts": "firemodel.spread.writers",
-    "write_rasters": "firemodel.spread.writers",
+    "write_fronts": "firemodel.outputs.front_files",
+    "write_netcdf": "firemodel.outputs.netcdf",
+    "write_rasters": "firemodel.outputs.geotiff",
 }
 
 __all__ = [
@@ -74,6 +77,7 @@ __all__ = [
     "read_weather",
     "with_barriers",
     "write_fronts",
+    "write_netcdf",
     "write_rasters",
 ]
 

@@ -48,7 +48,7 @@ def burn(
     Args:
         landscape: Terrain and fuel, or a file whose bands are named (.lcp, GeoTIFF; see
             ``read_landscape``). Default: ``jacksboro()``, 200 x 200 cells of 30 m in Tennessee.
-        weather: A stream, a single entry for the whole time, or a .raws, .wxs or .csv file (see
+        weather: A stream, a single entry for the whole time, or a weather file (see
             ``read_weather``). Default: dry weather with a wind of 4 m/s from the north-east.
         ignitions: WGS84 (latitude, longitude) of points in degrees, or a file of points, lines or
             polygons (GeoJSON, KML, Shapefile). Default: the cell in the middle.

@@ -13,6 +13,7 @@ from shapely.geometry.base import BaseGeometry
 
 from firemodel.errors import FireModelError
 from firemodel.landscape import LAYERS
+from firemodel.landscape.ground_info import ground_notes
 from firemodel.landscape.landscape import Landscape, crs_label
 from firemodel.landscape.readers.bands import (
     Band,
@@ -24,7 +25,16 @@ from firemodel.landscape.readers.bands import (
     missing_in,
     values_of,
 )
-from firemodel.landscape.readers.layers import layer_of, unit_of, unit_problems, value_problems
+from firemodel.landscape.readers.code_systems import NO_FUEL, renamed_code
+from firemodel.landscape.readers.layers import (
+    LEVEL_TAN,
+    layer_of,
+    level_ground,
+    to_layer,
+    unit_of,
+    unit_problems,
+    value_problems,
+)
 from firemodel.landscape.readers.rasters import Sources, bands_for, gaps, misfits
 from firemodel.landscape.readers.shapes import (
     crs_problems,
@@ -33,15 +43,23 @@ from firemodel.landscape.readers.shapes import (
     place_problems,
     shape_problems,
 )
+from firemodel.landscape.table_info import describe_table
 from firemodel.physics.fuels import FUEL_MODELS, NON_BURNABLE
 
 Description = dict[str, Any]
 
 USUAL_NODATA = (-9999, -32768)
+MAX_CODES = 200  # a band with more different values has no fuel codes
 
 
 def describe(path: Path, *, crs: str | None = None, nodata: float | None = None) -> Description:
-    """Describe a file by ``describe_rasters`` or ``describe_shapes``, depending on its content."""
+    """Describe a file by the function for its kind.
+
+    These are ``describe_table``, ``describe_rasters`` and ``describe_shapes``.
+    """
+    table = describe_table(path)
+    if table is not None:
+        return table
     try:
         bands_of(path)
     except FireModelError as not_raster:
@@ -68,7 +86,8 @@ def describe_rasters(
     west, north, east in degrees) describe the first band. Each entry of ``bands`` has file, number,
     layer, dtype, unit, nodata, least, most and no_data_cells. A band of fuel codes also has
     ``fuels`` (code, name, percent of the cells with a value) and non_burnable_pct. ``problems`` has
-    one line for each reason for which ``read_landscape`` would reject the files.
+    one line for each reason for which ``read_landscape`` would reject the files, and ``notes`` one
+    for each fact that may be unintended or that a run ignores.
     """
     problems: list[str] = []
     pairs = _layers_and_bands(files, problems)
@@ -77,10 +96,93 @@ def describe_rasters(
         found |= _place_of(pairs[0][1], crs)
     problems += _grid_problems([band for _, band in pairs], crs)
     problems += unit_problems([layer for layer, _ in pairs], units or {})
+    ground = _ground(pairs, units or {}, nodata)
     found["bands"] = [
-        _band_in_words(layer, band, units or {}, nodata, problems) for layer, band in pairs
+        _band_in_words(layer, band, units or {}, nodata, ground, problems) for layer, band in pairs
+    ]
+    found["notes"] = [note for band in found["bands"] for note in band.pop("notes", ())]
+    found["notes"] += [
+        *_ignored(pairs),
+        *_fuel_notes(found["bands"]),
+        *_ground_notes(pairs, ground),
     ]
     return {**found, "problems": list(dict.fromkeys(problems))}
+
+
+def _ground(
+    pairs: list[tuple[str, Band]], units: Mapping[str, str], nodata: float | None
+) -> dict[str, NDArray[Any]]:
+    """Return slope (rise over run), aspect (degrees) and elevation (m), of those that are valid.
+
+    Slope and aspect are returned only if both are given; all arrays are (y, x) of one shape.
+    """
+    found: dict[str, NDArray[Any]] = {}
+    for layer, band in pairs:
+        if layer not in ("elevation", "slope", "aspect"):
+            continue
+        ignored: list[str] = []
+        unit = _kept(ignored, unit_of, layer, band, units)
+        values = _kept(ignored, values_of, band)
+        if unit is not None and values is not None:
+            missing = missing_in(band, values, nodata)
+            found[layer] = to_layer(layer, unit, values, missing)
+            if layer == "aspect":
+                found[layer][missing] = -1.0
+    if len({layer.shape for layer in found.values()}) > 1:
+        return {}
+    return found
+
+
+def _ignored(pairs: list[tuple[str, Band]]) -> Iterator[str]:
+    """Yield a note on each band that has a name, but is no layer of a landscape."""
+    if not any(layer for layer, _ in pairs):
+        return
+    for layer, band in pairs:
+        if not layer:
+            what = band.description or band.unit or "without a name"
+            yield f"{band.name}: a run ignores this band ({what})"
+
+
+def _table_note(band: Band, present: NDArray[Any]) -> Iterator[str]:
+    """Yield a note if a lookup table beside an unnamed band gives other fuels to its codes."""
+    codes = np.unique(present)
+    if codes.size <= MAX_CODES:
+        other = renamed_code(band.path, {int(code) for code in codes}, FUEL_MODELS)
+        if other:
+            yield f"if these are fuel codes: {other}"
+
+
+def _fuel_notes(bands: list[Description]) -> Iterator[str]:
+    for band in bands:
+        shares = {code: percent for code, _, percent in band.get("fuels", [])}
+        if band["layer"] == "fuel" and NO_FUEL in shares:
+            yield (
+                f"{band['file']}: fuel code 0 (no fuel, {shares[NO_FUEL]:.1f} %) is read as bare "
+                "ground (99), unless landscape.fuel_codes replaces it"
+            )
+
+
+def _ground_notes(
+    pairs: list[tuple[str, Band]], ground: Mapping[str, NDArray[Any]]
+) -> Iterator[str]:
+    if "slope" not in ground or "aspect" not in ground:
+        return
+    bands = dict(pairs)
+    unknown = ground["aspect"] < 0.0
+    level = np.count_nonzero(unknown & (ground["slope"] <= LEVEL_TAN))
+    if level:
+        yield (
+            f"{bands['aspect'].name}: {level} cells without an aspect are level ground (slope of "
+            "at most 5 degrees)"
+        )
+    if "elevation" in ground:
+        yield from ground_notes(
+            bands["slope"].name,
+            ground["slope"],
+            ground["aspect"],
+            ground["elevation"],
+            bands["slope"].transform.a,
+        )
 
 
 def describe_shapes(
@@ -141,6 +243,8 @@ def in_text(found: Description) -> str:
         lines.append(f"  {count} feature{'s' * (count != 1)}{kinds and ': '}{kinds}")
     for band in found.get("bands", []):
         lines += _band_lines(band)
+    lines += [f"  {line}" for line in found.get("details", [])]
+    lines += [f"  note: {note}" for note in found.get("notes", [])]
     lines += [f"  problem: {problem}" for problem in found["problems"]] or ["  no problems"]
     return "\n".join(lines)
 
@@ -228,7 +332,12 @@ def _extent(bounds: tuple[float, ...], crs: str | None) -> tuple[float, float, f
 
 
 def _band_in_words(
-    layer: str, band: Band, units: Mapping[str, str], nodata: float | None, problems: list[str]
+    layer: str,
+    band: Band,
+    units: Mapping[str, str],
+    nodata: float | None,
+    ground: Mapping[str, NDArray[Any]],
+    problems: list[str],
 ) -> Description:
     unit = _kept(problems, unit_of, layer, band, units) if layer else band.unit
     found: Description = {
@@ -246,6 +355,8 @@ def _band_in_words(
     if values is None:
         return found
     missing = missing_in(band, values, nodata)
+    if layer == "aspect" and "slope" in ground:
+        values, missing = level_ground(ground["slope"], values, missing)
     if layer and unit is not None:
         problems += value_problems(layer, unit, band, values, missing)
     found["no_data_cells"] = int(np.count_nonzero(missing))
@@ -253,6 +364,8 @@ def _band_in_words(
     if present.size:
         found |= {"least": present.min().item(), "most": present.max().item()}
         found |= _fuels(present, layer)
+    if not layer and present.size:
+        found["notes"] = list(_table_note(band, present))
     if layer or "fuels" in found:
         problems += gaps(band, values, missing)
     elif found["least"] in USUAL_NODATA:
@@ -266,11 +379,14 @@ def _band_in_words(
 def _fuels(present: NDArray[Any], layer: str) -> Description:
     """Return the share of each fuel code in a fuel layer, or in an unnamed band of fuel codes."""
     names = {code: fuel.name for code, fuel in FUEL_MODELS.items()} | NON_BURNABLE
-    if layer not in ("fuel", "") or not np.issubdtype(present.dtype, np.integer):
+    names[NO_FUEL] = "no fuel"
+    if layer not in ("fuel", ""):
         return {}
     found, counts = np.unique(present, return_counts=True)
-    codes = found.tolist()
-    if len(codes) > 2 * len(names) or not (layer or set(codes) <= set(names)):
+    if found.size > 2 * len(names) or (found != np.round(found)).any():
+        return {}
+    codes = [int(code) for code in found]
+    if not (layer or set(codes) <= set(names)):
         return {}
     percents = dict(zip(codes, (100.0 * counts / present.size).tolist(), strict=True))
     return {

@@ -2,8 +2,8 @@
 
 import hashlib
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Any
 
@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from firemodel.arrays import Floats
 from firemodel.errors import FireModelError
-from firemodel.physics.fuels import check_codes
+from firemodel.physics.fuels import FUEL_MODELS, FuelModel, check_codes
 
 if TYPE_CHECKING:
-    from pyproj import Transformer
+    from pyproj import CRS, Transformer
 
 
 MAX_ELEVATION_M = 9000.0  # a larger elevation is a wrong unit or an undeclared nodata value
@@ -53,10 +53,59 @@ def check_crs(crs: str, where: str) -> None:
 
 
 def crs_label(crs: str) -> str:
-    """Return a short label for a CRS: ``crs`` itself if it is short, else the name of the CRS."""
+    """Return a short label for a CRS: ``crs`` itself if it is short, else the name of the CRS.
+
+    A projection without a name is described by its method, its parameters and its ellipsoid.
+    """
     from pyproj import CRS
 
-    return crs if len(crs) <= 20 else str(CRS.from_user_input(crs).name)
+    if len(crs) <= 20:
+        return crs
+    found = CRS.from_user_input(crs)
+    method, ellipsoid = found.coordinate_operation, found.ellipsoid
+    if found.name.lower() not in ("unknown", "unnamed", "") or not (method and ellipsoid):
+        return str(found.name)
+    shape = "sphere" if not ellipsoid.inverse_flattening else "ellipsoid"
+    given = ", ".join(f"{each.name} {each.value:g}" for each in method.params if each.value)
+    return (
+        f"{method.method_name} ({given}) on a {shape} of radius {ellipsoid.semi_major_metre:.0f} m"
+    )
+
+
+@lru_cache(maxsize=64)
+def same_crs(one: str, other: str) -> bool:
+    """Return True if two CRSs give the same coordinates in the same datum, whatever their text.
+
+    Two projections of one datum are also the same if they project three places to the same
+    millimetre; a central meridian may thus be 237.3 or -122.7 degrees.
+    """
+    from pyproj import CRS, Transformer
+
+    left, right = CRS.from_user_input(one), CRS.from_user_input(other)
+    if left == right:
+        return True
+    if not (left.is_projected and right.is_projected and _same_datum(left, right)):
+        return False
+    places_m = np.array([[0.0, 1e5, 5e5], [0.0, 3e5, 4e6]])
+    moved_m = Transformer.from_crs(left, right, always_xy=True).transform(*places_m)
+    return bool((np.abs(moved_m - places_m) < 1e-3).all())
+
+
+def _same_datum(left: "CRS", right: "CRS") -> bool:
+    """Return True if two projections have one datum, or unknown datums on one ellipsoid."""
+    one, other = left.geodetic_crs, right.geodetic_crs
+    if one is None or other is None or one.equals(other, ignore_axis_order=True):
+        return one is not None and other is not None
+    if not all("unknown" in str(crs.datum and crs.datum.name).lower() for crs in (one, other)):
+        return False
+    shapes = [
+        (crs.ellipsoid.semi_major_metre, crs.ellipsoid.inverse_flattening)
+        for crs in (one, other)
+        if crs.ellipsoid
+    ]
+    return (
+        len(shapes) == 2 and shapes[0] == shapes[1] and one.prime_meridian == other.prime_meridian
+    )
 
 
 def horn(elevation_m: NDArray[np.floating], cell_size_m: float) -> NDArray[np.float32]:
@@ -108,9 +157,10 @@ class Landscape:
     level and, optionally, canopy cover (0 to 1), canopy height in metres and canopy base height in
     metres. ``gradient`` (2, y, x) is the rise per metre towards north and towards east. If the
     gradient is not given, it is computed from the elevation (see ``horn``); if it is given, the
-    elevation may be missing. A position in the grid is a pair of floats (row, col). The centre of a
-    cell has whole numbers, so that ``round`` of a position returns its cell. Positions and
-    coordinates may be scalars or arrays.
+    elevation may be missing. ``custom_fuels`` are the fuel models of codes that are not standard,
+    or that differ from the standard models. A position in the grid is a pair of floats (row, col).
+    The centre of a cell has whole numbers, so that ``round`` of a position returns its cell.
+    Positions and coordinates may be scalars or arrays.
     """
 
     crs: str
@@ -123,6 +173,7 @@ class Landscape:
     canopy_cover: NDArray[np.float32] | None = None
     canopy_height_m: NDArray[np.float32] | None = None
     canopy_base_m: NDArray[np.float32] | None = None
+    custom_fuels: Mapping[int, FuelModel] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Check the values and compute the gradient if it is not given.
@@ -136,7 +187,7 @@ class Landscape:
         if not 0.0 < self.cell_size_m < math.inf:
             raise FireModelError(f"landscape: cell_size_m = {self.cell_size_m} must be positive")
         check_crs(self.crs, "landscape")
-        check_codes(self.fuel_model, "landscape")
+        check_codes(self.fuel_model, "landscape", self.fuels)
         self._check_layer("elevation", self.elevation_m, -MAX_ELEVATION_M, MAX_ELEVATION_M)
         self._check_layer("canopy cover", self.canopy_cover, 0.0, 1.0)
         self._check_layer("canopy height", self.canopy_height_m, 0.0, MAX_TREE_M)
@@ -173,6 +224,11 @@ class Landscape:
                 f"landscape: {name} is {layer[row, col]} at row {row}, column {col}; "
                 f"it must be from {least:g} to {most:g}"
             )
+
+    @cached_property
+    def fuels(self) -> Mapping[int, FuelModel]:
+        """The fuel model of each code that burns, standard or custom."""
+        return FUEL_MODELS | dict(self.custom_fuels)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -298,6 +354,8 @@ class Landscape:
             ).encode()
         )
         sha.update(self.fuel_model.astype("<i2").tobytes())
+        if self.custom_fuels:
+            sha.update(repr(sorted(self.custom_fuels.items())).encode())
         elevation = self.elevation_m
         layers = {
             "elevation": elevation,

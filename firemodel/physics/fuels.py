@@ -3,6 +3,7 @@
 Anderson's were published in 1982, Scott & Burgan's in 2005.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,7 +28,9 @@ class FuelModel:
     The dead classes are 1 h, 10 h and 100 h; the live classes are herbaceous and woody. In every
     model the SAV of the 10-h class is 109 1/ft and that of the 100-h class 30 1/ft. The extinction
     moisture of the dead fuel is a fraction of the oven-dry weight. The herbaceous fuel of a dynamic
-    model dies as it dries (``rothermel.cured_fraction``).
+    model dies as it dries (``rothermel.cured_fraction``). ``heat_live_btu_lb`` is the heat content
+    of the live fuel if it differs from that of the dead fuel. The spread rate is multiplied by
+    ``rate_factor``, an adjustment of the user.
     """
 
     name: str
@@ -43,6 +46,8 @@ class FuelModel:
     sav_woody: float = 1500.0
     heat_btu_lb: float = 8000.0
     dynamic: bool = False
+    heat_live_btu_lb: float | None = None
+    rate_factor: float = 1.0
 
     @property
     def loads_lb_ft2(self) -> tuple[float, float, float, float, float]:
@@ -141,13 +146,16 @@ _SCOTT_BURGAN = """
 FUEL_MODELS = _ANDERSON | dict(map(_scott_burgan, _SCOTT_BURGAN.strip().splitlines()))
 
 
-def check_codes(fuel_model: NDArray[np.integer], where: str) -> None:
-    """Raise FireModelError for the first cell whose code is no known fuel code."""
-    unknown = ~np.isin(fuel_model, [*FUEL_MODELS, *NON_BURNABLE])
+def check_codes(
+    fuel_model: NDArray[np.integer], where: str, fuels: Mapping[int, FuelModel] = FUEL_MODELS
+) -> None:
+    """Raise FireModelError for the first cell (y, x) whose code neither burns nor is unburnable."""
+    unknown = ~np.isin(fuel_model, [*fuels, *NON_BURNABLE])
     if unknown.any():
         row, col = np.argwhere(unknown)[0]
         raise FireModelError(
             f"{where}: unknown fuel code {fuel_model[row, col]} at row {row}, column {col} "
             f"({np.count_nonzero(unknown)} such cells); valid codes are 1-13, 101-109, 121-124, "
-            "141-149, 161-165, 181-189, 201-204 and 91-99 (non-burnable)"
+            "141-149, 161-165, 181-189, 201-204, 91-99 (non-burnable)"
+            + "".join(f", {code}" for code in fuels if code not in FUEL_MODELS)
         )

@@ -206,19 +206,26 @@ def heat_part_btu_lb(savs_1_ft: Floats, shares: Floats, moistures: Floats) -> fl
 
 
 def fuel_bed(fuel: FuelModel, moisture: Moisture) -> FuelBed:
-    """Return the coefficients of one fuel model at one moisture (Rothermel 1972, eq. 52)."""
+    """Return the coefficients of one fuel model at one moisture (Rothermel 1972, eq. 52).
+
+    R0 includes the fuel's ``rate_factor``.
+    """
     loads, savs, moistures = size_classes(fuel, moisture)
     areas = savs * loads / PARTICLE_DENSITY_LB_FT3
     extinctions = (fuel.extinction_moisture, live_extinction_moisture(fuel, moisture))
     sav = reacting = heat_to_ignite = 0.0
-    for part, extinction in zip((DEAD, LIVE), extinctions, strict=True):
+    heat_live = fuel.heat_btu_lb if fuel.heat_live_btu_lb is None else fuel.heat_live_btu_lb
+    relative_heats = (1.0, heat_live / fuel.heat_btu_lb)
+    for part, extinction, relative_heat in zip(
+        (DEAD, LIVE), extinctions, relative_heats, strict=True
+    ):
         area = areas[part].sum()
         if area == 0.0:
             continue
         shares = areas[part] / area
         weight = float(area / areas.sum())
         sav += weight * float((shares * savs[part]).sum())
-        reacting += reaction_part_lb_ft2(
+        reacting += relative_heat * reaction_part_lb_ft2(
             loads[part], savs[part], shares, moistures[part], extinction
         )
         heat_to_ignite += weight * heat_part_btu_lb(savs[part], shares, moistures[part])
@@ -229,7 +236,7 @@ def fuel_bed(fuel: FuelModel, moisture: Moisture) -> FuelBed:
     reaction = velocity * reacting * fuel.heat_btu_lb
     rate = reaction * propagating_flux_ratio(sav, packing) / (bulk_density_lb_ft3 * heat_to_ignite)
     b, c = wind_coefficients(sav, relative_packing)
-    return FuelBed(rate, reaction, sav, b, c, slope_coefficient(packing))
+    return FuelBed(fuel.rate_factor * rate, reaction, sav, b, c, slope_coefficient(packing))
 
 
 def wind_factor(bed: FuelBed, wind_ft_min: float | Floats) -> float | Floats:

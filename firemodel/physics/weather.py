@@ -3,7 +3,7 @@
 import bisect
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from datetime import datetime, timedelta
 from typing import NamedTuple
 
@@ -24,6 +24,8 @@ class Weather:
 
     The wind is 6.1 m (20 ft) above the vegetation; its direction is the direction from which it
     blows, in degrees clockwise from north. Moistures are in percent of the oven-dry weight.
+    ``of_fuels`` holds pairs of a fuel code and its moistures (fractions), of the fuels that have
+    others.
     """
 
     at_s: float
@@ -34,10 +36,15 @@ class Weather:
     dead_100h_pct: float
     live_herb_pct: float
     live_woody_pct: float
+    of_fuels: tuple[tuple[int, Moisture], ...] = field(default=(), kw_only=True)
+
+    def moisture_of(self, code: int) -> Moisture:
+        """Return the moistures of a fuel as fractions; ``of_fuels`` has fuels with their own."""
+        return dict(self.of_fuels).get(code, self.moisture)
 
     @property
     def moisture(self) -> Moisture:
-        """The moistures as fractions."""
+        """The moistures as fractions, of fuels without their own."""
         return Moisture(
             self.dead_1h_pct / 100.0,
             self.dead_10h_pct / 100.0,
@@ -123,14 +130,12 @@ class WeatherStream:
 
 
 def _check(number: int, entry: Weather) -> None:
-    for field in fields(entry):
-        value = getattr(entry, field.name)
+    for name in (each.name for each in fields(entry) if each.name != "of_fuels"):
+        value = getattr(entry, name)
         if not math.isfinite(value):
-            raise FireModelError(f"weather entry {number}: {field.name} = {value} is not a number")
-        if field.name != "at_s" and value < 0.0:
-            raise FireModelError(
-                f"weather entry {number}: {field.name} = {value} must not be negative"
-            )
+            raise FireModelError(f"weather entry {number}: {name} = {value} is not a number")
+        if name != "at_s" and value < 0.0:
+            raise FireModelError(f"weather entry {number}: {name} = {value} must not be negative")
     if entry.wind_from_deg > 360.0:
         raise FireModelError(
             f"weather entry {number}: wind_from_deg = {entry.wind_from_deg} must be 0 to 360, "

@@ -1,6 +1,5 @@
-"""Simulate fire spread over a landscape, and draw and write the results.
+"""Simulate fire spread over a landscape.
 
 ``schemes`` lists the spread schemes, ``fire_scheme`` is their common base, and ``burning`` starts
-from an existing fire. ``behaviour`` computes results, ``writers`` writes them and ``arrival_map``
-draws them.
+from an existing fire. ``behaviour`` computes results; ``firemodel.outputs`` writes and draws them.
 """

@@ -54,7 +54,7 @@ from firemodel.spread.labels import (
     empty_points,
     empty_tips,
     lattice_of,
-    positions_of,
+    paths_to_centres,
     settle,
 )
 from firemodel.spread.local_spread import perturbed
@@ -135,7 +135,7 @@ class AnyAngleFire(Fire):
         found._changes_s, found._ignitions = self._changes_s.copy(), self._ignitions.copy()
         return found
 
-    def perturb(self, wind_factor: float, turn_deg: float, spread_factor: float) -> None:
+    def perturb(self, wind_factor: float, turn_deg: float, spread_factor: float | Floats) -> None:
         tables = perturbed(self._ground.tables, self._entry, wind_factor, turn_deg, spread_factor)
         self._ground = self._ground._replace(tables=tables)
         self._changes_s.insert(self._entry, self.time_s)
@@ -267,13 +267,10 @@ class AnyAngleFire(Fire):
 
         It is 0 where the fire was lit.
         """
-        centres = np.indices(self.landscape.shape) + 0.5
-        source = np.asarray(at_centres(self._labels.source, self._lattice))
-        points = self._points.at[: self._used, :2].T
-        sources = np.concatenate([positions_of(self._lattice), points], axis=1)
-        burned = np.isfinite(self.arrival_time_s) & (source >= 0)
-        down, right = np.where(burned, centres - sources[:, source], 0.0)
-        return np.stack([-down, right]) * self.landscape.cell_size_m
+        found = np.zeros((2, *self.landscape.shape))
+        cell_m, lattice = self.landscape.cell_size_m, self._lattice
+        paths_to_centres(found, self.arrival_time_s, cell_m, self._points, self._labels, lattice)
+        return found
 
     def _expected_s(self) -> Floats:
         best_s = np.asarray(at_centres(self._labels.best_s, self._lattice))

@@ -1,17 +1,20 @@
 """Compute spread rate, direction, intensity and flame length when fire arrives in each cell."""
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from firemodel.arrays import Floats
 from firemodel.compiled import compiled
+from firemodel.landscape.landscape import Landscape
 from firemodel.physics import rothermel
-from firemodel.physics.fuels import FUEL_MODELS
+from firemodel.physics.weather import Weather
 from firemodel.spread.fire_scheme import Fire
 from firemodel.spread.local_spread import (
-    burnable_codes,
+    beds_of,
     head_of,
     slowness_of,
     tables_of,
@@ -47,22 +50,28 @@ def behaviour_of(fire: Fire) -> Behaviour:
     """
     land, entries = fire.landscape, fire.weather.changes()
     terrain, tables = terrain_of(land), tables_of(land, entries, fire.wind_limit)
-    heat = np.empty((len(entries), len(burnable_codes(land))))
-    for number, entry in enumerate(entries):
-        for place, code in enumerate(burnable_codes(land)):
-            bed = rothermel.fuel_bed(FUEL_MODELS[code], entry.moisture)
-            heat[number, place] = rothermel.fireline_intensity_kw_m(bed, 1.0)
+    heat = heat_of(land, entries)
     began_s = np.array([-math.inf, *(entry.at_s for entry in entries[1:])])
     arrival_s = np.where(fire.burned(), fire.arrival_time_s, np.inf).ravel()
     paths = fire.arrival_vectors().reshape(2, -1)
-    rate, toward_deg, intensity = _behaviour(arrival_s, paths, began_s, heat, terrain, tables)
+    rate, toward_deg, intensity = front_behaviour(arrival_s, paths, began_s, heat, terrain, tables)
     toward_deg = land.true_deg(toward_deg)
     found = (rate, toward_deg, intensity, rothermel.flame_length_m(intensity))
     return Behaviour(*(np.asarray(part, np.float32).reshape(land.shape) for part in found))
 
 
+def heat_of(landscape: Landscape, entries: Sequence[Weather]) -> Floats:
+    """Return Byram's intensity at 1 m/s, in kW/m, for each weather entry and burnable fuel."""
+    heat = [
+        [rothermel.fireline_intensity_kw_m(bed, 1.0) for bed in beds_of(landscape, each)]
+        for each in entries
+    ]
+    return np.array(heat, dtype=np.float64).reshape(len(entries), -1)
+
+
 @compiled
-def _behaviour(arrival_s, paths, began_s, heat, terrain, tables):  # type: ignore[no-untyped-def]
+def front_behaviour(arrival_s, paths, began_s, heat, terrain, tables):  # type: ignore[no-untyped-def]
+    """Return rate (m/s), direction (degrees from grid north) and intensity (3, n) of each cell."""
     found = np.full((3, arrival_s.size), np.nan, dtype=np.float32)
     for cell in range(arrival_s.size):
         if arrival_s[cell] == np.inf:

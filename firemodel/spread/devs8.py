@@ -23,8 +23,7 @@ from numpy.typing import NDArray
 from firemodel.arrays import Floats
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
-from firemodel.physics.fuels import FUEL_MODELS
-from firemodel.physics.rothermel import fireline_intensity_kw_m, fuel_bed
+from firemodel.physics.rothermel import fireline_intensity_kw_m
 from firemodel.physics.weather import Weather, WeatherStream
 from firemodel.spread.devs8_kernels import (
     LIT,
@@ -41,7 +40,7 @@ from firemodel.spread.devs8_kernels import (
 from firemodel.spread.fire_scheme import Burning, Fire, Ignition
 from firemodel.spread.front import neighbours_of
 from firemodel.spread.heap import push
-from firemodel.spread.local_spread import burnable_codes, perturbed, tables_of, terrain_of
+from firemodel.spread.local_spread import beds_of, perturbed, tables_of, terrain_of
 
 # The papers give no value; des-fire uses 0.
 IGNITION_INTENSITY_KW_M = 0.0
@@ -116,7 +115,10 @@ class Devs8Fire(Fire):
         found._changes_s = self._changes_s.copy()
         return found
 
-    def perturb(self, wind_factor: float, turn_deg: float, spread_factor: float) -> None:
+    def weather_ahead(self) -> tuple[Weather, ...]:
+        return self._entries_ahead(self.weather.entries)
+
+    def perturb(self, wind_factor: float, turn_deg: float, spread_factor: float | Floats) -> None:
         ground, entry = self._ground, self._entry
         slowest = ground.slowest_m_s
         self._ground = ground._replace(
@@ -182,9 +184,8 @@ class Devs8Fire(Fire):
 
 def _slowest_m_s(landscape: Landscape, entries: Sequence[Weather], intensity_kw_m: float) -> Floats:
     """Return the spread rate (entries, fuels) in m/s at which each fuel has a given intensity."""
-    fuels = [FUEL_MODELS[code] for code in burnable_codes(landscape)]
-    beds = [fuel_bed(fuel, entry.moisture) for entry in entries for fuel in fuels]
+    beds = [bed for entry in entries for bed in beds_of(landscape, entry)]
     per_m_s = np.array([fireline_intensity_kw_m(bed, 1.0) for bed in beds])
     found = np.full(per_m_s.shape, np.inf)
     np.divide(intensity_kw_m, per_m_s, out=found, where=per_m_s > 0.0)
-    return found.reshape(len(entries), len(fuels))
+    return found.reshape(len(entries), -1)

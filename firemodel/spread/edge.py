@@ -4,6 +4,7 @@ from datetime import timedelta
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from firemodel.spread.fire_scheme import Fire
 
@@ -22,6 +23,11 @@ class AtEdge(NamedTuple):
             f"lon {self.lon_deg:.5f}); fire beyond the edge is not simulated; give a larger "
             "landscape"
         )
+
+
+def reaches_edge(cells: NDArray[np.bool_]) -> bool:
+    """Return True if a mask (y, x) has a cell in the outermost rows and columns."""
+    return bool(np.concatenate([cells[0], cells[-1], cells[:, 0], cells[:, -1]]).any())
 
 
 def at_edge(fire: Fire) -> AtEdge | None:

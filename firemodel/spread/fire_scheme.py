@@ -11,7 +11,7 @@ from firemodel.arrays import Floats
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.fuels import NON_BURNABLE
-from firemodel.physics.weather import WeatherStream
+from firemodel.physics.weather import Weather, WeatherStream
 from firemodel.spread.front import earliest_neighbour, front_polygons, multipolygon, neighbours_of
 
 UNBURNED, BURNING, BURNED, CANNOT_BURN = 0, 1, 2, 3
@@ -104,12 +104,20 @@ class Fire(ABC):
         return self.copy()
 
     @abstractmethod
-    def perturb(self, wind_factor: float, turn_deg: float, spread_factor: float) -> None:
+    def perturb(self, wind_factor: float, turn_deg: float, spread_factor: float | Floats) -> None:
         """Change wind and spread rate from now on, relative to ``weather``.
 
-        The wind speed is multiplied by ``wind_factor`` and the spread rate by ``spread_factor``.
-        The wind direction is turned clockwise by ``turn_deg``.
+        The wind speed is multiplied by ``wind_factor`` and the spread rate by ``spread_factor``: a
+        number, or an array (entries of ``weather_ahead``, burnable fuels in ascending order). The
+        wind direction is turned clockwise by ``turn_deg``.
         """
+
+    def weather_ahead(self) -> tuple[Weather, ...]:
+        """Return the weather entry in effect and the later entries that this scheme uses."""
+        return self._entries_ahead(self.weather.changes())
+
+    def _entries_ahead(self, entries: tuple[Weather, ...]) -> tuple[Weather, ...]:
+        return entries[max(sum(entry.at_s <= self.time_s for entry in entries) - 1, 0) :]
 
     def draw_from(self, rng: np.random.Generator) -> None:  # noqa: B027  # most schemes are deterministic
         """Use another generator for random draws from now on."""

@@ -134,14 +134,6 @@ def keys_of(i: NDArray[np.int64], j: NDArray[np.int64], lattice: Lattice) -> NDA
     return lattice.each * ((i // 2) * (lattice.cols + 1) + j // 2) + slot
 
 
-def positions_of(lattice: Lattice) -> Floats:
-    """Return the positions (2, keys) of all nodes: y, x in cells; see ``ij_of``."""
-    places = np.array([[i, j] for i in range(2) for j in range(2)])
-    offsets = places[:: 3 if lattice.each == 2 else 1]
-    cells = np.indices((lattice.rows + 1, lattice.cols + 1)).reshape(2, -1, 1)
-    return (cells + 0.5 * offsets.T[:, None]).reshape(2, -1)
-
-
 def empty_points(room: int) -> Points:
     """Return uninitialised arrays for ``room`` points."""
     return Points(np.empty((room, 3)), np.empty((room, 2), dtype=np.int32))
@@ -206,3 +198,15 @@ def add_path(paths, count, first, target, y, x, at_s):  # type: ignore[no-untype
     paths.target[count] = target
     paths.at[count, 0], paths.at[count, 1], paths.at[count, 2] = y, x, at_s
     return count + 1
+
+
+@kernel
+def paths_to_centres(found, arrival_s, cell_m, points, labels, lattice):  # type: ignore[no-untyped-def]
+    """Set the vectors (2, y, x) from sources to burned centres, in m north and east."""
+    for row in range(lattice.rows):
+        for col in range(lattice.cols):
+            source = np.int64(labels.source[key_of(2 * row + 1, 2 * col + 1, lattice)])
+            if source >= 0 and arrival_s[row, col] < np.inf:
+                y, x, _ = place_of(source, points, labels, lattice)
+                found[0, row, col] = (y - (row + 0.5)) * cell_m
+                found[1, row, col] = (col + 0.5 - x) * cell_m

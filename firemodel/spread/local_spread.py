@@ -15,8 +15,7 @@ from firemodel.arrays import Floats
 from firemodel.compiled import kernel
 from firemodel.landscape.landscape import ROWS_AT_ONCE, Landscape
 from firemodel.physics import rothermel
-from firemodel.physics.fuels import FUEL_MODELS
-from firemodel.physics.rothermel import FT_MIN_PER_M_S, fuel_bed
+from firemodel.physics.rothermel import FT_MIN_PER_M_S, FuelBed, fuel_bed
 from firemodel.physics.weather import Weather, crown_ratio_from_base, wind_adjustment_factor
 
 _length_to_breadth = kernel(rothermel.length_to_breadth)
@@ -51,7 +50,7 @@ def terrain_of(landscape: Landscape) -> Terrain:
 def _midflame(landscape: Landscape, codes: Sequence[int]) -> NDArray[np.float32]:
     """Return the ratio (y, x) of midflame wind to wind at 20 ft, including shelter by trees."""
     depth_ft = np.zeros(int(landscape.fuel_model.max()) + 1)
-    depth_ft[codes] = [FUEL_MODELS[code].depth_ft for code in codes]
+    depth_ft[codes] = [landscape.fuels[code].depth_ft for code in codes]
     cover, height_m = landscape.canopy_cover, landscape.canopy_height_m
     if cover is None or height_m is None:
         factor = np.asarray(wind_adjustment_factor(depth_ft)).astype(np.float32)
@@ -70,7 +69,15 @@ def _midflame(landscape: Landscape, codes: Sequence[int]) -> NDArray[np.float32]
 def burnable_codes(landscape: Landscape) -> list[int]:
     """Return the codes of the landscape's burnable fuels, in ascending order."""
     present = np.bincount(landscape.fuel_model.ravel()).nonzero()[0]
-    return [int(code) for code in present if int(code) in FUEL_MODELS]
+    return [int(code) for code in present if int(code) in landscape.fuels]
+
+
+def beds_of(landscape: Landscape, entry: Weather) -> list[FuelBed]:
+    """Return the fuel bed of each of ``burnable_codes`` at the moistures of a weather entry."""
+    return [
+        fuel_bed(landscape.fuels[code], entry.moisture_of(code))
+        for code in burnable_codes(landscape)
+    ]
 
 
 def tables_of(landscape: Landscape, entries: Sequence[Weather], wind_limit: bool = False) -> Tables:
@@ -79,14 +86,12 @@ def tables_of(landscape: Landscape, entries: Sequence[Weather], wind_limit: bool
     Wind directions are converted from true north to grid north. ``wind_limit`` has the same meaning
     as in ``rothermel``.
     """
-    codes = burnable_codes(landscape)
-    terms = np.empty((len(entries), len(codes), 6))
+    terms = np.empty((len(entries), len(burnable_codes(landscape)), 6))
     wind = np.empty((len(entries), 3))
     for number, entry in enumerate(entries):
         toward = math.radians(landscape.grid_deg(entry.wind_from_deg + 180.0))
         wind[number] = entry.wind_speed_m_s, math.cos(toward), math.sin(toward)
-        for place, code in enumerate(codes):
-            bed = fuel_bed(FUEL_MODELS[code], entry.moisture)
+        for place, bed in enumerate(beds_of(landscape, entry)):
             limit_ft_min = rothermel.wind_limit_ft_min(bed.reaction_intensity_btu_ft2_min)
             terms[number, place] = (
                 bed.no_wind_rate_ft_min / FT_MIN_PER_M_S,
@@ -100,13 +105,13 @@ def tables_of(landscape: Landscape, entries: Sequence[Weather], wind_limit: bool
 
 
 def perturbed(
-    tables: Tables, entry: int, wind_factor: float, turn_deg: float, spread_factor: float
+    tables: Tables, entry: int, wind_factor: float, turn_deg: float, spread_factor: float | Floats
 ) -> Tables:
     """Return tables with an entry split into two, of which the second part is changed.
 
     All later entries are changed too. In these entries the wind speed is multiplied by
     ``wind_factor``, the wind direction is turned clockwise by ``turn_deg``, and the spread rate is
-    multiplied by ``spread_factor``.
+    multiplied by ``spread_factor``, a number or an array (changed entries, fuels).
     """
     terms = np.concatenate([tables.terms[: entry + 1], tables.terms[entry:]])
     wind = np.concatenate([tables.wind[: entry + 1], tables.wind[entry:]])

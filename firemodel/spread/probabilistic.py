@@ -28,6 +28,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from firemodel.arrays import Floats
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.fuels import NON_BURNABLE
@@ -119,9 +120,9 @@ class ProbabilisticFire(Fire):
         found._rng = copy.deepcopy(self._rng)
         return found
 
-    def perturb(self, wind_factor: float, turn_deg: float, spread_factor: float) -> None:
-        """Multiply p_spread by ``spread_factor``; the other arguments have no effect."""
-        self._p_spread = min(self._p_spread * spread_factor, 1.0)
+    def perturb(self, wind_factor: float, turn_deg: float, spread_factor: float | Floats) -> None:
+        """Multiply p_spread by ``spread_factor`` or its mean, and ignore the other arguments."""
+        self._p_spread = min(self._p_spread * float(np.mean(spread_factor)), 1.0)
 
     def draw_from(self, rng: np.random.Generator) -> None:
         self._rng = rng

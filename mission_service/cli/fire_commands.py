@@ -5,12 +5,46 @@ Heavy modules are imported only when a command runs.
 
 import json
 import math
+import os
 import sys
+from collections.abc import Callable
+from functools import wraps
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import click
 
 from mission_service.cli.options import JSON, OUT_FOLDER, OVERRIDE, echo, echo_warning, folder
+
+MAX_RUNS = 100_000
+
+
+class Cores(NamedTuple):
+    """Where many fires burn: the address of a Dask scheduler, or None and a number of threads."""
+
+    scheduler: str | None
+    workers: int
+
+
+def cores_option(command: Callable[..., None]) -> Callable[..., None]:
+    """Add --workers and --scheduler to a command, which receives both as ``cores``."""
+
+    @click.option(
+        "--workers",
+        type=click.IntRange(1),
+        default=os.cpu_count() or 1,
+        help="Number of threads on this machine [default: one per core].",
+    )
+    @click.option(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="Burn on the workers of this Dask scheduler, e.g. tcp://10.0.0.1:8786.",
+    )
+    @wraps(command)
+    def with_cores(scheduler: str | None, workers: int, **arguments: Any) -> None:
+        command(cores=Cores(scheduler, workers), **arguments)
+
+    return with_cores
 
 
 @click.group()
@@ -29,22 +63,100 @@ def fire() -> None:
     show_default=True,
     help="Seconds between two fronts in the output.",
 )
+@click.option("--netcdf", is_flag=True, help="Also write fire.nc (NetCDF, CF conventions).")
+@click.option(
+    "--members",
+    type=click.IntRange(1, MAX_RUNS),
+    metavar="N",
+    help="Burn the fire N times with errors of [ensemble]; write probabilities instead of fronts.",
+)
+@cores_option
 @OVERRIDE
 @JSON
 def fire_run(
-    scenario: str, out: Path, front_every_s: float, overrides: tuple[str, ...], as_json: bool
+    scenario: str,
+    out: Path,
+    front_every_s: float,
+    netcdf: bool,
+    members: int | None,
+    cores: Cores,
+    overrides: tuple[str, ...],
+    as_json: bool,
 ) -> None:
-    """Simulate the fire of SCENARIO; write GeoTIFFs, GeoJSON fronts, a map and a summary to DIR."""
+    """Simulate the fire of SCENARIO; write GeoTIFFs, fronts, a map and a summary to DIR.
+
+    The fronts are GeoJSON and KML. QGIS applies the styles (.qml) beside the files.
+
+    With --members, the GeoTIFFs are the burn probability, arrival times and the flame length. If
+    the command is stopped, repeat it: it burns only what is missing in DIR/members.
+    """
     from mission_service.config.scenario import load_scenario
     from mission_service.simulation.fire_alone import run_fire
 
     if math.isnan(front_every_s):
         raise click.UsageError("--front-every nan: give seconds")
+    _refuse_together(members)
     loaded = load_scenario(scenario, overrides)
-    summary = run_fire(loaded, folder(out), front_every_s, echo_warning)
+    if members is None:
+        summary = run_fire(loaded, folder(out), front_every_s, echo_warning, netcdf)
+        written = "GeoTIFFs, fronts (GeoJSON, KML), map.png and summary.json"
+    else:
+        from mission_service.simulation.fire_members import run_members
+        from mission_service.simulation.task_pool import tasks_on
+
+        with tasks_on(*cores, "fire run") as run:
+            summary = run_members(loaded, folder(out), members, run, echo_warning)
+        written = "GeoTIFFs, map.png and summary.json"
     echo(summary, as_json)
     if not as_json:
-        click.echo(f"GeoTIFFs, fronts.geojson, map.png and summary.json in {out}/")
+        click.echo(f"{written} in {out}/")
+
+
+def _refuse_together(members: int | None) -> None:
+    """Raise UsageError for an option that has no effect with or without --members."""
+    source = click.get_current_context().get_parameter_source
+    others = ["front_every_s", "netcdf"] if members is not None else ["workers", "scheduler"]
+    for name in others:
+        if source(name) is not click.core.ParameterSource.DEFAULT:
+            option = f"--{name.removesuffix('_s').replace('_', '-')}"
+            with_or = "with" if members is not None else "without"
+            raise click.UsageError(f"{option} has no effect {with_or} --members; leave it out")
+
+
+@fire.command("sweep")
+@click.argument("scenario")
+@OUT_FOLDER
+@click.option(
+    "--vary",
+    "varied",
+    multiple=True,
+    required=True,
+    metavar="KEY=VALUES",
+    help="Values of a key: a list (3,5,8) or a range (2:10:2: from 2 to 10 by 2); repeatable.",
+)
+@cores_option
+@OVERRIDE
+@JSON
+def fire_sweep(
+    scenario: str,
+    out: Path,
+    varied: tuple[str, ...],
+    cores: Cores,
+    overrides: tuple[str, ...],
+    as_json: bool,
+) -> None:
+    """Simulate the fire of SCENARIO for all combinations of values; write sweep.csv and fronts.
+
+    If the command is stopped, repeat it: it burns only what is missing in DIR/runs.
+    """
+    from mission_service.simulation.fire_sweep import run_sweep
+    from mission_service.simulation.task_pool import tasks_on
+
+    with tasks_on(*cores, "fire sweep") as run:
+        summary = run_sweep(scenario, overrides, varied, folder(out), run)
+    echo(summary, as_json)
+    if not as_json:
+        click.echo(f"sweep.csv and fronts.geojson in {out}/")
 
 
 @fire.command("info")

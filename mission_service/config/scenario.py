@@ -15,6 +15,7 @@ from mission_service.config.rule_lookup import Way, own_ways, rules, way_named
 from mission_service.config.sections import (
     KEY_SOURCE,
     BurnSection,
+    EnsembleSection,
     FireSection,
     FormationSection,
     Ignition,
@@ -56,6 +57,7 @@ class Scenario(Section):
     fly_in_wind: bool = True  # simulated vehicles fly in the wind of the fire's weather
     landscape: LandscapeSection = LandscapeSection()
     fire: FireSection = FireSection()
+    ensemble: EnsembleSection = EnsembleSection()
     weather: tuple[WeatherEntry, ...] = ()
     weather_file: WeatherFile | None = None
     ignition: tuple[Ignition, ...] = ()

@@ -14,6 +14,7 @@ from pydantic import (
     model_validator,
 )
 
+from firemodel.ensemble.uncertainty import Uncertainty
 from firemodel.landscape import LAYERS
 from firemodel.spread.schemes import SchemeName
 from mission_service.config.rule_lookup import way_named
@@ -27,8 +28,12 @@ Bearing = Annotated[float, Field(ge=0, le=360)]
 Percent = Annotated[float, Field(ge=0, le=400)]
 Share = Annotated[float, Field(ge=0, lt=1)]
 
+STATED = Uncertainty()
 ALL = "all"  # instead of a vehicle's name, in requests that are possible for all vehicles
-RASTER_KEYS = ("bands", "units", "missing", "crs", "nodata")
+RASTER_KEYS = (
+    *("bands", "units", "missing", "crs", "nodata"),
+    *("fuel_codes", "custom_fuels", "rate_factors"),
+)
 KEY_SOURCE = r"file:.+|env:[A-Za-z_]\w*"
 
 
@@ -53,7 +58,8 @@ class LandscapeSection(Section):
     Level ground ("flat") is centred on ``lat_deg``, ``lon_deg`` and has one fuel and the elevation
     ``elevation_m``. Rasters are given as one file per layer, or as one ``file`` with all layers.
     Such a file is an .lcp, or a stack with bands that are described in the file or named in
-    ``bands``.
+    ``bands``. ``fuel_codes`` replaces codes of the fuel raster; ``custom_fuels`` is a .fmd file of
+    further fuel models, ``rate_factors`` an .adj file of factors of the spread rate.
     """
 
     source: Literal["jacksboro", "flat", "files"] = "jacksboro"
@@ -77,6 +83,9 @@ class LandscapeSection(Section):
     missing: Literal["refuse", "unburnable"] = "refuse"
     crs: str | None = None
     nodata: Finite | None = None
+    fuel_codes: dict[int, Annotated[int, Field(ge=1, le=32767)]] = {}
+    custom_fuels: Path | None = None
+    rate_factors: Path | None = None
     barriers: tuple[Path, ...] = ()
 
     @property
@@ -129,13 +138,17 @@ class WeatherEntry(FuelMoisture):
 
 
 class WeatherFile(FuelMoisture):
-    """A weather file (.raws, .wxs or .csv); ``start`` is mission time 0 in the file's local time.
+    """A weather file (.raws, .wxs, .wtr, .csv); ``start`` is mission time 0 in its local time.
 
-    The moistures in this table apply where the file has none. With ``conditioned``, dead fuels
-    start with these moistures, which then follow temperature, humidity and rain.
+    A .wtr file needs its ``wind`` (.wnd). An inputs file of FARSITE may replace all of them. The
+    moistures in this table apply where the file has none; ``fuel_moistures`` is an .fms file with
+    moistures of single fuels. With ``conditioned``, dead fuels start with these moistures, which
+    then follow temperature, humidity and rain.
     """
 
     path: Path
+    wind: Path | None = None
+    fuel_moistures: Path | None = None
     start: datetime | None = None
     conditioned: bool = False
 
@@ -160,8 +173,10 @@ class FireSection(Section):
     """The scheme of fire spread, and the area that has already burned at the start.
 
     ``precise`` lets the paths of the any-angle scheme bend in the middles of edges too.
-    ``perimeter`` is a file of polygons that have burned by ``burning_at_s``; ``arrival`` is a
-    raster of arrival times. ``p_spread`` and ``update_s`` apply to the probabilistic scheme. That
+    ``perimeter`` is a file of polygons that have burned by ``burning_at_s``; ``perimeter_feature``
+    is the number of the only feature to use. With ``repair_perimeter`` closed lines and invalid
+    polygons become valid polygons. ``arrival`` is a raster of arrival times. ``p_spread`` and
+    ``update_s`` apply to the probabilistic scheme. That
     scheme can also start with a fire of ``initial_cells`` cells, which it grows from the ignitions.
     """
 
@@ -169,6 +184,8 @@ class FireSection(Section):
     wind_limit: bool = False
     precise: bool = False
     perimeter: Path | None = None
+    perimeter_feature: Annotated[int, Field(ge=1)] | None = None
+    repair_perimeter: bool = False
     arrival: Path | None = None
     arrival_unit: Literal["seconds", "minutes", "hours", "days"] = "seconds"
     burning_at_s: NotNegative = 0.0
@@ -180,12 +197,30 @@ class FireSection(Section):
     def _one_fire(self) -> "FireSection":
         if self.perimeter is not None and self.arrival is not None:
             raise ValueError("give either perimeter or arrival, not both")
+        for name in ("repair_perimeter", "perimeter_feature"):
+            if getattr(self, name) and self.perimeter is None:
+                raise ValueError(f"{name} has no effect without perimeter; leave it out")
         if self.initial_cells is not None:
             if self.scheme != "probabilistic":
                 raise ValueError('initial_cells needs scheme = "probabilistic"')
             if self.perimeter is not None or self.arrival is not None:
                 raise ValueError("give either initial_cells or perimeter or arrival")
         return self
+
+
+class EnsembleSection(Section):
+    """How uncertain the inputs of the fire are, for ensembles and for forecasts of a flight.
+
+    Sources of the defaults: ``firemodel/ensemble/uncertainty.py``. Factors are log-normal with a
+    median of 1. Each error is constant during a fire and independent of the others.
+    """
+
+    wind_log_sd: NotNegative = STATED.wind_log_sd
+    wind_turn_sd_deg: NotNegative = STATED.wind_turn_sd_deg
+    spread_log_sd: NotNegative = STATED.spread_log_sd
+    fuel_log_sd: NotNegative = STATED.fuel_log_sd
+    moisture_log_sd: NotNegative = STATED.moisture_log_sd
+    ignition_sd_m: NotNegative = STATED.ignition_sd_m
 
 
 class PlannerSection(Section):

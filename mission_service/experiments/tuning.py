@@ -23,6 +23,7 @@ from mission_service.experiments.virtual_agents.tuning_scenarios import (
     fitness,
 )
 from mission_service.guidance.formation.virtual_forces_kernels import NAMES
+from mission_service.simulation.task_pool import dask_client
 
 Genes = tuple[float, ...]
 Evaluate = Callable[[Sequence[Genes]], list[float]]
@@ -33,7 +34,6 @@ ELITE, FITTEST = 0.1, 0.5  # shares of the population
 MUTATION, CHANGE = 0.1, 1.0  # probability per gene, and maximum change
 POPULATION, GENERATIONS = 50, 200
 CHUNKS_PER_WORKER = 4
-SECONDS_TO_CONNECT = 10
 HOW_TO_INSTALL = "pip install 'mission-service[tune]'"
 
 
@@ -165,26 +165,9 @@ def on_cores(workers: int, seed: int) -> Iterator[Evaluate]:
 def on_cluster(scheduler: str, seed: int) -> Iterator[Evaluate]:
     """Yield a function that evaluates on the workers of a Dask scheduler (tcp://HOST:8786).
 
-    Each worker needs this package. If a worker is lost, the others repeat its work. Raises
-    MissionServiceError if Dask is not installed, or if there is no scheduler or no worker.
+    Workers and errors are those of ``task_pool.on_cluster``.
     """
-    try:
-        import distributed
-    except ImportError:
-        raise MissionServiceError(f"tune: Dask is not installed; {HOW_TO_INSTALL}") from None
-    client_of: Any = distributed.Client
-    try:
-        client = client_of(scheduler, timeout=SECONDS_TO_CONNECT, set_as_default=False)
-    except (OSError, ValueError) as error:
-        raise MissionServiceError(f"tune: no Dask scheduler at {scheduler}: {error}") from None
-    with client:
-        try:
-            client.wait_for_workers(1, timeout=SECONDS_TO_CONNECT)
-        except TimeoutError:
-            raise MissionServiceError(
-                f"tune: {scheduler}: the scheduler has no workers; start some with "
-                f"`dask worker {scheduler}`"
-            ) from None
+    with dask_client(scheduler, "tune") as client:
 
         def evaluate(many: Sequence[Genes]) -> list[float]:
             chunks = _chunks(many, len(client.nthreads()))

@@ -15,7 +15,7 @@ from mission_service.fire.estimated_fire import EstimatedFire
 Floats = NDArray[np.float64]
 
 # Relative standard deviation of the time since ignition without corrections: the combined
-# uncertainty of spread and wind (ensemble.py).
+# uncertainty of spread and wind (firemodel/ensemble/uncertainty.py).
 UNCORRECTED_SD = 0.37
 
 

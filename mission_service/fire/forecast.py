@@ -9,11 +9,12 @@ from typing import Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from firemodel.ensemble.uncertainty import Uncertainty
 from firemodel.errors import FireModelError
 from firemodel.spread.fire_scheme import Fire
 from mission_service.fire.ensemble import (
     Arrival,
-    Ensemble,
+    EnsembleForecast,
     burned_ahead,
     ensemble_of,
     probability_at,
@@ -29,7 +30,7 @@ OLD_S = 180.0  # age in mission time at which a forecast is computed again
 REST_S = 10.0  # minimum real time between two forecasts, unless operators changed the fire
 
 Floats = NDArray[np.float64]
-ForecastT = TypeVar("ForecastT", Arrival, Ensemble)
+ForecastT = TypeVar("ForecastT", Arrival, EnsembleForecast)
 
 
 class _Slot(Generic[ForecastT]):
@@ -54,7 +55,11 @@ class Forecasts:
     """
 
     def __init__(
-        self, fire_of: Callable[[], Fire], version_of: Callable[[], int], seed: int
+        self,
+        fire_of: Callable[[], Fire],
+        version_of: Callable[[], int],
+        seed: int,
+        uncertainty: Uncertainty | None = None,
     ) -> None:
         self._fire_of, self._version_of = fire_of, version_of
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="forecast")
@@ -63,9 +68,9 @@ class Forecasts:
         self._arrivals: _Slot[Arrival] = _Slot(
             lambda fire, until_s, version: burned_ahead(fire, until_s, version, seed)
         )
-        self._ensembles: _Slot[Ensemble] = _Slot(
+        self._ensembles: _Slot[EnsembleForecast] = _Slot(
             lambda fire, until_s, version: ensemble_of(
-                fire, until_s, version, seed, lambda: self._open
+                fire, until_s, version, seed, uncertainty, lambda: self._open
             )
         )
 

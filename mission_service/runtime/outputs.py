@@ -9,9 +9,11 @@ from typing import Any
 import numpy as np
 
 from firemodel.landscape.landscape import Landscape
-from firemodel.spread.arrival_map import frame_around, start_map
+from firemodel.outputs.arrival_map import frame_around, set_title, start_map, status_line
+from firemodel.outputs.front_files import write_fronts
+from firemodel.outputs.graticule import km_of
+from firemodel.outputs.raster_layers import arrival_layer_of
 from firemodel.spread.fire_scheme import Fire
-from firemodel.spread.writers import write_fronts
 from mission_service.config.scenario import Scenario
 from mission_service.guidance.registry import way_of
 from mission_service.runtime.run_statistics import RunStatistics, VehicleStatistics
@@ -144,7 +146,9 @@ def draw_map(path: Path, scenario: Scenario, record: RunStatistics, fire: Fire) 
     flown = [point[1:3] for vehicle in record.vehicles.values() for point in vehicle.track]
     flown_xy_m = np.stack(land.xy_of_lat_lon(*np.array(flown).T), axis=1) if flown else None
     arrival_s = np.where(fire.burned(), fire.arrival_time_s, np.inf)
-    figure, axes = start_map(land, arrival_s, frame_around(land, arrival_s, flown_xy_m))
+    frame = frame_around(land, arrival_s, flown_xy_m)
+    layer = arrival_layer_of(fire, scenario.time_zero)
+    figure, axes = start_map(land, arrival_s, frame, layer=layer)
     handles = []
     for colour, (name, vehicle) in zip(
         VEHICLE_COLOURS * len(record.vehicles), record.vehicles.items(), strict=False
@@ -158,27 +162,28 @@ def draw_map(path: Path, scenario: Scenario, record: RunStatistics, fire: Fire) 
         handles.append(Line2D([], [], color=colour, marker="o", markersize=4, label=label))
     rule = scenario.planner.rule
     alpha = f", α = {scenario.planner.alpha:g}" if way_of(scenario).along_front else ""
-    axes.set_title(f"{scenario.name}: {rule} rule{alpha}, {record.at_us / 3.6e9:.1f} h")
-    below = {"ncols": 4, "loc": "upper center", "bbox_to_anchor": (0.5, -0.06)}
+    facts = status_line(fire, scenario.time_zero)
+    set_title(axes, f"{scenario.name}: {rule} rule{alpha}", facts)
+    below = {"ncols": 4, "loc": "upper center", "bbox_to_anchor": (0.5, -0.07)}
     placement = below if len(handles) > LEGEND_INSIDE else {"loc": "upper left"}
     axes.legend(handles=handles, **placement)
     figure.savefig(path)
 
 
 def _draw_vehicle(axes: Any, vehicle: VehicleStatistics, land: Landscape, colour: str) -> None:
-    south_m = land.north_m - land.shape[0] * land.cell_size_m
+    from matplotlib.patheffects import withStroke
+
+    halo = withStroke(linewidth=2.0, foreground="white", alpha=0.5)  # on dark red too
     dots = {"linestyle": "", "marker": "o"}
     for points, style in (
-        ([point[1:3] for point in vehicle.track], {"linewidth": 0.7, "alpha": 0.8}),
+        ([point[1:3] for point in vehicle.track], {"linewidth": 0.8, "path_effects": [halo]}),
         ([point[1:3] for point in vehicle.reversals], dots),
         ([(each.lat_deg, each.lon_deg) for each in vehicle.drops], dots),
     ):
         if points:
             lat, lon = np.array(points).T
-            x_m, y_m = land.xy_of_lat_lon(lat, lon)
             axes.plot(
-                (x_m - land.west_m) / 1e3,
-                (y_m - south_m) / 1e3,
+                *km_of(land, lat, lon),
                 color=colour,
                 markersize=3.5,
                 markeredgecolor="white",

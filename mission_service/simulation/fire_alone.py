@@ -2,16 +2,20 @@
 
 import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from firemodel.spread.arrival_map import draw_map
+from firemodel.outputs.arrival_map import draw_map
+from firemodel.outputs.front_files import write_fronts
+from firemodel.outputs.geotiff import write_rasters
+from firemodel.outputs.netcdf import check_netcdf, write_netcdf
+from firemodel.outputs.whole_file import write_whole
 from firemodel.spread.edge import at_edge
 from firemodel.spread.fire_scheme import Fire
-from firemodel.spread.writers import write_fronts, write_rasters
 from mission_service.config.scenario import Scenario
 from mission_service.errors import ScenarioError
 from mission_service.fire.setup import fire_of, landscape_of, warnings_on
@@ -22,29 +26,26 @@ MAX_FRONTS = 10_000
 
 
 def run_fire(
-    scenario: Scenario, folder: Path, front_every_s: float, warn: Callable[[str], None]
+    scenario: Scenario,
+    folder: Path,
+    front_every_s: float,
+    warn: Callable[[str], None],
+    netcdf: bool = False,
 ) -> dict[str, Any]:
     """Write the rasters, fronts, map and summary to a folder, and return the summary.
 
-    ``warn`` receives each warning as soon as its cause is known.
+    ``warn`` receives each warning as soon as its cause is known. With ``netcdf`` also fire.nc,
+    which holds the state at the times of the fronts.
 
     Raises ScenarioError if no fire starts before the scenario's end, for more than ``MAX_FRONTS``
     fronts, or for a folder that cannot be written to.
     """
-    first_s = min((ignition.at_s for ignition in scenario.ignition), default=0.0)
-    given = scenario.fire.perimeter or scenario.fire.arrival
-    if first_s >= scenario.duration_s and not given:
-        raise ScenarioError(
-            f"{scenario.name}: the first ignition is at_s = {first_s:g}, which must be before "
-            f"duration_s = {scenario.duration_s:g}"
-        )
+    if netcdf:
+        check_netcdf()
+    check_times(scenario)
     landscape = landscape_of(scenario)
     fire = fire_of(scenario, landscape)
     start_s = fire.time_s
-    if start_s >= scenario.duration_s:
-        raise ScenarioError(
-            f"{scenario.name}: fire.burning_at_s = {start_s:g} must be before duration_s"
-        )
     times_s = _times_s(start_s, scenario.duration_s, front_every_s)
     lines = warnings_on(scenario, landscape)
     for line in lines:
@@ -56,11 +57,38 @@ def run_fire(
     if (reached := at_edge(fire)) is not None:
         lines.append(str(reached))
         warn(str(reached))
-    try:
+    with writing(folder):
+        if netcdf:
+            path = folder / "fire.nc"
+            write_netcdf(path, fire, times_s, scenario.name, scenario.time_zero)
         return _write(scenario, fire, folder, times_s, lines)
+
+
+@contextmanager
+def writing(folder: Path) -> Iterator[None]:
+    """Report an OSError within the context as a ScenarioError that names the file or folder."""
+    try:
+        yield
     except OSError as error:
         reason = error.strerror or " ".join(str(error).split())
         raise ScenarioError(f"{error.filename or folder}: cannot be written: {reason}") from None
+
+
+def check_times(scenario: Scenario) -> None:
+    """Raise ScenarioError unless a fire burns before the scenario's end."""
+    section, end_s = scenario.fire, scenario.duration_s
+    given = section.perimeter or section.arrival
+    first_s = min((ignition.at_s for ignition in scenario.ignition), default=0.0)
+    if first_s >= end_s and not given:
+        raise ScenarioError(
+            f"{scenario.name}: the first ignition is at_s = {first_s:g}, which must be before "
+            f"duration_s = {end_s:g}"
+        )
+    if (given or section.initial_cells) and section.burning_at_s >= end_s:
+        raise ScenarioError(
+            f"{scenario.name}: fire.burning_at_s = {section.burning_at_s:g} must be before "
+            "duration_s"
+        )
 
 
 def _times_s(start_s: float, end_s: float, every_s: float) -> list[float]:
@@ -78,15 +106,10 @@ def _write(
     scenario: Scenario, fire: Fire, folder: Path, times_s: list[float], warnings: list[str]
 ) -> dict[str, Any]:
     landscape = fire.landscape
-    write_rasters(folder, fire)
+    write_rasters(folder, fire, scenario.time_zero)
     write_fronts(folder / "fronts.geojson", fire, times_s, scenario.name, scenario.time_zero)
-    arrival_s = np.where(fire.burned(), fire.arrival_time_s, np.inf)
-    draw_map(
-        folder / "map.png",
-        landscape,
-        arrival_s,
-        f"{scenario.name}: {scenario.fire.scheme}, {_in_words(scenario.duration_s)}",
-    )
+    title = f"{scenario.name}: {scenario.fire.scheme}"
+    draw_map(folder / "map.png", fire, title, scenario.time_zero)
     summary = {
         "scenario": scenario.name,
         "scheme": scenario.fire.scheme,
@@ -96,10 +119,7 @@ def _write(
         "reached_edge": at_edge(fire) is not None,
         "time_s": fire.time_s,
         "warnings": warnings,
+        "time_zero": scenario.time_zero and scenario.time_zero.isoformat(),
     }
-    (folder / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+    write_whole(folder / "summary.json", json.dumps(summary, indent=2) + "\n")
     return summary
-
-
-def _in_words(time_s: float) -> str:
-    return f"{time_s / 3600.0:.3g} h" if time_s >= 3600.0 else f"{time_s / 60.0:.3g} min"

@@ -153,3 +153,63 @@ def test_degrees_are_described_although_they_are_refused(tmp_path: Path) -> None
     found = describe(write_raster(tmp_path / "a.tif", FUEL, crs="EPSG:4326", transform=grid))
     assert found["extent"] == pytest.approx((-33.002, 150.0, -33.0, 150.004))
     assert "EPSG:4326 is not a projection in metres" in found["problems"][0]
+
+
+def test_notes_on_the_ground_the_codes_and_ignored_bands(tmp_path: Path) -> None:
+    """The plane rises to the east at 20 %; its slope is declared as degrees, its aspect as east."""
+    heights = np.tile(np.arange(10.0) * 6.0, (8, 1))
+    layers = {
+        "fuel": np.where(heights > 30.0, 0, 1),
+        "elevation": heights,
+        "slope": np.full_like(heights, 20.0),
+        "aspect": np.full_like(heights, 90.0),
+    }
+    bands = np.stack([*layers.values(), heights]).astype(np.int16)
+    path = write_raster(tmp_path / "a.tif", bands, (*layers, "bulk density"))
+    found = describe_rasters(path, units={"slope": "degrees"})
+    assert found["problems"] == []
+    ignored, code_0, steep, uphill = found["notes"]
+    assert ignored.endswith("a.tif band 5: a run ignores this band (bulk density)")
+    assert "fuel code 0 (no fuel, 40.0 %) is read as bare ground (99)" in code_0
+    assert "slopes are 1.8 times those of the elevation; check the unit" in steep
+    assert "aspect points uphill" in uphill
+    assert "  note: " in in_text(found)
+    bands[3] = 270
+    found = describe_rasters(write_raster(path, bands, (*layers, "x")), units={"slope": "percent"})
+    assert len(found["notes"]) == 2
+
+
+def test_tables_of_weather_and_fuels_are_described(tmp_path: Path) -> None:
+    raws = "RAWS_UNITS: English\nRAWS: 1\n2016 7 15 2200 77 25 0 10 0 25\n"
+    head = "FARSITE INPUTS FILE VERSION 1.0\nFARSITE_START_TIME: 7 15 2200\n"
+    for name, text, expected in (
+        ("a.raws", raws, ["1 records from 2016-07-15T22:00", "wind at 20 ft from 4.5 to 4.5 m/s"]),
+        ("a.wnd", "7 15 0 5 270 0\n", ["note: read with its daily weather: path = a.wtr"]),
+        ("a.fms", "0 3 4 6 70 100\n", ["moisture of all other fuels: 3/4/6/70/100 %"]),
+        ("a.adj", "1 0.5\n20 2\n", ["fuel 1: factor 0.5", "[20] need landscape.custom_fuels"]),
+        ("a.fmd", "20 1 1 1 1 1 2000 1800 1500 1 25 8000 8000\n", ["20 static custom 20, depth 1"]),
+        ("a.fmd", "20 1\n", ["problem: ", "line 1: 2 fields"]),
+        ("a.csv", "x,y\n1,2\n", ["problem: ", "column 'x' is unknown"]),
+        (
+            "a.input",
+            head + "FARSITE_END_TIME: 7 16 0400\nCROWN: 1\n" + raws,
+            ["duration_s = 21600 (6 h)", "a run ignores CROWN", "unless weather_file.conditioned"],
+        ),
+    ):
+        path = tmp_path / name
+        path.write_text(text, encoding="utf-8")
+        found = describe(path)
+        shown = in_text(found)
+        json.dumps(found)
+        for part in expected:
+            assert part in shown
+        assert bool(found["problems"]) == ("problem: " in expected)
+
+
+def test_a_note_on_codes_of_another_system_in_an_unnamed_band(tmp_path: Path) -> None:
+    path = write_raster(tmp_path / "fuels.tif", np.array([[1, 2], [3, 4]], dtype=np.int16))
+    table = "grid_value,fuel_type\n1,PCH1\n2,PCH2\n"
+    (tmp_path / "kitral_lookup_table.csv").write_text(table, encoding="utf-8")
+    (note,) = describe(path)["notes"]
+    assert note.startswith("if these are fuel codes: ")
+    assert "system Kitral (Chile)" in note

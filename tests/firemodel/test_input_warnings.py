@@ -3,6 +3,7 @@
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -46,7 +47,7 @@ def test_usual_inputs_give_no_warning() -> None:
         ({"wind_speed_m_s": 61.0}, "wind of 61 m/s, more than 60 m/s: probably given in another"),
     ],
 )
-def test_a_value_is_named_with_its_entry(changes: dict[str, float], text: str) -> None:
+def test_a_value_is_named_with_its_entry(changes: dict[str, Any], text: str) -> None:
     (line,) = lines_for(weather(), replace(weather(at_s=60.0), **changes))
     assert line.startswith(f"weather entry 1: {text}")
 

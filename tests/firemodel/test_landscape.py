@@ -4,11 +4,12 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import pyproj
 import pytest
 from numpy.typing import NDArray
 
 from firemodel.errors import FireModelError
-from firemodel.landscape.landscape import ROWS_AT_ONCE, Landscape, horn
+from firemodel.landscape.landscape import ROWS_AT_ONCE, Landscape, crs_label, horn, same_crs
 from tests.firemodel.grids import CELL_M, CRS, NORTH_M, WEST_M, landscape
 
 FUEL = np.array([[1, 2, 99], [4, 5, 98]], dtype=np.int16)
@@ -172,3 +173,24 @@ def test_the_grid_s_north_is_not_everywhere_the_true_one() -> None:
     # True north lies to the left of the grid's there.
     assert found == pytest.approx(-np.rad2deg(np.arctan2(to_x_m - x_m, to_y_m - y_m)), abs=1e-3)
     assert found == pytest.approx(1.3, abs=0.1)
+
+
+SPHERE = "+proj=lcc +lat_0=35.5 +lon_0={} +lat_1=35.5 +lat_2=41.5 +R=6371200 +units=m +no_defs"
+
+
+def test_crss_are_the_same_if_their_coordinates_are() -> None:
+    """A meridian of 237.3 is -122.7; a text without a name is described."""
+    east, west = (
+        pyproj.CRS.from_user_input(SPHERE.format(lon)).to_wkt() for lon in (237.3, -122.7)
+    )
+    assert same_crs(east, west)
+    assert same_crs(east, SPHERE.format(-122.7))
+    assert not same_crs(east, SPHERE.format(-122.6))
+    assert not same_crs(east, SPHERE.format(-122.7).replace("6371200", "6370000"))
+    assert not same_crs("EPSG:32616", "EPSG:26916")
+    assert not same_crs("EPSG:32616", "EPSG:4326")
+    assert same_crs("EPSG:32616", pyproj.CRS.from_epsg(32616).to_wkt())
+    label = crs_label(east)
+    assert label.startswith("Lambert Conic Conformal (2SP) (Latitude of false origin 35.5, Long")
+    assert label.endswith("on a sphere of radius 6371200 m")
+    assert crs_label(pyproj.CRS.from_epsg(5070).to_wkt()) == "NAD83 / Conus Albers"

@@ -11,10 +11,10 @@ import rasterio
 from numpy.typing import NDArray
 
 from firemodel.errors import FireModelError
+from firemodel.landscape.info import describe_rasters
 from firemodel.landscape.landscape import Landscape
 from firemodel.landscape.readers.layers import layer_of
 from firemodel.landscape.readers.rasters import read_arrival, read_landscape
-from firemodel.spread.writers import write_geotiff
 from tests.firemodel.grids import CRS, NORTH_M, WEST_M, landscape, write_raster
 
 DATA = Path("/work/shared/data")
@@ -36,8 +36,8 @@ def elevation(land: Landscape) -> NDArray[np.float32]:
 
 def test_geotiffs_come_back_as_written(tmp_path: Path) -> None:
     land = landscape(FUEL, HEIGHTS)
-    write_geotiff(tmp_path / "fuel.tif", land.fuel_model, land)
-    write_geotiff(tmp_path / "dem.tif", HEIGHTS, land, nodata=-9999.0)
+    write_raster(tmp_path / "fuel.tif", land.fuel_model)
+    write_raster(tmp_path / "dem.tif", HEIGHTS, nodata=-9999.0)
     again = read_two(tmp_path / "fuel.tif", tmp_path / "dem.tif")
     assert again.digest() == land.digest()
     assert [str(a.dtype) for a in (again.fuel_model, elevation(again))] == ["int16", "float32"]
@@ -97,7 +97,10 @@ def test_a_file_cut_short_is_refused(tmp_path: Path) -> None:
             changed(transform=rasterio.Affine(30, 0, WEST_M, 0, -25, NORTH_M)),
             "bad.tif: cells are 30.0 x 25.0 m; resample",
         ),
-        (changed(FUEL.astype(np.float32)), "bad.tif: fuel codes must be integers, .* float32"),
+        (
+            changed(FUEL.astype(np.float32) + np.float32(0.5)),
+            "bad.tif: fuel code .* is not a whole number",
+        ),
         (
             changed(with_value(-9999, np.int16), nodata=-9999),
             r"bad.tif: no data: value -9999 at row 1, column 0 \(1 such cells\)",
@@ -332,6 +335,43 @@ def test_cells_without_a_value_can_be_taken_as_bare_ground(tmp_path: Path) -> No
     empty = write_raster(tmp_path / "empty.tif", FUEL * 0 - 1, nodata=-1)
     with pytest.raises(FireModelError, match=r"no cell has a value"):
         read_landscape({**files, "fuel": empty}, units=units, missing="unburnable", nodata=-9999)
+
+
+def test_gentle_ground_without_an_aspect_stays_fuel(tmp_path: Path) -> None:
+    """Level ground has no aspect; where it is steeper than 5 degrees a value is missing."""
+    slope = np.array([[0, 5, 20], [5, 0, 6]], dtype=np.int16)
+    aspect = np.array([[-9999, -9999, 90], [-1, 45, 180]], dtype=np.int16)
+    codes = np.array([[1, 2, 99], [4, 5, 8]], dtype=np.int16)
+    files = {
+        "fuel": write_raster(tmp_path / "fuel.tif", codes),
+        "slope": write_raster(tmp_path / "slope.tif", slope),
+        "aspect": write_raster(tmp_path / "aspect.tif", aspect, nodata=-9999),
+    }
+    land = read_landscape(files, units={"slope": "degrees"})
+    np.testing.assert_array_equal(land.fuel_model, codes)
+    assert land.slope_tan[0].tolist() == [0.0, 0.0, pytest.approx(np.tan(np.deg2rad(20)))]
+    assert land.slope_tan[1, 0] == 0.0
+    (note,) = describe_rasters(files, units={"slope": "degrees"})["notes"]
+    assert "3 cells without an aspect are level ground" in note
+    write_raster(files["slope"], np.where(slope == 5, 6, slope).astype(np.int16))
+    with pytest.raises(FireModelError, match=r"aspect.tif: no data: value -9999 at row 0, col.* 1"):
+        read_landscape(files, units={"slope": "degrees"})
+    bare = read_landscape(files, units={"slope": "degrees"}, missing="unburnable")
+    assert bare.fuel_model.tolist() == [[1, 99, 99], [4, 5, 8]]
+
+
+def test_a_slope_beyond_90_degrees_can_be_bare_ground(tmp_path: Path) -> None:
+    slope = np.array([[0, 108, 20], [5, 0, 6]], dtype=np.int16)
+    files = {
+        "fuel": write_raster(tmp_path / "fuel.tif", np.full_like(slope, 4)),
+        "slope": write_raster(tmp_path / "slope.tif", slope),
+        "aspect": write_raster(tmp_path / "aspect.tif", slope * 0),
+    }
+    with pytest.raises(FireModelError, match=r'slope is 108 .* bare ground \(missing = "unburn'):
+        read_landscape(files, units={"slope": "degrees"})
+    bare = read_landscape(files, units={"slope": "degrees"}, missing="unburnable")
+    assert bare.fuel_model.tolist() == [[4, 99, 4], [4, 4, 4]]
+    assert bare.slope_tan[0, 1] == 0.0
 
 
 def test_nodata_values_beyond_the_types_of_a_landscape(tmp_path: Path) -> None:

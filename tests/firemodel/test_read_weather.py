@@ -219,7 +219,7 @@ def test_files_that_are_none_are_refused(tmp_path: Path) -> None:
     with pytest.raises(FireModelError, match=r"missing\.wxs: cannot be read \(No such file"):
         read_weather(tmp_path / "missing.wxs", moisture=MOISTURE)
     with pytest.raises(FireModelError, match="not a known kind of weather file"):
-        read_weather(written(tmp_path, ENGLISH, "a.wtr"), moisture=MOISTURE)
+        read_weather(written(tmp_path, ENGLISH, "a.txt"), moisture=MOISTURE)
     (tmp_path / "b.csv").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(FireModelError, match="is not text in UTF-8"):
         read_weather(tmp_path / "b.csv", moisture=MOISTURE)

@@ -16,7 +16,7 @@ from firemodel.errors import FireModelError
 from firemodel.landscape.info import describe
 from firemodel.landscape.rasterise import cells_of
 from firemodel.landscape.readers.rasters import read_landscape
-from firemodel.landscape.readers.shapes import read_shapes
+from firemodel.landscape.readers.shapes import read_shapes, records_of, repairs_of
 from tests.firemodel.grids import CRS, NORTH_M, WEST_M, landscape
 
 DATA = Path("/work/shared/data")
@@ -193,3 +193,62 @@ def test_real_perimeters_have_the_areas_that_were_measured() -> None:
     for shape in shapes:
         cells_m2 = len(cells_of([shape], land)) * land.cell_size_m**2
         assert cells_m2 == pytest.approx(shape.area, rel=0.01)
+
+
+def test_a_field_name_cut_in_a_character_does_not_matter(tmp_path: Path) -> None:
+    """Writers cut names to ten bytes; the eleventh was the second byte of a character."""
+    path = shapefile(tmp_path / "a.shp", AREA)
+    table = path.with_suffix(".dbf")
+    content = table.read_bytes()
+    place = content.index(b"number")
+    table.write_bytes(content[:place] + b"numberxxx\xc3" + content[place + 10 :])
+    path.with_suffix(".cpg").write_text("UTF-8")
+    assert same(read_shapes(path, LAND)[0])
+    with zipfile.ZipFile(tmp_path / "a.zip", "w") as archive:
+        for part in tmp_path.glob("a.*"):
+            if part.suffix != ".zip":
+                archive.write(part, part.name)
+    shapes, _, records = records_of((tmp_path / "a.zip").read_bytes(), "a.zip")
+    assert same(shapes[0])
+    assert list(records[0].values()) == [0]
+
+
+def test_a_perimeter_is_repaired_on_request_and_reported(tmp_path: Path) -> None:
+    """A figure eight of two squares of 1 ha; a ring with an island, drawn as lines."""
+    eight = Polygon(
+        [(X_M + x, Y_M + y) for x, y in ((0, 0), (100, 0), (100, 200), (200, 200), (200, 100))]
+        + [(X_M, Y_M + 100)]
+    )
+    path = shapefile(tmp_path / "a.shp", eight)
+    with pytest.raises(FireModelError, match=r"Self-intersection.*fire.repair_perimeter = true"):
+        read_shapes(path, LAND)
+    (found,) = read_shapes(path, LAND, repair=True)
+    assert found.area == pytest.approx(2e4)
+    (line,) = repairs_of(path)
+    assert "feature 1 (Self-intersection" in line
+    assert line.endswith("is repaired: 0.00 ha before, 2.00 ha after")
+
+    outer = shapely.box(X_M - 300, Y_M - 300, X_M, Y_M).exterior
+    inner = shapely.box(X_M - 200, Y_M - 200, X_M - 100, Y_M - 100).exterior
+    drawn = shapefile(tmp_path / "b.shp", shapely.MultiLineString([outer, inner]))
+    (ring,) = read_shapes(drawn, LAND, repair=True)
+    assert ring.geom_type == "Polygon"
+    assert ring.area == pytest.approx(8e4)
+    assert repairs_of(drawn)[0].endswith(
+        "(closed line) is repaired: 10.01 ha before, 8.01 ha after"
+    )
+
+    whole = shapefile(tmp_path / "c.shp", AREA)
+    assert same(read_shapes(whole, LAND, repair=True)[0])
+    assert repairs_of(whole) == []
+    road = shapefile(tmp_path / "d.shp", LineString([(X_M, Y_M), (X_M + 90, Y_M)]))
+    assert read_shapes(road, LAND, repair=True)[0].geom_type == "LineString"
+
+
+def test_one_feature_of_a_file_is_read_whatever_the_others_are(tmp_path: Path) -> None:
+    far = shapely.box(0.0, 0.0, 1.0, 1.0)
+    path = shapefile(tmp_path / "a.shp", far, AREA)
+    (found,) = read_shapes(path, LAND, feature=2)
+    assert same(found)
+    with pytest.raises(FireModelError, match=r"a.shp: has no feature 3; its features are 1 to 2"):
+        read_shapes(path, LAND, feature=3)

@@ -11,12 +11,10 @@ import rasterio
 from shapely.geometry import shape
 
 from firemodel.errors import FireModelError
+from firemodel.outputs.front_files import fronts_geojson, write_fronts
+from firemodel.outputs.geotiff import write_rasters
 from firemodel.spread.anyangle import AnyAngleFire
-from firemodel.spread.arrival_map import draw_map, frame_around, start_map
-from firemodel.spread.writers import fronts_geojson, write_fronts, write_geotiff, write_rasters
-from tests.firemodel.grids import CRS, landscape, steady
-
-LAND = landscape(shape=(6, 7))
+from tests.firemodel.grids import landscape, steady
 
 
 def around_a_rock() -> AnyAngleFire:
@@ -26,15 +24,6 @@ def around_a_rock() -> AnyAngleFire:
     fire = AnyAngleFire(landscape(codes), steady(), [(9, 9, 0.0)])
     fire.advance(15_000.0)
     return fire
-
-
-def test_a_geotiff_lies_on_the_grid(tmp_path: Path) -> None:
-    values = np.arange(42.0).reshape(6, 7)
-    write_geotiff(tmp_path / "values.tif", values, LAND, nodata=-1.0)
-    with rasterio.open(tmp_path / "values.tif") as file:
-        assert (file.crs.to_string(), file.nodata) == (CRS, -1.0)
-        assert file.transform == LAND.transform()
-        assert np.array_equal(file.read(1), values)
 
 
 def signed_area(ring: Any) -> float:
@@ -70,6 +59,7 @@ def test_fronts_have_time_area_and_a_note_that_they_are_not_approved() -> None:
         "GISAcres": round(area_m2 / 4046.8564224, 2),
         "area_ha": round(area_m2 / 1e4, 2),
         "time_s": 15_000.0,
+        "time_s_origin": "seconds after mission time 0, 2026-08-01T12:00:00+00:00",
         "PolygonDateTime": 1_785_585_600_000 + 15_000_000,
     }
     assert area_m2 == pytest.approx(np.count_nonzero(fire.burned()) * 900.0, rel=0.05)
@@ -79,51 +69,17 @@ def test_fronts_have_time_area_and_a_note_that_they_are_not_approved() -> None:
 def test_rasters_hold_what_burned(tmp_path: Path) -> None:
     fire = around_a_rock()
     paths = write_rasters(tmp_path, fire)
-    assert sorted(path.name for path in tmp_path.iterdir()) == [
-        "arrival_time_s.tif",
-        "fireline_intensity_kw_m.tif",
-        "flame_length_m.tif",
-        "spread_rate_m_s.tif",
-        "spread_toward_deg.tif",
-    ]
-    for path in paths.values():
-        with rasterio.open(path) as file:
+    assert {path.name for path in tmp_path.iterdir()} == {
+        f"{name}.{suffix}" for name in paths for suffix in ("tif", "qml")
+    }
+    for name in paths.keys() - {"state", "fuel_model"}:
+        with rasterio.open(paths[name]) as file:
             assert np.array_equal(file.read_masks(1) > 0, fire.burned())
     with rasterio.open(paths["arrival_time_s"]) as file:
         burned = fire.burned()
         np.testing.assert_allclose(file.read(1)[burned], fire.arrival_time_s[burned], rtol=1e-6)
-
-
-def test_a_map_is_drawn_of_any_fire(tmp_path: Path) -> None:
-    from matplotlib.image import imread
-
-    fire = around_a_rock()
-    none = np.full(fire.landscape.shape, np.inf)
-    one = none.copy()
-    one[3, 4] = 0.0
-    for number, arrival_s in enumerate((fire.arrival_time_s, one, none)):
-        path = tmp_path / f"{number}.png"
-        draw_map(path, fire.landscape, arrival_s, "a fire")
-        assert imread(path).std() > 0.05
-    nowhere = np.array([[np.inf, np.inf]])  # a place too far away for the projection
-    assert frame_around(fire.landscape, one, nowhere) == frame_around(fire.landscape, one)
-    west, east, south, north = frame_around(fire.landscape, one)
-    assert west < 0.135 < east  # the cell's centre in km
-    assert south < 0.495 < north
-
-
-def test_isochrones_and_colours_of_a_fire_taken_over_start_with_it() -> None:
-    land = landscape(shape=(20, 20))
-    row, col = np.indices(land.shape)
-    away = np.hypot(row - 10, col - 10)
-    arrival_s = np.where(away < 9, 1800.0 + 300.0 * np.maximum(away - 3, 0.0), np.inf)
-    _, axes = start_map(land, arrival_s, frame_around(land, arrival_s), isochrones=True)
-    (lines,) = (part for part in axes.collections if hasattr(part, "levels"))
-    assert lines.levels[0] > 0.5 + 1e-6
-    assert axes.images[-1].get_clim() == pytest.approx((0.5, arrival_s[away < 9].max() / 3600))
-    at_once = np.where(away < 9, 0.0, np.inf)
-    _, axes = start_map(land, at_once, frame_around(land, at_once))
-    assert axes.images[-1].get_clim() == pytest.approx((0.0, 1 / 60))
+    with rasterio.open(paths["state"]) as file:
+        assert np.array_equal(file.read(1), fire.state_at(fire.time_s))
 
 
 def test_fronts_are_written_to_a_path_given_as_text_or_fail_in_one_line(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ from collections import Counter
 from datetime import datetime
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import jsonschema
 import pyarrow.parquet
@@ -22,7 +23,7 @@ from mission_service.replay.flights import table_files
 from mission_service.replay.flights.exports import export
 from mission_service.replay.flights.flight_tables import OWN, TABLES, Rows
 from mission_service.replay.flights.foxglove import messages_of, mission_geojson, quaternion
-from tests.bridge.log_writers import BEGIN_US, bin_flight, ulg_flight
+from tests.bridge.log_writers import BEGIN_US, bin_flight, dataflash, ulg_flight
 from tests.service.test_cli import call
 
 BIN_TABLES = {
@@ -185,6 +186,23 @@ def test_mcap_keeps_the_logs_own_clocks_if_there_is_no_other(tmp_path: Path, out
     ]
     kite = next(each for each in found if each[0] == "/kite-3/location")
     assert kite[2] == 2_100_000_000
+
+
+def test_a_track_without_a_date_is_a_line_without_times(tmp_path: Path, out: Path) -> None:
+    path = tmp_path / "crow.bin"
+    places = [(1_000_000 * at, 36.3, -84.2 + at / 1e4, 300.0, 0.0, 0.0) for at in range(3)]
+    path.write_bytes(dataflash([("POS", *place) for place in places]))
+    exported([path], out, "kml")
+    text = (out / "tracks.kml").read_text(encoding="utf-8")
+    assert "1970" not in text
+    assert "no calendar date" in text
+    line = ElementTree.fromstring(text).find(".//{http://www.opengis.net/kml/2.2}coordinates")
+    assert line is not None
+    assert line.text is not None
+    assert line.text.split()[:2] == [
+        "-84.2000000,36.3000000,300.00",
+        "-84.1999000,36.3000000,300.00",
+    ]
 
 
 def test_the_same_logs_make_the_same_bytes(logs: list[Path], tmp_path: Path) -> None:

@@ -15,11 +15,8 @@ from firemodel.spread.probabilistic import ProbabilisticFire
 from mission_service.fire import forecast
 from mission_service.fire.ensemble import (
     MEMBERS,
-    SPREAD_LOG_SD,
-    WIND_TURN_SD_DEG,
     burned_ahead,
     ensemble_of,
-    perturbations,
     probability_at,
 )
 from mission_service.fire.forecast import Arrival, Forecasts
@@ -119,14 +116,6 @@ def test_what_is_lit_right_now_is_sure() -> None:
     many = ensemble_of(fire(0.0), 600.0, 1, seed=4)
     assert np.argwhere(probability_at(many, 0.0)).tolist() == [[50, 40]]
     assert probability_at(many, 0.0).max() == 1.0
-
-
-def test_perturbations_have_the_documented_sizes() -> None:
-    wind, turn, spread = np.array(perturbations(4, 400)).T
-    assert np.std(np.log(spread)) == pytest.approx(SPREAD_LOG_SD, rel=0.02)
-    assert np.std(turn) == pytest.approx(WIND_TURN_SD_DEG, rel=0.02)
-    assert np.median(wind) == pytest.approx(1.0, rel=0.01)
-    assert abs(np.corrcoef(np.log(wind), turn)[0, 1]) < 0.15
 
 
 def test_all_callers_wait_for_the_same_forecast(monkeypatch: pytest.MonkeyPatch) -> None:

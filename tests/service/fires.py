@@ -10,8 +10,7 @@ from shapely.geometry.base import BaseGeometry
 
 from firemodel.landscape.landscape import Landscape
 from firemodel.landscape.readers.shapes import into_crs
-from firemodel.spread.writers import write_geotiff
-from tests.firemodel.grids import landscape
+from tests.firemodel.grids import landscape, write_raster
 from tests.firemodel.test_shapes import geojson
 
 SIZE = 60
@@ -24,6 +23,24 @@ TIFFS = FILES + 'fuel = "fuel.tif"\nelevation = "dem.tif"\n'
 CSV = '[weather_file]\npath = "weather.csv"\nstart = 2024-07-01T12:00:00\n'
 POINT = '[[ignition]]\nfile = "lit.geojson"\n'
 HEAD = 'name = "small"\nseed = 5\nduration_s = 3600\n'
+FLAT = """\
+name = "flat"
+seed = 3
+duration_s = 1800
+[landscape]
+source = "flat"
+lat_deg = 37.0
+lon_deg = -119.0
+rows = 60
+cols = 60
+[[ignition]]
+lat_deg = 37.0
+lon_deg = -119.0
+[[weather]]
+at_s = 0
+wind_speed_m_s = 2
+wind_from_deg = 250
+"""
 # Two hours; moistures are in the file but for the live ones.
 WEATHER = """\
 time,wind_speed_m_s,wind_from_deg,dead_1h_pct,dead_10h_pct,dead_100h_pct
@@ -51,9 +68,9 @@ def on_grid(row: float, col: float) -> Point:
 
 def write_site(folder: Path, land: Landscape = LAND, fuel: NDArray[Any] | None = None) -> Path:
     """The files that ``TIFFS``, ``CSV`` and ``POINT`` name."""
-    write_geotiff(folder / "fuel.tif", land.fuel_model if fuel is None else fuel, land)
+    write_raster(folder / "fuel.tif", land.fuel_model if fuel is None else fuel)
     assert land.elevation_m is not None
-    write_geotiff(folder / "dem.tif", land.elevation_m, land)
+    write_raster(folder / "dem.tif", land.elevation_m)
     (folder / "weather.csv").write_text(WEATHER, encoding="utf-8")
     lat, lon = land.lat_lon_of(*land.xy_of(*LIT))
     geojson(folder / "lit.geojson", {"type": "Point", "coordinates": [lon, lat]})
@@ -64,4 +81,11 @@ def write_scenario(folder: Path, *parts: str, head: str = HEAD) -> Path:
     """A scenario of these tables; without any, the usual ones."""
     path = folder / "fire.toml"
     path.write_text("\n".join([head, *(parts or (TIFFS, CSV, POINT))]), encoding="utf-8")
+    return path
+
+
+def write_flat(folder: Path) -> Path:
+    """A scenario of level ground, without further files."""
+    path = folder / "flat.toml"
+    path.write_text(FLAT, encoding="utf-8")
     return path

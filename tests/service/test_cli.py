@@ -48,7 +48,7 @@ def test_a_simulation_leaves_its_files_and_prints_json(tmp_path: Path) -> None:
     assert names == {
         "journal.jsonl",
         "map.png",
-        "perimeters.geojson",
+        *(f"perimeters.{suffix}" for suffix in ("geojson", "kml", "qml")),
         "summary.json",
         "tracks.geojson",
     }

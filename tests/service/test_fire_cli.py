@@ -6,13 +6,13 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import netCDF4
 import numpy as np
 import pytest
 import rasterio
 from numpy.typing import NDArray
 from shapely.geometry import LineString, shape
 
-from firemodel.spread.writers import write_geotiff
 from tests.firemodel.grids import CELL_M, CRS, write_raster
 from tests.firemodel.test_rasters import ascii_grid
 from tests.service.fires import (
@@ -40,7 +40,9 @@ RASTERS = (
     "flame_length_m",
     "fireline_intensity_kw_m",
 )
-NAMES = {"fronts.geojson", "map.png", "summary.json", *(f"{name}.tif" for name in RASTERS)}
+NAMES = {"fronts.geojson", "fronts.kml", "fronts.qml", "map.png", "summary.json"}.union(
+    *({f"{name}.tif", f"{name}.qml"} for name in (*RASTERS, "state", "fuel_model"))
+)
 WALL = TIFFS + 'barriers = ["wall.geojson"]\n'
 
 
@@ -170,7 +172,7 @@ def test_a_fire_taken_over_from_arrival_in_hours_goes_on_as_the_first(tmp_path: 
     whole = burn(write_scenario(site), tmp_path / "whole")
     first = arrival_s(tmp_path / "whole")
     hours = np.where(first < 0, -9999.0, first / 3600.0)
-    write_geotiff(site / "arrival.tif", hours, LAND, nodata=-9999.0)
+    write_raster(site / "arrival.tif", hours, nodata=-9999.0)
     taken = '[fire]\narrival = "arrival.tif"\narrival_unit = "hours"\nburning_at_s = 1800\n'
     rest = burn(write_scenario(site, TIFFS, CSV, taken), tmp_path / "rest")
     before = (first >= 0) & (first <= 1800)
@@ -399,3 +401,14 @@ def test_info_refuses_words_it_would_not_use(tmp_path: Path) -> None:
     assert "is a folder; give a file" in call("fire", "info", str(tmp_path)).stdout
     write_raster(tmp_path / "c.tif", HEIGHTS.astype(np.complex64))
     assert "c.tif: holds complex numbers" in call("fire", "info", str(tmp_path / "c.tif")).stdout
+
+
+def test_netcdf_is_written_on_request(tmp_path: Path) -> None:
+    zero = ("--set", "time_zero=2026-08-01T12:00:00-07:00")
+    summary = burn(write_scenario(write_site(tmp_path)), tmp_path / "out", "--netcdf", *zero)
+    assert summary["time_zero"] == "2026-08-01T12:00:00-07:00"
+    with netCDF4.Dataset(tmp_path / "out" / "fire.nc") as file:
+        assert file["state"].shape == (1, SIZE, SIZE)
+        assert file["time"].units == "seconds since 2026-08-01T19:00:00Z"
+        burned = ~np.ma.getmaskarray(file["arrival_time"][:])
+    assert np.array_equal(burned, arrival_s(tmp_path / "out") >= 0)

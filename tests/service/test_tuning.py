@@ -1,12 +1,8 @@
 """Tuning of the virtual forces' constants: reproducible, on cores and on a Dask cluster."""
 
 import json
-import os
 import random
-import subprocess
-import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +11,6 @@ from click.testing import CliRunner
 
 from mission_service.cli.main import main
 from mission_service.errors import MissionServiceError
-from mission_service.experiments import tuning
 from mission_service.experiments.tuning import Genes, on_cores, tune
 from mission_service.experiments.virtual_agents.tuning_scenarios import (
     KINDS,
@@ -26,6 +21,8 @@ from mission_service.experiments.virtual_agents.tuning_scenarios import (
 from mission_service.guidance import formation
 from mission_service.guidance.formation.settings import Constants
 from mission_service.guidance.formation.virtual_forces_kernels import NAMES, constants_array
+from mission_service.simulation import task_pool
+from tests.service.dask_cluster import cluster
 from tests.service.test_live import free_port
 
 TUNED = Path(formation.__file__).parent / "tuned.json"
@@ -137,39 +134,12 @@ def test_any_number_of_processes_finds_the_same() -> None:
     assert found[0]["fitness"] == found[0]["history"][-1]["best"]
 
 
-@contextmanager
-def cluster(workers: int) -> Iterator[str]:
-    """A Dask scheduler and worker processes on this machine; its address."""
-    address = f"tcp://127.0.0.1:{free_port()}"
-    dask = [sys.executable, "-m", "dask"]
-    there = {**os.environ, "PYTHONPATH": str(Path(formation.__file__).parents[3])}
-    port = address.rpartition(":")[2]
-    commands = [["scheduler", "--host", "127.0.0.1", "--port", port]]
-    commands += [["worker", address, "--nthreads", "1", "--no-nanny"]] * workers
-    begun: list[subprocess.Popen[bytes]] = []
-    try:
-        for command in commands:
-            begun.append(
-                subprocess.Popen(
-                    [*dask, *command, "--no-dashboard"],
-                    env=there,
-                    stdout=subprocess.DEVNULL,
-                    stderr=subprocess.DEVNULL,
-                )
-            )
-        yield address
-    finally:
-        for process in begun:
-            process.kill()
-        for process in begun:
-            process.wait()
-
-
 def test_a_dask_cluster_finds_what_one_process_does(tmp_path: Path) -> None:
     out = tmp_path / "found.json"
     command = ["tune", "virtual-agents", "--population", "8", "--generations", "2", "--seed", "6"]
-    with cluster(2) as address:
-        result = CliRunner().invoke(main, [*command, "--scheduler", address, "--out", str(out)])
+    with cluster(2) as dask:
+        options = ["--scheduler", dask.address, "--out", str(out)]
+        result = CliRunner().invoke(main, [*command, *options])
     assert result.exit_code == 0, result.output
     found = json.loads(out.read_text(encoding="utf-8"))
     with on_cores(1, seed=6) as evaluate:
@@ -177,7 +147,7 @@ def test_a_dask_cluster_finds_what_one_process_does(tmp_path: Path) -> None:
 
 
 def test_a_missing_scheduler_is_reported_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tuning, "SECONDS_TO_CONNECT", 1)
+    monkeypatch.setattr(task_pool, "SECONDS_TO_CONNECT", 1)
     address = f"tcp://127.0.0.1:{free_port()}"
     result = CliRunner().invoke(main, ["tune", "virtual-agents", "--scheduler", address])
     assert result.exit_code == 1

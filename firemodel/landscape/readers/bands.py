@@ -10,10 +10,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pyproj import CRS
 
 from firemodel.errors import FireModelError
-from firemodel.landscape.landscape import Landscape, check_crs, crs_label
+from firemodel.landscape.landscape import Landscape, check_crs, crs_label, same_crs
 from firemodel.landscape.readers.formats import OFFLINE, raster_driver
 
 Mask = NDArray[np.bool_]
@@ -33,7 +32,7 @@ class Grid:
 
     def difference(self, other: "Grid") -> str:
         """Return text on how another grid differs, empty if both agree to 1/1000 of a cell."""
-        if CRS.from_user_input(self.crs) != CRS.from_user_input(other.crs):
+        if not same_crs(self.crs, other.crs):
             return f"CRS {crs_label(other.crs)} is not the {crs_label(self.crs)}"
         if self.shape != other.shape:
             return f"{other.shape} cells are not the {self.shape}"
@@ -208,7 +207,7 @@ def grid_problems(band: Band, crs: str | None = None) -> Iterator[str]:
         try:
             check_crs(found, str(band.path))
             check_crs(crs or found, f"{band.path}: given as crs")
-            if crs is not None and CRS.from_user_input(found) != CRS.from_user_input(crs):
+            if crs is not None and not same_crs(found, crs):
                 yield (
                     f"{band.path}: CRS {crs_label(found)} is not the {crs_label(crs)} given as "
                     "crs; leave crs out, or correct the file's"

@@ -12,7 +12,8 @@ from firemodel.errors import FireModelError
 from firemodel.landscape import LAYERS
 from firemodel.landscape.landscape import MAX_ELEVATION_M, MAX_SLOPE, MAX_TREE_M
 from firemodel.landscape.readers.bands import Band, Mask, bands_of, cells_with
-from firemodel.physics.fuels import check_codes
+from firemodel.landscape.readers.code_systems import NO_FUEL, advice_on, renamed_code
+from firemodel.physics.fuels import FUEL_MODELS, FuelModel, check_codes
 
 # Each unit in metres, or as a fraction.
 FACTORS = {"m": 1.0, "m*10": 0.1, "ft": 0.3048, "ft*10": 0.03048, "percent": 0.01, "fraction": 1.0}
@@ -28,6 +29,10 @@ UNITS = {
 }
 # Units that all programs use; the units of other layers must be given.
 USUAL_UNITS = {"elevation": "m", "aspect": "degrees"}
+# Ground without an aspect is level up to this slope, rise over run (5 degrees): programs leave out
+# the aspect of gentle ground, LANDFIRE below 2 degrees.
+LEVEL_TAN = 0.0875
+BARE_GROUND = 99
 # Canopy cover in the middle of FARSITE's classes 0 to 4: none, to 20, to 50, to 80, to 100 %.
 COVER_OF_CLASS = np.array([0.0, 0.105, 0.355, 0.655, 0.905], dtype=np.float32)
 
@@ -147,12 +152,43 @@ def limits(layer: str, unit: str) -> tuple[float, float]:
     return least / FACTORS[unit], most / FACTORS[unit]
 
 
+def level_ground(
+    slope_tan: NDArray[np.float32], values: NDArray[Any], missing: Mask
+) -> tuple[NDArray[Any], Mask]:
+    """Return the values (y, x) of an aspect with -1 on level ground, and what is still missing.
+
+    Missing cells are level ground if their slope (rise over run) is at most ``LEVEL_TAN``.
+    """
+    level = missing & (slope_tan <= LEVEL_TAN)
+    return np.where(level, np.int16(-1), values), missing & ~level
+
+
+def translated(values: NDArray[Any], fuel_codes: Mapping[int, int]) -> NDArray[Any]:
+    """Return fuel codes (y, x) with some of them replaced.
+
+    Code 0 (no fuel, as in FARSITE) becomes bare ground, unless ``fuel_codes`` replaces it.
+    """
+    found = values.copy()
+    for code, other in ({NO_FUEL: BARE_GROUND} | dict(fuel_codes)).items():
+        found[values == code] = other
+    return found
+
+
 def value_problems(
-    layer: str, unit: str, band: Band, values: NDArray[Any], missing: Mask
+    layer: str,
+    unit: str,
+    band: Band,
+    values: NDArray[Any],
+    missing: Mask,
+    fuels: Mapping[int, FuelModel] = FUEL_MODELS,
+    fuel_codes: Mapping[int, int] | None = None,
 ) -> Iterator[str]:
-    """Yield the problems of a layer's values (y, x) in the unit of the file, one line each."""
+    """Yield the problems of a layer's values (y, x) in the unit of the file, one line each.
+
+    ``fuels`` are the fuel models that burn; ``fuel_codes`` replaces codes (``translated``).
+    """
     if layer == "fuel":
-        yield from _fuel_problems(band, values, missing)
+        yield from _fuel_problems(band, values, missing, fuels, fuel_codes or {})
         return
     least, most = limits(layer, unit)
     bad = (values < least) | (values > most)
@@ -160,25 +196,26 @@ def value_problems(
         bad |= values != np.round(values)
     bad &= ~missing
     if bad.any():
+        bare = 'read these cells as bare ground (missing = "unburnable"), ' * (layer == "slope")
         yield (
             f"{band.name}: {layer} is {cells_with(bad, values)}; in {unit} it must be from "
-            f"{least:g} to {most:g}: correct it, declare it as nodata, or give another unit"
+            f"{least:g} to {most:g}: correct it, declare it as nodata, {bare}or give another unit"
         )
 
 
-def _fuel_problems(band: Band, values: NDArray[Any], missing: Mask) -> Iterator[str]:
+def _fuel_problems(
+    band: Band,
+    values: NDArray[Any],
+    missing: Mask,
+    fuels: Mapping[int, FuelModel],
+    fuel_codes: Mapping[int, int],
+) -> Iterator[str]:
     if int(band.tags.get("FUEL_MODEL_OPTION", 0)) >= 2:
         yield (
             f"{band.name}: its header requires a conversion file for its fuel codes; write the "
             "converted codes"
         )
     if np.issubdtype(values.dtype, np.floating):
-        if band.driver != "AAIGrid":  # an ASCII grid has no types
-            yield (
-                f"{band.name}: fuel codes must be integers, the file has {values.dtype}; "
-                "write it as int16"
-            )
-            return
         broken = (values != np.round(values)) & ~missing
         if broken.any():
             yield (
@@ -186,10 +223,17 @@ def _fuel_problems(band: Band, values: NDArray[Any], missing: Mask) -> Iterator[
                 "resample fuel by the nearest cell only"
             )
             return
+    codes = {int(code) for code in np.unique(values[~missing])}
+    other = renamed_code(band.path, codes - {*fuel_codes}, fuels)
+    if other:
+        yield other
+        return
+    found = translated(values, fuel_codes)
     try:
-        check_codes(np.where(missing, values.dtype.type(99), values), band.name)
+        check_codes(np.where(missing, values.dtype.type(BARE_GROUND), found), band.name, fuels)
     except FireModelError as error:
-        yield f"{error}; give a code that means no data as nodata"
+        left = {int(code) for code in np.unique(found[~missing])}
+        yield f"{error}; {advice_on(left, fuels)}"
 
 
 def to_layer(layer: str, unit: str, values: NDArray[Any], missing: Mask) -> NDArray[np.float32]:

@@ -23,18 +23,22 @@ from firemodel.landscape.readers.bands import (
     values_of,
 )
 from firemodel.landscape.readers.layers import (
+    BARE_GROUND,
     layers_of,
+    level_ground,
+    limits,
     to_gradient,
     to_layer,
+    translated,
     unit_of,
     unit_problems,
     value_problems,
 )
+from firemodel.physics.fuels import FUEL_MODELS, FuelModel
 
 Source = Path | tuple[Path, int]  # a file of one band, or a file and its band, from 1
 Sources = Path | Mapping[str, Source]
 
-NO_DATA_FUEL = 99  # bare ground
 SECONDS = {"seconds": 1.0, "minutes": 60.0, "hours": 3600.0, "days": 86400.0}
 
 
@@ -45,6 +49,8 @@ def read_landscape(
     missing: Literal["refuse", "unburnable"] = "refuse",
     crs: str | None = None,
     nodata: float | None = None,
+    fuel_codes: Mapping[int, int] | None = None,
+    custom_fuels: Mapping[int, FuelModel] | None = None,
 ) -> Landscape:
     """Read a landscape from rasters that lie on one north-up grid of square cells in metres.
 
@@ -62,9 +68,14 @@ def read_landscape(
             and canopy are rejected.
         missing: With "refuse", cells without a value in a layer are rejected. With "unburnable",
             they become bare ground (99) without slope and trees, and a missing elevation becomes
-            that of the nearest cell.
+            that of the nearest cell. A slope of more than 89.9 degrees is a missing value then. A
+            missing aspect (or -1) is not a missing value where the
+            slope is at most 5 degrees: such a cell is level ground.
         crs: The CRS of files that have none.
         nodata: A value that means no data, in addition to those that the files declare.
+        fuel_codes: Codes in the file and the codes that replace them. Code 0 becomes 99 (bare
+            ground) if it is not among them.
+        custom_fuels: Fuel models of codes that are not standard, or that replace standard models.
 
     Returns:
         The landscape, with arrays (rows, columns).
@@ -81,16 +92,22 @@ def read_landscape(
     refuse(unit_problems(bands, units or {}))
     kinds = {layer: unit_of(layer, band, units or {}) for layer, band in bands.items()}
 
+    fuels = FUEL_MODELS | dict(custom_fuels or {})
     layers: dict[str, NDArray[Any]] = {}
     incomplete: Mask = np.zeros(grid.shape, dtype=np.bool_)
     for layer, band in bands.items():
         values = values_of(band)
         without = missing_in(band, values, nodata)
+        if layer == "aspect":
+            values, without = level_ground(layers["slope"], values, without)
         if missing == "refuse":
             refuse(gaps(band, values, without))
-        refuse(value_problems(layer, kinds[layer], band, values, without))
+        elif layer == "slope":
+            without |= values > limits(layer, kinds[layer])[1]
+        refuse(value_problems(layer, kinds[layer], band, values, without, fuels, fuel_codes or {}))
         if layer == "fuel":
-            layers[layer] = np.where(without, NO_DATA_FUEL, values).astype(np.int16)
+            codes = translated(values, fuel_codes or {})
+            layers[layer] = np.where(without, BARE_GROUND, codes).astype(np.int16)
         else:
             layers[layer] = to_layer(layer, kinds[layer], values, without)
         if layer == "elevation" and without.any():
@@ -98,9 +115,7 @@ def read_landscape(
         incomplete |= without
     if incomplete.all():
         raise FireModelError(f"{bands['fuel'].path}: no cell has a value in every layer")
-    for layer, values in layers.items():
-        if layer not in ("elevation", "aspect"):
-            values[incomplete] = NO_DATA_FUEL if layer == "fuel" else 0
+    _make_bare(layers, incomplete)
     gradient = None
     if "slope" in layers:
         gradient = to_gradient(layers.pop("slope"), layers.pop("aspect"))
@@ -115,7 +130,15 @@ def read_landscape(
         layers.get("canopy_cover"),
         layers.get("canopy_height"),
         layers.get("canopy_base"),
+        dict(custom_fuels or {}),
     )
+
+
+def _make_bare(layers: Mapping[str, NDArray[Any]], cells: Mask) -> None:
+    """Set some cells of all layers to bare ground without slope and trees."""
+    for layer, values in layers.items():
+        if layer not in ("elevation", "aspect"):
+            values[cells] = BARE_GROUND if layer == "fuel" else 0
 
 
 def bands_for(files: Sources) -> dict[str, Band]:

@@ -15,14 +15,22 @@ from pyproj.exceptions import CRSError
 from shapely.geometry.base import BaseGeometry
 
 from firemodel.errors import FireModelError
-from firemodel.landscape.landscape import Landscape, crs_label
+from firemodel.landscape.landscape import Landscape, crs_label, same_crs
 from firemodel.landscape.readers.bands import check_file, refuse
 from firemodel.landscape.readers.formats import OFFLINE, check_shapes
+from firemodel.landscape.readers.repairs import area_ha, repaired
 
 Record = dict[str, Any]
 
 
-def read_shapes(path: Path, landscape: Landscape, *, crs: str | None = None) -> list[BaseGeometry]:
+def read_shapes(
+    path: Path,
+    landscape: Landscape,
+    *,
+    crs: str | None = None,
+    repair: bool = False,
+    feature: int | None = None,
+) -> list[BaseGeometry]:
     """Read the geometries of a file's features into the landscape's CRS, without z.
 
     The file is GeoJSON, KML, KMZ or a Shapefile (zipped or not). Coordinates in GeoJSON are
@@ -32,6 +40,8 @@ def read_shapes(path: Path, landscape: Landscape, *, crs: str | None = None) -> 
         path: The file.
         landscape: The geometries are projected to its CRS; each must touch its grid.
         crs: The CRS of a file that has none.
+        repair: True if closed lines and invalid polygons become valid polygons (``repairs``).
+        feature: The number of the only feature to read, from 1; by default all are read.
 
     Returns:
         A shapely geometry for each feature, in the order of the file.
@@ -46,11 +56,47 @@ def read_shapes(path: Path, landscape: Landscape, *, crs: str | None = None) -> 
         raise FireModelError(f"{path}: has no features; give a file with at least one")
     their_crs = str(found or crs)
     moved = []
-    for number, shape in enumerate(shapes, start=1):
+    for number, read in _selected(path, shapes, feature):
+        shape = repaired(read) if repair else read
         refuse(shape_problems(path, number, shape, their_crs))
         moved.append(into_crs(shape, their_crs, landscape.crs))
         refuse(place_problems(path, number, moved[-1], landscape))
     return moved
+
+
+def _selected(
+    path: Path, shapes: list[BaseGeometry], feature: int | None
+) -> list[tuple[int, BaseGeometry]]:
+    """Return the number and geometry of one feature, or of all. Raises FireModelError for none."""
+    found = [
+        (number, shape) for number, shape in enumerate(shapes, start=1) if feature in (None, number)
+    ]
+    if not found:
+        raise FireModelError(
+            f"{path}: has no feature {feature}; its features are 1 to {len(shapes)}"
+        )
+    return found
+
+
+def repairs_of(path: Path, feature: int | None = None) -> list[str]:
+    """Return a line on each feature that ``read_shapes`` with ``repair`` changes.
+
+    The line contains the areas before and after in hectares. ``feature`` is as in ``read_shapes``.
+    Raises FireModelError if the file cannot be read as shapes.
+    """
+    shapes, crs = features_of(path)
+    lines = []
+    for number, shape in _selected(path, shapes, feature):
+        found = repaired(shape)
+        if found is shape:
+            continue
+        both = (into_crs(one, crs, "EPSG:4326") for one in (shape, found)) if crs else ()
+        areas = " before, ".join(f"{area_ha(one):.2f} ha" for one in both)
+        reason = "closed line" if shape.is_valid else shapely.is_valid_reason(shape)
+        lines.append(
+            f"{path}: feature {number} ({reason}) is repaired" + (areas and f": {areas} after")
+        )
+    return lines
 
 
 def features_of(path: Path) -> tuple[list[BaseGeometry], str | None]:
@@ -76,9 +122,7 @@ def features_of(path: Path) -> tuple[list[BaseGeometry], str | None]:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # for geometries rejected below
             for layer, _ in pyogrio.list_layers(path):
-                meta, _, geometries, _ = pyogrio.raw.read(
-                    path, layer=layer, columns=[], force_2d=True
-                )
+                meta, _, geometries, _ = _raw(path, layer=layer, columns=[])
                 if geometries is None:
                     raise FireModelError(f"{path}: holds no geometries but a table; draw some")
                 names.add(meta["crs"])
@@ -97,14 +141,13 @@ def records_of(data: bytes, name: str) -> tuple[list[BaseGeometry], str | None, 
     Each feature has a geometry and a record of attributes; dates are numpy.datetime64.
     Raises FireModelError if the file cannot be read.
     """
-    import pyogrio
     from pyogrio.errors import DataLayerError, DataSourceError, FeatureError, GeometryError
 
     path = Path(name)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # for invalid dates and geometries
-            meta, _, geometries, columns = pyogrio.raw.read(data, force_2d=True)
+            meta, _, geometries, columns = _raw(data)
     except (
         DataSourceError,
         DataLayerError,
@@ -121,6 +164,20 @@ def records_of(data: bytes, name: str) -> tuple[list[BaseGeometry], str | None, 
     fields = [str(field) for field in meta["fields"]]
     records = [dict(zip(fields, values, strict=True)) for values in zip(*columns, strict=True)]
     return shapes, meta["crs"], records or [{} for _ in shapes]
+
+
+def _raw(source: Path | bytes, **options: Any) -> Any:
+    """Return what ``pyogrio.raw.read`` returns, also for a .dbf with broken texts.
+
+    A Shapefile cuts field names to ten bytes, which can leave half a character in UTF-8; the texts
+    are then read as Latin-1, in which all bytes are characters.
+    """
+    import pyogrio
+
+    try:
+        return pyogrio.raw.read(source, force_2d=True, **options)
+    except UnicodeDecodeError:
+        return pyogrio.raw.read(source, force_2d=True, ENCODING="ISO-8859-1", **options)
 
 
 def _from_wkb(path: Path, number: int, wkb: bytes | None) -> BaseGeometry:
@@ -153,7 +210,7 @@ def crs_problems(path: Path, found: str | None, given: str | None) -> Iterator[s
         except CRSError as error:
             yield f"{path}: CRS {name!r} is invalid: {error}"
             return
-    if found and given and CRS.from_user_input(found) != CRS.from_user_input(given):
+    if found and given and not same_crs(found, given):
         yield (
             f"{path}: CRS {crs_label(found)} is not the {crs_label(given)} given as crs; leave "
             "crs out, or correct the file's"
@@ -171,7 +228,10 @@ def shape_problems(path: Path, number: int, shape: BaseGeometry, crs: str | None
         return
     if not shape.is_valid:
         reason = shapely.is_valid_reason(shape)
-        yield f"{where} is not a valid {shape.geom_type} ({reason}); repair it, as with QGIS"
+        yield (
+            f"{where} is not a valid {shape.geom_type} ({reason}); repair it, as with QGIS (a "
+            "perimeter also with fire.repair_perimeter = true)"
+        )
     west, south, east, north = shape.bounds
     if (
         crs is not None

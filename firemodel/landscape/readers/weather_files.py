@@ -1,7 +1,6 @@
-"""Read weather streams from FARSITE's .raws and .wxs files and from CSV with named columns."""
+"""Read weather streams from FARSITE's files and from CSV with named columns."""
 
-import csv
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
@@ -10,11 +9,10 @@ import numpy as np
 
 from firemodel.arrays import Floats
 from firemodel.errors import FireModelError
+from firemodel.landscape.readers.weather_records import Rows, records_in, time_in
 from firemodel.physics.moisture import dead_moistures_pct
 from firemodel.physics.rothermel import M_S_PER_MPH, Moisture
 from firemodel.physics.weather import Weather, WeatherSource, WeatherStream, wind_20ft_from_10m
-
-Rows = list[tuple[int, dict[str, str]]]  # line number, text of each named field
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,12 +57,6 @@ COLUMNS = (
     }
     | {name: Column(name, 0.0, 500.0) for name in MOISTURES}
 )
-# Columns after year, month, day and time; the last one, cloud cover, is not used. Metric winds are
-# at 10 m and in km/h, as in FARSITE.
-RAWS_COLUMNS = {
-    "ENGLISH": ("temperature_f", "humidity_pct", "rain_in", "wind_speed_mph", "wind_from_deg"),
-    "METRIC": ("temperature_c", "humidity_pct", "rain_mm", "wind_10m_kmh", "wind_from_deg"),
-}
 
 
 def read_weather(
@@ -73,12 +65,18 @@ def read_weather(
     start: datetime | None = None,
     moisture: Moisture | None = None,
     conditioned: bool = False,
+    wind: Path | None = None,
+    fuel_moistures: Mapping[int, Moisture] | None = None,
 ) -> WeatherStream:
-    """Read a .raws, .wxs or .csv file; each record holds from its time until the next.
+    """Read a .raws, .wxs, .wtr or .csv file; each record holds from its time until the next.
 
     .raws and .wxs have times without a UTC offset; their RAWS_UNITS line is ENGLISH or METRIC.
     ENGLISH means °F, inches and wind in mph 20 ft above the vegetation; METRIC means °C, mm and
     wind in km/h at 10 m.
+
+    .wtr has the extremes of each day, from which hourly records are made (``stream_files``), with
+    the wind of a .wnd file. An inputs file of FARSITE or FlamMap (``inputs_files``) has the rows of
+    these files, or their names. Its moistures and its start apply if they are not given.
 
     CSV has one header line that names the columns, in any order. The time is ``time`` (ISO 8601),
     or ``at_s`` if ``start`` is not given. The wind speed is ``wind_speed_`` (at 20 ft) or
@@ -88,12 +86,15 @@ def read_weather(
 
     Args:
         path: The file.
-        start: The time of the stream's 0 s, by default the time of the first record. It must lie
-            within the file; records that end before it are ignored. For .raws and .wxs, it must
-            have no UTC offset.
+        start: The time of the stream's 0 s, by default the time of the first record or the start
+            in an inputs file. It must lie within the file; records that end before it are ignored.
+            It must have no UTC offset, unless the file is .csv.
         moisture: Fuel moistures (fractions) of the classes that have no column in the file.
         conditioned: True if the dead moistures begin with ``moisture`` at the file's first record
             and then follow temperature, humidity and rain (``physics/moisture.py``).
+        wind: The .wnd file of a .wtr file, by default the one with the same name.
+        fuel_moistures: Moistures (fractions) of single fuel codes, instead of ``moisture``; code 0
+            means all others (``inputs_files.read_fuel_moistures``).
 
     Returns:
         The weather, with the wind at 20 ft in m/s.
@@ -101,9 +102,9 @@ def read_weather(
     Raises:
         FireModelError: The file cannot be used; the message names file, line, field and value.
     """
-    rows = _csv_rows(path) if path.suffix.lower() == ".csv" else _raws_rows(path)
-    if not rows:
-        raise FireModelError(f"{path}: holds no weather; give at least one record")
+    rows, start, of_file = records_in(path, wind, start)
+    own = dict(of_file if fuel_moistures is None else fuel_moistures)
+    moisture = own.pop(0, moisture)
     _check_columns(path, rows[0][1])
     at_s = _times_s(path, rows, start)
     values = {
@@ -112,14 +113,20 @@ def read_weather(
         if name in COLUMNS
     }
     values["wind_from_deg"] %= 360.0
-    moistures_pct = _moistures_pct(path, at_s, values, moisture, conditioned)
+    _check_moistures(path, values, moisture, own, conditioned)
+    moistures_pct = _moistures_pct(at_s, values, moisture, conditioned)
+    own_pct = {code: _moistures_pct(at_s, values, wet, conditioned) for code, wet in own.items()}
     first = np.searchsorted(at_s, 0.0, side="right") - 1
     return WeatherStream(
         [
-            Weather(*(float(value) for value in record))
-            for record in np.column_stack(
-                [at_s, values["wind_speed_m_s"], values["wind_from_deg"], moistures_pct]
-            )[first:]
+            Weather(
+                float(at_s[number]),
+                float(values["wind_speed_m_s"][number]),
+                float(values["wind_from_deg"][number]),
+                **dict(zip(MOISTURES, map(float, moistures_pct[number]), strict=True)),
+                of_fuels=tuple((code, _fractions(pct[number])) for code, pct in own_pct.items()),
+            )
+            for number in range(first, at_s.size)
         ],
         _source(path, rows, start, values.get("humidity_pct"), int(first)),
     )
@@ -131,85 +138,13 @@ def _source(
     """Return the origin of a stream that begins with the record ``first``."""
     line, row = rows[0]
     if start is None and "time" in row:
-        start = _time(path, line, row["time"])
+        start = time_in(path, line, row["time"])
     humid = None if humidity_pct is None else tuple(humidity_pct[first:].tolist())
     return WeatherSource(str(path), start, humid)
 
 
-def _text(path: Path) -> str:
-    try:
-        return path.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise FireModelError(f"{path}: cannot be read ({error.strerror})") from None
-    except UnicodeDecodeError:
-        raise FireModelError(f"{path}: is not text in UTF-8; give .raws, .wxs or .csv") from None
-
-
-def _csv_rows(path: Path) -> Rows:
-    lines = csv.reader(_text(path).splitlines())
-    names: list[str] = []
-    rows: Rows = []
-    for cells in lines:
-        texts = [cell.strip() for cell in cells]
-        if not any(texts):
-            continue
-        if not names:
-            names = texts
-            continue
-        if len(texts) != len(names):
-            raise FireModelError(
-                f"{path} line {lines.line_num}: {len(texts)} cells, but {len(names)} columns are "
-                "named; give each column one value"
-            )
-        rows.append((lines.line_num, dict(zip(names, texts, strict=True))))
-    if len(set(names)) < len(names):
-        raise FireModelError(f"{path} line 1: a column is named twice; remove one")
-    return rows
-
-
-def _raws_rows(path: Path) -> Rows:
-    """Return the records with the column names of the CSV format.
-
-    The count in the ``RAWS:`` line is often wrong and is not used.
-    """
-    if path.suffix.lower() not in (".raws", ".wxs"):
-        raise FireModelError(f"{path}: not a known kind of weather file; give .raws, .wxs or .csv")
-    units = ""
-    rows: Rows = []
-    for line, text in enumerate(_text(path).splitlines(), 1):
-        fields = text.partition("#")[0].replace(":", " ").split()
-        head = fields[0].upper() if fields else ""
-        if head in RAWS_COLUMNS or head == "RAWS_UNITS":
-            units = fields[-1].upper()
-            if units not in RAWS_COLUMNS:
-                raise FireModelError(
-                    f"{path} line {line}: RAWS_UNITS = {fields[-1]}; give English or Metric"
-                )
-        elif head[:1].isdigit():
-            if not units:
-                raise FireModelError(
-                    f"{path} line {line}: no units before the first record; put in a line "
-                    "'RAWS_UNITS: English' or 'RAWS_UNITS: Metric'"
-                )
-            rows.append((line, _raws_row(path, line, fields, RAWS_COLUMNS[units])))
-        elif head not in ("", "RAWS", "RAWS_ELEVATION", "YEAR"):
-            raise FireModelError(
-                f"{path} line {line}: {fields[0]!r} begins neither a header line nor a record; "
-                "correct or remove the line"
-            )
-    return rows
-
-
-def _raws_row(path: Path, line: int, fields: list[str], names: tuple[str, ...]) -> dict[str, str]:
-    if len(fields) != 10:
-        raise FireModelError(
-            f"{path} line {line}: {len(fields)} fields; give 10: year, month, day, time, "
-            "temperature, humidity, rain, wind speed, wind direction, cloud cover"
-        )
-    year, month, day, clock = (field.zfill(2) for field in fields[:4])
-    clock = clock.zfill(4)
-    time = f"{year}-{month}-{day}T{clock[:-2]}:{clock[-2:]}"
-    return {"time": time} | dict(zip(names, fields[4:9], strict=True))
+def _fractions(pct: Floats) -> Moisture:
+    return Moisture(*(float(value) / 100.0 for value in pct))
 
 
 def _check_columns(path: Path, names: Iterable[str]) -> None:
@@ -265,7 +200,7 @@ def _times_s(path: Path, rows: Rows, start: datetime | None) -> Floats:
             raise FireModelError(f"{path}: has at_s, so its 0 s is the start; leave out {start}")
         at_s = [_float(path, line, name, row[name]) for line, row in rows]
     else:
-        times = [_time(path, line, row[name]) for line, row in rows]
+        times = [time_in(path, line, row[name]) for line, row in rows]
         origin = times[0] if start is None else start
         for (line, row), time in zip(rows, times, strict=True):
             if (time.utcoffset() is None) != (origin.utcoffset() is None):
@@ -291,36 +226,24 @@ def _times_s(path: Path, rows: Rows, start: datetime | None) -> Floats:
     return np.array(at_s)
 
 
-def _time(path: Path, line: int, text: str) -> datetime:
-    try:
-        return datetime.fromisoformat(text)
-    except ValueError:
-        raise FireModelError(
-            f"{path} line {line}: time = {text!r} is not a date and time such as "
-            "2016-07-15T03:00; correct or remove the line"
-        ) from None
-
-
-def _moistures_pct(
+def _check_moistures(
     path: Path,
-    at_s: Floats,
-    values: dict[str, Floats],
+    values: Mapping[str, Floats],
     moisture: Moisture | None,
+    own: Mapping[int, Moisture],
     conditioned: bool,
-) -> Floats:
-    """Return the moistures (n, 5) of the five classes in percent, as given or conditioned."""
+) -> None:
+    """Raise FireModelError if moistures are missing, or given twice."""
     missing = [name for name in MOISTURES if name not in values]
     if missing and moisture is None:
         raise FireModelError(f"{path}: no column {missing[0]}; add it, or give the moisture")
-    held = [100.0 * part for part in moisture.classes] if moisture else [0.0] * 5
-    found = np.column_stack(
-        [
-            values.get(name, np.full(at_s.size, pct))
-            for name, pct in zip(MOISTURES, held, strict=True)
-        ]
-    )
+    if own and len(missing) < len(MOISTURES):
+        raise FireModelError(
+            f"{path}: has columns of moistures, which cannot be combined with moistures of single "
+            "fuels; remove one of both"
+        )
     if not conditioned:
-        return found
+        return
     for name in DEAD:
         if name in values:
             raise FireModelError(
@@ -330,8 +253,25 @@ def _moistures_pct(
     for name in ("temperature_c", "humidity_pct"):
         if name not in values:
             raise FireModelError(f"{path}: no column {name} for the conditioning; add it")
-    rain_mm = values.get("rain_mm", np.zeros(at_s.size))
-    found[:, :3] = dead_moistures_pct(
-        at_s, values["temperature_c"], values["humidity_pct"], rain_mm, (held[0], held[1], held[2])
+
+
+def _moistures_pct(
+    at_s: Floats, values: Mapping[str, Floats], moisture: Moisture | None, conditioned: bool
+) -> Floats:
+    """Return the moistures (n, 5) of the five classes in percent, as given or conditioned."""
+    held = [100.0 * part for part in moisture.classes] if moisture else [0.0] * 5
+    found = np.column_stack(
+        [
+            values.get(name, np.full(at_s.size, pct))
+            for name, pct in zip(MOISTURES, held, strict=True)
+        ]
     )
+    if conditioned:
+        found[:, :3] = dead_moistures_pct(
+            at_s,
+            values["temperature_c"],
+            values["humidity_pct"],
+            values.get("rain_mm", np.zeros(at_s.size)),
+            (held[0], held[1], held[2]),
+        )
     return found

@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firemodel.landscape.landscape import Landscape
+from firemodel.outputs.front_files import M2_PER_ACRE, area_geometry
 from firemodel.spread.fire_scheme import StartArea, with_start
 from firemodel.spread.front import front_polygons
-from firemodel.spread.writers import M2_PER_ACRE, area_geometry
 
 LEVELS = (0.1, 0.5, 0.9)
 

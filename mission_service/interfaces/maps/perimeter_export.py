@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firemodel.landscape.landscape import Landscape
+from firemodel.outputs.front_files import M2_PER_ACRE, area_geometry
 from firemodel.spread.fire_scheme import StartArea
-from firemodel.spread.writers import M2_PER_ACRE, area_geometry
 from mission_service.interfaces.maps.fronts import burned_area
 
 SOURCE = "mission-service"

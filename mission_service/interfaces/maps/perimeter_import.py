@@ -16,8 +16,8 @@ from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
 from firemodel.landscape.readers.bands import refuse
 from firemodel.landscape.readers.shapes import shape_problems
+from firemodel.outputs.front_files import M2_PER_ACRE
 from firemodel.spread.front import multipolygon
-from firemodel.spread.writers import M2_PER_ACRE
 from mission_service.interfaces.maps.geometry_limits import MAX_PAIRS, max_repaired, pairs_near
 from mission_service.interfaces.maps.mercator import outline_of
 from mission_service.interfaces.maps.uploaded_shapes import LARGEST_BYTES, WGS84, Drawn, features_in

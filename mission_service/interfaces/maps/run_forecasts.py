@@ -5,6 +5,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from mission_service.fire.forecast import Forecasts
+from mission_service.fire.setup import uncertainty_of
 from mission_service.interfaces.maps.fronts import front_geojson
 
 if TYPE_CHECKING:
@@ -24,7 +25,10 @@ def forecasts_of(context: "RunContext") -> "Forecasts | EstimatedForecasts":
 
         return EstimatedForecasts(estimated, context.landscape, lambda: context.clock.now_us / 1e6)
     return Forecasts(
-        lambda: context.world.fire, lambda: context.state_view.fire_version, context.scenario.seed
+        lambda: context.world.fire,
+        lambda: context.state_view.fire_version,
+        context.scenario.seed,
+        uncertainty_of(context.scenario),
     )
 
 

@@ -88,17 +88,30 @@ def _plans(flown: list[Flown], out: Path) -> list[str]:
 def _kml(flown: list[Flown]) -> Iterator[str]:
     """Yield KML 2.2 with a gx:Track (Google's extension) for each vehicle.
 
-    Altitudes are above sea level.
+    Altitudes are above sea level. The track of a log without a date is a line without times.
     """
     yield (
         '<?xml version="1.0" encoding="UTF-8"?>\n<kml xmlns="http://www.opengis.net/kml/2.2" '
         'xmlns:gx="http://www.google.com/kml/ext/2.2"><Document>\n'
     )
     for each in flown:
-        yield f"<Placemark><name>{escape(each.name)}</name><gx:Track>"
-        yield "<altitudeMode>absolute</altitudeMode>\n"
-        for at_us, lat_deg, lon_deg, altitude_m in each.track:
-            yield f"<when>{utc(at_us + each.offset_us)}</when>"
-            yield f"<gx:coord>{lon_deg:.7f} {lat_deg:.7f} {altitude_m:.2f}</gx:coord>\n"
-        yield "</gx:Track></Placemark>\n"
+        yield f"<Placemark><name>{escape(each.name)}</name>"
+        yield from _kml_track(each) if each.dated else _kml_line(each)
+        yield "</Placemark>\n"
     yield "</Document></kml>\n"
+
+
+def _kml_track(flown: Flown) -> Iterator[str]:
+    yield "<gx:Track><altitudeMode>absolute</altitudeMode>\n"
+    for at_us, lat_deg, lon_deg, altitude_m in flown.track:
+        yield f"<when>{utc(at_us + flown.offset_us)}</when>"
+        yield f"<gx:coord>{lon_deg:.7f} {lat_deg:.7f} {altitude_m:.2f}</gx:coord>\n"
+    yield "</gx:Track>"
+
+
+def _kml_line(flown: Flown) -> Iterator[str]:
+    yield "<description>The log has no calendar date, so that the line has no times.</description>"
+    yield "<LineString><altitudeMode>absolute</altitudeMode><coordinates>\n"
+    for _, lat_deg, lon_deg, altitude_m in flown.track:
+        yield f"{lon_deg:.7f},{lat_deg:.7f},{altitude_m:.2f}\n"
+    yield "</coordinates></LineString>"

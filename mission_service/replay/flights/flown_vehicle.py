@@ -44,7 +44,7 @@ class Flown:
         self.replaced_us: list[int] = []  # replacements by missions whose items are not in the log
         self.home: tuple[float, float, float] | None = None
         self.offset_us = offset_us or 0
-        self._dated = offset_us is not None
+        self.dated = offset_us is not None
         self._begin_us: int | None = None
         self._end_us = 0
         self._fix: Position | None = None
@@ -141,7 +141,7 @@ class Flown:
             "vehicle": self.system_id,
             "name": self.name,
             "autopilot": "unknown" if stack is None else f"{stack.name} {stack.vehicle}",
-            "begin_utc": utc(begin_us + self.offset_us) if self._dated else None,
+            "begin_utc": utc(begin_us + self.offset_us) if self.dated else None,
             "duration_s": round((self._end_us - begin_us) / 1e6, 1),
             "positions": self.positions,
             "flown_m": round(self.flown_m),

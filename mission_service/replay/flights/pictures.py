@@ -2,6 +2,7 @@
 
 import io
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,8 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from firemodel.spread.arrival_map import frame_around, start_map
+from firemodel.outputs.arrival_map import frame_around, start_map
+from firemodel.outputs.graticule import km_of
 from mission_service.ground_distance import M_PER_DEG
 from mission_service.replay.flights.run_analysis import RunAnalysis, VehicleAnalysis, places_of
 from mission_service.replay.flights.run_figures import above_terrain_m
@@ -61,7 +63,7 @@ def draw_map(run: RunAnalysis) -> Figure:
             handles += _draw_vehicle(axes, run, vehicle, colour, places)
     by_label: dict[str, Any] = {handle.get_label(): handle for handle in handles}
     axes.set_title(run.name, parse_math=False)
-    figure.set_layout_engine("constrained", rect=(0.0, 0.0, 1.0, 0.98))  # room for the title
+    figure.set_layout_engine("compressed", rect=(0.0, 0.0, 1.0, 0.98))  # room for the title
     axes.legend(
         handles=list(by_label.values()), ncols=3, loc="upper center", bbox_to_anchor=(0.5, -0.07),
         fontsize=9,
@@ -74,16 +76,10 @@ def _ground(run: RunAnalysis) -> tuple[Figure, Any, Places]:
     points = np.concatenate([each.track[:, 1:3] for each in run.vehicles.values()])
     if run.fire is not None:
         land = run.fire.landscape
-        south_m = land.north_m - land.shape[0] * land.cell_size_m
-
-        def on_grid(lat: Any, lon: Any) -> tuple[Any, Any]:
-            x_m, y_m = land.xy_of_lat_lon(lat, lon)
-            return (x_m - land.west_m) / 1e3, (y_m - south_m) / 1e3
-
         flown_m = np.stack(land.xy_of_lat_lon(*points.T), axis=1) if len(points) else None
         frame = frame_around(land, run.fire.arrival_s, flown_m)
         figure, axes = start_map(land, run.fire.arrival_s, frame)
-        return figure, axes, on_grid
+        return figure, axes, partial(km_of, land)
     figure = Figure(figsize=(9.5, 9), dpi=120, layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.add_subplot()
@@ -279,7 +275,7 @@ def draw_heights(run: RunAnalysis) -> Figure:
         axes.set_ylabel("m above sea level")
         axes.set_title(_height_title(run, vehicle), loc="left", fontsize=10, parse_math=False)
         axes.grid(alpha=0.3)
-        axes.legend(loc="upper right", fontsize=8)
+        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8)
     panels[-1].set_xlabel(f"since the flight began ({unit})")
     return figure
 

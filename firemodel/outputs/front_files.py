@@ -1,4 +1,4 @@
-"""Write results as GeoTIFF and GeoJSON files."""
+"""Write the fronts of a fire as GeoJSON and KML, with a QGIS style."""
 
 import json
 from collections.abc import Sequence
@@ -11,33 +11,14 @@ from numpy.typing import NDArray
 
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
-from firemodel.spread.behaviour import behaviour_of
+from firemodel.outputs.fronts_kml import fronts_kml
+from firemodel.outputs.qgis_styles import fronts_qml
+from firemodel.outputs.raster_layers import after_zero, arrival_layer_of
+from firemodel.outputs.whole_file import write_whole
 from firemodel.spread.fire_scheme import Fire
 
 M2_PER_ACRE = 4046.8564224
 MIN_DEG, DECIMALS = 1e-7, 7  # a centimetre
-
-
-def write_geotiff(
-    path: Path, values: NDArray[Any], landscape: Landscape, nodata: float | None = None
-) -> None:
-    """Write an array (y, x) of the landscape's shape as a file with one band on its grid."""
-    import rasterio
-
-    with rasterio.open(
-        path,
-        "w",
-        driver="GTiff",
-        height=landscape.shape[0],
-        width=landscape.shape[1],
-        count=1,
-        dtype=values.dtype,
-        crs=landscape.crs,
-        transform=landscape.transform(),
-        nodata=nodata,
-        compress="deflate",
-    ) as file:
-        file.write(values, 1)
 
 
 def area_geometry(area: Any, landscape: Landscape) -> dict[str, Any]:
@@ -88,6 +69,7 @@ def fronts_geojson(
             "GISAcres": round(area.area / M2_PER_ACRE, 2),
             "area_ha": round(area.area / 1e4, 2),
             "time_s": time_s,
+            "time_s_origin": after_zero(time_zero),
         }
         if time_zero is not None:
             properties["PolygonDateTime"] = round((time_zero.timestamp() + time_s) * 1000)
@@ -105,8 +87,11 @@ def write_fronts(
 ) -> None:
     """Write the burned area at each time as GeoJSON (RFC 7946; see ``fronts_geojson``).
 
+    Two files of the same name are written beside it: a QGIS style (.qml), and KML (.kml) with the
+    calendar times, if there are any.
+
     Args:
-        path: The file to write.
+        path: The GeoJSON file to write.
         fire: A fire that has been advanced at least to the last of the times.
         times_s: Times in seconds; each gives one feature.
         name: The incident's name.
@@ -116,41 +101,14 @@ def write_fronts(
         FireModelError: The fire has not been advanced to one of the times, or the file cannot be
             written.
     """
+    path = Path(path)
     found = fronts_geojson(fire, times_s, name, time_zero)
+    layer = arrival_layer_of(fire, time_zero)
     try:
-        Path(path).write_text(json.dumps(found) + "\n", encoding="utf-8")
+        write_whole(path, json.dumps(found) + "\n")
+        write_whole(path.with_suffix(".qml"), fronts_qml(layer))
+        write_whole(path.with_suffix(".kml"), fronts_kml(found, name, layer, time_zero))
     except OSError as error:
         raise FireModelError(
             f"{path}: cannot be written: {error.strerror}; give another path"
         ) from None
-
-
-def write_rasters(folder: Path | str, fire: Fire) -> dict[str, Path]:
-    """Write the arrival time and fire behaviour of each cell as GeoTIFFs on the landscape's grid.
-
-    Args:
-        folder: An existing folder.
-        fire: A fire that has been advanced to the time of interest.
-
-    Returns:
-        The path of each layer: arrival_time_s, spread_rate_m_s, spread_toward_deg, flame_length_m,
-        fireline_intensity_kw_m. Values are float32; unburned cells have -1.
-
-    Raises:
-        OSError: A file cannot be written.
-    """
-    found = behaviour_of(fire)
-    arrival_s = np.where(fire.burned(), fire.arrival_time_s, np.nan)
-    layers = {
-        "arrival_time_s": arrival_s,
-        "spread_rate_m_s": found.spread_rate_m_s,
-        "spread_toward_deg": found.toward_deg,
-        "flame_length_m": found.flame_length_m,
-        "fireline_intensity_kw_m": found.intensity_kw_m,
-    }
-    paths = {}
-    for name, values in layers.items():
-        paths[name] = Path(folder) / f"{name}.tif"
-        filled = np.where(np.isnan(values), -1.0, values).astype(np.float32)
-        write_geotiff(paths[name], filled, fire.landscape, nodata=-1.0)
-    return paths

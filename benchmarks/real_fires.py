@@ -1,0 +1,299 @@
+"""Real fires by the command line alone: ``python -m benchmarks.real_fires FIRE FOLDER``.
+
+FIRE and its FOLDER, a checkout of a public repository unless stated otherwise:
+
+- sandiego: hahmed17/FARSITE_demo. FARSITE's own perimeters of a fire in San Diego County (2025)
+  after 30, 60 and 90 minutes, from its landscape (.lcp), inputs file and ignition (Shapefile). The
+  .lcp declares slopes in degrees, as which FARSITE reads them; by the elevation they are percent.
+- belgium: data/handson/Instances_Belgium of fire2a/C2F-W. Four fires of 2025 with mapped burned
+  areas, ASCII grids of fuel and elevation, and Cell2Fire's weather; moistures D2L2 of Scott &
+  Burgan. Suppression is not known; the fire burns until the last record of weather ends.
+- tubbs: cases/Validation/landscape_scale/tubbs_fire of berkeley-firelab/ELMFIRE_VnV_Suite. The
+  Tubbs fire (California, 2017), GeoTIFFs in a projection on a sphere, hourly wind and moistures as
+  the means of ELMFIRE's rasters; buildings (code 256) do not burn.
+- maria: ../shared/data/maria_2019. From each mapped perimeter to the next, by ``fire run``.
+
+Each run is a process ``mission-service fire run`` on a scenario that names the original files. The
+benchmark prints the intersection over union with the reference, and beside it that of persistence
+(the initial perimeter does not change), and the ratio of the areas.
+"""
+
+import argparse
+import json
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from datetime import datetime
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import click
+import numpy as np
+import pyogrio
+import shapely
+from shapely.geometry import shape
+from shapely.geometry.base import BaseGeometry
+
+from benchmarks.shared import check_folder, overlap
+from firemodel.landscape.readers.repairs import repaired
+from firemodel.landscape.readers.shapes import features_of, into_crs
+
+ALBERS = "EPSG:5070"
+BELGIUM = "EPSG:3812"
+D2L2 = """dead_1h_pct = 6
+dead_10h_pct = 7
+dead_100h_pct = 8
+live_herb_pct = 60
+live_woody_pct = 90
+"""
+
+
+class Row(NamedTuple):
+    """One comparison; ``reference`` is None if there is nothing to compare with."""
+
+    name: str
+    found: BaseGeometry
+    start: BaseGeometry
+    reference: BaseGeometry | None
+
+
+def run_fire(scenario: str, every_s: float, crs: str) -> list[tuple[float, Any]]:
+    """Return each front of a scenario in a CRS, with its time in s."""
+    with tempfile.TemporaryDirectory() as folder:
+        path, out = Path(folder) / "fire.toml", Path(folder) / "out"
+        path.write_text(scenario, encoding="utf-8")
+        program = [sys.executable, "-m", "mission_service.cli", "fire", "run"]
+        done = subprocess.run(
+            [*program, path, "-o", out, "--front-every", f"{every_s:g}"],
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        if done.returncode:
+            sys.exit(done.stderr.strip())
+        features = json.loads((out / "fronts.geojson").read_text(encoding="utf-8"))["features"]
+    return [
+        (
+            float(each["properties"]["time_s"]),
+            into_crs(shape(each["geometry"]), "EPSG:4326", crs).buffer(0.0),
+        )
+        for each in features
+    ]
+
+
+def place(x_m: float, y_m: float, crs: str) -> str:
+    """Return the lines of a scenario on a place, which is given in a CRS."""
+    lon, lat = into_crs(shapely.Point(x_m, y_m), crs, "EPSG:4326").coords[0]
+    return f"lat_deg = {lat}\nlon_deg = {lon}"
+
+
+def san_diego(folder: Path) -> Iterator[Row]:
+    """Yield the comparisons with FARSITE's perimeters, for both readings of the slope."""
+    name = folder / "tmp" / "0912a968d53d4a8a81ec57e3e2d79308"
+    theirs = [repaired(line) for line in features_of(Path(f"{name}_out_Perimeters.shp"))[0]]
+    (lit,) = features_of(Path(f"{name}_ignite.shp"))[0]
+    for unit, missing in (("degrees", "unburnable"), ("percent", "refuse")):
+        fronts = run_fire(
+            f"""name = "San Diego"
+duration_s = 5400
+[landscape]
+source = "files"
+file = "{folder / "landscape.lcp"}"
+crs = "{ALBERS}"
+units = {{slope = "{unit}"}}
+missing = "{missing}"
+[weather_file]
+path = "{name}_config.cfg"
+[fire]
+perimeter = "{name}_ignite.shp"
+""",
+            1800.0,
+            ALBERS,
+        )
+        for (at_s, front), their in zip(fronts, theirs, strict=True):
+            yield Row(f"slope in {unit}, {at_s / 60:.0f} min", front, lit, their)
+
+
+def belgium(folder: Path) -> Iterator[Row]:
+    """Yield the comparison with the mapped area of each fire; persistence is the ignited cell."""
+    for case in sorted(each for each in folder.glob("Case*") if each.is_dir()):
+        header = (case / "fuels.asc").read_text(encoding="utf-8").split(maxsplit=10)
+        cols, rows, west_m, south_m, cell_m = (float(text) for text in header[1:10:2])
+        x_m, y_m = west_m + cols / 2 * cell_m, south_m + rows / 2 * cell_m
+        hours = len((case / "Weather.csv").read_text(encoding="utf-8").split("\n")[1:]) - 1
+        fronts = run_fire(
+            f"""name = "{case.name}"
+duration_s = {hours * 3600}
+[landscape]
+source = "files"
+fuel = "{case / "fuels.asc"}"
+elevation = "{case / "elevation.asc"}"
+missing = "unburnable"
+[weather_file]
+path = "{case / "Weather.csv"}"
+{D2L2}
+[[ignition]]
+{place(x_m, y_m, BELGIUM)}
+""",
+            3600.0,
+            BELGIUM,
+        )
+        scar = shapely.union_all(
+            [repaired(each) for each in features_of(case / "ground_truth/observed_scar.shp")[0]]
+        )
+        cell = shapely.Point(x_m, y_m).buffer(cell_m / 2, cap_style="square")
+        for at_s, front in fronts:
+            yield Row(f"{case.name}, {at_s / 3600:.0f} h", front, cell, scar)
+
+
+def tubbs(folder: Path) -> Iterator[Row]:
+    """Yield the simulated area of the Tubbs fire after each hour."""
+    import rasterio
+
+    data = folder / "data"
+    names = ("ws", "wd", "m1", "m10", "m100")
+    bands = {}
+    for name in names:
+        with rasterio.open(data / "weather" / f"{name}.tif") as file:
+            bands[name] = file.read()
+            crs = file.crs.to_string()
+    turn = np.deg2rad(bands["wd"])
+    from_deg = np.rad2deg(np.arctan2(np.sin(turn).mean((1, 2)), np.cos(turn).mean((1, 2)))) % 360
+    mean = {name: values.mean((1, 2)) for name, values in bands.items()}
+    weather = "".join(
+        f"""[[weather]]
+at_s = {hour * 3600}
+wind_speed_m_s = {mean["ws"][hour] * 0.44704:.3f}
+wind_from_deg = {from_deg[hour]:.1f}
+dead_1h_pct = {mean["m1"][hour]:.2f}
+dead_10h_pct = {mean["m10"][hour]:.2f}
+dead_100h_pct = {mean["m100"][hour]:.2f}
+live_herb_pct = 30
+live_woody_pct = 60
+"""
+        for hour in range(12)
+    )
+    ground = data / "fuels_and_topography"
+    files = "\n".join(
+        f'{layer} = "{ground / name}.tif"'
+        for layer, name in (
+            *(("fuel", "fbfm40b"), ("elevation", "dem"), ("slope", "slp"), ("aspect", "asp")),
+            *(("canopy_cover", "cc"), ("canopy_height", "ch"), ("canopy_base", "cbh")),
+        )
+    )
+    fronts = run_fire(
+        f"""name = "Tubbs"
+duration_s = 43200
+[landscape]
+source = "files"
+{files}
+fuel_codes = {{256 = 91}}
+[landscape.units]
+slope = "degrees"
+canopy_cover = "percent"
+canopy_height = "m*10"
+canopy_base = "m*10"
+{weather}
+[[ignition]]
+{place(6938.0, 343607.0, crs)}
+at_s = 1800
+""",
+        7200.0,
+        crs,
+    )
+    for at_s, front in fronts:
+        yield Row(f"{at_s / 3600:.0f} h", front, shapely.Point(6938.0, 343607.0), None)
+
+
+def maria(folder: Path) -> Iterator[Row]:
+    """Yield the comparison of each interval between two mapped perimeters."""
+    path = folder / "firis_perimeters.shp"
+    areas, crs = features_of(path)
+    table, _, _, columns = pyogrio.raw.read(path, read_geometry=False)
+    record = dict(zip(table["fields"], columns, strict=True))
+    times = {
+        datetime.fromisoformat(f"{int(day)}T{clock}"): number
+        for number, (day, clock, kind) in enumerate(
+            zip(record["YYYYMMDD"], record["24_HHMMSS"], record["type"], strict=True)
+        )
+        if kind == "perim"
+    }
+    order = [(at, times[at]) for at in sorted(times)]
+    layers = {"canopy_cover": "cover", "canopy_height": "height", "canopy_base": "base"}
+    files = "\n".join(
+        f'{layer} = "{folder}/Maria2019-{layers.get(layer, layer)}.tif"'
+        for layer in ("fuel", "elevation", "slope", "aspect", *layers)
+    )
+    for (at, number), (then, later) in pairwise(order):
+        wet = {name: record[name][number] for name in ("1hr", "10hr", "100hr", "herb", "woody")}
+        fronts = run_fire(
+            f"""name = "Maria"
+duration_s = {(then - at).total_seconds()}
+[landscape]
+source = "files"
+{files}
+[landscape.units]
+slope = "degrees"
+canopy_cover = "percent"
+canopy_height = "m*10"
+canopy_base = "m*10"
+[[weather]]
+at_s = 0
+wind_speed_m_s = {record["windspeed"][number] * 0.44704}
+wind_from_deg = {record["winddirec"][number]}
+dead_1h_pct = {wet["1hr"]}
+dead_10h_pct = {wet["10hr"]}
+dead_100h_pct = {wet["100hr"]}
+live_herb_pct = {wet["herb"]}
+live_woody_pct = {wet["woody"]}
+[fire]
+perimeter = "{path}"
+perimeter_feature = {number + 1}
+repair_perimeter = true
+""",
+            86400.0,
+            ALBERS,
+        )
+        now, reference = (
+            into_crs(repaired(areas[each]), str(crs), ALBERS) for each in (number, later)
+        )
+        yield Row(
+            f"{at:%m-%d %H:%M}, {(then - at).total_seconds() / 60:.0f} min",
+            fronts[-1][1].union(now),
+            now,
+            reference,
+        )
+
+
+FIRES: dict[str, Callable[[Path], Iterator[Row]]] = {
+    "sandiego": san_diego,
+    "belgium": belgium,
+    "tubbs": tubbs,
+    "maria": maria,
+}
+
+
+def main() -> None:
+    """Print one line for each comparison, and the mean overlap."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("fire", choices=FIRES)
+    parser.add_argument("folder", type=Path)
+    given = parser.parse_args()
+    click.echo(f"{'':30} {'ha':>9} {'IoU':>6} {'persist':>8} {'area':>6}")
+    scores = []
+    for row in FIRES[given.fire](check_folder(given.folder).resolve()):
+        line = f"{row.name:30} {row.found.area / 1e4:9.1f}"
+        if row.reference is not None:
+            both = overlap(row.found, row.reference), overlap(row.start, row.reference)
+            scores.append(both)
+            line += f" {both[0]:6.3f} {both[1]:8.3f} {row.found.area / row.reference.area:6.2f}"
+        click.echo(line)
+    if given.fire == "maria":
+        mean = np.mean(scores, axis=0)
+        click.echo(f"{'mean':30} {'':9} {mean[0]:6.3f} {mean[1]:8.3f}")
+
+
+if __name__ == "__main__":
+    main()

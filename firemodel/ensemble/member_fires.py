@@ -1,0 +1,244 @@
+"""Burn the members of an ensemble: fires that share landscape and start, and differ by draws.
+
+Members do not depend on each other, so that callers choose how they run: all functions that burn
+several take ``each``, which is ``map``, or the ``map`` of a pool of threads (kernels release the
+GIL). The result does not depend on it.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firemodel.arrays import Floats
+from firemodel.ensemble.draws import Draw
+from firemodel.errors import FireModelError
+from firemodel.physics.fuels import NON_BURNABLE
+from firemodel.physics.rothermel import flame_length_m
+from firemodel.physics.weather import Weather
+from firemodel.spread.behaviour import front_behaviour, heat_of
+from firemodel.spread.fire_scheme import Fire, Ignition
+from firemodel.spread.local_spread import Tables, burnable_codes, perturbed, tables_of, terrain_of
+
+Each = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
+
+
+class Window(NamedTuple):
+    """What one member burned after the start, in the smallest window that contains it."""
+
+    top: int  # row and column of the window's north-west cell in the grid
+    left: int
+    after_s: NDArray[np.float32]  # (y, x) arrival in s after the start; infinity for never
+    flame_m: NDArray[np.float32]  # (y, x) flame length at arrival; NaN where it did not come
+
+
+class Start:
+    """The state that all members begin with, and the terms that they share.
+
+    The fire may burn already. It is not changed.
+    """
+
+    def __init__(self, fire: Fire, ignitions: Sequence[Ignition] = ()) -> None:
+        """Prepare members of a fire.
+
+        Args:
+            fire: The state at the start. Its ignitions are the same in all members.
+            ignitions: (row, column, time in s) of further cells, which each member lights at its
+                own place.
+        """
+        land, self.entries = fire.landscape, fire.weather_ahead()
+        self.fire, self.ignitions = fire, tuple(ignitions)
+        self.fuels = len(burnable_codes(land))
+        self._terrain = terrain_of(land)
+        self._tables = tables_of(land, self.entries, fire.wind_limit)
+        self._burnable = ~np.isin(land.fuel_model, list(NON_BURNABLE))
+        self._burned = fire.burned()
+        self._by_moisture: dict[float, tuple[Floats, Floats]] = {}
+
+    def member(self, draw: Draw, rng: np.random.Generator) -> Fire:
+        """Return a member at the start; ``rng`` is for schemes that use random numbers."""
+        fire = self.fire.copy()
+        fire.draw_from(rng)
+        fire.perturb(draw.wind_factor, draw.turn_deg, self.rate_factors(draw))
+        for row, col, at_s in self._moved(draw):
+            fire.light(row, col, at_s)
+        return fire
+
+    def window(self, fire: Fire, draw: Draw) -> Window:
+        """Return what a member with this draw has burned."""
+        burned = fire.burned()
+        rows, cols = np.flatnonzero(burned.any(axis=1)), np.flatnonzero(burned.any(axis=0))
+        if not rows.size:
+            nothing = np.empty((0, 0), dtype=np.float32)
+            return Window(0, 0, nothing, nothing)
+        here = np.s_[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1]
+        arrival_s = np.where(burned[here], fire.arrival_time_s[here], np.inf)
+        came_s = np.where(self._burned[here], np.inf, arrival_s)
+        paths = np.ascontiguousarray(fire.arrival_vectors()[:, *here])
+        flame_m = self._flame_length_m(came_s, paths, here, draw)
+        after_s = (arrival_s - self.fire.time_s).astype(np.float32)
+        return Window(int(rows[0]), int(cols[0]), after_s, flame_m)
+
+    def _flame_length_m(
+        self, came_s: Floats, paths: Floats, here: tuple[slice, slice], draw: Draw
+    ) -> NDArray[np.float32]:
+        """Return the flame length (y, x) in a window, NaN where fire did not come."""
+        shape, terrain = self.fire.landscape.shape, self._terrain
+        changed: Tables = perturbed(
+            self._tables, 0, draw.wind_factor, draw.turn_deg, self.rate_factors(draw)
+        )
+        _, _, intensity = front_behaviour(
+            came_s.ravel(),
+            paths.reshape(2, -1),
+            np.array([-np.inf, *(entry.at_s for entry in self.entries[1:])]),
+            self._wet(draw.moisture_factor)[1],
+            terrain._replace(
+                fuel=terrain.fuel.reshape(shape)[here].ravel(),
+                gradient=terrain.gradient.reshape(2, *shape)[:, *here].reshape(2, -1),
+                midflame=terrain.midflame.reshape(shape)[here].ravel(),
+            ),
+            changed._replace(terms=changed.terms[1:], wind=changed.wind[1:]),
+        )
+        return np.asarray(flame_length_m(intensity), np.float32).reshape(came_s.shape)
+
+    def rate_factors(self, draw: Draw) -> Floats:
+        """Return the factors (entries ahead, fuels) of a member's spread rates."""
+        by_moisture, _ = self._wet(draw.moisture_factor)
+        found: Floats = by_moisture * draw.spread_factor * np.array(draw.fuel_factors)
+        return found
+
+    def _wet(self, factor: float) -> tuple[Floats, Floats]:
+        """Return rates (entries, fuels) over those of the stated moisture, and heat (kW/m)/(m/s).
+
+        Dead fuel moisture changes only the rate without wind and slope, by which all spread rates
+        are proportional (Rothermel 1972).
+        """
+        if factor not in self._by_moisture:
+            land = self.fire.landscape
+            entries = [_with_dead_moisture(entry, factor) for entry in self.entries]
+            dry = self._tables.terms[..., 0]
+            wet = tables_of(land, entries, self.fire.wind_limit).terms[..., 0]
+            ratio = np.divide(wet, dry, out=np.ones_like(dry), where=dry > 0.0)
+            self._by_moisture[factor] = ratio, heat_of(land, entries)
+        return self._by_moisture[factor]
+
+    def _moved(self, draw: Draw) -> Iterator[Ignition]:
+        """Yield the member's ignitions: moved by its offset, unless nothing burns there."""
+        cell_m = self.fire.landscape.cell_size_m
+        down, right = round(-draw.north_m / cell_m), round(draw.east_m / cell_m)
+        rows, cols = self._burnable.shape
+        for row, col, at_s in self.ignitions:
+            to_row, to_col = row + down, col + right
+            inside = 0 <= to_row < rows and 0 <= to_col < cols
+            moves = inside and self._burnable[to_row, to_col]
+            yield (to_row, to_col, at_s) if moves else (row, col, at_s)
+
+
+def _with_dead_moisture(entry: Weather, factor: float) -> Weather:
+    """Return an entry whose dead fuel moistures are multiplied by a factor."""
+    names: list[Any] = ["dead_1h", "dead_10h", "dead_100h"]
+    own = [
+        (code, replace(moisture, **{name: getattr(moisture, name) * factor for name in names}))
+        for code, moisture in entry.of_fuels
+    ]
+    dead: dict[str, Any] = {f"{name}_pct": getattr(entry, f"{name}_pct") * factor for name in names}
+    return replace(entry, **dead, of_fuels=tuple(own))
+
+
+def burned_windows(
+    start: Start,
+    draws: Sequence[Draw],
+    numbers: Iterable[int],
+    until_s: float,
+    seed: int,
+    each: Each = map,
+) -> Iterator[Window]:
+    """Burn members one after the other, and yield what each burned.
+
+    Args:
+        start: The common state.
+        draws: The draws of all members.
+        numbers: The members to burn, as indices of ``draws``.
+        until_s: The time to which members burn, in s.
+        seed: Seed of schemes that use random numbers.
+        each: ``map``, or the map of a pool of threads.
+
+    Returns:
+        The windows, in the order of ``numbers``. They depend only on start, draw, number and seed.
+    """
+
+    def burned(number: int) -> Window:
+        # 0 is the generator of the run without perturbation (see mission_service/fire/ensemble).
+        rng = np.random.default_rng((seed, number + 1))
+        fire = start.member(draws[number], rng)
+        fire.advance(max(until_s, fire.time_s))
+        return start.window(fire, draws[number])
+
+    return iter(each(burned, numbers))
+
+
+class Ensemble:
+    """Fires that burn side by side, for estimates: they can be changed and resampled at any time.
+
+    A member of the any-angle scheme needs about 70 bytes for each cell of the landscape.
+    """
+
+    def __init__(self, fires: Sequence[Fire]) -> None:
+        """Take over fires of one landscape at one time.
+
+        Raises FireModelError if there are none, or if they differ in these.
+        """
+        if len({(id(fire.landscape), fire.time_s) for fire in fires}) != 1:
+            raise FireModelError("ensemble: give one or more fires of one landscape at one time")
+        self.fires = list(fires)
+
+    @property
+    def time_s(self) -> float:
+        """The time of all members in s."""
+        return self.fires[0].time_s
+
+    def advance(self, to_time_s: float, each: Each = map) -> None:
+        """Burn all members until a time. Raises FireModelError for an earlier time."""
+        for _ in each(lambda fire: fire.advance(to_time_s), self.fires):
+            pass
+
+    def copy(self) -> Self:
+        """Return an ensemble of copies."""
+        return type(self)([fire.copy() for fire in self.fires])
+
+    def perturb(
+        self, number: int, wind_factor: float, turn_deg: float, spread_factor: float | Floats
+    ) -> None:
+        """Change wind and rates of one member from now on, as ``Fire.perturb`` does."""
+        self.fires[number].perturb(wind_factor, turn_deg, spread_factor)
+
+    def resample(self, numbers: Sequence[int]) -> None:
+        """Replace the members by these members; one that appears again is a copy.
+
+        Args:
+            numbers: Indices of present members, for example drawn by their weights.
+
+        Raises:
+            FireModelError: There are no numbers, or one is not a member's.
+        """
+        unknown = [number for number in numbers if not 0 <= number < len(self.fires)]
+        if unknown or not numbers:
+            raise FireModelError(
+                f"ensemble: cannot resample {unknown or 'nothing'}; give numbers from 0 to "
+                f"{len(self.fires) - 1}"
+            )
+        taken: set[int] = set()
+        found = []
+        for number in numbers:
+            found.append(self.fires[number].copy() if number in taken else self.fires[number])
+            taken.add(number)
+        self.fires = found
+
+    def burn_probability(self) -> Floats:
+        """Return the fraction (y, x) of members that have burned each cell by now."""
+        burned = np.zeros(self.fires[0].landscape.shape)
+        for fire in self.fires:
+            burned += fire.burned()
+        return burned / len(self.fires)

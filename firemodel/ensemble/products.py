@@ -1,0 +1,68 @@
+"""Combine the windows of an ensemble's members to maps."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firemodel.arrays import Floats
+from firemodel.ensemble.member_fires import Window
+
+TIMES_AT_ONCE = 2**24  # arrival times of all members that are sorted at once, to save memory
+
+
+def burn_probability(windows: Sequence[Window], shape: tuple[int, int], after_s: float) -> Floats:
+    """Return the fraction (y, x) of members that burned each cell by a time after the start."""
+    burned = np.zeros(shape)
+    for window in windows:
+        rows, cols = window.after_s.shape
+        here = np.s_[window.top : window.top + rows, window.left : window.left + cols]
+        burned[here] += window.after_s <= after_s
+    return burned / max(len(windows), 1)
+
+
+def arrival_quantiles_s(
+    windows: Sequence[Window], shape: tuple[int, int], shares: Sequence[float]
+) -> NDArray[np.float32]:
+    """Return the times by which shares of all members have burned each cell.
+
+    Args:
+        windows: The members' windows; one or more.
+        shape: The grid's rows and columns.
+        shares: Fractions of the members, above 0 and at most 1.
+
+    Returns:
+        Seconds after the start (shares, y, x); infinity where fewer members burned the cell.
+    """
+    count = len(windows)
+    # The smallest number of members that is at least the share; 1e-9 for shares such as 0.1 * 3.
+    places = [max(int(np.ceil(share * count - 1e-9)), 1) - 1 for share in shares]
+    found = np.full((len(shares), *shape), np.inf, dtype=np.float32)
+    rows_at_once = max(TIMES_AT_ONCE // (count * shape[1]), 1)
+    for top in range(0, shape[0], rows_at_once):
+        block = found[:, top : top + rows_at_once]
+        stack = np.full((count, *block.shape[1:]), np.inf, dtype=np.float32)
+        for layer, window in zip(stack, windows, strict=True):
+            first = max(window.top, top)
+            end = min(window.top + window.after_s.shape[0], top + len(layer))
+            cols = np.s_[window.left : window.left + window.after_s.shape[1]]
+            if first < end:
+                rows = window.after_s[first - window.top : end - window.top]
+                layer[first - top : end - top, cols] = rows
+        reached = np.isfinite(stack).any(axis=0)
+        block[:, reached] = np.partition(stack[:, reached], places, axis=0)[places]
+    return found
+
+
+def mean_flame_length_m(windows: Sequence[Window], shape: tuple[int, int]) -> NDArray[np.float32]:
+    """Return the mean flame length (y, x) of the members whose fire came to a cell; else NaN."""
+    total, came = np.zeros(shape), np.zeros(shape)
+    for window in windows:
+        rows, cols = window.after_s.shape
+        here = np.s_[window.top : window.top + rows, window.left : window.left + cols]
+        known = np.isfinite(window.flame_m)
+        total[here] += np.where(known, window.flame_m, 0.0)
+        came[here] += known
+    mean = np.divide(total, came, out=np.full(shape, np.nan), where=came > 0.0)
+    found: NDArray[np.float32] = mean.astype(np.float32)
+    return found

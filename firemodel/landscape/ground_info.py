@@ -1,0 +1,45 @@
+"""Compare slope and aspect with the elevation of the same rasters."""
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firemodel.landscape.landscape import horn
+
+STEEP = 0.1  # rise over run above which directions and slopes are compared
+STEEPER = 1.5  # ratio of slopes above which their unit is doubtful
+OPPOSITE_DEG = 135.0
+
+
+def ground_notes(
+    name: str,
+    slope_tan: NDArray[np.float32],
+    aspect_deg: NDArray[np.floating],
+    elevation_m: NDArray[np.floating],
+    cell_size_m: float,
+) -> Iterator[str]:
+    """Yield a note if slope or aspect (y, x) contradict the elevation.
+
+    ``slope_tan`` is rise over run. ``aspect_deg`` is the direction in which the ground falls,
+    clockwise from north; it is negative where it is unknown. ``name`` begins the notes.
+    """
+    north, east = horn(elevation_m, cell_size_m)
+    rise = np.hypot(north, east)
+    steep = (rise > STEEP) & (aspect_deg >= 0.0) & (slope_tan > 0.0)
+    if not steep.any():
+        return
+    ratio = float(np.median(slope_tan[steep] / rise[steep]))
+    if not 1.0 / STEEPER < ratio < STEEPER:
+        yield (
+            f"{name}: slopes are {ratio:.2g} times those of the elevation; check the unit of slope "
+            "(percent or degrees)"
+        )
+    falls = np.rad2deg(np.arctan2(-east[steep], -north[steep]))
+    off = np.deg2rad(aspect_deg[steep] - falls)
+    turned_deg = float(np.rad2deg(np.arctan2(np.sin(off).mean(), np.cos(off).mean())))
+    if abs(turned_deg) > OPPOSITE_DEG:
+        yield (
+            f"{name}: aspect points uphill; it must be the direction in which the ground falls: "
+            "leave slope and aspect out to compute them from the elevation"
+        )

@@ -1,0 +1,37 @@
+"""Make valid polygons of self-intersecting polygons and of closed lines."""
+
+from functools import reduce
+
+import shapely
+from pyproj import Geod
+from shapely.geometry.base import BaseGeometry
+
+WGS84 = Geod(ellps="WGS84")
+
+
+def repaired(shape: BaseGeometry) -> BaseGeometry:
+    """Return a valid polygon for a closed line or an invalid polygon, else the shape itself.
+
+    A place lies inside several closed lines if it lies within an odd number of them, so that a line
+    inside another one is the edge of an island. A polygon that crosses itself keeps the area of all
+    its loops; parts without area are dropped.
+    """
+    lines = [part for part in shapely.get_parts(shape) if part.geom_type == "LineString"]
+    if lines and all(line.is_closed and len(line.coords) > 3 for line in lines):
+        areas = [_valid(shapely.Polygon(line.coords)) for line in lines]
+        return reduce(shapely.symmetric_difference, areas)
+    return shape if shape.is_valid or shape.is_empty else _valid(shape)
+
+
+def area_ha(shape: BaseGeometry) -> float:
+    """Return the area of a shape in longitude and latitude on the WGS84 ellipsoid, in hectares.
+
+    Loops of an invalid polygon with opposite orientation have areas of opposite sign, as in GIS.
+    """
+    found_m2, _ = WGS84.geometry_area_perimeter(shape)
+    return abs(found_m2) / 1e4
+
+
+def _valid(shape: BaseGeometry) -> BaseGeometry:
+    found: BaseGeometry = shapely.make_valid(shape, method="structure", keep_collapsed=False)
+    return found

@@ -1,0 +1,206 @@
+"""Make hourly records from FARSITE's daily weather (.wtr) and its wind (.wnd).
+
+A .wtr has the minimum and the maximum temperature of each day with their hours, and the humidities
+at these hours; the first and the last day are repeated before and after. Between two such times
+temperature and humidity follow half a cosine (Beck & Trevitt 1989, as in FARSITE). A .wnd has
+winds, each of which holds until the next.
+"""
+
+import math
+from collections.abc import Sequence
+from datetime import datetime, timedelta
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from firemodel.errors import FireModelError
+from firemodel.landscape.readers.fuel_files import number, rows_of
+from firemodel.landscape.readers.inputs_files import NumberedRows, time_of
+
+WTR = (
+    "month, day, rain, hour of the minimum and of the maximum temperature, minimum and maximum "
+    "temperature, maximum and minimum humidity, elevation, and optionally begin and end of rain"
+)
+WND = "month, day, hour, wind speed, wind direction, cloud cover"
+COLUMNS = {
+    "ENGLISH": ("temperature_f", "humidity_pct", "rain_in", "wind_speed_mph", "wind_from_deg"),
+    "METRIC": ("temperature_c", "humidity_pct", "rain_mm", "wind_10m_kmh", "wind_from_deg"),
+}
+RAIN_IN = {"ENGLISH": 0.01, "METRIC": 1.0}  # a .wtr in ENGLISH has hundredths of an inch
+HOUR = timedelta(hours=1)
+
+
+class Extreme(NamedTuple):
+    """A time at which temperature and humidity have an extreme, in the unit of the file."""
+
+    at: datetime
+    temperature: float
+    humidity_pct: float
+
+
+class Rain(NamedTuple):
+    """A period of rain, in the unit of the records."""
+
+    begin: datetime
+    end: datetime
+    amount: float
+
+
+def units_in(path: Path, rows: NumberedRows, default: str = "ENGLISH") -> tuple[str, NumberedRows]:
+    """Return the units in the first row of a table, and the other rows.
+
+    Raises FireModelError for a word that is not ENGLISH or METRIC.
+    """
+    if rows and not rows[0][1][0][0].isdigit():
+        line, (word, *_) = rows[0]
+        if word.upper() not in COLUMNS:
+            raise FireModelError(f"{path} line {line}: {word!r} must be ENGLISH or METRIC")
+        return word.upper(), rows[1:]
+    return default, rows
+
+
+def daily_records(
+    wtr: tuple[Path, NumberedRows], wnd: tuple[Path, NumberedRows], year: int, units: Sequence[str]
+) -> tuple[str, list[tuple[int, list[str]]]]:
+    """Return hourly records from the rows of a .wtr and a .wnd.
+
+    Args:
+        wtr: The file of daily weather and its rows.
+        wnd: The file of winds and its rows.
+        year: The year of the first row; the files have none.
+        units: ENGLISH or METRIC, of the two files without a line on it.
+
+    Returns:
+        The units, and for each hour and each change of wind the number of the wind's line and the
+        texts of time and of ``COLUMNS``.
+
+    Raises:
+        FireModelError: A row cannot be used, the files differ in units, or a wind has no weather.
+    """
+    unit, days = units_in(*wtr, units[0])
+    wind_unit, winds = units_in(*wnd, units[1])
+    if unit != wind_unit:
+        raise FireModelError(f"{wtr[0]} is {unit}, {wnd[0]} is {wind_unit}; give both one unit")
+    extremes, rains = _weather(wtr[0], days, year, RAIN_IN[unit])
+    blows = _winds(wnd[0], winds, year)
+    begin = extremes[0].at.replace(hour=0, minute=0)
+    end = extremes[-1].at.replace(hour=0, minute=0) + 24 * HOUR
+    before, after = extremes[:2], extremes[-2:]  # the first and the last day are repeated
+    extremes = [
+        *(each._replace(at=each.at - 24 * HOUR) for each in before),
+        *extremes,
+        *(each._replace(at=each.at + 24 * HOUR) for each in after),
+    ]
+    if blows[0][0] > end or blows[-1][0] < begin:
+        raise FireModelError(f"{wnd[0]}: no wind within the time of {wtr[0]}; give both one time")
+    found = []
+    for at in _times(blows, begin, end):
+        index = max(0, sum(wind[0] <= at for wind in blows) - 1)
+        _, line, speed, from_deg = blows[index]
+        temperature, humidity = _between(extremes, at)
+        wet = sum(rain.amount for rain in rains if rain.begin <= at < rain.end)
+        texts = (f"{temperature:.2f}", f"{humidity:.2f}", f"{wet:.4f}", speed, from_deg)
+        found.append((line, [at.isoformat(), *texts]))
+    return unit, found
+
+
+def _times(
+    blows: list[tuple[datetime, int, str, str]], begin: datetime, end: datetime
+) -> list[datetime]:
+    """Return the full hours and the times of winds from the first wind on, until ``end``."""
+    first = max(blows[0][0], begin)
+    hour = first.replace(minute=0)
+    hours = [hour + number * HOUR for number in range(int((end - hour) / HOUR) + 1)]
+    both = {*hours, *(wind[0] for wind in blows)}
+    return sorted(at for at in both if first <= at <= end)
+
+
+def _weather(
+    path: Path, rows: NumberedRows, year: int, rain_in: float
+) -> tuple[list[Extreme], list[Rain]]:
+    if not rows:
+        raise FireModelError(f"{path}: holds no weather; give at least two days ({WTR})")
+    extremes: list[Extreme] = []
+    rains: list[Rain] = []
+    for line, fields in rows:
+        where = f"{path} line {line}"
+        if len(fields) not in (10, 12):
+            raise FireModelError(f"{where}: {len(fields)} fields; give {WTR}")
+        if extremes and number(where, "month", fields[0], 1, 12) < extremes[-1].at.month:
+            year += 1
+        low, high = (time_of(where, year, [*fields[:2], clock]) for clock in fields[3:5])
+        t_low, t_high = (number(where, "temperature", text, -76.0, 158.0) for text in fields[5:7])
+        wet, dry = (number(where, "humidity", text, 0.0, 100.0) for text in fields[7:9])
+        pair = sorted([Extreme(low, t_low, wet), Extreme(high, t_high, dry)])
+        if pair[0].at == pair[1].at or (extremes and pair[0].at <= extremes[-1].at):
+            raise FireModelError(f"{where}: not later than the previous time; sort the days")
+        if t_low > t_high or dry > wet:
+            raise FireModelError(
+                f"{where}: the minimum temperature {t_low:g} and the maximum {t_high:g} or the "
+                f"humidities {wet:g} and {dry:g} are interchanged; correct the line"
+            )
+        extremes += pair
+        rain = _rain(where, fields, low, rain_in)
+        rains += [rain] if rain.amount > 0.0 else []
+    return extremes, rains
+
+
+def _rain(where: str, fields: list[str], day: datetime, rain_in: float) -> Rain:
+    """Return the rain of a day as an amount for each hour; without hours it falls all day."""
+    amount = number(where, "rain", fields[2], 0.0, 5000.0) * rain_in
+    begin = day.replace(hour=0, minute=0)
+    end = begin + 24 * HOUR
+    if len(fields) == 12:
+        hours = [number(where, "hour of rain", text, 0.0, 2400.0) for text in fields[10:]]
+        if hours[1] > hours[0]:
+            day_begins = begin
+            begin, end = (day_begins + (hour // 100 + hour % 100 / 60.0) * HOUR for hour in hours)
+    return Rain(begin, end, amount / max((end - begin) / HOUR, 1.0))
+
+
+def _winds(path: Path, rows: NumberedRows, year: int) -> list[tuple[datetime, int, str, str]]:
+    found: list[tuple[datetime, int, str, str]] = []
+    for line, fields in rows:
+        where = f"{path} line {line}"
+        if not 5 <= len(fields) <= 6:
+            raise FireModelError(f"{where}: {len(fields)} fields; give {WND}")
+        if found and number(where, "month", fields[0], 1, 12) < found[-1][0].month:
+            year += 1
+        at = time_of(where, year, fields[:3])
+        if found and at <= found[-1][0]:
+            raise FireModelError(f"{where}: not later than the previous wind; sort the lines")
+        found.append((at, line, fields[3], fields[4]))
+    if not found:
+        raise FireModelError(f"{path}: holds no wind; give at least one line ({WND})")
+    return found
+
+
+def _between(extremes: list[Extreme], at: datetime) -> tuple[float, float]:
+    """Return temperature and humidity at a time between the first and the last extreme."""
+    after = next((n for n, extreme in enumerate(extremes) if extreme.at >= at), len(extremes) - 1)
+    left, right = extremes[max(after - 1, 0)], extremes[after]
+    span_s = (right.at - left.at).total_seconds()
+    part = (at - left.at).total_seconds() / span_s if span_s else 0.0
+    weight = 0.5 - 0.5 * math.cos(math.pi * float(np.clip(part, 0.0, 1.0)))
+    return (
+        left.temperature + weight * (right.temperature - left.temperature),
+        left.humidity_pct + weight * (right.humidity_pct - left.humidity_pct),
+    )
+
+
+def wind_file_of(path: Path) -> Path:
+    """Return the .wnd file with the name of a .wtr file. Raises FireModelError if there is none."""
+    found = [
+        each for each in (path.with_suffix(".wnd"), path.with_suffix(".WND")) if each.is_file()
+    ]
+    if not found:
+        raise FireModelError(
+            f"{path}: has no wind, and {path.stem}.wnd is not beside it; give weather_file.wind"
+        )
+    return found[0]
+
+
+def table_in(path: Path) -> tuple[Path, NumberedRows]:
+    """Return a file and its rows (``rows_of``)."""
+    return path, list(rows_of(path))

@@ -1,0 +1,210 @@
+"""Read the records of weather files as texts under the names of the CSV columns."""
+
+import csv
+from collections.abc import Mapping
+from datetime import datetime
+from pathlib import Path
+from typing import NamedTuple
+
+from firemodel.errors import FireModelError
+from firemodel.landscape.readers.fuel_files import text_of
+from firemodel.landscape.readers.inputs_files import (
+    MOISTURES,
+    RAWS,
+    START,
+    WIND,
+    WND,
+    WTR,
+    Inputs,
+    is_inputs_file,
+    read_inputs,
+)
+from firemodel.landscape.readers.stream_files import (
+    COLUMNS,
+    daily_records,
+    table_in,
+    units_in,
+    wind_file_of,
+)
+from firemodel.physics.rothermel import Moisture
+
+Rows = list[tuple[int, dict[str, str]]]  # line number, text of each named field
+
+YEAR = 2001  # of files without a year, if the start is not given
+KINDS = ".raws, .wxs, .wtr, .csv or a FARSITE inputs file"
+# The wind of an inputs file by WIND_SPEED_UNITS (mph at 20 ft, or km/h at 10 m).
+WIND_COLUMNS = {"": "wind_speed_mph", "0": "wind_speed_mph", "1": "wind_10m_kmh"}
+
+
+# Columns of Cell2Fire's Weather.csv, which has a line for each hour. The wind is at 10 m.
+CELL2FIRE = {
+    "WS": "wind_10m_kmh",
+    "WD": "wind_from_deg",
+    "TMP": "temperature_c",
+    "RH": "humidity_pct",
+}
+
+
+class Records(NamedTuple):
+    """The content of a weather file; at least one record."""
+
+    rows: Rows
+    start: datetime | None
+    fuel_moistures: Mapping[int, Moisture]  # fractions by fuel code, 0 for all others
+
+
+def records_in(path: Path, wind: Path | None, start: datetime | None) -> Records:
+    """Return the records of a weather file, which is recognised by its suffix or its first line.
+
+    ``wind`` is the .wnd file of a .wtr file; ``start`` gives the year to files without one. An
+    inputs file yields its own start and moistures, if ``start`` is None. Raises FireModelError if
+    the file cannot be used or has no records.
+    """
+    suffix = path.suffix.lower()
+    if wind is not None and suffix != ".wtr":
+        raise FireModelError(f"{wind}: only a .wtr file has a separate file of winds; leave it out")
+    year = YEAR if start is None else start.year
+    moistures: Mapping[int, Moisture] = {}
+    if is_inputs_file(path):
+        inputs = read_inputs(path)
+        rows = _inputs_rows(inputs, year)
+        if inputs.has(MOISTURES):
+            moistures = inputs.fuel_moistures()
+        if start is None and rows and "time" in rows[0][1]:
+            start = inputs.time(START, time_in(path, *_first_time(rows)).year)
+    elif suffix == ".csv":
+        rows = _csv_rows(path)
+    elif suffix == ".wtr":
+        both = table_in(path), table_in(wind or wind_file_of(path))
+        rows = _named(*daily_records(*both, year, ("ENGLISH", "ENGLISH")))
+    else:
+        rows = _raws_rows(path)
+    if not rows:
+        raise FireModelError(f"{path}: holds no weather; give at least one record")
+    return Records(rows, start, moistures)
+
+
+def _first_time(rows: Rows) -> tuple[int, str]:
+    return rows[0][0], rows[0][1]["time"]
+
+
+def _named(units: str, records: list[tuple[int, list[str]]]) -> Rows:
+    names = ("time", *COLUMNS[units])
+    return [(line, dict(zip(names, texts, strict=True))) for line, texts in records]
+
+
+def _inputs_rows(inputs: Inputs, year: int) -> Rows:
+    """Return the records of an inputs file: hourly ones, daily ones with winds, or one wind."""
+    if inputs.has(RAWS):
+        other = inputs.file_of(RAWS)
+        if other is not None:
+            return _raws_rows(other)
+        path, table = inputs.table(RAWS)
+        units, table = units_in(path, table, inputs.units(RAWS))
+        return [(line, raws_row(path, line, fields, units)) for line, fields in table]
+    if inputs.has(WTR) or inputs.has(WND):
+        units_of_both = inputs.units(WTR), inputs.units(WND)
+        return _named(*daily_records(inputs.table(WTR), inputs.table(WND), year, units_of_both))
+    speed, direction, wind_units = (inputs.values.get(key, (0, "")) for key in WIND)
+    if not (speed[1] and direction[1]):
+        raise FireModelError(
+            f"{inputs.path}: holds no weather; add RAWS, WEATHER_DATA with WIND_DATA, or "
+            "WIND_SPEED with WIND_DIRECTION"
+        )
+    line, unit = wind_units
+    if unit not in WIND_COLUMNS:
+        raise FireModelError(
+            f"{inputs.path} line {line}: WIND_SPEED_UNITS = {unit}: give 0 (mph) or 1 (km/h)"
+        )
+    record = {"at_s": "0", WIND_COLUMNS[unit]: speed[1], "wind_from_deg": direction[1]}
+    return [(speed[0], record)]
+
+
+def time_in(path: Path, line: int, text: str) -> datetime:
+    """Return a time in ISO 8601. Raises FireModelError with file and line for other text."""
+    try:
+        return datetime.fromisoformat(text)
+    except ValueError:
+        raise FireModelError(
+            f"{path} line {line}: time = {text!r} is not a date and time such as "
+            "2016-07-15T03:00; correct or remove the line"
+        ) from None
+
+
+def _csv_rows(path: Path) -> Rows:
+    lines = csv.reader(text_of(path).splitlines())
+    names: list[str] = []
+    rows: Rows = []
+    for cells in lines:
+        texts = [cell.strip() for cell in cells]
+        if not any(texts):
+            continue
+        if not names:
+            names = texts
+            continue
+        if len(texts) != len(names):
+            raise FireModelError(
+                f"{path} line {lines.line_num}: {len(texts)} cells, but {len(names)} columns are "
+                "named; give each column one value"
+            )
+        rows.append((lines.line_num, dict(zip(names, texts, strict=True))))
+    if len(set(names)) < len(names):
+        raise FireModelError(f"{path} line 1: a column is named twice; remove one")
+    known = _cell2fire(names)
+    if not known:
+        return rows
+    return [
+        (line, {"at_s": f"{hour * 3600}"} | {to: row[name] for name, to in known.items()})
+        for hour, (line, row) in enumerate(rows)
+    ]
+
+
+def _raws_rows(path: Path) -> Rows:
+    """Return the records with the column names of the CSV format.
+
+    The count in the ``RAWS:`` line is often wrong and is not used.
+    """
+    if path.suffix.lower() not in (".raws", ".wxs"):
+        raise FireModelError(f"{path}: not a known kind of weather file; give {KINDS}")
+    units = ""
+    rows: Rows = []
+    for line, text in enumerate(text_of(path).splitlines(), 1):
+        fields = text.partition("#")[0].replace(":", " ").split()
+        head = fields[0].upper() if fields else ""
+        if head in COLUMNS or head == "RAWS_UNITS":
+            units = fields[-1].upper()
+            if units not in COLUMNS:
+                raise FireModelError(
+                    f"{path} line {line}: RAWS_UNITS = {fields[-1]}; give English or Metric"
+                )
+        elif head[:1].isdigit():
+            if not units:
+                raise FireModelError(
+                    f"{path} line {line}: no units before the first record; put in a line "
+                    "'RAWS_UNITS: English' or 'RAWS_UNITS: Metric'"
+                )
+            rows.append((line, raws_row(path, line, fields, units)))
+        elif head not in ("", "RAWS", "RAWS_ELEVATION", "YEAR"):
+            raise FireModelError(
+                f"{path} line {line}: {fields[0]!r} begins neither a header line nor a record; "
+                "correct or remove the line"
+            )
+    return rows
+
+
+def _cell2fire(names: list[str]) -> dict[str, str]:
+    """Return the columns to read of a Cell2Fire weather table; empty for other tables."""
+    known = {name: CELL2FIRE[name.upper()] for name in names if name.upper() in CELL2FIRE}
+    return known if {"WS", "WD"} <= {name.upper() for name in names} else {}
+
+
+def raws_row(path: Path, line: int, fields: list[str], units: str) -> dict[str, str]:
+    if len(fields) != 10:
+        raise FireModelError(
+            f"{path} line {line}: {len(fields)} fields; give 10: year, month, day, time, "
+            "temperature, humidity, rain, wind speed, wind direction, cloud cover"
+        )
+    year, month, day, clock = (field.zfill(2) for field in fields[:4])
+    clock = clock.zfill(4)
+    time = f"{year}-{month}-{day}T{clock[:-2]}:{clock[-2:]}"
+    return {"time": time} | dict(zip(COLUMNS[units], fields[4:9], strict=True))

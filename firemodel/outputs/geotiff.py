@@ -1,0 +1,122 @@
+"""Write rasters as cloud-optimised GeoTIFFs (COG) with a QGIS style beside each."""
+
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firemodel.errors import FireModelError
+from firemodel.landscape.landscape import Landscape
+from firemodel.outputs.qgis_styles import raster_qml
+from firemodel.outputs.raster_layers import (
+    FLAME_LENGTH_LAYER,
+    INTENSITY_LAYER,
+    SPREAD_RATE_LAYER,
+    SPREAD_TOWARD_LAYER,
+    STATE_LAYER,
+    Layer,
+    arrival_layer_of,
+    fuel_layer,
+)
+from firemodel.outputs.whole_file import whole_file, write_whole
+from firemodel.spread.behaviour import behaviour_of
+from firemodel.spread.fire_scheme import Fire
+
+NO_VALUE = -1.0  # of float32 layers, none of which has negative values
+
+
+def write_raster(path: Path, values: NDArray[Any], landscape: Landscape, layer: Layer) -> None:
+    """Write an array as a cloud-optimised GeoTIFF, and a QGIS style of the same name (.qml).
+
+    The band has the layer's description and unit, codes have a colour table, and a raster of more
+    than 512 cells has overviews: means of values, the most frequent code. Equal arrays give equal
+    bytes. An existing file is replaced as a whole or not at all.
+
+    Args:
+        path: The file to write, ending in .tif, in an existing folder.
+        values: (y, x) of the landscape's shape, row 0 in the north. Codes are integers from 0 to
+            65534, written as uint8 if they are all below 255, else as uint16. Other values are not
+            negative and written as float32; where they are NaN or infinite the file has no data
+            (-1).
+        landscape: The grid and CRS.
+        layer: Description, unit and classes, for example ``raster_layers.PROBABILITY_LAYER`` or
+            ``arrival_layer(...)``.
+
+    Raises:
+        FireModelError: The array has another shape than the landscape.
+        OSError: A file cannot be written.
+    """
+    from rasterio.io import MemoryFile
+
+    if values.shape != landscape.shape:
+        raise FireModelError(
+            f"{path}: the values are {values.shape} cells, the landscape {landscape.shape}; both "
+            "must be (rows, columns) of the same size"
+        )
+    if layer.categorical:
+        dtype = np.uint8 if values.max() < np.iinfo(np.uint8).max else np.uint16
+        array, nodata, overviews = values.astype(dtype), float(np.iinfo(dtype).max), "MODE"
+    else:
+        array = np.where(np.isfinite(values), values, NO_VALUE).astype(np.float32)
+        # A mean of directions has no meaning.
+        nodata, overviews = NO_VALUE, "NEAREST" if layer.unit == "degree" else "AVERAGE"
+    # In memory, because GDAL reports a full disk by an exception that is not public.
+    with MemoryFile() as memory:
+        with memory.open(
+            driver="COG",
+            height=landscape.shape[0],
+            width=landscape.shape[1],
+            count=1,
+            dtype=array.dtype,
+            crs=landscape.crs,
+            transform=landscape.transform(),
+            nodata=nodata,
+            compress="DEFLATE",
+            predictor="YES",
+            overview_resampling=overviews,
+        ) as file:
+            file.write(array, 1)
+            file.set_band_description(1, layer.description)
+            file.units = (layer.unit,)
+            if layer.categorical:
+                file.write_colormap(1, {int(each.upto): (*each.rgb, 255) for each in layer.classes})
+        with whole_file(path) as part:
+            part.write_bytes(memory.read())
+    write_whole(path.with_suffix(".qml"), raster_qml(layer))
+
+
+def write_rasters(
+    folder: Path | str, fire: Fire, time_zero: datetime | None = None
+) -> dict[str, Path]:
+    """Write a fire's rasters as cloud-optimised GeoTIFFs on the landscape's grid, with QGIS styles.
+
+    Args:
+        folder: An existing folder.
+        fire: A fire that has been advanced to the time of interest.
+        time_zero: The calendar time of 0 s, if there is one; the style of the arrival contains it.
+
+    Returns:
+        The path of each layer: arrival_time_s, spread_rate_m_s, spread_toward_deg, flame_length_m,
+        fireline_intensity_kw_m (float32; unburned cells have -1), state and fuel_model (uint8).
+
+    Raises:
+        OSError: A file cannot be written.
+    """
+    found, codes = behaviour_of(fire), fire.landscape.fuel_model
+    arrival_s = np.where(fire.burned(), fire.arrival_time_s, np.nan)
+    layers = {
+        "arrival_time_s": (arrival_s, arrival_layer_of(fire, time_zero)),
+        "spread_rate_m_s": (found.spread_rate_m_s, SPREAD_RATE_LAYER),
+        "spread_toward_deg": (found.toward_deg, SPREAD_TOWARD_LAYER),
+        "flame_length_m": (found.flame_length_m, FLAME_LENGTH_LAYER),
+        "fireline_intensity_kw_m": (found.intensity_kw_m, INTENSITY_LAYER),
+        "state": (fire.state_at(fire.time_s), STATE_LAYER),
+        "fuel_model": (codes, fuel_layer(codes)),
+    }
+    paths = {}
+    for name, (values, layer) in layers.items():
+        paths[name] = Path(folder) / f"{name}.tif"
+        write_raster(paths[name], values, fire.landscape, layer)
+    return paths

@@ -1,0 +1,209 @@
+"""Burns the fire of a scenario many times with drawn errors, and writes probabilities to files."""
+
+import json
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from firemodel.ensemble.draws import Draw, latin_draws
+from firemodel.ensemble.member_fires import Start, Window, burned_windows
+from firemodel.ensemble.products import (
+    arrival_quantiles_s,
+    burn_probability,
+    mean_flame_length_m,
+)
+from firemodel.ensemble.uncertainty import Uncertainty
+from firemodel.landscape.landscape import Landscape
+from firemodel.outputs.arrival_map import area_in_words, draw_arrival, time_in_words
+from firemodel.outputs.geotiff import write_raster
+from firemodel.outputs.raster_layers import (
+    FLAME_LENGTH_LAYER,
+    PROBABILITY_LAYER,
+    arrival_layer,
+)
+from firemodel.outputs.whole_file import whole_file, write_whole
+from firemodel.physics.weather import WeatherStream
+from firemodel.spread.edge import reaches_edge
+from firemodel.spread.fire_scheme import Burning, Ignition, check_ignitions
+from firemodel.spread.schemes import SchemeName, new_fire
+from mission_service.config.scenario import Scenario
+from mission_service.fire.setup import (
+    burning_of,
+    ignitions_of,
+    landscape_of,
+    settings_of,
+    uncertainty_of,
+    warnings_on,
+    weather_of,
+)
+from mission_service.runtime.progress import fire_progress
+from mission_service.simulation.fire_alone import check_times, writing
+from mission_service.simulation.result_files import (
+    missing,
+    numbered,
+    reading,
+    recipe_of,
+    results_folder,
+    whole_files,
+)
+from mission_service.simulation.task_pool import Run
+
+QUANTILES = (0.1, 0.5, 0.9)
+SUFFIX = ".npz"
+
+
+@dataclass(frozen=True)
+class Job:
+    """All that members need; it is sent to workers, where the start is prepared once."""
+
+    landscape: Landscape
+    weather: WeatherStream
+    burning: Burning | None
+    ignitions: tuple[Ignition, ...]
+    scheme: SchemeName
+    settings: dict[str, Any]
+    uncertainty: Uncertainty
+    seed: int
+    count: int
+    until_s: float
+
+    @cached_property
+    def start(self) -> Start:
+        """The state at the start, without the ignitions that members move."""
+        fire = new_fire(
+            self.scheme,
+            self.landscape,
+            self.weather,
+            [],
+            self.burning,
+            seed=self.seed,
+            **self.settings,
+        )
+        return Start(fire, self.ignitions)
+
+    @cached_property
+    def draws(self) -> list[Draw]:
+        """The draws of all members."""
+        return latin_draws(self.uncertainty, self.seed, self.count, self.start.fuels)
+
+
+def job_of(scenario: Scenario, count: int) -> Job:
+    """Return the job of the members of a scenario's fire.
+
+    Raises ScenarioError or FireModelError for a fire that cannot burn.
+    """
+    check_times(scenario)
+    landscape = landscape_of(scenario)
+    burning, ignitions = burning_of(scenario, landscape), ignitions_of(scenario, landscape)
+    check_ignitions(landscape, ignitions, burning.at_s if burning else 0.0)
+    return Job(
+        landscape,
+        weather_of(scenario),
+        burning,
+        tuple(ignitions),
+        scenario.fire.scheme,
+        settings_of(scenario),
+        uncertainty_of(scenario),
+        scenario.seed,
+        count,
+        scenario.duration_s,
+    )
+
+
+def burned_member(number: int, job: Job) -> Window:
+    """Return what one member of a job burns (a worker's task)."""
+    return next(burned_windows(job.start, job.draws, [number], job.until_s, job.seed))
+
+
+def run_members(
+    scenario: Scenario, folder: Path, count: int, run: Run, warn: Callable[[str], None]
+) -> dict[str, Any]:
+    """Burn the members that are missing in a folder, write the maps, and return the summary.
+
+    The folder ``members`` receives a file for each member. If the command is stopped, the next one
+    with the same scenario burns only the missing members.
+
+    Args:
+        scenario: The scenario; its table [ensemble] has the distributions.
+        folder: An existing folder.
+        count: The number of members.
+        run: Runs the tasks, see ``task_pool``.
+        warn: Receives each warning about the inputs.
+
+    Raises:
+        ScenarioError: No fire starts before the scenario's end, or a file cannot be written.
+        MissionServiceError: The folder has members of other settings, or the cluster failed.
+    """
+    job = job_of(scenario, count)
+    warnings = warnings_on(scenario, job.landscape)
+    for line in warnings:
+        warn(line)
+    with writing(folder):
+        results = results_folder(folder / "members", {"members": count, **recipe_of([scenario])})
+        absent = missing(results, count, SUFFIX)
+        with fire_progress(scenario.name, 0, count) as progress:
+            burned = run(burned_member, absent, job)
+            for place, (number, window) in enumerate(zip(absent, burned, strict=True), start=1):
+                with whole_file(numbered(results, number, SUFFIX)) as path:
+                    _save(window, path)
+                progress(count - len(absent) + place)
+        windows = list(_read(results, count))
+        with whole_files(folder) as part:
+            summary = _write(scenario, job, windows, part) | {"warnings": warnings}
+            write_whole(part / "summary.json", json.dumps(summary, indent=2) + "\n")
+            return summary
+
+
+def _save(window: Window, path: Path) -> None:
+    np.savez(path, corner=[window.top, window.left], after_s=window.after_s, flame_m=window.flame_m)
+
+
+def _read(folder: Path, count: int) -> Iterator[Window]:
+    for number in range(count):
+        path = numbered(folder, number, SUFFIX)
+        with reading(path), path.open("rb") as raw, np.load(raw) as file:
+            top, left = file["corner"].tolist()
+            window = Window(top, left, file["after_s"], file["flame_m"])
+        yield window
+
+
+def _write(scenario: Scenario, job: Job, windows: list[Window], folder: Path) -> dict[str, Any]:
+    land, shape = job.landscape, job.landscape.shape
+    start_s = job.burning.at_s if job.burning else 0.0
+    probability = burn_probability(windows, shape, job.until_s - start_s).astype(np.float32)
+    arrival_s = start_s + arrival_quantiles_s(windows, shape, QUANTILES)
+    write_raster(folder / "burn_probability.tif", probability, land, PROBABILITY_LAYER)
+    for share, time_s in zip(QUANTILES, arrival_s, strict=True):
+        what = f"time by which {100 * share:.0f} % of the members have burned the cell"
+        layer = arrival_layer(start_s, job.until_s, scenario.time_zero, what)
+        write_raster(folder / f"arrival_time_p{100 * share:.0f}_s.tif", time_s, land, layer)
+    flame_layer = FLAME_LENGTH_LAYER._replace(
+        description="mean flame length of the members whose fire comes to the cell"
+    )
+    flame_m = mean_flame_length_m(windows, shape)
+    write_raster(folder / "flame_length_m.tif", flame_m, land, flame_layer)
+    median_s = arrival_s[QUANTILES.index(0.5)].astype(np.float64)
+    title = f"{scenario.name}: cells that at least half of {job.count} members burn"
+    area = area_in_words(np.count_nonzero(np.isfinite(median_s)) * land.cell_size_m**2)
+    line = f"{time_in_words(job.until_s, scenario.time_zero)} · {area}"
+    draw_arrival(folder / "map.png", land, median_s, title, line, layer)
+    cell_ha = land.cell_size_m**2 / 1e4
+    areas_ha = [np.count_nonzero(np.isfinite(w.after_s)) * cell_ha for w in windows]
+    p10, p50, p90 = np.quantile(areas_ha, QUANTILES)
+    return {
+        "scenario": scenario.name,
+        "scheme": job.scheme,
+        "members": job.count,
+        "seed": job.seed,
+        "cells": land.fuel_model.size,
+        "burned_area_mean_ha": round(float(np.mean(areas_ha)), 2),
+        "burned_area_p10_ha": round(float(p10), 2),
+        "burned_area_p50_ha": round(float(p50), 2),
+        "burned_area_p90_ha": round(float(p90), 2),
+        "reached_edge": reaches_edge(probability > 0.0),
+        "time_s": job.until_s,
+    }

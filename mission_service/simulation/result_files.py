@@ -1,0 +1,118 @@
+"""Stores the results of many runs in a folder, so that a run that was stopped can be resumed.
+
+Each result is a file that appears complete or not at all. The file ``recipe.json`` describes what
+is computed; a folder is used again only for the same recipe.
+"""
+
+import hashlib
+import json
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+
+import firemodel
+from firemodel.compiled import cache_folder
+from firemodel.outputs.whole_file import write_whole
+from mission_service.config.scenario import Scenario
+from mission_service.errors import MissionServiceError
+
+RECIPE = "recipe.json"
+Recipe = dict[str, Any]
+
+
+# The tables of a scenario on which its fire depends.
+USED = {"name", "seed", "time_zero", "duration_s", "landscape", "fire", "ensemble", "ignition"}
+USED |= {"weather", "weather_file", "burn"}
+
+
+def recipe_of(scenarios: Sequence[Scenario]) -> Recipe:
+    """Return what fires depend on: settings (of the first scenario), input files, the fire model.
+
+    Raises OSError for a file that cannot be read.
+    """
+    files = {path for each in scenarios for path in _paths_in(each.model_dump(include=USED))}
+    digests = {}
+    for path in sorted(files):
+        with path.open("rb") as file:
+            digests[str(path)] = hashlib.file_digest(file, "sha256").hexdigest()
+    return {
+        "scenario": scenarios[0].model_dump(mode="json", include=USED),
+        "files": digests,
+        "model": cache_folder(Path(firemodel.__file__).parent).name,
+    }
+
+
+def _paths_in(data: Any) -> Iterator[Path]:
+    if isinstance(data, Path):
+        yield data
+    elif isinstance(data, dict | list | tuple):
+        for part in data.values() if isinstance(data, dict) else data:
+            yield from _paths_in(part)
+
+
+@contextmanager
+def whole_files(folder: Path) -> Iterator[Path]:
+    """Yield a temporary folder; its files move to ``folder`` if no exception is raised."""
+    with tempfile.TemporaryDirectory(dir=folder, prefix=".part-") as part:
+        yield Path(part)
+        for path in sorted(Path(part).iterdir()):
+            path.replace(folder / path.name)
+
+
+def results_folder(folder: Path, recipe: Recipe) -> Path:
+    """Create the folder of the results of a recipe, or check that it has this recipe.
+
+    Raises MissionServiceError for a folder with the results of another recipe.
+    """
+    folder.mkdir(exist_ok=True)
+    path, recipe = folder / RECIPE, json.loads(json.dumps(recipe))
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (FileNotFoundError, ValueError):
+        found = {}
+    if found != recipe:
+        if not any(each.name[0].isdigit() for each in folder.iterdir()):  # no results yet
+            write_whole(path, json.dumps(recipe, indent=1) + "\n")
+            return folder
+        raise MissionServiceError(
+            f"{folder}: has results of other settings ({difference(found, recipe)}); choose "
+            "another -o, or delete this folder"
+        )
+    return folder
+
+
+def difference(before: Any, now: Any, key: str = "") -> str:
+    """Return the first difference of two recipes, as ``key: before, now``."""
+    if isinstance(before, dict) and isinstance(now, dict):
+        pairs = [(name, before.get(name), now.get(name)) for name in sorted({*before, *now})]
+    elif isinstance(before, list) and isinstance(now, list) and len(before) == len(now):
+        pairs = [(str(place), *pair) for place, pair in enumerate(zip(before, now, strict=True))]
+    else:
+        return f"{key}: before {json.dumps(before)[:60]}, now {json.dumps(now)[:60]}"
+    name, old, new = next(pair for pair in pairs if pair[1] != pair[2])
+    return difference(old, new, f"{key}.{name}" if key else name)
+
+
+@contextmanager
+def reading(path: Path) -> Iterator[None]:
+    """Report a damaged result within the context as a MissionServiceError with the remedy."""
+    try:
+        yield
+    except (ValueError, KeyError, EOFError, BadZipFile) as error:
+        raise MissionServiceError(
+            f"{path}: is damaged ({' '.join(str(error).split())}); delete it and repeat the command"
+        ) from None
+
+
+def numbered(folder: Path, number: int, suffix: str) -> Path:
+    """Return the file of the result with a number."""
+    return folder / f"{number:06d}{suffix}"
+
+
+def missing(folder: Path, count: int, suffix: str) -> list[int]:
+    """Return the numbers below ``count`` whose results are not in the folder."""
+    present = {path.name for path in folder.glob(f"*{suffix}")}
+    return [n for n in range(count) if numbered(folder, n, suffix).name not in present]

@@ -1,0 +1,165 @@
+"""FARSITE's inputs files and its daily weather with winds, and Cell2Fire's weather."""
+
+from datetime import datetime
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from firemodel.errors import FireModelError
+from firemodel.landscape.readers.inputs_files import read_fuel_moistures, read_inputs
+from firemodel.landscape.readers.weather_files import read_weather
+from firemodel.physics.rothermel import M_S_PER_MPH, Moisture
+from tests.firemodel.shared import shared_file
+from tests.firemodel.test_fuel_files import written
+
+MOISTURE = Moisture(0.03, 0.04, 0.06, 0.70, 1.00)
+HEAD = "FARSITE INPUTS FILE VERSION 1.0\nFARSITE_START_TIME: 07 15 2230\nFARSITE_TIMESTEP: 30\n"
+RAWS = """RAWS_ELEVATION: 500
+RAWS_UNITS: English
+RAWS: 2
+2016 7 15 2200 77 25 0 10 0 25
+2016 7 15 2300 68 40 0 5 270 25
+"""
+MOISTURES = "FUEL_MOISTURES_DATA: 2\n0 3 4 6 70 100\n101 5 6 8 60 90\n"
+WTR = "ENGLISH\n7 15 0 500 1500 50 90 60 20 1200\n7 16 10 600 1400 52 80 70 30 1200 1000 1200\n"
+WND = "7 15 0 5 270 0\n7 15 1230 10 180 50\n7 16 2300 20 90 0\n"
+
+
+def test_an_inputs_file_gives_start_moistures_and_weather(tmp_path: Path) -> None:
+    path = written(tmp_path, HEAD + MOISTURES + RAWS + "CROWN_FIRE_METHOD: Finney\n", "a.cfg")
+    stream = read_weather(path, moisture=MOISTURE)
+    assert [entry.at_s for entry in stream.entries] == [-1800.0, 1800.0]
+    assert stream.entries[0].wind_speed_m_s == pytest.approx(10 * M_S_PER_MPH)
+    assert stream.entries[0].moisture.classes == pytest.approx((0.03, 0.04, 0.06, 0.70, 1.0))
+    assert stream.entries[1].moisture_of(101).classes == pytest.approx((0.05, 0.06, 0.08, 0.6, 0.9))
+    assert stream.entries[1].moisture_of(102) == stream.entries[1].moisture
+    assert read_inputs(path).ignored() == [
+        "FARSITE_TIMESTEP",
+        "RAWS_ELEVATION",
+        "CROWN_FIRE_METHOD",
+    ]
+    assert read_fuel_moistures(path).keys() == {0, 101}
+
+
+def test_conditioning_dries_each_fuel_from_its_own_moisture(tmp_path: Path) -> None:
+    path = written(tmp_path, HEAD + MOISTURES + RAWS, "a.input")
+    entry = read_weather(path, moisture=MOISTURE, conditioned=True).entries[1]
+    assert 0.03 < entry.moisture.dead_1h < entry.moisture_of(101).dead_1h
+    assert entry.moisture_of(101).live_woody == pytest.approx(0.9)
+
+
+def test_named_files_are_found_by_path_or_beside_the_inputs_file(tmp_path: Path) -> None:
+    raws = written(tmp_path, "RAWS_UNITS: English\n" + RAWS.split("RAWS: 2\n")[1], "w.raws")
+    text = HEAD + MOISTURES + r"RAWS_FILE: C:\fires\w.raws" + "\n"
+    found = read_weather(written(tmp_path, text, "a.input"), moisture=MOISTURE)
+    inline = read_weather(written(tmp_path, HEAD + MOISTURES + RAWS, "b.input"), moisture=MOISTURE)
+    assert found.entries == inline.entries
+    raws.unlink()
+    with pytest.raises(FireModelError, match=r"a.input line 7: no file C:/fires/w.raws, also not"):
+        read_weather(tmp_path / "a.input", moisture=MOISTURE)
+
+
+def test_one_wind_of_flammap(tmp_path: Path) -> None:
+    text = "ShortTerm-Inputs-File-Version-1\n\nWIND_SPEED: 23\nWIND_DIRECTION: 80\n"
+    path = written(tmp_path, text + "WIND_SPEED_UNITS: 1\n", "a.txt")
+    (entry,) = read_weather(path, moisture=MOISTURE).entries
+    assert entry.wind_speed_m_s == pytest.approx(23 / 3.6 / 1.15)
+    with pytest.raises(FireModelError, match=r"wind_from_deg = -1 must be 0 to 360"):
+        read_weather(written(tmp_path, text.replace("80", "-1"), "b.txt"), moisture=MOISTURE)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (HEAD + RAWS.replace("RAWS: 2", "RAWS: 3"), "line 6: RAWS = 3, but 2 rows follow"),
+        (HEAD + "FARSITE_TIMESTEP: 5\n", "line 4: FARSITE_TIMESTEP is given twice"),
+        (HEAD + "what is this\n", "line 4: 'what is this' is neither KEY: value nor a row"),
+        (HEAD, "holds no weather; add RAWS"),
+        (HEAD.replace("2230", "2290") + RAWS, "line 2: FARSITE_START_TIME: '07 15 2290' is not"),
+        (HEAD + RAWS.replace("English", "Knots"), "must be ENGLISH or METRIC"),
+        (HEAD + "WIND_DATA: 1\n" + WND[:13], "has no WEATHER_DATA; add it with its rows"),
+    ],
+)
+def test_bad_inputs_files_are_refused(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(FireModelError, match=message) as caught:
+        read_weather(written(tmp_path, text, "a.input"), moisture=MOISTURE)
+    assert "\n" not in str(caught.value)
+
+
+def test_daily_weather_has_its_extremes_at_their_hours(tmp_path: Path) -> None:
+    """Minimum at 05:00, maximum at 15:00; the wind changes at its own times."""
+    path = written(tmp_path, WTR, "a.wtr")
+    written(tmp_path, WND, "a.wnd")
+    begin = datetime.fromisoformat("2019-07-15T05:00")
+    stream = read_weather(path, start=begin, moisture=MOISTURE, conditioned=True)
+    hours = [entry.at_s / 3600.0 for entry in stream.entries]
+    assert hours[0] == 0.0
+    assert 7.5 in hours  # the wind of 12:30
+    assert stream.at(7.5 * 3600.0).wind_from_deg == 180.0
+    assert stream.at(7.4 * 3600.0).wind_speed_m_s == pytest.approx(5 * M_S_PER_MPH)
+    dry = np.array([entry.dead_1h_pct for entry in stream.entries])
+    assert dry[hours.index(11.0)] < dry[hours.index(24.0)]  # driest after the hot afternoon
+
+
+def test_daily_weather_in_the_rows_of_an_inputs_file(tmp_path: Path) -> None:
+    days, winds = WTR.partition("\n")[2], WND
+    text = f"{HEAD}WEATHER_DATA: 2\n{days}WEATHER_DATA_UNITS: English\nWIND_DATA: 3\n{winds}"
+    found = read_weather(written(tmp_path, text, "a.input"), moisture=MOISTURE)
+    written(tmp_path, WND, "b.wnd")
+    path = written(tmp_path, WTR, "a.wtr")
+    begin = datetime.fromisoformat("2001-07-15T22:30")
+    both = read_weather(path, start=begin, moisture=MOISTURE, wind=tmp_path / "b.wnd")
+    assert found.entries == both.entries
+
+
+@pytest.mark.parametrize(
+    ("wtr", "wnd", "message"),
+    [
+        (WTR, None, "a.wtr: has no wind, and a.wnd is not beside it"),
+        (WTR, "METRIC\n" + WND, "is ENGLISH, .* is METRIC"),
+        ("7 15 0 500\n", WND, "a.wtr line 1: 4 fields; give month, day, rain"),
+        (WTR.replace("50 90 ", "90 50 "), WND, "a.wtr line 2: the minimum temperature 90"),
+        (WTR.replace("7 16", "7 15"), WND, "a.wtr line 3: not later than the previous"),
+        (WTR.replace("1500", "2500"), WND, "a.wtr line 2: '7 15 2500' is not a time"),
+        (WTR, WND.replace("7 16", "7 15 x"), "a.wnd line 3: 7 fields"),
+        (WTR, WND.replace(" 20 90", " 20 500"), "wind_from_deg = 500 must be 0 to 360"),
+        (WTR, WND.replace("7 1", "9 1"), "no wind within the time"),
+    ],
+)
+def test_bad_daily_files_are_refused(
+    tmp_path: Path, wtr: str, wnd: str | None, message: str
+) -> None:
+    path = written(tmp_path, wtr, "a.wtr")
+    if wnd is not None:
+        written(tmp_path, wnd, "a.wnd")
+    with pytest.raises(FireModelError, match=message) as caught:
+        read_weather(path, moisture=MOISTURE)
+    assert "\n" not in str(caught.value)
+
+
+def test_rain_wets_the_fuel_only_in_its_hours(tmp_path: Path) -> None:
+    path = written(tmp_path, WTR, "a.wtr")
+    written(tmp_path, WND, "a.wnd")
+    begin = datetime.fromisoformat("2001-07-16T09:00")
+    entries = read_weather(path, start=begin, moisture=MOISTURE, conditioned=True).entries
+    before, after = entries[0], next(each for each in entries if each.at_s == 3.0 * 3600.0)
+    assert after.dead_1h_pct > before.dead_1h_pct + 10.0
+    later = next(each for each in entries if each.at_s == 6.0 * 3600.0)
+    assert later.dead_1h_pct < after.dead_1h_pct - 5.0
+
+
+def test_cell2fires_weather_has_an_hour_a_line(tmp_path: Path) -> None:
+    text = "Instance,datetime,WS,WD\nBE,12/04/25 14:00,18,90\nBE,12/04/25 14:00,36,180\n"
+    entries = read_weather(written(tmp_path, text, "Weather.csv"), moisture=MOISTURE).entries
+    assert [entry.at_s for entry in entries] == [0.0, 3600.0]
+    assert [entry.wind_from_deg for entry in entries] == [90.0, 180.0]
+    assert entries[0].wind_speed_m_s == pytest.approx(5.0 / 1.15)
+
+
+def test_farsites_own_inputs_file_names_a_missing_weather_file() -> None:
+    folder = "farsite_flatland/Inputs/c_inputSpecFiles"
+    path = shared_file(f"{folder}/flatland_clockwise1hr_RAWS.input")
+    assert read_fuel_moistures(path) == {0: Moisture(0.03, 0.04, 0.06, 0.70, 1.0)}
+    with pytest.raises(FireModelError, match=r"no file \./examples/flatland/.* beside the inputs"):
+        read_weather(path)

@@ -1,0 +1,149 @@
+"""``fire run`` and ``fire info`` on files of FARSITE, Cell2Fire and of perimeters as they are."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+
+from mission_service.config.scenario import Scenario, load_scenario
+from tests.firemodel.grids import write_raster
+from tests.firemodel.test_fuel_files import ENGLISH
+from tests.firemodel.test_shapes import shapefile
+from tests.service.fires import CSV, LAND, LIT, POINT, TIFFS, write_scenario, write_site
+from tests.service.test_cli import call
+from tests.service.test_fire_cli import burn
+
+INPUTS = """FARSITE INPUTS FILE VERSION 1.0
+FARSITE_START_TIME: 07 01 1200
+FARSITE_END_TIME: 07 01 1300
+FARSITE_TIMESTEP: 30
+FUEL_MOISTURES_DATA: 1
+0 6 7 8 70 100
+RAWS_UNITS: English
+RAWS: 2
+2024 7 1 1100 77 25 0 11.2 270 0
+2024 7 1 1300 68 40 0 11.2 240 0
+"""
+WIND = '[weather_file]\npath = "case.input"\n'
+
+
+def test_custom_fuel_rate_factors_and_an_inputs_file_change_the_fire(tmp_path: Path) -> None:
+    """Code 20 stands for 2; the same model burns the same area, with factor 0.5 less."""
+    site = write_site(tmp_path)
+    (site / "case.input").write_text(INPUTS, encoding="utf-8")
+    (site / "own.fmd").write_text(ENGLISH, encoding="utf-8")
+    (site / "half.adj").write_text("20 0.5\n", encoding="utf-8")
+    (site / "dry.fms").write_text("0 6 7 8 70 100\n20 3 4 5 40 70\n", encoding="utf-8")
+    fuel = "fuel_codes = {1 = 20, 2 = 20}\n"
+    own = TIFFS + fuel + 'custom_fuels = "own.fmd"\n'
+    gs2 = TIFFS + "fuel_codes = {1 = 122, 2 = 122}\n"
+    areas = [
+        burn(write_scenario(site, *parts), tmp_path / f"out{number}")["burned_cells"]
+        for number, parts in enumerate(
+            (
+                (gs2, WIND, POINT),
+                (own, WIND, POINT),
+                (own + 'rate_factors = "half.adj"\n', WIND, POINT),
+                (own, WIND + 'fuel_moistures = "dry.fms"\n', POINT),
+            )
+        )
+    ]
+    assert areas[0] == areas[1] > 10
+    assert areas[2] < 0.5 * areas[1]
+    assert areas[3] > 1.2 * areas[1]
+    result = call("fire", "run", str(write_scenario(site, own, WIND, POINT)), "-o", str(tmp_path))
+    assert "case.input: the run ignores FARSITE_TIMESTEP\n" in result.stderr
+
+
+def test_a_daily_weather_file_needs_and_uses_its_wind(tmp_path: Path) -> None:
+    site = write_site(tmp_path)
+    (site / "a.wtr").write_text("7 1 0 500 1500 50 90 60 20 1200\n", encoding="utf-8")
+    weather = '[weather_file]\npath = "a.wtr"\nstart = 2024-07-01T12:00:00\nconditioned = true\n'
+    scenario = write_scenario(site, TIFFS, weather, POINT)
+    result = call("fire", "run", str(scenario), "-o", str(tmp_path / "out"))
+    assert result.exit_code == 1
+    assert "a.wtr: has no wind, and a.wnd is not beside it" in result.stderr
+    assert not (tmp_path / "out" / "summary.json").exists()
+    (site / "b.wnd").write_text("7 1 0 10 270 0\n", encoding="utf-8")
+    scenario = write_scenario(site, TIFFS, weather + 'wind = "b.wnd"\n', POINT)
+    assert burn(scenario, tmp_path / "out")["burned_cells"] > 10
+
+
+def test_a_self_intersecting_perimeter_is_repaired_on_request(tmp_path: Path) -> None:
+    site = write_site(tmp_path)
+    x_m, y_m = LAND.xy_of(*LIT)
+    corners = ((0, 0), (150, 0), (150, 300), (300, 300), (300, 150), (0, 150))
+    bow = shapely.Polygon([(x_m + x, y_m - y) for x, y in corners])
+    shapefile(site / "mapped.shp", shapely.box(0, 0, 1, 1), bow, crs=LAND.crs)
+    fire = '[fire]\nperimeter = "mapped.shp"\nperimeter_feature = 2\n'
+    broken = write_scenario(site, TIFFS, CSV, fire)
+    result = call("fire", "run", str(broken), "-o", str(tmp_path / "out"))
+    assert result.exit_code == 1
+    assert "mapped.shp: feature 2 is not a valid Polygon (Self-intersection" in result.stderr
+    assert "fire.repair_perimeter = true" in result.stderr
+    mended = write_scenario(site, TIFFS, CSV, fire + "repair_perimeter = true\n")
+    result = call("fire", "run", str(mended), "-o", str(tmp_path / "out"))
+    assert result.exit_code == 0, result.output
+    assert "is repaired: 0.00 ha before, 4.50 ha after" in result.stderr
+
+
+def test_foreign_codes_are_refused_by_name_and_without_files(tmp_path: Path) -> None:
+    site = write_site(tmp_path)
+    table = "grid_value,fuel_type\n1,C-1\n2,C-2\n"
+    (site / "fbp_lookup_table.csv").write_text(table, encoding="utf-8")
+    result = call("fire", "run", str(write_scenario(site)), "-o", str(tmp_path / "out"))
+    assert result.exit_code == 1
+    assert "Traceback" not in result.output
+    assert "fuel codes are of the system Canadian FBP, by fbp_lookup_table.csv" in result.stderr
+    assert not (tmp_path / "out" / "summary.json").exists()
+    translated = TIFFS + "fuel_codes = {1 = 1, 2 = 2}\n"
+    assert burn(write_scenario(site, translated, CSV, POINT), tmp_path / "out")["burned_cells"]
+
+
+@pytest.mark.parametrize(
+    ("parts", "message"),
+    [
+        (('[landscape]\nrate_factors = "x.adj"\n', CSV, POINT), "rate_factors has no effect"),
+        ((TIFFS, CSV, POINT + "[fire]\nrepair_perimeter = true\n"), "no effect without perimeter"),
+        ((TIFFS + "fuel_codes = {1 = 0}\n", CSV, POINT), "fuel_codes"),
+        ((TIFFS, CSV + 'wind = "fuel.tif"\n', POINT), "only a .wtr file has a separate file"),
+    ],
+)
+def test_keys_without_effect_are_refused(
+    tmp_path: Path, parts: tuple[str, ...], message: str
+) -> None:
+    scenario = write_scenario(write_site(tmp_path), *parts)
+    result = call("fire", "run", str(scenario), "-o", str(tmp_path / "out"))
+    assert result.exit_code == 1
+    assert message in result.stderr
+    assert result.stderr.count("\n") == 1
+
+
+def test_fuel_codes_survive_a_journal(tmp_path: Path) -> None:
+    """A journal holds the scenario as JSON, whose keys are texts."""
+    fuel = TIFFS + "fuel_codes = {256 = 91}\n"
+    scenario = load_scenario(str(write_scenario(write_site(tmp_path), fuel, CSV, POINT)))
+    again = Scenario.model_validate(json.loads(scenario.model_dump_json()))
+    assert again.landscape.fuel_codes == {256: 91}
+
+
+def test_info_describes_a_weather_file_and_exits_by_its_problems(tmp_path: Path) -> None:
+    path = tmp_path / "case.input"
+    path.write_text(INPUTS, encoding="utf-8")
+    result = call("fire", "info", str(path))
+    assert result.exit_code == 0
+    assert "note: a run ignores FARSITE_TIMESTEP" in result.stdout
+    path.write_text(INPUTS.replace("RAWS: 2", "RAWS: 5"), encoding="utf-8")
+    result = call("fire", "info", str(path), "--json")
+    assert result.exit_code == 1
+    assert "RAWS = 5, but 2 rows follow" in json.loads(result.stdout)["problems"][0]
+
+
+def test_codes_of_canada_are_named_by_info(tmp_path: Path) -> None:
+    path = write_raster(tmp_path / "fuels.tif", np.array([[1, 31], [425, 101]], dtype=np.int16))
+    dem = write_raster(tmp_path / "dem.tif", np.zeros((2, 2), dtype=np.float32))
+    result = call("fire", "info", f"fuel={path}", f"elevation={dem}")
+    assert result.exit_code == 1
+    assert "these are codes of the system Canadian FBP" in result.stdout
