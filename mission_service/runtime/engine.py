@@ -16,6 +16,7 @@ resumes the run.
 """
 
 import copy
+import math
 from collections import deque
 from collections.abc import Callable, Iterable
 from functools import cached_property, partial
@@ -117,6 +118,7 @@ class Engine:
         self._missions = MissionsHeld()
         # Corrected windows that a vehicle's planner has not received yet.
         self._undelivered: dict[str, Window] = {}
+        self._edge_checked_s = -math.inf  # time of the fire at the last check of its edge
         self._down_since_us = 0
         self._host_time_due_us = -(2**63)
         self._gateways = gateways
@@ -162,11 +164,15 @@ class Engine:
 
     def check_edge(self, now_us: int) -> None:
         """Journal once that the fire has reached the edge of the landscape."""
-        if self.state_view.reached_edge is not None or self.recording.trouble:
+        fire_s = self.world.fire.time_s
+        if fire_s == self._edge_checked_s or self.state_view.reached_edge is not None:
             return
+        if self.recording.trouble:
+            return
+        self._edge_checked_s = fire_s
         found = at_edge(self.world.fire)
         if found is not None:
-            at_us = max(self.statistics.at_us, round(self.world.fire.time_s * 1e6))
+            at_us = max(self.statistics.at_us, round(fire_s * 1e6))
             arrived_us = round(found.at_s * 1e6)
             place = (found.lat_deg, found.lon_deg)
             self._handle(FireReachedEdge(at_us, SERVICE, "", arrived_us, *place), now_us)

@@ -65,6 +65,7 @@ def test_a_request(request_: dict[str, Any], text: str) -> None:
         ('time_zero="noon"', "time_zero: give a date and time, as in 2026-"),
         ("planner.alpha=-1", "planner.alpha: give a number, at least 0 (got -1)"),
         ("weather.0={at_s=0,wind_from_deg=0}", "weather.0.wind_speed_m_s: is missing; give a num"),
+        ("weather_file={path=3}", "weather_file.path: give the path of a file (got 3)"),
         ("landscape.lat_deg=89", "landscape.lat_deg: give a number from -80 to 84 (got 89)"),
     ],
 )
