@@ -2,6 +2,7 @@
 
 import errno
 import os
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -106,7 +107,8 @@ def test_an_engine_failure_is_reported_and_the_vehicle_left_alone(fly: Fly, stac
     failed_s = flight.now_s
     flight.sim.rigs[0].mock.flight.fail_engine(True)
     flight.run(4.0)
-    assert alarm(flight, "thrust").startswith("hawk: sinks by 3 m/s at 100 % of throttle")
+    # 2.4 m/s when it is noticed in level flight, 3 m/s when it is noticed in a climb.
+    assert re.match(r"hawk: sinks by (2\.4|3) m/s at 100 % of throttle", alarm(flight, "thrust"))
     assert flight.state_view.alarms["thrust/hawk"].severity == "severe"
     for kind in (Hold, StartMission):
         assert not [at_s for at_s in times_s(flight.over(), kind) if at_s >= failed_s]
