@@ -49,8 +49,8 @@ def _moisture_as_fraction(inputs: FireInputs) -> Iterator[str]:
     found = [
         f"{place}: {name} = {value:g} %: probably a fraction; give percent ({100.0 * value:g})"
         for place, entry in _used(inputs)
-        for name, limit_pct in limits_pct.items()
-        if 0.0 < (value := getattr(entry, name)) < limit_pct
+        for name, value in _moistures_pct(entry)
+        if 0.0 < value < limits_pct[name.partition(" ")[0]]
     ]
     yield from _first(found, "value")
 
@@ -60,10 +60,19 @@ def _no_dead_moisture(inputs: FireInputs) -> Iterator[str]:
         f"{place}: {name} = 0 %: dead fuel is never this dry, so a value is probably missing; give "
         "the moisture in percent"
         for place, entry in _used(inputs)
-        for name in DEAD
-        if getattr(entry, name) == 0.0
+        for name, value in _moistures_pct(entry)
+        if value == 0.0 and name.startswith(DEAD)
     ]
     yield from _first(found, "value")
+
+
+def _moistures_pct(entry: Weather) -> Iterator[tuple[str, float]]:
+    """Yield the name and the value of each moisture, also of the fuels that have their own."""
+    names = (*DEAD, *LIVE)
+    yield from ((name, getattr(entry, name)) for name in names)
+    for code, moisture in entry.of_fuels:
+        for name, value in zip(names, moisture.classes, strict=True):
+            yield f"{name} of fuel {code}", 100.0 * value
 
 
 def _strong_wind(inputs: FireInputs) -> Iterator[str]:

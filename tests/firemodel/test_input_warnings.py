@@ -12,6 +12,7 @@ import firemodel
 from firemodel.errors import FireModelWarning
 from firemodel.input_warnings import FireInputs, input_warnings
 from firemodel.landscape.readers.weather_files import read_weather
+from firemodel.physics.rothermel import Moisture
 from firemodel.physics.weather import Weather, WeatherSource, WeatherStream
 from firemodel.spread.edge import at_edge
 from tests.firemodel.grids import landscape, steady, weather
@@ -58,6 +59,13 @@ def test_each_rule_gives_one_line_with_the_number_of_the_others() -> None:
     ]
     (line,) = lines_for(*fractions)
     assert line.endswith("give percent (6) (and 3 more values)")
+
+
+def test_a_fuel_with_its_own_moistures() -> None:
+    own = replace(weather(), of_fuels=((8, Moisture(0.0006, 0.0, 0.08, 0.6, 0.9)),))
+    fraction, missing = lines_for(own)
+    assert fraction.startswith("weather entry 0: dead_1h_pct of fuel 8 = 0.06 %: probably a frac")
+    assert missing.startswith("weather entry 0: dead_10h_pct of fuel 8 = 0 %: dead fuel")
 
 
 def test_an_entry_after_the_end_gives_no_warning() -> None:
