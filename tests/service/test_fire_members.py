@@ -33,7 +33,8 @@ MAPS = {
     "arrival_time_p90_s.tif",
     "flame_length_m.tif",
 }
-NAMES = {*MAPS, "map.png", "summary.json", "members"}
+STYLES = {name.replace(".tif", ".qml") for name in MAPS}
+NAMES = {*MAPS, *STYLES, "map.png", "summary.json", "members"}
 
 
 def files_in(out: Path) -> dict[str, bytes]:
