@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.patience import wait_until
+from tests.patience import PATIENCE_S, wait_until
 from tests.service.dask_cluster import ROOT, cluster
 from tests.service.fires import (
     CSV,
@@ -33,7 +33,8 @@ MAPS = {
     "arrival_time_p90_s.tif",
     "flame_length_m.tif",
 }
-NAMES = {*MAPS, "map.png", "summary.json", "members"}
+STYLES = {name.replace(".tif", ".qml") for name in MAPS}
+NAMES = {*MAPS, *STYLES, "map.png", "summary.json", "members"}
 
 
 def files_in(out: Path) -> dict[str, bytes]:
@@ -118,6 +119,7 @@ def test_a_killed_run_is_resumed_and_gives_the_same_bytes(tmp_path: Path) -> Non
     assert files_in(out) == files_in(tmp_path / "whole")
 
 
+@pytest.mark.long
 def test_a_dask_worker_that_dies_costs_only_time(tmp_path: Path) -> None:
     flat = write_flat(tmp_path)
     out = tmp_path / "dask"
@@ -128,7 +130,7 @@ def test_a_dask_worker_that_dies_costs_only_time(tmp_path: Path) -> None:
         wait_until(lambda: len([*out.glob("members/0*.npz")]) >= 5)
         os.kill(dask.workers[0].pid, signal.SIGKILL)
         assert len([*out.glob("members/0*.npz")]) < 100
-        assert process.wait(60.0) == 0
+        assert process.wait(4 * PATIENCE_S) == 0
         vary = ["--vary", "weather.0.wind_speed_m_s=1,2"]
         remote = sweep(flat, tmp_path / "dask-sweep", *vary, "--scheduler", dask.address)
     burn(flat, tmp_path / "here", "--members", "100")
