@@ -15,7 +15,6 @@ from firemodel.outputs.graticule import km_of
 from firemodel.outputs.raster_layers import arrival_layer_of
 from firemodel.spread.fire_scheme import Fire
 from mission_service.config.scenario import Scenario
-from mission_service.guidance.registry import way_of
 from mission_service.runtime.run_statistics import RunStatistics, VehicleStatistics
 from mission_service.runtime.track import feature
 
@@ -160,10 +159,8 @@ def draw_map(path: Path, scenario: Scenario, record: RunStatistics, fire: Fire) 
         elif vehicle.orders:
             label = name
         handles.append(Line2D([], [], color=colour, marker="o", markersize=4, label=label))
-    rule = scenario.planner.rule
-    alpha = f", α = {scenario.planner.alpha:g}" if way_of(scenario).along_front else ""
     facts = status_line(fire, scenario.time_zero)
-    set_title(axes, f"{scenario.name}: {rule} rule{alpha}", facts)
+    set_title(axes, f"{scenario.name}: planner {scenario.planner.rule}", facts)
     below = {"ncols": 4, "loc": "upper center", "bbox_to_anchor": (0.5, -0.07)}
     placement = below if len(handles) > LEGEND_INSIDE else {"loc": "upper left"}
     axes.legend(handles=handles, **placement)

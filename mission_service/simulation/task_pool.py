@@ -8,7 +8,7 @@ from typing import Any
 
 from mission_service.errors import MissionServiceError
 
-SECONDS_TO_CONNECT = 10
+SECONDS_TO_CONNECT = 30
 HOW_TO_INSTALL = "pip install 'mission-service[cluster]'"
 
 # Runs ``work(item, job)`` for each item, and yields the results in the order of the items.
