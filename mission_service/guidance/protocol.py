@@ -8,7 +8,7 @@ the row and column in the landscape's grid, as floats; row 0 is in the north.
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -121,6 +121,14 @@ class Compared(NamedTuple):
     values: Floats
     back: float
     front: float
+
+
+@runtime_checkable
+class ComparesParts(Protocol):
+    """A planner whose decision compares parts of the front."""
+
+    def compared(self, row: float, col: float, at_s: float) -> Compared:
+        """Return the importance and the position of each part of the front; changes no state."""
 
 
 class Awaited(NamedTuple):

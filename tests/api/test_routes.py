@@ -219,6 +219,29 @@ def test_importances_are_those_of_the_last_decision(tmp_path: Path) -> None:
     asked(world, ask)
 
 
+def test_importances_of_the_predictive_planner_are_expected_errors(tmp_path: Path) -> None:
+    world = world_in(tmp_path, scenario_of("demo", (*SMALL, 'planner.rule="predictive"')))
+    planner = cast(Planner, world.context.core.guidance.planners["hawk"])
+    until_s = 3900.0
+    while planner.phase != "monitor":
+        until_s += 20.0
+        world.fly(until_s)
+
+    async def ask(http: httpx.AsyncClient) -> None:
+        found = await got(http, "/vehicles/hawk/importance")
+        values = [cell[2] for cell in found["cells"]]
+        assert len(values) == 360
+        assert found["importance_back"] == pytest.approx(sum(values[:180]))
+        assert found["importance_front"] == pytest.approx(sum(values[180:]))
+        # After the first lap the part behind was observed last.
+        assert sum(values[:120]) < sum(values[240:])
+        fix = world.context.state_view.telemetry["hawk"]
+        away = np.hypot(found["cells"][0][0] - fix.lat_deg, found["cells"][0][1] - fix.lon_deg)
+        assert away < 0.01
+
+    asked(world, ask)
+
+
 def test_the_fire_can_be_seen_at_any_time(flying: World) -> None:
     async def ask(http: httpx.AsyncClient) -> None:
         now = await got(http, "/fire/front")

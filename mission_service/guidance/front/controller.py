@@ -23,7 +23,14 @@ from mission_service.guidance.front.mission_renewal import CLOSE_BELOW, TURN_BAC
 from mission_service.guidance.front.perimeter_planner import PerimeterPlanner
 from mission_service.guidance.front.unmonitored import FrontMonitor, observes_front
 from mission_service.guidance.front.way import Planners
-from mission_service.guidance.protocol import Compared, Decision, Guidance, Planner, decided
+from mission_service.guidance.protocol import (
+    Compared,
+    ComparesParts,
+    Decision,
+    Guidance,
+    Planner,
+    decided,
+)
 from mission_service.guidance.team.team import TeamMember
 from mission_service.guidance.team.team_size import CoverageTargets, TeamSizeAdviser
 from mission_service.missions.approach import approach_path
@@ -188,7 +195,7 @@ class FrontFlight(Guidance):
     def compared(self, name: str, fix: PositionFix) -> Compared | None:
         """Return the importance of each cell of the front; None before the phase ``monitor``."""
         planner = self.planners[name]
-        if not isinstance(planner, PerimeterPlanner) or planner.phase != "monitor":
+        if not isinstance(planner, ComparesParts) or planner.phase != "monitor":
             return None
         return planner.compared(fix.row, fix.col, fix.at_s)
 

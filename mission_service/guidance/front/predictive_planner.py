@@ -24,6 +24,7 @@ from mission_service.config.sections import VehicleSection
 from mission_service.events import Observed
 from mission_service.fire.setup import weather_of
 from mission_service.guidance.fire_map import BEARINGS, FireMap
+from mission_service.guidance.front.cell_importance import window_importance
 from mission_service.guidance.front.first_lap import (
     CameraView,
     LapProgress,
@@ -41,7 +42,7 @@ from mission_service.guidance.front.front_path import (
 from mission_service.guidance.front.planners import path_settings
 from mission_service.guidance.front.robust_front import robust_front
 from mission_service.guidance.front.sweeps import NODES, PLANS, CoarseRing, costs_of, fill_ring
-from mission_service.guidance.protocol import Decision, Ground, Phase
+from mission_service.guidance.protocol import Compared, Decision, Ground, Phase
 
 Floats = NDArray[np.float64]
 
@@ -177,6 +178,24 @@ class PredictivePlanner:
         # The importance of turning back is the cost of keeping the direction.
         return Decision(self.clockwise, turns, on, back, round(length))
 
+    def compared(self, row: float, col: float, at_s: float) -> Compared:
+        """Return the expected error in cells and the position of each of 360 bearings."""
+        first, step = round(bearing_deg(self.map, row, col)), -1 if self.clockwise else 1
+        places = (first + step * np.arange(BEARINGS)) % BEARINGS  # begins at the vehicle, backwards
+        estimate = self.estimate
+        values = self._error(estimate.factor_sd())[places]
+        front, bearing_rad = estimate.front[places], np.radians(places)
+        return Compared(
+            estimate.centre_row - front * np.cos(bearing_rad),
+            estimate.centre_col + front * np.sin(bearing_rad),
+            values,
+            *window_importance(values),
+        )
+
+    def _error(self, factor_sd: Floats) -> Floats:
+        """Return the expected error in cells of the estimated front on each bearing."""
+        return LEFT_CELLS * self.estimate.slant() + factor_sd * self.estimate.unseen_advance()
+
     def _fill_ring(self) -> float:
         """Fill the ring from the estimate; return its length in cells."""
         estimate, settings = self.estimate, self.settings
@@ -187,7 +206,7 @@ class PredictivePlanner:
             wind = estimate.wind_m_s / settings.wind_20ft_share / self._cell_m
         length: float = fill_ring(
             estimate.front,
-            left + factor_sd * estimate.unseen_advance(),
+            self._error(factor_sd),
             factor_sd * estimate.speed_cells_s,
             left,
             settings.speed_cells_s,
