@@ -56,7 +56,7 @@ def test_named_files_are_found_by_path_or_beside_the_inputs_file(tmp_path: Path)
     inline = read_weather(written(tmp_path, HEAD + MOISTURES + RAWS, "b.input"), moisture=MOISTURE)
     assert found.entries == inline.entries
     raws.unlink()
-    with pytest.raises(FireModelError, match=r"a.input line 7: no file C:/fires/w.raws, also not"):
+    with pytest.raises(FireModelError, match=r"a.input line 7: no file C:/fires/w.raws, and no w"):
         read_weather(tmp_path / "a.input", moisture=MOISTURE)
 
 
@@ -78,7 +78,7 @@ def test_one_wind_of_flammap(tmp_path: Path) -> None:
         (HEAD, "holds no weather; add RAWS"),
         (HEAD.replace("2230", "2290") + RAWS, "line 2: FARSITE_START_TIME: '07 15 2290' is not"),
         (HEAD + RAWS.replace("English", "Knots"), "must be ENGLISH or METRIC"),
-        (HEAD + "WIND_DATA: 1\n" + WND[:13], "has no WEATHER_DATA; add it with its rows"),
+        (HEAD + "WIND_DATA: 1\n" + WND[:13], "has no WEATHER_DATA; add this key with its rows"),
     ],
 )
 def test_bad_inputs_files_are_refused(tmp_path: Path, text: str, message: str) -> None:
