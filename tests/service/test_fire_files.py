@@ -64,7 +64,7 @@ def test_a_daily_weather_file_needs_and_uses_its_wind(tmp_path: Path) -> None:
     scenario = write_scenario(site, TIFFS, weather, POINT)
     result = call("fire", "run", str(scenario), "-o", str(tmp_path / "out"))
     assert result.exit_code == 1
-    assert "a.wtr: has no wind, and a.wnd is not beside it" in result.stderr
+    assert "a.wtr: contains no wind, and there is no a.wnd" in result.stderr
     assert not (tmp_path / "out" / "summary.json").exists()
     (site / "b.wnd").write_text("7 1 0 10 270 0\n", encoding="utf-8")
     scenario = write_scenario(site, TIFFS, weather + 'wind = "b.wnd"\n', POINT)
