@@ -56,9 +56,9 @@ class Records(NamedTuple):
 def records_in(path: Path, wind: Path | None, start: datetime | None) -> Records:
     """Return the records of a weather file, which is recognised by its suffix or its first line.
 
-    ``wind`` is the .wnd of a .wtr. The year of ``start`` is that of files that do not contain one.
-    If ``start`` is None, the start in an inputs file is returned. Raises FireModelError if the file
-    cannot be used or has no records.
+    ``wind`` is the .wnd of a .wtr. Files without a year have the year of ``start``. If ``start`` is
+    None, the start in an inputs file is returned. Raises FireModelError if the file cannot be used
+    or has no records.
     """
     suffix = path.suffix.lower()
     if wind is not None and suffix != ".wtr":
