@@ -1,4 +1,4 @@
-"""Define the error and the warning of this package, for landscapes, weather and ignitions."""
+"""Define the error and the warning class of this package."""
 
 
 class FireModelError(ValueError):
@@ -6,4 +6,4 @@ class FireModelError(ValueError):
 
 
 class FireModelWarning(UserWarning):
-    """The warning of ``burn`` for valid inputs that are probably unintended, and at the edge."""
+    """The warning of ``burn`` about a probably unintended input, or about fire at the edge."""

@@ -1,4 +1,4 @@
-"""Find inputs of a fire that are valid but probably unintended: one rule each, one line of text."""
+"""Find inputs of a fire that are valid but probably unintended; each rule gives one warning."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from datetime import date, datetime, timedelta
@@ -13,10 +13,10 @@ from firemodel.physics.fuels import NON_BURNABLE
 from firemodel.physics.weather import Weather, WeatherStream
 from firemodel.spread.fire_scheme import Ignition
 
-LASTING_S = 3600.0  # maximum duration of the last weather record without a warning
+LASTING_S = 3600.0  # time for which the last weather record is used without a warning
 MAX_GAP_S = 3.0 * 3600.0
-MIN_DEAD_PCT = 1.0  # dead fuel is moister, even in a desert
-MIN_LIVE_PCT = 5.0  # live fuel is moister; as a fraction its moisture is at most 3
+MIN_DEAD_PCT = 1.0  # the moisture of dead fuel is higher even in a desert
+MIN_LIVE_PCT = 5.0  # the moisture of live fuel is higher, but as a fraction it is 3 or less
 MIN_HUMIDITY_PCT = 1.0
 MAX_WIND_M_S = 60.0
 DEAD = ("dead_1h_pct", "dead_10h_pct", "dead_100h_pct")
@@ -24,7 +24,7 @@ LIVE = ("live_herb_pct", "live_woody_pct")
 
 
 class FireInputs(NamedTuple):
-    """The inputs of a fire until ``end_s``, in seconds after the first ignition."""
+    """The inputs of a fire that is simulated until the time ``end_s``."""
 
     landscape: Landscape
     weather: WeatherStream
@@ -33,7 +33,7 @@ class FireInputs(NamedTuple):
 
 
 def input_warnings(inputs: FireInputs) -> list[str]:
-    """Return a line for each rule of ``RULES`` that the inputs break.
+    """Return the warnings about the inputs, at most one for each rule of ``RULES``.
 
     Args:
         inputs: The inputs, which a spread scheme has accepted or would accept.
@@ -117,8 +117,8 @@ def _weather_gap(inputs: FireInputs) -> Iterator[str]:
     times_s = [entry.at_s for _, entry in _used(inputs)]
     found = [
         f"{source.name}: no record between {before_s:g} s and {after_s:g} s "
-        f"({(after_s - before_s) / 3600.0:g} h): records are probably missing; the one before is "
-        "used"
+        f"({(after_s - before_s) / 3600.0:g} h): records are probably missing; the record before "
+        "the gap is used"
         for before_s, after_s in pairwise(times_s)
         if after_s - before_s > MAX_GAP_S
     ]
@@ -135,13 +135,13 @@ def _change_of_clocks(inputs: FireInputs) -> Iterator[str]:
     if change is not None:
         yield (
             f"{source.name}: its times have no UTC offset, and clocks in {zone} change on "
-            f"{change}: an hour is missing or double if these are local times; give the times a "
-            "UTC offset"
+            f"{change}: if these are local times, an hour is missing or repeated; add a UTC offset "
+            "to the times"
         )
 
 
 def _time_zone(landscape: Landscape) -> ZoneInfo | None:
-    """Return the time zone at the centre of a landscape; None at sea and on a machine without."""
+    """Return the time zone at the centre of a landscape; None if there is none."""
     from tzfpy import get_tz
 
     rows, cols = landscape.shape
@@ -159,7 +159,7 @@ def _first_change(zone: ZoneInfo, start: datetime, to: datetime) -> date | None:
 
 
 def _enclosed_ignition(inputs: FireInputs) -> Iterator[str]:
-    """Find cells without a burnable neighbour, or that no lit cell has one that is not lit."""
+    """Find lit cells without a burnable neighbour; one warning if fire cannot leave all of them."""
     land = inputs.landscape
     lit = {(row, col) for row, col, _ in inputs.ignitions}
     burnable = {cell: _burnable_around(land, *cell) for cell in sorted(lit)}
@@ -169,7 +169,7 @@ def _enclosed_ignition(inputs: FireInputs) -> Iterator[str]:
         yield f"ignition at row {row}, column {col}: no cell around it can burn, so {then}"
         return
     found = [
-        f"ignition at row {row}, column {col}: no cell around it can burn, so there {then}"
+        f"ignition at row {row}, column {col}: no cell around it can burn, so from there {then}"
         for (row, col), around in burnable.items()
         if not around
     ]
@@ -177,7 +177,7 @@ def _enclosed_ignition(inputs: FireInputs) -> Iterator[str]:
 
 
 def _burnable_around(land: Landscape, row: int, col: int) -> set[tuple[int, int]]:
-    """Return the burnable ones of the eight neighbours of a cell."""
+    """Return those of the eight neighbours of a cell that can burn."""
     top, left = max(row - 1, 0), max(col - 1, 0)
     codes = land.fuel_model[top : row + 2, left : col + 2]
     found = np.argwhere(~np.isin(codes, list(NON_BURNABLE))).tolist()
@@ -196,7 +196,7 @@ def _ignition_at_edge(inputs: FireInputs) -> Iterator[str]:
 
 
 def _used(inputs: FireInputs) -> list[tuple[str, Weather]]:
-    """Return the entries in effect before the end, each with its place for a message."""
+    """Return the entries that take effect before the end, each with its place for a message."""
     source = inputs.weather.source
     return [
         (f"weather entry {number}" if source is None else source.place(entry.at_s), entry)
@@ -206,7 +206,10 @@ def _used(inputs: FireInputs) -> list[tuple[str, Weather]]:
 
 
 def _first(lines: Sequence[str], kind: str) -> Iterable[str]:
-    """Return the first line, with the number of the others of a kind, or nothing."""
+    """Return the first line, extended by the number of the other lines; nothing if there is none.
+
+    ``kind`` is the noun for that number.
+    """
     others = len(lines) - 1
     more = f" (and {others} more {kind}{'s' * (others != 1)})" if others > 0 else ""
     return [f"{line}{more}" for line in lines[:1]]

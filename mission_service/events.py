@@ -357,9 +357,9 @@ class LinesSkipped(OperatorEvent, frozen=True, tag=True):
 
 
 class FireReachedEdge(OperatorEvent, frozen=True, tag=True):
-    """The service's report that the simulated fire has reached the edge of the landscape.
+    """The event that the simulated fire has reached the edge of the landscape.
 
-    The place is the first cell at the edge, which ignited at ``arrived_at_us``.
+    The position is that of the first burned cell at the edge, which ignited at ``arrived_at_us``.
     """
 
     arrived_at_us: MissionUs

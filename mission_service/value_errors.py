@@ -1,7 +1,7 @@
-"""Turns refusals of values by msgspec, pydantic and FastAPI into one line: key, remedy, value.
+"""Converts validation errors of msgspec, pydantic and FastAPI to one line: key, remedy, value.
 
-The remedy follows from the JSON schema of the refused key, so that one table serves the requests
-over all interfaces, the scenario file, the tokens file and the query parameters of HTTP.
+The remedy is derived from the JSON schema of the refused key. The texts are therefore the same for
+requests over all interfaces, the scenario file, the tokens file and the query parameters of HTTP.
 """
 
 import re
@@ -16,7 +16,7 @@ Schema = Mapping[str, Any]
 Path = Sequence[str | int]
 
 MAX_SHOWN = 60  # characters of a value
-UNKNOWN = object()  # a value that is not shown
+UNKNOWN = object()  # stands for a value that is not shown
 WORDS = {pattern: words.removeprefix("give ") for pattern, words in PATTERNS.items()} | {
     r"^[\w-]+$": "letters, digits, - and _",
     r"^[\w .@-]{1,40}$": "1 to 40 letters, digits, spaces and . @ - _",
@@ -45,7 +45,7 @@ def in_words(error: Exception, kind: type, value: Any = UNKNOWN) -> str:
     Args:
         error: The ValidationError, OverflowError or UnicodeError of ``msgspec.convert``.
         kind: The type that was expected.
-        value: The value, of which the text shows the refused part; by default nothing is shown.
+        value: The whole value. The text contains its refused part; by default, no value is shown.
 
     Returns:
         One line without the name of a type: "speed_m_s: give a number from 0 to 150 (got -3)".
@@ -108,7 +108,7 @@ def _resolved(part: Schema, whole: Schema) -> Schema:
 
 
 def remedy(part: Schema, whole: Schema) -> str:
-    """Return what a JSON schema allows as a request: "give a number from 0 to 150".
+    """Return the values that a JSON schema allows, as advice: "give a number from 0 to 150".
 
     Args:
         part: The schema of one value.
@@ -118,7 +118,7 @@ def remedy(part: Schema, whole: Schema) -> str:
 
 
 def _allowed(part: Schema, whole: Schema) -> list[str]:
-    """Return what each branch of a schema allows; nothing for null."""
+    """Return a description of the values that each branch of a schema allows, except null."""
     part = _resolved(part, whole)
     if "anyOf" in part:
         return [words for branch in part["anyOf"] for words in _allowed(branch, whole)]
@@ -139,7 +139,7 @@ def _allowed(part: Schema, whole: Schema) -> list[str]:
 
 
 def _limits(part: Schema) -> str:
-    """Return the limits of a number or of a length in words, with a space before them."""
+    """Return the limits of a number or of a length as text, with a separator before it."""
     if "minimum" in part and "maximum" in part:
         return f" from {_number(part['minimum'])} to {_number(part['maximum'])}"
     words = {
@@ -181,7 +181,7 @@ def _part(value: Any, path: Path) -> Any:
 
 
 def got(value: Any) -> str:
-    """Return a refused value for the end of a text; nothing for one with parts, or UNKNOWN."""
+    """Return a refused value for the end of a text; empty for UNKNOWN and for lists and tables."""
     if value is UNKNOWN or isinstance(value, Mapping | list | tuple):
         return ""
     try:

@@ -1,6 +1,6 @@
-"""Burn many fires that differ by what is uncertain: wind, moisture, spread rates, ignition.
+"""Simulate ensembles: fires with random errors of wind, moisture, spread rates and ignition.
 
-``uncertainty`` states the distributions and ``draws`` draws from them. ``member_fires`` has the
-fires (``Ensemble``, ``burned_windows``) and ``products`` what they give together: burn probability,
-arrival times, flame lengths.
+``uncertainty`` defines the distributions of the errors, and ``draws`` draws from them.
+``member_fires`` simulates the members (``Ensemble``, ``burned_windows``). ``products`` computes
+burn probability, arrival times and flame lengths from them.
 """

@@ -1,4 +1,4 @@
-"""Draw what is uncertain about a fire: wind, moisture, spread rates, the place of the ignition."""
+"""Draw random errors of the inputs of a fire: wind, moisture, spread rates, place of ignition."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -9,21 +9,21 @@ from scipy.special import ndtr, ndtri
 from firemodel.arrays import Floats
 from firemodel.ensemble.uncertainty import Uncertainty
 
-COMMON = 6  # numbers of a draw that do not depend on the fuels
-# Dead fuel moisture has this number of values, so that members share the terms of their fuels.
+COMMON = 6  # number of errors in a draw, without the factor of each fuel
+# Number of different moisture factors. Members with the same factor share its spread rates.
 MOISTURES = 15
 
 
 class Draw(NamedTuple):
-    """The errors of one member: true input = stated input times factor, or plus offset."""
+    """The errors of one member. Its input is the given input times a factor, or plus an offset."""
 
     wind_factor: float
     turn_deg: float  # clockwise
     spread_factor: float
     moisture_factor: float  # of dead fuel
-    north_m: float  # from the stated to the true ignition
+    north_m: float  # offset of the ignitions
     east_m: float
-    fuel_factors: tuple[float, ...]  # of the spread rate, for each burnable fuel, ascending codes
+    fuel_factors: tuple[float, ...]  # of the spread rate, for each burnable fuel by ascending code
 
 
 def latin_draws(
@@ -33,8 +33,8 @@ def latin_draws(
 
     Args:
         uncertainty: The distributions.
-        seed: Equal arguments give equal draws.
-        count: The number of draws. Other counts give other draws.
+        seed: The seed. Equal arguments give equal draws.
+        count: The number of draws. A different count gives different draws.
         fuels: The number of burnable fuels of the landscape.
 
     Returns:
@@ -49,12 +49,12 @@ def latin_draws(
 def random_draws(
     uncertainty: Uncertainty, rng: np.random.Generator, count: int, fuels: int
 ) -> list[Draw]:
-    """Return independent draws, as for a true fire; arguments as for ``latin_draws``."""
+    """Return independent draws, for example of true fires; arguments as for ``latin_draws``."""
     return _draws_of(rng.standard_normal((count, COMMON + fuels)), uncertainty)
 
 
 def _draws_of(normal: Floats, uncertainty: Uncertainty) -> list[Draw]:
-    """Return the draws of standard normal numbers (count, 6 + fuels)."""
+    """Convert standard normal numbers (count, 6 + fuels) to draws."""
     scale = np.full(normal.shape[1], uncertainty.fuel_log_sd)
     scale[:COMMON] = (
         uncertainty.wind_log_sd,
@@ -77,7 +77,7 @@ def _draws_of(normal: Floats, uncertainty: Uncertainty) -> list[Draw]:
 
 
 def _in_classes(normal: Floats) -> Floats:
-    """Return standard normal numbers rounded to ``MOISTURES`` equally likely values."""
+    """Round standard normal numbers to ``MOISTURES`` equally likely values."""
     middles = ndtri((np.arange(MOISTURES) + 0.5) / MOISTURES)
     place = np.minimum((ndtr(normal) * MOISTURES).astype(np.int64), MOISTURES - 1)
     found: Floats = (middles / middles.std())[place]

@@ -1,8 +1,8 @@
-"""Burn the members of an ensemble: fires that share landscape and start, and differ by draws.
+"""Simulate the members of an ensemble: fires with one landscape and one start, but different draws.
 
-Members do not depend on each other, so that callers choose how they run: all functions that burn
-several take ``each``, which is ``map``, or the ``map`` of a pool of threads (kernels release the
-GIL). The result does not depend on it.
+Members do not depend on each other and may be simulated in parallel. Functions that simulate
+several members have the argument ``each``: ``map``, or the ``map`` of a pool of threads (kernels
+release the GIL). The result does not depend on it.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -26,27 +26,27 @@ Each = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
 
 
 class Window(NamedTuple):
-    """What one member burned after the start, in the smallest window that contains it."""
+    """The result of one member, in the smallest window that contains its burned cells."""
 
     top: int  # row and column of the window's north-west cell in the grid
     left: int
-    after_s: NDArray[np.float32]  # (y, x) arrival in s after the start; infinity for never
-    flame_m: NDArray[np.float32]  # (y, x) flame length at arrival; NaN where it did not come
+    after_s: NDArray[np.float32]  # (y, x) arrival in s after the start; infinity if unburned
+    flame_m: NDArray[np.float32]  # (y, x) flame length at arrival; NaN without arrival after start
 
 
 class Start:
-    """The state that all members begin with, and the terms that they share.
+    """The common initial state of all members, and the spread rates that they share.
 
-    The fire may burn already. It is not changed.
+    The fire may already have burned cells. It is not changed.
     """
 
     def __init__(self, fire: Fire, ignitions: Sequence[Ignition] = ()) -> None:
-        """Prepare members of a fire.
+        """Prepare the members of a fire.
 
         Args:
             fire: The state at the start. Its ignitions are the same in all members.
-            ignitions: (row, column, time in s) of further cells, which each member lights at its
-                own place.
+            ignitions: (row, column, time in s) of further cells to ignite. Each member moves them
+                by the offset of its draw.
         """
         land, self.entries = fire.landscape, fire.weather_ahead()
         self.fire, self.ignitions = fire, tuple(ignitions)
@@ -58,7 +58,7 @@ class Start:
         self._by_moisture: dict[float, tuple[Floats, Floats]] = {}
 
     def member(self, draw: Draw, rng: np.random.Generator) -> Fire:
-        """Return a member at the start; ``rng`` is for schemes that use random numbers."""
+        """Return a member at the start; schemes with random numbers use ``rng``."""
         fire = self.fire.copy()
         fire.draw_from(rng)
         fire.perturb(draw.wind_factor, draw.turn_deg, self.rate_factors(draw))
@@ -67,7 +67,7 @@ class Start:
         return fire
 
     def window(self, fire: Fire, draw: Draw) -> Window:
-        """Return what a member with this draw has burned."""
+        """Return the result of a member with this draw."""
         burned = fire.burned()
         rows, cols = np.flatnonzero(burned.any(axis=1)), np.flatnonzero(burned.any(axis=0))
         if not rows.size:
@@ -84,7 +84,7 @@ class Start:
     def _flame_length_m(
         self, came_s: Floats, paths: Floats, here: tuple[slice, slice], draw: Draw
     ) -> NDArray[np.float32]:
-        """Return the flame length (y, x) in a window, NaN where fire did not come."""
+        """Return the flame length (y, x) in a window, NaN where fire did not arrive."""
         shape, terrain = self.fire.landscape.shape, self._terrain
         changed: Tables = perturbed(
             self._tables, 0, draw.wind_factor, draw.turn_deg, self.rate_factors(draw)
@@ -104,16 +104,18 @@ class Start:
         return np.asarray(flame_length_m(intensity), np.float32).reshape(came_s.shape)
 
     def rate_factors(self, draw: Draw) -> Floats:
-        """Return the factors (entries ahead, fuels) of a member's spread rates."""
+        """Return the factors of a member's spread rates (entries of ``weather_ahead``, fuels)."""
         by_moisture, _ = self._wet(draw.moisture_factor)
         found: Floats = by_moisture * draw.spread_factor * np.array(draw.fuel_factors)
         return found
 
     def _wet(self, factor: float) -> tuple[Floats, Floats]:
-        """Return rates (entries, fuels) over those of the stated moisture, and heat (kW/m)/(m/s).
+        """Return the effect of a factor of dead fuel moisture on spread rate and intensity.
 
-        Dead fuel moisture changes only the rate without wind and slope, by which all spread rates
-        are proportional (Rothermel 1972).
+        The first array (entries, fuels) is the spread rate relative to that at the given moisture.
+        The second has the intensity per spread rate, (kW/m)/(m/s). Dead fuel moisture changes only
+        the rate without wind and slope, to which all spread rates are proportional (Rothermel
+        1972).
         """
         if factor not in self._by_moisture:
             land = self.fire.landscape
@@ -125,7 +127,7 @@ class Start:
         return self._by_moisture[factor]
 
     def _moved(self, draw: Draw) -> Iterator[Ignition]:
-        """Yield the member's ignitions: moved by its offset, unless nothing burns there."""
+        """Yield the member's ignitions, moved by the offset unless the new cell cannot burn."""
         cell_m = self.fire.landscape.cell_size_m
         down, right = round(-draw.north_m / cell_m), round(draw.east_m / cell_m)
         rows, cols = self._burnable.shape
@@ -155,14 +157,14 @@ def burned_windows(
     seed: int,
     each: Each = map,
 ) -> Iterator[Window]:
-    """Burn members one after the other, and yield what each burned.
+    """Simulate members and yield the result of each.
 
     Args:
-        start: The common state.
+        start: The common initial state.
         draws: The draws of all members.
-        numbers: The members to burn, as indices of ``draws``.
-        until_s: The time to which members burn, in s.
-        seed: Seed of schemes that use random numbers.
+        numbers: The members to simulate, as indices of ``draws``.
+        until_s: The time at which the simulation ends, in s.
+        seed: The seed for schemes that use random numbers.
         each: ``map``, or the map of a pool of threads.
 
     Returns:
@@ -170,7 +172,7 @@ def burned_windows(
     """
 
     def burned(number: int) -> Window:
-        # 0 is the generator of the run without perturbation (see mission_service/fire/ensemble).
+        # The run without errors uses the generator (seed, 0): burned_ahead in mission_service.
         rng = np.random.default_rng((seed, number + 1))
         fire = start.member(draws[number], rng)
         fire.advance(max(until_s, fire.time_s))
@@ -180,15 +182,16 @@ def burned_windows(
 
 
 class Ensemble:
-    """Fires that burn side by side, for estimates: they can be changed and resampled at any time.
+    """Fires that advance together and can be perturbed and resampled at any time, as in a filter.
 
     A member of the any-angle scheme needs about 70 bytes for each cell of the landscape.
     """
 
     def __init__(self, fires: Sequence[Fire]) -> None:
-        """Take over fires of one landscape at one time.
+        """Create an ensemble of fires on one landscape at one time.
 
-        Raises FireModelError if there are none, or if they differ in these.
+        The fires themselves are used, not copies. Raises FireModelError if there are none, or if
+        they differ in landscape or time.
         """
         if len({(id(fire.landscape), fire.time_s) for fire in fires}) != 1:
             raise FireModelError("ensemble: give one or more fires of one landscape at one time")
@@ -196,11 +199,11 @@ class Ensemble:
 
     @property
     def time_s(self) -> float:
-        """The time of all members in s."""
+        """The current time of the members in s."""
         return self.fires[0].time_s
 
     def advance(self, to_time_s: float, each: Each = map) -> None:
-        """Burn all members until a time. Raises FireModelError for an earlier time."""
+        """Advance all members to a time. Raises FireModelError for an earlier time."""
         for _ in each(lambda fire: fire.advance(to_time_s), self.fires):
             pass
 
@@ -215,13 +218,13 @@ class Ensemble:
         self.fires[number].perturb(wind_factor, turn_deg, spread_factor)
 
     def resample(self, numbers: Sequence[int]) -> None:
-        """Replace the members by these members; one that appears again is a copy.
+        """Replace the members by a selection of them; repeated members are copied.
 
         Args:
-            numbers: Indices of present members, for example drawn by their weights.
+            numbers: Indices of current members, for example drawn according to weights.
 
         Raises:
-            FireModelError: There are no numbers, or one is not a member's.
+            FireModelError: There are no numbers, or a number is not an index of a member.
         """
         unknown = [number for number in numbers if not 0 <= number < len(self.fires)]
         if unknown or not numbers:
@@ -237,7 +240,7 @@ class Ensemble:
         self.fires = found
 
     def burn_probability(self) -> Floats:
-        """Return the fraction (y, x) of members that have burned each cell by now."""
+        """Return the fraction (y, x) of members in which each cell has burned by ``time_s``."""
         burned = np.zeros(self.fires[0].landscape.shape)
         for fire in self.fires:
             burned += fire.burned()

@@ -1,4 +1,4 @@
-"""Combine the windows of an ensemble's members to maps."""
+"""Compute maps from the windows of an ensemble's members."""
 
 from collections.abc import Sequence
 
@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 from firemodel.arrays import Floats
 from firemodel.ensemble.member_fires import Window
 
-TIMES_AT_ONCE = 2**24  # arrival times of all members that are sorted at once, to save memory
+TIMES_AT_ONCE = 2**24  # maximum number of arrival times that are sorted at once, to save memory
 
 
 def burn_probability(windows: Sequence[Window], shape: tuple[int, int], after_s: float) -> Floats:
-    """Return the fraction (y, x) of members that burned each cell by a time after the start."""
+    """Return the fraction (y, x) of members in which each cell burned by a time after the start."""
     burned = np.zeros(shape)
     for window in windows:
         rows, cols = window.after_s.shape
@@ -24,7 +24,7 @@ def burn_probability(windows: Sequence[Window], shape: tuple[int, int], after_s:
 def arrival_quantiles_s(
     windows: Sequence[Window], shape: tuple[int, int], shares: Sequence[float]
 ) -> NDArray[np.float32]:
-    """Return the times by which shares of all members have burned each cell.
+    """Return the times by which each cell has burned in given shares of the members.
 
     Args:
         windows: The members' windows; one or more.
@@ -32,10 +32,11 @@ def arrival_quantiles_s(
         shares: Fractions of the members, above 0 and at most 1.
 
     Returns:
-        Seconds after the start (shares, y, x); infinity where fewer members burned the cell.
+        Seconds after the start (shares, y, x); infinity where the cell burned in fewer members.
     """
     count = len(windows)
-    # The smallest number of members that is at least the share; 1e-9 for shares such as 0.1 * 3.
+    # The smallest number of members that is at least the share, as an index of the sorted times;
+    # 1e-9 is for rounding errors of shares such as 0.1 * 3.
     places = [max(int(np.ceil(share * count - 1e-9)), 1) - 1 for share in shares]
     found = np.full((len(shares), *shape), np.inf, dtype=np.float32)
     rows_at_once = max(TIMES_AT_ONCE // (count * shape[1]), 1)
@@ -55,7 +56,7 @@ def arrival_quantiles_s(
 
 
 def mean_flame_length_m(windows: Sequence[Window], shape: tuple[int, int]) -> NDArray[np.float32]:
-    """Return the mean flame length (y, x) of the members whose fire came to a cell; else NaN."""
+    """Return the mean flame length (y, x) of the members in which fire arrived; NaN if none."""
     total, came = np.zeros(shape), np.zeros(shape)
     for window in windows:
         rows, cols = window.after_s.shape

@@ -1,19 +1,20 @@
-"""State how uncertain the inputs of a fire are, with sources."""
+"""Define the standard deviations of the errors of a fire's inputs, with sources."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True, slots=True)
 class Uncertainty:
-    """The standard deviations of a fire's inputs; all errors are independent and last.
+    """The standard deviations of the errors of a fire's inputs.
 
-    Factors are log-normal with a median of 1, angles and distances normal with a mean of 0.
+    All errors are independent and constant during a fire. Factors are log-normal with a median of
+    1; angles and distances are normal with a mean of 0.
 
     Cruz & Alexander 2013 (Environ. Model. Softw. 47, 16-28) compared 1278 rates of spread: the best
     models have an error of 35 %, including errors of weather. Rates grow with the wind to a power
     of 1.2 to 1.6. The three deviations of wind speed and rates (a common one, and one for each
-    fuel) therefore combine to 0.37. That the error is half common and half of the fuel is an
-    assumption.
+    fuel) therefore combine to 0.37. The equal size of the common error and of the error of each
+    fuel is an assumption.
 
     Models of the moisture of dead grass have a mean error of 1.16 percentage points (Fire 2019,
     2(1), 2), which is a deviation of 0.15 at a moisture of 10 %. The deviations of the wind's
@@ -21,7 +22,7 @@ class Uncertainty:
     are assumptions without a source.
     """
 
-    wind_log_sd: float = 0.2  # of the wind speed's factor
+    wind_log_sd: float = 0.2  # of the factor of the wind speed
     wind_turn_sd_deg: float = 15.0
     spread_log_sd: float = 0.18  # of the factor of all spread rates
     fuel_log_sd: float = 0.18  # of a further factor of the spread rate in each fuel

@@ -1,4 +1,4 @@
-"""Compare slope and aspect with the elevation of the same rasters."""
+"""Compare slope and aspect with the elevation of the same landscape."""
 
 from collections.abc import Iterator
 
@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from firemodel.landscape.landscape import horn
 
-STEEP = 0.1  # rise over run above which directions and slopes are compared
-STEEPER = 1.5  # ratio of slopes above which their unit is doubtful
+STEEP = 0.1  # rise over run above which slopes and aspects are compared
+STEEPER = 1.5  # ratio of slopes above which (or below whose inverse) a note is given
 OPPOSITE_DEG = 135.0
 
 
@@ -22,7 +22,7 @@ def ground_notes(
     """Yield a note if slope or aspect (y, x) contradict the elevation.
 
     ``slope_tan`` is rise over run. ``aspect_deg`` is the direction in which the ground falls,
-    clockwise from north; it is negative where it is unknown. ``name`` begins the notes.
+    clockwise from north; it is negative where it is unknown. The notes begin with ``name``.
     """
     north, east = horn(elevation_m, cell_size_m)
     rise = np.hypot(north, east)
@@ -32,14 +32,14 @@ def ground_notes(
     ratio = float(np.median(slope_tan[steep] / rise[steep]))
     if not 1.0 / STEEPER < ratio < STEEPER:
         yield (
-            f"{name}: slopes are {ratio:.2g} times those of the elevation; check the unit of slope "
-            "(percent or degrees)"
+            f"{name}: slopes are {ratio:.2g} times those computed from the elevation; check the "
+            "unit of slope (percent or degrees)"
         )
     falls = np.rad2deg(np.arctan2(-east[steep], -north[steep]))
     off = np.deg2rad(aspect_deg[steep] - falls)
     turned_deg = float(np.rad2deg(np.arctan2(np.sin(off).mean(), np.cos(off).mean())))
     if abs(turned_deg) > OPPOSITE_DEG:
         yield (
-            f"{name}: aspect points uphill; it must be the direction in which the ground falls: "
+            f"{name}: aspect points uphill, but must be the direction in which the ground falls; "
             "leave slope and aspect out to compute them from the elevation"
         )

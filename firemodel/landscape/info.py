@@ -50,7 +50,7 @@ Description = dict[str, Any]
 
 USUAL_NODATA = (-9999, -32768)
 REAL = "iuf"  # kinds of NumPy types
-MAX_CODES = 200  # a band with more different values has no fuel codes
+MAX_CODES = 200  # a band with more distinct values is not a band of fuel codes
 
 
 def describe(path: Path, *, crs: str | None = None, nodata: float | None = None) -> Description:
@@ -113,9 +113,10 @@ def describe_rasters(
 def _ground(
     pairs: list[tuple[str, Band]], units: Mapping[str, str], nodata: float | None
 ) -> dict[str, NDArray[Any]]:
-    """Return slope (rise over run), aspect (degrees) and elevation (m), of those that are valid.
+    """Return slope (rise over run), aspect (degrees) and elevation (m), if they are valid.
 
-    Slope and aspect are returned only if both are given; all arrays are (y, x) of one shape.
+    Invalid layers are left out. The arrays (y, x) have one shape; if the shapes differ, the result
+    is empty.
     """
     found: dict[str, NDArray[Any]] = {}
     for layer, band in pairs:
@@ -135,7 +136,7 @@ def _ground(
 
 
 def _ignored(pairs: list[tuple[str, Band]]) -> Iterator[str]:
-    """Yield a note on each band that has a name, but is no layer of a landscape."""
+    """Yield a note on each band that is not a layer, if other bands are layers."""
     if not any(layer for layer, _ in pairs):
         return
     for layer, band in pairs:
@@ -145,7 +146,7 @@ def _ignored(pairs: list[tuple[str, Band]]) -> Iterator[str]:
 
 
 def _table_note(band: Band, present: NDArray[Any]) -> Iterator[str]:
-    """Yield a note if a lookup table beside an unnamed band gives other fuels to its codes."""
+    """Yield a note if a lookup table beside an unnamed band assigns its codes to other fuels."""
     codes = np.unique(present)
     if codes.size <= MAX_CODES:
         other = renamed_code(band.path, {int(code) for code in codes}, FUEL_MODELS)

@@ -74,10 +74,10 @@ def crs_label(crs: str) -> str:
 
 @lru_cache(maxsize=64)
 def same_crs(one: str, other: str) -> bool:
-    """Return True if two CRSs give the same coordinates in the same datum, whatever their text.
+    """Return True if two CRSs give the same coordinates in the same datum.
 
-    Two projections of one datum are also the same if they project three places to the same
-    millimetre; a central meridian may thus be 237.3 or -122.7 degrees.
+    The definitions may differ, for example in a central meridian of 237.3 or -122.7 degrees: two
+    projections of one datum are the same if the coordinates of three points agree to 1 mm.
     """
     from pyproj import CRS, Transformer
 
@@ -92,7 +92,7 @@ def same_crs(one: str, other: str) -> bool:
 
 
 def _same_datum(left: "CRS", right: "CRS") -> bool:
-    """Return True if two projections have one datum, or unknown datums on one ellipsoid."""
+    """Return True if two projections have the same datum, or unknown datums on one ellipsoid."""
     one, other = left.geodetic_crs, right.geodetic_crs
     if one is None or other is None or one.equals(other, ignore_axis_order=True):
         return one is not None and other is not None

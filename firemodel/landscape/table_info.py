@@ -1,4 +1,4 @@
-"""Describe weather files, inputs files of FARSITE, and its files on fuels."""
+"""Describe weather files, and the inputs files and fuel files of FARSITE."""
 
 from collections.abc import Callable
 from datetime import timedelta
@@ -23,18 +23,18 @@ from firemodel.landscape.readers.weather_records import records_in
 from firemodel.physics.fuels import FUEL_MODELS
 from firemodel.physics.rothermel import Moisture
 
-Described = tuple[list[str], list[str]]  # lines on the content, notes on what a run ignores
+Described = tuple[list[str], list[str]]  # lines about the content, notes on data that are ignored
 
 DRY = Moisture(0.06, 0.08, 0.10, 0.70, 1.00)  # only to check files without moistures
 WEATHER = (".raws", ".wxs", ".wtr", ".csv")
 
 
 def describe_table(path: Path) -> dict[str, Any] | None:
-    """Describe a file of weather or fuels; None if its name and first line are of another kind.
+    """Describe a weather file or a fuel file; return None for files of another kind.
 
-    The keys of the result are ``file``, ``kind``, ``details`` (lines on the content), ``notes``
-    (lines on what a run ignores) and ``problems``. The last has the reason for which the file would
-    be rejected, if there is one.
+    The keys of the result are ``file``, ``kind``, ``details`` (lines about the content), ``notes``
+    (lines about data that a run ignores) and ``problems``: the reason for which the file would be
+    rejected, if there is one.
     """
     kind, describe = _kind_of(path)
     if describe is None:

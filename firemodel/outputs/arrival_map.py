@@ -55,7 +55,7 @@ def draw_arrival(
     line: str,
     layer: Layer,
 ) -> None:
-    """Draw times of arrival (y, x) as ``draw_map`` does, with a line of facts below the title."""
+    """Draw times of arrival (y, x) in the style of ``draw_map``, with a line below the title."""
     frame = frame_around(land, arrival_s)
     figure, axes = start_map(land, arrival_s, frame, isochrones=True, layer=layer)
     set_title(axes, title, line)
@@ -64,7 +64,7 @@ def draw_arrival(
 
 
 def status_line(fire: Fire, time_zero: datetime | None = None) -> str:
-    """Return the time of the fire and its burned area in words."""
+    """Return a text with the time of the fire and its burned area."""
     area_m2 = fire.front(fire.time_s).area
     return f"{time_in_words(fire.time_s, time_zero)} · burned: {area_in_words(area_m2)}"
 
@@ -84,7 +84,7 @@ def area_in_words(area_m2: float) -> str:
 
 
 def set_title(axes: Any, title: str, line: str) -> None:
-    """Set a title in bold with a line of facts below it."""
+    """Set a title in bold with a second line below it."""
     axes.set_title(title, loc="left", pad=20, fontsize=13, fontweight="bold", parse_math=False)
     axes.text(0.0, 1.01, line, transform=axes.transAxes, fontsize=10, va="bottom")
 

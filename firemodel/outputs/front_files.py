@@ -54,9 +54,9 @@ def fronts_geojson(
     """Return GeoJSON (RFC 7946, WGS84) with the burned area at each time as a MultiPolygon.
 
     The properties have the names of the US interagency perimeters (WFIGS), with times in ms since
-    1970 UTC. Their status is that of a perimeter that is not approved. ``time_zero`` is the
-    calendar time of 0 s, if there is one. Raises FireModelError if the fire has not been advanced
-    to one of the times.
+    1970 UTC. The status of the features is that of a perimeter that is not approved. ``time_zero``
+    is the calendar time of 0 s, if there is one. Raises FireModelError if the fire has not been
+    advanced to one of the times.
     """
     features = []
     for time_s in times_s:

@@ -1,4 +1,4 @@
-"""Convert the fronts of a fire to KML 2.2 with calendar times, for Google Earth and others."""
+"""Convert the fronts of a fire to KML 2.2 with calendar times, for example for Google Earth."""
 
 from collections.abc import Iterator
 from datetime import datetime, timedelta

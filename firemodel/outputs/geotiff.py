@@ -31,8 +31,8 @@ def write_raster(path: Path, values: NDArray[Any], landscape: Landscape, layer: 
     """Write an array as a cloud-optimised GeoTIFF, and a QGIS style of the same name (.qml).
 
     The band has the layer's description and unit, codes have a colour table, and a raster of more
-    than 512 cells has overviews: means of values, the most frequent code. Equal arrays give equal
-    bytes. An existing file is replaced as a whole or not at all.
+    than 512 cells has overviews: the mean of values, or the most frequent code. Equal arrays give
+    identical files. An existing file is replaced completely or not at all.
 
     Args:
         path: The file to write, ending in .tif, in an existing folder.
@@ -52,15 +52,15 @@ def write_raster(path: Path, values: NDArray[Any], landscape: Landscape, layer: 
 
     if values.shape != landscape.shape:
         raise FireModelError(
-            f"{path}: the values are {values.shape} cells, the landscape {landscape.shape}; both "
-            "must be (rows, columns) of the same size"
+            f"{path}: the values have the shape {values.shape}, but the landscape has "
+            f"{landscape.shape} (rows, columns); the shapes must be equal"
         )
     if layer.categorical:
         dtype = np.uint8 if values.max() < np.iinfo(np.uint8).max else np.uint16
         array, nodata, overviews = values.astype(dtype), float(np.iinfo(dtype).max), "MODE"
     else:
         array = np.where(np.isfinite(values), values, NO_VALUE).astype(np.float32)
-        # A mean of directions has no meaning.
+        # The arithmetic mean of directions has no meaning.
         nodata, overviews = NO_VALUE, "NEAREST" if layer.unit == "degree" else "AVERAGE"
     # In memory, because GDAL reports a full disk by an exception that is not public.
     with MemoryFile() as memory:

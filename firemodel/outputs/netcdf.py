@@ -51,9 +51,9 @@ def write_netcdf(
 
     The variables (y, x) are arrival_time, spread_rate, spread_toward, flame_length and
     fireline_intensity (float32, missing where nothing burned), fuel_model, lat and lon; over time
-    they are state (time, y, x) and burned_area (time), which counts whole cells. The first row is
-    in the north. Without a calendar date the dimension time is named elapsed, because CF has no
-    time axis without a date. Equal fires give equal bytes.
+    they are state (time, y, x) and burned_area (time), the total area of burned cells. The first
+    row is in the north. Without a calendar date the dimension time is named elapsed, because the CF
+    conventions have no time axis without a date. Equal fires give identical files.
 
     Args:
         path: The file to write, in an existing folder.

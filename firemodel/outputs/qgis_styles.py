@@ -46,8 +46,8 @@ def raster_qml(layer: Layer) -> str:
 def fronts_qml(layer: Layer) -> str:
     """Return the style of the burned areas of ``front_files``, coloured by their key ``time_s``.
 
-    The areas overlap; QGIS draws the latest first, so that each shows what burned since the one
-    before.
+    The areas overlap. QGIS draws the latest first, so that the visible part of each area is the
+    area that burned after the previous front.
 
     Args:
         layer: A layer of times of arrival in seconds.

@@ -1,7 +1,7 @@
 """Define the layers of a fire: description, unit, and classes with colours and labels.
 
-GeoTIFFs, NetCDF files, QGIS styles and maps are all made from these layers. The colours of an
-ordered layer darken from class to class, so that a colour-blind reader sees their order.
+GeoTIFFs, NetCDF files, QGIS styles and maps all use these layers. The colours of an ordered layer
+become darker from class to class, so that their order is visible without colour vision.
 """
 
 import math
@@ -24,9 +24,10 @@ KW_M_PER_BTU_FT_S = 3.4592
 
 
 class ColourClass(NamedTuple):
-    """A class of values: those up to ``upto`` and above the class before, or the one value.
+    """A class of values, with its colour (#rrggbb).
 
-    ``colour`` is #rrggbb.
+    ``upto`` is the upper limit of a range, which begins at the limit of the previous class, or the
+    value of a code.
     """
 
     upto: float
@@ -48,10 +49,11 @@ class FuelGroup(NamedTuple):
 
 
 class Layer(NamedTuple):
-    """What the values of a raster mean, and how they are drawn.
+    """The meaning of the values of a raster, and the classes in which they are drawn.
 
     ``unit`` is spelt as in UDUNITS; it is "1" for a share and "" for codes. The classes of codes
-    are single values (``categorical``), other classes are ranges whose last one ends at infinity.
+    are single values (``categorical``). Other classes are ranges, and the last one has no upper
+    limit.
     """
 
     description: str
@@ -67,7 +69,7 @@ def rgb_of(colour: str) -> tuple[int, int, int]:
 
 
 def class_of(layer: Layer, value: float) -> int:
-    """Return the place of the class of ranges to which a value belongs."""
+    """Return the index of the range to which a value belongs."""
     return min(bisect_left([each.upto for each in layer.classes], value), len(layer.classes) - 1)
 
 
@@ -81,13 +83,13 @@ def shades(count: int) -> list[str]:
 
 
 def ranges(limits: Sequence[float], labels: Sequence[str]) -> tuple[ColourClass, ...]:
-    """Return classes that end at each of the limits, and one above the last limit."""
+    """Return a class up to each of the limits, and one above the last limit."""
     bounds = [*limits, math.inf]
     return tuple(map(ColourClass, bounds, shades(len(bounds)), labels))
 
 
 def after_zero(time_zero: datetime | None) -> str:
-    """Return the words for the origin of times in seconds."""
+    """Return a text that describes the origin of times in seconds."""
     if time_zero is None:
         return "seconds after mission time 0, which has no calendar date"
     return f"seconds after mission time 0, {time_zero.isoformat(timespec='seconds')}"
@@ -101,7 +103,7 @@ def arrival_layer(
     Args:
         first_s, last_s: The earliest and the latest time in the raster, in seconds.
         time_zero: The calendar time of 0 s, if there is one; labels then contain it.
-        what: What arrives or which statistic it is, for the description.
+        what: The name of the quantity, for the description.
     """
     span_s = last_s - first_s
     days = (1440 * number for number in range(1, math.ceil(max(span_s, 0.0) / 86400.0) + 2))
@@ -133,14 +135,14 @@ def _span(from_s: float, to_s: float, time_zero: datetime | None) -> str:
 
 
 def fuel_groups(codes: NDArray[np.integer]) -> list[FuelGroup]:
-    """Return the groups of burnable codes; codes in the array that are not standard are one."""
+    """Return the groups of burnable codes; custom codes in the array are a further group."""
     standard = {*FUEL_MODELS, *NON_BURNABLE}
     custom = tuple(code for code in np.unique(codes).tolist() if code not in standard)
     return [*FUEL_GROUPS, *([FuelGroup("custom fuel", custom, "#e8b3cf")] if custom else [])]
 
 
 def fuel_layer(codes: NDArray[np.integer]) -> Layer:
-    """Return the layer of fuel codes: a hue for each group, darker with the number.
+    """Return the layer of fuel codes: a hue for each group, darker for higher codes.
 
     Args:
         codes: Fuel codes of any shape. Those that are not standard are custom fuels.
@@ -212,7 +214,7 @@ FLAME_LENGTH_LAYER = Layer(
         (
             "up to 1.2 m (4 ft): hand tools can attack",
             "1.2–2.4 m (8 ft): equipment can attack",
-            "2.4–3.4 m (11 ft): attack at the head fails",
+            "2.4–3.4 m (11 ft): attack at the head probably fails",
             "above 3.4 m (11 ft): crowning, spotting, major runs",
         ),
     ),
@@ -231,7 +233,7 @@ INTENSITY_LAYER = Layer(
     ),
 )
 _SECTORS = ("north", "north-east", "east", "south-east", "south", "south-west", "west")
-# A cycle of colours: neighbours in direction have similar colours, opposites do not.
+# A cycle of colours: similar directions have similar colours, opposite directions do not.
 _CYCLE = ("#cfc7d6", "#8fb3c8", "#6276ba", "#5b2f8f", "#2f1436", "#7a2250", "#b25652", "#c9a68d")
 SPREAD_TOWARD_LAYER = Layer(
     "direction in which the front moved at its arrival, clockwise from true north",
@@ -247,7 +249,7 @@ SPREAD_TOWARD_LAYER = Layer(
     ),
 )
 PROBABILITY_LAYER = Layer(
-    "share of the simulated fires that burn the cell",
+    "share of the simulated fires in which the cell burns",
     "1",
     ranges(
         [number / 10 for number in range(1, 10)],

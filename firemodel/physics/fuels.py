@@ -30,7 +30,7 @@ class FuelModel:
     moisture of the dead fuel is a fraction of the oven-dry weight. The herbaceous fuel of a dynamic
     model dies as it dries (``rothermel.cured_fraction``). ``heat_live_btu_lb`` is the heat content
     of the live fuel if it differs from that of the dead fuel. The spread rate is multiplied by
-    ``rate_factor``, an adjustment of the user.
+    ``rate_factor``, which the user can adjust.
     """
 
     name: str
@@ -149,7 +149,10 @@ FUEL_MODELS = _ANDERSON | dict(map(_scott_burgan, _SCOTT_BURGAN.strip().splitlin
 def check_codes(
     fuel_model: NDArray[np.integer], where: str, fuels: Mapping[int, FuelModel] = FUEL_MODELS
 ) -> None:
-    """Raise FireModelError for the first cell (y, x) whose code neither burns nor is unburnable."""
+    """Raise FireModelError for the first cell (y, x) with an unknown fuel code.
+
+    The known codes are those of ``fuels`` and the codes of unburnable ground.
+    """
     unknown = ~np.isin(fuel_model, [*fuels, *NON_BURNABLE])
     if unknown.any():
         row, col = np.argwhere(unknown)[0]

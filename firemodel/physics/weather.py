@@ -24,8 +24,8 @@ class Weather:
 
     The wind is 6.1 m (20 ft) above the vegetation; its direction is the direction from which it
     blows, in degrees clockwise from north. Moistures are in percent of the oven-dry weight.
-    ``of_fuels`` holds pairs of a fuel code and its moistures (fractions), of the fuels that have
-    others.
+    ``of_fuels`` has pairs of a fuel code and the moistures (fractions) of this fuel, for fuels with
+    different moistures.
     """
 
     at_s: float
@@ -39,12 +39,12 @@ class Weather:
     of_fuels: tuple[tuple[int, Moisture], ...] = field(default=(), kw_only=True)
 
     def moisture_of(self, code: int) -> Moisture:
-        """Return the moistures of a fuel as fractions; ``of_fuels`` has fuels with their own."""
+        """Return the moistures of a fuel as fractions, from ``of_fuels`` if it is there."""
         return dict(self.of_fuels).get(code, self.moisture)
 
     @property
     def moisture(self) -> Moisture:
-        """The moistures as fractions, of fuels without their own."""
+        """The moistures as fractions, for fuels that are not in ``of_fuels``."""
         return Moisture(
             self.dead_1h_pct / 100.0,
             self.dead_10h_pct / 100.0,
@@ -57,8 +57,8 @@ class Weather:
 class WeatherSource(NamedTuple):
     """The file of a stream, for messages about its records.
 
-    ``start`` is the file's own time of 0 s, or None if its times are in seconds. ``humidity_pct``
-    belongs to the entries of the stream, one by one; None if the file has no humidity.
+    ``start`` is the time in the file at 0 s, or None if its times are in seconds. ``humidity_pct``
+    has the humidity of each entry of the stream; it is None if the file has no humidity.
     """
 
     name: str

@@ -12,13 +12,13 @@ that source are tried as well. Where conditions are uniform, lines may have any 
 times are those of the exact ellipse. Everywhere they are times of real paths and thus never early.
 
 A path from a point may also bend once on an edge between the point and the node (``bend``), because
-near a lit place there are few nodes at which paths could bend.
+there are few nodes near an ignition at which paths could bend.
 
 When the weather changes, each line along which fire is moving is cut at the position of the fire,
 and that point becomes the source of the remaining line. Only the remaining line has the new spread
 rate, so that the progress of the fire is kept. The cuts on the best lines are the tips of the
-front. The front between two neighbouring tips is kept as points too (``front_of``), and a node may
-move its source along it (``slide_on_front``): fire spreads on from the whole front.
+front. The front between two neighbouring tips is also stored as points (``front_of``), and the
+source of a node may be moved along it (``slide_on_front``). Fire thus spreads from the whole front.
 """
 
 import bisect
@@ -111,7 +111,7 @@ class AnyAngleFire(Fire):
 
     @property
     def _state(self) -> tuple[Points, int, Labels, Ground, Lattice, int]:
-        """The arguments that the kernels have in common, in their order."""
+        """The arguments that all kernels have, in the order of their parameters."""
         return self._points, self._used, self._labels, self._ground, self._lattice, self._entry
 
     def _light(self, ignition: Ignition) -> None:

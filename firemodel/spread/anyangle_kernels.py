@@ -42,11 +42,12 @@ def _within_a_cell(step: int, odd_i: bool, odd_j: bool) -> list[tuple[int, int]]
 
 
 def _offsets() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the offsets (kinds, 24, 2), and how many there are for each kind of node.
+    """Return the offsets (kinds, 24, 2), and the number of offsets for each kind of node.
 
-    The second array has the numbers of those on edges, the third the numbers of all. The kinds
-    (``kind_of``) are a corner and a centre of the lattice of corners; then, in the lattice with
-    middles of edges, a corner, the middle of a horizontal and of a vertical edge, and a centre.
+    The second array has the number of offsets to nodes on edges, the third that of all offsets. The
+    kinds (``kind_of``) are, in the lattice of corners, a corner and a centre; then, in the lattice
+    with middles of edges, a corner, the middle of a horizontal and of a vertical edge, and a
+    centre.
     """
     kinds = [(2, odd, odd) for odd in (False, True)]
     kinds += [(1, odd_i, odd_j) for odd_i in (False, True) for odd_j in (False, True)]
@@ -74,9 +75,9 @@ def kind_of(i, j, lattice):  # type: ignore[no-untyped-def]
 
 @kernel
 def _source_of(key, points, labels, ground, lattice):  # type: ignore[no-untyped-def]
-    """Return a node's source: its key, position and time, its cell, and where all is alike.
+    """Return a node's source: its key, position (y, x), time and cell, and a distance.
 
-    The last value is the distance in cells up to which all cells are like that of the source.
+    The distance, in cells, is that up to which all cells have the conditions of the source's cell.
     """
     source = np.int64(labels.source[key])
     y, x, at_s = place_of(source, points, labels, lattice)

@@ -61,7 +61,7 @@ def behaviour_of(fire: Fire) -> Behaviour:
 
 
 def heat_of(landscape: Landscape, entries: Sequence[Weather]) -> Floats:
-    """Return Byram's intensity at 1 m/s, in kW/m, for each weather entry and burnable fuel."""
+    """Return Byram's intensity (kW/m) at a spread rate of 1 m/s for each weather entry and fuel."""
     heat = [
         [rothermel.fireline_intensity_kw_m(bed, 1.0) for bed in beds_of(landscape, each)]
         for each in entries
@@ -71,7 +71,7 @@ def heat_of(landscape: Landscape, entries: Sequence[Weather]) -> Floats:
 
 @compiled
 def front_behaviour(arrival_s, paths, began_s, heat, terrain, tables):  # type: ignore[no-untyped-def]
-    """Return rate (m/s), direction (degrees from grid north) and intensity (3, n) of each cell."""
+    """Return spread rate (m/s), direction (degrees from grid north), intensity (kW/m) as (3, n)."""
     found = np.full((3, arrival_s.size), np.nan, dtype=np.float32)
     for cell in range(arrival_s.size):
         if arrival_s[cell] == np.inf:

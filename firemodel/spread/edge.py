@@ -10,7 +10,7 @@ from firemodel.spread.fire_scheme import Fire
 
 
 class AtEdge(NamedTuple):
-    """The first arrival of a fire at the edge: time in s, place in WGS84 degrees."""
+    """The first arrival of a fire at the edge: the time in s and the position in WGS84 degrees."""
 
     at_s: float
     lat_deg: float
@@ -33,7 +33,7 @@ def reaches_edge(cells: NDArray[np.bool_]) -> bool:
 def at_edge(fire: Fire) -> AtEdge | None:
     """Return the first burned cell in the outermost rows and columns, or None if none has burned.
 
-    The cost is proportional to the circumference of the landscape.
+    The computing time is proportional to the number of cells in these rows and columns.
     """
     arrival_s = fire.arrival_time_s
     rows, cols = arrival_s.shape

@@ -188,7 +188,7 @@ def add_point(points, used, y, x, at_s, left, right):  # type: ignore[no-untyped
 
 @kernel
 def add_path(paths, count, first, target, y, x, at_s):  # type: ignore[no-untyped-def]
-    """Store a path unless one of those from ``first`` on begins at the same position.
+    """Store a path, unless one of the paths from ``first`` on begins at the same position.
 
     Returns the number of paths.
     """

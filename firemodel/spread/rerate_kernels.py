@@ -155,9 +155,9 @@ def _approach(at, tip, other, i, j, other_i, other_j):  # type: ignore[no-untype
 
 @kernel
 def _neighbour_tip(tip, i, j, next_i, next_j, tips, marks, lattice):  # type: ignore[no-untyped-def]
-    """Return the tip at node (next_i, next_j) if it is on the front of a tip at (i, j); or -1.
+    """Return the tip at node (next_i, next_j) if it is on the front of the tip at (i, j), else -1.
 
-    Tip k is marked in ``marks`` (keys) as -2 - k. Tips that approach each other are on two fronts.
+    ``marks`` has -2 - k at the key of tip k. Tips that approach each other are on different fronts.
     """
     if not (0 <= next_i <= 2 * lattice.rows and 0 <= next_j <= 2 * lattice.cols):
         return -1
@@ -171,7 +171,7 @@ def _neighbour_tip(tip, i, j, next_i, next_j, tips, marks, lattice):  # type: ig
 
 @kernel
 def _along_front(to_i, to_j, tips, marks, ground, lattice, entry):  # type: ignore[no-untyped-def]
-    """Return the tip next to the place on the front from which fire first reaches a node; or -1."""
+    """Return the tip next to the point of the front from which fire first reaches a node, or -1."""
     step = lattice.step
     best, found = np.inf, -1
     low_i, low_j = max(to_i - WINDOW, 0), max(to_j - WINDOW, 0)
@@ -209,7 +209,7 @@ def _along_front(to_i, to_j, tips, marks, ground, lattice, entry):  # type: igno
 
 @kernel
 def _beside(k, tips, marks, lattice):  # type: ignore[no-untyped-def]
-    """Return the tips beside tip k on the front, to both sides of the path from it; -1 for none."""
+    """Return the next tips on the front on both sides of the path from tip k, or -1 for none."""
     i, j = ij_of(np.int64(tips.target[k]), lattice)
     left = right = -1
     left_2 = right_2 = SEGMENT_CELLS * SEGMENT_CELLS

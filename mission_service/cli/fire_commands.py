@@ -20,14 +20,17 @@ MAX_RUNS = 100_000
 
 
 class Cores(NamedTuple):
-    """Where many fires burn: the address of a Dask scheduler, or None and a number of threads."""
+    """Where fires are computed: the address of a Dask scheduler or None, and a number of threads.
+
+    The number of threads is used only without a scheduler.
+    """
 
     scheduler: str | None
     workers: int
 
 
 def cores_option(command: Callable[..., None]) -> Callable[..., None]:
-    """Add --workers and --scheduler to a command, which receives both as ``cores``."""
+    """Add --workers and --scheduler to a command, and pass both to it as ``cores``."""
 
     @click.option(
         "--workers",
@@ -38,7 +41,7 @@ def cores_option(command: Callable[..., None]) -> Callable[..., None]:
     @click.option(
         "--scheduler",
         metavar="ADDRESS",
-        help="Burn on the workers of this Dask scheduler, e.g. tcp://10.0.0.1:8786.",
+        help="Compute on the workers of this Dask scheduler, e.g. tcp://10.0.0.1:8786.",
     )
     @wraps(command)
     def with_cores(scheduler: str | None, workers: int, **arguments: Any) -> None:
@@ -68,7 +71,7 @@ def fire() -> None:
     "--members",
     type=click.IntRange(1, MAX_RUNS),
     metavar="N",
-    help="Burn the fire N times with errors of [ensemble]; write probabilities instead of fronts.",
+    help="Simulate N times with random errors ([ensemble]); write probabilities, not fronts.",
 )
 @cores_option
 @OVERRIDE
@@ -88,7 +91,7 @@ def fire_run(
     The fronts are GeoJSON and KML. QGIS applies the styles (.qml) beside the files.
 
     With --members, the GeoTIFFs are the burn probability, arrival times and the flame length. If
-    the command is stopped, repeat it: it burns only what is missing in DIR/members.
+    the command is stopped, repeat it: it simulates only the members missing in DIR/members.
     """
     from mission_service.config.scenario import load_scenario
     from mission_service.simulation.fire_alone import run_fire
@@ -113,7 +116,7 @@ def fire_run(
 
 
 def _refuse_together(members: int | None) -> None:
-    """Raise UsageError for an option that has no effect with or without --members."""
+    """Raise UsageError if a given option has no effect with, or without, --members."""
     source = click.get_current_context().get_parameter_source
     others = ["front_every_s", "netcdf"] if members is not None else ["workers", "scheduler"]
     for name in others:
@@ -132,7 +135,7 @@ def _refuse_together(members: int | None) -> None:
     multiple=True,
     required=True,
     metavar="KEY=VALUES",
-    help="Values of a key: a list (3,5,8) or a range (2:10:2: from 2 to 10 by 2); repeatable.",
+    help="Values of a key: a list (3,5,8) or a range (2:10:2 means 2 to 10 by 2); repeatable.",
 )
 @cores_option
 @OVERRIDE
@@ -147,7 +150,7 @@ def fire_sweep(
 ) -> None:
     """Simulate the fire of SCENARIO for all combinations of values; write sweep.csv and fronts.
 
-    If the command is stopped, repeat it: it burns only what is missing in DIR/runs.
+    If the command is stopped, repeat it: it simulates only the runs missing in DIR/runs.
     """
     from mission_service.simulation.fire_sweep import run_sweep
     from mission_service.simulation.task_pool import tasks_on

@@ -120,7 +120,7 @@ def folder(out: Path) -> Path:
 
 
 def echo(result: dict[str, Any], as_json: bool) -> None:
-    """Print a result as JSON, or as one line per key without ``warnings``, which stderr has."""
+    """Print a result as JSON, or as one line per key without ``warnings``, which go to stderr."""
     if as_json:
         click.echo(json.dumps(result))
     else:

@@ -37,7 +37,7 @@ from mission_service.value_errors import got, missing_key, remedy, schema_at
 
 SHIPPED = Path(__file__).parents[1] / "scenarios"
 S = TypeVar("S", bound=Section)
-OWN_ERRORS = ("value_error", "assertion_error")  # their texts are those of this package
+OWN_ERRORS = ("value_error", "assertion_error")  # errors of the validators in this package
 
 
 class Scenario(Section):

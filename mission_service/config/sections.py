@@ -58,8 +58,8 @@ class LandscapeSection(Section):
     Level ground ("flat") is centred on ``lat_deg``, ``lon_deg`` and has one fuel and the elevation
     ``elevation_m``. Rasters are given as one file per layer, or as one ``file`` with all layers.
     Such a file is an .lcp, or a stack with bands that are described in the file or named in
-    ``bands``. ``fuel_codes`` replaces codes of the fuel raster; ``custom_fuels`` is a .fmd file of
-    further fuel models, ``rate_factors`` an .adj file of factors of the spread rate.
+    ``bands``. ``fuel_codes`` replaces codes of the fuel raster. ``custom_fuels`` is a .fmd file
+    with further fuel models, and ``rate_factors`` an .adj file with factors of the spread rate.
     """
 
     source: Literal["jacksboro", "flat", "files"] = "jacksboro"
@@ -140,10 +140,10 @@ class WeatherEntry(FuelMoisture):
 class WeatherFile(FuelMoisture):
     """A weather file (.raws, .wxs, .wtr, .csv); ``start`` is mission time 0 in its local time.
 
-    A .wtr file needs its ``wind`` (.wnd). An inputs file of FARSITE may replace all of them. The
-    moistures in this table apply where the file has none; ``fuel_moistures`` is an .fms file with
-    moistures of single fuels. With ``conditioned``, dead fuels start with these moistures, which
-    then follow temperature, humidity and rain.
+    A .wtr file has no wind; ``wind`` is the .wnd file (default: the one with the same name). The
+    file may also be an inputs file of FARSITE. The moistures in this table are used if the file has
+    none; ``fuel_moistures`` is an .fms file with moistures of single fuels. With ``conditioned``,
+    dead fuels start with these moistures, which then follow temperature, humidity and rain.
     """
 
     path: Path
@@ -173,11 +173,11 @@ class FireSection(Section):
     """The scheme of fire spread, and the area that has already burned at the start.
 
     ``precise`` lets the paths of the any-angle scheme bend in the middles of edges too.
-    ``perimeter`` is a file of polygons that have burned by ``burning_at_s``; ``perimeter_feature``
-    is the number of the only feature to use. With ``repair_perimeter`` closed lines and invalid
-    polygons become valid polygons. ``arrival`` is a raster of arrival times. ``p_spread`` and
-    ``update_s`` apply to the probabilistic scheme. That
-    scheme can also start with a fire of ``initial_cells`` cells, which it grows from the ignitions.
+    ``perimeter`` is a file with polygons of the area that has burned by ``burning_at_s``. If only
+    one of its features is used, ``perimeter_feature`` is its number. With ``repair_perimeter``,
+    closed lines and invalid polygons become valid polygons. ``arrival`` is a raster of arrival
+    times. ``p_spread`` and ``update_s`` apply to the probabilistic scheme. That scheme can also
+    start with a fire of ``initial_cells`` cells, which it grows from the ignitions.
     """
 
     scheme: SchemeName = "anyangle"
@@ -209,10 +209,10 @@ class FireSection(Section):
 
 
 class EnsembleSection(Section):
-    """How uncertain the inputs of the fire are, for ensembles and for forecasts of a flight.
+    """The standard deviations of the errors of a fire's inputs, for ensembles and forecasts.
 
-    Sources of the defaults: ``firemodel/ensemble/uncertainty.py``. Factors are log-normal with a
-    median of 1. Each error is constant during a fire and independent of the others.
+    ``firemodel/ensemble/uncertainty.py`` has the sources of the defaults. Factors are log-normal
+    with a median of 1. Each error is constant during a fire and independent of the others.
     """
 
     wind_log_sd: NotNegative = STATED.wind_log_sd

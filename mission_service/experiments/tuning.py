@@ -165,7 +165,7 @@ def on_cores(workers: int, seed: int) -> Iterator[Evaluate]:
 def on_cluster(scheduler: str, seed: int) -> Iterator[Evaluate]:
     """Yield a function that evaluates on the workers of a Dask scheduler (tcp://HOST:8786).
 
-    Workers and errors are those of ``task_pool.on_cluster``.
+    The requirements of the workers and the errors are the same as in ``task_pool.on_cluster``.
     """
     with dask_client(scheduler, "tune") as client:
 

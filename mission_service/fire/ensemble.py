@@ -60,9 +60,9 @@ def ensemble_of(
 ) -> EnsembleForecast:
     """Return the ensemble of a fire until a time; the fire is not changed.
 
-    The draws depend only on seed and fuels, so that successive forecasts differ only because the
-    fire differs. ``uncertainty`` has the defaults if it is None. The ensemble has fewer members if
-    ``go_on()`` returns False during the computation.
+    The draws depend only on the seed, the uncertainty and the number of fuels, so that successive
+    forecasts differ only because the fire has changed. If ``uncertainty`` is None, the defaults are
+    used. The computation ends with fewer members if ``go_on()`` returns False.
     """
     start = Start(fire)
     draws = latin_draws(uncertainty or Uncertainty(), seed, MEMBERS, start.fuels)
@@ -72,5 +72,5 @@ def ensemble_of(
 
 
 def probability_at(ensemble: EnsembleForecast, at_s: float) -> Floats:
-    """Return the fraction (y, x) of members in which each cell has burned by a time."""
+    """Return the fraction (y, x) of members in which each cell has burned by the time ``at_s``."""
     return burn_probability(ensemble.members, ensemble.shape, at_s - ensemble.at_s)

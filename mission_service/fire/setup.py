@@ -40,7 +40,7 @@ def landscape_of(scenario: Scenario) -> Landscape:
 
 
 def landscape_in(section: LandscapeSection) -> Landscape:
-    """Return the landscape that a scenario's table describes, with its barriers."""
+    """Return the landscape of a table [landscape], with its barriers."""
     if section.source == "jacksboro":
         found = jacksboro(section.rows, section.cols, section.cell_size_m)
     elif section.source == "flat":
@@ -198,15 +198,15 @@ def _check_polygons(path: Path, shapes: list[BaseGeometry]) -> None:
         if kinds != {"Polygon"}:
             raise ScenarioError(
                 f"{path}: feature {number} has {', '.join(sorted(kinds - {'Polygon'}))}; a "
-                "perimeter has only polygons: remove the rest, give it as an ignition, or make "
-                "polygons of closed lines with fire.repair_perimeter = true"
+                "perimeter has only polygons: remove the other shapes, give them as an ignition, "
+                "or make polygons of closed lines with fire.repair_perimeter = true"
             )
 
 
 def warnings_on(scenario: Scenario, landscape: Landscape) -> list[str]:
-    """Return a line for each input that is valid but probably unintended.
+    """Return the warnings about inputs that are valid but probably unintended.
 
-    These are repaired perimeters, keys of an inputs file that have no effect, and the
+    They concern repaired perimeters and keys of an inputs file that have no effect, and include the
     ``input_warnings`` of the fire model.
     """
     lines = []
@@ -223,7 +223,7 @@ def warnings_on(scenario: Scenario, landscape: Landscape) -> list[str]:
 
 
 def _ignored_in(section: WeatherFile) -> list[str]:
-    """Return a line on the keys of an inputs file that have no effect."""
+    """Return a line with the keys of an inputs file that have no effect, if there are any."""
     from firemodel.landscape.readers.inputs_files import is_inputs_file, read_inputs
 
     if not is_inputs_file(section.path):
@@ -258,7 +258,7 @@ def begun_again(
 
 
 def ignitions_of(scenario: Scenario, landscape: Landscape) -> list[CellIgnition]:
-    """Return the cells that the scenario lights: row, column, time in s."""
+    """Return the cells that are ignited in the scenario: row, column, time in s."""
     section = scenario.fire
     ignitions: list[CellIgnition] = [
         (row, col, ignition.at_s)
@@ -292,7 +292,7 @@ def settings_of(scenario: Scenario) -> dict[str, Any]:
 
 
 def uncertainty_of(scenario: Scenario) -> Uncertainty:
-    """Return how uncertain the scenario's inputs are, from its table [ensemble]."""
+    """Return the standard deviations of the errors in the scenario's table [ensemble]."""
     return Uncertainty(**scenario.ensemble.model_dump())
 
 

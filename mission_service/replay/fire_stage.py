@@ -104,9 +104,9 @@ class _Comparison:
         self._fire.world.advance(recorded.at_us)
         again, arrived_s = at_edge(self._fire.world.fire), recorded.arrived_at_us / 1e6
         if again is None or abs(again.at_s - arrived_s) > ARRIVAL_WITHIN_S:
-            replay = "not reached it" if again is None else f"reached it at {again.at_s:.3f} s"
-            words = f"the journal has the fire at the edge at {arrived_s:.3f} s"
-            self._differs(f"{place}: {words}, in the replay it has {replay}")
+            replay = "does not reach it" if again is None else f"reaches it at {again.at_s:.3f} s"
+            words = f"the recorded fire reaches the edge at {arrived_s:.3f} s"
+            self._differs(f"{place}: {words}; in the replay it {replay}")
 
     def _position_missing(self, place: str, recorded: Observed) -> None:
         self._differs(f"{place}: no position of {recorded.vehicle} follows at its time")

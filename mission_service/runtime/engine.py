@@ -163,7 +163,7 @@ class Engine:
         self.check_edge(now_us)
 
     def check_edge(self, now_us: int) -> None:
-        """Journal once that the fire has reached the edge of the landscape."""
+        """Journal ``FireReachedEdge`` once, when the fire has reached the edge of the landscape."""
         fire_s = self.world.fire.time_s
         if fire_s == self._edge_checked_s or self.state_view.reached_edge is not None:
             return

@@ -86,7 +86,7 @@ class RunStatistics:
         if isinstance(event, Resumed):
             self.restarts += 1
         elif isinstance(event, FireReachedEdge):
-            pass  # the alarm is counted
+            pass  # not a request; its alarm is counted
         elif isinstance(event, OperatorEvent):
             self.requests[type(event).__name__] += 1
         else:

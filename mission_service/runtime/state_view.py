@@ -109,7 +109,7 @@ class StateView:
     def __init__(
         self, scenario: Scenario, landscape: Landscape, at_us: int, warnings: Sequence[str] = ()
     ) -> None:
-        """Begin at ``at_us`` with the warnings about the scenario (``warnings_on``) as alarms."""
+        """Begin at ``at_us`` with an alarm for each of the warnings about the scenario."""
         self.at_us = at_us
         self.version = 1
         self.changed: dict[str, int] = {}

@@ -34,8 +34,8 @@ def run_fire(
 ) -> dict[str, Any]:
     """Write the rasters, fronts, map and summary to a folder, and return the summary.
 
-    ``warn`` receives each warning as soon as its cause is known. With ``netcdf`` also fire.nc,
-    which holds the state at the times of the fronts.
+    ``warn`` is called with each warning as soon as its cause is known. If ``netcdf`` is True,
+    fire.nc is also written, with the state at the times of the fronts.
 
     Raises ScenarioError if no fire starts before the scenario's end, for more than ``MAX_FRONTS``
     fronts, or for a folder that cannot be written to.

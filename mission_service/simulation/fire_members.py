@@ -1,4 +1,4 @@
-"""Burns the fire of a scenario many times with drawn errors, and writes probabilities to files."""
+"""Simulates the fire of a scenario many times with random errors, and writes probabilities."""
 
 import json
 from collections.abc import Callable, Iterator
@@ -58,7 +58,7 @@ SUFFIX = ".npz"
 
 @dataclass(frozen=True)
 class Job:
-    """All that members need; it is sent to workers, where the start is prepared once."""
+    """The data for simulating members. Each worker receives it and prepares the start once."""
 
     landscape: Landscape
     weather: WeatherStream
@@ -73,7 +73,7 @@ class Job:
 
     @cached_property
     def start(self) -> Start:
-        """The state at the start, without the ignitions that members move."""
+        """The common state at the start; each member then adds its moved ignitions."""
         fire = new_fire(
             self.scheme,
             self.landscape,
@@ -115,24 +115,24 @@ def job_of(scenario: Scenario, count: int) -> Job:
 
 
 def burned_member(number: int, job: Job) -> Window:
-    """Return what one member of a job burns (a worker's task)."""
+    """Return the result of one member of a job (a worker's task)."""
     return next(burned_windows(job.start, job.draws, [number], job.until_s, job.seed))
 
 
 def run_members(
     scenario: Scenario, folder: Path, count: int, run: Run, warn: Callable[[str], None]
 ) -> dict[str, Any]:
-    """Burn the members that are missing in a folder, write the maps, and return the summary.
+    """Simulate the members that are missing in a folder, write the maps, and return the summary.
 
-    The folder ``members`` receives a file for each member. If the command is stopped, the next one
-    with the same scenario burns only the missing members.
+    Each member is stored in a file in the folder ``members``. If the command is stopped and
+    repeated with the same scenario, only the missing members are simulated.
 
     Args:
         scenario: The scenario; its table [ensemble] has the distributions.
         folder: An existing folder.
         count: The number of members.
         run: Runs the tasks, see ``task_pool``.
-        warn: Receives each warning about the inputs.
+        warn: A function that is called with each warning about the inputs.
 
     Raises:
         ScenarioError: No fire starts before the scenario's end, or a file cannot be written.
@@ -178,16 +178,16 @@ def _write(scenario: Scenario, job: Job, windows: list[Window], folder: Path) ->
     arrival_s = start_s + arrival_quantiles_s(windows, shape, QUANTILES)
     write_raster(folder / "burn_probability.tif", probability, land, PROBABILITY_LAYER)
     for share, time_s in zip(QUANTILES, arrival_s, strict=True):
-        what = f"time by which {100 * share:.0f} % of the members have burned the cell"
+        what = f"time by which the cell has burned in {100 * share:.0f} % of the members"
         layer = arrival_layer(start_s, job.until_s, scenario.time_zero, what)
         write_raster(folder / f"arrival_time_p{100 * share:.0f}_s.tif", time_s, land, layer)
     flame_layer = FLAME_LENGTH_LAYER._replace(
-        description="mean flame length of the members whose fire comes to the cell"
+        description="mean flame length of the members in which fire reaches the cell"
     )
     flame_m = mean_flame_length_m(windows, shape)
     write_raster(folder / "flame_length_m.tif", flame_m, land, flame_layer)
     median_s = arrival_s[QUANTILES.index(0.5)].astype(np.float64)
-    title = f"{scenario.name}: cells that at least half of {job.count} members burn"
+    title = f"{scenario.name}: cells that burn in at least half of {job.count} members"
     area = area_in_words(np.count_nonzero(np.isfinite(median_s)) * land.cell_size_m**2)
     line = f"{time_in_words(job.until_s, scenario.time_zero)} · {area}"
     draw_arrival(folder / "map.png", land, median_s, title, line, layer)

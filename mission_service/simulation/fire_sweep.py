@@ -1,4 +1,4 @@
-"""Burns the fire of a scenario for all combinations of values of some of its keys."""
+"""Simulates the fire of a scenario for all combinations of values of some of its keys."""
 
 import csv
 import json
@@ -61,7 +61,7 @@ class Sweep:
             raise
 
     def label(self, number: int) -> str:
-        """Return the values of a run in words."""
+        """Return a text with the keys and values of a run."""
         pairs = zip(self.keys, self.values[number], strict=True)
         return ", ".join(f"{key}={value}" for key, value in pairs)
 
@@ -107,10 +107,11 @@ def _values_in(text: str, given: str) -> tuple[str, ...]:
 def run_sweep(
     scenario: str, overrides: tuple[str, ...], varied: Sequence[str], folder: Path, run: Run
 ) -> dict[str, Any]:
-    """Burn the runs that are missing in a folder, write the tables, and return a summary.
+    """Simulate the runs that are missing in a folder, write the tables, and return a summary.
 
-    The folder ``runs`` receives a file for each run: its front at the end, with its figures. If the
-    command is stopped, the next one with the same scenario and values burns only what is missing.
+    Each run is stored in a file in the folder ``runs``: the front at the end, with the results. If
+    the command is stopped and repeated with the same scenario and values, only the missing runs are
+    simulated.
 
     Args:
         scenario: A file or the name of a shipped scenario.

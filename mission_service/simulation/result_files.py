@@ -1,7 +1,7 @@
-"""Stores the results of many runs in a folder, so that a run that was stopped can be resumed.
+"""Stores the results of many runs in a folder, so that a stopped command can be resumed.
 
-Each result is a file that appears complete or not at all. The file ``recipe.json`` describes what
-is computed; a folder is used again only for the same recipe.
+Each result is one file, and never an incomplete file. The file ``recipe.json`` has the inputs of
+the computation (the recipe); a folder is used again only for the same recipe.
 """
 
 import hashlib
@@ -29,7 +29,7 @@ USED |= {"weather", "weather_file", "burn"}
 
 
 def recipe_of(scenarios: Sequence[Scenario]) -> Recipe:
-    """Return what fires depend on: settings (of the first scenario), input files, the fire model.
+    """Return the inputs of fires: settings (of the first scenario), input files, the fire model.
 
     Raises OSError for a file that cannot be read.
     """
@@ -63,7 +63,7 @@ def whole_files(folder: Path) -> Iterator[Path]:
 
 
 def results_folder(folder: Path, recipe: Recipe) -> Path:
-    """Create the folder of the results of a recipe, or check that it has this recipe.
+    """Create a folder for the results of a recipe, or check that an existing one has this recipe.
 
     Raises MissionServiceError for a folder with the results of another recipe.
     """
@@ -78,8 +78,8 @@ def results_folder(folder: Path, recipe: Recipe) -> Path:
             write_whole(path, json.dumps(recipe, indent=1) + "\n")
             return folder
         raise MissionServiceError(
-            f"{folder}: has results of other settings ({difference(found, recipe)}); choose "
-            "another -o, or delete this folder"
+            f"{folder}: contains results of other settings ({difference(found, recipe)}); choose "
+            "another folder with -o, or delete this folder"
         )
     return folder
 

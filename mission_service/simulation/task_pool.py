@@ -33,8 +33,8 @@ def _done(item: Any, work: Callable[[Any, Any], Any], job: Any) -> Any:
 def on_cluster(scheduler: str, command: str) -> Iterator[Run]:
     """Yield a function that runs tasks on the workers of a Dask scheduler (tcp://HOST:8786).
 
-    Each worker needs this package. If a worker is lost, the others repeat its tasks. ``command``
-    begins error messages. Raises MissionServiceError if Dask is not installed, or if there is no
+    Each worker needs this package. If a worker is lost, the others repeat its tasks. Error messages
+    begin with ``command``. Raises MissionServiceError if Dask is not installed, or if there is no
     scheduler or no worker.
     """
     with dask_client(scheduler, command) as client:
@@ -42,7 +42,7 @@ def on_cluster(scheduler: str, command: str) -> Iterator[Run]:
         def run(work: Callable[[Any, Any], Any], items: Sequence[Any], job: Any) -> Iterator[Any]:
             import distributed
 
-            # The job is sent to each worker once; hash=False, because equal jobs may be scattered.
+            # The job is sent to each worker once. hash=False: equal jobs may be sent twice.
             shared = client.scatter(job, broadcast=True, hash=False)
             futures = client.map(_done, items, work=work, job=shared, pure=False)
             try:
@@ -51,8 +51,8 @@ def on_cluster(scheduler: str, command: str) -> Iterator[Run]:
             except (distributed.KilledWorker, CancelledError, OSError) as error:
                 reason = " ".join(str(error).split())
                 raise MissionServiceError(
-                    f"{command}: {scheduler}: the cluster lost a task: {reason}; check its workers "
-                    "and run the command again"
+                    f"{command}: {scheduler}: a task failed on the cluster: {reason}; check its "
+                    "workers and run the command again"
                 ) from None
             finally:
                 client.cancel(futures)

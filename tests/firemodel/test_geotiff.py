@@ -88,7 +88,9 @@ def test_equal_arrays_give_equal_bytes(tmp_path: Path) -> None:
 
 
 def test_an_array_of_another_shape_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(FireModelError, match=r"x.tif: the values are \(3, 3\) cells, .* \(6, 7\)"):
+    with pytest.raises(
+        FireModelError, match=r"x.tif: the values have the shape \(3, 3\), .* \(6, 7\)"
+    ):
         write_raster(tmp_path / "x.tif", np.zeros((3, 3)), LAND, PROBABILITY_LAYER)
     assert not list(tmp_path.iterdir())
 

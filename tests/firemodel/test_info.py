@@ -171,7 +171,7 @@ def test_notes_on_the_ground_the_codes_and_ignored_bands(tmp_path: Path) -> None
     ignored, code_0, steep, uphill = found["notes"]
     assert ignored.endswith("a.tif band 5: a run ignores this band (bulk density)")
     assert "fuel code 0 (no fuel, 40.0 %) is read as bare ground (99)" in code_0
-    assert "slopes are 1.8 times those of the elevation; check the unit" in steep
+    assert "slopes are 1.8 times those computed from the elevation" in steep
     assert "aspect points uphill" in uphill
     assert "  note: " in in_text(found)
     bands[3] = 270

@@ -139,10 +139,10 @@ def test_the_file_s_times_and_humidity_reach_the_rules(tmp_path: Path) -> None:
     assert [line.removeprefix(str(path)) for line in lines] == [
         ", record of 2026-03-08T05:00: humidity of 0.25 %, below 1 %: probably a fraction or a "
         "missing value; give percent",
-        ": no record between -1800 s and 27000 s (8 h): records are probably missing; the one "
-        "before is used",
-        ": its times have no UTC offset, and clocks in America/Chicago change on 2026-03-08: an "
-        "hour is missing or double if these are local times; give the times a UTC offset",
+        ": no record between -1800 s and 27000 s (8 h): records are probably missing; the record "
+        "before the gap is used",
+        ": its times have no UTC offset, and clocks in America/Chicago change on 2026-03-08: if "
+        "these are local times, an hour is missing or repeated; add a UTC offset to the times",
     ]
 
 
@@ -161,7 +161,7 @@ def test_an_ignition_is_enclosed() -> None:
     assert line.startswith("ignition at row 5, column 5")
     (line,) = lines_of_ignition((5, 5), (8, 8), burnable={(5, 5), (8, 8), (8, 9)})
     assert line.startswith("ignition at row 5, column 5")
-    assert "so there the fire cannot spread" in line
+    assert "so from there the fire cannot spread" in line
 
 
 def test_an_ignition_is_at_the_edge() -> None:

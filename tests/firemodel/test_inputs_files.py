@@ -56,7 +56,7 @@ def test_named_files_are_found_by_path_or_beside_the_inputs_file(tmp_path: Path)
     inline = read_weather(written(tmp_path, HEAD + MOISTURES + RAWS, "b.input"), moisture=MOISTURE)
     assert found.entries == inline.entries
     raws.unlink()
-    with pytest.raises(FireModelError, match=r"a.input line 7: no file C:/fires/w.raws, also not"):
+    with pytest.raises(FireModelError, match=r"a.input line 7: no file C:/fires/w.raws, and no w"):
         read_weather(tmp_path / "a.input", moisture=MOISTURE)
 
 
@@ -75,10 +75,10 @@ def test_one_wind_of_flammap(tmp_path: Path) -> None:
         (HEAD + RAWS.replace("RAWS: 2", "RAWS: 3"), "line 6: RAWS = 3, but 2 rows follow"),
         (HEAD + "FARSITE_TIMESTEP: 5\n", "line 4: FARSITE_TIMESTEP is given twice"),
         (HEAD + "what is this\n", "line 4: 'what is this' is neither KEY: value nor a row"),
-        (HEAD, "holds no weather; add RAWS"),
+        (HEAD, "contains no weather; add RAWS"),
         (HEAD.replace("2230", "2290") + RAWS, "line 2: FARSITE_START_TIME: '07 15 2290' is not"),
         (HEAD + RAWS.replace("English", "Knots"), "must be ENGLISH or METRIC"),
-        (HEAD + "WIND_DATA: 1\n" + WND[:13], "has no WEATHER_DATA; add it with its rows"),
+        (HEAD + "WIND_DATA: 1\n" + WND[:13], "has no WEATHER_DATA; add this key with its rows"),
     ],
 )
 def test_bad_inputs_files_are_refused(tmp_path: Path, text: str, message: str) -> None:
@@ -116,7 +116,7 @@ def test_daily_weather_in_the_rows_of_an_inputs_file(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("wtr", "wnd", "message"),
     [
-        (WTR, None, "a.wtr: has no wind, and a.wnd is not beside it"),
+        (WTR, None, "a.wtr: contains no wind, and there is no a.wnd"),
         (WTR, "METRIC\n" + WND, "is ENGLISH, .* is METRIC"),
         ("7 15 0 500\n", WND, "a.wtr line 1: 4 fields; give month, day, rain"),
         (WTR.replace("50 90 ", "90 50 "), WND, "a.wtr line 2: the minimum temperature 90"),
@@ -124,7 +124,7 @@ def test_daily_weather_in_the_rows_of_an_inputs_file(tmp_path: Path) -> None:
         (WTR.replace("1500", "2500"), WND, "a.wtr line 2: '7 15 2500' is not a time"),
         (WTR, WND.replace("7 16", "7 15 x"), "a.wnd line 3: 7 fields"),
         (WTR, WND.replace(" 20 90", " 20 500"), "wind_from_deg = 500 must be 0 to 360"),
-        (WTR, WND.replace("7 1", "9 1"), "no wind within the time"),
+        (WTR, WND.replace("7 1", "9 1"), "no wind on the days of"),
     ],
 )
 def test_bad_daily_files_are_refused(

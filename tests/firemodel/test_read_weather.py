@@ -140,8 +140,8 @@ DATED = "time,wind_speed_m_s,wind_from_deg\n"
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", r"w\.csv: holds no weather"),
-        (HEAD, r"w\.csv: holds no weather"),
+        ("", r"w\.csv: contains no weather"),
+        (HEAD, r"w\.csv: contains no weather"),
         (HEAD + "0,1,0\n60,fast,0\n", r"w\.csv line 3: wind_speed_m_s = 'fast' is not a number"),
         (HEAD + "0,1,0\n\n60,1,400\n", r"w\.csv line 4: wind_from_deg = 400 must be 0 to 360"),
         (HEAD + "0,-1,0\n", r"line 2: wind_speed_m_s = -1 must be 0 to 100"),

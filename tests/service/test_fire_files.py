@@ -64,7 +64,7 @@ def test_a_daily_weather_file_needs_and_uses_its_wind(tmp_path: Path) -> None:
     scenario = write_scenario(site, TIFFS, weather, POINT)
     result = call("fire", "run", str(scenario), "-o", str(tmp_path / "out"))
     assert result.exit_code == 1
-    assert "a.wtr: has no wind, and a.wnd is not beside it" in result.stderr
+    assert "a.wtr: contains no wind, and there is no a.wnd" in result.stderr
     assert not (tmp_path / "out" / "summary.json").exists()
     (site / "b.wnd").write_text("7 1 0 10 270 0\n", encoding="utf-8")
     scenario = write_scenario(site, TIFFS, weather + 'wind = "b.wnd"\n', POINT)
@@ -96,7 +96,10 @@ def test_foreign_codes_are_refused_by_name_and_without_files(tmp_path: Path) -> 
     result = call("fire", "run", str(write_scenario(site)), "-o", str(tmp_path / "out"))
     assert result.exit_code == 1
     assert "Traceback" not in result.output
-    assert "fuel codes are of the system Canadian FBP, by fbp_lookup_table.csv" in result.stderr
+    assert (
+        "fbp_lookup_table.csv beside the file has fuel codes of the system Canadian FBP"
+        in result.stderr
+    )
     assert not (tmp_path / "out" / "summary.json").exists()
     translated = TIFFS + "fuel_codes = {1 = 1, 2 = 2}\n"
     assert burn(write_scenario(site, translated, CSV, POINT), tmp_path / "out")["burned_cells"]

@@ -102,7 +102,7 @@ def test_a_replay_verifies_the_arrival_at_the_edge(flown: tuple[Path, str], tmp_
     with_line(changed, line, lambda text: text.replace(b'"arrived_at_us":', b'"arrived_at_us":1'))
     found = verify(changed)
     assert found.differing == ["fire"]
-    assert "the journal has the fire at the edge at 1" in str(found.difference)
+    assert "the recorded fire reaches the edge at 1" in str(found.difference)
 
 
 def test_the_report_lists_the_warnings(flown: tuple[Path, str], tmp_path: Path) -> None:

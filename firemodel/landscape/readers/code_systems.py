@@ -1,8 +1,8 @@
 """Recognise fuel codes that are not those of Anderson or Scott & Burgan, and name their system.
 
-Some systems use the same numbers for other fuels: a Canadian 1 is spruce-lichen woodland,
-Anderson's 1 is short grass. Such a raster can be recognised by other codes in it, or by the lookup
-table that Cell2Fire's programs keep beside it.
+Some systems use the same numbers for other fuels: code 1 is spruce-lichen woodland in the Canadian
+system, but short grass in Anderson's. Such a raster can be recognised by its other codes, or by the
+lookup table of Cell2Fire in the same folder.
 """
 
 import csv
@@ -33,7 +33,7 @@ SYSTEMS = {
     },
     "Australian (AFDRS)": {*range(3001, 3100)},
 }
-# Systems by the beginning of the name of Cell2Fire's lookup tables.
+# The first part of the name of a Cell2Fire lookup table, and the system of its codes.
 TABLES = {
     "fbp": "Canadian FBP",
     "kitral": "Kitral (Chile)",
@@ -47,24 +47,24 @@ ADVICE = (
 
 
 def renamed_code(path: Path, codes: Collection[int], fuels: Mapping[int, FuelModel]) -> str:
-    """Return text on the first code that a lookup table beside a raster gives to another fuel.
+    """Return a text about the first code that a lookup table beside a raster gives to another fuel.
 
-    ``codes`` are the different codes in the raster, ``fuels`` the models of this run. The text is
-    empty if no table contradicts the models.
+    ``codes`` are the codes in the raster, ``fuels`` the fuel models of this run. The text is empty
+    if no table contradicts the models.
     """
     for table in sorted(path.parent.glob("*_lookup_table.csv")):
         system = TABLES.get(table.name.split("_")[0].lower(), table.name)
         for code, name in sorted(names_in(table).items()):
             if code in codes and code in fuels and not _same_fuel(code, name, fuels[code]):
                 return (
-                    f"{path}: fuel codes are of the system {system}, by {table.name} beside the "
-                    f"file: there {code} is {name}, here {fuels[code].name}; {ADVICE}"
+                    f"{path}: {table.name} beside the file has fuel codes of the system {system}: "
+                    f"there code {code} is {name}, here {fuels[code].name}; {ADVICE}"
                 )
     return ""
 
 
 def advice_on(codes: Collection[int], fuels: Mapping[int, FuelModel]) -> str:
-    """Return the remedy for codes of which some have no fuel model, with their system if known."""
+    """Return the remedy for unknown codes, with the system of the codes if it is recognised."""
     judged = {*codes} - {*NON_BURNABLE, NO_FUEL}
     unknown = judged - {*fuels}
     for system, known in SYSTEMS.items():
@@ -89,7 +89,7 @@ def _column_of_types(row: Mapping[str, str]) -> str:
 
 
 def _same_fuel(code: int, name: str, fuel: FuelModel) -> bool:
-    """Return True if a name such as GR1, FM1, NFFL 1 or 1 means the fuel model with a code."""
+    """Return True if a name such as GR1, FM1, NFFL 1 or 1 denotes this fuel model."""
     plain = re.sub(r"\W", "", name).upper()
     return plain == fuel.name.split()[0].upper() or bool(
         re.fullmatch(rf"(FM|NFFL|FBFM|ANDERSON)?0*{code}", plain)

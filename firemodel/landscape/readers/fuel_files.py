@@ -1,4 +1,4 @@
-"""Read FARSITE's files on fuels: custom models (.fmd), moistures (.fms), rate factors (.adj)."""
+"""Read the fuel files of FARSITE: custom models (.fmd), moistures (.fms), rate factors (.adj)."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -17,7 +17,7 @@ from firemodel.physics.rothermel import M_PER_FT, Moisture
 CM_PER_FT = 100.0 * M_PER_FT
 LB_FT2_PER_TONNE_HA = 0.1 / 4.88242764  # kg/m² in a tonne/ha, kg/m² in a lb/ft²
 J_KG_PER_BTU_LB = 2326.0
-# Load in lb/ft², SAV in 1/ft, depth in ft and heat in Btu/lb of each unit in a .fmd.
+# Factors from the units of a .fmd to lb/ft² (load), 1/ft (SAV), ft (depth) and Btu/lb (heat).
 FMD_UNITS = {
     "ENGLISH": (LB_FT2_PER_TON_ACRE, 1.0, 1.0, 1.0),
     "METRIC": (LB_FT2_PER_TONNE_HA, CM_PER_FT, 1.0 / CM_PER_FT, 1.0 / J_KG_PER_BTU_LB),
@@ -58,7 +58,7 @@ def read_fuels(path: Path) -> dict[int, FuelModel]:
             raise FireModelError(f"{where}: fuel code {code} {fault}; give it another number")
         found[code] = _fuel(where, fields, units)
     if not found:
-        raise FireModelError(f"{path}: holds no fuel model; give one in a line ({FMD_FIELDS})")
+        raise FireModelError(f"{path}: contains no fuel model; add a line with {FMD_FIELDS}")
     return found
 
 
@@ -79,7 +79,7 @@ def _fuel(where: str, fields: list[str], units: tuple[float, float, float, float
     heats = [value * units[3] for value in values[10:12]]
     for fault, wrong in (
         (
-            "loads of dead fuel are 0; a code that does not burn belongs into fuel_codes",
+            "all loads of dead fuel are 0; use landscape.fuel_codes for a code that does not burn",
             not any(loads[:3]),
         ),
         (
@@ -88,11 +88,11 @@ def _fuel(where: str, fields: list[str], units: tuple[float, float, float, float
         ),
         (
             "the SAV of a class with a load must be 10 to 10000 1/ft; check the units",
-            _odd(loads, savs),
+            _has_implausible_sav(loads, savs),
         ),
         ("the depth must be 0.01 to 40 ft; check the units", not 0.01 <= depth_ft <= 40.0),
         ("the extinction moisture must be 1 to 100 %", not 0.01 <= extinction <= 1.0),
-        ("heat must be 3000 to 20000 Btu/lb; check the units", not _hot(heats)),
+        ("heat must be 3000 to 20000 Btu/lb; check the units", not _plausible_heats(heats)),
     ):
         if wrong:
             raise FireModelError(f"{where}: fuel model {fields[0]}: {fault}")
@@ -112,22 +112,22 @@ def _fuel(where: str, fields: list[str], units: tuple[float, float, float, float
     )
 
 
-def _odd(loads: list[float], savs: list[float]) -> bool:
+def _has_implausible_sav(loads: list[float], savs: list[float]) -> bool:
     """Return True if a class with a load (1 h, herbaceous, woody) has an implausible SAV."""
     pairs = zip((loads[0], loads[3], loads[4]), savs, strict=True)
     return any(load > 0.0 and not 10.0 <= sav <= 10_000.0 for load, sav in pairs)
 
 
-def _hot(heats: list[float]) -> bool:
+def _plausible_heats(heats: list[float]) -> bool:
     return all(3000.0 <= heat <= 20_000.0 for heat in heats)
 
 
 def with_rate_factors(fuels: Mapping[int, FuelModel], path: Path) -> dict[int, FuelModel]:
-    """Return the fuel models of an .adj file with its factors of the spread rate.
+    """Return the fuel models for which an .adj file has a factor of the spread rate, with it.
 
-    A line of the file is a fuel code and a factor. ``fuels`` are all models that burn. Models
-    without a line are not in the result. Raises FireModelError for an unknown code or a factor
-    beyond 0 to 100; the message names file and line.
+    A line of the file has a fuel code and a factor. ``fuels`` are all burnable fuel models. Raises
+    FireModelError for an unknown code, or for a factor that is not from 0 to 100; the message names
+    file and line.
     """
     found: dict[int, FuelModel] = {}
     for line, fields in rows_of(path):
@@ -147,7 +147,7 @@ def with_rate_factors(fuels: Mapping[int, FuelModel], path: Path) -> dict[int, F
 
 
 def moistures_in(path: Path, rows: "Iterator[tuple[int, list[str]]]") -> dict[int, Moisture]:
-    """Return the moistures (fractions) of each code in lines of an .fms (``rows_of``)."""
+    """Return the moistures (fractions) of each code in the rows of an .fms file (``rows_of``)."""
     found: dict[int, Moisture] = {}
     for line, fields in rows:
         where = f"{path} line {line}"
@@ -162,7 +162,7 @@ def moistures_in(path: Path, rows: "Iterator[tuple[int, list[str]]]") -> dict[in
         pct = [number(where, "a moisture", text, 0.5, MAX_PCT) for text in fields[1:6]]
         found[code] = Moisture(*(value / 100.0 for value in pct))
     if not found:
-        raise FireModelError(f"{path}: holds no moistures; give a line with fuel code 0")
+        raise FireModelError(f"{path}: contains no moistures; add a line with fuel code 0")
     return found
 
 
@@ -184,11 +184,11 @@ def text_of(path: Path) -> str:
     except OSError as error:
         raise FireModelError(f"{path}: cannot be read ({error.strerror})") from None
     except UnicodeDecodeError:
-        raise FireModelError(f"{path}: is not text in UTF-8; save it as such") from None
+        raise FireModelError(f"{path}: is not text in UTF-8; save it in UTF-8") from None
 
 
 def number(where: str, name: str, text: str, least: float, most: float) -> float:
-    """Return the number in a field. Raises FireModelError beyond the limits or for other text."""
+    """Return the number in a field. Raises FireModelError for other text or outside the limits."""
     try:
         value = float(text)
     except ValueError:

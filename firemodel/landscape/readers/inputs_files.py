@@ -1,8 +1,7 @@
 """Read the inputs files of FARSITE and FlamMap: fuel moistures, weather and wind.
 
-Such a file has lines ``KEY: value``. After some keys the value is a count, and as many rows of
-numbers follow. The keys that have an effect on a run are ``USED``; ``Inputs.ignored`` lists all
-others.
+Such a file has lines ``KEY: value``. The value of some keys is the number of rows of numbers that
+follow. The keys that have an effect on a run are ``USED``; ``Inputs.ignored`` returns all others.
 """
 
 import re
@@ -22,7 +21,7 @@ HEADER = re.compile(r"\s*[a-z]*[\s-]*inputs[\s-]*file", re.IGNORECASE)
 START, END = "FARSITE_START_TIME", "FARSITE_END_TIME"
 MOISTURES = "FUEL_MOISTURES_DATA"
 RAWS, WTR, WND = "RAWS", "WEATHER_DATA", "WIND_DATA"
-# Keys with the name of a file, and the key whose rows the file contains.
+# Keys whose value is the name of a file, and the key for the rows in that file.
 FILES = {
     "RAWS_FILE": RAWS,
     "WEATHER_FILE": WTR,
@@ -31,9 +30,9 @@ FILES = {
     "FUEL_MOISTURES_FILE": MOISTURES,
 }
 UNITS = {RAWS: "RAWS_UNITS", WTR: "WEATHER_DATA_UNITS", WND: "WIND_DATA_UNITS"}
-WIND = ("WIND_SPEED", "WIND_DIRECTION", "WIND_SPEED_UNITS")  # one wind, as in FlamMap
+WIND = ("WIND_SPEED", "WIND_DIRECTION", "WIND_SPEED_UNITS")  # a constant wind, as in FlamMap
 USED = {START, END, MOISTURES, RAWS, WTR, WND, *WIND, *FILES, *UNITS.values()}
-# What to do about keys that a scenario expresses in another way.
+# Ignored keys that have an equivalent in a scenario, with the remedy.
 INSTEAD = {
     "CUSTOM_FUELS_FILE": "give it as landscape.custom_fuels",
     "ROS_ADJUST_FILE": "give it as landscape.rate_factors",
@@ -59,12 +58,12 @@ class Inputs:
         ]
 
     def fuel_moistures(self) -> dict[int, Moisture]:
-        """Return the initial moistures (fractions) of each fuel code; 0 is for all others."""
+        """Return the initial moistures (fractions) by fuel code; code 0 means all other fuels."""
         path, rows = self.table(MOISTURES)
         return moistures_in(path, iter(rows))
 
     def units(self, key: str) -> str:
-        """Return ENGLISH or METRIC for the rows of a key; ENGLISH without it, as in FARSITE.
+        """Return the units of the rows of a key: ENGLISH (default, as in FARSITE) or METRIC.
 
         Raises FireModelError for another word.
         """
@@ -90,7 +89,7 @@ class Inputs:
             if FILES.get(name) == key and text:
                 path = self._file(line, text)
                 return path, list(rows_of(path))
-        raise FireModelError(f"{self.path}: has no {key}; add it with its rows")
+        raise FireModelError(f"{self.path}: has no {key}; add this key with its rows")
 
     def file_of(self, key: str) -> Path | None:
         """Return the file that has the rows of a key; None if they are in the inputs file."""
@@ -100,18 +99,21 @@ class Inputs:
         return self._file(*found[0]) if found else None
 
     def _file(self, line: int, text: str) -> Path:
-        """Return a named file: by its path from this file's folder, or beside this file."""
+        """Return a file that is named in this file.
+
+        It is found by its path relative to this file's folder, or by its name in that folder.
+        """
         folder, plain = self.path.parent, text.strip().strip('"').replace("\\", "/")
         for path in (folder / plain, folder / Path(plain).name):
             if path.is_file():
                 return path
         raise FireModelError(
-            f"{self.path} line {line}: no file {plain}, also not as {Path(plain).name} beside the "
+            f"{self.path} line {line}: no file {plain}, and no {Path(plain).name} beside the "
             "inputs file; correct the path, or copy the file there"
         )
 
     def time(self, key: str, year: int) -> datetime | None:
-        """Return the time ``MM DD HHMM`` of a key; None without the key.
+        """Return the time ``MM DD HHMM`` of a key; None if the file does not have the key.
 
         Raises FireModelError for an invalid time.
         """
@@ -124,7 +126,7 @@ class Inputs:
 def time_of(where: str, year: int, fields: list[str]) -> datetime:
     """Return a time without UTC offset from month, day and HHMM (0530 or 530).
 
-    Raises FireModelError for an invalid time; ``where`` begins its message.
+    Raises FireModelError for an invalid time; the message begins with ``where``.
     """
     try:
         month, day, clock = (int(field) for field in fields)
@@ -158,7 +160,7 @@ def read_inputs(path: Path) -> Inputs:
 
     Raises:
         FireModelError: A line is neither a key nor a row, a key is given twice, or the number of
-            rows is not the given one.
+            rows differs from the given number.
     """
     values: dict[str, tuple[int, str]] = {}
     rows: dict[str, NumberedRows] = {}
@@ -185,7 +187,7 @@ def read_inputs(path: Path) -> Inputs:
                 "rows follow; correct the number"
             )
     if not values:
-        raise FireModelError(f"{path}: holds no key; give a FARSITE or FlamMap inputs file")
+        raise FireModelError(f"{path}: contains no key; give a FARSITE or FlamMap inputs file")
     return Inputs(path, values, rows)
 
 
@@ -199,8 +201,8 @@ def _lines(path: Path) -> Iterator[tuple[int, str]]:
 def read_fuel_moistures(path: Path) -> dict[int, Moisture]:
     """Read the initial moistures of fuel models from an .fms file.
 
-    A line is a fuel code and the moistures of 1-h, 10-h, 100-h, live herbaceous and live woody fuel
-    in percent; a seventh number (1000 h) is ignored. Code 0 means all fuels without a line.
+    A line has a fuel code and the moistures of 1-h, 10-h, 100-h, live herbaceous and live woody
+    fuel in percent; a seventh number (1000 h) is ignored. Code 0 means all fuels without a line.
 
     Args:
         path: The file, or a FARSITE inputs file with such lines under FUEL_MOISTURES_DATA.

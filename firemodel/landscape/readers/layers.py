@@ -29,8 +29,8 @@ UNITS = {
 }
 # Units that all programs use; the units of other layers must be given.
 USUAL_UNITS = {"elevation": "m", "aspect": "degrees"}
-# Ground without an aspect is level up to this slope, rise over run (5 degrees): programs leave out
-# the aspect of gentle ground, LANDFIRE below 2 degrees.
+# Maximum slope (rise over run; 5 degrees) at which a cell without an aspect is level ground. Data
+# often have no aspect on gentle slopes; those of LANDFIRE have none below 2 degrees.
 LEVEL_TAN = 0.0875
 BARE_GROUND = 99
 # Canopy cover in the middle of FARSITE's classes 0 to 4: none, to 20, to 50, to 80, to 100 %.
@@ -155,7 +155,7 @@ def limits(layer: str, unit: str) -> tuple[float, float]:
 def level_ground(
     slope_tan: NDArray[np.float32], values: NDArray[Any], missing: Mask
 ) -> tuple[NDArray[Any], Mask]:
-    """Return the values (y, x) of an aspect with -1 on level ground, and what is still missing.
+    """Return an aspect (y, x) with -1 on level ground, and the cells that are still missing.
 
     Missing cells are level ground if their slope (rise over run) is at most ``LEVEL_TAN``.
     """
@@ -164,7 +164,7 @@ def level_ground(
 
 
 def translated(values: NDArray[Any], fuel_codes: Mapping[int, int]) -> NDArray[Any]:
-    """Return fuel codes (y, x) with some of them replaced.
+    """Return fuel codes (y, x) after the replacements in ``fuel_codes``.
 
     Code 0 (no fuel, as in FARSITE) becomes bare ground, unless ``fuel_codes`` replaces it.
     """

@@ -68,14 +68,13 @@ def read_landscape(
             and canopy are rejected.
         missing: With "refuse", cells without a value in a layer are rejected. With "unburnable",
             they become bare ground (99) without slope and trees, and a missing elevation becomes
-            that of the nearest cell. A slope of more than 89.9 degrees is a missing value then. A
-            missing aspect (or -1) is not a missing value where the
-            slope is at most 5 degrees: such a cell is level ground.
+            that of the nearest cell; a slope of more than 89.9 degrees is then a missing value. In
+            both cases, a cell without an aspect is level ground if its slope is at most 5 degrees.
         crs: The CRS of files that have none.
         nodata: A value that means no data, in addition to those that the files declare.
-        fuel_codes: Codes in the file and the codes that replace them. Code 0 becomes 99 (bare
-            ground) if it is not among them.
-        custom_fuels: Fuel models of codes that are not standard, or that replace standard models.
+        fuel_codes: Codes in the file, and the codes that replace them. Code 0 is replaced by 99
+            (bare ground) if it is not given here.
+        custom_fuels: Fuel models by code, in addition to or instead of the standard models.
 
     Returns:
         The landscape, with arrays (rows, columns).

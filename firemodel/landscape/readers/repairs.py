@@ -10,11 +10,11 @@ WGS84 = Geod(ellps="WGS84")
 
 
 def repaired(shape: BaseGeometry) -> BaseGeometry:
-    """Return a valid polygon for a closed line or an invalid polygon, else the shape itself.
+    """Return a valid polygon for closed lines or an invalid polygon, else the shape itself.
 
-    A place lies inside several closed lines if it lies within an odd number of them, so that a line
-    inside another one is the edge of an island. A polygon that crosses itself keeps the area of all
-    its loops; parts without area are dropped.
+    The area of several closed lines consists of the points inside an odd number of them, so that a
+    line inside another one is the edge of an island. A self-intersecting polygon keeps the areas of
+    all its loops. Parts without area are removed.
     """
     lines = [part for part in shapely.get_parts(shape) if part.geom_type == "LineString"]
     if lines and all(line.is_closed and len(line.coords) > 3 for line in lines):
@@ -24,9 +24,9 @@ def repaired(shape: BaseGeometry) -> BaseGeometry:
 
 
 def area_ha(shape: BaseGeometry) -> float:
-    """Return the area of a shape in longitude and latitude on the WGS84 ellipsoid, in hectares.
+    """Return the area in hectares, on the WGS84 ellipsoid, of a shape in longitude and latitude.
 
-    Loops of an invalid polygon with opposite orientation have areas of opposite sign, as in GIS.
+    The areas of loops with opposite orientation have opposite signs, as in GIS.
     """
     found_m2, _ = WGS84.geometry_area_perimeter(shape)
     return abs(found_m2) / 1e4

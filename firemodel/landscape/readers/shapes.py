@@ -40,8 +40,8 @@ def read_shapes(
         path: The file.
         landscape: The geometries are projected to its CRS; each must touch its grid.
         crs: The CRS of a file that has none.
-        repair: True if closed lines and invalid polygons become valid polygons (``repairs``).
-        feature: The number of the only feature to read, from 1; by default all are read.
+        repair: True to make valid polygons of closed lines and invalid polygons (``repairs``).
+        feature: The number of the feature to read, from 1; by default all features are read.
 
     Returns:
         A shapely geometry for each feature, in the order of the file.
@@ -67,7 +67,7 @@ def read_shapes(
 def _selected(
     path: Path, shapes: list[BaseGeometry], feature: int | None
 ) -> list[tuple[int, BaseGeometry]]:
-    """Return the number and geometry of one feature, or of all. Raises FireModelError for none."""
+    """Return the number and geometry of one feature or of all; FireModelError if it is missing."""
     found = [
         (number, shape) for number, shape in enumerate(shapes, start=1) if feature in (None, number)
     ]
@@ -79,10 +79,10 @@ def _selected(
 
 
 def repairs_of(path: Path, feature: int | None = None) -> list[str]:
-    """Return a line on each feature that ``read_shapes`` with ``repair`` changes.
+    """Return a line of text for each feature that ``read_shapes`` changes if ``repair`` is True.
 
-    The line contains the areas before and after in hectares. ``feature`` is as in ``read_shapes``.
-    Raises FireModelError if the file cannot be read as shapes.
+    The line contains the areas before and after the repair in hectares. ``feature`` has the same
+    meaning as in ``read_shapes``. Raises FireModelError if the file cannot be read as shapes.
     """
     shapes, crs = features_of(path)
     lines = []
@@ -167,10 +167,10 @@ def records_of(data: bytes, name: str) -> tuple[list[BaseGeometry], str | None, 
 
 
 def _raw(source: Path | bytes, **options: Any) -> Any:
-    """Return what ``pyogrio.raw.read`` returns, also for a .dbf with broken texts.
+    """Return the result of ``pyogrio.raw.read``, also for a .dbf with invalid UTF-8.
 
-    A Shapefile cuts field names to ten bytes, which can leave half a character in UTF-8; the texts
-    are then read as Latin-1, in which all bytes are characters.
+    Field names in a Shapefile are cut to ten bytes, possibly within a character of UTF-8. The texts
+    are then read as Latin-1, in which every byte is a character.
     """
     import pyogrio
 
@@ -229,8 +229,8 @@ def shape_problems(path: Path, number: int, shape: BaseGeometry, crs: str | None
     if not shape.is_valid:
         reason = shapely.is_valid_reason(shape)
         yield (
-            f"{where} is not a valid {shape.geom_type} ({reason}); repair it, as with QGIS (a "
-            "perimeter also with fire.repair_perimeter = true)"
+            f"{where} is not a valid {shape.geom_type} ({reason}); repair it, for example with "
+            "QGIS (a perimeter also with fire.repair_perimeter = true)"
         )
     west, south, east, north = shape.bounds
     if (

@@ -1,9 +1,9 @@
-"""Make hourly records from FARSITE's daily weather (.wtr) and its wind (.wnd).
+"""Compute hourly records from FARSITE's daily weather (.wtr) and its wind (.wnd).
 
 A .wtr has the minimum and the maximum temperature of each day with their hours, and the humidities
-at these hours; the first and the last day are repeated before and after. Between two such times
-temperature and humidity follow half a cosine (Beck & Trevitt 1989, as in FARSITE). A .wnd has
-winds, each of which holds until the next.
+at these hours. Between two such hours temperature and humidity follow a half cosine (Beck & Trevitt
+1989, as in FARSITE). The day before the first day and the day after the last day are assumed to be
+equal to them. A .wnd has winds, each of which is used until the next.
 """
 
 import math
@@ -32,7 +32,7 @@ HOUR = timedelta(hours=1)
 
 
 class Extreme(NamedTuple):
-    """A time at which temperature and humidity have an extreme, in the unit of the file."""
+    """The daily minimum or maximum temperature, in the unit of the file, and the humidity then."""
 
     at: datetime
     temperature: float
@@ -40,7 +40,7 @@ class Extreme(NamedTuple):
 
 
 class Rain(NamedTuple):
-    """A period of rain, in the unit of the records."""
+    """A period of rain, and its amount per hour in the unit of the records."""
 
     begin: datetime
     end: datetime
@@ -66,22 +66,24 @@ def daily_records(
     """Return hourly records from the rows of a .wtr and a .wnd.
 
     Args:
-        wtr: The file of daily weather and its rows.
-        wnd: The file of winds and its rows.
-        year: The year of the first row; the files have none.
-        units: ENGLISH or METRIC, of the two files without a line on it.
+        wtr: The .wtr file and its rows.
+        wnd: The .wnd file and its rows.
+        year: The year of the first row; the files do not contain the year.
+        units: The units, ENGLISH or METRIC, of the .wtr and of the .wnd if the file has no line
+            with its units.
 
     Returns:
-        The units, and for each hour and each change of wind the number of the wind's line and the
-        texts of time and of ``COLUMNS``.
+        The units, and a record for each hour and each change of wind: the number of the line in
+        the .wnd, and the texts of the time and of ``COLUMNS``.
 
     Raises:
-        FireModelError: A row cannot be used, the files differ in units, or a wind has no weather.
+        FireModelError: A row cannot be used, the units of the files differ, or no wind is within
+            the time of the .wtr.
     """
     unit, days = units_in(*wtr, units[0])
     wind_unit, winds = units_in(*wnd, units[1])
     if unit != wind_unit:
-        raise FireModelError(f"{wtr[0]} is {unit}, {wnd[0]} is {wind_unit}; give both one unit")
+        raise FireModelError(f"{wtr[0]} is {unit}, {wnd[0]} is {wind_unit}; use the same units")
     extremes, rains = _weather(wtr[0], days, year, RAIN_IN[unit])
     blows = _winds(wnd[0], winds, year)
     begin = extremes[0].at.replace(hour=0, minute=0)
@@ -93,7 +95,7 @@ def daily_records(
         *(each._replace(at=each.at + 24 * HOUR) for each in after),
     ]
     if blows[0][0] > end or blows[-1][0] < begin:
-        raise FireModelError(f"{wnd[0]}: no wind within the time of {wtr[0]}; give both one time")
+        raise FireModelError(f"{wnd[0]}: no wind on the days of {wtr[0]}; give files of one period")
     found = []
     for at in _times(blows, begin, end):
         index = max(0, sum(wind[0] <= at for wind in blows) - 1)
@@ -120,7 +122,7 @@ def _weather(
     path: Path, rows: NumberedRows, year: int, rain_in: float
 ) -> tuple[list[Extreme], list[Rain]]:
     if not rows:
-        raise FireModelError(f"{path}: holds no weather; give at least two days ({WTR})")
+        raise FireModelError(f"{path}: contains no weather; give at least one day ({WTR})")
     extremes: list[Extreme] = []
     rains: list[Rain] = []
     for line, fields in rows:
@@ -147,7 +149,7 @@ def _weather(
 
 
 def _rain(where: str, fields: list[str], day: datetime, rain_in: float) -> Rain:
-    """Return the rain of a day as an amount for each hour; without hours it falls all day."""
+    """Return the rain of a day; rain without hours is spread over the whole day."""
     amount = number(where, "rain", fields[2], 0.0, 5000.0) * rain_in
     begin = day.replace(hour=0, minute=0)
     end = begin + 24 * HOUR
@@ -172,7 +174,7 @@ def _winds(path: Path, rows: NumberedRows, year: int) -> list[tuple[datetime, in
             raise FireModelError(f"{where}: not later than the previous wind; sort the lines")
         found.append((at, line, fields[3], fields[4]))
     if not found:
-        raise FireModelError(f"{path}: holds no wind; give at least one line ({WND})")
+        raise FireModelError(f"{path}: contains no wind; give at least one line ({WND})")
     return found
 
 
@@ -190,13 +192,14 @@ def _between(extremes: list[Extreme], at: datetime) -> tuple[float, float]:
 
 
 def wind_file_of(path: Path) -> Path:
-    """Return the .wnd file with the name of a .wtr file. Raises FireModelError if there is none."""
+    """Return the .wnd of the same name as a .wtr. Raises FireModelError if there is none."""
     found = [
         each for each in (path.with_suffix(".wnd"), path.with_suffix(".WND")) if each.is_file()
     ]
     if not found:
         raise FireModelError(
-            f"{path}: has no wind, and {path.stem}.wnd is not beside it; give weather_file.wind"
+            f"{path}: contains no wind, and there is no {path.stem}.wnd beside it; give "
+            "weather_file.wind"
         )
     return found[0]
 

@@ -1,4 +1,4 @@
-"""Read weather streams from FARSITE's files and from CSV with named columns."""
+"""Read weather streams from FARSITE's weather files and from CSV files with named columns."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -68,15 +68,15 @@ def read_weather(
     wind: Path | None = None,
     fuel_moistures: Mapping[int, Moisture] | None = None,
 ) -> WeatherStream:
-    """Read a .raws, .wxs, .wtr or .csv file; each record holds from its time until the next.
+    """Read a .raws, .wxs, .wtr or .csv file; each record is used from its time until the next.
 
     .raws and .wxs have times without a UTC offset; their RAWS_UNITS line is ENGLISH or METRIC.
     ENGLISH means °F, inches and wind in mph 20 ft above the vegetation; METRIC means °C, mm and
     wind in km/h at 10 m.
 
-    .wtr has the extremes of each day, from which hourly records are made (``stream_files``), with
-    the wind of a .wnd file. An inputs file of FARSITE or FlamMap (``inputs_files``) has the rows of
-    these files, or their names. Its moistures and its start apply if they are not given.
+    .wtr has the extremes of each day, from which hourly records are computed (``stream_files``); a
+    .wnd file has the wind. An inputs file of FARSITE or FlamMap (``inputs_files``) has the rows of
+    such files, or their names. Its moistures and its start are used if the arguments are not given.
 
     CSV has one header line that names the columns, in any order. The time is ``time`` (ISO 8601),
     or ``at_s`` if ``start`` is not given. The wind speed is ``wind_speed_`` (at 20 ft) or
@@ -233,14 +233,14 @@ def _check_moistures(
     own: Mapping[int, Moisture],
     conditioned: bool,
 ) -> None:
-    """Raise FireModelError if moistures are missing, or given twice."""
+    """Raise FireModelError if moistures are missing or are given in two ways."""
     missing = [name for name in MOISTURES if name not in values]
     if missing and moisture is None:
         raise FireModelError(f"{path}: no column {missing[0]}; add it, or give the moisture")
     if own and len(missing) < len(MOISTURES):
         raise FireModelError(
             f"{path}: has columns of moistures, which cannot be combined with moistures of single "
-            "fuels; remove one of both"
+            "fuels; remove the columns or the moistures of single fuels"
         )
     if not conditioned:
         return
@@ -258,7 +258,7 @@ def _check_moistures(
 def _moistures_pct(
     at_s: Floats, values: Mapping[str, Floats], moisture: Moisture | None, conditioned: bool
 ) -> Floats:
-    """Return the moistures (n, 5) of the five classes in percent, as given or conditioned."""
+    """Return the moistures (n, 5) of the five classes in percent, conditioned if required."""
     held = [100.0 * part for part in moisture.classes] if moisture else [0.0] * 5
     found = np.column_stack(
         [

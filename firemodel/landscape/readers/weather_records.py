@@ -1,4 +1,4 @@
-"""Read the records of weather files as texts under the names of the CSV columns."""
+"""Read the records of weather files as texts, with the column names of the CSV format."""
 
 import csv
 from collections.abc import Mapping
@@ -30,13 +30,13 @@ from firemodel.physics.rothermel import Moisture
 
 Rows = list[tuple[int, dict[str, str]]]  # line number, text of each named field
 
-YEAR = 2001  # of files without a year, if the start is not given
+YEAR = 2001  # the year of files that do not contain one, if the start is not given
 KINDS = ".raws, .wxs, .wtr, .csv or a FARSITE inputs file"
-# The wind of an inputs file by WIND_SPEED_UNITS (mph at 20 ft, or km/h at 10 m).
+# The column of the wind speed for each WIND_SPEED_UNITS of an inputs file.
 WIND_COLUMNS = {"": "wind_speed_mph", "0": "wind_speed_mph", "1": "wind_10m_kmh"}
 
 
-# Columns of Cell2Fire's Weather.csv, which has a line for each hour. The wind is at 10 m.
+# The columns of Cell2Fire's Weather.csv, which has one row per hour. The wind is at 10 m.
 CELL2FIRE = {
     "WS": "wind_10m_kmh",
     "WD": "wind_from_deg",
@@ -56,13 +56,13 @@ class Records(NamedTuple):
 def records_in(path: Path, wind: Path | None, start: datetime | None) -> Records:
     """Return the records of a weather file, which is recognised by its suffix or its first line.
 
-    ``wind`` is the .wnd file of a .wtr file; ``start`` gives the year to files without one. An
-    inputs file yields its own start and moistures, if ``start`` is None. Raises FireModelError if
-    the file cannot be used or has no records.
+    ``wind`` is the .wnd of a .wtr. Files without a year have the year of ``start``. If ``start`` is
+    None, the start in an inputs file is returned. Raises FireModelError if the file cannot be used
+    or has no records.
     """
     suffix = path.suffix.lower()
     if wind is not None and suffix != ".wtr":
-        raise FireModelError(f"{wind}: only a .wtr file has a separate file of winds; leave it out")
+        raise FireModelError(f"{wind}: only a .wtr file has a separate wind file; leave it out")
     year = YEAR if start is None else start.year
     moistures: Mapping[int, Moisture] = {}
     if is_inputs_file(path):
@@ -80,7 +80,7 @@ def records_in(path: Path, wind: Path | None, start: datetime | None) -> Records
     else:
         rows = _raws_rows(path)
     if not rows:
-        raise FireModelError(f"{path}: holds no weather; give at least one record")
+        raise FireModelError(f"{path}: contains no weather; give at least one record")
     return Records(rows, start, moistures)
 
 
@@ -94,7 +94,7 @@ def _named(units: str, records: list[tuple[int, list[str]]]) -> Rows:
 
 
 def _inputs_rows(inputs: Inputs, year: int) -> Rows:
-    """Return the records of an inputs file: hourly ones, daily ones with winds, or one wind."""
+    """Return the records of an inputs file: hourly or daily weather, or a constant wind."""
     if inputs.has(RAWS):
         other = inputs.file_of(RAWS)
         if other is not None:
@@ -108,7 +108,7 @@ def _inputs_rows(inputs: Inputs, year: int) -> Rows:
     speed, direction, wind_units = (inputs.values.get(key, (0, "")) for key in WIND)
     if not (speed[1] and direction[1]):
         raise FireModelError(
-            f"{inputs.path}: holds no weather; add RAWS, WEATHER_DATA with WIND_DATA, or "
+            f"{inputs.path}: contains no weather; add RAWS, WEATHER_DATA with WIND_DATA, or "
             "WIND_SPEED with WIND_DIRECTION"
         )
     line, unit = wind_units
@@ -180,7 +180,7 @@ def _raws_rows(path: Path) -> Rows:
         elif head[:1].isdigit():
             if not units:
                 raise FireModelError(
-                    f"{path} line {line}: no units before the first record; put in a line "
+                    f"{path} line {line}: no units before the first record; insert a line "
                     "'RAWS_UNITS: English' or 'RAWS_UNITS: Metric'"
                 )
             rows.append((line, raws_row(path, line, fields, units)))

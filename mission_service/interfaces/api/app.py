@@ -198,7 +198,7 @@ def _handle_errors(app: FastAPI) -> None:
 
 
 def _refused_parameter(error: dict[str, Any], operation: dict[str, Any]) -> str:
-    """Return the text for a refused parameter of an operation, as described by OpenAPI."""
+    """Return the text for a refused parameter, from the description of the operation in OpenAPI."""
     parameters = operation.get("parameters", ())
     schema = {"properties": {each["name"]: each["schema"] for each in parameters}}
     place, *path = error["loc"]

@@ -110,7 +110,7 @@ def _kml_track(flown: Flown) -> Iterator[str]:
 
 
 def _kml_line(flown: Flown) -> Iterator[str]:
-    yield "<description>The log has no calendar date, so that the line has no times.</description>"
+    yield "<description>The log has no calendar date, so the line has no times.</description>"
     yield "<LineString><altitudeMode>absolute</altitudeMode><coordinates>\n"
     for _, lat_deg, lon_deg, altitude_m in flown.track:
         yield f"{lon_deg:.7f},{lat_deg:.7f},{altitude_m:.2f}\n"

@@ -78,7 +78,7 @@ class FireAnalysis:
     directions: dict[str, list[tuple[int, bool | None]]] = field(default_factory=dict)
     uploads: list[Upload] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)  # about the scenario, then about the edge
-    reached_edge_us: int | None = None  # mission time of the report
+    reached_edge_us: int | None = None  # mission time of the event ``FireReachedEdge``
 
     @property
     def follows_front(self) -> bool:

@@ -143,7 +143,7 @@ export class FirePanel {
     );
   }
 
-  /** List the warnings about the scenario and the edge; they stay when the banner is acknowledged. */
+  /** List the warnings about the scenario and the edge, also after the banner is acknowledged. */
   private listWarnings(): void {
     const ofFire = (this.store.state?.alarms ?? []).filter((each) => /^(edge|input)\b/.test(each.alarm));
     fill(this.warnings, ...ofFire.map((each) => h("li", { class: each.severity }, each.text)));
