@@ -25,15 +25,20 @@ def area_geometry(area: Any, landscape: Landscape) -> dict[str, Any]:
     """Convert polygons in the landscape's CRS to a MultiPolygon of RFC 7946.
 
     Coordinates are WGS84 [lon, lat], rounded to a centimetre; outer rings are anticlockwise.
+    Polygons are cut at the antimeridian.
     """
     from shapely import get_parts, set_precision, transform
     from shapely.geometry.polygon import orient
 
+    rows, cols = landscape.shape
+    _, middle_deg = landscape.lat_lon_of(*landscape.xy_of(0.5 * rows, 0.5 * cols))
+
     def to_lon_lat(xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
         lat, lon = landscape.lat_lon_of(*xy_m.T)
-        return np.stack([lon, lat], axis=1)
+        lon = np.where(lon - middle_deg > 180.0, lon - 360.0, lon)
+        return np.stack([np.where(lon - middle_deg < -180.0, lon + 360.0, lon), lat], axis=1)
 
-    rounded = set_precision(transform(area, to_lon_lat), MIN_DEG)
+    rounded = _within_180_deg(set_precision(transform(area, to_lon_lat), MIN_DEG))
     shapes = [orient(part) for part in get_parts(rounded) if part.geom_type == "Polygon"]
     # Rounded again: multiples of 1e-7 degrees from shapely are not exact decimals as floats.
     return {
@@ -46,6 +51,20 @@ def area_geometry(area: Any, landscape: Landscape) -> dict[str, Any]:
             for shape in shapes
         ],
     }
+
+
+def _within_180_deg(area: Any) -> Any:
+    """Return an area in degrees cut at the antimeridian, with longitudes from -180 to 180."""
+    from shapely import box, union_all
+    from shapely.affinity import translate
+
+    if area.is_empty or (area.bounds[0] >= -180.0 and area.bounds[2] <= 180.0):
+        return area
+    parts = [
+        translate(area.intersection(box(turn - 180.0, -90.0, turn + 180.0, 90.0)), -turn)
+        for turn in (-360.0, 0.0, 360.0)
+    ]
+    return union_all(parts)
 
 
 def fronts_geojson(

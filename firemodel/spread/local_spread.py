@@ -13,10 +13,13 @@ from numpy.typing import NDArray
 
 from firemodel.arrays import Floats
 from firemodel.compiled import kernel
+from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import ROWS_AT_ONCE, Landscape
 from firemodel.physics import rothermel
 from firemodel.physics.rothermel import FT_MIN_PER_M_S, FuelBed, fuel_bed
 from firemodel.physics.weather import Weather, crown_ratio_from_base, wind_adjustment_factor
+
+MAX_FACTOR = 1e6  # of wind and spread rates
 
 _length_to_breadth = kernel(rothermel.length_to_breadth)
 _eccentricity = kernel(rothermel.eccentricity)
@@ -111,8 +114,15 @@ def perturbed(
 
     All later entries are changed too. In these entries the wind speed is multiplied by
     ``wind_factor``, the wind direction is turned clockwise by ``turn_deg``, and the spread rate is
-    multiplied by ``spread_factor``, a number or an array (changed entries, fuels).
+    multiplied by ``spread_factor``, a number or an array (changed entries, fuels). Raises
+    FireModelError for a factor that is not from 0 to ``MAX_FACTOR``, or a turn without a number.
     """
+    factors = np.append(spread_factor, wind_factor)
+    if not (np.all((factors >= 0.0) & (factors <= MAX_FACTOR)) and math.isfinite(turn_deg)):
+        raise FireModelError(
+            f"perturb: wind_factor = {wind_factor}, turn_deg = {turn_deg}, spread_factor = "
+            f"{spread_factor}: give factors from 0 to {MAX_FACTOR:g} and an angle in degrees"
+        )
     terms = np.concatenate([tables.terms[: entry + 1], tables.terms[entry:]])
     wind = np.concatenate([tables.wind[: entry + 1], tables.wind[entry:]])
     terms[entry + 1 :, :, 0] *= spread_factor

@@ -2,11 +2,20 @@
 
 import re
 import tomllib
+from datetime import datetime
 from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
-from pydantic import AwareDatetime, BaseModel, Field, ValidationError, create_model, model_validator
+from pydantic import (
+    AfterValidator,
+    AwareDatetime,
+    BaseModel,
+    Field,
+    ValidationError,
+    create_model,
+    model_validator,
+)
 
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.links.link import parse_link
@@ -40,6 +49,12 @@ S = TypeVar("S", bound=Section)
 OWN_ERRORS = ("value_error", "assertion_error")  # errors of the validators in this package
 
 
+def _in_use(time: datetime) -> datetime:
+    if not 1900 <= time.year <= 2200:
+        raise ValueError("give a year from 1900 to 2200")
+    return time
+
+
 class Scenario(Section):
     """A complete scenario. Mission time 0 is the start of the simulated fire.
 
@@ -48,7 +63,7 @@ class Scenario(Section):
     """
 
     name: Line
-    time_zero: AwareDatetime | None = None
+    time_zero: Annotated[AwareDatetime, AfterValidator(_in_use)] | None = None
     seed: Annotated[int, Field(ge=0)] = 0
     start_s: NotNegative = 0.0
     duration_s: Positive

@@ -26,6 +26,7 @@ Latitude = Annotated[float, Field(ge=-90, le=90)]
 Longitude = Annotated[float, Field(ge=-180, le=180)]
 Bearing = Annotated[float, Field(ge=0, le=360)]
 Percent = Annotated[float, Field(ge=0, le=400)]
+LogSd = Annotated[float, Field(ge=0, le=1)]  # standard deviation of a logarithm
 Share = Annotated[float, Field(ge=0, lt=1)]
 
 STATED = Uncertainty()
@@ -215,12 +216,12 @@ class EnsembleSection(Section):
     with a median of 1. Each error is constant during a fire and independent of the others.
     """
 
-    wind_log_sd: NotNegative = STATED.wind_log_sd
-    wind_turn_sd_deg: NotNegative = STATED.wind_turn_sd_deg
-    spread_log_sd: NotNegative = STATED.spread_log_sd
-    fuel_log_sd: NotNegative = STATED.fuel_log_sd
-    moisture_log_sd: NotNegative = STATED.moisture_log_sd
-    ignition_sd_m: NotNegative = STATED.ignition_sd_m
+    wind_log_sd: LogSd = STATED.wind_log_sd
+    wind_turn_sd_deg: Annotated[float, Field(ge=0, le=180)] = STATED.wind_turn_sd_deg
+    spread_log_sd: LogSd = STATED.spread_log_sd
+    fuel_log_sd: LogSd = STATED.fuel_log_sd
+    moisture_log_sd: LogSd = STATED.moisture_log_sd
+    ignition_sd_m: Annotated[float, Field(ge=0, le=100_000)] = STATED.ignition_sd_m
 
 
 class PlannerSection(Section):

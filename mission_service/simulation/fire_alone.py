@@ -20,6 +20,7 @@ from mission_service.config.scenario import Scenario
 from mission_service.errors import ScenarioError
 from mission_service.fire.setup import fire_of, landscape_of, warnings_on
 from mission_service.runtime.progress import fire_progress
+from mission_service.simulation.result_files import check_command
 
 STEPS = 200  # progress reports of a run
 MAX_FRONTS = 10_000
@@ -43,6 +44,7 @@ def run_fire(
     if netcdf:
         check_netcdf()
     check_times(scenario)
+    check_command(folder, "fire run")
     landscape = landscape_of(scenario)
     fire = fire_of(scenario, landscape)
     start_s = fire.time_s
@@ -58,8 +60,9 @@ def run_fire(
         lines.append(str(reached))
         warn(str(reached))
     with writing(folder):
+        path = folder / "fire.nc"
+        path.unlink(missing_ok=True)  # of an earlier run
         if netcdf:
-            path = folder / "fire.nc"
             write_netcdf(path, fire, times_s, scenario.name, scenario.time_zero)
         return _write(scenario, fire, folder, times_s, lines)
 

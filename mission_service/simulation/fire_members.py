@@ -43,6 +43,7 @@ from mission_service.fire.setup import (
 from mission_service.runtime.progress import fire_progress
 from mission_service.simulation.fire_alone import check_times, writing
 from mission_service.simulation.result_files import (
+    check_command,
     missing,
     numbered,
     reading,
@@ -54,6 +55,10 @@ from mission_service.simulation.task_pool import Run
 
 QUANTILES = (0.1, 0.5, 0.9)
 SUFFIX = ".npz"
+MEMBER_AT_EDGE = (
+    "the fire of one or more members reached the edge of the landscape; fire beyond the edge is "
+    "not simulated; give a larger landscape"
+)
 
 
 @dataclass(frozen=True)
@@ -138,6 +143,7 @@ def run_members(
         ScenarioError: No fire starts before the scenario's end, or a file cannot be written.
         MissionServiceError: The folder has members of other settings, or the cluster failed.
     """
+    check_command(folder, "fire run --members")
     job = job_of(scenario, count)
     warnings = warnings_on(scenario, job.landscape)
     for line in warnings:
@@ -153,7 +159,11 @@ def run_members(
                 progress(count - len(absent) + place)
         windows = list(_read(results, count))
         with whole_files(folder) as part:
-            summary = _write(scenario, job, windows, part) | {"warnings": warnings}
+            summary = _write(scenario, job, windows, part)
+            if summary["reached_edge"]:
+                warnings.append(MEMBER_AT_EDGE)
+                warn(MEMBER_AT_EDGE)
+            summary["warnings"] = warnings
             write_whole(part / "summary.json", json.dumps(summary, indent=2) + "\n")
             return summary
 

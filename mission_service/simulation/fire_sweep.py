@@ -26,6 +26,7 @@ from mission_service.fire.setup import fire_of, landscape_in
 from mission_service.runtime.progress import fire_progress
 from mission_service.simulation.fire_alone import check_times, writing
 from mission_service.simulation.result_files import (
+    check_command,
     missing,
     numbered,
     reading,
@@ -124,6 +125,7 @@ def run_sweep(
         ScenarioError: A run's scenario is invalid, or a file cannot be written.
         MissionServiceError: The folder has runs of other settings, or the cluster failed.
     """
+    check_command(folder, "fire sweep")
     sweep = sweep_of(scenario, overrides, varied)
     scenarios = [sweep.load(number) for number in range(len(sweep.values))]
     for each in scenarios:

@@ -17,9 +17,15 @@ import firemodel
 from firemodel.compiled import cache_folder
 from firemodel.outputs.whole_file import write_whole
 from mission_service.config.scenario import Scenario
-from mission_service.errors import MissionServiceError
+from mission_service.errors import MissionServiceError, ScenarioError
 
 RECIPE = "recipe.json"
+# A result of each command, by which its folder is recognised.
+COMMANDS = {
+    "fire run": "arrival_time_s.tif",
+    "fire run --members": "members",
+    "fire sweep": "runs",
+}
 Recipe = dict[str, Any]
 
 
@@ -60,6 +66,15 @@ def whole_files(folder: Path) -> Iterator[Path]:
         yield Path(part)
         for path in sorted(Path(part).iterdir()):
             path.replace(folder / path.name)
+
+
+def check_command(folder: Path, command: str) -> None:
+    """Raise ScenarioError for a folder with the results of another of ``COMMANDS``."""
+    for other, result in COMMANDS.items():
+        if other != command and (folder / result).exists():
+            raise ScenarioError(
+                f"{folder}: contains results of {other} ({result}); choose another folder with -o"
+            )
 
 
 def results_folder(folder: Path, recipe: Recipe) -> Path:

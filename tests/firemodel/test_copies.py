@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from firemodel.errors import FireModelError
 from firemodel.physics.weather import WeatherStream
 from firemodel.spread.anyangle import AnyAngleFire
 from firemodel.spread.burning import burning_from_arrival
 from firemodel.spread.devs8 import Devs8Fire
 from firemodel.spread.fire_scheme import Burning, Fire
 from firemodel.spread.probabilistic import ProbabilisticFire
-from tests.firemodel.grids import landscape, weather
+from tests.firemodel.grids import landscape, steady, weather
 
 Make = Callable[[WeatherStream, Burning | None], Fire]
 
@@ -135,3 +136,10 @@ def test_chance_perturbed_burns_faster() -> None:
         fire.advance(9000.0)
     slow, fast = (int(np.count_nonzero(fire.burned())) for fire in fires)
     assert fast > 2 * slow
+
+
+@pytest.mark.parametrize("factors", [(np.inf, 0.0, 1.0), (1.0, np.nan, 1.0), (1.0, 0.0, -1.0)])
+def test_a_perturbation_without_meaning_is_refused(factors: tuple[float, float, float]) -> None:
+    fire = AnyAngleFire(landscape(np.full((9, 9), 1)), steady(), [(4, 4, 0.0)])
+    with pytest.raises(FireModelError, match=r"perturb: .* give factors from 0 to"):
+        fire.perturb(*factors)

@@ -7,8 +7,12 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+import shapely
 
+from firemodel.arrays import Floats
 from firemodel.errors import FireModelError
+from firemodel.landscape.flat import flat_landscape
+from firemodel.landscape.landscape import Landscape
 from firemodel.outputs.front_files import write_fronts
 from firemodel.outputs.raster_layers import arrival_layer
 from firemodel.spread.anyangle import AnyAngleFire
@@ -115,3 +119,19 @@ def test_a_front_has_the_class_of_the_cells_that_burn_until_its_time(tmp_path: P
     root = ElementTree.parse(tmp_path / "fronts.qml").getroot()
     labels = [each.get("label") for each in root.iter("range")]
     assert labels == ["0–1 h", "1–2 h", "2–3 h", "3–4 h"]
+
+
+def test_a_fire_across_the_antimeridian_is_cut_there(tmp_path: Path) -> None:
+    land = flat_landscape(60, 60, 30.0, 10.0, 179.9999)
+    fire = AnyAngleFire(land, steady(), [(30, 30, 0.0)])
+    fire.advance(3600.0)
+    write_fronts(tmp_path / "fronts.geojson", fire, [3600.0], "date line")
+    (feature,) = json.loads((tmp_path / "fronts.geojson").read_text())["features"]
+    rings = [np.array(polygon[0]) for polygon in feature["geometry"]["coordinates"]]
+    assert sorted(np.sign(ring[:, 0]).mean() for ring in rings) == [-1.0, 1.0]
+    metres = [shapely.Polygon(land_xy(land, ring)).area for ring in rings]
+    assert sum(metres) == pytest.approx(fire.front(3600.0).area, rel=1e-4)
+
+
+def land_xy(land: Landscape, ring: Floats) -> Floats:
+    return np.column_stack(land.xy_of_lat_lon(ring[:, 1], ring[:, 0]))

@@ -184,6 +184,8 @@ def test_changed_input_files_are_refused(tmp_path: Path) -> None:
         (["--scheduler", "tcp://x:1"], "--scheduler has no effect without --members"),
         (["--members", "0"], "0 is not in the range"),
         (["--members", "2", "--set", "ensemble.wind_log_sd=-1"], "ensemble.wind_log_sd"),
+        (["--members", "2", "--set", "ensemble.wind_log_sd=1000"], "ensemble.wind_log_sd"),
+        (["--set", "time_zero=9999-12-31T23:59:00Z"], "give a year from 1900 to 2200"),
         (["--members", "2", "--set", "ignition.0.at_s=9000"], "must be before"),
         (["--members", "2", "--set", "ignition.0.lat_deg=10"], "outside the landscape"),
     ],
@@ -192,3 +194,24 @@ def test_wrong_options_are_refused(tmp_path: Path, options: list[str], text: str
     flat = write_flat(tmp_path)
     assert text in refused(str(flat), "-o", str(tmp_path / "out"), *options)
     assert not [*(tmp_path / "out").glob("members/0*")]
+
+
+def test_a_folder_holds_the_results_of_one_command(tmp_path: Path) -> None:
+    flat, out = write_flat(tmp_path), tmp_path / "out"
+    burn(flat, out, "--netcdf")
+    assert (out / "fire.nc").exists()
+    line = refused(str(flat), "-o", str(out), "--members", "2")
+    assert "contains results of fire run (arrival_time_s.tif); choose another folder" in line
+    burn(flat, out)
+    assert not (out / "fire.nc").exists()
+    many = tmp_path / "many"
+    burn(flat, many, "--members", "2")
+    line = refused(str(flat), "-o", str(many))
+    assert "contains results of fire run --members (members)" in line
+
+
+def test_members_that_reach_the_edge_give_a_warning(tmp_path: Path) -> None:
+    flat = write_flat(tmp_path)
+    summary = burn(flat, tmp_path / "out", "--members", "2", "--set", "duration_s=20000")
+    assert summary["reached_edge"]
+    assert "one or more members reached the edge" in summary["warnings"][-1]
