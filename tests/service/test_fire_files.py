@@ -111,7 +111,7 @@ def test_foreign_codes_are_refused_by_name_and_without_files(tmp_path: Path) -> 
         (('[landscape]\nrate_factors = "x.adj"\n', CSV, POINT), "rate_factors has no effect"),
         ((TIFFS, CSV, POINT + "[fire]\nrepair_perimeter = true\n"), "no effect without perimeter"),
         ((TIFFS + "fuel_codes = {1 = 0}\n", CSV, POINT), "fuel_codes"),
-        ((TIFFS, CSV + 'wind = "fuel.tif"\n', POINT), "only a .wtr file has a separate file"),
+        ((TIFFS, CSV + 'wind = "fuel.tif"\n', POINT), "only a .wtr file has a separate wind file"),
     ],
 )
 def test_keys_without_effect_are_refused(
