@@ -8,7 +8,7 @@ prints the difference of the burned areas in percent, for the scheme and for ``p
 * a checkerboard of fuels 1 and 10, against cells cut 7 x 7;
 * a strip of fuel 1, one cell wide, across fuel 8: time to its end against cells cut 7 x 7;
 * fifteen changes of weather that change nothing (the wind by a millionth), against none, in patches
-  and on even ground, whose ellipse has a length-to-width ratio of 2.3 at 10 m/s;
+  and on even ground (length-to-width ratio of the ellipse 2.3 at 10 m/s);
 * with ``--real``, fires with random weather on windows of 120 x 120 cells of the Worcester and the
   Maria landscapes (``../shared``), against cells cut 7 x 7; some minutes.
 

@@ -11,9 +11,10 @@ import numpy as np
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.fuels import NON_BURNABLE
 from firemodel.physics.weather import Weather, WeatherStream
+from firemodel.spread.edge import BEYOND_EDGE
 from firemodel.spread.fire_scheme import Ignition
 
-LASTING_S = 3600.0  # time for which the last weather record is used without a warning
+MAX_LAST_RECORD_S = 3600.0  # time for which the last weather record is used without a warning
 MAX_GAP_S = 3.0 * 3600.0
 MIN_DEAD_PCT = 1.0  # the moisture of dead fuel is higher even in a desert
 MIN_LIVE_PCT = 5.0  # the moisture of live fuel is higher, but as a fraction it is 3 or less
@@ -102,8 +103,8 @@ def _dry_air(inputs: FireInputs) -> Iterator[str]:
 def _weather_ends_early(inputs: FireInputs) -> Iterator[str]:
     source, entries, end_s = inputs.weather.source, inputs.weather.entries, inputs.end_s
     last_s = entries[-1].at_s
-    usual_s = last_s - entries[-2].at_s if len(entries) > 1 else LASTING_S
-    if source is not None and end_s - last_s > max(usual_s, LASTING_S):
+    usual_s = last_s - entries[-2].at_s if len(entries) > 1 else MAX_LAST_RECORD_S
+    if source is not None and end_s - last_s > max(usual_s, MAX_LAST_RECORD_S):
         yield (
             f"{source.name}: ends at {last_s:g} s; its last record is used until {end_s:g} s; give "
             "a longer file, or check the start and the duration"
@@ -144,9 +145,8 @@ def _time_zone(landscape: Landscape) -> ZoneInfo | None:
     """Return the time zone at the centre of a landscape; None if there is none."""
     from tzfpy import get_tz
 
-    rows, cols = landscape.shape
-    lat, lon = landscape.lat_lon_of(*landscape.xy_of((rows - 1) / 2.0, (cols - 1) / 2.0))
-    name = get_tz(float(lon), float(lat))
+    lat, lon = landscape.centre_lat_lon
+    name = get_tz(lon, lat)
     return ZoneInfo(name) if name else None
 
 
@@ -187,8 +187,7 @@ def _burnable_around(land: Landscape, row: int, col: int) -> set[tuple[int, int]
 def _ignition_at_edge(inputs: FireInputs) -> Iterator[str]:
     rows, cols = inputs.landscape.shape
     found = [
-        f"ignition at row {row}, column {col}: at the edge of the landscape; fire beyond the edge "
-        "is not simulated; give a larger landscape"
+        f"ignition at row {row}, column {col}: at the edge of the landscape; {BEYOND_EDGE}"
         for row, col, _ in inputs.ignitions
         if row in (0, rows - 1) or col in (0, cols - 1)
     ]

@@ -139,7 +139,7 @@ class Start:
 
 
 def _with_dead_moisture(entry: Weather, factor: float) -> Weather:
-    """Return an entry whose dead fuel moistures are multiplied by a factor."""
+    """Return an entry with its dead fuel moistures multiplied by a factor."""
     names: list[Any] = ["dead_1h", "dead_10h", "dead_100h"]
     own = [
         (code, replace(moisture, **{name: getattr(moisture, name) * factor for name in names}))

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from firemodel.landscape.landscape import horn
 
 STEEP = 0.1  # rise over run above which slopes and aspects are compared
-STEEPER = 1.5  # ratio of slopes above which (or below whose inverse) a note is given
+MAX_SLOPE_RATIO = 1.5  # a note is given above this ratio of slopes, or below its inverse
 OPPOSITE_DEG = 135.0
 
 
@@ -30,7 +30,7 @@ def ground_notes(
     if not steep.any():
         return
     ratio = float(np.median(slope_tan[steep] / rise[steep]))
-    if not 1.0 / STEEPER < ratio < STEEPER:
+    if not 1.0 / MAX_SLOPE_RATIO < ratio < MAX_SLOPE_RATIO:
         yield (
             f"{name}: slopes are {ratio:.2g} times those computed from the elevation; check the "
             "unit of slope (percent or degrees)"

@@ -251,12 +251,18 @@ class Landscape:
         return np.rad2deg(falls) % 360.0
 
     @cached_property
+    def centre_lat_lon(self) -> tuple[float, float]:
+        """WGS84 latitude and longitude in degrees of the middle of the grid."""
+        rows, cols = self.shape
+        lat_deg, lon_deg = self.lat_lon_of(*self.xy_of((rows - 1) / 2, (cols - 1) / 2))
+        return float(lat_deg), float(lon_deg)
+
+    @cached_property
     def grid_convergence_deg(self) -> float:
         """The direction of grid north at the middle of the grid, clockwise from true north."""
         from pyproj import Proj
 
-        rows, cols = self.shape
-        lat_deg, lon_deg = self.lat_lon_of(*self.xy_of((rows - 1) / 2, (cols - 1) / 2))
+        lat_deg, lon_deg = self.centre_lat_lon
         return float(Proj(self.crs).get_factors(lon_deg, lat_deg).meridian_convergence)
 
     def grid_deg(self, true_deg: float) -> float:

@@ -41,7 +41,7 @@ def draw_map(path: Path | str, fire: Fire, title: str, time_zero: datetime | Non
     Raises:
         OSError: The file cannot be written.
     """
-    arrival_s = np.where(fire.burned(), fire.arrival_time_s, np.inf)
+    arrival_s = fire.burned_arrival_s()
     line = status_line(fire, time_zero)
     layer = arrival_layer_of(fire, time_zero)
     draw_arrival(Path(path), fire.landscape, arrival_s, title, line, layer)

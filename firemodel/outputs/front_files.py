@@ -30,8 +30,7 @@ def area_geometry(area: Any, landscape: Landscape) -> dict[str, Any]:
     from shapely import get_parts, set_precision, transform
     from shapely.geometry.polygon import orient
 
-    rows, cols = landscape.shape
-    _, middle_deg = landscape.lat_lon_of(*landscape.xy_of(0.5 * rows, 0.5 * cols))
+    _, middle_deg = landscape.centre_lat_lon
 
     def to_lon_lat(xy_m: NDArray[np.float64]) -> NDArray[np.float64]:
         lat, lon = landscape.lat_lon_of(*xy_m.T)

@@ -105,9 +105,8 @@ def write_rasters(
         OSError: A file cannot be written.
     """
     found, codes = behaviour_of(fire), fire.landscape.fuel_model
-    arrival_s = np.where(fire.burned(), fire.arrival_time_s, np.nan)
-    layers = {
-        "arrival_time_s": (arrival_s, arrival_layer_of(fire, time_zero)),
+    layers: dict[str, tuple[NDArray[Any], Layer]] = {
+        "arrival_time_s": (fire.burned_arrival_s(), arrival_layer_of(fire, time_zero)),
         "spread_rate_m_s": (found.spread_rate_m_s, SPREAD_RATE_LAYER),
         "spread_toward_deg": (found.toward_deg, SPREAD_TOWARD_LAYER),
         "flame_length_m": (found.flame_length_m, FLAME_LENGTH_LAYER),

@@ -16,7 +16,7 @@ def raster_qml(layer: Layer) -> str:
     """Return the style of a raster with one band: a colour and a label for each class.
 
     Args:
-        layer: The layer, whose classes become the legend.
+        layer: The layer; its classes become the legend.
 
     Returns:
         The text of a .qml file (XML), with QGIS's renderer ``paletted`` for codes and

@@ -52,7 +52,7 @@ def behaviour_of(fire: Fire) -> Behaviour:
     terrain, tables = terrain_of(land), tables_of(land, entries, fire.wind_limit)
     heat = heat_of(land, entries)
     began_s = np.array([-math.inf, *(entry.at_s for entry in entries[1:])])
-    arrival_s = np.where(fire.burned(), fire.arrival_time_s, np.inf).ravel()
+    arrival_s = fire.burned_arrival_s().ravel()
     paths = fire.arrival_vectors().reshape(2, -1)
     rate, toward_deg, intensity = front_behaviour(arrival_s, paths, began_s, heat, terrain, tables)
     toward_deg = land.true_deg(toward_deg)

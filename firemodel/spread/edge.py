@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 
 from firemodel.spread.fire_scheme import Fire
 
+BEYOND_EDGE = "fire beyond the edge is not simulated; give a larger landscape"
+
 
 class AtEdge(NamedTuple):
     """The first arrival of a fire at the edge: the time in s and the position in WGS84 degrees."""
@@ -20,8 +22,7 @@ class AtEdge(NamedTuple):
         clock = timedelta(seconds=round(self.at_s))
         return (
             f"the fire reached the edge of the landscape at {clock} (lat {self.lat_deg:.5f}, "
-            f"lon {self.lon_deg:.5f}); fire beyond the edge is not simulated; give a larger "
-            "landscape"
+            f"lon {self.lon_deg:.5f}); {BEYOND_EDGE}"
         )
 
 

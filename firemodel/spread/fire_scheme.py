@@ -133,6 +133,10 @@ class Fire(ABC):
         """Return the mask (y, x) of the cells that have ignited by now."""
         return self.arrival_time_s <= self.time_s
 
+    def burned_arrival_s(self) -> Floats:
+        """Return the arrival times (y, x) of the cells that have ignited by now, else infinity."""
+        return np.where(self.burned(), self.arrival_time_s, np.inf)
+
     @property
     def burned_ha(self) -> float:
         """The burned area in hectares, counted in whole cells."""

@@ -166,7 +166,7 @@ def _first_and_crossings(start, end):  # type: ignore[no-untyped-def]
 
 @kernel
 def _follow(y, x, to_y, to_x, limit_s, ground):  # type: ignore[no-untyped-def]
-    """Follow a line as ``travel`` does, but stop at a cell whose slowness is not known.
+    """Follow a line as ``travel`` does, but stop at a cell with unknown slowness.
 
     Returns the time, the fraction of the line that is covered, and that cell, or -1.
     """

@@ -5,49 +5,23 @@ Heavy modules are imported only when a command runs.
 
 import json
 import math
-import os
 import sys
-from collections.abc import Callable
-from functools import wraps
 from pathlib import Path
-from typing import Any, NamedTuple
 
 import click
 
-from mission_service.cli.options import JSON, OUT_FOLDER, OVERRIDE, echo, echo_warning, folder
+from mission_service.cli.options import (
+    JSON,
+    OUT_FOLDER,
+    OVERRIDE,
+    Cores,
+    cores_option,
+    echo,
+    echo_warning,
+    folder,
+)
 
 MAX_RUNS = 100_000
-
-
-class Cores(NamedTuple):
-    """Where fires are computed: the address of a Dask scheduler or None, and a number of threads.
-
-    The number of threads is used only without a scheduler.
-    """
-
-    scheduler: str | None
-    workers: int
-
-
-def cores_option(command: Callable[..., None]) -> Callable[..., None]:
-    """Add --workers and --scheduler to a command, and pass both to it as ``cores``."""
-
-    @click.option(
-        "--workers",
-        type=click.IntRange(1),
-        default=os.cpu_count() or 1,
-        help="Number of threads on this machine [default: one per core].",
-    )
-    @click.option(
-        "--scheduler",
-        metavar="ADDRESS",
-        help="Compute on the workers of this Dask scheduler, e.g. tcp://10.0.0.1:8786.",
-    )
-    @wraps(command)
-    def with_cores(scheduler: str | None, workers: int, **arguments: Any) -> None:
-        command(cores=Cores(scheduler, workers), **arguments)
-
-    return with_cores
 
 
 @click.group()
@@ -73,7 +47,7 @@ def fire() -> None:
     metavar="N",
     help="Simulate N times with random errors ([ensemble]); write probabilities, not fronts.",
 )
-@cores_option
+@cores_option("threads")
 @OVERRIDE
 @JSON
 def fire_run(
@@ -137,7 +111,7 @@ def _refuse_together(members: int | None) -> None:
     metavar="KEY=VALUES",
     help="Values of a key: a list (3,5,8) or a range (2:10:2 means 2 to 10 by 2); repeatable.",
 )
-@cores_option
+@cores_option("threads")
 @OVERRIDE
 @JSON
 def fire_sweep(

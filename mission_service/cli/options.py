@@ -2,11 +2,13 @@
 
 import json
 import math
+import os
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import wraps
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import click
 
@@ -95,6 +97,43 @@ def report_options(command: Command) -> Command:
         show_default=True,
     )
     return log(level(JSON(command)))
+
+
+class Cores(NamedTuple):
+    """Where a command computes: the address of a Dask scheduler or None, and a number of workers.
+
+    The number of threads or processes on this machine is used only without a scheduler.
+    """
+
+    scheduler: str | None
+    workers: int
+
+
+def cores_option(workers: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Return a decorator that adds --workers and --scheduler to a command, as its ``cores``.
+
+    ``workers`` is the noun for the workers on this machine: threads or processes.
+    """
+
+    def decorate(command: Callable[..., None]) -> Callable[..., None]:
+        @click.option(
+            "--workers",
+            type=click.IntRange(1),
+            default=os.cpu_count() or 1,
+            help=f"Number of {workers} on this machine [default: one per core].",
+        )
+        @click.option(
+            "--scheduler",
+            metavar="ADDRESS",
+            help="Compute on the workers of this Dask scheduler, e.g. tcp://10.0.0.1:8786.",
+        )
+        @wraps(command)
+        def with_cores(scheduler: str | None, workers: int, **arguments: Any) -> None:
+            command(cores=Cores(scheduler, workers), **arguments)
+
+        return with_cores
+
+    return decorate
 
 
 def folder(out: Path) -> Path:

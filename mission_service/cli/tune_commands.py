@@ -4,12 +4,11 @@ Heavy modules are imported only when a command runs.
 """
 
 import json
-import os
 from pathlib import Path
 
 import click
 
-from mission_service.cli.options import JSON, progress_line
+from mission_service.cli.options import JSON, Cores, cores_option, progress_line
 
 
 @click.group()
@@ -18,20 +17,10 @@ def tune() -> None:
 
 
 @tune.command("virtual-agents")
-@click.option(
-    "--scheduler",
-    metavar="ADDRESS",
-    help="Evaluate on the workers of this Dask scheduler, e.g. tcp://10.0.0.1:8786.",
-)
+@cores_option("processes")
 @click.option("--population", type=click.IntRange(4), default=50, show_default=True)
 @click.option("--generations", type=click.IntRange(1), default=200, show_default=True)
 @click.option("--seed", type=int, default=3, show_default=True)
-@click.option(
-    "--workers",
-    type=click.IntRange(1),
-    default=os.cpu_count() or 1,
-    help="Number of processes on this machine [default: one per core].",
-)
 @click.option(
     "--out",
     type=click.Path(dir_okay=False, path_type=Path),
@@ -40,11 +29,10 @@ def tune() -> None:
 )
 @JSON
 def virtual_agents(
-    scheduler: str | None,
+    cores: Cores,
     population: int,
     generations: int,
     seed: int,
-    workers: int,
     out: Path | None,
     as_json: bool,
 ) -> None:
@@ -52,7 +40,11 @@ def virtual_agents(
     from mission_service.errors import MissionServiceError
     from mission_service.experiments import tuning
 
-    pool = tuning.on_cluster(scheduler, seed) if scheduler else tuning.on_cores(workers, seed)
+    pool = (
+        tuning.on_cluster(cores.scheduler, seed)
+        if cores.scheduler
+        else tuning.on_cores(cores.workers, seed)
+    )
     with pool as evaluate:
         found = tuning.tune(evaluate, seed, population, generations, progress_line)
     if out:

@@ -29,7 +29,7 @@ Percent = Annotated[float, Field(ge=0, le=400)]
 LogSd = Annotated[float, Field(ge=0, le=1)]  # standard deviation of a logarithm
 Share = Annotated[float, Field(ge=0, lt=1)]
 
-STATED = Uncertainty()
+DEFAULT_ERRORS = Uncertainty()
 ALL = "all"  # instead of a vehicle's name, in requests that are possible for all vehicles
 RASTER_KEYS = (
     *("bands", "units", "missing", "crs", "nodata"),
@@ -216,12 +216,12 @@ class EnsembleSection(Section):
     with a median of 1. Each error is constant during a fire and independent of the others.
     """
 
-    wind_log_sd: LogSd = STATED.wind_log_sd
-    wind_turn_sd_deg: Annotated[float, Field(ge=0, le=180)] = STATED.wind_turn_sd_deg
-    spread_log_sd: LogSd = STATED.spread_log_sd
-    fuel_log_sd: LogSd = STATED.fuel_log_sd
-    moisture_log_sd: LogSd = STATED.moisture_log_sd
-    ignition_sd_m: Annotated[float, Field(ge=0, le=100_000)] = STATED.ignition_sd_m
+    wind_log_sd: LogSd = DEFAULT_ERRORS.wind_log_sd
+    wind_turn_sd_deg: Annotated[float, Field(ge=0, le=180)] = DEFAULT_ERRORS.wind_turn_sd_deg
+    spread_log_sd: LogSd = DEFAULT_ERRORS.spread_log_sd
+    fuel_log_sd: LogSd = DEFAULT_ERRORS.fuel_log_sd
+    moisture_log_sd: LogSd = DEFAULT_ERRORS.moisture_log_sd
+    ignition_sd_m: Annotated[float, Field(ge=0, le=100_000)] = DEFAULT_ERRORS.ignition_sd_m
 
 
 class PlannerSection(Section):

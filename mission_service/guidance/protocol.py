@@ -125,7 +125,7 @@ class Compared(NamedTuple):
 
 @runtime_checkable
 class ComparesParts(Protocol):
-    """A planner whose decision compares parts of the front."""
+    """A planner that compares parts of the front for its decision."""
 
     def compared(self, row: float, col: float, at_s: float) -> Compared:
         """Return the importance and the position of each part of the front; changes no state."""

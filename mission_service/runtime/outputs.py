@@ -144,7 +144,7 @@ def draw_map(path: Path, scenario: Scenario, record: RunStatistics, fire: Fire) 
     land = fire.landscape
     flown = [point[1:3] for vehicle in record.vehicles.values() for point in vehicle.track]
     flown_xy_m = np.stack(land.xy_of_lat_lon(*np.array(flown).T), axis=1) if flown else None
-    arrival_s = np.where(fire.burned(), fire.arrival_time_s, np.inf)
+    arrival_s = fire.burned_arrival_s()
     frame = frame_around(land, arrival_s, flown_xy_m)
     layer = arrival_layer_of(fire, scenario.time_zero)
     figure, axes = start_map(land, arrival_s, frame, layer=layer)

@@ -25,9 +25,9 @@ from firemodel.outputs.raster_layers import (
     PROBABILITY_LAYER,
     arrival_layer,
 )
-from firemodel.outputs.whole_file import whole_file, write_whole
+from firemodel.outputs.whole_file import write_whole
 from firemodel.physics.weather import WeatherStream
-from firemodel.spread.edge import reaches_edge
+from firemodel.spread.edge import BEYOND_EDGE, reaches_edge
 from firemodel.spread.fire_scheme import Burning, Ignition, check_ignitions
 from firemodel.spread.schemes import SchemeName, new_fire
 from mission_service.config.scenario import Scenario
@@ -44,7 +44,7 @@ from mission_service.runtime.progress import fire_progress
 from mission_service.simulation.fire_alone import check_times, writing
 from mission_service.simulation.result_files import (
     check_command,
-    missing,
+    complete,
     numbered,
     reading,
     recipe_of,
@@ -55,10 +55,7 @@ from mission_service.simulation.task_pool import Run
 
 QUANTILES = (0.1, 0.5, 0.9)
 SUFFIX = ".npz"
-MEMBER_AT_EDGE = (
-    "the fire of one or more members reached the edge of the landscape; fire beyond the edge is "
-    "not simulated; give a larger landscape"
-)
+MEMBER_AT_EDGE = f"the fire of one or more members reached the edge of the landscape; {BEYOND_EDGE}"
 
 
 @dataclass(frozen=True)
@@ -150,13 +147,13 @@ def run_members(
         warn(line)
     with writing(folder):
         results = results_folder(folder / "members", {"members": count, **recipe_of([scenario])})
-        absent = missing(results, count, SUFFIX)
         with fire_progress(scenario.name, 0, count) as progress:
-            burned = run(burned_member, absent, job)
-            for place, (number, window) in enumerate(zip(absent, burned, strict=True), start=1):
-                with whole_file(numbered(results, number, SUFFIX)) as path:
-                    _save(window, path)
-                progress(count - len(absent) + place)
+            complete(
+                *(results, count, SUFFIX),
+                lambda absent: run(burned_member, absent, job),
+                _save,
+                progress,
+            )
         windows = list(_read(results, count))
         with whole_files(folder) as part:
             summary = _write(scenario, job, windows, part)

@@ -16,7 +16,6 @@ import numpy as np
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
 from firemodel.outputs.front_files import fronts_geojson
-from firemodel.outputs.whole_file import write_whole
 from firemodel.spread.behaviour import behaviour_of
 from firemodel.spread.edge import at_edge
 from mission_service.config.scenario import Scenario, load_scenario
@@ -27,7 +26,7 @@ from mission_service.runtime.progress import fire_progress
 from mission_service.simulation.fire_alone import check_times, writing
 from mission_service.simulation.result_files import (
     check_command,
-    missing,
+    complete,
     numbered,
     reading,
     recipe_of,
@@ -133,12 +132,13 @@ def run_sweep(
     recipe = {"keys": sweep.keys, "values": sweep.values, **recipe_of(scenarios)}
     with writing(folder):
         results = results_folder(folder / "runs", recipe)
-        absent = missing(results, len(scenarios), SUFFIX)
         with fire_progress(scenarios[0].name, 0, len(scenarios)) as progress:
-            found = run(swept_run, absent, sweep)
-            for place, (number, text) in enumerate(zip(absent, found, strict=True), start=1):
-                write_whole(numbered(results, number, SUFFIX), text)
-                progress(len(scenarios) - len(absent) + place)
+            burned_now = complete(
+                *(results, len(scenarios), SUFFIX),
+                lambda absent: run(swept_run, absent, sweep),
+                lambda text, path: path.write_text(text, encoding="utf-8"),
+                progress,
+            )
         features = [_read(numbered(results, n, SUFFIX)) for n in range(len(scenarios))]
         with whole_files(folder) as part:
             _write(part, features)
@@ -146,7 +146,7 @@ def run_sweep(
     return {
         "scenario": scenarios[0].name,
         "runs": len(scenarios),
-        "burned_now": len(absent),
+        "burned_now": burned_now,
         "min_area_ha": min(areas_ha),
         "max_area_ha": max(areas_ha),
     }

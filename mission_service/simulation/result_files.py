@@ -7,7 +7,7 @@ the computation (the recipe); a folder is used again only for the same recipe.
 import hashlib
 import json
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,7 @@ from zipfile import BadZipFile
 
 import firemodel
 from firemodel.compiled import cache_folder
-from firemodel.outputs.whole_file import write_whole
+from firemodel.outputs.whole_file import whole_file, write_whole
 from mission_service.config.scenario import Scenario
 from mission_service.errors import MissionServiceError, ScenarioError
 
@@ -128,6 +128,37 @@ def numbered(folder: Path, number: int, suffix: str) -> Path:
 
 
 def missing(folder: Path, count: int, suffix: str) -> list[int]:
-    """Return the numbers below ``count`` whose results are not in the folder."""
+    """Return the numbers below ``count`` that have no result in the folder."""
     present = {path.name for path in folder.glob(f"*{suffix}")}
     return [n for n in range(count) if numbered(folder, n, suffix).name not in present]
+
+
+def complete(
+    folder: Path,
+    count: int,
+    suffix: str,
+    compute: Callable[[Sequence[int]], Iterable[Any]],
+    save: Callable[[Any, Path], object],
+    progress: Callable[[float], None],
+) -> int:
+    """Compute and store the results below ``count`` that are missing in a folder.
+
+    Args:
+        folder: The folder of the results.
+        count: The number of all results.
+        suffix: The suffix of the results' files.
+        compute: Returns the results of some numbers, in their order.
+        save: Writes a result to a file.
+        progress: Is called with the number of the results in the folder after each new one.
+
+    Returns:
+        The number of the results that were missing.
+    """
+    absent = missing(folder, count, suffix)
+    present = count - len(absent)
+    for number, result in zip(absent, compute(absent), strict=True):
+        with whole_file(numbered(folder, number, suffix)) as path:
+            save(result, path)
+        present += 1
+        progress(present)
+    return len(absent)

@@ -23,11 +23,12 @@ ZERO = datetime(2026, 8, 1, 12, 0, tzinfo=UTC)
 TIMES_S = [3600.0, 7200.0, 10_000.0]
 
 
-def fire_round_a_rock() -> AnyAngleFire:
+def fire_round_a_rock(until_s: float = 10_000.0) -> AnyAngleFire:
+    """A fire on 20 by 20 cells that has burned around a cell that cannot burn."""
     codes = np.full((20, 20), 1, dtype=np.int16)
     codes[9, 12] = 99
     fire = AnyAngleFire(landscape(codes), steady(), [(9, 9, 0.0)])
-    fire.advance(10_000.0)
+    fire.advance(until_s)
     return fire
 
 

@@ -13,17 +13,7 @@ from shapely.geometry import shape
 from firemodel.errors import FireModelError
 from firemodel.outputs.front_files import fronts_geojson, write_fronts
 from firemodel.outputs.geotiff import write_rasters
-from firemodel.spread.anyangle import AnyAngleFire
-from tests.firemodel.grids import landscape, steady
-
-
-def around_a_rock() -> AnyAngleFire:
-    """A fire on 20 by 20 cells that has come round one that does not burn."""
-    codes = np.full((20, 20), 1, dtype=np.int16)
-    codes[9, 12] = 99
-    fire = AnyAngleFire(landscape(codes), steady(), [(9, 9, 0.0)])
-    fire.advance(15_000.0)
-    return fire
+from tests.firemodel.test_front_files import fire_round_a_rock
 
 
 def signed_area(ring: Any) -> float:
@@ -33,7 +23,7 @@ def signed_area(ring: Any) -> float:
 
 def test_fronts_are_rfc_7946(tmp_path: Path) -> None:
     path = tmp_path / "fronts.geojson"
-    write_fronts(path, around_a_rock(), [0.0, 15_000.0], "rock")
+    write_fronts(path, fire_round_a_rock(15_000.0), [0.0, 15_000.0], "rock")
     found = json.loads(path.read_text(encoding="utf-8"))
     assert found["type"] == "FeatureCollection"
     for feature in found["features"]:
@@ -47,7 +37,7 @@ def test_fronts_are_rfc_7946(tmp_path: Path) -> None:
 
 
 def test_fronts_have_time_area_and_a_note_that_they_are_not_approved() -> None:
-    fire = around_a_rock()
+    fire = fire_round_a_rock(15_000.0)
     zero = datetime(2026, 8, 1, 12, 0, tzinfo=UTC)
     (feature,) = fronts_geojson(fire, [15_000.0], "rock", zero)["features"]
     area_m2 = fire.front(15_000.0).area
@@ -67,7 +57,7 @@ def test_fronts_have_time_area_and_a_note_that_they_are_not_approved() -> None:
 
 
 def test_rasters_hold_what_burned(tmp_path: Path) -> None:
-    fire = around_a_rock()
+    fire = fire_round_a_rock(15_000.0)
     paths = write_rasters(tmp_path, fire)
     assert {path.name for path in tmp_path.iterdir()} == {
         f"{name}.{suffix}" for name in paths for suffix in ("tif", "qml")
@@ -83,7 +73,7 @@ def test_rasters_hold_what_burned(tmp_path: Path) -> None:
 
 
 def test_fronts_are_written_to_a_path_given_as_text_or_fail_in_one_line(tmp_path: Path) -> None:
-    path, fire = tmp_path / "fronts.geojson", around_a_rock()
+    path, fire = tmp_path / "fronts.geojson", fire_round_a_rock(15_000.0)
     write_fronts(str(path), fire, [0.0], "rock")
     assert json.loads(path.read_text(encoding="utf-8"))["features"]
     with pytest.raises(FireModelError, match=r"fronts: cannot be written: No such file .*; give"):

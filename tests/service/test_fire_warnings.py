@@ -58,7 +58,7 @@ def scenario(folder: Path, dead_1h_pct: float = 6.0, lat_deg: float = 36.353) ->
 
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
-    """The folder of a short flight whose fire reaches the edge, and its progress."""
+    """The folder of a short flight in which the fire reaches the edge, and its progress."""
     folder = tmp_path_factory.mktemp("edge")
     found = call("sim", str(scenario(folder, dead_1h_pct=0.06)), "--out", str(folder), "--json")
     assert found.exit_code == 0, found.output

@@ -146,7 +146,7 @@ def with_rate_factors(fuels: Mapping[int, FuelModel], path: Path) -> dict[int, F
     return found
 
 
-def moistures_in(path: Path, rows: "Iterator[tuple[int, list[str]]]") -> dict[int, Moisture]:
+def moistures_in(path: Path, rows: Iterator[tuple[int, list[str]]]) -> dict[int, Moisture]:
     """Return the moistures (fractions) of each code in the rows of an .fms file (``rows_of``)."""
     found: dict[int, Moisture] = {}
     for line, fields in rows:

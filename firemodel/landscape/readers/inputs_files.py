@@ -21,7 +21,7 @@ HEADER = re.compile(r"\s*[a-z]*[\s-]*inputs[\s-]*file", re.IGNORECASE)
 START, END = "FARSITE_START_TIME", "FARSITE_END_TIME"
 MOISTURES = "FUEL_MOISTURES_DATA"
 RAWS, WTR, WND = "RAWS", "WEATHER_DATA", "WIND_DATA"
-# Keys whose value is the name of a file, and the key for the rows in that file.
+# Keys with the name of a file as value, and the key for the rows in that file.
 FILES = {
     "RAWS_FILE": RAWS,
     "WEATHER_FILE": WTR,

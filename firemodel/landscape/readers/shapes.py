@@ -253,8 +253,7 @@ def place_problems(
     elif not shape.intersects(box_of(landscape)):
         x_m, y_m = shape.representative_point().coords[0]
         lat, lon = landscape.lat_lon_of(x_m, y_m)
-        rows, cols = landscape.shape
-        mid_lat, mid_lon = landscape.lat_lon_of(*landscape.xy_of((rows - 1) / 2, (cols - 1) / 2))
+        mid_lat, mid_lon = landscape.centre_lat_lon
         yield (
             f"{path}: feature {number} (at lat {lat:.4f}, lon {lon:.4f}) lies outside the "
             f"landscape (around lat {mid_lat:.4f}, lon {mid_lon:.4f}); remove it, or give a "

@@ -7,8 +7,10 @@ equal to them. A .wnd has winds, each of which is used until the next.
 """
 
 import math
+from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
 from datetime import datetime, timedelta
+from operator import attrgetter, itemgetter
 from pathlib import Path
 from typing import NamedTuple
 
@@ -81,11 +83,11 @@ def daily_records(
             the time of the .wtr.
     """
     unit, days = units_in(*wtr, units[0])
-    wind_unit, winds = units_in(*wnd, units[1])
+    wind_unit, wind_rows = units_in(*wnd, units[1])
     if unit != wind_unit:
         raise FireModelError(f"{wtr[0]} is {unit}, {wnd[0]} is {wind_unit}; use the same units")
     extremes, rains = _weather(wtr[0], days, year, RAIN_IN[unit])
-    blows = _winds(wnd[0], winds, year)
+    winds = _winds(wnd[0], wind_rows, year)
     begin = extremes[0].at.replace(hour=0, minute=0)
     end = extremes[-1].at.replace(hour=0, minute=0) + 24 * HOUR
     before, after = extremes[:2], extremes[-2:]  # the first and the last day are repeated
@@ -94,12 +96,12 @@ def daily_records(
         *extremes,
         *(each._replace(at=each.at + 24 * HOUR) for each in after),
     ]
-    if blows[0][0] > end or blows[-1][0] < begin:
+    if winds[0][0] > end or winds[-1][0] < begin:
         raise FireModelError(f"{wnd[0]}: no wind on the days of {wtr[0]}; give files of one period")
     found = []
-    for at in _times(blows, begin, end):
-        index = max(0, sum(wind[0] <= at for wind in blows) - 1)
-        _, line, speed, from_deg = blows[index]
+    for at in _times(winds, begin, end):
+        index = max(0, bisect_right(winds, at, key=itemgetter(0)) - 1)
+        _, line, speed, from_deg = winds[index]
         temperature, humidity = _between(extremes, at)
         wet = sum(rain.amount for rain in rains if rain.begin <= at < rain.end)
         texts = (f"{temperature:.2f}", f"{humidity:.2f}", f"{wet:.4f}", speed, from_deg)
@@ -108,13 +110,13 @@ def daily_records(
 
 
 def _times(
-    blows: list[tuple[datetime, int, str, str]], begin: datetime, end: datetime
+    winds: list[tuple[datetime, int, str, str]], begin: datetime, end: datetime
 ) -> list[datetime]:
     """Return the full hours and the times of winds from the first wind on, until ``end``."""
-    first = max(blows[0][0], begin)
+    first = max(winds[0][0], begin)
     hour = first.replace(minute=0)
     hours = [hour + number * HOUR for number in range(int((end - hour) / HOUR) + 1)]
-    both = {*hours, *(wind[0] for wind in blows)}
+    both = {*hours, *(wind[0] for wind in winds)}
     return sorted(at for at in both if first <= at <= end)
 
 
@@ -180,7 +182,7 @@ def _winds(path: Path, rows: NumberedRows, year: int) -> list[tuple[datetime, in
 
 def _between(extremes: list[Extreme], at: datetime) -> tuple[float, float]:
     """Return temperature and humidity at a time between the first and the last extreme."""
-    after = next((n for n, extreme in enumerate(extremes) if extreme.at >= at), len(extremes) - 1)
+    after = min(bisect_left(extremes, at, key=attrgetter("at")), len(extremes) - 1)
     left, right = extremes[max(after - 1, 0)], extremes[after]
     span_s = (right.at - left.at).total_seconds()
     part = (at - left.at).total_seconds() / span_s if span_s else 0.0

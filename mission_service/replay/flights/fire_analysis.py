@@ -209,7 +209,7 @@ class _Analyser:
         analysis = self._analysis
         fire = self._fire.world.fire
         analysis.area_ha = fire.burned_ha
-        analysis.arrival_s = np.where(fire.burned(), fire.arrival_time_s, np.inf)
+        analysis.arrival_s = fire.burned_arrival_s()
         if self._centre is None or not self._estimates:
             return
         truth = TrueShape(analysis.arrival_s, (round(self._centre[0]), round(self._centre[1])))
