@@ -18,8 +18,9 @@ from firemodel.landscape.readers.inputs_files import (
     read_fuel_moistures,
     read_inputs,
 )
+from firemodel.landscape.readers.stream_files import table_in, units_in, winds_in
 from firemodel.landscape.readers.weather_files import read_weather
-from firemodel.landscape.readers.weather_records import records_in
+from firemodel.landscape.readers.weather_records import YEAR, records_in
 from firemodel.physics.fuels import FUEL_MODELS
 from firemodel.physics.rothermel import Moisture
 
@@ -107,9 +108,10 @@ def _inputs(path: Path) -> Described:
 
 
 def _wind(path: Path) -> Described:
-    rows = list(rows_of(path))
+    _, rows = units_in(*table_in(path))
+    winds_in(path, rows, YEAR)
     note = f"read with its daily weather: path = {path.stem}.wtr, wind = {path.name}"
-    return [f"{len(rows)} lines"], [note]
+    return [f"{len(rows)} winds"], [note]
 
 
 def _fuels(path: Path) -> Described:

@@ -213,3 +213,48 @@ def test_a_note_on_codes_of_another_system_in_an_unnamed_band(tmp_path: Path) ->
     (note,) = describe(path)["notes"]
     assert note.startswith("if these are fuel codes: ")
     assert "system Kitral (Chile)" in note
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "problem"),
+    [
+        ("a.wnd", "", "a.wnd: contains no wind; give at least one line"),
+        ("a.wnd", "7 15 0 5 270 0\n7 15 12\n", "a.wnd line 2: 3 fields; give month"),
+        ("a.wnd", "7 15 0 x 270 0\n", "a.wnd line 1: wind speed is 'x'"),
+        ("a.wnd", "7 15 0 5 270 0\n7 14 0 5 270 0\n", "a.wnd line 2: not later than the previous"),
+        ("a.adj", "# nothing\n", "a.adj: contains no factor; add a line"),
+        ("a.adj", "1 0.5\n1 0.7\n", "a.adj line 2: fuel code 1 is in the file twice"),
+        (
+            "a.raws",
+            "RAWS_UNITS: English\nRAWS: 2\n2016 7 15 2200 77 25 0 10 0 25\n",
+            "a.raws line 2: RAWS = 2, but the file has 1 of these records; it is probably incomplete",
+        ),
+    ],
+)
+def test_damaged_tables_are_problems(tmp_path: Path, name: str, text: str, problem: str) -> None:
+    path = tmp_path / name
+    path.write_text(text, encoding="utf-8")
+    (found,) = describe(path)["problems"]
+    assert problem in found
+
+
+def test_a_huge_raster_is_refused_before_it_is_read(tmp_path: Path) -> None:
+    """200,000 x 200,000 cells, none of which the file contains."""
+    path = tmp_path / "huge.tif"
+    size = {"width": 200_000, "height": 200_000, "count": 1, "dtype": "uint8"}
+    blocks = {"tiled": True, "blockxsize": 8192, "blockysize": 8192, "sparse_ok": True}
+    place = rasterio.Affine(30.0, 0.0, WEST_M, 0.0, -30.0, NORTH_M)
+    with rasterio.open(path, "w", driver="GTiff", crs=CRS, transform=place, **size, **blocks):
+        pass
+    (problem,) = describe(path)["problems"]
+    assert "has 200000 x 200000 = 40,000,000,000 cells, more than 250,000,000; crop it" in problem
+    with pytest.raises(FireModelError, match="40,000,000,000 cells"):
+        read_landscape({"fuel": path, "elevation": path})
+
+
+@pytest.mark.parametrize("size_m", [1e300, 1e-9])
+def test_impossible_cell_sizes_are_problems(tmp_path: Path, size_m: float) -> None:
+    place = rasterio.Affine(size_m, 0.0, WEST_M, 0.0, -size_m, NORTH_M)
+    path = write_raster(tmp_path / "fuel.tif", FUEL, transform=place)
+    (problem,) = describe(path)["problems"]
+    assert f"fuel.tif: cells are {size_m:g} m, but must be 0.01 to 100000 m" in problem

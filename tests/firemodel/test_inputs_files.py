@@ -123,7 +123,7 @@ def test_daily_weather_in_the_rows_of_an_inputs_file(tmp_path: Path) -> None:
         (WTR.replace("7 16", "7 15"), WND, "a.wtr line 3: not later than the previous"),
         (WTR.replace("1500", "2500"), WND, "a.wtr line 2: '7 15 2500' is not a time"),
         (WTR, WND.replace("7 16", "7 15 x"), "a.wnd line 3: 7 fields"),
-        (WTR, WND.replace(" 20 90", " 20 500"), "wind_from_deg = 500 must be 0 to 360"),
+        (WTR, WND.replace(" 20 90", " 20 500"), "a.wnd line 3: wind direction is '500'"),
         (WTR, WND.replace("7 1", "9 1"), "no wind on the days of"),
     ],
 )
@@ -163,3 +163,28 @@ def test_farsites_own_inputs_file_names_a_missing_weather_file() -> None:
     assert read_fuel_moistures(path) == {0: Moisture(0.03, 0.04, 0.06, 0.70, 1.0)}
     with pytest.raises(FireModelError, match=r"no file \./examples/flatland/.* beside the inputs"):
         read_weather(path)
+
+
+@pytest.mark.parametrize(
+    ("second", "third", "message"),
+    [
+        ("yesterday", "7/15/2019 15:00", "line 2: time = 'yesterday' is not a date"),
+        ("7/15/2019 14:00", "7/15/2019 13:00", "line 4: datetime = 7/15/2019 13:00 is earlier"),
+        ("2019-07-15 14:00", "2019-07-14 15:00", "line 4: .* keep those of one scenario"),
+    ],
+)
+def test_times_of_cell2fires_weather_must_not_decrease(
+    tmp_path: Path, second: str, third: str, message: str
+) -> None:
+    first = second.replace("14:00", "13:00")
+    rows = "".join(f"1,{time},10,90\n" for time in (first, second, third))
+    path = written(tmp_path, "Scenario,datetime,WS,WD\n" + rows, "Weather.csv")
+    with pytest.raises(FireModelError, match=message):
+        read_weather(path, moisture=MOISTURE)
+
+
+@pytest.mark.parametrize("days", [["18/03/25 11:15", "19/03/25 11:00"], ["2007-03-09"] * 2])
+def test_cell2fires_dates_have_several_forms(tmp_path: Path, days: list[str]) -> None:
+    rows = "".join(f"{day},10,90\n" for day in days)
+    path = written(tmp_path, "datetime,WS,WD\n" + rows, "Weather.csv")
+    assert len(read_weather(path, moisture=MOISTURE).entries) == 2

@@ -508,3 +508,21 @@ def test_a_real_lcp_and_its_arrival_times() -> None:
     arrival = flat / "Outputs/flatland_centerIgnit_3mph0deg7hr_RAWS_ArrivalTime.asc"
     arrival_s = read_arrival(arrival, land, unit="minutes", crs=land.crs)
     assert arrival_s[np.isfinite(arrival_s)].max() == pytest.approx(419.856 * 60, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        (np.where(np.eye(41), 4e8, 60.0), "is 400000000.0 at row 0, column 0 .* 10 years"),
+        (np.add.outer(np.arange(41) ** 2.0, np.arange(41.0)), "proportional to the elevation"),
+        (np.add.outer(np.arange(41.0), np.arange(41.0)) / 10.0, "spreads at 300 m/s"),
+    ],
+)
+def test_rasters_of_other_values_are_no_arrival_times(
+    tmp_path: Path, values: NDArray[np.float64], message: str
+) -> None:
+    heights = 3.0 * np.add.outer(np.arange(41) ** 2.0, np.arange(41.0)) + 200.0
+    land = landscape(np.ones((41, 41), np.int16), heights)
+    path = write_raster(tmp_path / "other.tif", values.astype(np.float32))
+    with pytest.raises(FireModelError, match=rf"other.tif: .*{message}"):
+        read_arrival(path, land)

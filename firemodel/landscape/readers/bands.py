@@ -12,11 +12,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firemodel.errors import FireModelError
-from firemodel.landscape.landscape import Landscape, check_crs, crs_label, same_crs
+from firemodel.landscape.landscape import (
+    MAX_CELL_M,
+    MIN_CELL_M,
+    Landscape,
+    check_crs,
+    crs_label,
+    same_crs,
+)
 from firemodel.landscape.readers.formats import OFFLINE, raster_driver
 
 Mask = NDArray[np.bool_]
 
+MAX_CELLS = 250_000_000  # of a raster; a fire on as many cells needs about 15 GB
 LCP_NODATA = -9999.0  # fixed by the format, whose header has no nodata value
 
 
@@ -154,10 +162,24 @@ def band_of(source: Path | tuple[Path, int]) -> Band:
 
 
 def values_of(band: Band) -> NDArray[Any]:
-    """Return a band's values (y, x) in its type. Raises FireModelError if the file is damaged."""
+    """Return a band's values (y, x) in its type.
+
+    Raises FireModelError if the file is damaged or has more than ``MAX_CELLS`` cells.
+    """
+    refuse(size_problems(band))
     with _opened(band.path, band.driver) as file:
         values: NDArray[Any] = file.read(band.number)
     return values
+
+
+def size_problems(band: Band) -> Iterator[str]:
+    """Yield a problem if a band has too many cells to be read."""
+    rows, cols = band.shape
+    if rows * cols > MAX_CELLS:
+        yield (
+            f"{band.path}: has {rows} x {cols} = {rows * cols:,} cells, more than {MAX_CELLS:,}; "
+            "crop it to the surroundings of the fire (gdal_translate -projwin)"
+        )
 
 
 def missing_in(band: Band, values: NDArray[Any], nodata: float | None = None) -> Mask:
@@ -197,6 +219,7 @@ def grid_problems(band: Band, crs: str | None = None) -> Iterator[str]:
 
     ``crs`` is the CRS of files without one.
     """
+    yield from size_problems(band)
     transform, found = band.transform, band.crs or crs
     if found is None:
         yield (
@@ -221,6 +244,11 @@ def grid_problems(band: Band, crs: str | None = None) -> Iterator[str]:
     elif abs(transform.a + transform.e) > 1e-6 * transform.a:
         yield (
             f"{band.path}: cells are {transform.a} x {-transform.e} m; resample it to square ones"
+        )
+    elif not MIN_CELL_M <= transform.a <= MAX_CELL_M:
+        yield (
+            f"{band.path}: cells are {transform.a:g} m, but must be {MIN_CELL_M:g} to "
+            f"{MAX_CELL_M:g} m; correct the cell size in the file"
         )
     if band.dtype.startswith("complex"):
         yield f"{band.name}: holds complex numbers; write real ones"

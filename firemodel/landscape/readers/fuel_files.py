@@ -126,15 +126,19 @@ def with_rate_factors(fuels: Mapping[int, FuelModel], path: Path) -> dict[int, F
     """Return the fuel models for which an .adj file has a factor of the spread rate, with it.
 
     A line of the file has a fuel code and a factor. ``fuels`` are all burnable fuel models. Raises
-    FireModelError for an unknown code, or for a factor that is not from 0 to 100; the message names
-    file and line.
+    FireModelError for an unknown code, a code that is in the file twice, a factor that is not from 0
+    to 100, or a file without factors; the message names file and line.
     """
     found: dict[int, FuelModel] = {}
+    codes: set[int] = set()
     for line, fields in rows_of(path):
         where = f"{path} line {line}"
         if len(fields) < 2:
             raise FireModelError(f"{where}: give a fuel code and a factor of the spread rate")
         code = _code(where, fields[0])
+        if code in codes:
+            raise FireModelError(f"{where}: fuel code {code} is in the file twice; remove a line")
+        codes.add(code)
         factor = number(where, "the factor", fields[1], 0.0, 100.0)
         if code in fuels:
             found[code] = replace(fuels[code], rate_factor=factor)
@@ -143,6 +147,8 @@ def with_rate_factors(fuels: Mapping[int, FuelModel], path: Path) -> dict[int, F
                 f"{where}: fuel code {code} is unknown; remove the line, or describe the fuel in a "
                 ".fmd file (landscape.custom_fuels)"
             )
+    if not codes:
+        raise FireModelError(f"{path}: contains no factor; add a line with a fuel code and one")
     return found
 
 

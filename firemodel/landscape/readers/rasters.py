@@ -39,6 +39,10 @@ from firemodel.physics.fuels import FUEL_MODELS, FuelModel
 Source = Path | tuple[Path, int]  # a file of one band, or a file and its band, from 1
 Sources = Path | Mapping[str, Source]
 
+MAX_ARRIVAL_S = 10 * 365.25 * 86400.0
+MAX_SPREAD_M_S = 30.0  # faster than any fire
+MIN_COMPARED = 100  # cells; fewer may follow the elevation by chance
+MIN_CORRELATION = 0.999  # of arrival times and elevation, above which they are the same raster
 SECONDS = {"seconds": 1.0, "minutes": 60.0, "hours": 3600.0, "days": 86400.0}
 
 
@@ -221,4 +225,43 @@ def read_arrival(
     arrival_s: NDArray[np.float64] = values.astype(np.float64)
     arrival_s *= SECONDS[unit]
     arrival_s[unburned] = np.inf
+    refuse(_arrival_problems(band, arrival_s, landscape))
     return arrival_s
+
+
+def _arrival_problems(band: Band, arrival_s: NDArray[np.float64], land: Landscape) -> Iterator[str]:
+    """Yield a problem if values (y, x) are probably not the arrival times of a fire in seconds."""
+    burned = np.isfinite(arrival_s)
+    late = burned & (arrival_s > MAX_ARRIVAL_S)
+    if late.any():
+        yield (
+            f"{band.name}: arrival is {cells_with(late, arrival_s)} s, more than 10 years; check "
+            "the band and arrival_unit, or declare the value as nodata"
+        )
+    if burned.all() and _follows(arrival_s, land.elevation_m):
+        yield (
+            f"{band.name}: the values are proportional to the elevation of the landscape; give a "
+            "raster of arrival times"
+        )
+    rate_m_s = _median_spread_m_s(arrival_s, land.cell_size_m)
+    if rate_m_s > MAX_SPREAD_M_S:
+        yield (
+            f"{band.name}: as arrival times, its values mean a fire that spreads at "
+            f"{rate_m_s:.0f} m/s; check the band and arrival_unit"
+        )
+
+
+def _follows(values: NDArray[np.float64], heights_m: NDArray[np.float32] | None) -> bool:
+    """Return True if values (y, x) are proportional to heights, apart from an offset."""
+    if heights_m is None or values.size < MIN_COMPARED or not np.ptp(heights_m) * np.ptp(values):
+        return False
+    return float(np.corrcoef(values.ravel(), heights_m.ravel())[0, 1]) > MIN_CORRELATION
+
+
+def _median_spread_m_s(arrival_s: NDArray[np.float64], cell_size_m: float) -> float:
+    """Return the median rate of spread between cells with different times; 0 if there are none."""
+    with np.errstate(invalid="ignore"):
+        down, right = np.abs(np.diff(arrival_s, axis=0)), np.abs(np.diff(arrival_s, axis=1))
+    slowest_s = np.fmax(down[:, :-1], right[:-1])
+    slowest_s = slowest_s[np.isfinite(slowest_s) & (slowest_s > 0.0)]
+    return cell_size_m / float(np.median(slowest_s)) if slowest_s.size else 0.0

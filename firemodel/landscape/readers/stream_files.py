@@ -31,6 +31,7 @@ COLUMNS = {
 }
 RAIN_IN = {"ENGLISH": 0.01, "METRIC": 1.0}  # a .wtr in ENGLISH has hundredths of an inch
 HOUR = timedelta(hours=1)
+MAX_WIND = 360.0  # mph or km/h; a faster wind is 100 m/s or more
 
 
 class Extreme(NamedTuple):
@@ -87,7 +88,7 @@ def daily_records(
     if unit != wind_unit:
         raise FireModelError(f"{wtr[0]} is {unit}, {wnd[0]} is {wind_unit}; use the same units")
     extremes, rains = _weather(wtr[0], days, year, RAIN_IN[unit])
-    winds = _winds(wnd[0], wind_rows, year)
+    winds = winds_in(wnd[0], wind_rows, year)
     begin = extremes[0].at.replace(hour=0, minute=0)
     end = extremes[-1].at.replace(hour=0, minute=0) + 24 * HOUR
     before, after = extremes[:2], extremes[-2:]  # the first and the last day are repeated
@@ -163,7 +164,12 @@ def _rain(where: str, fields: list[str], day: datetime, rain_in: float) -> Rain:
     return Rain(begin, end, amount / max((end - begin) / HOUR, 1.0))
 
 
-def _winds(path: Path, rows: NumberedRows, year: int) -> list[tuple[datetime, int, str, str]]:
+def winds_in(path: Path, rows: NumberedRows, year: int) -> list[tuple[datetime, int, str, str]]:
+    """Return the time, the line, the speed and the direction of each row of a .wnd without units.
+
+    ``year`` is the year of the first row. Raises FireModelError, whose message names file and line,
+    for a row that cannot be used, and for a file without rows.
+    """
     found: list[tuple[datetime, int, str, str]] = []
     for line, fields in rows:
         where = f"{path} line {line}"
@@ -174,6 +180,8 @@ def _winds(path: Path, rows: NumberedRows, year: int) -> list[tuple[datetime, in
         at = time_of(where, year, fields[:3])
         if found and at <= found[-1][0]:
             raise FireModelError(f"{where}: not later than the previous wind; sort the lines")
+        number(where, "wind speed", fields[3], 0.0, MAX_WIND)
+        number(where, "wind direction", fields[4], 0.0, 360.0)
         found.append((at, line, fields[3], fields[4]))
     if not found:
         raise FireModelError(f"{path}: contains no wind; give at least one line ({WND})")

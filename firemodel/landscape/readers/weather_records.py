@@ -2,6 +2,7 @@
 
 import csv
 from collections.abc import Mapping
+from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
 from typing import NamedTuple
@@ -43,6 +44,8 @@ CELL2FIRE = {
     "TMP": "temperature_c",
     "RH": "humidity_pct",
 }
+# Times in the column datetime of such tables, beside ISO 8601.
+DATES = ("%m/%d/%Y %H:%M", "%d/%m/%Y %H:%M", "%m/%d/%y %H:%M", "%d/%m/%y %H:%M")
 
 
 class Records(NamedTuple):
@@ -153,6 +156,7 @@ def _csv_rows(path: Path) -> Rows:
     known = _cell2fire(names)
     if not known:
         return rows
+    _check_order(path, rows)
     return [
         (line, {"at_s": f"{hour * 3600}"} | {to: row[name] for name, to in known.items()})
         for hour, (line, row) in enumerate(rows)
@@ -162,12 +166,14 @@ def _csv_rows(path: Path) -> Rows:
 def _raws_rows(path: Path) -> Rows:
     """Return the records with the column names of the CSV format.
 
-    The count in the ``RAWS:`` line is often wrong and is not used.
+    The count in the ``RAWS:`` line is often 1. If it is more than the number of records, the file is
+    not complete.
     """
     if path.suffix.lower() not in (".raws", ".wxs"):
         raise FireModelError(f"{path}: not a known kind of weather file; give {KINDS}")
     units = ""
     rows: Rows = []
+    counted, count = 0, ""  # the line with the count, and the count
     for line, text in enumerate(text_of(path).splitlines(), 1):
         fields = text.partition("#")[0].replace(":", " ").split()
         head = fields[0].upper() if fields else ""
@@ -184,11 +190,18 @@ def _raws_rows(path: Path) -> Rows:
                     "'RAWS_UNITS: English' or 'RAWS_UNITS: Metric'"
                 )
             rows.append((line, raws_row(path, line, fields, units)))
-        elif head not in ("", "RAWS", "RAWS_ELEVATION", "YEAR"):
+        elif head == "RAWS":
+            counted, count = line, fields[-1]
+        elif head not in ("", "RAWS_ELEVATION", "YEAR"):
             raise FireModelError(
                 f"{path} line {line}: {fields[0]!r} begins neither a header line nor a record; "
                 "correct or remove the line"
             )
+    if count.isdigit() and int(count) > len(rows):
+        raise FireModelError(
+            f"{path} line {counted}: RAWS = {count}, but the file has {len(rows)} of these records; it is "
+            "probably incomplete: copy it again, or correct the number"
+        )
     return rows
 
 
@@ -196,6 +209,31 @@ def _cell2fire(names: list[str]) -> dict[str, str]:
     """Return the columns to read of a Cell2Fire weather table; empty for other tables."""
     known = {name: CELL2FIRE[name.upper()] for name in names if name.upper() in CELL2FIRE}
     return known if {"WS", "WD"} <= {name.upper() for name in names} else {}
+
+
+def _check_order(path: Path, rows: Rows) -> None:
+    """Raise FireModelError if the times in the column datetime decrease or are not times.
+
+    Some files have the date alone, so that equal times may follow each other.
+    """
+    name = next((name for _, row in rows[:1] for name in row if name.lower() == "datetime"), None)
+    if name is None:
+        return
+    times = _times_in(path, name, rows)
+    for before, at, (line, row) in zip(times, times[1:], rows[1:], strict=False):
+        if (at.utcoffset() is None) == (before.utcoffset() is None) and at < before:
+            raise FireModelError(
+                f"{path} line {line}: {name} = {row[name]} is earlier than the previous row; sort "
+                "the rows, and keep those of one scenario"
+            )
+
+
+def _times_in(path: Path, name: str, rows: Rows) -> list[datetime]:
+    """Return the times in a column, in ISO 8601 or in the one of ``DATES`` that fits all rows."""
+    for form in DATES:
+        with suppress(ValueError):
+            return [datetime.strptime(row[name], form) for _, row in rows]  # noqa: DTZ007
+    return [time_in(path, line, row[name]) for line, row in rows]
 
 
 def raws_row(path: Path, line: int, fields: list[str], units: str) -> dict[str, str]:
