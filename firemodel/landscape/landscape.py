@@ -1,7 +1,6 @@
 """Define landscapes: georeferenced rasters (y, x) of fuel, ground and trees."""
 
 import hashlib
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache

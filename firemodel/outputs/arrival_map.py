@@ -1,7 +1,9 @@
 """Draw maps of a fire as PNG: hillshade, fuel, classes of arrival, isochrones, graticule, scale."""
 
 import math
-from collections.abc import Mapping, Sequence
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -25,6 +27,7 @@ from firemodel.physics.fuels import NON_BURNABLE
 from firemodel.spread.fire_scheme import Fire
 
 MAX_ISOCHRONES = 12
+MAX_TITLE = 90  # characters; a longer title does not fit in the figure
 FUEL_ALPHA, FIRE_ALPHA = 0.45, 0.85
 NOTE = "Simulated fire. Not for navigation. {crs}, graticule WGS 84, arrow to true north."
 
@@ -39,7 +42,7 @@ def draw_map(path: Path | str, fire: Fire, title: str, time_zero: datetime | Non
         time_zero: The calendar time of 0 s, if there is one.
 
     Raises:
-        OSError: The file cannot be written.
+        FireModelError: The file cannot be written.
     """
     arrival_s = fire.burned_arrival_s()
     line = status_line(fire, time_zero)
@@ -59,8 +62,16 @@ def draw_arrival(
     frame = frame_around(land, arrival_s)
     figure, axes = start_map(land, arrival_s, frame, isochrones=True, layer=layer)
     set_title(axes, title, line)
-    with whole_file(path) as part:
+    with whole_file(path) as part, without_glyph_warnings():
         figure.savefig(part, format="png", metadata={"Software": None})
+
+
+@contextmanager
+def without_glyph_warnings() -> Iterator[None]:
+    """Suppress warnings about characters that the font lacks; they are drawn as boxes."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "(Glyph|Matplotlib currently does not support)")
+        yield
 
 
 def status_line(fire: Fire, time_zero: datetime | None = None) -> str:
@@ -84,7 +95,9 @@ def area_in_words(area_m2: float) -> str:
 
 
 def set_title(axes: Any, title: str, line: str) -> None:
-    """Set a title in bold with a second line below it."""
+    """Set a title in bold, shortened to ``MAX_TITLE``, with a second line below it."""
+    if len(title) > MAX_TITLE:
+        title = f"{title[: MAX_TITLE - 1]}…"
     axes.set_title(title, loc="left", pad=20, fontsize=13, fontweight="bold", parse_math=False)
     axes.text(0.0, 1.01, line, transform=axes.transAxes, fontsize=10, va="bottom")
 

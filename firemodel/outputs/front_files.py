@@ -73,9 +73,10 @@ def fronts_geojson(
 
     The properties have the names of the US interagency perimeters (WFIGS), with times in ms since
     1970 UTC. The status of the features is that of a perimeter that is not approved. ``time_zero``
-    is the calendar time of 0 s, if there is one. Raises FireModelError if the fire has not been
-    advanced to one of the times.
+    is the calendar time of 0 s, if there is one. Raises FireModelError if the times do not increase
+    or the fire has not been advanced to one of them.
     """
+    check_increasing(times_s)
     features = []
     for time_s in times_s:
         area = fire.front(time_s)
@@ -96,6 +97,18 @@ def fronts_geojson(
     return {"type": "FeatureCollection", "features": features}
 
 
+def check_increasing(times_s: Sequence[float]) -> None:
+    """Raise FireModelError unless times are finite and increase."""
+    for number, time_s in enumerate(times_s):
+        if not np.isfinite(time_s):
+            raise FireModelError(f"times_s[{number}] is {time_s}; give a number of seconds")
+        if number and not time_s > times_s[number - 1]:
+            raise FireModelError(
+                f"times_s[{number}] = {time_s} is not later than {times_s[number - 1]}; sort the "
+                "times and remove duplicates"
+            )
+
+
 def write_fronts(
     path: Path | str,
     fire: Fire,
@@ -111,22 +124,17 @@ def write_fronts(
     Args:
         path: The GeoJSON file to write.
         fire: A fire that has been advanced at least to the last of the times.
-        times_s: Times in seconds; each gives one feature.
+        times_s: Increasing times in seconds; each gives one feature.
         name: The incident's name.
         time_zero: The calendar time of 0 s, if there is one.
 
     Raises:
-        FireModelError: The fire has not been advanced to one of the times, or the file cannot be
-            written.
+        FireModelError: The times do not increase, the fire has not been advanced to one of them, or
+            a file cannot be written.
     """
     path = Path(path)
     found = fronts_geojson(fire, times_s, name, time_zero)
     layer = arrival_layer_of(fire, time_zero)
-    try:
-        write_whole(path, json.dumps(found) + "\n")
-        write_whole(path.with_suffix(".qml"), fronts_qml(layer))
-        write_whole(path.with_suffix(".kml"), fronts_kml(found, name, layer, time_zero))
-    except OSError as error:
-        raise FireModelError(
-            f"{path}: cannot be written: {error.strerror}; give another path"
-        ) from None
+    write_whole(path, json.dumps(found) + "\n")
+    write_whole(path.with_suffix(".qml"), fronts_qml(layer))
+    write_whole(path.with_suffix(".kml"), fronts_kml(found, name, layer, time_zero))

@@ -45,8 +45,7 @@ def write_raster(path: Path, values: NDArray[Any], landscape: Landscape, layer: 
             ``arrival_layer(...)``.
 
     Raises:
-        FireModelError: The array has another shape than the landscape.
-        OSError: A file cannot be written.
+        FireModelError: The array has another shape than the landscape, or a file cannot be written.
     """
     from rasterio.io import MemoryFile
 
@@ -102,7 +101,7 @@ def write_rasters(
         fireline_intensity_kw_m (float32; unburned cells have -1), state and fuel_model (uint8).
 
     Raises:
-        OSError: A file cannot be written.
+        FireModelError: A file cannot be written.
     """
     found, codes = behaviour_of(fire), fire.landscape.fuel_model
     layers: dict[str, tuple[NDArray[Any], Layer]] = {

@@ -11,6 +11,7 @@ import numpy as np
 from firemodel.arrays import Floats
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
+from firemodel.outputs.front_files import check_increasing
 from firemodel.outputs.raster_layers import (
     FLAME_LENGTH_LAYER,
     INTENSITY_LAYER,
@@ -21,7 +22,7 @@ from firemodel.outputs.raster_layers import (
     after_zero,
     fuel_layer,
 )
-from firemodel.outputs.whole_file import whole_file
+from firemodel.outputs.whole_file import whole_file, write_error
 from firemodel.spread.behaviour import behaviour_of
 from firemodel.spread.fire_scheme import Fire
 
@@ -63,10 +64,11 @@ def write_netcdf(
         time_zero: The calendar time of 0 s. Without it, times are elapsed seconds.
 
     Raises:
-        FireModelError: netCDF4 is not installed, or the fire has not been advanced to a time.
-        OSError: The file cannot be written.
+        FireModelError: netCDF4 is not installed, the times do not increase, the fire has not been
+            advanced to one of them, or the file cannot be written.
     """
     check_netcdf()
+    check_increasing(times_s)
     from netCDF4 import Dataset
 
     try:
@@ -84,7 +86,7 @@ def write_netcdf(
             _add_behaviour(file, fire, time_zero)
             _add_times(file, fire, times_s, time_zero)
     except RuntimeError as error:  # from the library, for example on a full disk
-        raise OSError(None, str(error), str(path)) from None
+        raise write_error(Path(path), error) from None
 
 
 def _add_grid(file: "Dataset", land: Landscape) -> None:

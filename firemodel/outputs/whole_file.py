@@ -1,8 +1,10 @@
 """Write a file completely or not at all."""
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
+
+from firemodel.errors import FireModelError
 
 
 @contextmanager
@@ -15,17 +17,35 @@ def whole_file(path: Path) -> Iterator[Path]:
         path: The file to write. Its folder must exist.
 
     Raises:
-        OSError: The file cannot be moved to ``path``.
+        FireModelError: The file cannot be written; the message names ``path``.
     """
     part = path.with_name(f".{path.stem}.part{path.suffix}")
     try:
         yield part
         part.replace(path)
+    except OSError as error:
+        raise write_error(path, error) from None
     finally:
+        with suppress(OSError):
+            part.unlink()
+
+
+def write_error(path: Path, error: Exception) -> FireModelError:
+    """Return the error for a file that cannot be written."""
+    reason = getattr(error, "strerror", None) or " ".join(str(error).split())
+    return FireModelError(f"{path}: cannot be written: {reason}; give another path")
+
+
+def remove_parts(folder: Path) -> None:
+    """Remove the incomplete files that a killed process left in a folder (``whole_file``)."""
+    for part in folder.glob(".*.part.*"):
         part.unlink(missing_ok=True)
 
 
 def write_whole(path: Path, text: str) -> None:
-    """Write a text file (UTF-8) completely or not at all (see ``whole_file``)."""
+    """Write a text file (UTF-8) completely or not at all (see ``whole_file``).
+
+    Raises FireModelError if the file cannot be written.
+    """
     with whole_file(path) as part:
         part.write_text(text, encoding="utf-8")

@@ -9,7 +9,13 @@ from typing import Any
 import numpy as np
 
 from firemodel.landscape.landscape import Landscape
-from firemodel.outputs.arrival_map import frame_around, set_title, start_map, status_line
+from firemodel.outputs.arrival_map import (
+    frame_around,
+    set_title,
+    start_map,
+    status_line,
+    without_glyph_warnings,
+)
 from firemodel.outputs.front_files import write_fronts
 from firemodel.outputs.graticule import km_of
 from firemodel.outputs.raster_layers import arrival_layer_of
@@ -164,7 +170,8 @@ def draw_map(path: Path, scenario: Scenario, record: RunStatistics, fire: Fire) 
     below = {"ncols": 4, "loc": "upper center", "bbox_to_anchor": (0.5, -0.07)}
     placement = below if len(handles) > LEGEND_INSIDE else {"loc": "upper left"}
     axes.legend(handles=handles, **placement)
-    figure.savefig(path)
+    with without_glyph_warnings():
+        figure.savefig(path)
 
 
 def _draw_vehicle(axes: Any, vehicle: VehicleStatistics, land: Landscape, colour: str) -> None:

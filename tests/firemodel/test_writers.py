@@ -1,6 +1,8 @@
 """Files for other programs."""
 
 import json
+import math
+import warnings
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -11,8 +13,10 @@ import rasterio
 from shapely.geometry import shape
 
 from firemodel.errors import FireModelError
+from firemodel.outputs.arrival_map import draw_map
 from firemodel.outputs.front_files import fronts_geojson, write_fronts
 from firemodel.outputs.geotiff import write_rasters
+from firemodel.outputs.netcdf import write_netcdf
 from tests.firemodel.test_front_files import fire_round_a_rock
 
 
@@ -78,3 +82,42 @@ def test_fronts_are_written_to_a_path_given_as_text_or_fail_in_one_line(tmp_path
     assert json.loads(path.read_text(encoding="utf-8"))["features"]
     with pytest.raises(FireModelError, match=r"fronts: cannot be written: No such file .*; give"):
         write_fronts(tmp_path / "missing" / "fronts", fire, [0.0], "rock")
+
+
+@pytest.mark.parametrize(
+    ("times_s", "text"),
+    [
+        ([math.nan], r"times_s\[0\] is nan; give a number"),
+        ([600.0, math.inf], r"times_s\[1\] is inf"),
+        ([600.0, 300.0], r"times_s\[1\] = 300.0 is not later than 600.0; sort the times"),
+        ([600.0, 600.0], "remove duplicates"),
+    ],
+)
+def test_times_must_be_finite_and_increase(tmp_path: Path, times_s: list[float], text: str) -> None:
+    fire = fire_round_a_rock()
+    for write, name in ((write_fronts, "fronts.geojson"), (write_netcdf, "fire.nc")):
+        with pytest.raises(FireModelError, match=text):
+            write(tmp_path / name, fire, times_s, "rock")
+    assert not list(tmp_path.iterdir())
+
+
+def test_each_writer_names_the_file_that_it_cannot_write(tmp_path: Path) -> None:
+    fire, missing = fire_round_a_rock(), tmp_path / "missing"
+    for name, write in (
+        ("arrival_time_s.tif", lambda: write_rasters(missing, fire)),
+        ("fronts.geojson", lambda: write_fronts(missing / "fronts.geojson", fire, [60.0], "x")),
+        ("fire.nc", lambda: write_netcdf(missing / "fire.nc", fire, [60.0], "x")),
+        ("map.png", lambda: draw_map(missing / "map.png", fire, "x")),
+    ):
+        with pytest.raises(FireModelError, match=f"missing/{name}: cannot be written: "):
+            write()
+    (tmp_path / "map.png").mkdir()
+    with pytest.raises(FireModelError, match=r"map.png: cannot be written: Is a directory"):
+        draw_map(tmp_path / "map.png", fire, "x")
+
+
+@pytest.mark.parametrize("title", ["火災 🔥 नमस्ते", "long " * 200, "m\tx", "$x_1$ \\frac"])
+def test_unusual_titles_give_no_warnings(tmp_path: Path, title: str) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        draw_map(tmp_path / "map.png", fire_round_a_rock(), title)

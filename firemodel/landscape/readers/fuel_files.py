@@ -126,8 +126,8 @@ def with_rate_factors(fuels: Mapping[int, FuelModel], path: Path) -> dict[int, F
     """Return the fuel models for which an .adj file has a factor of the spread rate, with it.
 
     A line of the file has a fuel code and a factor. ``fuels`` are all burnable fuel models. Raises
-    FireModelError for an unknown code, a code that is in the file twice, a factor that is not from 0
-    to 100, or a file without factors; the message names file and line.
+    FireModelError for an unknown code, a code that is in the file twice, a factor that is not from
+    0 to 100, or a file without factors; the message names file and line.
     """
     found: dict[int, FuelModel] = {}
     codes: set[int] = set()

@@ -166,8 +166,8 @@ def _csv_rows(path: Path) -> Rows:
 def _raws_rows(path: Path) -> Rows:
     """Return the records with the column names of the CSV format.
 
-    The count in the ``RAWS:`` line is often 1. If it is more than the number of records, the file is
-    not complete.
+    The count in the ``RAWS:`` line is often 1. If it is more than the number of records, the file
+    is not complete.
     """
     if path.suffix.lower() not in (".raws", ".wxs"):
         raise FireModelError(f"{path}: not a known kind of weather file; give {KINDS}")
@@ -199,8 +199,8 @@ def _raws_rows(path: Path) -> Rows:
             )
     if count.isdigit() and int(count) > len(rows):
         raise FireModelError(
-            f"{path} line {counted}: RAWS = {count}, but the file has {len(rows)} of these records; it is "
-            "probably incomplete: copy it again, or correct the number"
+            f"{path} line {counted}: RAWS = {count}, but the file has {len(rows)} of these "
+            "records; it is probably incomplete: copy it again, or correct the number"
         )
     return rows
 
