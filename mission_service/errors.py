@@ -9,6 +9,10 @@ class ScenarioError(MissionServiceError):
     """A scenario file cannot be used; the message names file, key and value."""
 
 
+class OptionError(ScenarioError):
+    """An option (--set, --vary) has a wrong value; the command line exits with 2."""
+
+
 class PlannerError(MissionServiceError):
     """A rule of another package failed; the message names the rule and the package."""
 

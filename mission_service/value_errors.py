@@ -6,6 +6,7 @@ requests over all interfaces, the scenario file, the tokens file and the query p
 
 import re
 from collections.abc import Mapping, Sequence
+from datetime import datetime
 from typing import Any
 
 import msgspec
@@ -185,7 +186,7 @@ def got(value: Any) -> str:
     if value is UNKNOWN or isinstance(value, Mapping | list | tuple):
         return ""
     try:
-        text = repr(value)
+        text = value.isoformat() if isinstance(value, datetime) else repr(value)
     except ValueError:  # a whole number of thousands of digits
         return ""
     return f" (got {text if len(text) <= MAX_SHOWN else text[: MAX_SHOWN - 1] + '…'})"

@@ -38,16 +38,21 @@ from mission_service.runtime.clocks import now_text
 
 
 class ErrorReportingGroup(click.Group):
-    """A group of commands that prints each error of these packages in one line and exits with 1."""
+    """A group of commands that prints each error of these packages in one line and exits with 1.
+
+    The exit code is 2 if an option is wrong.
+    """
 
     def invoke(self, ctx: click.Context) -> Any:
         from autopilot_bridge.errors import BridgeError
         from firemodel.errors import FireModelError
-        from mission_service.errors import MissionServiceError
+        from mission_service.errors import MissionServiceError, OptionError
 
         own_errors = (MissionServiceError, FireModelError, BridgeError)
         try:
             return super().invoke(ctx)
+        except OptionError as error:
+            raise click.UsageError(str(error)) from None
         except own_errors as error:
             raise click.ClickException(str(error)) from None
         except BaseExceptionGroup as group:

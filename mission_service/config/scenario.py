@@ -34,17 +34,17 @@ from mission_service.config.sections import (
     MissionSection,
     NotNegative,
     PlannerSection,
-    Positive,
     Section,
     VehicleSection,
     WeatherEntry,
     WeatherFile,
 )
 from mission_service.config.service import ServiceSection
-from mission_service.errors import ScenarioError
+from mission_service.errors import OptionError, ScenarioError
 from mission_service.value_errors import got, missing_key, remedy, schema_at
 
 SHIPPED = Path(__file__).parents[1] / "scenarios"
+MAX_DURATION_S = 3.2e8  # ten years
 S = TypeVar("S", bound=Section)
 OWN_ERRORS = ("value_error", "assertion_error")  # errors of the validators in this package
 
@@ -66,7 +66,7 @@ class Scenario(Section):
     time_zero: Annotated[AwareDatetime, AfterValidator(_in_use)] | None = None
     seed: Annotated[int, Field(ge=0)] = 0
     start_s: NotNegative = 0.0
-    duration_s: Positive
+    duration_s: Annotated[float, Field(gt=0, le=MAX_DURATION_S)]
     deploy_at_s: NotNegative = 0.0
     clock: Literal["autopilot", "wall"] = "autopilot"
     fly_in_wind: bool = True  # simulated vehicles fly in the wind of the fire's weather
@@ -201,8 +201,20 @@ def run_of(
         raise ScenarioError(f"{path}: {'; '.join(renamed)}")
     service = data.pop("service", {})
     at = ("service",)
-    settings = _with_paths(_checked(ServiceSection, service, path, at), path, at)
-    return parse_scenario(data, path), settings
+    try:
+        settings = _with_paths(_checked(ServiceSection, service, path, at), path, at)
+        return parse_scenario(data, path), settings
+    except ScenarioError as error:
+        raise _of_override(error, path, overrides) from None
+
+
+def _of_override(error: ScenarioError, path: Path, overrides: tuple[str, ...]) -> ScenarioError:
+    """Return an error about a value that an override has set as an OptionError."""
+    problem = str(error).removeprefix(f"{path}: ")
+    keys = [override.partition("=")[0] for override in overrides]
+    if problem.startswith(tuple(f"{key}{end}" for key in keys for end in (": ", "."))):
+        return OptionError(f"--set: {problem}")
+    return error
 
 
 def parse_scenario(data: dict[str, Any], path: Path) -> Scenario:
@@ -370,6 +382,8 @@ def _in_words(error: ValidationError, kind: type[BaseModel]) -> str:
         return f"{key}: unknown key{shown}{more}"
     if first["type"] in OWN_ERRORS:
         return f"{key}: {first['msg'].removeprefix('Value error, ')}{shown}{more}"
+    if first["type"] == "timezone_aware":
+        return f"{key}: has no UTC offset; add it, as in 2026-08-01T12:00:00-07:00{shown}{more}"
     schema = kind.model_json_schema()
     if first["type"] == "missing":
         return f"{missing_key(first['loc'], schema)}{more}"
@@ -381,7 +395,7 @@ def apply_override(data: dict[str, Any], override: str) -> None:
     """Apply an override ``a.b.0.c=value`` (a TOML value) to the dictionary of a scenario."""
     key, equals, text = override.partition("=")
     if not equals:
-        raise ScenarioError(f"--set {override}: write it as key=value, e.g. planner.alpha=1.5")
+        raise OptionError(f"--set {override}: write it as key=value, e.g. planner.alpha=1.5")
     try:
         value = tomllib.loads(f"value = {text}")["value"]
     except tomllib.TOMLDecodeError:
@@ -393,4 +407,4 @@ def apply_override(data: dict[str, Any], override: str) -> None:
             place = place[int(part)] if isinstance(place, list) else place.setdefault(part, {})
         place[int(last) if isinstance(place, list) else last] = value
     except (ValueError, IndexError, TypeError, AttributeError):
-        raise ScenarioError(f"--set {override}: the scenario has no such key") from None
+        raise OptionError(f"--set {override}: the scenario has no such key") from None

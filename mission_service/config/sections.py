@@ -3,16 +3,18 @@
 import re
 from datetime import datetime
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import (
     AfterValidator,
     BaseModel,
     ConfigDict,
     Field,
+    ValidatorFunctionWrapHandler,
     field_validator,
     model_validator,
 )
+from pydantic_core import PydanticKnownError
 
 from firemodel.ensemble.uncertainty import Uncertainty
 from firemodel.landscape import LAYERS
@@ -48,9 +50,30 @@ Line = Annotated[str, AfterValidator(_printable)]
 
 
 class Section(BaseModel):
-    """A table of the file; the model is read-only and refuses unknown keys."""
+    """A table of the file; read-only. It refuses unknown keys, and true and false as numbers."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
+
+    @field_validator("*", mode="wrap")
+    @classmethod
+    def _no_boolean_as_number(cls, given: Any, check: ValidatorFunctionWrapHandler) -> Any:
+        found = check(given)
+        if not _boolean_became_number(given, found):
+            return found
+        if isinstance(given, bool):
+            raise PydanticKnownError("float_type")
+        raise ValueError("contains true or false instead of a number; give a number")
+
+
+def _boolean_became_number(given: Any, found: Any) -> bool:
+    """Return True if a number was made of a boolean in a value, or in its lists and tables."""
+    if isinstance(given, bool):
+        return isinstance(found, int | float) and not isinstance(found, bool)
+    if isinstance(given, list | tuple) and isinstance(found, list | tuple):
+        return any(map(_boolean_became_number, given, found))
+    if isinstance(given, dict) and isinstance(found, dict):
+        return any(map(_boolean_became_number, given.values(), found.values()))
+    return False
 
 
 class LandscapeSection(Section):

@@ -82,10 +82,25 @@ def test_shipped_scenarios_check(name: str) -> None:
 
 
 @pytest.mark.parametrize(
+    ("option", "words"),
+    [
+        ("planner.beta=1", "--set: planner.beta: unknown key"),
+        ("planner.alpha=-1", "--set: planner.alpha: give a number, at least 0 (got -1)"),
+        ("weather.9.at_s=3", "--set weather.9.at_s=3: the scenario has no such key"),
+        ("planner", "--set planner: write it as key=value"),
+    ],
+)
+def test_a_wrong_option_gets_one_line_and_exit_code_2(option: str, words: str) -> None:
+    result = call("config", "check", "default", "--set", option)
+    assert result.exit_code == 2
+    assert words in result.output
+    assert result.output.count("\n") == 1
+
+
+@pytest.mark.parametrize(
     ("arguments", "words"),
     [
         (("sim", "nowhere", "--out", "OUT"), "nowhere: no such file"),
-        (("sim", "default", "--out", "OUT", "--set", "planner.beta=1"), "planner.beta"),
         (("sim", "default", "--out", "/proc/nothing"), "/proc/nothing"),
         (("replay", "OUT/none.jsonl", "--verify"), "none.jsonl: cannot be read"),
         (("plan", "default", "--vehicle", "owl", "-o", "OUT/x.plan"), "no vehicle 'owl'"),

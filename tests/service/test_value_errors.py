@@ -55,7 +55,7 @@ def test_a_request(request_: dict[str, Any], text: str) -> None:
     ("setting", "text"),
     [
         ("weather.0.wind_speed_m_s=-3", "weather.0.wind_speed_m_s: give a number from 0 to 100"),
-        ("duration_s=0", "duration_s: give a number, above 0 (got 0)"),
+        ("duration_s=0", "duration_s: give a number, above 0 and at most 3.2e+08"),
         ("link.loss=1", "link.loss: give a number, at least 0 and below 1 (got 1)"),
         ("seed=1.5", "seed: give a whole number, at least 0 (got 1.5)"),
         ('vehicles.0.name="a b"', "vehicles.0.name: give letters, digits, - and _, at most 40"),
@@ -66,6 +66,15 @@ def test_a_request(request_: dict[str, Any], text: str) -> None:
         ("planner.alpha=-1", "planner.alpha: give a number, at least 0 (got -1)"),
         ("weather.0={at_s=0,wind_from_deg=0}", "weather.0.wind_speed_m_s: is missing; give a num"),
         ("weather_file={path=3}", "weather_file.path: give the path of a file (got 3)"),
+        ("duration_s=1e300", "duration_s: give a number, above 0 and at most 3.2e+08 (got 1e+300)"),
+        ("duration_s=true", "duration_s: give a number, above 0 and at most 3.2e+08 (got True)"),
+        ("seed=false", "seed: give a whole number, at least 0 (got False)"),
+        ("landscape.bands={fuel=true}", "landscape.bands: contains true or false instead of a"),
+        (
+            "service.journal.keep_mb=true",
+            "service.journal.keep_mb: give a number, above 0 (got True)",
+        ),
+        ("time_zero=2026-08-01T12:00:00", "time_zero: has no UTC offset; add it, as in 2026-08-01"),
         ("landscape.lat_deg=89", "landscape.lat_deg: give a number from -80 to 84 (got 89)"),
     ],
 )
