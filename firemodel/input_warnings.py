@@ -9,6 +9,7 @@ from zoneinfo import ZoneInfo
 import numpy as np
 
 from firemodel.landscape.landscape import Landscape
+from firemodel.landscape.readers.weather_records import YEAR
 from firemodel.physics.fuels import NON_BURNABLE
 from firemodel.physics.weather import Weather, WeatherStream
 from firemodel.spread.edge import BEYOND_EDGE
@@ -20,6 +21,7 @@ MIN_DEAD_PCT = 1.0  # the moisture of dead fuel is higher even in a desert
 MIN_LIVE_PCT = 5.0  # the moisture of live fuel is higher, but as a fraction it is 3 or less
 MIN_HUMIDITY_PCT = 1.0
 MAX_WIND_M_S = 60.0
+MAX_ZONES = timedelta(hours=26)  # between the local times of two places at one moment
 DEAD = ("dead_1h_pct", "dead_10h_pct", "dead_100h_pct")
 LIVE = ("live_herb_pct", "live_woody_pct")
 
@@ -43,6 +45,28 @@ def input_warnings(inputs: FireInputs) -> list[str]:
         Lines with the place, the value and the probable cause; empty for usual inputs.
     """
     return [line for rule in RULES for line in rule(inputs)]
+
+
+def time_zero_warnings(weather: WeatherStream, time_zero: datetime | None) -> list[str]:
+    """Return a warning if the calendar time of 0 s differs from the weather file's time at 0 s.
+
+    Times without a UTC offset may be in any zone, so that they differ by less than ``MAX_ZONES``.
+    The year of the file is ignored if it is that of files without a year.
+    """
+    source = weather.source
+    if time_zero is None or source is None or source.start is None:
+        return []
+    start, allowed = source.start, timedelta(0)
+    if start.tzinfo is None:
+        start, allowed = start.replace(tzinfo=time_zero.tzinfo), MAX_ZONES
+    if start.year == YEAR:
+        start = start.replace(year=time_zero.year)
+    if abs(start - time_zero) <= allowed:
+        return []
+    return [
+        f"{source.name}: 0 s is {source.start.isoformat()} in the weather, but time_zero = "
+        f"{time_zero.isoformat()}; correct time_zero, or the start of the weather"
+    ]
 
 
 def _moisture_as_fraction(inputs: FireInputs) -> Iterator[str]:

@@ -18,7 +18,7 @@ from mission_service.cli.options import (
     cores_option,
     echo,
     echo_warning,
-    folder,
+    results_in,
 )
 
 MAX_RUNS = 100_000
@@ -75,14 +75,16 @@ def fire_run(
     _refuse_together(members)
     loaded = load_scenario(scenario, overrides)
     if members is None:
-        summary = run_fire(loaded, folder(out), front_every_s, echo_warning, netcdf)
+        with results_in(out, "repeat the command") as made:
+            summary = run_fire(loaded, made, front_every_s, echo_warning, netcdf)
         written = "GeoTIFFs, fronts (GeoJSON, KML), map.png and summary.json"
     else:
         from mission_service.simulation.fire_members import run_members
         from mission_service.simulation.task_pool import tasks_on
 
-        with tasks_on(*cores, "fire run") as run:
-            summary = run_members(loaded, folder(out), members, run, echo_warning)
+        kept = f"{out}/members keeps the finished members; repeat the command to continue"
+        with results_in(out, kept) as made, tasks_on(*cores, "fire run") as run:
+            summary = run_members(loaded, made, members, run, echo_warning)
         written = "GeoTIFFs, map.png and summary.json"
     echo(summary, as_json)
     if not as_json:
@@ -126,11 +128,13 @@ def fire_sweep(
 
     If the command is stopped, repeat it: it simulates only the runs missing in DIR/runs.
     """
-    from mission_service.simulation.fire_sweep import run_sweep
+    from mission_service.simulation.fire_sweep import run_sweep, sweep_of
     from mission_service.simulation.task_pool import tasks_on
 
-    with tasks_on(*cores, "fire sweep") as run:
-        summary = run_sweep(scenario, overrides, varied, folder(out), run)
+    sweep = sweep_of(scenario, overrides, varied)
+    kept = f"{out}/runs keeps the finished runs; repeat the command to continue"
+    with results_in(out, kept) as made, tasks_on(*cores, "fire sweep") as run:
+        summary = run_sweep(sweep, made, run, echo_warning)
     echo(summary, as_json)
     if not as_json:
         click.echo(f"sweep.csv and fronts.geojson in {out}/")

@@ -3,14 +3,19 @@
 import json
 import math
 import os
+import re
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import wraps
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 import click
+
+SCHEDULER = re.compile(r"((tcp|tls|ws|wss)://)?([^\s:/\[\]]+|\[[\da-fA-F:.]+\]):\d{1,5}")
+INTERRUPTED = 130  # the usual exit code after Ctrl-C
 
 
 def seconds(
@@ -20,6 +25,28 @@ def seconds(
     if value is not None and not 0.0 <= value < math.inf:
         raise click.BadParameter(f"{value:g}: give seconds, 0 or more")
     return value
+
+
+def scheduler_address(
+    context: click.Context, parameter: click.Parameter, value: str | None
+) -> str | None:
+    """Return an option's value if it is the address of a Dask scheduler; else BadParameter."""
+    if value is not None and SCHEDULER.fullmatch(value) is None:
+        raise click.BadParameter(f"{value!r}: give HOST:PORT, as in tcp://10.0.0.1:8786")
+    return value
+
+
+class Folder(click.Path):
+    """The path of a folder, which may be missing."""
+
+    def __init__(self) -> None:
+        super().__init__(file_okay=False, path_type=Path)
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return the path. Empty text, which would be the working folder, is refused."""
+        if value == "":
+            self.fail("is empty; give a folder, or . for the working folder", param, ctx)
+        return super().convert(value, param, ctx)
 
 
 Command = TypeVar("Command", bound=Callable[..., Any] | click.Command)
@@ -32,13 +59,9 @@ OVERRIDE = click.option(
     help="Change one key of the scenario, e.g. planner.alpha=1.5 (repeatable).",
 )
 JSON = click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
-OUT = click.option("--out", type=click.Path(file_okay=False, path_type=Path), default=Path("out"))
-OUT_REQUIRED = click.option(
-    "--out", type=click.Path(file_okay=False, path_type=Path), required=True
-)
-OUT_FOLDER = click.option(
-    "-o", "--out", type=click.Path(file_okay=False, path_type=Path), required=True, metavar="DIR"
-)
+OUT = click.option("--out", type=Folder(), default=Path("out"))
+OUT_REQUIRED = click.option("--out", type=Folder(), required=True)
+OUT_FOLDER = click.option("-o", "--out", type=Folder(), required=True, metavar="DIR")
 SIGNING_KEY = click.option(
     "--signing-key",
     metavar="file:PATH|env:NAME",
@@ -125,6 +148,7 @@ def cores_option(workers: str) -> Callable[[Callable[..., None]], Callable[..., 
         @click.option(
             "--scheduler",
             metavar="ADDRESS",
+            callback=scheduler_address,
             help="Compute on the workers of this Dask scheduler, e.g. tcp://10.0.0.1:8786.",
         )
         @wraps(command)
@@ -156,6 +180,25 @@ def folder(out: Path) -> Path:
     except OSError as error:
         raise MissionServiceError(f"{out}: cannot be written to: {error.strerror}") from None
     return out
+
+
+@contextmanager
+def results_in(out: Path, after_interrupt: str) -> Iterator[Path]:
+    """Yield the folder ``out``, which ``folder`` creates; remove it if it remains empty.
+
+    After Ctrl-C the command exits with ``INTERRUPTED`` and a line that ends in ``after_interrupt``.
+    """
+    created = [each for each in (out, *out.parents) if not each.exists()]
+    try:
+        yield folder(out)
+    except KeyboardInterrupt:
+        error = click.ClickException(f"interrupted; {after_interrupt}")
+        error.exit_code = INTERRUPTED
+        raise error from None
+    finally:
+        with suppress(OSError):  # it is not empty
+            for each in created:
+                each.rmdir()
 
 
 def echo(result: dict[str, Any], as_json: bool) -> None:

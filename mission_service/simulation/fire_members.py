@@ -37,11 +37,10 @@ from mission_service.fire.setup import (
     landscape_of,
     settings_of,
     uncertainty_of,
-    warnings_on,
     weather_of,
 )
 from mission_service.runtime.progress import fire_progress
-from mission_service.simulation.fire_alone import check_times, writing
+from mission_service.simulation.fire_alone import check_times, warnings_of, writing
 from mission_service.simulation.result_files import (
     check_command,
     complete,
@@ -142,7 +141,7 @@ def run_members(
     """
     check_command(folder, "fire run --members")
     job = job_of(scenario, count)
-    warnings = warnings_on(scenario, job.landscape)
+    warnings = warnings_of(scenario, job.landscape)
     for line in warnings:
         warn(line)
     with writing(folder):
@@ -154,7 +153,7 @@ def run_members(
                 _save,
                 progress,
             )
-        windows = list(_read(results, count))
+        windows = list(_read(results, count, job.landscape.shape))
         with whole_files(folder) as part:
             summary = _write(scenario, job, windows, part)
             if summary["reached_edge"]:
@@ -169,13 +168,23 @@ def _save(window: Window, path: Path) -> None:
     np.savez(path, corner=[window.top, window.left], after_s=window.after_s, flame_m=window.flame_m)
 
 
-def _read(folder: Path, count: int) -> Iterator[Window]:
+def _read(folder: Path, count: int, shape: tuple[int, ...]) -> Iterator[Window]:
     for number in range(count):
         path = numbered(folder, number, SUFFIX)
         with reading(path), path.open("rb") as raw, np.load(raw) as file:
             top, left = file["corner"].tolist()
             window = Window(top, left, file["after_s"], file["flame_m"])
+            if not _fits(window, shape):
+                raise ValueError("its cells are not on the landscape")
         yield window
+
+
+def _fits(window: Window, shape: tuple[int, ...]) -> bool:
+    """Return True if a window lies within a landscape of this shape."""
+    rows, cols = window.after_s.shape
+    inside = min(window.top, window.left) >= 0
+    inside = inside and window.top + rows <= shape[0] and window.left + cols <= shape[1]
+    return inside and window.flame_m.shape == window.after_s.shape
 
 
 def _write(scenario: Scenario, job: Job, windows: list[Window], folder: Path) -> dict[str, Any]:

@@ -3,7 +3,7 @@
 import csv
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 from functools import lru_cache
@@ -17,14 +17,16 @@ from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
 from firemodel.outputs.front_files import fronts_geojson
 from firemodel.spread.behaviour import behaviour_of
-from firemodel.spread.edge import at_edge
+from firemodel.spread.edge import BEYOND_EDGE, at_edge
+from firemodel.spread.schemes import SCHEMES
 from mission_service.config.scenario import Scenario, load_scenario
 from mission_service.config.sections import LandscapeSection
-from mission_service.errors import ScenarioError
-from mission_service.fire.setup import fire_of, landscape_in
+from mission_service.errors import OptionError, ScenarioError
+from mission_service.fire.setup import check_fire, fire_of, landscape_in
 from mission_service.runtime.progress import fire_progress
-from mission_service.simulation.fire_alone import check_times, writing
+from mission_service.simulation.fire_alone import check_times, warnings_of, writing
 from mission_service.simulation.result_files import (
+    USED,
     check_command,
     complete,
     numbered,
@@ -36,6 +38,10 @@ from mission_service.simulation.result_files import (
 from mission_service.simulation.task_pool import Run
 
 MAX_RUNS = 10_000
+EFFECTIVE = USED - {"name", "time_zero", "ensemble"} | {"seed"}
+RUNS_AT_EDGE = (
+    f"the fire reached the edge of the landscape in {{count}} of {{runs}} runs; {BEYOND_EDGE}"
+)
 SUFFIX = ".geojson"
 
 
@@ -54,10 +60,10 @@ class Sweep:
         changes = tuple(f"{key}={value}" for key, value in pairs)
         try:
             return load_scenario(self.scenario, (*self.overrides, *changes))
-        except ScenarioError as error:
-            option, _, rest = str(error).partition(": ")
-            if option.removeprefix("--set ") in changes:
-                raise ScenarioError(f"--vary {option.removeprefix('--set ')}: {rest}") from None
+        except OptionError as error:
+            problem = str(error).removeprefix("--set")
+            if problem.lstrip(": ").startswith(self.keys):
+                raise OptionError(f"--vary{problem}") from None
             raise
 
     def label(self, number: int) -> str:
@@ -69,19 +75,19 @@ class Sweep:
 def sweep_of(scenario: str, overrides: tuple[str, ...], varied: Sequence[str]) -> Sweep:
     """Return the sweep over all combinations of ``KEY=VALUES``; the last key varies fastest.
 
-    Raises ScenarioError for text in another form, a key that appears twice, or too many runs.
+    Raises OptionError for text in another form, a key that appears twice, or too many runs.
     """
     values = {}
     for text in varied:
         key, equals, given = text.partition("=")
         if not (equals and key and given):
-            raise ScenarioError(f"--vary {text}: write it as KEY=VALUES, e.g. fire.precise=true")
+            raise OptionError(f"--vary {text}: write it as KEY=VALUES, e.g. fire.precise=true")
         if key in values:
-            raise ScenarioError(f"--vary {key}: appears twice; give all its values at once")
+            raise OptionError(f"--vary {key}: appears twice; give all its values at once")
         values[key] = _values_in(text, given)
     runs = math.prod(len(each) for each in values.values())
     if runs > MAX_RUNS:
-        raise ScenarioError(f"--vary: {runs} runs, more than {MAX_RUNS}; give fewer values")
+        raise OptionError(f"--vary: {runs} runs, more than {MAX_RUNS}; give fewer values")
     return Sweep(scenario, overrides, tuple(values), tuple(product(*values.values())))
 
 
@@ -90,45 +96,63 @@ def _values_in(text: str, given: str) -> tuple[str, ...]:
     try:
         first, last, step = (Decimal(part) for part in given.split(":"))
     except (InvalidOperation, ValueError):
-        found = tuple(part.strip() for part in given.split(","))
+        found = _entries(text, given)
         if not all(found) or len(set(found)) < len(found):
-            raise ScenarioError(f"--vary {text}: a value is empty or appears twice") from None
+            raise OptionError(f"--vary {text}: a value is empty or appears twice") from None
         return found
     if not (first.is_finite() and last.is_finite() and step.is_finite() and step > 0):
-        raise ScenarioError(f"--vary {text}: give a range as FIRST:LAST:STEP with a positive step")
+        raise OptionError(f"--vary {text}: give a range as FIRST:LAST:STEP with a positive step")
     if not first <= last:
-        raise ScenarioError(f"--vary {text}: the first value is after the last; exchange them")
+        raise OptionError(f"--vary {text}: the first value is after the last; exchange them")
     count = int((last - first) / step) + 1
     if count > MAX_RUNS:
-        raise ScenarioError(f"--vary {text}: {count} values, more than {MAX_RUNS}; give fewer")
+        raise OptionError(f"--vary {text}: {count} values, more than {MAX_RUNS}; give fewer")
     return tuple(str(first + place * step) for place in range(count))
 
 
-def run_sweep(
-    scenario: str, overrides: tuple[str, ...], varied: Sequence[str], folder: Path, run: Run
-) -> dict[str, Any]:
+def _entries(text: str, given: str) -> tuple[str, ...]:
+    """Return the entries of a list, which commas separate outside of quotes and brackets."""
+    found, depth, quote = [""], 0, ""
+    for each in given:
+        if quote:
+            quote = "" if each == quote else quote
+        elif each in "\"'":
+            quote = each
+        else:
+            depth += (each in "[{") - (each in "]}")
+        if each == "," and not (depth or quote):
+            found.append("")
+        else:
+            found[-1] += each
+    if depth or quote:
+        raise OptionError(f"--vary {text}: a quote or bracket is not closed; close it")
+    return tuple(entry.strip() for entry in found)
+
+
+def run_sweep(sweep: Sweep, folder: Path, run: Run, warn: Callable[[str], None]) -> dict[str, Any]:
     """Simulate the runs that are missing in a folder, write the tables, and return a summary.
 
     Each run is stored in a file in the folder ``runs``: the front at the end, with the results. If
     the command is stopped and repeated with the same scenario and values, only the missing runs are
-    simulated.
+    simulated. The inputs of all runs are checked before the first one.
 
     Args:
-        scenario: A file or the name of a shipped scenario.
-        overrides: Changes of keys, ``key=value``, for all runs.
-        varied: The values of keys, ``KEY=VALUES`` (see ``sweep_of``).
+        sweep: The scenario and the values of its keys.
         folder: An existing folder.
         run: Runs the tasks, see ``task_pool``.
+        warn: A function that is called once with each warning about the inputs.
 
     Raises:
         ScenarioError: A run's scenario is invalid, or a file cannot be written.
+        OptionError: A key has no effect on the fire, or a value is invalid.
         MissionServiceError: The folder has runs of other settings, or the cluster failed.
     """
     check_command(folder, "fire sweep")
-    sweep = sweep_of(scenario, overrides, varied)
     scenarios = [sweep.load(number) for number in range(len(sweep.values))]
-    for each in scenarios:
-        check_times(each)
+    _check_effects(sweep, scenarios)
+    warnings = list(dict.fromkeys(_checked(sweep, scenarios)))
+    for line in warnings:
+        warn(line)
     recipe = {"keys": sweep.keys, "values": sweep.values, **recipe_of(scenarios)}
     with writing(folder):
         results = results_folder(folder / "runs", recipe)
@@ -143,13 +167,43 @@ def run_sweep(
         with whole_files(folder) as part:
             _write(part, features)
     areas_ha = [each["properties"]["area_ha"] for each in features]
+    at_edge_count = sum(each["properties"]["reached_edge"] for each in features)
+    if at_edge_count:
+        warnings.append(RUNS_AT_EDGE.format(count=at_edge_count, runs=len(features)))
+        warn(warnings[-1])
     return {
         "scenario": scenarios[0].name,
         "runs": len(scenarios),
         "burned_now": burned_now,
         "min_area_ha": min(areas_ha),
         "max_area_ha": max(areas_ha),
+        "warnings": warnings,
     }
+
+
+def _check_effects(sweep: Sweep, scenarios: list[Scenario]) -> None:
+    """Raise OptionError for a varied key that has no effect on the fire of any run."""
+    used = {name for each in scenarios for name in SCHEMES[each.fire.scheme].settings}
+    unused = {
+        f"fire.{name}" for each in SCHEMES.values() for name in each.settings if name not in used
+    }
+    if all(each.fire.scheme != "probabilistic" for each in scenarios):
+        unused.add("seed")
+    for key in sweep.keys:
+        if key.partition(".")[0] not in EFFECTIVE or key in unused:
+            raise OptionError(f"--vary {key}: has no effect on these fires; leave it out")
+
+
+def _checked(sweep: Sweep, scenarios: list[Scenario]) -> Iterator[str]:
+    """Check the inputs of all runs and yield their warnings, some of them several times."""
+    for number, scenario in enumerate(scenarios):
+        try:
+            check_times(scenario)
+            landscape = _landscape(scenario.landscape.model_dump_json())
+            check_fire(scenario, landscape)
+            yield from warnings_of(scenario, landscape)
+        except (FireModelError, ScenarioError) as error:
+            raise ScenarioError(f"run {number} ({sweep.label(number)}): {error}") from None
 
 
 def swept_run(number: int, sweep: Sweep) -> str:
@@ -182,6 +236,9 @@ def _landscape(section: str) -> Landscape:
 def _read(path: Path) -> dict[str, Any]:
     with reading(path):
         feature: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        properties = feature["properties"]
+        if not (isinstance(properties["area_ha"], float) and "reached_edge" in properties):
+            raise ValueError("no area_ha")
     return feature
 
 

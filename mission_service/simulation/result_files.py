@@ -6,6 +6,7 @@ the computation (the recipe); a folder is used again only for the same recipe.
 
 import hashlib
 import json
+import shutil
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -20,6 +21,7 @@ from mission_service.config.scenario import Scenario
 from mission_service.errors import MissionServiceError, ScenarioError
 
 RECIPE = "recipe.json"
+PART = ".part-"  # the beginning of the names of temporary folders
 # A result of each command, by which its folder is recognised.
 COMMANDS = {
     "fire run": "arrival_time_s.tif",
@@ -61,8 +63,13 @@ def _paths_in(data: Any) -> Iterator[Path]:
 
 @contextmanager
 def whole_files(folder: Path) -> Iterator[Path]:
-    """Yield a temporary folder; its files move to ``folder`` if no exception is raised."""
-    with tempfile.TemporaryDirectory(dir=folder, prefix=".part-") as part:
+    """Yield a temporary folder; its files move to ``folder`` if no exception is raised.
+
+    The temporary folders that killed processes left in ``folder`` are removed.
+    """
+    for left in folder.glob(f"{PART}*"):
+        shutil.rmtree(left, ignore_errors=True)
+    with tempfile.TemporaryDirectory(dir=folder, prefix=PART) as part:
         yield Path(part)
         for path in sorted(Path(part).iterdir()):
             path.replace(folder / path.name)
@@ -84,14 +91,19 @@ def results_folder(folder: Path, recipe: Recipe) -> Path:
     """
     folder.mkdir(exist_ok=True)
     path, recipe = folder / RECIPE, json.loads(json.dumps(recipe))
+    if not any(each.name[0].isdigit() for each in folder.iterdir()):  # no results yet
+        write_whole(path, json.dumps(recipe, indent=1) + "\n")
+        return folder
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
     except (FileNotFoundError, ValueError):
-        found = {}
+        found = None
+    if not isinstance(found, dict):
+        raise MissionServiceError(
+            f"{path}: is missing or damaged, so that the settings of the results in this folder "
+            "are unknown; choose another folder with -o, or delete this folder"
+        )
     if found != recipe:
-        if not any(each.name[0].isdigit() for each in folder.iterdir()):  # no results yet
-            write_whole(path, json.dumps(recipe, indent=1) + "\n")
-            return folder
         raise MissionServiceError(
             f"{folder}: contains results of other settings ({difference(found, recipe)}); choose "
             "another folder with -o, or delete this folder"
@@ -116,7 +128,9 @@ def reading(path: Path) -> Iterator[None]:
     """Report a damaged result within the context as a MissionServiceError with the remedy."""
     try:
         yield
-    except (ValueError, KeyError, EOFError, BadZipFile) as error:
+    except OSError as error:
+        raise MissionServiceError(f"{path}: cannot be read: {error.strerror or error}") from None
+    except (ValueError, LookupError, TypeError, EOFError, BadZipFile) as error:
         raise MissionServiceError(
             f"{path}: is damaged ({' '.join(str(error).split())}); delete it and repeat the command"
         ) from None

@@ -67,6 +67,13 @@ def dask_client(scheduler: str, command: str) -> Iterator[Any]:
         import distributed
     except ImportError:
         raise MissionServiceError(f"{command}: Dask is not installed; {HOW_TO_INSTALL}") from None
+    if scheduler.startswith(("tls:", "wss:")):
+        security: Any = distributed.Security()
+        if security.get_connection_args("client")["ssl_context"] is None:
+            raise MissionServiceError(
+                f"{command}: {scheduler}: no certificates; set distributed.comm.tls in Dask's "
+                "configuration"
+            )
     client_of: Any = distributed.Client
     try:
         client = client_of(scheduler, timeout=SECONDS_TO_CONNECT, set_as_default=False)
