@@ -1,5 +1,6 @@
 """Runs many independent tasks on the cores of this machine, or on a Dask cluster."""
 
+import logging
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError, ThreadPoolExecutor
 from contextlib import AbstractContextManager, contextmanager
@@ -50,9 +51,11 @@ def on_cluster(scheduler: str, command: str) -> Iterator[Run]:
                     yield future.result()
             except (distributed.KilledWorker, CancelledError, OSError) as error:
                 reason = " ".join(str(error).split())
+                if "scheduler-connection-lost" in reason:
+                    reason = "the connection to the scheduler was lost"
                 raise MissionServiceError(
-                    f"{command}: {scheduler}: a task failed on the cluster: {reason}; check its "
-                    "workers and run the command again"
+                    f"{command}: {scheduler}: a task failed on the cluster: {reason}; check the "
+                    "cluster and run the command again"
                 ) from None
             finally:
                 client.cancel(futures)
@@ -74,6 +77,7 @@ def dask_client(scheduler: str, command: str) -> Iterator[Any]:
                 f"{command}: {scheduler}: no certificates; set distributed.comm.tls in Dask's "
                 "configuration"
             )
+    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # it also raises its errors
     client_of: Any = distributed.Client
     try:
         client = client_of(scheduler, timeout=SECONDS_TO_CONNECT, set_as_default=False)
