@@ -22,6 +22,7 @@ from mission_service.cli.options import (
     OVERRIDE,
     SIGNING_KEY,
     TLOG,
+    Interrupted,
     ReportOptions,
     echo,
     echo_warning,
@@ -40,7 +41,7 @@ from mission_service.runtime.clocks import now_text
 class ErrorReportingGroup(click.Group):
     """A group of commands that prints each error of these packages in one line and exits with 1.
 
-    The exit code is 2 if an option is wrong.
+    The exit code is 2 if an option is wrong, and 130 after Ctrl-C.
     """
 
     def invoke(self, ctx: click.Context) -> Any:
@@ -51,6 +52,8 @@ class ErrorReportingGroup(click.Group):
         own_errors = (MissionServiceError, FireModelError, BridgeError)
         try:
             return super().invoke(ctx)
+        except KeyboardInterrupt:
+            raise Interrupted("interrupted") from None
         except OptionError as error:
             raise click.UsageError(str(error)) from None
         except own_errors as error:

@@ -15,7 +15,6 @@ from typing import Any, NamedTuple, TypeVar
 import click
 
 SCHEDULER = re.compile(r"((tcp|tls|ws|wss)://)?([^\s:/\[\]]+|\[[\da-fA-F:.]+\]):\d{1,5}")
-INTERRUPTED = 130  # the usual exit code after Ctrl-C
 
 
 def seconds(
@@ -34,6 +33,12 @@ def scheduler_address(
     if value is not None and SCHEDULER.fullmatch(value) is None:
         raise click.BadParameter(f"{value!r}: give HOST:PORT, as in tcp://10.0.0.1:8786")
     return value
+
+
+class Interrupted(click.ClickException):
+    """Ctrl-C ended the command."""
+
+    exit_code = 130  # as usual after this signal
 
 
 class Folder(click.Path):
@@ -186,15 +191,13 @@ def folder(out: Path) -> Path:
 def results_in(out: Path, after_interrupt: str) -> Iterator[Path]:
     """Yield the folder ``out``, which ``folder`` creates; remove it if it remains empty.
 
-    After Ctrl-C the command exits with ``INTERRUPTED`` and a line that ends in ``after_interrupt``.
+    After Ctrl-C the command raises Interrupted with a line that ends in ``after_interrupt``.
     """
     created = [each for each in (out, *out.parents) if not each.exists()]
     try:
         yield folder(out)
     except KeyboardInterrupt:
-        error = click.ClickException(f"interrupted; {after_interrupt}")
-        error.exit_code = INTERRUPTED
-        raise error from None
+        raise Interrupted(f"interrupted; {after_interrupt}") from None
     finally:
         with suppress(OSError):  # it is not empty
             for each in created:

@@ -11,6 +11,7 @@ import tempfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from tokenize import TokenError
 from typing import Any
 from zipfile import BadZipFile
 
@@ -29,6 +30,9 @@ COMMANDS = {
     "fire sweep": "runs",
 }
 Recipe = dict[str, Any]
+# Exceptions of json and NumPy for a damaged file.
+DAMAGE = (ValueError, LookupError, TypeError, EOFError, BadZipFile, NotImplementedError)
+DAMAGE += (MemoryError, OverflowError, SyntaxError, TokenError)
 
 
 # The tables of a scenario on which its fire depends.
@@ -114,7 +118,8 @@ def results_folder(folder: Path, recipe: Recipe) -> Path:
 def difference(before: Any, now: Any, key: str = "") -> str:
     """Return the first difference of two recipes, as ``key: before, now``."""
     if isinstance(before, dict) and isinstance(now, dict):
-        pairs = [(name, before.get(name), now.get(name)) for name in sorted({*before, *now})]
+        names = sorted({*before, *now})
+        pairs = [(name, before.get(name, "missing"), now.get(name, "missing")) for name in names]
     elif isinstance(before, list) and isinstance(now, list) and len(before) == len(now):
         pairs = [(str(place), *pair) for place, pair in enumerate(zip(before, now, strict=True))]
     else:
@@ -130,7 +135,7 @@ def reading(path: Path) -> Iterator[None]:
         yield
     except OSError as error:
         raise MissionServiceError(f"{path}: cannot be read: {error.strerror or error}") from None
-    except (ValueError, LookupError, TypeError, EOFError, BadZipFile) as error:
+    except DAMAGE as error:
         raise MissionServiceError(
             f"{path}: is damaged ({' '.join(str(error).split())}); delete it and repeat the command"
         ) from None

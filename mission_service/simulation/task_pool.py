@@ -71,8 +71,8 @@ def dask_client(scheduler: str, command: str) -> Iterator[Any]:
     except ImportError:
         raise MissionServiceError(f"{command}: Dask is not installed; {HOW_TO_INSTALL}") from None
     if scheduler.startswith(("tls:", "wss:")):
-        security: Any = distributed.Security()
-        if security.get_connection_args("client")["ssl_context"] is None:
+        security_of: Any = distributed.Security
+        if security_of().get_connection_args("client")["ssl_context"] is None:
             raise MissionServiceError(
                 f"{command}: {scheduler}: no certificates; set distributed.comm.tls in Dask's "
                 "configuration"

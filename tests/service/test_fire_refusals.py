@@ -129,6 +129,7 @@ def test_files_of_a_killed_run_are_removed(tmp_path: Path) -> None:
     [
         ("recipe.json", b"{", "recipe.json: is missing or damaged, so that the settings of the"),
         ("recipe.json", b"[1]", "recipe.json: is missing or damaged"),
+        ("recipe.json", b"{}", 'other settings (files: before "missing", now {'),
         ("000001.npz", b"", "000001.npz: is damaged"),
         ("000001.npz", b"PK\x03\x04 and more", "000001.npz: is damaged"),
         ("000001.geojson", b"[1]", "000001.geojson: is damaged"),
@@ -188,3 +189,14 @@ def test_an_interrupted_fire_is_one_line(tmp_path: Path, monkeypatch: pytest.Mon
     line = refused(130, "run", str(write_flat(tmp_path)), "-o", str(out))
     assert line == "Error: interrupted; repeat the command"
     assert not out.exists()
+
+
+def test_ctrl_c_before_the_simulation_is_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupt(*arguments: Any) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("mission_service.config.scenario.load_scenario", interrupt)
+    line = refused(130, "run", str(write_flat(tmp_path)), "-o", str(tmp_path / "out"))
+    assert line == "Error: interrupted"

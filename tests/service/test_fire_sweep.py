@@ -90,7 +90,7 @@ def test_an_unknown_key_is_refused(tmp_path: Path) -> None:
     flat = write_flat(tmp_path)
     for key, text in [("weather.9.at_s", "--vary weather.9.at_s=1: "), ("fire.no", "fire.no")]:
         result = call("fire", "sweep", str(flat), "-o", str(tmp_path), "--vary", f"{key}=1,2")
-        assert result.exit_code == 1
+        assert result.exit_code == 2
         assert text in result.output
 
 
