@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 MAX_ELEVATION_M = 9000.0  # a larger elevation is a wrong unit or an undeclared nodata value
 MAX_TREE_M = 120.0
 MAX_SLOPE = 1000.0  # rise over run
-MIN_CELL_M, MAX_CELL_M = 0.01, 100_000.0  # another cell size is a wrong unit or a damaged file
+MIN_CELL_M, MAX_CELL_M = 0.01, 1e6  # another cell size is a wrong unit or a damaged file
 ROWS_AT_ONCE = 256
 
 
@@ -187,7 +187,7 @@ class Landscape:
         if not MIN_CELL_M <= self.cell_size_m <= MAX_CELL_M:
             raise FireModelError(
                 f"landscape: cell_size_m = {self.cell_size_m} must be {MIN_CELL_M:g} to "
-                f"{MAX_CELL_M:g}"
+                f"{MAX_CELL_M:.0f}"
             )
         check_crs(self.crs, "landscape")
         check_codes(self.fuel_model, "landscape", self.fuels)

@@ -31,8 +31,10 @@ COMMANDS = {
 }
 Recipe = dict[str, Any]
 # Exceptions of json and NumPy for a damaged file.
-DAMAGE = (ValueError, LookupError, TypeError, EOFError, BadZipFile, NotImplementedError)
-DAMAGE += (MemoryError, OverflowError, SyntaxError, TokenError)
+DAMAGE: tuple[type[Exception], ...] = (
+    *(ValueError, LookupError, TypeError, EOFError, BadZipFile, NotImplementedError),
+    *(MemoryError, OverflowError, SyntaxError, TokenError),
+)
 
 
 # The tables of a scenario on which its fire depends.

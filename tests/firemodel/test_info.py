@@ -257,4 +257,4 @@ def test_impossible_cell_sizes_are_problems(tmp_path: Path, size_m: float) -> No
     place = rasterio.Affine(size_m, 0.0, WEST_M, 0.0, -size_m, NORTH_M)
     path = write_raster(tmp_path / "fuel.tif", FUEL, transform=place)
     (problem,) = describe(path)["problems"]
-    assert f"fuel.tif: cells are {size_m:g} m, but must be 0.01 to 100000 m" in problem
+    assert f"fuel.tif: cells are {size_m:g} m, but must be 0.01 to 1000000 m" in problem

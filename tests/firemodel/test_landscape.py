@@ -142,7 +142,7 @@ def test_impossible_landscapes_are_refused() -> None:
     hole[1, 2, 1] = np.nan
     cases: list[tuple[tuple[Any, ...], str]] = [
         ((CRS, 0.0, 0.0, 30.0, codes, heights[:2]), r"fuel is \(3, 3\) cells, elevation \(2, 3\)"),
-        ((CRS, 0.0, 0.0, 0.0, codes, heights), "cell_size_m = 0.0 must be 0.01 to 100000"),
+        ((CRS, 0.0, 0.0, 0.0, codes, heights), "cell_size_m = 0.0 must be 0.01 to 1000000"),
         (("EPSG:4326", 0.0, 0.0, 30.0, codes, heights), "EPSG:4326 is not a projection in metres"),
         (("EPSG:2264", 0.0, 0.0, 30.0, codes, heights), "EPSG:2264 is not a projection in metres"),
         (("nowhere", 0.0, 0.0, 30.0, codes, heights), "CRS 'nowhere' is invalid"),

@@ -248,7 +248,7 @@ def grid_problems(band: Band, crs: str | None = None) -> Iterator[str]:
     elif not MIN_CELL_M <= transform.a <= MAX_CELL_M:
         yield (
             f"{band.path}: cells are {transform.a:g} m, but must be {MIN_CELL_M:g} to "
-            f"{MAX_CELL_M:g} m; correct the cell size in the file"
+            f"{MAX_CELL_M:.0f} m; correct the cell size in the file"
         )
     if band.dtype.startswith("complex"):
         yield f"{band.name}: holds complex numbers; write real ones"
