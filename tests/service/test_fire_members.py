@@ -120,6 +120,21 @@ def test_a_killed_run_is_resumed_and_gives_the_same_bytes(tmp_path: Path) -> Non
 
 
 @pytest.mark.long
+def test_a_dask_cluster_that_dies_is_one_line(tmp_path: Path) -> None:
+    out = tmp_path / "dask"
+    with cluster(1) as dask:
+        options = ["--members", "2000", "--scheduler", dask.address]
+        command = [*CLI, "fire", "run", str(write_flat(tmp_path)), "-o", str(out), *options]
+        process = subprocess.Popen(command, cwd=ROOT, stderr=subprocess.PIPE, text=True)
+        wait_until(lambda: len([*out.glob("members/0*.npz")]) >= 5)
+    _, errors = process.communicate(timeout=4 * PATIENCE_S)
+    assert process.returncode == 1
+    (line,) = errors.splitlines()
+    assert line.startswith(f"Error: fire run: {dask.address}: a task failed on the cluster: ")
+    assert "check the cluster and run the command again" in line
+
+
+@pytest.mark.long
 def test_a_dask_worker_that_dies_costs_only_time(tmp_path: Path) -> None:
     flat = write_flat(tmp_path)
     out = tmp_path / "dask"
