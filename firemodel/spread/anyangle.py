@@ -40,7 +40,7 @@ from firemodel.spread.anyangle_kernels import (
     expect_neighbours,
     ignite,
 )
-from firemodel.spread.fire_scheme import Burning, Fire, Ignition, StartArea
+from firemodel.spread.fire_scheme import Burning, Fire, Ignition, StartArea, check_burning
 from firemodel.spread.labels import (
     ActivePaths,
     Labels,
@@ -65,7 +65,7 @@ from firemodel.spread.rerate_kernels import (
     paths_from,
     start_paths,
 )
-from firemodel.spread.travel_time import Ground, clear_slowness, ground_of
+from firemodel.spread.travel_time import Ground, clear_slowness, ground_of, with_tables
 
 
 class AnyAngleFire(Fire):
@@ -88,13 +88,18 @@ class AnyAngleFire(Fire):
         changes = weather.changes()
         self._ground = ground_of(landscape, changes, wind_limit)
         self._lattice = lattice_of(landscape.shape, precise)
-        burnable = self._ground.terrain.fuel.reshape(landscape.shape) >= 0
+        self._changes_s = [*(entry.at_s for entry in changes[1:]), math.inf]
+        self._start(burning, ignitions)
+
+    def _start(self, burning: Burning | None, ignitions: Sequence[Ignition]) -> None:
+        """Set the state at ``time_s``, and burn what burns at that time."""
+        shape = self.landscape.shape
+        burnable = self._ground.terrain.fuel.reshape(shape) >= 0
         self._labels = empty_labels(burnable, self._lattice)
-        self.arrival_time_s = np.full(landscape.shape, np.inf)
+        self.arrival_time_s = np.full(shape, np.inf)
         self._queue, self._size, self._waits = _empty_queue(1024), 0, 0
         self._points, self._used = empty_points(64), 0
         self._paths = empty_paths(0)
-        self._changes_s = [*(entry.at_s for entry in changes[1:]), math.inf]
         self._entry = bisect.bisect_right(self._changes_s, self.time_s)
         self._since_s = self.time_s  # time of the last change of weather
         self._clock_s = self.time_s  # latest time at which a node was reached
@@ -108,6 +113,32 @@ class AnyAngleFire(Fire):
             tips = empty_tips(targets.size)._replace(target=targets)
             self._start_paths(paths, tips, self._add_front(self.time_s, paths, tips))
         self.advance(self.time_s)
+
+    def restarted(
+        self,
+        burning: Burning,
+        wind_factor: float = 1.0,
+        turn_deg: float = 0.0,
+        spread_factor: float | Floats = 1.0,
+    ) -> Self:
+        """Return a fire on the same landscape and in the same weather from another state.
+
+        The other arguments are those of ``perturb`` and apply from the start. All that depends only
+        on landscape and weather is shared with this fire, so that many fires cost less.
+        """
+        check_burning(burning, self.landscape)
+        found = copy.copy(self)
+        found.time_s = burning.at_s
+        found.start_area = None
+        if burning.area is not None:
+            found.start_area = StartArea(burning.area, burning.at_s)
+        entry = bisect.bisect_right(self._changes_s, burning.at_s)
+        tables = perturbed(self._ground.tables, entry, wind_factor, turn_deg, spread_factor)
+        found._ground = with_tables(self._ground, tables)
+        found._changes_s = self._changes_s.copy()
+        found._changes_s.insert(entry, burning.at_s)
+        found._start(burning, [])
+        return found
 
     @property
     def _state(self) -> tuple[Points, int, Labels, Ground, Lattice, int]:

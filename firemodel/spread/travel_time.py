@@ -54,6 +54,17 @@ def ground_of(landscape: Landscape, entries: Sequence[Weather], wind_limit: bool
     )
 
 
+def with_tables(ground: Ground, tables: Tables) -> Ground:
+    """Return a ``Ground`` with other tables of the same landscape; no slowness is computed yet."""
+    slowness = np.full(ground.slowness.size, np.nan)
+    return ground._replace(
+        tables=tables,
+        slowness=slowness,
+        rise=slowness.view(np.float32),
+        computed=np.zeros_like(ground.computed),
+    )
+
+
 @compiled
 def _reach(terrain, cols):  # type: ignore[no-untyped-def]
     """Return the chessboard distance from each cell to the nearest cell with an unlike neighbour.

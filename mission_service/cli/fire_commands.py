@@ -5,8 +5,10 @@ Heavy modules are imported only when a command runs.
 
 import json
 import math
+import os
 import sys
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -22,6 +24,7 @@ from mission_service.cli.options import (
 )
 
 MAX_RUNS = 100_000
+SCORED = ("estimate", "free", "persistence")
 
 
 @click.group()
@@ -138,6 +141,72 @@ def fire_sweep(
     echo(summary, as_json)
     if not as_json:
         click.echo(f"sweep.csv and fronts.geojson in {out}/")
+
+
+@fire.command("assimilate")
+@click.argument("scenario")
+@click.option(
+    "--observations",
+    required=True,
+    type=click.Path(exists=True, path_type=Path),
+    metavar="PATH",
+    help="A file or folder of mapped perimeters with their times (PolygonDateTime).",
+)
+@click.option(
+    "-o",
+    "--out",
+    type=click.Path(file_okay=False, path_type=Path),
+    metavar="DIR",
+    help="Write a picture of each forecast, the forecast from the last perimeter, all scores.",
+)
+@click.option("--workers", type=click.IntRange(1), help="Threads; by default one for each core.")
+@OVERRIDE
+@JSON
+def fire_assimilate(
+    scenario: str,
+    observations: Path,
+    out: Path | None,
+    workers: int | None,
+    overrides: tuple[str, ...],
+    as_json: bool,
+) -> None:
+    """Forecast each mapped perimeter of a fire from the earlier ones, and score the forecasts.
+
+    Beside each score are those of persistence (the last perimeter does not change) and of the model
+    alone. SCENARIO has landscape and weather; without an ignition the first perimeter starts the
+    fire, at mission time 0 unless time_zero is given.
+    """
+    from mission_service.config.scenario import load_scenario
+    from mission_service.simulation.fire_assimilation import assimilate
+
+    loaded = load_scenario(scenario, overrides)
+    threads = workers or os.cpu_count() or 1
+    if out is None:
+        summary = assimilate(loaded, observations, None, threads, echo_warning)
+    else:
+        with results_in(out, "nothing was written") as folder:
+            summary = assimilate(loaded, observations, folder, threads, echo_warning)
+    if as_json:
+        click.echo(json.dumps(summary))
+        return
+    click.echo(interval_table(summary["intervals"]))
+    for name in ("mean", "mean_after_first", "mean_growing", "mean_standing"):
+        click.echo(f"{name}: {json.dumps(summary[name])}")
+
+
+def interval_table(intervals: list[dict[str, Any]]) -> str:
+    """Return one line of scores for each forecast."""
+    lines = ["forecast      min   area ha    new ha   IoU (model, persistence)  error m   in band"]
+    for number, each in enumerate(intervals, start=1):
+        iou, model, unchanged = (each[f"iou_{name}"] for name in SCORED)
+        error_m, model_m, unchanged_m = (each[f"mean_distance_m_{name}"] for name in SCORED)
+        inside = "" if each["coverage_80"] is None else f"{each['coverage_80']:.2f}"
+        lines.append(
+            f"{number:8} {(each['to_s'] - each['from_s']) / 60.0:8.0f} {each['observed_ha']:9.1f}"
+            f" {each['new_ha']:9.1f}   {iou:.3f} ({model:.3f}, {unchanged:.3f})"
+            f"   {error_m:.0f} ({model_m:.0f}, {unchanged_m:.0f})   {inside}"
+        )
+    return "\n".join(lines)
 
 
 @fire.command("info")

@@ -25,6 +25,7 @@ from mission_service.config.sections import (
     KEY_SOURCE,
     BurnSection,
     EnsembleSection,
+    EstimateSection,
     FireSection,
     FormationSection,
     Ignition,
@@ -73,6 +74,7 @@ class Scenario(Section):
     landscape: LandscapeSection = LandscapeSection()
     fire: FireSection = FireSection()
     ensemble: EnsembleSection = EnsembleSection()
+    estimate: EstimateSection = EstimateSection()
     weather: tuple[WeatherEntry, ...] = ()
     weather_file: WeatherFile | None = None
     ignition: tuple[Ignition, ...] = ()
@@ -91,9 +93,6 @@ class Scenario(Section):
             raise ValueError(f"vehicles must have different names, got {', '.join(names)}")
         if (self.weather_file is None) == (not self.weather):
             raise ValueError("give either weather entries or a weather_file")
-        lit = self.ignition or self.burn_flown is not None
-        if not (lit or self.fire.perimeter or self.fire.arrival):
-            raise ValueError("nothing burns: give an ignition, fire.perimeter or fire.arrival")
         if self.only is not None and self.only not in names:
             raise ValueError(f"only: no vehicle {self.only}; the scenario has {', '.join(names)}")
         _refuse_shared_ports(self.vehicles)

@@ -247,6 +247,16 @@ class EnsembleSection(Section):
     ignition_sd_m: Annotated[float, Field(ge=0, le=100_000)] = DEFAULT_ERRORS.ignition_sd_m
 
 
+class EstimateSection(Section):
+    """The ensemble that estimates a fire from observations.
+
+    ``perimeter_error_m`` is the standard deviation of the outlines of mapped perimeters.
+    """
+
+    members: Annotated[int, Field(ge=2, le=1000)] = 24
+    perimeter_error_m: Annotated[float, Field(gt=0, le=1000)] = 20.0
+
+
 class PlannerSection(Section):
     """The planner; ``rule`` names a way of flying (``rule_lookup.py``).
 

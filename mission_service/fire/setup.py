@@ -134,10 +134,18 @@ def cells_lit(points: Sequence[tuple[float, float]], landscape: Landscape) -> li
 
 
 def burning_of(scenario: Scenario, landscape: Landscape) -> Burning | None:
-    """Return the initial fire of a scenario, or None if it has none."""
+    """Return the initial fire of a scenario, or None if it begins with ignitions.
+
+    Raises ScenarioError if the scenario has neither.
+    """
     from firemodel.spread.burning import burning_from_arrival, burning_from_perimeter
 
     section = scenario.fire
+    lit = scenario.ignition or scenario.burn_flown is not None
+    if not (lit or section.perimeter or section.arrival):
+        raise ScenarioError(
+            f"{scenario.name}: nothing burns: give an ignition, fire.perimeter or fire.arrival"
+        )
     if section.initial_cells is not None:
         return _grown(scenario, landscape, section.initial_cells)
     if section.perimeter is not None:

@@ -28,6 +28,7 @@ COMMANDS = {
     "fire run": "arrival_time_s.tif",
     "fire run --members": "members",
     "fire sweep": "runs",
+    "fire assimilate": "assimilation.json",
 }
 Recipe = dict[str, Any]
 # Exceptions of json and NumPy for a damaged file.

@@ -1,0 +1,285 @@
+"""Estimate of simulated fires by a wrong model: ``python -m benchmarks.estimate_twins FIRST LAST``.
+
+The true fires (seeds FIRST to LAST) burn patches of five fuels for 3.5 hours. The estimate has
+another fuel in 30 % of the patches, a wind that is wrong by 3 m/s and 30 degrees (standard
+deviations), a moisture wrong by 30 % and no knowledge of the factors of the spread rates. From one
+hour on, a line holds a sector of 60 degrees. A camera flies along the front at 12 m/s and sees
+300 m around it every 20 s: 5 % of the burned cells are missed, 1 % of the others are false alarms,
+and each image is displaced by 10 m.
+
+Four times, forecasts for 0, 30 and 60 minutes are compared with the truth. The error is the area
+that differs from the true area, as a share of it. Persistence is the area that was seen burned; the
+model alone has the same inputs without observations.
+"""
+
+import argparse
+import math
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import click
+import contourpy
+import numpy as np
+from scipy.ndimage import binary_fill_holes, map_coordinates
+
+from firemodel.arrays import Floats, Mask
+from firemodel.assimilation.fire_estimate import EstimateSettings, FireEstimate
+from firemodel.assimilation.observation import BURNED, UNBURNED, UNSEEN, Observation, despeckled
+from firemodel.assimilation.scores import coverage, crps_s
+from firemodel.ensemble.uncertainty import Uncertainty
+from firemodel.landscape.flat import flat_landscape
+from firemodel.landscape.landscape import Landscape
+from firemodel.physics.weather import Weather, WeatherStream
+from firemodel.spread.anyangle import AnyAngleFire
+from firemodel.spread.burning import burning_from_arrival
+from firemodel.spread.local_spread import burnable_codes
+
+CELLS, CELL_M, PATCH_CELLS = 200, 30.0, 4
+FUELS = (1, 2, 5, 8, 10)
+UNBURNABLE = 99
+HOUR_S = 3600.0
+HELD_FROM_S = HOUR_S
+FIRST_VIEW_S = 1500.0
+EVERY_S, BATCH_S = 20.0, 200.0
+EVALUATED_S = (4500.0, 5700.0, 6900.0, 8100.0)
+AHEAD_S = (0.0, 1800.0, 3600.0)
+CRPS_STEPS = 7
+RADIUS_M, SPEED_M_S, POSITION_SD_M, MISSED, FALSE_ALARMS = 300.0, 12.0, 10.0, 0.05, 0.01
+WRONG = Uncertainty(
+    wind_log_sd=0.5, wind_turn_sd_deg=30.0, spread_log_sd=0.3, fuel_log_sd=0.4, moisture_log_sd=0.3
+)
+SIZES_HA = ((30.0, 300.0), (60.0, 1500.0))  # of the true fire after one and after three hours
+
+
+class Twin(NamedTuple):
+    """A true fire, and what the estimate receives of its inputs."""
+
+    arrival_s: Floats  # (y, x) of the truth
+    landscape: Landscape
+    weather: WeatherStream
+    ignition: tuple[int, int]
+
+
+class Scores(NamedTuple):
+    """Scores of one forecast; errors as shares of the true area."""
+
+    estimate: float
+    persistence: float
+    model: float
+    missed: float
+    overburned: float
+    inside_band: float
+
+
+def patches(rng: np.random.Generator) -> np.ndarray:
+    """Return random fuels in square patches."""
+    side = CELLS // PATCH_CELLS
+    codes = rng.choice(FUELS, size=(side, side))
+    return np.kron(codes, np.ones((PATCH_CELLS, PATCH_CELLS), dtype=np.int16))
+
+
+def landscape_with(codes: np.ndarray) -> Landscape:
+    """Return level ground with these fuels."""
+    level = flat_landscape(CELLS, CELLS, CELL_M, 37.0, -120.0, 100.0, 1)
+    return replace(level, fuel_model=codes.astype(np.int16))
+
+
+def twin(seed: int) -> Twin:
+    """Return the first fire of a seed that has a usable size and stays on the grid."""
+    number = 0
+    while True:
+        found = _drawn(np.random.default_rng((777, seed, number)))
+        sizes = [np.count_nonzero(found.arrival_s <= h * HOUR_S) * CELL_M**2 / 1e4 for h in (1, 3)]
+        edge_s = min(found.arrival_s[[0, -1]].min(), found.arrival_s[:, [0, -1]].min())
+        fits = all(low < size < high for size, (low, high) in zip(sizes, SIZES_HA, strict=True))
+        if fits and edge_s > 3.2 * HOUR_S:
+            return found
+        number += 1
+
+
+def _drawn(rng: np.random.Generator) -> Twin:
+    believed = patches(rng)
+    side = CELLS // PATCH_CELLS
+    wrong = np.kron(rng.random((side, side)) < 0.3, np.ones((PATCH_CELLS, PATCH_CELLS), dtype=bool))
+    true = np.where(wrong, patches(rng), believed)
+    speed, from_deg = rng.uniform(3.0, 8.0), rng.uniform(0.0, 360.0)
+    reported = []
+    for step in range(8):
+        reported.append(
+            Weather(step * 1800.0, max(speed, 0.5), from_deg % 360.0, 6.0, 7.0, 8.0, 60.0, 90.0)
+        )
+        speed += rng.normal(0.0, 0.4)
+        from_deg += rng.normal(0.0, 6.0)
+    off_m_s, turn_deg = rng.normal(0.0, 3.0), rng.normal(0.0, 30.0)
+    moisture = math.exp(rng.normal(0.0, 0.3))
+    actual = [
+        replace(
+            entry,
+            wind_speed_m_s=max(entry.wind_speed_m_s + off_m_s, 0.3),
+            wind_from_deg=(entry.wind_from_deg + turn_deg) % 360.0,
+            dead_1h_pct=entry.dead_1h_pct * moisture,
+            dead_10h_pct=entry.dead_10h_pct * moisture,
+            dead_100h_pct=entry.dead_100h_pct * moisture,
+        )
+        for entry in reported
+    ]
+    factors = np.exp(rng.normal(0.0, 0.4, len(FUELS)))
+    middle = (CELLS // 2, CELLS // 2)
+    fire = AnyAngleFire(landscape_with(true), WeatherStream(actual), [(*middle, 0.0)])
+    fire.perturb(1.0, 0.0, factors)
+    fire.advance(HELD_FROM_S)
+    before_s = fire.expected_s()
+    held = _sector(before_s <= HELD_FROM_S, rng.uniform(0.0, 360.0))
+    ground = landscape_with(np.where(held, UNBURNABLE, true))
+    place = [FUELS.index(code) for code in burnable_codes(ground)]
+    later = AnyAngleFire(ground, WeatherStream(actual), []).restarted(
+        burning_from_arrival(before_s, ground, HELD_FROM_S), 1.0, 0.0, factors[place]
+    )
+    later.advance(4.0 * HOUR_S)
+    arrival_s = np.where(before_s <= HELD_FROM_S, before_s, later.expected_s())
+    return Twin(arrival_s, landscape_with(believed), WeatherStream(reported), middle)
+
+
+def _sector(burned: Mask, towards_deg: float) -> Mask:
+    """Return the mask (y, x) of the unburned cells within 30 degrees of a bearing."""
+    row, col = np.indices(burned.shape)
+    middle_row, middle_col = np.argwhere(burned).mean(axis=0)
+    bearing = np.degrees(np.arctan2(col - middle_col, middle_row - row))
+    found: Mask = np.abs((bearing - towards_deg + 180.0) % 360.0 - 180.0) < 30.0
+    return found & ~burned
+
+
+def views(
+    arrival_s: Floats, rng: np.random.Generator, from_s: float, to_s: float, place: Floats
+) -> Iterator[tuple[Observation, Floats]]:
+    """Yield the observations of the camera, and its place (row, col) after each."""
+    radius = RADIUS_M / CELL_M
+    known_s = np.where(np.isfinite(arrival_s), arrival_s, 1e6)
+    for at_s in np.arange(from_s + EVERY_S, to_s + 1e-6, EVERY_S):
+        place = _further(arrival_s <= at_s, place, SPEED_M_S * EVERY_S)
+        top, left = (max(int(value - radius), 0) for value in place)
+        bottom, right = (min(int(value + radius) + 2, CELLS) for value in place)
+        row, col = np.mgrid[top:bottom, left:right].astype(float)
+        shift = rng.normal(0.0, POSITION_SD_M / CELL_M, 2)
+        seen_s = map_coordinates(known_s, [row + shift[0], col + shift[1]], order=0, mode="nearest")
+        chance = rng.random(seen_s.shape)
+        burned = np.where(seen_s <= at_s, chance >= MISSED, chance < FALSE_ALARMS)
+        state = np.where(burned, BURNED, UNBURNED).astype(np.uint8)
+        state[(row - place[0]) ** 2 + (col - place[1]) ** 2 > radius**2] = UNSEEN
+        yield (
+            Observation(
+                float(at_s), top, left, state, POSITION_SD_M, MISSED, FALSE_ALARMS, "camera"
+            ),
+            place,
+        )
+
+
+def _further(burned: Mask, place: Floats, distance_m: float) -> Floats:
+    """Return the place (row, col) a distance further along the longest outline."""
+    lines: Any = contourpy.contour_generator(z=np.pad(burned.astype(float), 1)).lines(0.5)
+    if not lines:
+        return place
+    points = np.asarray(max(lines, key=len))[:, ::-1] - 1.0
+    along_m = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))]) * CELL_M
+    here = int(np.argmin(((points - place) ** 2).sum(axis=1)))
+    target = (along_m[here] + distance_m) % along_m[-1]
+    return np.array([np.interp(target, along_m, points[:, axis]) for axis in (0, 1)])
+
+
+def run(seed: int, members: int, pool: ThreadPoolExecutor) -> tuple[Floats, list[float]]:
+    """Return the scores (times, lengths, scores) of a fire, and the CRPS of its forecasts in s."""
+    truth = twin(seed)
+    rng = np.random.default_rng((99, seed))
+    row, col = truth.ignition
+    estimate = FireEstimate(
+        truth.landscape,
+        truth.weather,
+        [(row, col, 0.0)],
+        EstimateSettings(members, seed, WRONG),
+    )
+    model = AnyAngleFire(truth.landscape, truth.weather, [(row, col, 0.0)])
+    model.advance(EVALUATED_S[-1] + AHEAD_S[-1])
+    place, at_s = np.array(truth.ignition, dtype=float), FIRST_VIEW_S
+    seen = np.zeros(truth.landscape.shape, dtype=bool)
+    rows, scores_s = [], []
+    estimate.advance(at_s, pool.map)
+    while at_s < EVALUATED_S[-1]:
+        images = list(views(truth.arrival_s, rng, at_s, at_s + BATCH_S, place))
+        place, at_s = images[-1][1], at_s + BATCH_S
+        estimate.advance(at_s, pool.map)
+        for image, _ in images:
+            estimate.observe(image, pool.map)
+            seen[image.where] |= despeckled(image) == BURNED
+        if at_s in EVALUATED_S:
+            rows.append(_evaluated(truth, estimate, model, binary_fill_holes(seen), pool))
+            scores_s.append(_crps_s(truth, estimate, pool))
+    return np.array(rows), scores_s
+
+
+def _evaluated(
+    truth: Twin, estimate: FireEstimate, model: AnyAngleFire, seen: Mask, pool: ThreadPoolExecutor
+) -> list[Scores]:
+    forecast = estimate.forecast(estimate.time_s + AHEAD_S[-1], pool.map)
+    found = []
+    for ahead_s in AHEAD_S:
+        at_s = estimate.time_s + ahead_s
+        true = truth.arrival_s <= at_s
+        probability = forecast.burn_probability(at_s)
+        likely = probability >= 0.5
+        area = np.count_nonzero(true)
+        found.append(
+            Scores(
+                np.count_nonzero(likely ^ true) / area,
+                np.count_nonzero(seen ^ true) / area,
+                np.count_nonzero((model.arrival_time_s <= at_s) ^ true) / area,
+                np.count_nonzero(true & ~likely) / area,
+                np.count_nonzero(likely & ~true) / area,
+                coverage(probability, true) or math.nan,
+            )
+        )
+    return found
+
+
+def _crps_s(truth: Twin, estimate: FireEstimate, pool: ThreadPoolExecutor) -> float:
+    times_s = estimate.time_s + np.linspace(0.0, AHEAD_S[-1], CRPS_STEPS)
+    forecast = estimate.forecast(float(times_s[-1]), pool.map)
+    probabilities = [forecast.burn_probability(float(at_s)) for at_s in times_s]
+    return crps_s(probabilities, [truth.arrival_s <= at_s for at_s in times_s], times_s)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Print the scores of each seed, and their means."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("first", type=int)
+    parser.add_argument("last", type=int)
+    parser.add_argument("--members", type=int, default=40)
+    parser.add_argument("--threads", type=int, default=2)
+    given = parser.parse_args(arguments)
+    click.echo(
+        "seed  error now/+30/+60 min: estimate, persistence, model; +60 missed, over, in band"
+    )
+    every, every_crps = [], []
+    with ThreadPoolExecutor(given.threads) as pool:
+        for seed in range(given.first, given.last + 1):
+            found, crps = run(seed, given.members, pool)
+            every.append(found.mean(axis=0))
+            every_crps.append(float(np.mean(crps)))
+            click.echo(_line(f"{seed:4}", every[-1]) + f"  CRPS {every_crps[-1]:.0f} s")
+    mean = np.mean(every, axis=0)
+    click.echo(_line("mean", mean) + f"  CRPS {np.mean(every_crps):.0f} s")
+    ratio = [each[2, 0] / each[2, 1] for each in every]
+    click.echo(
+        f"+60 min: {mean[2, 0] / mean[2, 1]:.3f} of persistence's mean error, worst fire "
+        f"{max(ratio):.2f}; in the 80 % band +30 {mean[1, 5]:.2f}, +60 {mean[2, 5]:.2f}"
+    )
+
+
+def _line(name: str, scores: Floats) -> str:
+    parts = ("/".join(f"{value:.3f}" for value in scores[:, column]) for column in (0, 1, 2))
+    return f"{name}  {'  '.join(parts)}  {scores[2, 3]:.2f} {scores[2, 4]:.2f} {scores[2, 5]:.2f}"
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,59 @@
+"""Compare the fires of an ensemble with the burned cells that a camera sees in a window."""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import binary_dilation, distance_transform_edt
+
+from firemodel.arrays import Floats, Mask
+from firemodel.assimilation.observation import BURNED, UNBURNED
+
+BLOCK_CELLS = 8  # side of the blocks in which burned areas are compared
+MIN_BLOCK_CELLS = 32  # seen cells in a block
+MIN_FRONT_CELLS = 3  # observed front in a block with a measurable distance
+MIN_BURNED_CELLS = 2  # more than these count in a block that was seen without fire
+MIN_SD_CELLS = 0.3  # blocks in which the members differ less give no information
+
+
+def block_excess(state: NDArray[np.uint8], usable: Mask, windows: Mask) -> tuple[Floats, Floats]:
+    """Return by how many cells each member has burned more than observed, in blocks of a window.
+
+    Args:
+        state: (y, x) the observed states.
+        usable: (y, x) the cells that are compared.
+        windows: (members, y, x) the burned cells of the members.
+
+    Returns:
+        The excess (members, blocks), and the length of the front in each block in cells. Blocks in
+        which all members agree, or without an observed front and fire of any member, are left out.
+    """
+    rows, cols = state.shape
+    across = -(-cols // BLOCK_CELLS)
+    row, col = np.nonzero(usable)
+    block = row // BLOCK_CELLS * across + col // BLOCK_CELLS
+    size = across * -(-rows // BLOCK_CELLS)
+    burned = state == BURNED
+    front = burned & binary_dilation(state == UNBURNED)
+
+    def counts(mask: Mask) -> Floats:
+        return np.bincount(block[mask[row, col]], minlength=size).astype(np.float64)
+
+    count, observed, length = counts(usable), counts(burned), counts(front)
+    excess = np.array([counts(window) for window in windows])
+    alarming = (observed == 0.0) & (excess.max(axis=0) > MIN_BURNED_CELLS)
+    used = (length >= MIN_FRONT_CELLS) | alarming
+    used &= (count >= MIN_BLOCK_CELLS) & (excess.std(axis=0) > MIN_SD_CELLS)
+    length = np.where(length >= MIN_FRONT_CELLS, length, BLOCK_CELLS)
+    return (excess - observed)[:, used], length[used]
+
+
+def signed_distance_m(state: NDArray[np.uint8], cell_m: float) -> Floats:
+    """Return the distance (y, x) in m to the observed front, positive in burned cells.
+
+    Without both burned and unburned cells it is the size of the window.
+    """
+    burned, unburned = state == BURNED, state == UNBURNED
+    if not (burned.any() and unburned.any()):
+        return np.where(burned, 1.0, -1.0) * max(state.shape) * cell_m
+    inside: Floats = distance_transform_edt(~unburned)
+    outside: Floats = distance_transform_edt(~burned)
+    return np.where(burned, inside - 0.5, 0.5 - outside) * cell_m

@@ -1,0 +1,336 @@
+"""Estimate a fire from observations: an ensemble of fires that follows what is seen.
+
+There are two ways, chosen by what is observed:
+
+- A camera sees a small part of the fire at a time. Each member has its own wind and spread rates
+  and its own fire. An observation first updates the inputs (``members``) by the difference between
+  the burned areas in blocks of the window; it then replaces the member's fire in the window.
+  Cells that stay unburned against the expectation of most members are barriers in forecasts
+  (``held_cells``).
+- A mapped perimeter shows the whole fire, which all members then share. What it says about the
+  spread since the last one is kept as rates of the parts of the front (``front_rates``), since
+  wind and fuel alone do not reproduce where a real fire stops. Members only differ in their wind.
+
+Compared on simulated fires with a wrong model (``python -m benchmarks.estimate_twins``).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import binary_dilation, label
+
+from firemodel.arrays import Floats, Mask
+from firemodel.assimilation.camera_window import block_excess, signed_distance_m
+from firemodel.assimilation.estimate_forecast import Forecast, arrivals_of
+from firemodel.assimilation.front_rates import FrontRates, RatePrior, segments_of
+from firemodel.assimilation.held_cells import HeldCells
+from firemodel.assimilation.members import members_of, updated, walked
+from firemodel.assimilation.observation import (
+    BURNED,
+    UNSEEN,
+    Observation,
+    despeckled,
+)
+from firemodel.ensemble.draws import latin_draws
+from firemodel.ensemble.member_fires import Each
+from firemodel.ensemble.uncertainty import Uncertainty
+from firemodel.errors import FireModelError
+from firemodel.landscape.landscape import Landscape
+from firemodel.physics.fuels import NON_BURNABLE
+from firemodel.physics.weather import WeatherStream
+from firemodel.spread.anyangle import AnyAngleFire
+from firemodel.spread.burning import burning_from_arrival, burning_from_perimeter
+from firemodel.spread.fire_scheme import Burning, Ignition
+from firemodel.spread.local_spread import burnable_codes
+
+BARRIER = 99  # fuel code of held cells
+MODEL_ERROR_M = 25.0  # standard deviation of distances by local errors of the fuel map
+MODEL_ERROR_SHARE = 0.25  # of the distance itself
+REPEATED = 4.0  # variance of errors is multiplied by this: neighbouring blocks have common errors
+WRITE_M_S = 0.15  # assumed spread near an observed front
+WRITE_WITHIN_M = 60.0  # of the observed front
+SHRUNK_ERRORS = 3.0  # burned ground this many errors outside a later perimeter stays burned
+MIN_KEPT = 0.5  # share of the burned area that a later perimeter must contain
+MAX_REACH, MAX_REACH_LONG, LONG_S = 5.0, 1.5, 4 * 3600.0  # of travel times, in forecast lengths
+
+
+@dataclass(frozen=True, slots=True)
+class EstimateSettings:
+    """The ensemble of an estimate; equal settings and observations give equal estimates."""
+
+    members: int = 40
+    seed: int = 0
+    uncertainty: Uncertainty = field(default_factory=Uncertainty)
+    rate_prior: RatePrior = field(default_factory=RatePrior)
+
+
+class FireEstimate:
+    """An ensemble of fires that is corrected by observations in the order of time."""
+
+    def __init__(
+        self,
+        landscape: Landscape,
+        weather: WeatherStream,
+        ignitions: Sequence[Ignition] = (),
+        settings: EstimateSettings | None = None,
+        *,
+        wind_limit: bool = False,
+        precise: bool = False,
+    ) -> None:
+        """Begin an estimate.
+
+        Args:
+            landscape: Terrain and fuel.
+            weather: The reported weather.
+            ignitions: (row, column, time in s) of reported ignitions. Without one, the estimate
+                begins with the first mapped perimeter.
+            settings: The ensemble.
+            wind_limit: As for AnyAngleFire.
+            precise: As for AnyAngleFire.
+
+        Raises:
+            FireModelError: There are fewer than two members, or an ignition cannot burn.
+        """
+        own = settings or EstimateSettings()
+        if own.members < 2:
+            raise FireModelError(f"members = {own.members}: an estimate needs at least 2")
+        self.landscape, self.weather, self.time_s = landscape, weather, 0.0
+        self.wind_limit, self.precise = wind_limit, precise
+        self._model = self._model_on(landscape)
+        self._rng = np.random.default_rng((own.seed, 1))
+        fuels = len(burnable_codes(landscape))
+        draws = latin_draws(own.uncertainty, own.seed, own.members, fuels)
+        self.members = members_of(draws, weather.at(0.0))
+        self._prior = own.rate_prior
+        self._rates: FrontRates | None = None
+        self._held = HeldCells(landscape.shape)
+        self._shared: Burning | None = None  # the state of all members after a mapped perimeter
+        self._arrival_s: list[Floats] | None = None  # (y, x) of each member, if they differ
+        self._observed = np.full(landscape.shape, UNSEEN, dtype=np.uint8)
+        self._forecast: Forecast | None = None
+        if ignitions:
+            fire = self._model.copy()
+            for row, col, at_s in ignitions:
+                fire.light(row, col, at_s)
+            fire.advance(max(at_s for _, _, at_s in ignitions))
+            self.time_s = fire.time_s
+            self._shared = burning_from_arrival(fire.expected_s(), landscape, self.time_s)
+
+    @property
+    def begun(self) -> bool:
+        """Whether there is a fire: an ignition or a mapped perimeter."""
+        return self._shared is not None or self._arrival_s is not None
+
+    def burned(self) -> Mask:
+        """Return the cells (y, x) that have burned in at least half of the members by ``time_s``.
+
+        Cells that were observed as burned are included.
+        """
+        if self._arrival_s is None:
+            assert self._shared is not None
+            return np.asarray(self._shared.arrival_s <= self.time_s)
+        share = np.mean([arrival_s <= self.time_s for arrival_s in self._arrival_s], axis=0)
+        return np.asarray(share >= 0.5)
+
+    def advance(self, to_time_s: float, each: Each = map) -> None:
+        """Advance all members to a time.
+
+        After a mapped perimeter they are advanced only when a camera's observation needs it.
+        """
+        if to_time_s < self.time_s:
+            raise FireModelError(f"the estimate is at {self.time_s} s, after {to_time_s} s")
+        fires = self._burned_until(to_time_s, self._model, each)
+        self.members = walked(self.members, to_time_s - self.time_s, self._rng)
+        self._arrival_s, self._shared, self._rates = fires, None, None
+        self.time_s, self._forecast = to_time_s, None
+
+    def observe(self, observation: Observation, each: Each = map) -> None:
+        """Process an observation, which must not be earlier than the one before.
+
+        Raises FireModelError for an observation that cannot be of this fire; nothing changes then.
+        """
+        if observation.area is not None:
+            self._map(observation, each)
+            return
+        if not self.begun:
+            raise FireModelError(
+                f"{observation.source}: no fire is known yet; begin with an ignition or a perimeter"
+            )
+        if observation.at_s > self.time_s or self._arrival_s is None:
+            self.advance(max(observation.at_s, self.time_s), each)
+        self._see(observation, each)
+
+    def forecast(self, until_s: float, each: Each = map) -> Forecast:
+        """Return the forecast from ``time_s`` until a time; the estimate does not change."""
+        known = self._forecast
+        if known is None or known.until_s < until_s:
+            self._forecast = self._new_forecast(max(until_s, self.time_s), each)
+        assert self._forecast is not None
+        return self._forecast
+
+    def _new_forecast(self, until_s: float, each: Each) -> Forecast:
+        burned, for_s = self.burned(), until_s - self.time_s
+        held = self._held.held()
+        model = self._model
+        if held.any():
+            fuel = np.where(held, BARRIER, self.landscape.fuel_model)
+            model = self._model_on(replace(self.landscape, fuel_model=fuel.astype(np.int16)))
+        segments, reach = None, 1.0
+        if self._rates is not None:
+            segments = segments_of(burned, self.landscape.cell_size_m)
+            reach = MAX_REACH if for_s <= LONG_S else MAX_REACH_LONG
+        simulated_until_s = self.time_s + reach * for_s
+        fires = self._burned_until(simulated_until_s, model, each)
+        members = [arrivals_of(arrival_s) for arrival_s in fires]
+        span = (self.time_s, until_s, simulated_until_s)
+        return Forecast(*span, burned, members, segments, self._rates)
+
+    def _model_on(self, landscape: Landscape) -> AnyAngleFire:
+        """Return a fire without ignition, from which members are started."""
+        return AnyAngleFire(
+            landscape, self.weather, [], wind_limit=self.wind_limit, precise=self.precise
+        )
+
+    def _burned_until(self, to_time_s: float, model: AnyAngleFire, each: Each) -> list[Floats]:
+        """Return the arrival times (y, x) of each member, simulated until a time."""
+        reported = self.weather.at(self.time_s)
+        place = [
+            burnable_codes(self.landscape).index(code) for code in burnable_codes(model.landscape)
+        ]
+
+        def burned(number: int) -> Floats:
+            burning = self._shared
+            if burning is None:
+                assert self._arrival_s is not None
+                burning = burning_from_arrival(
+                    self._arrival_s[number], model.landscape, self.time_s
+                )
+            factor, turn_deg = self.members.wind_change(number, reported)
+            rates = np.exp(self.members.log_rate[number, place])
+            fire = model.restarted(burning, factor, turn_deg, rates)
+            fire.advance(to_time_s)
+            return fire.expected_s()
+
+        return list(each(burned, range(self.members.size)))
+
+    # Mapped perimeters
+
+    def _map(self, observation: Observation, each: Each) -> None:
+        """Process a mapped perimeter."""
+        area, at_s = observation.area, observation.at_s
+        if self.begun:
+            self._refuse_implausible(observation)
+            self._learn(observation, each)
+            if self._shared is not None and self._shared.area is not None:
+                error_m = SHRUNK_ERRORS * observation.position_sd_m
+                area = area.union(self._shared.area.difference(area.buffer(2.0 * error_m)))
+        else:
+            self._rates = FrontRates(at_s, self._prior)
+        self._shared = burning_from_perimeter([area], self.landscape, at_s)
+        self._arrival_s, self.time_s, self._forecast = None, at_s, None
+        if self._rates is None:
+            self._rates = FrontRates(at_s, self._prior)
+        self._observed = observation.state.copy()
+
+    def _refuse_implausible(self, observation: Observation) -> None:
+        where = observation.source or "perimeter"
+        if observation.at_s <= self.time_s:
+            raise FireModelError(
+                f"{where}: its time is {observation.at_s:g} s, not after the last observation at "
+                f"{self.time_s:g} s; check its time and time zone"
+            )
+        burned = self.burned()
+        kept = np.count_nonzero(burned & (observation.state == BURNED))
+        if kept < MIN_KEPT * np.count_nonzero(burned):
+            raise FireModelError(
+                f"{where}: contains only {kept / np.count_nonzero(burned):.0%} of the area that "
+                "had burned before; check its place and CRS, or whether it maps only a part"
+            )
+
+    def _learn(self, observation: Observation, each: Each) -> None:
+        if self._rates is None:
+            return
+        forecast = self.forecast(observation.at_s, each)
+        burned = forecast.burned
+        self._rates.learn(
+            segments_of(burned, self.landscape.cell_size_m),
+            forecast.travel_s(),
+            (observation.state == BURNED) & ~burned,
+            (self.time_s, observation.at_s),
+            observation.position_sd_m,
+            self.landscape.cell_size_m,
+        )
+
+    # Cameras
+
+    def _see(self, observation: Observation, each: Each) -> None:
+        """Process the window of a camera."""
+        arrivals, here, at_s = self._arrival_s, observation.where, observation.at_s
+        assert arrivals is not None
+        state = despeckled(observation)
+        windows = np.array([arrival_s[here] <= at_s for arrival_s in arrivals])
+        self._held.observe(here, state, at_s, windows.mean(axis=0))
+        usable = (state != UNSEEN) & ~self._held.doubtful()[here]
+        self._update_members(state, usable, windows, observation.position_sd_m)
+        seen = self._observed[here]
+        seen[state != UNSEEN] = np.maximum(seen, state)[state != UNSEEN]
+        distance_m = signed_distance_m(state, self.landscape.cell_size_m)
+        self._arrival_s = list(
+            each(
+                lambda number: self._rewritten(
+                    arrivals[number], here, state, distance_m, windows[number], at_s
+                ),
+                range(self.members.size),
+            )
+        )
+        self._forecast = None
+
+    def _update_members(
+        self, state: NDArray[np.uint8], usable: Mask, windows: Mask, position_sd_m: float
+    ) -> None:
+        """Update the members' inputs by the burned areas in blocks of a window."""
+        excess, front = block_excess(state, usable, windows)
+        if not excess.shape[1]:
+            return
+        excess_m = excess / front * self.landscape.cell_size_m
+        mean_m = excess_m.mean(axis=0)
+        variance = MODEL_ERROR_M**2 + position_sd_m**2 + (MODEL_ERROR_SHARE * mean_m) ** 2
+        self.members = updated(self.members, excess_m, np.sqrt(REPEATED * variance), self._rng)
+
+    def _rewritten(
+        self,
+        arrival_s: Floats,
+        here: tuple[slice, slice],
+        state: NDArray[np.uint8],
+        distance_m: Floats,
+        burned: Mask,
+        at_s: float,
+    ) -> Floats:
+        """Return the arrival times of a member after an observation replaced its fire in a window.
+
+        Only cells whose state differs from the observed one, and their neighbours, change: the
+        other fronts keep their place within the cells.
+        """
+        wrong = (state != UNSEEN) & ((state == BURNED) != burned)
+        if not wrong.any():
+            return arrival_s
+        near = binary_dilation(wrong, np.ones((3, 3), dtype=bool)) & (state != UNSEEN)
+        change = wrong | (near & (np.abs(distance_m) < WRITE_WITHIN_M))
+        found = arrival_s.copy()
+        found[here][change] = at_s - distance_m[change] / WRITE_M_S
+        found[np.isin(self.landscape.fuel_model, list(NON_BURNABLE))] = np.inf
+        return self._without_unseen_islands(found)
+
+    def _without_unseen_islands(self, arrival_s: Floats) -> Floats:
+        """Remove burned areas of which no cell was ever observed as burned, if others were."""
+        burned = arrival_s <= self.time_s
+        labels, count = label(burned)
+        if count < 2:
+            return arrival_s
+        known = np.zeros(count + 1, dtype=bool)
+        known[np.unique(labels[burned & (self._observed == BURNED)])] = True
+        if known.any():
+            arrival_s[burned & ~known[labels]] = np.inf
+        return arrival_s

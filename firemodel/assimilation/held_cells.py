@@ -1,0 +1,54 @@
+"""Find the cells at which a fire is held, for example by crews or by a barrier that no map has."""
+
+import numpy as np
+from scipy.ndimage import binary_closing, binary_dilation
+
+from firemodel.arrays import Floats, Mask
+from firemodel.assimilation.observation import BURNED, UNBURNED
+
+HELD_S = 700.0  # evidence from which a cell counts as held in forecasts
+DOUBTFUL_S = 250.0  # evidence from which a cell no longer changes the members' inputs
+MAX_GAP_S = 1200.0  # a cell that was not seen for longer gives this evidence
+LIKELY = 0.15  # share of members below which an unburned cell is expected
+DECAY = 0.7  # of the evidence at each expected sighting
+CLOSING_CELLS = 2  # gaps of up to twice this width in a held line are closed
+SQUARE = np.ones((3, 3), dtype=bool)
+
+
+class HeldCells:
+    """Counts for how long cells stayed unburned although most members expected fire there."""
+
+    def __init__(self, shape: tuple[int, int]) -> None:
+        self._evidence_s = np.zeros(shape)
+        self._seen_s = np.full(shape, np.nan)  # time of the last sighting
+        self._burned = np.zeros(shape, dtype=bool)
+
+    def observe(
+        self, here: tuple[slice, slice], state: np.ndarray, at_s: float, share: Floats
+    ) -> None:
+        """Process an observation.
+
+        Args:
+            here: The window of the observation.
+            state: (y, x) the states of its cells.
+            at_s: Its time in s.
+            share: (y, x) the share of the members in which each cell has burned by then.
+        """
+        evidence_s, seen_s, burned = self._evidence_s[here], self._seen_s[here], self._burned[here]
+        burned |= state == BURNED
+        evidence_s[burned] = 0.0
+        stays = (state == UNBURNED) & ~burned
+        gap_s = np.minimum(np.nan_to_num(at_s - seen_s), MAX_GAP_S)
+        evidence_s[stays] += (share * gap_s)[stays]
+        evidence_s[stays & (share < LIKELY)] *= DECAY
+        seen_s[(state == BURNED) | (state == UNBURNED)] = at_s
+
+    def doubtful(self) -> Mask:
+        """Return the mask (y, x) of cells near which fronts say little about wind and rates."""
+        return np.asarray(binary_dilation(self._evidence_s > DOUBTFUL_S, iterations=2), dtype=bool)
+
+    def held(self) -> Mask:
+        """Return the mask (y, x) of the held cells."""
+        cells = self._evidence_s > HELD_S
+        closed = binary_closing(cells, SQUARE, iterations=CLOSING_CELLS)
+        return np.asarray((closed | cells) & ~self._burned, dtype=bool)

@@ -1,0 +1,106 @@
+"""Draw and update the uncertain inputs of an ensemble's members: wind and spread rates.
+
+A member's inputs are a vector added to the reported wind, in m/s towards grid-independent east and
+north components of the direction that the wind comes from, and the logarithm of a factor of the
+spread rate in each fuel. Observations update them by the ensemble Kalman filter (Evensen 1994, with
+perturbed observations: Burgers et al. 1998).
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from firemodel.arrays import Floats
+from firemodel.ensemble.draws import Draw
+from firemodel.physics.weather import Weather
+
+MIN_WIND_M_S = 0.1  # a member's wind is the reported one times a factor, which needs a wind
+MAX_LOG_RATE = 2.0  # a factor of the spread rate is at most 7.4
+MAX_WIND_OFFSET_M_S = 15.0
+# Random changes of the inputs between observations, for one hour: they follow a changing wind and
+# keep the members different.
+WIND_WALK_M_S = 0.4
+RATE_WALK_LOG = 0.08
+
+
+class Members(NamedTuple):
+    """The uncertain inputs of an ensemble."""
+
+    wind_m_s: Floats  # (members, 2) offset of the vector (east, north) from where the wind blows
+    log_rate: Floats  # (members, fuels) logarithm of the factors of the spread rate
+
+    @property
+    def size(self) -> int:
+        """The number of members."""
+        return len(self.wind_m_s)
+
+    def wind_change(self, number: int, reported: Weather) -> tuple[float, float]:
+        """Return the factor and the clockwise turn in degrees of a member's wind."""
+        east, north = wind_vector(reported) + self.wind_m_s[number]
+        speed = max(reported.wind_speed_m_s, MIN_WIND_M_S)
+        turn_deg = math.degrees(math.atan2(east, north)) - reported.wind_from_deg
+        return math.hypot(east, north) / speed, turn_deg % 360.0
+
+
+def wind_vector(weather: Weather) -> Floats:
+    """Return the vector (east, north) in m/s towards the direction from which the wind blows."""
+    from_rad = math.radians(weather.wind_from_deg)
+    speed_m_s = max(weather.wind_speed_m_s, MIN_WIND_M_S)
+    return speed_m_s * np.array([math.sin(from_rad), math.cos(from_rad)])
+
+
+def members_of(draws: list[Draw], reported: Weather) -> Members:
+    """Return the members of draws of the errors, at the reported weather.
+
+    The factor of the moisture becomes a factor of the spread rate: rates fall by about the share by
+    which the moisture of dead fuel rises (Rothermel 1972, for moistures around 5 to 10 %).
+    """
+    wind, rates = [], []
+    for draw in draws:
+        from_deg = reported.wind_from_deg + draw.turn_deg
+        speed_m_s = max(reported.wind_speed_m_s, MIN_WIND_M_S) * draw.wind_factor
+        from_rad = math.radians(from_deg)
+        wind.append(speed_m_s * np.array([math.sin(from_rad), math.cos(from_rad)]))
+        common = math.log(draw.spread_factor) - math.log(draw.moisture_factor)
+        rates.append(common + np.log(draw.fuel_factors))
+    return Members(np.array(wind) - wind_vector(reported), np.array(rates))
+
+
+def updated(
+    members: Members, excess_m: Floats, error_sd_m: Floats, rng: np.random.Generator
+) -> Members:
+    """Return the members after an update by observed distances.
+
+    Args:
+        members: The members before the update.
+        excess_m: (members, observations) by how many m each member's front is ahead of the observed
+            front.
+        error_sd_m: (observations) the standard deviations of the errors of these distances.
+        rng: A generator.
+    """
+    inputs = np.hstack([members.wind_m_s, members.log_rate])
+    deviation = inputs - inputs.mean(axis=0)
+    spread_m = excess_m - excess_m.mean(axis=0)
+    freedom = max(members.size - 1, 1)
+    covariance = spread_m.T @ spread_m / freedom + np.diag(error_sd_m**2)
+    gain = np.linalg.solve(covariance, spread_m.T @ deviation / freedom)
+    noise = rng.standard_normal(excess_m.shape) * error_sd_m
+    inputs = inputs - (excess_m + noise - noise.mean(axis=0)) @ gain
+    return bounded(Members(inputs[:, :2], inputs[:, 2:]))
+
+
+def walked(members: Members, for_s: float, rng: np.random.Generator) -> Members:
+    """Return the members after the random changes of their inputs in a time."""
+    share = math.sqrt(max(for_s, 0.0) / 3600.0)
+    wind = rng.standard_normal(members.wind_m_s.shape) * WIND_WALK_M_S * share
+    rate = rng.standard_normal(members.log_rate.shape) * RATE_WALK_LOG * share
+    return bounded(Members(members.wind_m_s + wind, members.log_rate + rate))
+
+
+def bounded(members: Members) -> Members:
+    """Return the members with inputs within their bounds."""
+    return Members(
+        np.clip(members.wind_m_s, -MAX_WIND_OFFSET_M_S, MAX_WIND_OFFSET_M_S),
+        np.clip(members.log_rate, -MAX_LOG_RATE, MAX_LOG_RATE),
+    )

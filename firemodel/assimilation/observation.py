@@ -1,0 +1,76 @@
+"""Define observations of a fire: burned, unburned and unseen cells at one time."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter
+
+from firemodel.arrays import Mask
+from firemodel.landscape.landscape import Landscape
+from firemodel.landscape.rasterise import cells_of
+
+UNSEEN, UNBURNED, BURNED = 0, 1, 2
+FILTER_CELLS = 3  # side of the window of the majority filter
+
+
+class Observation(NamedTuple):
+    """The states of the cells in a window of the landscape's grid at one time."""
+
+    at_s: float
+    top: int  # row and column of the window's north-west cell in the grid
+    left: int
+    state: NDArray[np.uint8]  # (y, x) UNSEEN, UNBURNED or BURNED
+    position_sd_m: float = 10.0  # standard deviation of the position, common to the whole window
+    missed: float = 0.0  # share of burned cells that are reported as unburned
+    false_alarms: float = 0.0  # share of unburned cells that are reported as burned
+    source: str = ""
+    area: Any = None  # the burned area of a mapped perimeter; shapely, in the landscape's CRS
+
+    @property
+    def where(self) -> tuple[slice, slice]:
+        """The window as an index of arrays of the landscape's grid."""
+        rows, cols = self.state.shape
+        return np.s_[self.top : self.top + rows, self.left : self.left + cols]
+
+
+def mapped_perimeter(
+    area: Any, landscape: Landscape, at_s: float, position_sd_m: float = 10.0, source: str = ""
+) -> Observation:
+    """Return the observation of a whole fire whose burned area was mapped.
+
+    Args:
+        area: The burned area, a shapely Polygon or MultiPolygon in the landscape's CRS.
+        landscape: The landscape; all its cells outside the area are unburned.
+        at_s: The time of the mapping in s.
+        position_sd_m: The standard deviation of the error of its outline in m.
+        source: The source, for messages.
+    """
+    state = np.full(landscape.shape, UNBURNED, dtype=np.uint8)
+    state[burned_cells(area, landscape)] = BURNED
+    return Observation(at_s, 0, 0, state, position_sd_m, source=source, area=area)
+
+
+def burned_cells(area: Any, landscape: Landscape) -> Mask:
+    """Return the mask (y, x) of the cells whose centres lie in an area (landscape's CRS)."""
+    mask = np.zeros(landscape.shape, dtype=bool)
+    mask[tuple(cells_of([area], landscape).T)] = True
+    return mask
+
+
+def despeckled(observation: Observation) -> NDArray[np.uint8]:
+    """Return the states (y, x) after a majority filter, if there are wrong cells.
+
+    The filter sets each seen cell to the state of most of the seen cells in a window of 3 x 3.
+    """
+    state = observation.state
+    if not (observation.missed or observation.false_alarms):
+        return state
+    seen = state != UNSEEN
+    count, burned = (
+        uniform_filter(each.astype(np.float64), FILTER_CELLS, mode="constant")
+        for each in (seen, state == BURNED)
+    )
+    found = np.where(2.0 * burned > count, BURNED, UNBURNED).astype(np.uint8)
+    found[~seen] = UNSEEN
+    return found

@@ -1,0 +1,93 @@
+"""Compare forecasts of burned areas with what was observed later."""
+
+from typing import Any
+
+import numpy as np
+import shapely
+from scipy.spatial import cKDTree
+
+from firemodel.arrays import Floats, Mask
+
+SPACING_M = 30.0  # of points on outlines, between which distances are measured
+LOW, HIGH = 0.1, 0.9  # probabilities between which 80 % of the true fronts should lie
+
+
+def overlap(one: Mask, other: Mask) -> float:
+    """Return the intersection over union of two areas (y, x); 1 if both are empty."""
+    union = np.count_nonzero(one | other)
+    return float(np.count_nonzero(one & other) / union) if union else 1.0
+
+
+def critical_success(before: Mask, forecast: Mask, observed: Mask) -> float | None:
+    """Return the intersection over union of the newly burned areas; None if nothing is new."""
+    new, new_forecast = observed & ~before, forecast & ~before
+    if not (new | new_forecast).any():
+        return None
+    return overlap(new, new_forecast)
+
+
+def mean_distance_m(found: Any, true: Any) -> float:
+    """Return the mean distance in m from points on the true outline to the found outline.
+
+    Both are shapely areas in one projected CRS. The measure is that of Beachly et al. 2018 for
+    corrected fronts.
+    """
+    distance_m, _ = cKDTree(_outline(found)).query(_outline(true))
+    return float(np.mean(distance_m))
+
+
+def _outline(area: Any) -> Floats:
+    """Return points (n, 2) on the outline of an area."""
+    found: Floats = shapely.get_coordinates(shapely.segmentize(area.boundary, SPACING_M))
+    return found
+
+
+def coverage(probability: Floats, observed: Mask) -> float | None:
+    """Return the share of the observed front that lies in the band of 80 % of a forecast.
+
+    The front consists of the sides between burned and unburned cells. A side is in the band unless
+    its burned cell was unlikely (below 10 %) or its unburned cell likely (above 90 %).
+
+    Args:
+        probability: (y, x) the forecast probability that a cell has burned.
+        observed: (y, x) the burned cells.
+
+    Returns:
+        The share, or None without a front.
+    """
+    inside = total = 0
+    for axis in (0, 1):
+        burned = np.moveaxis(observed, axis, 0)
+        chance = np.moveaxis(probability, axis, 0)
+        front = burned[1:] != burned[:-1]
+        of_burned = np.where(burned[1:], chance[1:], chance[:-1])[front]
+        of_unburned = np.where(burned[1:], chance[:-1], chance[1:])[front]
+        inside += int(np.count_nonzero((of_burned >= LOW) & (of_unburned <= HIGH)))
+        total += of_burned.size
+    return inside / total if total else None
+
+
+def crps_s(probabilities: list[Floats], observed: list[Mask], times_s: Floats) -> float:
+    """Return the continuous ranked probability score of arrival times in s.
+
+    It is the integral over time of the squared error of the probability that a cell has burned
+    (Hersbach 2000), as a mean over the cells that burn in the forecast or in truth.
+
+    Args:
+        probabilities: (y, x) for each time, the forecast.
+        observed: (y, x) for each time, the burned cells.
+        times_s: (times) ascending, in s.
+    """
+    changes = np.zeros(observed[0].shape, dtype=bool)
+    for probability, burned in zip(probabilities, observed, strict=True):
+        changes |= (probability > 0.0) & (probability < 1.0) | (burned != observed[0])
+        changes |= burned != (probability >= 0.5)
+    if not changes.any():
+        return 0.0
+    errors = np.array(
+        [
+            np.mean((probability[changes] - burned[changes]) ** 2)
+            for probability, burned in zip(probabilities, observed, strict=True)
+        ]
+    )
+    return float(np.trapezoid(errors, times_s))

@@ -1,0 +1,283 @@
+"""Forecasts each mapped perimeter of a fire from the earlier ones, and scores the forecasts."""
+
+import json
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from datetime import UTC, timedelta
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import shapely
+from firemodel.landscape.readers.perimeter_files import Perimeter, read_perimeters
+from shapely.geometry.base import BaseGeometry
+
+from firemodel.arrays import Mask
+from firemodel.assimilation.estimate_forecast import Forecast
+from firemodel.assimilation.fire_estimate import EstimateSettings, FireEstimate
+from firemodel.assimilation.observation import Observation, mapped_perimeter
+from firemodel.assimilation.scores import coverage, critical_success, mean_distance_m, overlap
+from firemodel.ensemble.member_fires import Each
+from firemodel.errors import FireModelError
+from firemodel.landscape.landscape import Landscape
+from firemodel.outputs.geotiff import write_raster
+from firemodel.outputs.raster_layers import PROBABILITY_LAYER
+from firemodel.outputs.whole_file import write_whole
+from firemodel.spread.anyangle import AnyAngleFire
+from firemodel.spread.burning import burning_from_perimeter
+from firemodel.spread.front import front_polygons
+from mission_service.config.scenario import Scenario
+from mission_service.errors import ScenarioError
+from mission_service.fire.setup import (
+    ignitions_of,
+    landscape_of,
+    uncertainty_of,
+    weather_of,
+)
+from mission_service.runtime.progress import fire_progress
+from mission_service.simulation.fire_alone import writing
+from mission_service.simulation.forecast_picture import draw_forecast
+from mission_service.simulation.result_files import check_command, whole_files
+
+GROWN = 1.1  # minimum ratio of the areas of two perimeters of a growing fire
+AHEAD_H = (1, 3, 6)  # forecasts from the last perimeter
+MAX_PICTURES = 40
+
+
+class Step(NamedTuple):
+    """One forecast from a perimeter to the next, with what was observed."""
+
+    before: Observation
+    after: Observation
+    forecast: Forecast
+    likely: Mask  # (y, x) the forecast burned area
+    free: Mask  # (y, x) the area that the model alone burns
+
+
+def assimilate(
+    scenario: Scenario,
+    observations: Path,
+    folder: Path | None,
+    threads: int,
+    warn: Callable[[str], None],
+) -> dict[str, Any]:
+    """Process the perimeters of a file or folder one by one, and return scores of all forecasts.
+
+    Each forecast uses only perimeters that are not later than its start. The fire starts at the
+    scenario's ignition if it has one, otherwise with the first perimeter.
+
+    Args:
+        scenario: The scenario: landscape, weather, [ensemble], [estimate].
+        observations: A file or a folder of perimeters with their times (``read_perimeters``).
+        folder: An existing folder for pictures, GeoTIFFs and the summary; None to write nothing.
+        threads: The number of threads.
+        warn: A function that is called with each warning.
+
+    Raises:
+        ScenarioError: The scenario has another spread scheme, or its ignitions have no date.
+        FireModelError: No perimeter can be used.
+    """
+    if scenario.fire.scheme != "anyangle":
+        raise ScenarioError(
+            f"{scenario.name}: fire.scheme = {scenario.fire.scheme}: an estimate needs anyangle"
+        )
+    if folder is not None:
+        check_command(folder, "fire assimilate")
+    landscape = landscape_of(scenario)
+    zone = scenario.time_zero.tzinfo if scenario.time_zero else None
+    perimeters, warnings = read_perimeters(observations, landscape, zone or UTC)
+    for line in warnings:
+        warn(line)
+    observed = list(_observations(scenario, landscape, perimeters))
+    with ThreadPoolExecutor(threads) as pool:
+        estimate = _estimate(scenario, landscape)
+        steps: list[Step] = []
+        intervals = []
+        with fire_progress(scenario.name, 0, len(observed)) as progress:
+            for step in _steps(estimate, observed, pool.map, warnings, warn):
+                steps.append(step)
+                intervals.append(_scores(step, landscape))
+                progress(len(steps))
+        ahead = estimate.forecast(estimate.time_s + AHEAD_H[-1] * 3600.0, pool.map)
+    summary = _summary(scenario, perimeters, intervals, ahead, landscape, warnings)
+    if folder is not None:
+        with writing(folder), whole_files(folder) as part:
+            _write(scenario, landscape, steps, ahead, part)
+            write_whole(part / "assimilation.json", json.dumps(summary, indent=2) + "\n")
+    return summary
+
+
+def _observations(
+    scenario: Scenario, landscape: Landscape, perimeters: Sequence[Perimeter]
+) -> Iterator[Observation]:
+    """Yield the perimeters at their mission times, and before them the ignition if there is one."""
+    zero = scenario.time_zero
+    if scenario.ignition and zero is None:
+        raise ScenarioError(
+            f"{scenario.name}: an ignition needs time_zero, the date of mission time 0, which "
+            "relates it to the perimeters; give time_zero, or leave the ignition out"
+        )
+    zero = zero or perimeters[0].at
+    error_m = scenario.estimate.perimeter_error_m
+    if scenario.ignition:
+        cells = ignitions_of(scenario, landscape)
+        at_s = max(each[2] for each in cells)
+        area = shapely.union_all([_square(landscape, row, col) for row, col, _ in cells])
+        yield mapped_perimeter(area, landscape, at_s, error_m, "ignition")
+    for each in perimeters:
+        at_s = (each.at - zero).total_seconds()
+        yield mapped_perimeter(each.area, landscape, at_s, error_m, each.source)
+
+
+def _square(landscape: Landscape, row: int, col: int) -> BaseGeometry:
+    x_m, y_m = (float(value) for value in landscape.xy_of(row, col))
+    return shapely.Point(x_m, y_m).buffer(landscape.cell_size_m / 2, cap_style="square")
+
+
+def _estimate(scenario: Scenario, landscape: Landscape) -> FireEstimate:
+    return FireEstimate(
+        landscape,
+        weather_of(scenario),
+        settings=EstimateSettings(
+            scenario.estimate.members, scenario.seed, uncertainty_of(scenario)
+        ),
+        wind_limit=scenario.fire.wind_limit,
+        precise=scenario.fire.precise,
+    )
+
+
+def _steps(
+    estimate: FireEstimate,
+    observed: Sequence[Observation],
+    each: Each,
+    warnings: list[str],
+    warn: Callable[[str], None],
+) -> Iterator[Step]:
+    """Forecast and process all observations; one that cannot be of the fire is left out."""
+    model = AnyAngleFire(
+        estimate.landscape,
+        estimate.weather,
+        [],
+        wind_limit=estimate.wind_limit,
+        precise=estimate.precise,
+    )
+    before: Observation | None = None
+    for after in observed:
+        step = None
+        if before is not None and after.at_s > before.at_s:
+            forecast = estimate.forecast(after.at_s, each)
+            free = model.restarted(
+                burning_from_perimeter([before.area], estimate.landscape, before.at_s)
+            )
+            free.advance(after.at_s)
+            likely = forecast.likely_burned(after.at_s)
+            step = Step(before, after, forecast, likely, free.burned())
+        try:
+            estimate.observe(after, each)
+        except FireModelError as error:
+            warnings.append(f"{error}; it is left out")
+            warn(warnings[-1])
+            continue
+        before = after
+        if step is not None:
+            yield step
+
+
+def _scores(step: Step, landscape: Landscape) -> dict[str, Any]:
+    """Return the scores of one forecast, and those of persistence and of the model alone."""
+    before, after, forecast, likely, free = step
+    burned, observed = before.state == before.state.max(), after.state == after.state.max()
+    cell_ha = landscape.cell_size_m**2 / 1e4
+
+    def distance(mask: Mask) -> float:
+        area = front_polygons(np.where(mask, 0.0, np.inf), 0.0, landscape)
+        return round(mean_distance_m(area, after.area), 1)
+
+    probability = forecast.burn_probability(after.at_s)
+    return {
+        "from_s": before.at_s,
+        "to_s": after.at_s,
+        "observed_ha": round(after.area.area / 1e4, 1),
+        "new_ha": round(np.count_nonzero(observed & ~burned) * cell_ha, 1),
+        "new_ha_estimate": round(np.count_nonzero(likely & ~burned) * cell_ha, 1),
+        "iou_estimate": round(overlap(likely, observed), 4),
+        "iou_free": round(overlap(free, observed), 4),
+        "iou_persistence": round(overlap(burned, observed), 4),
+        "new_area_csi_estimate": _rounded(critical_success(burned, likely, observed)),
+        "new_area_csi_free": _rounded(critical_success(burned, free, observed)),
+        "mean_distance_m_estimate": distance(likely),
+        "mean_distance_m_free": distance(free),
+        "mean_distance_m_persistence": distance(burned),
+        "coverage_80": _rounded(coverage(probability, observed)),
+    }
+
+
+def _rounded(value: float | None) -> float | None:
+    return None if value is None else round(value, 4)
+
+
+def _summary(
+    scenario: Scenario,
+    perimeters: Sequence[Perimeter],
+    intervals: list[dict[str, Any]],
+    ahead: Forecast,
+    landscape: Landscape,
+    warnings: list[str],
+) -> dict[str, Any]:
+    zero = scenario.time_zero or perimeters[0].at
+    for each in intervals:
+        for key in ("from", "to"):
+            instant = zero + timedelta(seconds=each[f"{key}_s"])
+            each[key] = instant.isoformat()
+    cell_ha = landscape.cell_size_m**2 / 1e4
+    growing = [each for each in intervals if each["iou_persistence"] < 1.0 / GROWN]
+    standing = [each for each in intervals if each["iou_persistence"] >= 1.0 / GROWN]
+    hours = {
+        f"{hours}_h": round(
+            float(ahead.burn_probability(ahead.at_s + hours * 3600.0).sum() * cell_ha), 1
+        )
+        for hours in AHEAD_H
+    }
+    return {
+        "scenario": scenario.name,
+        "members": scenario.estimate.members,
+        "perimeters": len(perimeters),
+        "mean": _means(intervals),
+        "mean_after_first": _means(intervals[1:]),
+        "mean_growing": _means(growing),
+        "mean_standing": _means(standing),
+        "expected_ha_after_last": hours,
+        "intervals": intervals,
+        "warnings": warnings,
+    }
+
+
+def _means(intervals: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Return the number of intervals and the mean of each score over them."""
+    names = ("iou_", "new_area_csi_", "mean_distance_m_", "coverage_")
+    found: dict[str, Any] = {"intervals": len(intervals)}
+    for key in intervals[0] if intervals else ():
+        values = [each[key] for each in intervals if each[key] is not None]
+        if key.startswith(names) and values:
+            found[key] = round(float(np.mean(values)), 4)
+    return found
+
+
+def _write(
+    scenario: Scenario,
+    landscape: Landscape,
+    steps: Sequence[Step],
+    ahead: Forecast,
+    folder: Path,
+) -> None:
+    """Write a picture of each forecast, and the forecast from the last perimeter."""
+    for number, step in enumerate(steps[:MAX_PICTURES], start=1):
+        path = folder / f"forecast_{number:02}.png"
+        draw_forecast(path, landscape, step, scenario.name, scenario.time_zero)
+    for hours in AHEAD_H:
+        probability = ahead.burn_probability(ahead.at_s + hours * 3600.0).astype(np.float32)
+        layer = PROBABILITY_LAYER._replace(
+            description=f"probability that the cell has burned {hours} h after the last perimeter"
+        )
+        path = folder / f"burn_probability_{hours}h.tif"
+        write_raster(path, probability, landscape, layer)
