@@ -208,7 +208,7 @@ def test_a_field_name_cut_in_a_character_does_not_matter(tmp_path: Path) -> None
         for part in tmp_path.glob("a.*"):
             if part.suffix != ".zip":
                 archive.write(part, part.name)
-    shapes, _, records = records_of((tmp_path / "a.zip").read_bytes(), "a.zip")
+    shapes, _, records = records_of(Path("a.zip"), (tmp_path / "a.zip").read_bytes())
     assert same(shapes[0])
     assert list(records[0].values()) == [0]
 

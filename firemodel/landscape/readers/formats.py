@@ -22,6 +22,8 @@ GRID = (b"ncols", b"nrows", b"xllcorner", b"yllcorner", b"xllcenter", b"yllcente
 IMAGINE = b"EHFA_HEADER_TAG"
 LCP_FLAGS = (20, 21)  # an .lcp begins with two of these
 SHAPEFILE = struct.pack(">i", 9994)
+SQLITE = b"SQLite format 3\x00"
+GEOPACKAGE = (b"GP10", b"GP11", b"GPKG")  # the application id in the header of the database
 GEOJSON = (
     *("FeatureCollection", "Feature", "GeometryCollection", "Point", "MultiPoint", "LineString"),
     *("MultiLineString", "Polygon", "MultiPolygon"),
@@ -36,6 +38,8 @@ OFFLINE = {  # GDAL's options against network access, in case an accepted file c
     "CPL_CURL_ENABLE_VSIMEM": "NO",
     "GDAL_HTTP_MAX_RETRY": "0",
     "GDAL_HTTP_PROXY": "127.0.0.1:1",
+    # Views in a GeoPackage cannot call GDAL's functions that open files and addresses.
+    "OGR_SQLITE_PRAGMA": "trusted_schema=OFF",
 }
 
 
@@ -57,7 +61,10 @@ def raster_driver(path: Path) -> str:
 
 
 def check_shapes(path: Path) -> None:
-    """Raise FireModelError unless a file is GeoJSON, KML, KMZ or a Shapefile (zipped or not)."""
+    """Raise FireModelError unless a file is in one of the formats of shapes.
+
+    These are GeoJSON, KML, KMZ, GeoPackage and Shapefile (zipped or not).
+    """
     start = _start(path).removeprefix(b"\xef\xbb\xbf").lstrip()
     if start.startswith(b"{"):
         _check_geojson(path)
@@ -66,10 +73,12 @@ def check_shapes(path: Path) -> None:
             _check_kml(path, file, path.name)
     elif start.startswith(b"PK"):
         _check_archive(path)
+    elif start.startswith(SQLITE):
+        _check_geopackage(path, start)
     elif not start.startswith(SHAPEFILE):
         raise FireModelError(
-            f"{path}: cannot be read as shapes (it is no GeoJSON, KML, KMZ or Shapefile); export "
-            "it as one"
+            f"{path}: cannot be read as shapes (it is no GeoJSON, KML, KMZ, GeoPackage or "
+            "Shapefile); export it as one"
         )
 
 
@@ -125,6 +134,15 @@ def _check_kml(path: Path, file: Any, name: str) -> None:
         raise FireModelError(
             f"{path}: cannot be read as shapes ({name} is XML but no KML: {kind[:40]}); export it "
             "as KML"
+        )
+
+
+def _check_geopackage(path: Path, start: bytes) -> None:
+    """Refuse other formats in SQLite; GDAL opens a file with these ids as a GeoPackage only."""
+    if start[68:72] not in GEOPACKAGE:
+        raise FireModelError(
+            f"{path}: cannot be read as shapes (it is an SQLite database but no GeoPackage); "
+            "export it as GeoPackage"
         )
 
 

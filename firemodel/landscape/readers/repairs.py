@@ -2,6 +2,7 @@
 
 from functools import reduce
 
+import numpy as np
 import shapely
 from pyproj import Geod
 from shapely.geometry.base import BaseGeometry
@@ -14,8 +15,11 @@ def repaired(shape: BaseGeometry) -> BaseGeometry:
 
     The area of several closed lines consists of the points inside an odd number of them, so that a
     line inside another one is the edge of an island. A self-intersecting polygon keeps the areas of
-    all its loops. Parts without area are removed.
+    all its loops. Parts without area are removed. A shape with a coordinate that is not finite is
+    returned unchanged.
     """
+    if not np.isfinite(shapely.get_coordinates(shape)).all():
+        return shape
     lines = [part for part in shapely.get_parts(shape) if part.geom_type == "LineString"]
     if lines and all(line.is_closed and len(line.coords) > 3 for line in lines):
         areas = [_valid(shapely.Polygon(line.coords)) for line in lines]

@@ -1,4 +1,4 @@
-"""Read points, lines and polygons from GeoJSON, KML and Shapefiles into a landscape's CRS."""
+"""Read points, lines and polygons from vector files into a landscape's CRS."""
 
 import math
 import warnings
@@ -33,8 +33,8 @@ def read_shapes(
 ) -> list[BaseGeometry]:
     """Read the geometries of a file's features into the landscape's CRS, without z.
 
-    The file is GeoJSON, KML, KMZ or a Shapefile (zipped or not). Coordinates in GeoJSON are
-    longitude and latitude (RFC 7946), unless the file has a ``crs`` member, as older files do.
+    The file is GeoJSON, KML, KMZ, GeoPackage or a Shapefile (zipped or not). Coordinates in GeoJSON
+    are longitude and latitude (RFC 7946), unless the file has a ``crs`` member, as older files do.
 
     Args:
         path: The file.
@@ -88,15 +88,22 @@ def repairs_of(path: Path, feature: int | None = None) -> list[str]:
     lines = []
     for number, shape in _selected(path, shapes, feature):
         found = repaired(shape)
-        if found is shape:
-            continue
-        both = (into_crs(one, crs, "EPSG:4326") for one in (shape, found)) if crs else ()
-        areas = " before, ".join(f"{area_ha(one):.2f} ha" for one in both)
-        reason = "closed line" if shape.is_valid else shapely.is_valid_reason(shape)
-        lines.append(
-            f"{path}: feature {number} ({reason}) is repaired" + (areas and f": {areas} after")
-        )
+        if found is not shape:
+            lines.append(repair_note(path, number, shape, found, crs))
     return lines
+
+
+def repair_note(
+    path: Path, number: int, shape: BaseGeometry, found: BaseGeometry, crs: str | None
+) -> str:
+    """Return a line on the repair of a feature's ``shape`` to ``found``, both in ``crs``.
+
+    The line contains both areas in hectares, if the CRS is known.
+    """
+    both = (into_crs(one, crs, "EPSG:4326") for one in (shape, found)) if crs else ()
+    areas = " before, ".join(f"{area_ha(one):.2f} ha" for one in both)
+    reason = "closed line" if shape.is_valid else shapely.is_valid_reason(shape)
+    return f"{path}: feature {number} ({reason}) is repaired" + (areas and f": {areas} after")
 
 
 def features_of(path: Path) -> tuple[list[BaseGeometry], str | None]:
@@ -105,9 +112,50 @@ def features_of(path: Path) -> tuple[list[BaseGeometry], str | None]:
     A feature without geometry yields an empty geometry. Raises FireModelError if the file cannot be
     read as shapes.
     """
-    import pyogrio
-    from pyogrio.errors import DataLayerError, DataSourceError, FeatureError, GeometryError
+    shapes, crs, _ = records_of(path, columns=[])
+    return shapes, crs
 
+
+def records_of(
+    path: Path, data: bytes | None = None, **options: Any
+) -> tuple[list[BaseGeometry], str | None, list[Record]]:
+    """Read the geometries, unchanged, the CRS and the attributes of all layers of a file.
+
+    Layers without geometry are left out.
+
+    Args:
+        path: The file, or its name in messages if ``data`` is given.
+        data: A zipped Shapefile in memory, which is read without the checks of files.
+        options: Options of ``pyogrio.raw.read``.
+
+    Returns:
+        The geometries (empty for a feature without geometry), the CRS, and a record of attributes
+        for each feature. Dates and times are texts in ISO 8601.
+
+    Raises:
+        FireModelError: The file cannot be read as shapes.
+    """
+    if data is None:
+        _check_source(path)
+    layers = _layers(path, path if data is None else data, **options)
+    used = [layer for layer in layers if layer[2] is not None]
+    if layers and not used:
+        raise FireModelError(f"{path}: holds no geometries but a table; draw some")
+    names = {meta["crs"] for meta, *_ in used}
+    if len(names) > 1:
+        raise FireModelError(f"{path}: its layers differ in CRS; write each into a file of its own")
+    shapes: list[BaseGeometry] = []
+    records: list[Record] = []
+    for meta, _, geometries, columns in used:
+        for wkb in geometries:
+            shapes.append(_from_wkb(path, len(shapes) + 1, wkb))
+        fields = [str(field) for field in meta["fields"]]
+        rows = zip(*columns, strict=True) if columns else ((),) * len(geometries)
+        records += [dict(zip(fields, values, strict=True)) for values in rows]
+    return shapes, next(iter(names), None), records
+
+
+def _check_source(path: Path) -> None:
     check_file(path)
     if path.suffix.lower() == ".shp" and not _has_companion(path, ".shx"):
         raise FireModelError(
@@ -115,55 +163,31 @@ def features_of(path: Path) -> tuple[list[BaseGeometry], str | None]:
             ".dbf, .prj) into one folder"
         )
     check_shapes(path)
-    pyogrio.set_gdal_config_options(OFFLINE)
-    shapes: list[BaseGeometry] = []
-    names: set[str | None] = set()
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", RuntimeWarning)  # for geometries rejected below
-            for layer, _ in pyogrio.list_layers(path):
-                meta, _, geometries, _ = _raw(path, layer=layer, columns=[])
-                if geometries is None:
-                    raise FireModelError(f"{path}: holds no geometries but a table; draw some")
-                names.add(meta["crs"])
-                for wkb in geometries:
-                    shapes.append(_from_wkb(path, len(shapes) + 1, wkb))
-    except (DataSourceError, DataLayerError, FeatureError, GeometryError) as error:
-        raise FireModelError(f"{path}: cannot be read as shapes ({_first_line(error)})") from None
-    if len(names) > 1:
-        raise FireModelError(f"{path}: its layers differ in CRS; write each into a file of its own")
-    return shapes, next(iter(names), None)
 
 
-def records_of(data: bytes, name: str) -> tuple[list[BaseGeometry], str | None, list[Record]]:
-    """Read the geometries, CRS and attributes of a zipped Shapefile in memory.
-
-    Each feature has a geometry and a record of attributes; dates are numpy.datetime64.
-    Raises FireModelError if the file cannot be read.
-    """
+def _layers(path: Path, source: Path | bytes, **options: Any) -> list[Any]:
+    """Return what pyogrio reads of each layer: metadata, ids, WKB of each feature, columns."""
+    import pyogrio
+    from pyogrio.errors import CRSError as LayerCRSError
     from pyogrio.errors import DataLayerError, DataSourceError, FeatureError, GeometryError
 
-    path = Path(name)
+    pyogrio.set_gdal_config_options(OFFLINE)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # for invalid dates and geometries
-            meta, _, geometries, columns = _raw(data)
+            names = [name for name, _ in pyogrio.list_layers(source)]
+            return [_raw(source, layer=name, **options) for name in names]
     except (
         DataSourceError,
         DataLayerError,
         FeatureError,
         GeometryError,
+        LayerCRSError,
         ValueError,
         LookupError,  # pyogrio 0.13 raises these two for some damaged files
         NameError,
     ) as error:
-        raise FireModelError(f"{name}: cannot be read as shapes ({_first_line(error)})") from None
-    if geometries is None:
-        raise FireModelError(f"{name}: holds no geometries but a table; draw some")
-    shapes = [_from_wkb(path, number, wkb) for number, wkb in enumerate(geometries, start=1)]
-    fields = [str(field) for field in meta["fields"]]
-    records = [dict(zip(fields, values, strict=True)) for values in zip(*columns, strict=True)]
-    return shapes, meta["crs"], records or [{} for _ in shapes]
+        raise FireModelError(f"{path}: cannot be read as shapes ({_first_line(error)})") from None
 
 
 def _raw(source: Path | bytes, **options: Any) -> Any:
@@ -174,10 +198,11 @@ def _raw(source: Path | bytes, **options: Any) -> Any:
     """
     import pyogrio
 
+    options |= {"force_2d": True, "datetime_as_string": True}
     try:
-        return pyogrio.raw.read(source, force_2d=True, **options)
+        return pyogrio.raw.read(source, **options)
     except UnicodeDecodeError:
-        return pyogrio.raw.read(source, force_2d=True, ENCODING="ISO-8859-1", **options)
+        return pyogrio.raw.read(source, ENCODING="ISO-8859-1", **options)
 
 
 def _from_wkb(path: Path, number: int, wkb: bytes | None) -> BaseGeometry:
@@ -201,8 +226,7 @@ def _has_companion(path: Path, suffix: str) -> bool:
 def crs_problems(path: Path, found: str | None, given: str | None) -> Iterator[str]:
     """Yield the problems of a file's CRS, or of the CRS given for it, one line each."""
     if found is None and given is None:
-        lost = "has no .prj file" if path.suffix.lower() == ".shp" else "has no CRS"
-        yield f"{path}: {lost}; add the projection it was made in, or give it as crs"
+        yield f"{no_crs(path)}, or give it as crs"
         return
     for name in (found, given):
         try:
@@ -215,6 +239,12 @@ def crs_problems(path: Path, found: str | None, given: str | None) -> Iterator[s
             f"{path}: CRS {crs_label(found)} is not the {crs_label(given)} given as crs; leave "
             "crs out, or correct the file's"
         )
+
+
+def no_crs(path: Path) -> str:
+    """Return a line of text on a file without CRS."""
+    lost = "has no .prj file" if path.suffix.lower() == ".shp" else "has no CRS"
+    return f"{path}: {lost}; add the projection it was made in"
 
 
 def shape_problems(path: Path, number: int, shape: BaseGeometry, crs: str | None) -> Iterator[str]:
@@ -249,7 +279,10 @@ def place_problems(
 ) -> Iterator[str]:
     """Yield a problem if a geometry in the landscape's CRS does not touch the landscape."""
     if not all(map(math.isfinite, shape.bounds)):
-        yield f"{path}: feature {number} is too far away to be projected onto the landscape"
+        yield (
+            f"{path}: feature {number} is too far away to be projected onto the landscape; "
+            "remove it"
+        )
     elif not shape.intersects(box_of(landscape)):
         x_m, y_m = shape.representative_point().coords[0]
         lat, lon = landscape.lat_lon_of(x_m, y_m)

@@ -10,6 +10,7 @@ import re
 import struct
 import zipfile
 import zlib
+from pathlib import Path
 from typing import Any, NamedTuple
 from xml.etree import ElementTree
 from xml.parsers import expat
@@ -159,7 +160,7 @@ def _from_shapefile(members: dict[str, bytes], stem: str, name: str) -> list[Dra
         for suffix in SHAPEFILE_PARTS:
             if stem + suffix in members:
                 archive.writestr(f"perimeter{suffix}", members[stem + suffix])
-    shapes, crs, records = records_of(packed.getvalue(), name)
+    shapes, crs, records = records_of(Path(name), packed.getvalue())
     if crs is None:
         raise FireModelError(f"{name}: {stem}.prj contains an unknown CRS; export it in WGS84")
     return [
