@@ -68,8 +68,10 @@ def _joined(day: Any, clock: Any) -> str | None:
     """Return date and time as ISO 8601 from numbers or texts such as 20191031 and 19:37:11."""
     if _is_missing(day) or _is_missing(clock):
         return None
-    days, clocks = (re.sub(r"\.0+$|\D", "", str(value)) for value in (day, clock))
-    return f"{days}T{clocks.zfill(6)}"
+    days, clocks = (re.sub(r"\.0+$", "", str(value).strip()) for value in (day, clock))
+    parts = clocks.split(":")
+    width = 6 if len(parts) == 1 else 2  # 93711 and 9:37:11 are the same time
+    return f"{days}T{''.join(part.zfill(width) for part in parts)}"
 
 
 def _first(record: Record, keys: list[str]) -> Any:

@@ -27,6 +27,7 @@ from firemodel.landscape.readers.shapes import (
 SUFFIXES = (".geojson", ".json", ".shp", ".zip", ".kml", ".kmz", ".gpkg")
 KINDS = "GeoJSON, KML, KMZ, GeoPackage or Shapefile"
 AREAS = ("Polygon", "MultiPolygon")
+LEFT_OUT = "; the feature is left out"
 FIRIS_KIND, FIRIS_PERIMETER = "type", "perim"  # field with the kind of a feature, and its value
 
 
@@ -74,9 +75,10 @@ def read_perimeters(
     for file in _files(path):
         found += _features_in(file, landscape, zone, warnings)
     if not found:
+        reason = warnings[0].removesuffix(LEFT_OUT).removeprefix(f"{path}: ")
         raise FireModelError(
-            f"{path}: no feature can be used as a perimeter, for example: {warnings[0]}; give "
-            "polygons of burned areas with their times"
+            f"{path}: contains no usable perimeter ({reason}); give polygons of burned areas with "
+            "their times"
         )
     return _united(_with_times(path, found, zone, warnings)), warnings
 
@@ -124,7 +126,7 @@ def _features_in(
             at = _time(path, number, column.field, value, zone)
             area, notes = _area(path, number, shape, crs, landscape)
         except FireModelError as error:
-            warnings.append(f"{str(error).rpartition('; ')[0] or error}; the feature is left out")
+            warnings.append(f"{str(error).rpartition('; ')[0]}{LEFT_OUT}")
             continue
         warnings += notes
         yield Mapped(at, area, path, number)
@@ -132,10 +134,11 @@ def _features_in(
 
 def _check_firis(path: Path, number: int, record: Record) -> None:
     """Raise FireModelError for a feature that is not the perimeter of one flight."""
-    kind = next((value for key, value in record.items() if key.lower() == FIRIS_KIND), None)
-    if kind is not None and str(kind).strip().lower() != FIRIS_PERIMETER:
+    kinds = [str(value or "") for key, value in record.items() if key.lower() == FIRIS_KIND]
+    if kinds and kinds[0].strip().lower() != FIRIS_PERIMETER:
         raise FireModelError(
-            f"{path}: feature {number} has the type {str(kind)[:40]!r}; give {FIRIS_PERIMETER!r}"
+            f"{path}: feature {number} has the type {kinds[0][:40]!r}, not {FIRIS_PERIMETER!r}; "
+            "correct it"
         )
 
 
