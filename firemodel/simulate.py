@@ -51,7 +51,7 @@ def burn(
         weather: A stream, a single entry for the whole time, or a weather file (see
             ``read_weather``). Default: dry weather with a wind of 4 m/s from the north-east.
         ignitions: WGS84 (latitude, longitude) of points in degrees, or a file of points, lines or
-            polygons (GeoJSON, KML, Shapefile). Default: the cell in the middle.
+            polygons (GeoJSON, KML, GeoPackage, Shapefile). Default: the cell in the middle.
         duration_s: Duration of the simulation in seconds.
         scheme: A spread scheme, a key of ``SCHEMES``.
         settings: Settings of the scheme, such as ``wind_limit=True``; ``seed`` for random schemes.

@@ -35,7 +35,9 @@ NOON_AT, LATER_AT = (
 
 
 def square(size_m: float, east_m: float = 0.0) -> Polygon:
-    return shapely.box(X_M + east_m, Y_M, X_M + east_m + size_m, Y_M + size_m)
+    west_m, south_m = X_M + east_m, Y_M
+    corners = [(0.0, 0.0), (size_m, 0.0), (size_m, size_m), (0.0, size_m)]
+    return Polygon([(west_m + x_m, south_m + y_m) for x_m, y_m in corners])
 
 
 SMALL, LARGE = square(100.0), square(200.0)
@@ -115,7 +117,7 @@ def test_shapefiles_zipped_or_not(tmp_path: Path) -> None:
 
 
 def placemark(time: str, shape: BaseGeometry, more: str = "") -> str:
-    ring = " ".join(f"{lon},{lat},0" for lon, lat in lon_lat(shape).exterior.coords)
+    ring = " ".join(f"{lon},{lat},0" for lon, lat in shapely.get_coordinates(lon_lat(shape)))
     return (
         f"<Placemark>{time}<MultiGeometry>{more}<Polygon><outerBoundaryIs><LinearRing><coordinates>"
         f"{ring}</coordinates></LinearRing></outerBoundaryIs></Polygon></MultiGeometry></Placemark>"
