@@ -15,7 +15,7 @@ from shapely.geometry.base import BaseGeometry
 from firemodel.arrays import Mask
 from firemodel.assimilation.estimate_forecast import Forecast
 from firemodel.assimilation.fire_estimate import EstimateSettings, FireEstimate
-from firemodel.assimilation.observation import Observation, mapped_perimeter
+from firemodel.assimilation.observation import BURNED, Observation, mapped_perimeter
 from firemodel.assimilation.scores import coverage, critical_success, mean_distance_m, overlap
 from firemodel.ensemble.member_fires import Each
 from firemodel.errors import FireModelError
@@ -186,11 +186,11 @@ def _steps(
 def _scores(step: Step, landscape: Landscape) -> dict[str, Any]:
     """Return the scores of one forecast, and those of persistence and of the model alone."""
     before, after, forecast, likely, free = step
-    burned, observed = before.state == before.state.max(), after.state == after.state.max()
+    burned, observed = before.state == BURNED, after.state == BURNED
     cell_ha = landscape.cell_size_m**2 / 1e4
 
     def distance(mask: Mask) -> float:
-        area = front_polygons(np.where(mask, 0.0, np.inf), 0.0, landscape)
+        area = front_polygons(np.where(mask, 0.0, 1.0), 0.5, landscape)  # along sides of cells
         return round(mean_distance_m(area, after.area), 1)
 
     probability = forecast.burn_probability(after.at_s)
@@ -207,7 +207,7 @@ def _scores(step: Step, landscape: Landscape) -> dict[str, Any]:
         "new_area_csi_free": _rounded(critical_success(burned, free, observed)),
         "mean_distance_m_estimate": distance(likely),
         "mean_distance_m_free": distance(free),
-        "mean_distance_m_persistence": distance(burned),
+        "mean_distance_m_persistence": round(mean_distance_m(before.area, after.area), 1),
         "coverage_80": _rounded(coverage(probability, observed)),
     }
 
