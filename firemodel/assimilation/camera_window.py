@@ -53,7 +53,9 @@ def signed_distance_m(state: NDArray[np.uint8], cell_m: float) -> Floats:
     """
     burned, unburned = state == BURNED, state == UNBURNED
     if not (burned.any() and unburned.any()):
-        return np.where(burned, 1.0, -1.0) * max(state.shape) * cell_m
-    inside: Floats = distance_transform_edt(~unburned)
-    outside: Floats = distance_transform_edt(~burned)
-    return np.where(burned, inside - 0.5, 0.5 - outside) * cell_m
+        size_m = max(state.shape) * cell_m
+        return np.where(burned, size_m, -size_m)
+    inside: Floats = distance_transform_edt(~unburned) - 0.5
+    outside: Floats = distance_transform_edt(~burned) - 0.5
+    found: Floats = np.where(burned, inside, -outside) * cell_m
+    return found

@@ -35,7 +35,7 @@ from firemodel.assimilation.observation import (
 )
 from firemodel.ensemble.draws import latin_draws
 from firemodel.ensemble.member_fires import Each
-from firemodel.ensemble.uncertainty import Uncertainty
+from firemodel.ensemble.uncertainty import UNMEASURED, Uncertainty
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.fuels import NON_BURNABLE
@@ -62,7 +62,7 @@ class EstimateSettings:
 
     members: int = 40
     seed: int = 0
-    uncertainty: Uncertainty = field(default_factory=Uncertainty)
+    uncertainty: Uncertainty = UNMEASURED
     rate_prior: RatePrior = field(default_factory=RatePrior)
 
 

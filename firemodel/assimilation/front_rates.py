@@ -95,9 +95,10 @@ def segments_of(burned: Mask, cell_m: float) -> Segments:
     blocks = cells // side
     _, number = np.unique(blocks[:, 0] * burned.shape[1] + blocks[:, 1], return_inverse=True)
     count = np.bincount(number).astype(np.float64)
-    down, right = np.gradient(-gaussian_filter(burned.astype(np.float64), SMOOTH_CELLS))
+    smooth: Floats = gaussian_filter(burned.astype(np.float64), SMOOTH_CELLS)
+    uphill: Any = np.gradient(-smooth)
     at = cells[:, 0], cells[:, 1]
-    outward = _means(np.stack([down[at], right[at]], axis=1), number)
+    outward = _means(np.stack([uphill[0][at], uphill[1][at]], axis=1), number)
     length = np.maximum(np.hypot(*outward.T), 1e-9)
     at_front = np.full(burned.shape, -1, dtype=np.int32)
     at_front[at] = number

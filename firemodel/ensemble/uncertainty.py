@@ -28,3 +28,8 @@ class Uncertainty:
     fuel_log_sd: float = 0.18  # of a further factor of the spread rate in each fuel
     moisture_log_sd: float = 0.15  # of the factor of dead fuel moisture
     ignition_sd_m: float = 50.0  # towards north and towards east
+
+
+# For estimates: the reported wind may be a forecast or that of a distant station, and its error
+# also stands for local winds. An assumption; the observations narrow it.
+UNMEASURED = Uncertainty(wind_log_sd=0.5, wind_turn_sd_deg=30.0, spread_log_sd=0.3)

@@ -3,13 +3,12 @@
 import json
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from datetime import UTC, timedelta
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import shapely
-from firemodel.landscape.readers.perimeter_files import Perimeter, read_perimeters
 from shapely.geometry.base import BaseGeometry
 
 from firemodel.arrays import Mask
@@ -18,8 +17,10 @@ from firemodel.assimilation.fire_estimate import EstimateSettings, FireEstimate
 from firemodel.assimilation.observation import BURNED, Observation, mapped_perimeter
 from firemodel.assimilation.scores import coverage, critical_success, mean_distance_m, overlap
 from firemodel.ensemble.member_fires import Each
+from firemodel.ensemble.uncertainty import UNMEASURED, Uncertainty
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
+from firemodel.landscape.readers.perimeter_files import Perimeter, read_perimeters
 from firemodel.outputs.geotiff import write_raster
 from firemodel.outputs.raster_layers import PROBABILITY_LAYER
 from firemodel.outputs.whole_file import write_whole
@@ -102,7 +103,9 @@ def assimilate(
     summary = _summary(scenario, perimeters, intervals, ahead, landscape, warnings)
     if folder is not None:
         with writing(folder), whole_files(folder) as part:
-            _write(scenario, landscape, steps, ahead, part)
+            zero = scenario.time_zero or perimeters[0].at
+            _draw(steps, landscape, scenario.name, zero, part)
+            _write_ahead(ahead, landscape, part)
             write_whole(part / "assimilation.json", json.dumps(summary, indent=2) + "\n")
     return summary
 
@@ -134,13 +137,17 @@ def _square(landscape: Landscape, row: int, col: int) -> BaseGeometry:
     return shapely.Point(x_m, y_m).buffer(landscape.cell_size_m / 2, cap_style="square")
 
 
+def _uncertainty(scenario: Scenario) -> Uncertainty:
+    """Return the distributions of [ensemble] if the scenario has it, else those of estimates."""
+    given = "ensemble" in scenario.model_fields_set
+    return uncertainty_of(scenario) if given else UNMEASURED
+
+
 def _estimate(scenario: Scenario, landscape: Landscape) -> FireEstimate:
     return FireEstimate(
         landscape,
         weather_of(scenario),
-        settings=EstimateSettings(
-            scenario.estimate.members, scenario.seed, uncertainty_of(scenario)
-        ),
+        settings=EstimateSettings(scenario.estimate.members, scenario.seed, _uncertainty(scenario)),
         wind_limit=scenario.fire.wind_limit,
         precise=scenario.fire.precise,
     )
@@ -263,21 +270,19 @@ def _means(intervals: Sequence[dict[str, Any]]) -> dict[str, Any]:
     return found
 
 
-def _write(
-    scenario: Scenario,
-    landscape: Landscape,
-    steps: Sequence[Step],
-    ahead: Forecast,
-    folder: Path,
+def _draw(
+    steps: Sequence[Step], landscape: Landscape, name: str, time_zero: datetime, folder: Path
 ) -> None:
-    """Write a picture of each forecast, and the forecast from the last perimeter."""
+    """Draw a picture of each of the first forecasts."""
     for number, step in enumerate(steps[:MAX_PICTURES], start=1):
-        path = folder / f"forecast_{number:02}.png"
-        draw_forecast(path, landscape, step, scenario.name, scenario.time_zero)
+        draw_forecast(folder / f"forecast_{number:02}.png", landscape, step, name, time_zero)
+
+
+def _write_ahead(ahead: Forecast, landscape: Landscape, folder: Path) -> None:
+    """Write the burn probability some hours after the last perimeter as GeoTIFFs."""
     for hours in AHEAD_H:
         probability = ahead.burn_probability(ahead.at_s + hours * 3600.0).astype(np.float32)
         layer = PROBABILITY_LAYER._replace(
             description=f"probability that the cell has burned {hours} h after the last perimeter"
         )
-        path = folder / f"burn_probability_{hours}h.tif"
-        write_raster(path, probability, landscape, layer)
+        write_raster(folder / f"burn_probability_{hours}h.tif", probability, landscape, layer)
