@@ -7,10 +7,10 @@ from firemodel.arrays import Floats, Mask
 from firemodel.assimilation.observation import BURNED, UNBURNED
 
 HELD_S = 700.0  # evidence from which a cell counts as held in forecasts
-DOUBTFUL_S = 250.0  # evidence from which a cell no longer changes the members' inputs
+DOUBTFUL_S = 600.0  # evidence from which a cell no longer changes the members' inputs
 MAX_GAP_S = 1200.0  # a cell that was not seen for longer gives this evidence
 LIKELY = 0.15  # share of members below which an unburned cell is expected
-DECAY = 0.7  # of the evidence at each expected sighting
+FORGOTTEN_S = 600.0  # time in which the evidence falls to 1/e while unburned cells are expected
 CLOSING_CELLS = 2  # gaps of up to twice this width in a held line are closed
 SQUARE = np.ones((3, 3), dtype=bool)
 
@@ -40,7 +40,8 @@ class HeldCells:
         stays = (state == UNBURNED) & ~burned
         gap_s = np.minimum(np.nan_to_num(at_s - seen_s), MAX_GAP_S)
         evidence_s[stays] += (share * gap_s)[stays]
-        evidence_s[stays & (share < LIKELY)] *= DECAY
+        calm = stays & (share < LIKELY)
+        evidence_s[calm] *= np.exp(-gap_s[calm] / FORGOTTEN_S)
         seen_s[(state == BURNED) | (state == UNBURNED)] = at_s
 
     def doubtful(self) -> Mask:

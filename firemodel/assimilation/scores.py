@@ -71,23 +71,16 @@ def crps_s(probabilities: list[Floats], observed: list[Mask], times_s: Floats) -
     """Return the continuous ranked probability score of arrival times in s.
 
     It is the integral over time of the squared error of the probability that a cell has burned
-    (Hersbach 2000), as a mean over the cells that burn in the forecast or in truth.
+    (Hersbach 2000), summed over all cells and divided by the number of cells that have burned at
+    the last time.
 
     Args:
         probabilities: (y, x) for each time, the forecast.
         observed: (y, x) for each time, the burned cells.
         times_s: (times) ascending, in s.
     """
-    changes = np.zeros(observed[0].shape, dtype=bool)
-    for probability, burned in zip(probabilities, observed, strict=True):
-        changes |= (probability > 0.0) & (probability < 1.0) | (burned != observed[0])
-        changes |= burned != (probability >= 0.5)
-    if not changes.any():
-        return 0.0
-    errors = np.array(
-        [
-            np.mean((probability[changes] - burned[changes]) ** 2)
-            for probability, burned in zip(probabilities, observed, strict=True)
-        ]
-    )
-    return float(np.trapezoid(errors, times_s))
+    errors = [
+        float(np.sum((probability - burned) ** 2))
+        for probability, burned in zip(probabilities, observed, strict=True)
+    ]
+    return float(np.trapezoid(errors, times_s)) / max(int(np.count_nonzero(observed[-1])), 1)
