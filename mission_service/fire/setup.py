@@ -21,14 +21,14 @@ from firemodel.simulate import cells_of_file
 from firemodel.spread.fire_scheme import BURNING, Burning, Fire, check_burning, check_ignitions
 from firemodel.spread.fire_scheme import Ignition as CellIgnition
 from firemodel.spread.schemes import SCHEMES, new_fire
-from mission_service.config.scenario import Scenario
-from mission_service.config.sections import (
+from mission_service.config.fire_sections import (
     FuelMoisture,
     Ignition,
     LandscapeSection,
-    VehicleSection,
     WeatherFile,
 )
+from mission_service.config.scenario import Scenario
+from mission_service.config.sections import VehicleSection
 from mission_service.errors import ScenarioError
 
 STALLED = 100  # updates without growth after which the fire is checked for burning cells

@@ -19,7 +19,7 @@ from firemodel.outputs.front_files import fronts_geojson
 from firemodel.spread.behaviour import behaviour_of
 from firemodel.spread.edge import BEYOND_EDGE, at_edge
 from firemodel.spread.schemes import SCHEMES
-from mission_service.config.sections import LandscapeSection
+from mission_service.config.fire_sections import LandscapeSection
 from mission_service.config.scenario import Scenario, load_scenario
 from mission_service.errors import OptionError, ScenarioError
 from mission_service.fire.setup import check_fire, fire_of, landscape_in, warnings_on
