@@ -268,12 +268,11 @@ def config() -> None:
 def config_check(file: str, overrides: tuple[str, ...], as_json: bool) -> None:
     """Check FILE and all files that it names."""
     from firemodel.errors import FireModelError
-    from firemodel.input_warnings import time_zero_warnings
     from mission_service.config.rule_lookup import own_ways
     from mission_service.config.scenario import load_scenario, scenario_path
     from mission_service.core.core import Core
     from mission_service.errors import MissionServiceError, ScenarioError
-    from mission_service.fire.setup import landscape_of, weather_of
+    from mission_service.fire.setup import landscape_of
     from mission_service.fire.simulated_fire import check
 
     loaded = load_scenario(file, overrides)
@@ -283,7 +282,6 @@ def config_check(file: str, overrides: tuple[str, ...], as_json: bool) -> None:
             Core(loaded, landscape_of(loaded))  # makes the planners of another package
     except (FireModelError, MissionServiceError) as error:  # they do not name the file
         raise ScenarioError(f"{scenario_path(file)}: {error}") from None
-    summary["warnings"] += time_zero_warnings(weather_of(loaded), loaded.time_zero)
     for line in summary["warnings"]:
         echo_warning(line)
     echo({"result": "ok", **summary}, as_json)

@@ -19,26 +19,26 @@ from pydantic import (
 
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.links.link import parse_link
-from mission_service.config.renamed_keys import renamed_keys
-from mission_service.config.rule_lookup import Way, own_ways, rules, way_named
-from mission_service.config.sections import (
-    KEY_SOURCE,
-    BurnSection,
+from mission_service.config.fire_sections import (
     EnsembleSection,
     EstimateSection,
     FireSection,
-    FormationSection,
     Ignition,
     LandscapeSection,
-    Line,
-    LinkSection,
-    MissionSection,
-    NotNegative,
-    PlannerSection,
-    Section,
-    VehicleSection,
     WeatherEntry,
     WeatherFile,
+)
+from mission_service.config.renamed_keys import renamed_keys
+from mission_service.config.rule_lookup import Way, own_ways, rules, way_named
+from mission_service.config.section import Line, NotNegative, Section
+from mission_service.config.sections import (
+    KEY_SOURCE,
+    BurnSection,
+    FormationSection,
+    LinkSection,
+    MissionSection,
+    PlannerSection,
+    VehicleSection,
 )
 from mission_service.config.service import ServiceSection
 from mission_service.errors import OptionError, ScenarioError

@@ -9,7 +9,7 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from firemodel.ensemble.uncertainty import Uncertainty
-from firemodel.input_warnings import FireInputs, input_warnings
+from firemodel.input_warnings import FireInputs, input_warnings, time_zero_warnings
 from firemodel.landscape.default import jacksboro
 from firemodel.landscape.flat import flat_landscape
 from firemodel.landscape.landscape import Landscape
@@ -21,14 +21,14 @@ from firemodel.simulate import cells_of_file
 from firemodel.spread.fire_scheme import BURNING, Burning, Fire, check_burning, check_ignitions
 from firemodel.spread.fire_scheme import Ignition as CellIgnition
 from firemodel.spread.schemes import SCHEMES, new_fire
-from mission_service.config.scenario import Scenario
-from mission_service.config.sections import (
+from mission_service.config.fire_sections import (
     FuelMoisture,
     Ignition,
     LandscapeSection,
-    VehicleSection,
     WeatherFile,
 )
+from mission_service.config.scenario import Scenario
+from mission_service.config.sections import VehicleSection
 from mission_service.errors import ScenarioError
 
 STALLED = 100  # updates without growth after which the fire is checked for burning cells
@@ -214,8 +214,9 @@ def _check_polygons(path: Path, shapes: list[BaseGeometry]) -> None:
 def warnings_on(scenario: Scenario, landscape: Landscape) -> list[str]:
     """Return the warnings about inputs that are valid but probably unintended.
 
-    They concern repaired perimeters and keys of an inputs file that have no effect, and include the
-    ``input_warnings`` of the fire model.
+    They concern repaired perimeters, keys of an inputs file that have no effect, and a
+    ``time_zero`` with another date than the weather, and include the ``input_warnings`` of the fire
+    model.
     """
     lines = []
     if scenario.fire.perimeter is not None and scenario.fire.repair_perimeter:
@@ -224,10 +225,9 @@ def warnings_on(scenario: Scenario, landscape: Landscape) -> list[str]:
         lines += repairs_of(scenario.fire.perimeter, scenario.fire.perimeter_feature)
     if scenario.weather_file is not None:
         lines += _ignored_in(scenario.weather_file)
-    ignitions = ignitions_of(scenario, landscape)
-    return lines + input_warnings(
-        FireInputs(landscape, weather_of(scenario), ignitions, scenario.duration_s)
-    )
+    weather = weather_of(scenario)
+    inputs = FireInputs(landscape, weather, ignitions_of(scenario, landscape), scenario.duration_s)
+    return [*lines, *input_warnings(inputs), *time_zero_warnings(weather, scenario.time_zero)]
 
 
 def _ignored_in(section: WeatherFile) -> list[str]:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autopilot_bridge.links.signing import read_key
-from firemodel.landscape.landscape import Landscape
+from firemodel.landscape.landscape import Landscape, crs_label
 from firemodel.spread.fire_scheme import Fire
 from mission_service.config.scenario import Scenario
 from mission_service.config.shared_links import sharing
@@ -167,7 +167,8 @@ def check(scenario: Scenario) -> dict[str, Any]:
     rows, cols = landscape.shape
     return {
         "scenario": scenario.name,
-        "landscape": f"{rows} x {cols} cells of {landscape.cell_size_m:g} m, {landscape.crs}",
+        "landscape": f"{rows} x {cols} cells of {landscape.cell_size_m:g} m, "
+        f"{crs_label(landscape.crs)}",
         "vehicles": ", ".join(vehicle.name for vehicle in scenario.vehicles),
         "warnings": warnings_on(scenario, landscape),
     }

@@ -9,8 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from firemodel.input_warnings import time_zero_warnings
-from firemodel.landscape.landscape import Landscape
 from firemodel.outputs.arrival_map import draw_map
 from firemodel.outputs.front_files import write_fronts
 from firemodel.outputs.geotiff import write_rasters
@@ -20,7 +18,7 @@ from firemodel.spread.edge import at_edge
 from firemodel.spread.fire_scheme import Fire
 from mission_service.config.scenario import Scenario
 from mission_service.errors import ScenarioError
-from mission_service.fire.setup import fire_of, landscape_of, warnings_on, weather_of
+from mission_service.fire.setup import fire_of, landscape_of, warnings_on
 from mission_service.runtime.progress import fire_progress
 from mission_service.simulation.result_files import check_command
 
@@ -51,7 +49,7 @@ def run_fire(
     fire = fire_of(scenario, landscape)
     start_s = fire.time_s
     times_s = _times_s(start_s, scenario.duration_s, front_every_s)
-    lines = warnings_of(scenario, landscape)
+    lines = warnings_on(scenario, landscape)
     for line in lines:
         warn(line)
     with fire_progress(scenario.name, start_s, scenario.duration_s) as progress:
@@ -68,12 +66,6 @@ def run_fire(
         if netcdf:
             write_netcdf(path, fire, times_s, scenario.name, scenario.time_zero)
         return _write(scenario, fire, folder, times_s, lines)
-
-
-def warnings_of(scenario: Scenario, landscape: Landscape) -> list[str]:
-    """Return the warnings about the inputs of a scenario's fire."""
-    dates = time_zero_warnings(weather_of(scenario), scenario.time_zero)
-    return [*warnings_on(scenario, landscape), *dates]
 
 
 @contextmanager

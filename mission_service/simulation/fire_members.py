@@ -37,10 +37,11 @@ from mission_service.fire.setup import (
     landscape_of,
     settings_of,
     uncertainty_of,
+    warnings_on,
     weather_of,
 )
 from mission_service.runtime.progress import fire_progress
-from mission_service.simulation.fire_alone import check_times, warnings_of, writing
+from mission_service.simulation.fire_alone import check_times, writing
 from mission_service.simulation.result_files import (
     check_command,
     complete,
@@ -141,7 +142,7 @@ def run_members(
     """
     check_command(folder, "fire run --members")
     job = job_of(scenario, count)
-    warnings = warnings_of(scenario, job.landscape)
+    warnings = warnings_on(scenario, job.landscape)
     for line in warnings:
         warn(line)
     with writing(folder):

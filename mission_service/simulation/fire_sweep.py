@@ -19,12 +19,12 @@ from firemodel.outputs.front_files import fronts_geojson
 from firemodel.spread.behaviour import behaviour_of
 from firemodel.spread.edge import BEYOND_EDGE, at_edge
 from firemodel.spread.schemes import SCHEMES
+from mission_service.config.fire_sections import LandscapeSection
 from mission_service.config.scenario import Scenario, load_scenario
-from mission_service.config.sections import LandscapeSection
 from mission_service.errors import OptionError, ScenarioError
-from mission_service.fire.setup import check_fire, fire_of, landscape_in
+from mission_service.fire.setup import check_fire, fire_of, landscape_in, warnings_on
 from mission_service.runtime.progress import fire_progress
-from mission_service.simulation.fire_alone import check_times, warnings_of, writing
+from mission_service.simulation.fire_alone import check_times, writing
 from mission_service.simulation.result_files import (
     USED,
     check_command,
@@ -201,7 +201,7 @@ def _checked(sweep: Sweep, scenarios: list[Scenario]) -> Iterator[str]:
             check_times(scenario)
             landscape = _landscape(scenario.landscape.model_dump_json())
             check_fire(scenario, landscape)
-            yield from warnings_of(scenario, landscape)
+            yield from warnings_on(scenario, landscape)
         except (FireModelError, ScenarioError) as error:
             raise ScenarioError(f"run {number} ({sweep.label(number)}): {error}") from None
 

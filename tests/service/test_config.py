@@ -12,8 +12,8 @@ from click.testing import CliRunner
 from firemodel.errors import FireModelError
 from firemodel.spread.schemes import SCHEMES, SchemeName
 from mission_service.cli.main import main
+from mission_service.config.fire_sections import FireSection
 from mission_service.config.scenario import SHIPPED, load_scenario
-from mission_service.config.sections import FireSection
 from mission_service.errors import ScenarioError
 from mission_service.fire.simulated_fire import check
 

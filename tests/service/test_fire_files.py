@@ -5,11 +5,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import rasterio
 import shapely
 
 from mission_service.config.scenario import Scenario, load_scenario
 from tests.firemodel.grids import write_raster
 from tests.firemodel.test_fuel_files import ENGLISH
+from tests.firemodel.test_perimeter_files import written
 from tests.firemodel.test_shapes import shapefile
 from tests.service.fires import CSV, LAND, LIT, POINT, TIFFS, write_scenario, write_site
 from tests.service.test_cli import call
@@ -150,3 +152,18 @@ def test_codes_of_canada_are_named_by_info(tmp_path: Path) -> None:
     result = call("fire", "info", f"fuel={path}", f"elevation={dem}")
     assert result.exit_code == 1
     assert "these are codes of the system Canadian FBP" in result.stdout
+
+
+def test_a_geopackage_on_a_projection_without_a_code(tmp_path: Path) -> None:
+    """The summary of ``config check`` has a short label for the projection, not its WKT."""
+    crs = "+proj=lcc +lat_1=33 +lat_2=45 +lat_0=36 +lon_0=-87 +datum=WGS84 +units=m"
+    grid = {"crs": crs, "transform": rasterio.Affine(30.0, 0.0, 0.0, 0.0, -30.0, 600.0)}
+    write_site(tmp_path)
+    write_raster(tmp_path / "fuel.tif", np.ones((20, 20), dtype=np.int16), **grid)
+    write_raster(tmp_path / "dem.tif", np.zeros((20, 20), dtype=np.float32), **grid)
+    mapped = shapely.box(200.0, 200.0, 400.0, 400.0)
+    written(tmp_path / "mapped.gpkg", mapped, driver="GPKG", crs=crs, number=np.arange(1))
+    fire = '[fire]\nperimeter = "mapped.gpkg"\n'
+    result = call("config", "check", str(write_scenario(tmp_path, TIFFS, CSV, fire)))
+    assert result.exit_code == 0, result.output
+    assert "20 x 20 cells of 30 m, Lambert Conic Conformal" in result.stdout

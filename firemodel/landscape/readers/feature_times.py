@@ -3,7 +3,7 @@
 import math
 import re
 from collections.abc import Sequence
-from datetime import UTC, date, datetime, tzinfo
+from datetime import UTC, date, datetime, timedelta, tzinfo
 from numbers import Real
 from typing import Any, NamedTuple
 
@@ -24,6 +24,7 @@ FIELDS = (
 FIRIS_DATE, FIRIS_TIME = "YYYYMMDD", "24_HHMMSS"
 CUT = 10  # characters of a field name in a Shapefile
 
+EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 YEARS = range(1900, 2201)
 MIN_EPOCH_S, MIN_EPOCH_MS = 1e8, 1e11  # 1973 in both; smaller numbers are no seconds, no ms
 NUMBER = re.compile(r"[+-]?\d+(\.\d*)?")
@@ -113,7 +114,7 @@ def time_in(value: Any, zone: tzinfo) -> datetime | date:
         if not isinstance(found, datetime):
             return found
         return (found if found.tzinfo else found.replace(tzinfo=zone)).astimezone(UTC)
-    except (ValueError, TypeError, OverflowError, OSError):
+    except (ValueError, TypeError, OverflowError):
         raise ValueError(
             f"{str(value)[:40]!r} is not a date and time from {YEARS[0]} to {YEARS[-1]}"
         ) from None
@@ -136,7 +137,7 @@ def _parsed(value: Any) -> datetime | date:
 def _from_epoch(number: float) -> datetime:
     if number < MIN_EPOCH_S:
         raise ValueError
-    return datetime.fromtimestamp(number / 1e3 if number >= MIN_EPOCH_MS else number, UTC)
+    return EPOCH + timedelta(seconds=number / 1e3 if number >= MIN_EPOCH_MS else number)
 
 
 def _from_us(text: str) -> datetime:

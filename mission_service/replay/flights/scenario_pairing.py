@@ -5,14 +5,9 @@ from datetime import timedelta
 from typing import NamedTuple
 
 from firemodel.landscape.landscape import Landscape
+from mission_service.config.fire_sections import Ignition, LandscapeSection, WeatherEntry
 from mission_service.config.scenario import Scenario, flying, load_run, run_of
-from mission_service.config.sections import (
-    Ignition,
-    LandscapeSection,
-    PlannerSection,
-    VehicleSection,
-    WeatherEntry,
-)
+from mission_service.config.sections import PlannerSection, VehicleSection
 from mission_service.config.service import ServiceSection
 from mission_service.errors import FlightError
 from mission_service.fire.setup import landscape_of

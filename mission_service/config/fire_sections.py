@@ -1,0 +1,210 @@
+"""Defines the tables of landscape, weather, ignitions, fire, ensemble and estimate."""
+
+from datetime import datetime
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from firemodel.ensemble.uncertainty import Uncertainty
+from firemodel.landscape import LAYERS
+from firemodel.spread.schemes import SchemeName
+from mission_service.config.section import (
+    Finite,
+    Latitude,
+    Longitude,
+    NotNegative,
+    Positive,
+    Section,
+)
+
+Bearing = Annotated[float, Field(ge=0, le=360)]
+Percent = Annotated[float, Field(ge=0, le=400)]
+LogSd = Annotated[float, Field(ge=0, le=1)]  # standard deviation of a logarithm
+
+DEFAULT_ERRORS = Uncertainty()
+RASTER_KEYS = (
+    *("bands", "units", "missing", "crs", "nodata"),
+    *("fuel_codes", "custom_fuels", "rate_factors"),
+)
+
+
+class LandscapeSection(Section):
+    """The landscape of the fire: the grid that ships with matplotlib, level ground, or rasters.
+
+    Level ground ("flat") is centred on ``lat_deg``, ``lon_deg`` and has one fuel and the elevation
+    ``elevation_m``. Rasters are given as one file per layer, or as one ``file`` with all layers.
+    Such a file is an .lcp, or a stack with bands that are described in the file or named in
+    ``bands``. ``fuel_codes`` replaces codes of the fuel raster. ``custom_fuels`` is a .fmd file
+    with further fuel models, and ``rate_factors`` an .adj file with factors of the spread rate.
+    """
+
+    source: Literal["jacksboro", "flat", "files"] = "jacksboro"
+    rows: Annotated[int, Field(ge=20, le=4000)] = 200
+    cols: Annotated[int, Field(ge=20, le=4000)] = 200
+    cell_size_m: Positive = 30.0
+    lat_deg: Annotated[float, Field(ge=-80, le=84)] | None = None  # the range of UTM zones
+    lon_deg: Longitude | None = None
+    elevation_m: Annotated[float, Field(ge=-500, le=9000)] = 0.0
+    fuel_model: int = 1
+    file: Path | None = None
+    bands: dict[str, Annotated[int, Field(ge=1)]] = Field(default={})
+    fuel: Path | None = None
+    elevation: Path | None = None
+    slope: Path | None = None
+    aspect: Path | None = None
+    canopy_cover: Path | None = None
+    canopy_height: Path | None = None
+    canopy_base: Path | None = None
+    units: dict[str, str] = Field(default={})
+    missing: Literal["refuse", "unburnable"] = "refuse"
+    crs: str | None = None
+    nodata: Finite | None = None
+    fuel_codes: dict[int, Annotated[int, Field(ge=1, le=32767)]] = Field(default={})
+    custom_fuels: Path | None = None
+    rate_factors: Path | None = None
+    barriers: tuple[Path, ...] = ()
+
+    @property
+    def layers(self) -> dict[str, Path]:
+        """The files of the layers that are given as separate files."""
+        found = {name: getattr(self, name) for name in LAYERS}
+        return {name: path for name, path in found.items() if path is not None}
+
+    @model_validator(mode="after")
+    def _files_named(self) -> "LandscapeSection":
+        if self.source != "flat":
+            self._refuse(("lat_deg", "lon_deg", "elevation_m", "fuel_model"))
+        elif self.lat_deg is None or self.lon_deg is None:
+            raise ValueError('source = "flat" needs lat_deg and lon_deg, the centre of the grid')
+        if self.source != "files":
+            if self.file or self.layers:
+                raise ValueError('raster files require source = "files"')
+            self._refuse(RASTER_KEYS)
+        elif (self.file is None) == (not self.layers):
+            raise ValueError('source = "files" needs either file, or fuel and the other layers')
+        else:
+            self._refuse(("rows", "cols", "cell_size_m"))
+        if self.bands and self.file is None:
+            raise ValueError("bands requires file, a raster stack")
+        return self
+
+    def _refuse(self, keys: tuple[str, ...]) -> None:
+        """Raise ValueError for a key that has no effect with this source."""
+        for key in keys:
+            if getattr(self, key) != type(self).model_fields[key].default:
+                raise ValueError(f'{key} has no effect with source = "{self.source}"; leave it out')
+
+
+class FuelMoisture(Section):
+    """The moisture of the fuels as a percentage of their dry weight."""
+
+    dead_1h_pct: Percent = 6.0
+    dead_10h_pct: Percent = 8.0
+    dead_100h_pct: Percent = 10.0
+    live_herb_pct: Percent = 70.0
+    live_woody_pct: Percent = 100.0
+
+
+class WeatherEntry(FuelMoisture):
+    """The weather from ``at_s`` on; the wind is that at 6.1 m (20 ft) above the vegetation."""
+
+    at_s: NotNegative
+    wind_speed_m_s: Annotated[float, Field(ge=0, le=100)]
+    wind_from_deg: Bearing
+
+
+class WeatherFile(FuelMoisture):
+    """A weather file (.raws, .wxs, .wtr, .csv); ``start`` is mission time 0 in its local time.
+
+    A .wtr file has no wind; ``wind`` is the .wnd file (default: the one with the same name). The
+    file may also be an inputs file of FARSITE. The moistures in this table are used if the file has
+    none; ``fuel_moistures`` is an .fms file with moistures of single fuels. With ``conditioned``,
+    dead fuels start with these moistures, which then follow temperature, humidity and rain.
+    """
+
+    path: Path
+    wind: Path | None = None
+    fuel_moistures: Path | None = None
+    start: datetime | None = None
+    conditioned: bool = False
+
+
+class Ignition(Section):
+    """An ignition at mission time ``at_s``, given by a point or by the shapes in a file."""
+
+    lat_deg: Latitude | None = None
+    lon_deg: Longitude | None = None
+    file: Path | None = None
+    at_s: NotNegative = 0.0
+
+    @model_validator(mode="after")
+    def _one_of_both(self) -> "Ignition":
+        point = (self.lat_deg is not None, self.lon_deg is not None)
+        if any(point) != all(point) or (self.file is None) != all(point):
+            raise ValueError("give either lat_deg and lon_deg, or file")
+        return self
+
+
+class FireSection(Section):
+    """The scheme of fire spread, and the area that has already burned at the start.
+
+    ``precise`` lets the paths of the any-angle scheme bend in the middles of edges too.
+    ``perimeter`` is a file with polygons of the area that has burned by ``burning_at_s``. If only
+    one of its features is used, ``perimeter_feature`` is its number. With ``repair_perimeter``,
+    closed lines and invalid polygons become valid polygons. ``arrival`` is a raster of arrival
+    times. ``p_spread`` and ``update_s`` apply to the probabilistic scheme. That scheme can also
+    start with a fire of ``initial_cells`` cells, which it grows from the ignitions.
+    """
+
+    scheme: SchemeName = "anyangle"
+    wind_limit: bool = False
+    precise: bool = False
+    perimeter: Path | None = None
+    perimeter_feature: Annotated[int, Field(ge=1)] | None = None
+    repair_perimeter: bool = False
+    arrival: Path | None = None
+    arrival_unit: Literal["seconds", "minutes", "hours", "days"] = "seconds"
+    burning_at_s: NotNegative = 0.0
+    p_spread: Annotated[float, Field(gt=0, le=1)] = 0.025
+    update_s: Positive = 60.0
+    initial_cells: Annotated[int, Field(ge=1)] | None = None
+
+    @model_validator(mode="after")
+    def _one_fire(self) -> "FireSection":
+        if self.perimeter is not None and self.arrival is not None:
+            raise ValueError("give either perimeter or arrival, not both")
+        for name in ("repair_perimeter", "perimeter_feature"):
+            if getattr(self, name) and self.perimeter is None:
+                raise ValueError(f"{name} has no effect without perimeter; leave it out")
+        if self.initial_cells is not None:
+            if self.scheme != "probabilistic":
+                raise ValueError('initial_cells needs scheme = "probabilistic"')
+            if self.perimeter is not None or self.arrival is not None:
+                raise ValueError("give either initial_cells or perimeter or arrival")
+        return self
+
+
+class EnsembleSection(Section):
+    """The standard deviations of the errors of a fire's inputs, for ensembles and forecasts.
+
+    ``firemodel/ensemble/uncertainty.py`` has the sources of the defaults. Factors are log-normal
+    with a median of 1. Each error is constant during a fire and independent of the others.
+    """
+
+    wind_log_sd: LogSd = DEFAULT_ERRORS.wind_log_sd
+    wind_turn_sd_deg: Annotated[float, Field(ge=0, le=180)] = DEFAULT_ERRORS.wind_turn_sd_deg
+    spread_log_sd: LogSd = DEFAULT_ERRORS.spread_log_sd
+    fuel_log_sd: LogSd = DEFAULT_ERRORS.fuel_log_sd
+    moisture_log_sd: LogSd = DEFAULT_ERRORS.moisture_log_sd
+    ignition_sd_m: Annotated[float, Field(ge=0, le=100_000)] = DEFAULT_ERRORS.ignition_sd_m
+
+
+class EstimateSection(Section):
+    """The ensemble that estimates a fire from observations.
+
+    ``perimeter_error_m`` is the standard deviation of the outlines of mapped perimeters.
+    """
+
+    members: Annotated[int, Field(ge=2, le=1000)] = 24
+    perimeter_error_m: Annotated[float, Field(gt=0, le=1000)] = 20.0
