@@ -22,6 +22,7 @@ from typing import Any, NamedTuple
 import click
 import contourpy
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import binary_fill_holes, map_coordinates
 
 from firemodel.arrays import Floats, Mask
@@ -40,7 +41,7 @@ CELLS, CELL_M, PATCH_CELLS = 200, 30.0, 4
 FUELS = (1, 2, 5, 8, 10)
 UNBURNABLE = 99
 HOUR_S = 3600.0
-HELD_FROM_S = HOUR_S
+HELD_FROM_S, HELD_HALF_DEG = HOUR_S, 30.0
 FIRST_VIEW_S = 1500.0
 EVERY_S, BATCH_S = 20.0, 200.0
 EVALUATED_S = (4500.0, 5700.0, 6900.0, 8100.0)
@@ -53,6 +54,17 @@ WRONG = Uncertainty(
 SIZES_HA = ((30.0, 300.0), (60.0, 1500.0))  # of the true fire after one and after three hours
 
 
+class Inputs(NamedTuple):
+    """The inputs of a true fire, and those that the estimate receives."""
+
+    true: NDArray[np.int16]  # (y, x) fuels
+    actual: WeatherStream
+    factors: Floats  # (fuels) of the spread rate
+    believed: NDArray[np.int16]
+    reported: WeatherStream
+    held_deg: float  # bearing of the sector that is held
+
+
 class Twin(NamedTuple):
     """A true fire, and what the estimate receives of its inputs."""
 
@@ -60,6 +72,7 @@ class Twin(NamedTuple):
     landscape: Landscape
     weather: WeatherStream
     ignition: tuple[int, int]
+    seeds: tuple[int, ...]  # of ``drawn``
 
 
 class Scores(NamedTuple):
@@ -73,14 +86,14 @@ class Scores(NamedTuple):
     inside_band: float
 
 
-def patches(rng: np.random.Generator) -> np.ndarray:
+def patches(rng: np.random.Generator) -> NDArray[np.int16]:
     """Return random fuels in square patches."""
     side = CELLS // PATCH_CELLS
     codes = rng.choice(FUELS, size=(side, side))
     return np.kron(codes, np.ones((PATCH_CELLS, PATCH_CELLS), dtype=np.int16))
 
 
-def landscape_with(codes: np.ndarray) -> Landscape:
+def landscape_with(codes: NDArray[np.int16]) -> Landscape:
     """Return level ground with these fuels."""
     level = flat_landscape(CELLS, CELLS, CELL_M, 37.0, -120.0, 100.0, 1)
     return replace(level, fuel_model=codes.astype(np.int16))
@@ -90,7 +103,7 @@ def twin(seed: int) -> Twin:
     """Return the first fire of a seed that has a usable size and stays on the grid."""
     number = 0
     while True:
-        found = _drawn(np.random.default_rng((777, seed, number)))
+        found = _burned((777, seed, number))
         sizes = [np.count_nonzero(found.arrival_s <= h * HOUR_S) * CELL_M**2 / 1e4 for h in (1, 3)]
         edge_s = min(found.arrival_s[[0, -1]].min(), found.arrival_s[:, [0, -1]].min())
         fits = all(low < size < high for size, (low, high) in zip(sizes, SIZES_HA, strict=True))
@@ -99,7 +112,9 @@ def twin(seed: int) -> Twin:
         number += 1
 
 
-def _drawn(rng: np.random.Generator) -> Twin:
+def drawn(seeds: tuple[int, ...]) -> Inputs:
+    """Draw the inputs of a fire."""
+    rng = np.random.default_rng(seeds)
     believed = patches(rng)
     side = CELLS // PATCH_CELLS
     wrong = np.kron(rng.random((side, side)) < 0.3, np.ones((PATCH_CELLS, PATCH_CELLS), dtype=bool))
@@ -126,28 +141,36 @@ def _drawn(rng: np.random.Generator) -> Twin:
         for entry in reported
     ]
     factors = np.exp(rng.normal(0.0, 0.4, len(FUELS)))
+    held_deg = rng.uniform(0.0, 360.0)
+    return Inputs(true, WeatherStream(actual), factors, believed, WeatherStream(reported), held_deg)
+
+
+def _burned(seeds: tuple[int, ...]) -> Twin:
+    """Return the fire with these inputs."""
+    inputs = drawn(seeds)
     middle = (CELLS // 2, CELLS // 2)
-    fire = AnyAngleFire(landscape_with(true), WeatherStream(actual), [(*middle, 0.0)])
-    fire.perturb(1.0, 0.0, factors)
+    fire = AnyAngleFire(landscape_with(inputs.true), inputs.actual, [(*middle, 0.0)])
+    fire.perturb(1.0, 0.0, inputs.factors)
     fire.advance(HELD_FROM_S)
     before_s = fire.expected_s()
-    held = _sector(before_s <= HELD_FROM_S, rng.uniform(0.0, 360.0))
-    ground = landscape_with(np.where(held, UNBURNABLE, true))
+    held = sector(before_s <= HELD_FROM_S, inputs.held_deg, HELD_HALF_DEG)
+    ground = landscape_with(np.where(held, UNBURNABLE, inputs.true))
     place = [FUELS.index(code) for code in burnable_codes(ground)]
-    later = AnyAngleFire(ground, WeatherStream(actual), []).restarted(
-        burning_from_arrival(before_s, ground, HELD_FROM_S), 1.0, 0.0, factors[place]
+    later = AnyAngleFire(ground, inputs.actual, []).restarted(
+        burning_from_arrival(before_s, ground, HELD_FROM_S), 1.0, 0.0, inputs.factors[place]
     )
     later.advance(4.0 * HOUR_S)
     arrival_s = np.where(before_s <= HELD_FROM_S, before_s, later.expected_s())
-    return Twin(arrival_s, landscape_with(believed), WeatherStream(reported), middle)
+    landscape = landscape_with(inputs.believed)
+    return Twin(arrival_s, landscape, inputs.reported, middle, seeds)
 
 
-def _sector(burned: Mask, towards_deg: float) -> Mask:
-    """Return the mask (y, x) of the unburned cells within 30 degrees of a bearing."""
+def sector(burned: Mask, towards_deg: float, half_deg: float) -> Mask:
+    """Return the mask (y, x) of the unburned cells within an angle of a bearing."""
     row, col = np.indices(burned.shape)
     middle_row, middle_col = np.argwhere(burned).mean(axis=0)
     bearing = np.degrees(np.arctan2(col - middle_col, middle_row - row))
-    found: Mask = np.abs((bearing - towards_deg + 180.0) % 360.0 - 180.0) < 30.0
+    found: Mask = np.abs((bearing - towards_deg + 180.0) % 360.0 - 180.0) < half_deg
     return found & ~burned
 
 

@@ -1,7 +1,10 @@
-"""Correct simulated fires by observations.
+"""Correct simulated fires by observations, and estimate fires from them.
 
-An observation is a place, a time and a state: burned, burning or unburned.
+``fire_estimate`` is an ensemble of fires that follows cameras and mapped perimeters
+(``observation``); ``scores`` compares its forecasts with what was seen later.
 
-``camera_front`` and ``map_drawing`` make observations. ``gaussian`` and ``distance_weighting``
-correct a simulation by observations; ``corrected_cells`` corrects a cellular fire.
+The other modules correct the fires of prescribed burns and of operators' drawings: there an
+observation is a place, a time and a state (burned, burning or unburned). ``camera_front`` and
+``map_drawing`` make observations. ``gaussian`` and ``distance_weighting`` correct a simulation by
+observations; ``corrected_cells`` corrects a cellular fire.
 """

@@ -57,5 +57,4 @@ def signed_distance_m(state: NDArray[np.uint8], cell_m: float) -> Floats:
         return np.where(burned, size_m, -size_m)
     inside: Floats = distance_transform_edt(~unburned) - 0.5
     outside: Floats = distance_transform_edt(~burned) - 0.5
-    found: Floats = np.where(burned, inside, -outside) * cell_m
-    return found
+    return np.asarray(np.where(burned, inside, -outside) * cell_m, dtype=np.float64)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from firemodel.arrays import Floats, Mask
-from firemodel.assimilation.front_rates import FrontRates, Segments
+from firemodel.assimilation.perimeter_rates import FrontRates, Segments
 from firemodel.errors import FireModelError
 
 

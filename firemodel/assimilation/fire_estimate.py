@@ -3,15 +3,16 @@
 There are two ways, chosen by what is observed:
 
 - A camera sees a small part of the fire at a time. Each member has its own wind and spread rates
-  and its own fire. An observation first updates the inputs (``members``) by the difference between
-  the burned areas in blocks of the window; it then replaces the member's fire in the window.
-  Cells that stay unburned against the expectation of most members are barriers in forecasts
+  and its own fire. An observation first updates these inputs (``member_inputs``) by the difference
+  between the burned areas in blocks of the window; it then replaces the member's fire in the
+  window. Cells that stay unburned against the expectation of most members are barriers in forecasts
   (``held_cells``).
-- A mapped perimeter shows the whole fire, which all members then share. What it says about the
-  spread since the last one is kept as rates of the parts of the front (``front_rates``), since
-  wind and fuel alone do not reproduce where a real fire stops. Members only differ in their wind.
+- A mapped perimeter shows the whole fire, which all members then share. The observed spread since
+  the previous perimeter gives rates of the parts of the front (``perimeter_rates``), because wind
+  and fuel alone do not reproduce where a real fire stops. Members then differ in their inputs only.
 
-Compared on simulated fires with a wrong model (``python -m benchmarks.estimate_twins``).
+``python -m benchmarks.estimate_twins`` and ``benchmarks.perimeter_twins`` compare both with
+persistence and with the model alone, on simulated fires that the model does not reproduce.
 """
 
 from collections.abc import Sequence
@@ -24,15 +25,15 @@ from scipy.ndimage import binary_dilation, label
 from firemodel.arrays import Floats, Mask
 from firemodel.assimilation.camera_window import block_excess, signed_distance_m
 from firemodel.assimilation.estimate_forecast import Forecast, arrivals_of
-from firemodel.assimilation.front_rates import FrontRates, RatePrior, segments_of
 from firemodel.assimilation.held_cells import HeldCells
-from firemodel.assimilation.members import members_of, updated, walked
+from firemodel.assimilation.member_inputs import members_of, updated, walked
 from firemodel.assimilation.observation import (
     BURNED,
     UNSEEN,
     Observation,
     despeckled,
 )
+from firemodel.assimilation.perimeter_rates import FrontRates, RatePrior, segments_of
 from firemodel.ensemble.draws import latin_draws
 from firemodel.ensemble.member_fires import Each
 from firemodel.ensemble.uncertainty import UNMEASURED, Uncertainty
