@@ -12,6 +12,7 @@ import math
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
+from pathlib import Path
 
 import click
 import numpy as np
@@ -36,6 +37,8 @@ from firemodel.spread.anyangle import AnyAngleFire
 from firemodel.spread.burning import burning_from_arrival, burning_from_perimeter
 from firemodel.spread.front import front_polygons
 from firemodel.spread.local_spread import burnable_codes
+from mission_service.simulation.fire_assimilation import Step
+from mission_service.simulation.forecast_picture import draw_forecast
 
 FIRST_S, LAST_S = 2400.0, 4.0 * HOUR_S
 GAPS_S = (900.0, 1500.0, 1800.0, 2700.0)
@@ -75,8 +78,13 @@ def _map_of(
     return mapped_perimeter(drawn_area, landscape, at_s, 20.0)
 
 
-def run(seed: int, members: int, pool: ThreadPoolExecutor) -> list[list[float]]:
-    """Return estimate, persistence, model and share in the band for each forecast of a fire."""
+def run(
+    seed: int, members: int, pool: ThreadPoolExecutor, pictures: Path | None = None
+) -> list[list[float]]:
+    """Return estimate, persistence, model and share in the band for each forecast of a fire.
+
+    A picture of each forecast is written to the folder ``pictures``.
+    """
     truth, perimeters = mapped(seed)
     estimate = FireEstimate(
         truth.landscape, truth.weather, settings=EstimateSettings(members, seed, WRONG)
@@ -93,6 +101,10 @@ def run(seed: int, members: int, pool: ThreadPoolExecutor) -> list[list[float]]:
         likely = forecast.likely_burned(after.at_s)
         scores = [overlap(area, observed) for area in (likely, known, alone.burned())]
         found.append([*scores, math.nan if inside is None else inside])
+        if pictures is not None:
+            step = Step(before, after, forecast, likely, alone.burned())
+            path = pictures / f"perimeters-{seed}-{len(found)}.png"
+            draw_forecast(path, truth.landscape, step, f"Simulated fire {seed}", None)
         estimate.observe(after, pool.map)
     return found
 
@@ -104,12 +116,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("last", type=int)
     parser.add_argument("--members", type=int, default=24)
     parser.add_argument("--threads", type=int, default=2)
+    parser.add_argument("--pictures", type=Path, help="folder for a picture of each forecast")
     given = parser.parse_args(arguments)
     click.echo("seed    IoU: estimate  persistence  model   in the 80 % band")
     every: list[list[list[float]]] = []
     with ThreadPoolExecutor(given.threads) as pool:
         for seed in range(given.first, given.last + 1):
-            every.append(run(seed, given.members, pool))
+            every.append(run(seed, given.members, pool, given.pictures))
             click.echo(_line(f"{seed:4}", every[-1]))
     click.echo(_line("first", [rows[0] for rows in every]))
     click.echo(_line("later", [row for rows in every for row in rows[1:]]))

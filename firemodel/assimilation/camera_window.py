@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation, distance_transform_edt
 
 from firemodel.arrays import Floats, Mask
-from firemodel.assimilation.observation import BURNED, UNBURNED
+from firemodel.assimilation.observation import BURNED, UNBURNED, UNSEEN
 
 BLOCK_CELLS = 8  # side of the blocks in which burned areas are compared
 MIN_BLOCK_CELLS = 32  # seen cells in a block
@@ -14,12 +14,11 @@ MIN_BURNED_CELLS = 2  # more than these count in a block that was seen without f
 MIN_SD_CELLS = 0.3  # blocks in which the members differ less give no information
 
 
-def block_excess(state: NDArray[np.uint8], usable: Mask, windows: Mask) -> tuple[Floats, Floats]:
+def block_excess(state: NDArray[np.uint8], windows: Mask) -> tuple[Floats, Floats]:
     """Return by how many cells each member has burned more than observed, in blocks of a window.
 
     Args:
         state: (y, x) the observed states.
-        usable: (y, x) the cells that are compared.
         windows: (members, y, x) the burned cells of the members.
 
     Returns:
@@ -28,7 +27,8 @@ def block_excess(state: NDArray[np.uint8], usable: Mask, windows: Mask) -> tuple
     """
     rows, cols = state.shape
     across = -(-cols // BLOCK_CELLS)
-    row, col = np.nonzero(usable)
+    seen = state != UNSEEN
+    row, col = np.nonzero(seen)
     block = row // BLOCK_CELLS * across + col // BLOCK_CELLS
     size = across * -(-rows // BLOCK_CELLS)
     burned = state == BURNED
@@ -37,7 +37,7 @@ def block_excess(state: NDArray[np.uint8], usable: Mask, windows: Mask) -> tuple
     def counts(mask: Mask) -> Floats:
         return np.bincount(block[mask[row, col]], minlength=size).astype(np.float64)
 
-    count, observed, length = counts(usable), counts(burned), counts(front)
+    count, observed, length = counts(seen), counts(burned), counts(front)
     excess = np.array([counts(window) for window in windows])
     alarming = (observed == 0.0) & (excess.max(axis=0) > MIN_BURNED_CELLS)
     used = (length >= MIN_FRONT_CELLS) | alarming
@@ -53,8 +53,8 @@ def signed_distance_m(state: NDArray[np.uint8], cell_m: float) -> Floats:
     """
     burned, unburned = state == BURNED, state == UNBURNED
     if not (burned.any() and unburned.any()):
-        size_m = max(state.shape) * cell_m
-        return np.where(burned, size_m, -size_m)
+        size_m = float(max(state.shape) * cell_m)
+        return np.where(burned, size_m, -size_m).astype(np.float64)
     inside: Floats = distance_transform_edt(~unburned) - 0.5
     outside: Floats = distance_transform_edt(~burned) - 0.5
     return np.asarray(np.where(burned, inside, -outside) * cell_m, dtype=np.float64)

@@ -11,6 +11,8 @@ from firemodel.arrays import Floats, Mask
 from firemodel.assimilation.perimeter_rates import FrontRates, Segments
 from firemodel.errors import FireModelError
 
+TIME_LOG_SD = 0.5  # of the logarithm of the time in which a member reaches a cell
+
 
 class Arrivals(NamedTuple):
     """The arrival times of one member in the window of its burned cells."""
@@ -82,12 +84,20 @@ class Forecast:
         return found
 
     def _share(self, at_s: float) -> Floats:
+        """Return the mean probability of the members, whose times have an error of ``TIME_LOG_SD``.
+
+        The error stands for local rates, which the members' inputs do not contain.
+        """
         total = np.zeros(self.burned.shape)
         for member in self.members:
             rows, cols = member.arrival_s.shape
-            total[member.top : member.top + rows, member.left : member.left + cols] += (
-                member.arrival_s <= at_s
-            )
+            here = np.s_[member.top : member.top + rows, member.left : member.left + cols]
+            new = np.isfinite(member.arrival_s) & (member.arrival_s > self.at_s)
+            part = (member.arrival_s <= self.at_s).astype(np.float64)
+            if at_s > self.at_s:
+                share = (member.arrival_s[new] - self.at_s) / (at_s - self.at_s)
+                part[new] = ndtr(-np.log(share) / TIME_LOG_SD)
+            total[here] += part
         return total / len(self.members)
 
     def _by_rates(self, segments: Segments, rates: FrontRates, at_s: float) -> Floats:

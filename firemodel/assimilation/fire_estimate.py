@@ -49,12 +49,14 @@ from firemodel.spread.local_spread import burnable_codes
 BARRIER = 99  # fuel code of held cells
 MODEL_ERROR_M = 25.0  # standard deviation of distances by local errors of the fuel map
 MODEL_ERROR_SHARE = 0.25  # of the distance itself
-REPEATED = 4.0  # variance of errors is multiplied by this: neighbouring blocks have common errors
+REPEATED = 2.0  # variance of errors is multiplied by this: neighbouring blocks have common errors
 WRITE_M_S = 0.15  # assumed spread near an observed front
 WRITE_WITHIN_M = 60.0  # of the observed front
 SHRUNK_ERRORS = 3.0  # burned ground this many errors outside a later perimeter stays burned
 MIN_KEPT = 0.5  # share of the burned area that a later perimeter must contain
-MAX_REACH, MAX_REACH_LONG, LONG_S = 5.0, 1.5, 4 * 3600.0  # of travel times, in forecast lengths
+# How far travel times are simulated, in lengths of the forecast.
+MAX_REACH, MAX_REACH_LONG, LONG_S = 5.0, 1.5, 4 * 3600.0
+REACH_CAMERA = 2.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,7 +180,7 @@ class FireEstimate:
         if held.any():
             fuel = np.where(held, BARRIER, self.landscape.fuel_model)
             model = self._model_on(replace(self.landscape, fuel_model=fuel.astype(np.int16)))
-        segments, reach = None, 1.0
+        segments, reach = None, REACH_CAMERA
         if self._rates is not None:
             segments = segments_of(burned, self.landscape.cell_size_m)
             reach = MAX_REACH if for_s <= LONG_S else MAX_REACH_LONG
@@ -273,8 +275,7 @@ class FireEstimate:
         state = despeckled(observation)
         windows = np.array([arrival_s[here] <= at_s for arrival_s in arrivals])
         self._held.observe(here, state, at_s, windows.mean(axis=0))
-        usable = (state != UNSEEN) & ~self._held.doubtful()[here]
-        self._update_members(state, usable, windows, observation.position_sd_m)
+        self._update_members(state, windows, observation.position_sd_m)
         seen = self._observed[here]
         seen[state != UNSEEN] = np.maximum(seen, state)[state != UNSEEN]
         distance_m = signed_distance_m(state, self.landscape.cell_size_m)
@@ -289,10 +290,10 @@ class FireEstimate:
         self._forecast = None
 
     def _update_members(
-        self, state: NDArray[np.uint8], usable: Mask, windows: Mask, position_sd_m: float
+        self, state: NDArray[np.uint8], windows: Mask, position_sd_m: float
     ) -> None:
         """Update the members' inputs by the burned areas in blocks of a window."""
-        excess, front = block_excess(state, usable, windows)
+        excess, front = block_excess(state, windows)
         if not excess.shape[1]:
             return
         excess_m = excess / front * self.landscape.cell_size_m

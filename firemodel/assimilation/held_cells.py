@@ -1,13 +1,12 @@
 """Find the cells at which a fire is held, for example by crews or by a barrier that no map has."""
 
 import numpy as np
-from scipy.ndimage import binary_closing, binary_dilation
+from scipy.ndimage import binary_closing
 
 from firemodel.arrays import Floats, Mask
 from firemodel.assimilation.observation import BURNED, UNBURNED
 
 HELD_S = 700.0  # evidence from which a cell counts as held in forecasts
-DOUBTFUL_S = 600.0  # evidence from which a cell no longer changes the members' inputs
 MAX_GAP_S = 1200.0  # a cell that was not seen for longer gives this evidence
 LIKELY = 0.15  # share of members below which an unburned cell is expected
 FORGOTTEN_S = 600.0  # time in which the evidence falls to 1/e while unburned cells are expected
@@ -43,10 +42,6 @@ class HeldCells:
         calm = stays & (share < LIKELY)
         evidence_s[calm] *= np.exp(-gap_s[calm] / FORGOTTEN_S)
         seen_s[(state == BURNED) | (state == UNBURNED)] = at_s
-
-    def doubtful(self) -> Mask:
-        """Return the mask (y, x) of cells near which fronts say little about wind and rates."""
-        return np.asarray(binary_dilation(self._evidence_s > DOUBTFUL_S, iterations=2), dtype=bool)
 
     def held(self) -> Mask:
         """Return the mask (y, x) of the held cells."""
