@@ -250,7 +250,7 @@ def _evaluated(
         at_s = estimate.time_s + ahead_s
         true = truth.arrival_s <= at_s
         probability = forecast.burn_probability(at_s)
-        likely = probability >= 0.5
+        likely = forecast.likely_burned(at_s)
         area = np.count_nonzero(true)
         found.append(
             Scores(
