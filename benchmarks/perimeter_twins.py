@@ -102,7 +102,8 @@ def run(
         scores = [overlap(area, observed) for area in (likely, known, alone.burned())]
         found.append([*scores, math.nan if inside is None else inside])
         if pictures is not None:
-            step = Step(before, after, forecast, likely, alone.burned())
+            probability = forecast.burn_probability(after.at_s)
+            step = Step(before, after, probability, likely, alone.burned())
             path = pictures / f"perimeters-{seed}-{len(found)}.png"
             draw_forecast(path, truth.landscape, step, f"Simulated fire {seed}", None)
         estimate.observe(after, pool.map)

@@ -180,15 +180,16 @@ class FireEstimate:
         if held.any():
             fuel = np.where(held, BARRIER, self.landscape.fuel_model)
             model = self._model_on(replace(self.landscape, fuel_model=fuel.astype(np.int16)))
-        segments, reach = None, REACH_CAMERA
+        segments, rates, reach = None, None, REACH_CAMERA
         if self._rates is not None:
+            rates = self._rates.copy()  # the forecast must not learn from later perimeters
             segments = segments_of(burned, self.landscape.cell_size_m)
             reach = MAX_REACH if for_s <= LONG_S else MAX_REACH_LONG
         simulated_until_s = self.time_s + reach * for_s
         fires = self._burned_until(simulated_until_s, model, each)
         members = [arrivals_of(arrival_s) for arrival_s in fires]
         span = (self.time_s, until_s, simulated_until_s)
-        return Forecast(*span, burned, members, segments, self._rates)
+        return Forecast(*span, burned, members, segments, rates)
 
     def _model_on(self, landscape: Landscape) -> AnyAngleFire:
         """Return a fire without ignition, from which members are started."""
@@ -223,15 +224,21 @@ class FireEstimate:
     def _map(self, observation: Observation, each: Each) -> None:
         """Process a mapped perimeter."""
         area, at_s = observation.area, observation.at_s
+        where = observation.source or "perimeter"
+        if not (observation.state == BURNED).any():
+            raise FireModelError(f"{where}: contains no cell of the landscape; check its place")
         if self.begun:
             self._refuse_implausible(observation)
-            self._learn(observation, each)
             if self._shared is not None and self._shared.area is not None:
                 error_m = SHRUNK_ERRORS * observation.position_sd_m
                 area = area.union(self._shared.area.difference(area.buffer(2.0 * error_m)))
-        else:
-            self._rates = FrontRates(at_s, self._prior)
-        self._shared = burning_from_perimeter([area], self.landscape, at_s)
+        try:
+            burning = burning_from_perimeter([area], self.landscape, at_s)
+        except FireModelError as error:
+            raise FireModelError(f"{where}: {error}") from None
+        if self.begun:
+            self._learn(observation, each)
+        self._shared = burning
         self._arrival_s, self.time_s, self._forecast = None, at_s, None
         if self._rates is None:
             self._rates = FrontRates(at_s, self._prior)

@@ -122,6 +122,12 @@ class FrontRates:
         self._ratios: list[_Samples] = []
         self._counts: list[_Samples] = []
 
+    def copy(self) -> "FrontRates":
+        """Return the same rates, which do not change when these learn more."""
+        found = FrontRates(self._began_s, self._prior)
+        found._ratios, found._counts = list(self._ratios), list(self._counts)
+        return found
+
     def mean_at(self, at_s: float, for_s: float) -> float:
         """Return the prior mean of the log ratio for a forecast of a length from a time."""
         prior, age_h = self._prior, max(at_s - self._began_s, 0.0) / HOUR_S

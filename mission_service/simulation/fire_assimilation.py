@@ -11,7 +11,7 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from firemodel.arrays import Mask
+from firemodel.arrays import Floats, Mask
 from firemodel.assimilation.estimate_forecast import Forecast
 from firemodel.assimilation.fire_estimate import EstimateSettings, FireEstimate
 from firemodel.assimilation.observation import BURNED, Observation, mapped_perimeter
@@ -19,8 +19,10 @@ from firemodel.assimilation.scores import coverage, critical_success, mean_dista
 from firemodel.ensemble.member_fires import Each
 from firemodel.ensemble.uncertainty import UNMEASURED, Uncertainty
 from firemodel.errors import FireModelError
+from firemodel.input_warnings import time_zero_warnings
 from firemodel.landscape.landscape import Landscape
 from firemodel.landscape.readers.perimeter_files import Perimeter, read_perimeters
+from firemodel.landscape.readers.shapes import box_of
 from firemodel.outputs.geotiff import write_raster
 from firemodel.outputs.raster_layers import PROBABILITY_LAYER
 from firemodel.outputs.whole_file import write_whole
@@ -50,7 +52,7 @@ class Step(NamedTuple):
 
     before: Observation
     after: Observation
-    forecast: Forecast
+    probability: Floats  # (y, x) the forecast probability of burned cells
     likely: Mask  # (y, x) the forecast burned area
     free: Mask  # (y, x) the area that the model alone burns
 
@@ -87,6 +89,7 @@ def assimilate(
     landscape = landscape_of(scenario)
     zone = scenario.time_zero.tzinfo if scenario.time_zero else None
     perimeters, warnings = read_perimeters(observations, landscape, zone or UTC)
+    warnings += _warnings(scenario, perimeters)
     for line in warnings:
         warn(line)
     observed = list(_observations(scenario, landscape, perimeters))
@@ -96,9 +99,20 @@ def assimilate(
         intervals = []
         with fire_progress(scenario.name, 0, len(observed)) as progress:
             for step in _steps(estimate, observed, pool.map, warnings, warn):
-                steps.append(step)
+                if folder is not None and len(steps) < MAX_PICTURES:
+                    steps.append(step)
                 intervals.append(_scores(step, landscape))
-                progress(len(steps))
+                progress(len(intervals))
+        if not estimate.begun or (scenario.ignition and not intervals):
+            raise FireModelError(
+                f"{observations}: contains no perimeter that can be used; see the warnings"
+            )
+        if not intervals and len(perimeters) > 1:
+            warnings.append(
+                f"{observations}: no perimeter agrees with the first, {perimeters[0].source}; if "
+                "that is wrong, remove it"
+            )
+            warn(warnings[-1])
         ahead = estimate.forecast(estimate.time_s + AHEAD_H[-1] * 3600.0, pool.map)
     summary = _summary(scenario, perimeters, intervals, ahead, landscape, warnings)
     if folder is not None:
@@ -107,7 +121,28 @@ def assimilate(
             _draw(steps, landscape, scenario.name, zero, part)
             _write_ahead(ahead, landscape, part)
             write_whole(part / "assimilation.json", json.dumps(summary, indent=2) + "\n")
+            for picture in folder.glob("forecast_*.png"):  # of an earlier run
+                if not (part / picture.name).exists():
+                    picture.unlink()
     return summary
+
+
+def _warnings(scenario: Scenario, perimeters: Sequence[Perimeter]) -> list[str]:
+    """Return warnings about inputs that are not used, and about dates that differ."""
+    zero = scenario.time_zero or perimeters[0].at
+    lines = [
+        f"{scenario.name}: fire.{key} is not used; the fire begins with the ignition or the first "
+        "perimeter"
+        for key in ("perimeter", "arrival")
+        if getattr(scenario.fire, key) is not None
+    ]
+    early = sum(each.at < zero for each in perimeters)
+    if early:
+        lines.append(
+            f"{scenario.name}: {early} of {len(perimeters)} perimeters are before time_zero = "
+            f"{zero.isoformat()}, from which the weather is known; correct time_zero"
+        )
+    return [*lines, *time_zero_warnings(weather_of(scenario), zero)]
 
 
 def _observations(
@@ -129,7 +164,14 @@ def _observations(
         yield mapped_perimeter(area, landscape, at_s, error_m, "ignition")
     for each in perimeters:
         at_s = (each.at - zero).total_seconds()
-        yield mapped_perimeter(each.area, landscape, at_s, error_m, each.source)
+        found = mapped_perimeter(each.area, landscape, at_s, error_m, each.source)
+        yield found._replace(area=_inside(each.area, landscape))
+
+
+def _inside(area: BaseGeometry, landscape: Landscape) -> BaseGeometry:
+    """Return the part of an area on the landscape, on which the fires are compared."""
+    parts = shapely.get_parts(area.intersection(box_of(landscape)))
+    return shapely.MultiPolygon([part for part in parts if part.geom_type == "Polygon"])
 
 
 def _square(landscape: Landscape, row: int, col: int) -> BaseGeometry:
@@ -178,7 +220,8 @@ def _steps(
             )
             free.advance(after.at_s)
             likely = forecast.likely_burned(after.at_s)
-            step = Step(before, after, forecast, likely, free.burned())
+            probability = forecast.burn_probability(after.at_s)
+            step = Step(before, after, probability, likely, free.burned())
         try:
             estimate.observe(after, each)
         except FireModelError as error:
@@ -192,7 +235,7 @@ def _steps(
 
 def _scores(step: Step, landscape: Landscape) -> dict[str, Any]:
     """Return the scores of one forecast, and those of persistence and of the model alone."""
-    before, after, forecast, likely, free = step
+    before, after, probability, likely, free = step
     burned, observed = before.state == BURNED, after.state == BURNED
     cell_ha = landscape.cell_size_m**2 / 1e4
 
@@ -200,7 +243,6 @@ def _scores(step: Step, landscape: Landscape) -> dict[str, Any]:
         area = front_polygons(np.where(mask, 0.0, 1.0), 0.5, landscape)  # along sides of cells
         return round(mean_distance_m(area, after.area), 1)
 
-    probability = forecast.burn_probability(after.at_s)
     return {
         "from_s": before.at_s,
         "to_s": after.at_s,
@@ -274,7 +316,7 @@ def _draw(
     steps: Sequence[Step], landscape: Landscape, name: str, time_zero: datetime, folder: Path
 ) -> None:
     """Draw a picture of each of the first forecasts."""
-    for number, step in enumerate(steps[:MAX_PICTURES], start=1):
+    for number, step in enumerate(steps, start=1):
         draw_forecast(folder / f"forecast_{number:02}.png", landscape, step, name, time_zero)
 
 

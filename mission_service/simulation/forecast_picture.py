@@ -31,7 +31,7 @@ def draw_forecast(
     from matplotlib.patches import Patch
 
     after_s = step.after.at_s
-    probability = step.forecast.burn_probability(after_s)
+    probability = step.probability
     before, after = step.before.state == BURNED, step.after.state == BURNED
     shown = before | after | step.free | (probability > BANDS[0])
     frame = frame_around(landscape, np.where(shown, 0.0, np.inf))
