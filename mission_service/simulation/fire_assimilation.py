@@ -170,7 +170,10 @@ def _observations(
 
 def _inside(area: BaseGeometry, landscape: Landscape) -> BaseGeometry:
     """Return the part of an area on the landscape, on which the fires are compared."""
-    parts = shapely.get_parts(area.intersection(box_of(landscape)))
+    box = box_of(landscape)
+    if box.covers(area):
+        return area
+    parts = shapely.get_parts(area.intersection(box))
     return shapely.MultiPolygon([part for part in parts if part.geom_type == "Polygon"])
 
 
