@@ -183,9 +183,9 @@ def _square(landscape: Landscape, row: int, col: int) -> BaseGeometry:
 
 
 def _uncertainty(scenario: Scenario) -> Uncertainty:
-    """Return the distributions of [ensemble] if the scenario has it, else those of estimates."""
-    given = "ensemble" in scenario.model_fields_set
-    return uncertainty_of(scenario) if given else UNMEASURED
+    """Return the distributions of [ensemble], or those of estimates if it has only defaults."""
+    given = uncertainty_of(scenario)
+    return UNMEASURED if given == Uncertainty() else given
 
 
 def _estimate(scenario: Scenario, landscape: Landscape) -> FireEstimate:

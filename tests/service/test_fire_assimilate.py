@@ -239,3 +239,13 @@ def test_the_date_of_the_scenario_may_be_years_wrong(tmp_path: Path) -> None:
     result = run(tmp_path, mapped()[:3], scenario=head + SCENARIO + lit)
     assert "NaN" not in result.stdout
     assert "RuntimeWarning" not in result.stderr
+
+
+def test_errors_of_the_wind_are_wide_unless_the_scenario_states_them(tmp_path: Path) -> None:
+    stated = "\n[ensemble]\nwind_log_sd = 0.5\nwind_turn_sd_deg = 30\nspread_log_sd = 0.3\n"
+    narrow = "\n[ensemble]\nwind_log_sd = 0.05\nspread_log_sd = 0.05\n"
+    default, wide, other = (
+        scores(tmp_path, mapped()[:2], SCENARIO + added)[0] for added in ("", stated, narrow)
+    )
+    assert default == wide
+    assert default != other
