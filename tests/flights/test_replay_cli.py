@@ -102,7 +102,7 @@ def test_what_if_leaves_both_runs_on_one_page(tmp_path: Path) -> None:
     [
         (("LOG", "--planner", "circling"), 1, "give one with --scenario"),
         (("LOG", "--from", "1e6"), 1, "no vehicle in this part of it"),
-        (("LOG", "--scenario", "demo", "--planner", "sideways"), 1, "no such rule"),
+        (("LOG", "--scenario", "demo", "--planner", "sideways"), 2, "no such rule"),
         (("LOG", "--verify"), 1, "not a journal"),
         (("LOG", "LOG", "--verify"), 2, "one journal"),
         (("LOG", "--verify", "--at", "3"), 2, "a whole journal"),
