@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_fill_holes, map_coordinates
 
 from firemodel.arrays import Floats, Mask
+from firemodel.assimilation.estimate_forecast import likely_area
 from firemodel.assimilation.fire_estimate import EstimateSettings, FireEstimate
 from firemodel.assimilation.observation import BURNED, UNBURNED, UNSEEN, Observation, despeckled
 from firemodel.assimilation.scores import coverage, crps_s
@@ -154,15 +155,29 @@ def _burned(seeds: tuple[int, ...]) -> Twin:
     fire.advance(HELD_FROM_S)
     before_s = fire.expected_s()
     held = sector(before_s <= HELD_FROM_S, inputs.held_deg, HELD_HALF_DEG)
-    ground = landscape_with(np.where(held, UNBURNABLE, inputs.true))
-    place = [FUELS.index(code) for code in burnable_codes(ground)]
-    later = AnyAngleFire(ground, inputs.actual, []).restarted(
-        burning_from_arrival(before_s, ground, HELD_FROM_S), 1.0, 0.0, inputs.factors[place]
-    )
+    codes = np.where(held, UNBURNABLE, inputs.true)
+    later = continued(before_s, HELD_FROM_S, inputs.actual, codes, inputs.factors)
     later.advance(4.0 * HOUR_S)
     arrival_s = np.where(before_s <= HELD_FROM_S, before_s, later.expected_s())
     landscape = landscape_with(inputs.believed)
     return Twin(arrival_s, landscape, inputs.reported, middle, seeds)
+
+
+def continued(
+    arrival_s: Floats,
+    at_s: float,
+    weather: WeatherStream,
+    codes: NDArray[np.int16],
+    factors: Floats,
+) -> AnyAngleFire:
+    """Return a fire at a time, from its arrival times (y, x), on other fuels (y, x).
+
+    ``factors`` are those of the spread rates of ``FUELS``.
+    """
+    ground = landscape_with(codes)
+    place = [FUELS.index(code) for code in burnable_codes(ground)]
+    burning = burning_from_arrival(arrival_s, ground, at_s)
+    return AnyAngleFire(ground, weather, []).restarted(burning, 1.0, 0.0, factors[place])
 
 
 def sector(burned: Mask, towards_deg: float, half_deg: float) -> Mask:
@@ -250,7 +265,7 @@ def _evaluated(
         at_s = estimate.time_s + ahead_s
         true = truth.arrival_s <= at_s
         probability = forecast.burn_probability(at_s)
-        likely = forecast.likely_burned(at_s)
+        likely = likely_area(probability)
         area = np.count_nonzero(true)
         found.append(
             Scores(
@@ -272,14 +287,19 @@ def _crps_s(truth: Twin, estimate: FireEstimate, pool: ThreadPoolExecutor) -> fl
     return crps_s(probabilities, [truth.arrival_s <= at_s for at_s in times_s], times_s)
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Print the scores of each seed, and their means."""
-    parser = argparse.ArgumentParser(description=__doc__)
+def seeds_parser(doc: str | None, members: int) -> argparse.ArgumentParser:
+    """Return a parser of the first and last seed, members (with a default) and threads."""
+    parser = argparse.ArgumentParser(description=doc)
     parser.add_argument("first", type=int)
     parser.add_argument("last", type=int)
-    parser.add_argument("--members", type=int, default=40)
+    parser.add_argument("--members", type=int, default=members)
     parser.add_argument("--threads", type=int, default=2)
-    given = parser.parse_args(arguments)
+    return parser
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Print the scores of each seed, and their means."""
+    given = seeds_parser(__doc__, 40).parse_args(arguments)
     click.echo(
         "seed  error now/+30/+60 min: estimate, persistence, model; +60 missed, over, in band"
     )

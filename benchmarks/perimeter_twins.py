@@ -7,7 +7,6 @@ their outlines are moved in or out by 12 m (standard deviation) and simplified. 
 one perimeter to the next uses only the earlier ones. Persistence is the last perimeter.
 """
 
-import argparse
 import math
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -18,25 +17,24 @@ import click
 import numpy as np
 
 from benchmarks.estimate_twins import (
-    FUELS,
     HOUR_S,
     UNBURNABLE,
     WRONG,
     Twin,
+    continued,
     drawn,
-    landscape_with,
     sector,
+    seeds_parser,
     twin,
 )
 from firemodel.arrays import Floats
+from firemodel.assimilation.estimate_forecast import likely_area
 from firemodel.assimilation.fire_estimate import EstimateSettings, FireEstimate
 from firemodel.assimilation.observation import BURNED, Observation, mapped_perimeter
 from firemodel.assimilation.scores import coverage, overlap
 from firemodel.landscape.landscape import Landscape
-from firemodel.spread.anyangle import AnyAngleFire
-from firemodel.spread.burning import burning_from_arrival, burning_from_perimeter
+from firemodel.spread.burning import burning_from_perimeter
 from firemodel.spread.front import front_polygons
-from firemodel.spread.local_spread import burnable_codes
 from mission_service.simulation.fire_assimilation import Step
 from mission_service.simulation.forecast_picture import draw_forecast
 
@@ -58,11 +56,7 @@ def mapped(seed: int) -> tuple[Twin, list[Observation]]:
             half_deg = rng.uniform(15.0, 50.0)
             closed = sector(arrival_s <= at_s, rng.uniform(0.0, 360.0), half_deg)
             codes = np.where(closed, UNBURNABLE, codes)
-        ground = landscape_with(codes)
-        place = [FUELS.index(code) for code in burnable_codes(ground)]
-        fire = AnyAngleFire(ground, inputs.actual, []).restarted(
-            burning_from_arrival(arrival_s, ground, at_s), 1.0, 0.0, factors[place]
-        )
+        fire = continued(arrival_s, at_s, inputs.actual, codes, factors)
         at_s += float(rng.choice(GAPS_S))
         fire.advance(at_s)
         arrival_s = fire.expected_s()
@@ -89,20 +83,19 @@ def run(
     estimate = FireEstimate(
         truth.landscape, truth.weather, settings=EstimateSettings(members, seed, WRONG)
     )
-    model = AnyAngleFire(truth.landscape, truth.weather, [])
     estimate.observe(perimeters[0])
     found = []
     for before, after in pairwise(perimeters):
         forecast = estimate.forecast(after.at_s, pool.map)
         observed, known = after.state == BURNED, before.state == BURNED
-        alone = model.restarted(burning_from_perimeter([before.area], truth.landscape, before.at_s))
+        start = burning_from_perimeter([before.area], truth.landscape, before.at_s)
+        alone = estimate.model.restarted(start)
         alone.advance(after.at_s)
-        inside = coverage(forecast.burn_probability(after.at_s), observed)
-        likely = forecast.likely_burned(after.at_s)
+        probability = forecast.burn_probability(after.at_s)
+        inside, likely = coverage(probability, observed), likely_area(probability)
         scores = [overlap(area, observed) for area in (likely, known, alone.burned())]
         found.append([*scores, math.nan if inside is None else inside])
         if pictures is not None:
-            probability = forecast.burn_probability(after.at_s)
             step = Step(before, after, probability, likely, alone.burned())
             path = pictures / f"perimeters-{seed}-{len(found)}.png"
             draw_forecast(path, truth.landscape, step, f"Simulated fire {seed}", None)
@@ -112,11 +105,7 @@ def run(
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Print the mean intersection over union of each fire, and means of all forecasts."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("first", type=int)
-    parser.add_argument("last", type=int)
-    parser.add_argument("--members", type=int, default=24)
-    parser.add_argument("--threads", type=int, default=2)
+    parser = seeds_parser(__doc__, 24)
     parser.add_argument("--pictures", type=Path, help="folder for a picture of each forecast")
     given = parser.parse_args(arguments)
     click.echo("seed    IoU: estimate  persistence  model   in the 80 % band")

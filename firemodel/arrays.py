@@ -1,7 +1,21 @@
-"""Array types of this package."""
+"""Array types of this package, and windows of arrays."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+Place = tuple[slice, slice]  # a window of rows and columns, as an index
+
+
+def bounds_of(mask: Mask) -> Place:
+    """Return the smallest window that contains all true cells of a mask (y, x); empty if none."""
+    rows, cols = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    if not rows.size:
+        return np.s_[0:0, 0:0]
+    return np.s_[int(rows[0]) : int(rows[-1]) + 1, int(cols[0]) : int(cols[-1]) + 1]
+
+
+def window_at(top: int, left: int, shape: tuple[int, ...]) -> Place:
+    """Return the window of a shape (rows, columns) with the north-west cell (top, left)."""
+    return np.s_[top : top + shape[0], left : left + shape[1]]

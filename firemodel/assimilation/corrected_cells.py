@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from firemodel.arrays import Floats
+from firemodel.arrays import Floats, bounds_of
 from firemodel.assimilation.gaussian import GaussianCorrected
 from firemodel.ellipses.observations import BURNING, UNBURNED, Simulation
 from firemodel.ellipses.paths import StraightPaths
@@ -109,8 +109,7 @@ def _origins(arrival_s: Floats) -> Ints:
     reached = np.isfinite(arrival_s)
     if not reached.any():
         return origin.ravel()
-    in_rows, in_cols = np.flatnonzero(reached.any(axis=1)), np.flatnonzero(reached.any(axis=0))
-    window = slice(in_rows[0], in_rows[-1] + 1), slice(in_cols[0], in_cols[-1] + 1)
+    window = bounds_of(reached)
     step_row, step_col = earliest_neighbour(arrival_s[window])
     before = origin[window] + (step_row * cols + step_col).astype(np.int64)
     origin[window] = np.where(reached[window], before, origin[window])

@@ -1,13 +1,14 @@
 """Compute probabilities of a burned area from the members of an estimate."""
 
 import math
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from firemodel.arrays import Floats, Mask
+from firemodel.arrays import Floats, Mask, Place, bounds_of
 from firemodel.assimilation.perimeter_rates import FrontRates, Segments
 from firemodel.errors import FireModelError
 
@@ -17,29 +18,31 @@ TIME_LOG_SD = 0.5  # of the logarithm of the time in which a member reaches a ce
 class Arrivals(NamedTuple):
     """The arrival times of one member in the window of its burned cells."""
 
-    top: int
-    left: int
+    here: Place  # the window
     arrival_s: NDArray[np.float32]  # (y, x) infinity in unburned cells
 
 
-class Forecast:
-    """The forecast of an estimate, made from what was observed until ``at_s``."""
+class LearnedFront(NamedTuple):
+    """The front at the start of a forecast, and the rates that were learned until then."""
 
-    def __init__(
-        self,
-        at_s: float,
-        until_s: float,
-        simulated_until_s: float,
-        burned: Mask,
-        members: list[Arrivals],
-        segments: Segments | None,
-        rates: FrontRates | None,
-    ) -> None:
-        self.at_s, self.until_s = at_s, until_s
-        self.simulated_until_s = simulated_until_s
-        self.burned = burned  # (y, x) cells that have burned by ``at_s``, as observed or likely
-        self.members = members
-        self._segments, self._rates = segments, rates
+    segments: Segments
+    rates: FrontRates
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """The forecast of an estimate, made from what was observed until ``at_s``.
+
+    ``burned`` (y, x) are the cells that have burned by then, as observed or likely. ``front`` is
+    None if the rates of the front are not known from mapped perimeters.
+    """
+
+    at_s: float
+    until_s: float
+    simulated_until_s: float
+    burned: Mask
+    members: list[Arrivals]
+    front: LearnedFront | None
 
     def burn_probability(self, at_s: float) -> Floats:
         """Return the probability (y, x) that each cell has burned by a time.
@@ -50,20 +53,11 @@ class Forecast:
             raise FireModelError(
                 f"forecast: {at_s} s is outside {self.at_s:g} to {self.until_s:g} s"
             )
-        if self._segments is None or self._rates is None:
-            return self._share(at_s)
-        return self._by_rates(self._segments, self._rates, at_s)
+        return self._share(at_s) if self.front is None else self._by_rates(self.front, at_s)
 
     def likely_burned(self, at_s: float) -> Mask:
         """Return the area (y, x) with the largest expected intersection over union at a time."""
-        probability = self.burn_probability(at_s)
-        falling = np.sort(probability[probability > 0.0])[::-1]
-        if not falling.size:
-            return self.burned.copy()
-        inside = np.cumsum(falling)
-        ratio = inside / (np.arange(1, falling.size + 1) + inside[-1] - inside)
-        found: Mask = probability >= falling[int(np.argmax(ratio))]
-        return found | self.burned if self._rates is not None else found
+        return likely_area(self.burn_probability(at_s))
 
     def travel_s(self) -> Floats:
         """Return the modelled time (y, x) from ``at_s``: the geometric mean of the members.
@@ -75,55 +69,58 @@ class Forecast:
         total = np.full(self.burned.shape, len(self.members) * math.log(longest_s))
         reached = np.zeros(self.burned.shape, dtype=bool)
         for member in self.members:
-            rows, cols = member.arrival_s.shape
-            here = np.s_[member.top : member.top + rows, member.left : member.left + cols]
             after_s = member.arrival_s.astype(np.float64) - self.at_s
-            total[here] += np.log(np.clip(after_s, 1.0, longest_s) / longest_s)
-            reached[here] |= np.isfinite(after_s)
+            total[member.here] += np.log(np.clip(after_s, 1.0, longest_s) / longest_s)
+            reached[member.here] |= np.isfinite(after_s)
         found: Floats = np.where(reached, np.exp(total / len(self.members)), np.inf)
         return found
 
     def _share(self, at_s: float) -> Floats:
-        """Return the mean probability of the members, whose times have an error of ``TIME_LOG_SD``.
+        """Return the mean probability of members with times that have an error of ``TIME_LOG_SD``.
 
         The error stands for local rates, which the members' inputs do not contain.
         """
         total = np.zeros(self.burned.shape)
         for member in self.members:
-            rows, cols = member.arrival_s.shape
-            here = np.s_[member.top : member.top + rows, member.left : member.left + cols]
             new = np.isfinite(member.arrival_s) & (member.arrival_s > self.at_s)
             part = (member.arrival_s <= self.at_s).astype(np.float64)
             if at_s > self.at_s:
                 share = (member.arrival_s[new] - self.at_s) / (at_s - self.at_s)
                 part[new] = ndtr(-np.log(share) / TIME_LOG_SD)
-            total[here] += part
+            total[member.here] += part
         return total / len(self.members)
 
-    def _by_rates(self, segments: Segments, rates: FrontRates, at_s: float) -> Floats:
+    def _by_rates(self, front: LearnedFront, at_s: float) -> Floats:
         """Return the probability from the members' travel times and the rates of the segments."""
         for_s = max(at_s - self.at_s, 1.0)
-        predicted = rates.predict(segments, self.at_s, for_s)
+        predicted = front.rates.predict(front.segments, self.at_s, for_s)
         total = np.zeros(self.burned.shape)
         for member in self.members:
-            rows, cols = member.arrival_s.shape
-            here = np.s_[member.top : member.top + rows, member.left : member.left + cols]
-            of = segments.of_cell[here]
+            of = front.segments.of_cell[member.here]
             new = (of >= 0) & np.isfinite(member.arrival_s)
             of = of[new]
             share = np.maximum(member.arrival_s[new] - self.at_s, 1.0) / for_s
             score = (predicted.log_mean[of] - np.log(share)) / predicted.log_sd[of]
-            total[here][new] += ndtr(score) * (1.0 - predicted.held[of])
+            total[member.here][new] += ndtr(score) * (1.0 - predicted.held[of])
         found: Floats = total / len(self.members)
         found[self.burned] = 1.0
         return found
 
 
+def likely_area(probability: Floats) -> Mask:
+    """Return the area (y, x) with the largest expected intersection over union.
+
+    ``probability`` (y, x) is the probability that a cell has burned.
+    """
+    falling = np.sort(probability[probability > 0.0])[::-1]
+    if not falling.size:
+        return probability > 0.0
+    inside = np.cumsum(falling)
+    ratio = inside / (np.arange(1, falling.size + 1) + inside[-1] - inside)
+    return np.asarray(probability >= falling[int(np.argmax(ratio))])
+
+
 def arrivals_of(arrival_s: Floats) -> Arrivals:
-    """Return the smallest window with all burned cells of a grid (y, x)."""
-    burned = np.isfinite(arrival_s)
-    rows, cols = np.flatnonzero(burned.any(axis=1)), np.flatnonzero(burned.any(axis=0))
-    if not rows.size:
-        return Arrivals(0, 0, np.empty((0, 0), dtype=np.float32))
-    here = np.s_[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1]
-    return Arrivals(int(rows[0]), int(cols[0]), arrival_s[here].astype(np.float32))
+    """Return the arrival times (y, x) in the smallest window with all burned cells."""
+    here = bounds_of(np.isfinite(arrival_s))
+    return Arrivals(here, arrival_s[here].astype(np.float32))

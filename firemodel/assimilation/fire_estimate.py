@@ -17,22 +17,18 @@ persistence and with the model alone, on simulated fires that the model does not
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation, label
 
-from firemodel.arrays import Floats, Mask
+from firemodel.arrays import Floats, Mask, Place
 from firemodel.assimilation.camera_window import block_excess, signed_distance_m
-from firemodel.assimilation.estimate_forecast import Forecast, arrivals_of
+from firemodel.assimilation.estimate_forecast import Forecast, LearnedFront, arrivals_of
 from firemodel.assimilation.held_cells import HeldCells
 from firemodel.assimilation.member_inputs import members_of, updated, walked
-from firemodel.assimilation.observation import (
-    BURNED,
-    UNSEEN,
-    Observation,
-    despeckled,
-)
+from firemodel.assimilation.observation import BURNED, UNSEEN, Observation, despeckled
 from firemodel.assimilation.perimeter_rates import FrontRates, RatePrior, segments_of
 from firemodel.ensemble.draws import latin_draws
 from firemodel.ensemble.member_fires import Each
@@ -52,7 +48,7 @@ MODEL_ERROR_SHARE = 0.25  # of the distance itself
 REPEATED = 2.0  # variance of errors is multiplied by this: neighbouring blocks have common errors
 WRITE_M_S = 0.15  # assumed spread near an observed front
 WRITE_WITHIN_M = 60.0  # of the observed front
-SHRUNK_ERRORS = 3.0  # burned ground this many errors outside a later perimeter stays burned
+SHRUNK_ERRORS = 6.0  # burned ground this many deviations outside a later perimeter stays burned
 MIN_KEPT = 0.5  # share of the burned area that a later perimeter must contain
 # How far travel times are simulated, in lengths of the forecast.
 MAX_REACH, MAX_REACH_LONG, LONG_S = 5.0, 1.5, 4 * 3600.0
@@ -100,8 +96,9 @@ class FireEstimate:
         if own.members < 2:
             raise FireModelError(f"members = {own.members}: an estimate needs at least 2")
         self.landscape, self.weather, self.time_s = landscape, weather, 0.0
-        self.wind_limit, self.precise = wind_limit, precise
-        self._model = self._model_on(landscape)
+        self._scheme = partial(AnyAngleFire, wind_limit=wind_limit, precise=precise)
+        self.model = self._scheme(landscape, weather, [])  # no fire; members start from it
+        self._unburnable = np.isin(landscape.fuel_model, list(NON_BURNABLE))
         self._rng = np.random.default_rng((own.seed, 1))
         fuels = len(burnable_codes(landscape))
         draws = latin_draws(own.uncertainty, own.seed, own.members, fuels)
@@ -114,7 +111,7 @@ class FireEstimate:
         self._observed = np.full(landscape.shape, UNSEEN, dtype=np.uint8)
         self._forecast: Forecast | None = None
         if ignitions:
-            fire = self._model.copy()
+            fire = self.model.copy()
             for row, col, at_s in ignitions:
                 fire.light(row, col, at_s)
             fire.advance(max(at_s for _, _, at_s in ignitions))
@@ -144,7 +141,7 @@ class FireEstimate:
         """
         if to_time_s < self.time_s:
             raise FireModelError(f"the estimate is at {self.time_s} s, after {to_time_s} s")
-        fires = self._burned_until(to_time_s, self._model, each)
+        fires = self._burned_until(to_time_s, self.model, each)
         self.members = walked(self.members, to_time_s - self.time_s, self._rng)
         self._arrival_s, self._shared, self._rates = fires, None, None
         self.time_s, self._forecast = to_time_s, None
@@ -176,33 +173,28 @@ class FireEstimate:
     def _new_forecast(self, until_s: float, each: Each) -> Forecast:
         burned, for_s = self.burned(), until_s - self.time_s
         held = self._held.held()
-        model = self._model
+        model = self.model
         if held.any():
             fuel = np.where(held, BARRIER, self.landscape.fuel_model)
-            model = self._model_on(replace(self.landscape, fuel_model=fuel.astype(np.int16)))
-        segments, rates, reach = None, None, REACH_CAMERA
+            ground = replace(self.landscape, fuel_model=fuel.astype(np.int16))
+            model = self._scheme(ground, self.weather, [])
+        front, reach = None, REACH_CAMERA
         if self._rates is not None:
-            rates = self._rates.copy()  # the forecast must not learn from later perimeters
             segments = segments_of(burned, self.landscape.cell_size_m)
+            # A copy: the forecast must not learn from later perimeters.
+            front = LearnedFront(segments, self._rates.copy())
             reach = MAX_REACH if for_s <= LONG_S else MAX_REACH_LONG
         simulated_until_s = self.time_s + reach * for_s
         fires = self._burned_until(simulated_until_s, model, each)
         members = [arrivals_of(arrival_s) for arrival_s in fires]
         span = (self.time_s, until_s, simulated_until_s)
-        return Forecast(*span, burned, members, segments, rates)
-
-    def _model_on(self, landscape: Landscape) -> AnyAngleFire:
-        """Return a fire without ignition, from which members are started."""
-        return AnyAngleFire(
-            landscape, self.weather, [], wind_limit=self.wind_limit, precise=self.precise
-        )
+        return Forecast(*span, burned, members, front)
 
     def _burned_until(self, to_time_s: float, model: AnyAngleFire, each: Each) -> list[Floats]:
         """Return the arrival times (y, x) of each member, simulated until a time."""
         reported = self.weather.at(self.time_s)
-        place = [
-            burnable_codes(self.landscape).index(code) for code in burnable_codes(model.landscape)
-        ]
+        known = burnable_codes(self.landscape)
+        place = [known.index(code) for code in burnable_codes(model.landscape)]
 
         def burned(number: int) -> Floats:
             burning = self._shared
@@ -231,7 +223,7 @@ class FireEstimate:
             self._refuse_implausible(observation)
             if self._shared is not None and self._shared.area is not None:
                 error_m = SHRUNK_ERRORS * observation.position_sd_m
-                area = area.union(self._shared.area.difference(area.buffer(2.0 * error_m)))
+                area = area.union(self._shared.area.difference(area.buffer(error_m)))
         try:
             burning = burning_from_perimeter([area], self.landscape, at_s)
         except FireModelError as error:
@@ -263,11 +255,11 @@ class FireEstimate:
         if self._rates is None:
             return
         forecast = self.forecast(observation.at_s, each)
-        burned = forecast.burned
+        assert forecast.front is not None
         self._rates.learn(
-            segments_of(burned, self.landscape.cell_size_m),
+            forecast.front.segments,
             forecast.travel_s(),
-            (observation.state == BURNED) & ~burned,
+            (observation.state == BURNED) & ~forecast.burned,
             (self.time_s, observation.at_s),
             observation.position_sd_m,
             self.landscape.cell_size_m,
@@ -311,7 +303,7 @@ class FireEstimate:
     def _rewritten(
         self,
         arrival_s: Floats,
-        here: tuple[slice, slice],
+        here: Place,
         state: NDArray[np.uint8],
         distance_m: Floats,
         burned: Mask,
@@ -319,8 +311,8 @@ class FireEstimate:
     ) -> Floats:
         """Return the arrival times of a member after an observation replaced its fire in a window.
 
-        Only cells whose state differs from the observed one, and their neighbours, change: the
-        other fronts keep their place within the cells.
+        Only cells in another state than observed, and their neighbours, change: the other fronts
+        keep their place within the cells.
         """
         wrong = (state != UNSEEN) & ((state == BURNED) != burned)
         if not wrong.any():
@@ -329,7 +321,7 @@ class FireEstimate:
         change = wrong | (near & (np.abs(distance_m) < WRITE_WITHIN_M))
         found = arrival_s.copy()
         found[here][change] = at_s - distance_m[change] / WRITE_M_S
-        found[np.isin(self.landscape.fuel_model, list(NON_BURNABLE))] = np.inf
+        found[self._unburnable] = np.inf
         return self._without_unseen_islands(found)
 
     def _without_unseen_islands(self, arrival_s: Floats) -> Floats:

@@ -1,10 +1,11 @@
 """Find the cells at which a fire is held, for example by crews or by a barrier that no map has."""
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import binary_closing
 
-from firemodel.arrays import Floats, Mask
-from firemodel.assimilation.observation import BURNED, UNBURNED
+from firemodel.arrays import Floats, Mask, Place
+from firemodel.assimilation.observation import BURNED, UNBURNED, UNSEEN
 
 HELD_S = 700.0  # evidence from which a cell counts as held in forecasts
 MAX_GAP_S = 1200.0  # a cell that was not seen for longer gives this evidence
@@ -22,9 +23,7 @@ class HeldCells:
         self._seen_s = np.full(shape, np.nan)  # time of the last sighting
         self._burned = np.zeros(shape, dtype=bool)
 
-    def observe(
-        self, here: tuple[slice, slice], state: np.ndarray, at_s: float, share: Floats
-    ) -> None:
+    def observe(self, here: Place, state: NDArray[np.uint8], at_s: float, share: Floats) -> None:
         """Process an observation.
 
         Args:
@@ -41,7 +40,7 @@ class HeldCells:
         evidence_s[stays] += (share * gap_s)[stays]
         calm = stays & (share < LIKELY)
         evidence_s[calm] *= np.exp(-gap_s[calm] / FORGOTTEN_S)
-        seen_s[(state == BURNED) | (state == UNBURNED)] = at_s
+        seen_s[state != UNSEEN] = at_s
 
     def held(self) -> Mask:
         """Return the mask (y, x) of the held cells."""

@@ -1,8 +1,8 @@
 """Draw and update the uncertain inputs of an ensemble's members: wind and spread rates.
 
-A member's inputs are a vector added to the reported wind, in m/s towards grid-independent east and
-north components of the direction that the wind comes from, and the logarithm of a factor of the
-spread rate in each fuel. Observations update them by the ensemble Kalman filter (Evensen 1994, with
+A member's inputs are a vector in m/s that is added to the reported wind, and the logarithm of a
+factor of the spread rate in each fuel. Vectors of wind (true east, north) point to where the wind
+comes from. Observations update them by the ensemble Kalman filter (Evensen 1994, with
 perturbed observations: Burgers et al. 1998).
 """
 
@@ -27,7 +27,7 @@ RATE_WALK_LOG = 0.08
 class Members(NamedTuple):
     """The uncertain inputs of an ensemble."""
 
-    wind_m_s: Floats  # (members, 2) offset of the vector (east, north) from where the wind blows
+    wind_m_s: Floats  # (members, 2) the vector (east, north) added to the reported wind
     log_rate: Floats  # (members, fuels) logarithm of the factors of the spread rate
 
     @property
@@ -37,17 +37,21 @@ class Members(NamedTuple):
 
     def wind_change(self, number: int, reported: Weather) -> tuple[float, float]:
         """Return the factor and the clockwise turn in degrees of a member's wind."""
-        east, north = wind_vector(reported) + self.wind_m_s[number]
-        speed = max(reported.wind_speed_m_s, MIN_WIND_M_S)
+        speed = speed_m_s(reported)
+        east, north = wind_vector(speed, reported.wind_from_deg) + self.wind_m_s[number]
         turn_deg = math.degrees(math.atan2(east, north)) - reported.wind_from_deg
         return math.hypot(east, north) / speed, turn_deg % 360.0
 
 
-def wind_vector(weather: Weather) -> Floats:
+def speed_m_s(reported: Weather) -> float:
+    """Return the reported wind speed, at least ``MIN_WIND_M_S``."""
+    return max(reported.wind_speed_m_s, MIN_WIND_M_S)
+
+
+def wind_vector(wind_m_s: float, from_deg: float) -> Floats:
     """Return the vector (east, north) in m/s towards the direction from which the wind blows."""
-    from_rad = math.radians(weather.wind_from_deg)
-    speed_m_s = max(weather.wind_speed_m_s, MIN_WIND_M_S)
-    return speed_m_s * np.array([math.sin(from_rad), math.cos(from_rad)])
+    from_rad = math.radians(from_deg)
+    return wind_m_s * np.array([math.sin(from_rad), math.cos(from_rad)])
 
 
 def members_of(draws: list[Draw], reported: Weather) -> Members:
@@ -59,12 +63,11 @@ def members_of(draws: list[Draw], reported: Weather) -> Members:
     wind, rates = [], []
     for draw in draws:
         from_deg = reported.wind_from_deg + draw.turn_deg
-        speed_m_s = max(reported.wind_speed_m_s, MIN_WIND_M_S) * draw.wind_factor
-        from_rad = math.radians(from_deg)
-        wind.append(speed_m_s * np.array([math.sin(from_rad), math.cos(from_rad)]))
+        wind.append(wind_vector(speed_m_s(reported) * draw.wind_factor, from_deg))
         common = math.log(draw.spread_factor) - math.log(draw.moisture_factor)
         rates.append(common + np.log(draw.fuel_factors))
-    return Members(np.array(wind) - wind_vector(reported), np.array(rates))
+    given = wind_vector(speed_m_s(reported), reported.wind_from_deg)
+    return Members(np.array(wind) - given, np.array(rates))
 
 
 def updated(

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
-from firemodel.arrays import Mask
+from firemodel.arrays import Mask, Place, window_at
 from firemodel.landscape.landscape import Landscape
 from firemodel.landscape.rasterise import cells_of
 
@@ -28,16 +28,15 @@ class Observation(NamedTuple):
     area: Any = None  # the burned area of a mapped perimeter; shapely, in the landscape's CRS
 
     @property
-    def where(self) -> tuple[slice, slice]:
+    def where(self) -> Place:
         """The window as an index of arrays of the landscape's grid."""
-        rows, cols = self.state.shape
-        return np.s_[self.top : self.top + rows, self.left : self.left + cols]
+        return window_at(self.top, self.left, self.state.shape)
 
 
 def mapped_perimeter(
     area: Any, landscape: Landscape, at_s: float, position_sd_m: float = 10.0, source: str = ""
 ) -> Observation:
-    """Return the observation of a whole fire whose burned area was mapped.
+    """Return the observation of a whole fire with a mapped burned area.
 
     Args:
         area: The burned area, a shapely Polygon or MultiPolygon in the landscape's CRS.
@@ -52,7 +51,7 @@ def mapped_perimeter(
 
 
 def burned_cells(area: Any, landscape: Landscape) -> Mask:
-    """Return the mask (y, x) of the cells whose centres lie in an area (landscape's CRS)."""
+    """Return the mask (y, x) of the cells with their centres in an area (landscape's CRS)."""
     mask = np.zeros(landscape.shape, dtype=bool)
     mask[tuple(cells_of([area], landscape).T)] = True
     return mask

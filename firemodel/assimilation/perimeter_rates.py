@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
-from scipy.ndimage import distance_transform_edt, gaussian_filter
+from scipy.ndimage import binary_erosion, distance_transform_edt, gaussian_filter
 
 from firemodel.arrays import Floats, Mask
 
@@ -88,9 +88,7 @@ class _Samples(NamedTuple):
 
 def segments_of(burned: Mask, cell_m: float) -> Segments:
     """Return the segments of the front of a burned area (y, x), outlines of islands included."""
-    inner = np.pad(burned, 1, mode="edge")
-    core = inner[2:, 1:-1] & inner[:-2, 1:-1] & inner[1:-1, 2:] & inner[1:-1, :-2]
-    cells = np.argwhere(burned & ~core)
+    cells = np.argwhere(burned & ~binary_erosion(burned, border_value=1))
     side = max(MIN_SEGMENT_CELLS, len(cells) // MAX_SEGMENTS)
     blocks = cells // side
     _, number = np.unique(blocks[:, 0] * burned.shape[1] + blocks[:, 1], return_inverse=True)

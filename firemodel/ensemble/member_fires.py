@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from firemodel.arrays import Floats
+from firemodel.arrays import Floats, bounds_of
 from firemodel.ensemble.draws import Draw
 from firemodel.errors import FireModelError
 from firemodel.physics.fuels import NON_BURNABLE
@@ -69,17 +69,16 @@ class Start:
     def window(self, fire: Fire, draw: Draw) -> Window:
         """Return the result of a member with this draw."""
         burned = fire.burned()
-        rows, cols = np.flatnonzero(burned.any(axis=1)), np.flatnonzero(burned.any(axis=0))
-        if not rows.size:
+        if not burned.any():
             nothing = np.empty((0, 0), dtype=np.float32)
             return Window(0, 0, nothing, nothing)
-        here = np.s_[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1]
+        here = bounds_of(burned)
         arrival_s = np.where(burned[here], fire.arrival_time_s[here], np.inf)
         came_s = np.where(self._burned[here], np.inf, arrival_s)
         paths = np.ascontiguousarray(fire.arrival_vectors()[:, *here])
         flame_m = self._flame_length_m(came_s, paths, here, draw)
         after_s = (arrival_s - self.fire.time_s).astype(np.float32)
-        return Window(int(rows[0]), int(cols[0]), after_s, flame_m)
+        return Window(here[0].start, here[1].start, after_s, flame_m)
 
     def _flame_length_m(
         self, came_s: Floats, paths: Floats, here: tuple[slice, slice], draw: Draw

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from firemodel.arrays import Floats
+from firemodel.arrays import Floats, window_at
 from firemodel.ensemble.member_fires import Window
 
 TIMES_AT_ONCE = 2**24  # maximum number of arrival times that are sorted at once, to save memory
@@ -15,8 +15,7 @@ def burn_probability(windows: Sequence[Window], shape: tuple[int, int], after_s:
     """Return the fraction (y, x) of members in which each cell burned by a time after the start."""
     burned = np.zeros(shape)
     for window in windows:
-        rows, cols = window.after_s.shape
-        here = np.s_[window.top : window.top + rows, window.left : window.left + cols]
+        here = window_at(window.top, window.left, window.after_s.shape)
         burned[here] += window.after_s <= after_s
     return burned / max(len(windows), 1)
 
@@ -59,8 +58,7 @@ def mean_flame_length_m(windows: Sequence[Window], shape: tuple[int, int]) -> ND
     """Return the mean flame length (y, x) of the members in which fire arrived; NaN if none."""
     total, came = np.zeros(shape), np.zeros(shape)
     for window in windows:
-        rows, cols = window.after_s.shape
-        here = np.s_[window.top : window.top + rows, window.left : window.left + cols]
+        here = window_at(window.top, window.left, window.after_s.shape)
         known = np.isfinite(window.flame_m)
         total[here] += np.where(known, window.flame_m, 0.0)
         came[here] += known

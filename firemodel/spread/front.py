@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from firemodel.arrays import Floats
+from firemodel.arrays import Floats, bounds_of
 from firemodel.landscape.landscape import Landscape
 
 MIN_S = 1e-6  # minimum time assumed beyond a front that has just reached a cell
@@ -104,13 +104,13 @@ def front_polygons(expected_s: Floats, time_s: float, landscape: Landscape) -> A
     burned = expected_s <= time_s
     if not burned.any():
         return MultiPolygon()
-    in_rows, in_cols = np.flatnonzero(burned.any(axis=1)), np.flatnonzero(burned.any(axis=0))
-    window = slice(in_rows[0], in_rows[-1] + 1), slice(in_cols[0], in_cols[-1] + 1)
+    window = bounds_of(burned)
+    top, left = window[0].start, window[1].start
     ahead_s = _ahead(np.pad(expected_s, 1, constant_values=np.inf), window, time_s)
     generator = contour_generator(z=ahead_s, fill_type=FillType.OuterOffset)
     found = []
     for points, starts in zip(*generator.filled(ahead_s.min() - 1.0, 0.0), strict=True):
-        x_m, y_m = landscape.xy_of(points[:, 1] + in_rows[0] - 1, points[:, 0] + in_cols[0] - 1)
+        x_m, y_m = landscape.xy_of(points[:, 1] + top - 1, points[:, 0] + left - 1)
         rings = np.split(np.stack([x_m, y_m], axis=1), starts[1:-1])
         found.append(Polygon(rings[0], rings[1:]))
     return MultiPolygon(found)

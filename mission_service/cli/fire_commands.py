@@ -7,6 +7,7 @@ import json
 import math
 import os
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from mission_service.cli.options import (
     OUT_FOLDER,
     OVERRIDE,
     Cores,
+    Folder,
     cores_option,
     echo,
     echo_warning,
@@ -155,7 +157,7 @@ def fire_sweep(
 @click.option(
     "-o",
     "--out",
-    type=click.Path(file_okay=False, path_type=Path),
+    type=Folder(),
     metavar="DIR",
     help="Write a picture of each forecast, the forecast from the last perimeter, all scores.",
 )
@@ -181,11 +183,8 @@ def fire_assimilate(
 
     loaded = load_scenario(scenario, overrides)
     threads = workers or os.cpu_count() or 1
-    if out is None:
-        summary = assimilate(loaded, observations, None, threads, echo_warning)
-    else:
-        with results_in(out, "nothing was written") as folder:
-            summary = assimilate(loaded, observations, folder, threads, echo_warning)
+    with nullcontext() if out is None else results_in(out, "nothing was written") as folder:
+        summary = assimilate(loaded, observations, folder, threads, echo_warning)
     if as_json:
         click.echo(json.dumps(summary))
         return

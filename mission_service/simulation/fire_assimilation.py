@@ -12,7 +12,7 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from firemodel.arrays import Floats, Mask
-from firemodel.assimilation.estimate_forecast import Forecast
+from firemodel.assimilation.estimate_forecast import likely_area
 from firemodel.assimilation.fire_estimate import EstimateSettings, FireEstimate
 from firemodel.assimilation.observation import BURNED, Observation, mapped_perimeter
 from firemodel.assimilation.scores import coverage, critical_success, mean_distance_m, overlap
@@ -26,7 +26,7 @@ from firemodel.landscape.readers.shapes import box_of
 from firemodel.outputs.geotiff import write_raster
 from firemodel.outputs.raster_layers import PROBABILITY_LAYER
 from firemodel.outputs.whole_file import write_whole
-from firemodel.spread.anyangle import AnyAngleFire
+from firemodel.physics.weather import WeatherStream
 from firemodel.spread.burning import burning_from_perimeter
 from firemodel.spread.front import front_polygons
 from mission_service.config.scenario import Scenario
@@ -89,19 +89,29 @@ def assimilate(
     landscape = landscape_of(scenario)
     zone = scenario.time_zero.tzinfo if scenario.time_zero else None
     perimeters, warnings = read_perimeters(observations, landscape, zone or UTC)
-    warnings += _warnings(scenario, perimeters)
+    zero = scenario.time_zero or perimeters[0].at
+    weather = weather_of(scenario)
+    warnings += _warnings(scenario, perimeters, zero, weather)
     for line in warnings:
         warn(line)
-    observed = list(_observations(scenario, landscape, perimeters))
+    observed = list(_observations(scenario, landscape, perimeters, zero))
     with ThreadPoolExecutor(threads) as pool:
-        estimate = _estimate(scenario, landscape)
+        estimate = FireEstimate(
+            landscape,
+            weather,
+            settings=EstimateSettings(
+                scenario.estimate.members, scenario.seed, _uncertainty(scenario)
+            ),
+            wind_limit=scenario.fire.wind_limit,
+            precise=scenario.fire.precise,
+        )
         steps: list[Step] = []
         intervals = []
         with fire_progress(scenario.name, 0, len(observed)) as progress:
             for step in _steps(estimate, observed, pool.map, warnings, warn):
                 if folder is not None and len(steps) < MAX_PICTURES:
                     steps.append(step)
-                intervals.append(_scores(step, landscape))
+                intervals.append(_scores(step, landscape, zero))
                 progress(len(intervals))
         if not estimate.begun or (scenario.ignition and not intervals):
             raise FireModelError(
@@ -113,11 +123,23 @@ def assimilate(
                 "that is wrong, remove it"
             )
             warn(warnings[-1])
-        ahead = estimate.forecast(estimate.time_s + AHEAD_H[-1] * 3600.0, pool.map)
-    summary = _summary(scenario, perimeters, intervals, ahead, landscape, warnings)
+        forecast = estimate.forecast(estimate.time_s + AHEAD_H[-1] * 3600.0, pool.map)
+    ahead = {hours: forecast.burn_probability(forecast.at_s + hours * 3600.0) for hours in AHEAD_H}
+    cell_ha = landscape.cell_size_m**2 / 1e4
+    summary = {
+        "scenario": scenario.name,
+        "members": scenario.estimate.members,
+        "perimeters": len(perimeters),
+        **_all_means(intervals),
+        "expected_ha_after_last": {
+            f"{hours}_h": round(float(probability.sum() * cell_ha), 1)
+            for hours, probability in ahead.items()
+        },
+        "intervals": intervals,
+        "warnings": warnings,
+    }
     if folder is not None:
         with writing(folder), whole_files(folder) as part:
-            zero = scenario.time_zero or perimeters[0].at
             _draw(steps, landscape, scenario.name, zero, part)
             _write_ahead(ahead, landscape, part)
             write_whole(part / "assimilation.json", json.dumps(summary, indent=2) + "\n")
@@ -127,9 +149,10 @@ def assimilate(
     return summary
 
 
-def _warnings(scenario: Scenario, perimeters: Sequence[Perimeter]) -> list[str]:
+def _warnings(
+    scenario: Scenario, perimeters: Sequence[Perimeter], zero: datetime, weather: WeatherStream
+) -> list[str]:
     """Return warnings about inputs that are not used, and about dates that differ."""
-    zero = scenario.time_zero or perimeters[0].at
     lines = [
         f"{scenario.name}: fire.{key} is not used; the fire begins with the ignition or the first "
         "perimeter"
@@ -142,20 +165,18 @@ def _warnings(scenario: Scenario, perimeters: Sequence[Perimeter]) -> list[str]:
             f"{scenario.name}: {early} of {len(perimeters)} perimeters are before time_zero = "
             f"{zero.isoformat()}, from which the weather is known; correct time_zero"
         )
-    return [*lines, *time_zero_warnings(weather_of(scenario), zero)]
+    return [*lines, *time_zero_warnings(weather, zero)]
 
 
 def _observations(
-    scenario: Scenario, landscape: Landscape, perimeters: Sequence[Perimeter]
+    scenario: Scenario, landscape: Landscape, perimeters: Sequence[Perimeter], zero: datetime
 ) -> Iterator[Observation]:
     """Yield the perimeters at their mission times, and before them the ignition if there is one."""
-    zero = scenario.time_zero
-    if scenario.ignition and zero is None:
+    if scenario.ignition and scenario.time_zero is None:
         raise ScenarioError(
             f"{scenario.name}: an ignition needs time_zero, the date of mission time 0, which "
             "relates it to the perimeters; give time_zero, or leave the ignition out"
         )
-    zero = zero or perimeters[0].at
     error_m = scenario.estimate.perimeter_error_m
     if scenario.ignition:
         cells = ignitions_of(scenario, landscape)
@@ -188,16 +209,6 @@ def _uncertainty(scenario: Scenario) -> Uncertainty:
     return UNMEASURED if given == Uncertainty() else given
 
 
-def _estimate(scenario: Scenario, landscape: Landscape) -> FireEstimate:
-    return FireEstimate(
-        landscape,
-        weather_of(scenario),
-        settings=EstimateSettings(scenario.estimate.members, scenario.seed, _uncertainty(scenario)),
-        wind_limit=scenario.fire.wind_limit,
-        precise=scenario.fire.precise,
-    )
-
-
 def _steps(
     estimate: FireEstimate,
     observed: Sequence[Observation],
@@ -206,25 +217,16 @@ def _steps(
     warn: Callable[[str], None],
 ) -> Iterator[Step]:
     """Forecast and process all observations; one that cannot be of the fire is left out."""
-    model = AnyAngleFire(
-        estimate.landscape,
-        estimate.weather,
-        [],
-        wind_limit=estimate.wind_limit,
-        precise=estimate.precise,
-    )
     before: Observation | None = None
     for after in observed:
         step = None
         if before is not None and after.at_s > before.at_s:
             forecast = estimate.forecast(after.at_s, each)
-            free = model.restarted(
-                burning_from_perimeter([before.area], estimate.landscape, before.at_s)
-            )
+            start = burning_from_perimeter([before.area], estimate.landscape, before.at_s)
+            free = estimate.model.restarted(start)
             free.advance(after.at_s)
-            likely = forecast.likely_burned(after.at_s)
             probability = forecast.burn_probability(after.at_s)
-            step = Step(before, after, probability, likely, free.burned())
+            step = Step(before, after, probability, likely_area(probability), free.burned())
         try:
             estimate.observe(after, each)
         except FireModelError as error:
@@ -236,7 +238,7 @@ def _steps(
             yield step
 
 
-def _scores(step: Step, landscape: Landscape) -> dict[str, Any]:
+def _scores(step: Step, landscape: Landscape, zero: datetime) -> dict[str, Any]:
     """Return the scores of one forecast, and those of persistence and of the model alone."""
     before, after, probability, likely, free = step
     burned, observed = before.state == BURNED, after.state == BURNED
@@ -247,6 +249,8 @@ def _scores(step: Step, landscape: Landscape) -> dict[str, Any]:
         return round(mean_distance_m(area, after.area), 1)
 
     return {
+        "from": (zero + timedelta(seconds=before.at_s)).isoformat(),
+        "to": (zero + timedelta(seconds=after.at_s)).isoformat(),
         "from_s": before.at_s,
         "to_s": after.at_s,
         "observed_ha": round(after.area.area / 1e4, 1),
@@ -268,39 +272,15 @@ def _rounded(value: float | None) -> float | None:
     return None if value is None else round(value, 4)
 
 
-def _summary(
-    scenario: Scenario,
-    perimeters: Sequence[Perimeter],
-    intervals: list[dict[str, Any]],
-    ahead: Forecast,
-    landscape: Landscape,
-    warnings: list[str],
-) -> dict[str, Any]:
-    zero = scenario.time_zero or perimeters[0].at
-    for each in intervals:
-        for key in ("from", "to"):
-            instant = zero + timedelta(seconds=each[f"{key}_s"])
-            each[key] = instant.isoformat()
-    cell_ha = landscape.cell_size_m**2 / 1e4
+def _all_means(intervals: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Return the means of the scores over all intervals and over some of them."""
     growing = [each for each in intervals if each["iou_persistence"] < 1.0 / GROWN]
     standing = [each for each in intervals if each["iou_persistence"] >= 1.0 / GROWN]
-    hours = {
-        f"{hours}_h": round(
-            float(ahead.burn_probability(ahead.at_s + hours * 3600.0).sum() * cell_ha), 1
-        )
-        for hours in AHEAD_H
-    }
     return {
-        "scenario": scenario.name,
-        "members": scenario.estimate.members,
-        "perimeters": len(perimeters),
         "mean": _means(intervals),
         "mean_after_first": _means(intervals[1:]),
         "mean_growing": _means(growing),
         "mean_standing": _means(standing),
-        "expected_ha_after_last": hours,
-        "intervals": intervals,
-        "warnings": warnings,
     }
 
 
@@ -323,11 +303,11 @@ def _draw(
         draw_forecast(folder / f"forecast_{number:02}.png", landscape, step, name, time_zero)
 
 
-def _write_ahead(ahead: Forecast, landscape: Landscape, folder: Path) -> None:
-    """Write the burn probability some hours after the last perimeter as GeoTIFFs."""
-    for hours in AHEAD_H:
-        probability = ahead.burn_probability(ahead.at_s + hours * 3600.0).astype(np.float32)
+def _write_ahead(ahead: dict[int, Floats], landscape: Landscape, folder: Path) -> None:
+    """Write the burn probability (y, x) some hours after the last perimeter as GeoTIFFs."""
+    for hours, probability in ahead.items():
         layer = PROBABILITY_LAYER._replace(
             description=f"probability that the cell has burned {hours} h after the last perimeter"
         )
-        write_raster(folder / f"burn_probability_{hours}h.tif", probability, landscape, layer)
+        values = probability.astype(np.float32)
+        write_raster(folder / f"burn_probability_{hours}h.tif", values, landscape, layer)

@@ -372,7 +372,7 @@ def test_files_that_cannot_be_used(tmp_path: Path) -> None:
 
 
 def geopackage_with_view(path: Path, expression: str) -> Path:
-    """Write a GeoPackage whose layer ``computed`` is a view with a computed column."""
+    """Write a GeoPackage with the layer ``computed``, a view with a computed column."""
     written(path, SMALL, driver="GPKG", time=texts(NOON))
     with sqlite3.connect(path) as database:
         database.execute(

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from firemodel.arrays import Mask
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import (
     MAX_CELL_M,
@@ -21,8 +22,6 @@ from firemodel.landscape.landscape import (
     same_crs,
 )
 from firemodel.landscape.readers.formats import OFFLINE, raster_driver
-
-Mask = NDArray[np.bool_]
 
 MAX_CELLS = 250_000_000  # of a raster; a fire on as many cells needs about 15 GB
 LCP_NODATA = -9999.0  # fixed by the format, whose header has no nodata value

@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from firemodel.arrays import Mask
 from firemodel.errors import FireModelError
 from firemodel.landscape import LAYERS
 from firemodel.landscape.landscape import MAX_ELEVATION_M, MAX_SLOPE, MAX_TREE_M
-from firemodel.landscape.readers.bands import Band, Mask, bands_of, cells_with
+from firemodel.landscape.readers.bands import Band, bands_of, cells_with
 from firemodel.landscape.readers.code_systems import NO_FUEL, advice_on, renamed_code
 from firemodel.physics.fuels import FUEL_MODELS, FuelModel, check_codes
 

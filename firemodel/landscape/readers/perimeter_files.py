@@ -58,7 +58,7 @@ def read_perimeters(
     00:00 if the dates of all features differ. Closed lines and invalid polygons are repaired.
 
     Args:
-        path: The file or the folder, whose files of other kinds and whose subfolders are ignored.
+        path: The file or the folder. Its files of other kinds and its subfolders are ignored.
         landscape: The perimeters are projected to its CRS; each must touch its grid.
         zone: The zone of dates and of times without offset.
 

@@ -7,13 +7,13 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from firemodel.arrays import Mask
 from firemodel.errors import FireModelError
 from firemodel.landscape import LAYERS
 from firemodel.landscape.landscape import Landscape
 from firemodel.landscape.readers.bands import (
     Band,
     Grid,
-    Mask,
     band_of,
     cells_with,
     grid_of,

@@ -167,8 +167,8 @@ def _rain(where: str, fields: list[str], day: datetime, rain_in: float) -> Rain:
 def winds_in(path: Path, rows: NumberedRows, year: int) -> list[tuple[datetime, int, str, str]]:
     """Return the time, the line, the speed and the direction of each row of a .wnd without units.
 
-    ``year`` is the year of the first row. Raises FireModelError, whose message names file and line,
-    for a row that cannot be used, and for a file without rows.
+    ``year`` is the year of the first row. Raises FireModelError for a row that cannot be used and
+    for a file without rows; the message names file and line.
     """
     found: list[tuple[datetime, int, str, str]] = []
     for line, fields in rows:
