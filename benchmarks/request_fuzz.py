@@ -38,8 +38,9 @@ from mission_service.config.scenario import Scenario, flying, load_scenario, one
 from mission_service.core import request_events
 from mission_service.core.core import Core
 from mission_service.errors import JournalError
+from mission_service.fire.run_estimate import RunEstimate
 from mission_service.fire.setup import landscape_of
-from mission_service.fire.simulated_fire import world_of
+from mission_service.fire.simulated_cameras import cameras_of
 from mission_service.guidance.registry import way_of
 from mission_service.interfaces.mqtt.command_gate import TAKEN, CommandGate
 from mission_service.journal.journal_file import Journal, header_of
@@ -269,7 +270,7 @@ class FuzzedEngine:
         self.header = header_of(self.scenario, self.known.landscape, "")
         journal = Journal(self.path, self.header, durable=True)
         self.simulation = Simulation(self.scenario, journal, self.landscape)
-        self.simulation.world.advance(self.simulation.clock.now_us)
+        self.simulation.estimate.advance(self.simulation.clock.now_us)
 
     @property
     def service(self) -> Engine:
@@ -307,12 +308,13 @@ class FuzzedEngine:
         cut_off.rest()
         start_us = round(self.scenario.start_s * 1e6)
         names = tuple(section.name for section in self.scenario.flown)
-        world = world_of(self.scenario, self.landscape)
-        world.advance(start_us)
+        estimate = RunEstimate(self.scenario, self.landscape)
+        estimate.advance(start_us)
         service = Engine(
             self.scenario,
             Core(self.scenario, self.landscape),
-            world,
+            cameras_of(self.scenario, self.landscape),
+            estimate,
             self.service.recording.journal,
             StateView(self.scenario, self.landscape, start_us),
             dict.fromkeys(names),  # type: ignore[arg-type]  # nothing is carried out
@@ -328,7 +330,7 @@ class FuzzedEngine:
 def differs(live: Engine, again: Engine) -> str:
     """Return the first difference between the live run and a restart; empty if there is none."""
     for service in (live, again):
-        service.world.advance(live.statistics.at_us)
+        service.advance_fire(live.statistics.at_us)
     ours, theirs = live.snapshot_fields(), again.snapshot_fields()
     return next(filter(None, (difference(ours[name], theirs[name], name) for name in ours)), "")
 

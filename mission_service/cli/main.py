@@ -125,8 +125,8 @@ def sim(scenario: str, out: Path, overrides: tuple[str, ...], as_json: bool) -> 
     loaded = flying(load_scenario(scenario, overrides))
     made = folder(out)
     with SimProgress(loaded.name, loaded.duration_s, as_json) as progress:
-        record, world = simulate(loaded, made / "journal.jsonl", now_text(), progress)
-    _finish(write_outputs(made, loaded, record, world.fire), out, as_json)
+        record, fire = simulate(loaded, made / "journal.jsonl", now_text(), progress)
+    _finish(write_outputs(made, loaded, record, fire), out, as_json)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -210,10 +210,8 @@ def run(config: str, **values: Any) -> None:
         skip_unreadable=options.skip_unreadable,
     )
     with private():
-        record, world = asyncio.run(
-            serve(live_run, progress, address=partial(report_address, made))
-        )
-        summary = write_outputs(made, scenario, record, world.fire)
+        record, fire = asyncio.run(serve(live_run, progress, address=partial(report_address, made)))
+        summary = write_outputs(made, scenario, record, fire)
         _finish(summary, options.out, options.as_json)
 
 
@@ -272,8 +270,8 @@ def config_check(file: str, overrides: tuple[str, ...], as_json: bool) -> None:
     from mission_service.config.scenario import load_scenario, scenario_path
     from mission_service.core.core import Core
     from mission_service.errors import MissionServiceError, ScenarioError
+    from mission_service.fire.scenario_check import check
     from mission_service.fire.setup import landscape_of
-    from mission_service.fire.simulated_fire import check
 
     loaded = load_scenario(file, overrides)
     try:

@@ -83,11 +83,11 @@ def play(flight: "Flight", choice: "ScenarioChoice", speed: str, options: "Repla
             replay, made, now_text(), settings, factor, options.until_end, options.logs
         )
         serving = serve_flight(show, options.progress(), partial(report_address, made))
-        record, world = asyncio.run(serving)
+        record, fire = asyncio.run(serving)
         if out is not None:
-            summary = write_outputs(made, replay.scenario, record, world.fire)
+            summary = write_outputs(made, replay.scenario, record, fire)
         else:
-            summary = summary_of(replay.scenario, record, world.fire)
+            summary = summary_of(replay.scenario, record, fire)
     if options.as_json:
         click.echo(json.dumps(summary))
     elif out is not None:

@@ -208,3 +208,22 @@ class EstimateSection(Section):
 
     members: Annotated[int, Field(ge=2, le=1000)] = 24
     perimeter_error_m: Annotated[float, Field(gt=0, le=1000)] = 20.0
+
+
+class SimulatedFireSection(Section):
+    """The fire that simulated cameras observe: the scenario's fire, changed by these factors.
+
+    Estimate and planners receive the scenario's own weather, without the factors.
+    ``moisture_factor`` applies to dead fuels.
+    """
+
+    wind_factor: Annotated[float, Field(ge=0, le=10)] = 1.0
+    wind_turn_deg: Annotated[float, Field(ge=-180, le=180)] = 0.0
+    moisture_factor: Annotated[float, Field(ge=0.1, le=10)] = 1.0
+    spread_factor: Annotated[float, Field(ge=0.05, le=20)] = 1.0
+
+
+class SimulationSection(Section):
+    """What is simulated; without ``fire`` no fire is simulated and no simulated camera observes."""
+
+    fire: SimulatedFireSection | None = None

@@ -25,6 +25,7 @@ from mission_service.config.fire_sections import (
     FireSection,
     Ignition,
     LandscapeSection,
+    SimulationSection,
     WeatherEntry,
     WeatherFile,
 )
@@ -57,7 +58,7 @@ def _in_use(time: datetime) -> datetime:
 
 
 class Scenario(Section):
-    """A complete scenario. Mission time 0 is the start of the simulated fire.
+    """A complete scenario. Mission time 0 is the start of the fire.
 
     ``time_zero`` is the calendar time of mission time 0, with its UTC offset, for output files.
     ``only`` names the single vehicle that this process flies, if other processes fly the others.
@@ -75,6 +76,7 @@ class Scenario(Section):
     fire: FireSection = FireSection()
     ensemble: EnsembleSection = EnsembleSection()
     estimate: EstimateSection = EstimateSection()
+    simulation: SimulationSection = SimulationSection()
     weather: tuple[WeatherEntry, ...] = ()
     weather_file: WeatherFile | None = None
     ignition: tuple[Ignition, ...] = ()
@@ -236,6 +238,7 @@ def recorded_scenario(data: dict[str, Any], path: Path, rule: str | None = None)
     ``rule`` replaces the journal's rule. Raises ScenarioError for a rule whose package is not
     installed.
     """
+    data = {"simulation": {"fire": {}}, **data}  # journals of older versions lack this table
     own = rule_in(data)
     if rule is None and (own is None or own in rules()):
         return parse_scenario(data, path)

@@ -29,13 +29,13 @@ OBSERVATION_SPACING_CELLS = 1.0
 MAX_STEPS = 256  # the time of a correction grows with the number of observations
 MAX_OBSERVATIONS = 150  # the time of a fit grows with the cube of their number
 
-Begin = Callable[[Burning, WeatherStream], Fire]
+Begin = Callable[[Burning | None, WeatherStream, float], Fire]
 
 
 class CorrectedFire:
     """The corrections of a fire by operators' reports.
 
-    ``begin`` starts a fire from its burning state at a time.
+    ``begin`` starts a fire from its state (None if nothing has burned) and weather at a time.
     """
 
     def __init__(self, landscape: Landscape, begin: Begin) -> None:
@@ -47,12 +47,19 @@ class CorrectedFire:
     def all_of(self, fire: Fire) -> list[Fire]:
         """Return the fire and, if there are corrections, also the fire without corrections.
 
-        Each of them receives every ignition.
+        Each of them receives every ignition and every image.
         """
         if self._base is None:
             return [fire]
         self._base.advance(fire.time_s)
         return [fire, self._base]
+
+    def changed(self, fire: Fire, change: Callable[[Fire], Fire]) -> Fire:
+        """Apply a change to the fire and to the fire without corrections; return the first."""
+        if self._base is not None:
+            self._base.advance(fire.time_s)
+            self._base = change(self._base)
+        return change(fire)
 
     def apply_report(self, event: AnyOperatorEvent, fire: Fire) -> Fire:
         """Apply a report and return the fire from now on, which is ``fire`` itself if unchanged.
@@ -65,9 +72,9 @@ class CorrectedFire:
                 stream = fire.weather.blown(event.speed_m_s, event.from_deg, fire.time_s)
                 stream = stream.since(fire.time_s)
                 if self._base is None:
-                    return self._begin(burning_now(fire), stream)
+                    return self._begin(burning_now(fire), stream, fire.time_s)
                 self._base.advance(fire.time_s)
-                base = self._begin(burning_now(self._base), stream)
+                base = self._begin(burning_now(self._base), stream, fire.time_s)
                 found, self._base = self._set_right(base, self.log.held()), base
                 return found
             case Corrected() | Erased() | Undone() | Redone():
@@ -93,10 +100,12 @@ class CorrectedFire:
         ahead.advance(base.time_s + AHEAD_S)
         from firemodel.assimilation.corrected_cells import corrected_arrival  # SciPy takes a while
 
-        arrival_s = corrected_arrival(ahead.arrival_time_s, self._landscape, observations)
+        arrival_s = ahead.arrival_time_s
+        if np.isfinite(arrival_s).any():
+            arrival_s = corrected_arrival(arrival_s, self._landscape, observations)
         arrival_s = as_drawn(arrival_s, held, self._landscape)
         burning = burning_from_arrival(arrival_s, self._landscape, base.time_s)
-        return self._begin(burning, base.weather)
+        return self._begin(burning, base.weather, base.time_s)
 
 
 def thinned(observations: Floats) -> Floats:
@@ -111,9 +120,20 @@ def thinned(observations: Floats) -> Floats:
     ]
 
 
-def burning_now(fire: Fire) -> Burning:
-    """Return the burning state of a fire at its present time."""
+def burning_now(fire: Fire) -> Burning | None:
+    """Return the burning state of a fire at its present time, or None if nothing has burned."""
+    if not fire.burned().any():
+        return None
     return burning_from_arrival(fire.arrival_time_s, fire.landscape, fire.time_s)
+
+
+def drawn_at_s(held: Sequence[Held], landscape: Landscape) -> Floats:
+    """Return the latest time (y, x) for which each cell was drawn; -infinity if it was not."""
+    found = np.full(landscape.shape, -np.inf)
+    for each in held:
+        index = _cells_drawn(_drawn(each.correction, landscape), each, landscape)
+        found[index] = np.maximum(found[index], each.correction.marked_at_us / 1e6)
+    return found
 
 
 def as_drawn(arrival_s: Floats, held: Sequence[Held], landscape: Landscape) -> Floats:

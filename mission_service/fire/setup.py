@@ -134,18 +134,10 @@ def cells_lit(points: Sequence[tuple[float, float]], landscape: Landscape) -> li
 
 
 def burning_of(scenario: Scenario, landscape: Landscape) -> Burning | None:
-    """Return the initial fire of a scenario, or None if it begins with ignitions.
-
-    Raises ScenarioError if the scenario has neither.
-    """
+    """Return the initial fire of a scenario, or None if it begins with ignitions or nothing."""
     from firemodel.spread.burning import burning_from_arrival, burning_from_perimeter
 
     section = scenario.fire
-    lit = scenario.ignition or scenario.burn_flown is not None
-    if not (lit or section.perimeter or section.arrival):
-        raise ScenarioError(
-            f"{scenario.name}: nothing burns: give an ignition, fire.perimeter or fire.arrival"
-        )
     if section.initial_cells is not None:
         return _grown(scenario, landscape, section.initial_cells)
     if section.perimeter is not None:
@@ -240,15 +232,35 @@ def _ignored_in(section: WeatherFile) -> list[str]:
     return [f"{section.path}: the run ignores {', '.join(keys)}"] if keys else []
 
 
-def fire_of(scenario: Scenario, landscape: Landscape) -> Fire:
-    """Return the fire of a scenario at its start."""
+def fire_of(scenario: Scenario, landscape: Landscape, weather: WeatherStream | None = None) -> Fire:
+    """Return the fire of a scenario at its start, in its own weather unless another is given.
+
+    Raises ScenarioError if nothing burns.
+    """
+    require_fire(scenario)
+    return reported_fire(scenario, landscape, weather)
+
+
+def reported_fire(
+    scenario: Scenario, landscape: Landscape, weather: WeatherStream | None = None
+) -> Fire:
+    """Return what ``fire_of`` returns; without any reported fire, a fire that does not burn."""
     ignitions = ignitions_of(scenario, landscape)
     burning = burning_of(scenario, landscape)
-    return _fire(scenario, landscape, weather_of(scenario), ignitions, burning)
+    return _fire(scenario, landscape, weather or weather_of(scenario), ignitions, burning)
+
+
+def require_fire(scenario: Scenario) -> None:
+    """Raise ScenarioError unless the scenario has an ignition, a burn or an initial fire."""
+    lit = scenario.ignition or scenario.burn_flown is not None
+    if not (lit or scenario.fire.perimeter or scenario.fire.arrival):
+        raise ScenarioError(
+            f"{scenario.name}: nothing burns: give an ignition, fire.perimeter or fire.arrival"
+        )
 
 
 def check_fire(scenario: Scenario, landscape: Landscape) -> None:
-    """Raise the errors that ``fire_of`` would raise, without loading a spread scheme."""
+    """Raise the errors that ``reported_fire`` would raise, without loading a spread scheme."""
     burning, at_s = burning_of(scenario, landscape), 0.0
     weather_of(scenario)
     if burning is not None:
@@ -258,11 +270,20 @@ def check_fire(scenario: Scenario, landscape: Landscape) -> None:
 
 
 def begun_again(
-    scenario: Scenario, landscape: Landscape, burning: Burning, weather: WeatherStream
+    scenario: Scenario,
+    landscape: Landscape,
+    burning: Burning | None,
+    weather: WeatherStream,
+    at_s: float,
 ) -> Fire:
-    """Return the fire of a scenario, restarted from a burning state and with later ignitions."""
-    later = [each for each in ignitions_of(scenario, landscape) if each[2] > burning.at_s]
-    return _fire(scenario, landscape, weather, later, burning)
+    """Return the fire of a scenario, restarted at ``at_s`` and with later ignitions.
+
+    ``burning`` is its state at that time, or None if nothing has burned.
+    """
+    later = [each for each in ignitions_of(scenario, landscape) if each[2] > at_s]
+    found = _fire(scenario, landscape, weather, later, burning)
+    found.advance(at_s)
+    return found
 
 
 def ignitions_of(scenario: Scenario, landscape: Landscape) -> list[CellIgnition]:

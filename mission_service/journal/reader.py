@@ -12,9 +12,9 @@ from mission_service.config.scenario import Scenario, recorded_scenario, rule_in
 from mission_service.core.core import Core
 from mission_service.errors import JournalError, StateError
 from mission_service.events import LinesSkipped
-from mission_service.fire.observed_fire import ObservedFire
+from mission_service.fire.run_estimate import RunEstimate
 from mission_service.fire.setup import landscape_of
-from mission_service.fire.simulated_fire import world_of
+from mission_service.fire.simulated_cameras import SimulatedCameras, cameras_of
 from mission_service.journal.journal_file import Entry, SegmentReader
 from mission_service.journal.segments import Chain, begin_state, journal_of
 from mission_service.journal.snapshot import Known, read
@@ -146,12 +146,19 @@ class JournalReader:
         core: Core = self._state()["core"]
         return core
 
-    def fire(self) -> ObservedFire:
-        """Return the fire in its initial state."""
+    def cameras(self) -> SimulatedCameras | None:
+        """Return the cameras of the simulated fire in their initial state; None without one."""
         if self.segment == 1:
-            return ObservedFire(self.scenario, world_of(self.scenario, self.landscape))
-        fire: ObservedFire = self._state()["fire"]
-        return fire
+            return cameras_of(self.scenario, self.landscape)
+        cameras: SimulatedCameras | None = self._state()["cameras"]
+        return cameras
+
+    def estimate(self) -> RunEstimate:
+        """Return the estimate in its initial state."""
+        if self.segment == 1:
+            return RunEstimate(self.scenario, self.landscape)
+        estimate: RunEstimate = self._state()["estimate"]
+        return estimate
 
     def _state(self) -> dict[str, Any]:
         journal = journal_of(self.path) or self.path

@@ -10,6 +10,7 @@ from importlib import import_module
 from pathlib import Path
 
 from firemodel.landscape.landscape import Landscape
+from firemodel.spread.fire_scheme import Fire
 from mission_service.config.rule_lookup import faults_of
 from mission_service.config.scenario import Scenario
 from mission_service.config.service import ServiceSection
@@ -17,8 +18,9 @@ from mission_service.config.shared_links import sharing
 from mission_service.core.core import Core
 from mission_service.errors import UnhandledLineError
 from mission_service.events import SERVICE, OrderGiven
+from mission_service.fire.run_estimate import RunEstimate
 from mission_service.fire.setup import landscape_of, warnings_on
-from mission_service.fire.simulated_fire import SimulatedFire, world_of
+from mission_service.fire.simulated_cameras import SimulatedCameras, cameras_of
 from mission_service.guidance.registry import way_of
 from mission_service.interfaces.control.control_client import NAME
 from mission_service.interfaces.control.control_server import claimed, serve_control
@@ -75,7 +77,7 @@ async def serve(
     progress: Progress = unshown,
     watch: Callable[[], None] = lambda: None,
     address: Callable[[str], None] = lambda address: None,
-) -> tuple[RunStatistics, SimulatedFire]:
+) -> tuple[RunStatistics, Fire]:
     """Run until the scenario's end, SIGINT or SIGTERM; return the statistics and the fire.
 
     Vehicles keep the mission on board, which ends in a loiter, unless the setting ``on_shutdown``
@@ -125,9 +127,9 @@ async def serve(
         terminated = signal.SIGTERM in signals
         if is_over or (not terminated and service.core.guidance.status()["complete"]):
             service.recording.journal.end()
-    service.world.advance(clock.now_us)
-    progress(service.state_view, service.world)
-    return service.statistics, service.world
+    service.estimate.advance(clock.now_us)
+    progress(service.state_view, service.estimate.fire)
+    return service.statistics, service.estimate.fire
 
 
 async def _run_tasks(
@@ -203,8 +205,10 @@ async def _engine_of(
     journal = _journal_of(run, references, interrupted, announcements.add)
     stack.callback(journal.close)
     broadcast = no_broadcast if exchange is None else exchange.broadcast
-    core, world, state_view = _initial_state(run.scenario, landscape, clock, interrupted)
-    service = Engine(run.scenario, core, world, journal, state_view, gateways, broadcast)
+    initial = _initial_state(run.scenario, landscape, clock, interrupted)
+    core, cameras, estimate, state_view = initial
+    fires = (cameras, estimate)
+    service = Engine(run.scenario, core, *fires, journal, state_view, gateways, broadcast)
     announcements.engine = service
     if interrupted is not None:
         await _resume(interrupted, service, clock, wall_us() / 1e6 - down_from_s)
@@ -250,7 +254,7 @@ class _Check:
         if context.service.defect is not None:
             raise context.service.defect
         _check_state(context, self._health, self._links)
-        self._progress(context.state_view, context.world)
+        self._progress(context.state_view, context.estimate.fire)
         context.ring()
 
 
@@ -287,15 +291,16 @@ def _initial_state(
     landscape: Landscape,
     clock: MissionClock,
     interrupted: InterruptedRun | None,
-) -> tuple[Core, SimulatedFire, StateView]:
-    """Return the core, fire and state view, new or from the latest state of a resumed run."""
+) -> tuple[Core, SimulatedCameras | None, RunEstimate, StateView]:
+    """Return core, cameras, estimate and state view, new or from the state of a resumed run."""
     if interrupted is not None and interrupted.objects is not None:
         saved = interrupted.objects
-        return saved["core"], saved["fire"].world, saved["state_view"]
-    world = world_of(scenario, landscape)
-    world.advance(clock.now_us)
+        return saved["core"], saved["cameras"], saved["estimate"], saved["state_view"]
+    estimate = RunEstimate(scenario, landscape)
+    estimate.advance(clock.now_us)
     warnings = warnings_on(scenario, landscape)
-    return Core(scenario, landscape), world, StateView(scenario, landscape, clock.now_us, warnings)
+    state_view = StateView(scenario, landscape, clock.now_us, warnings)
+    return Core(scenario, landscape), cameras_of(scenario, landscape), estimate, state_view
 
 
 async def _resume(
@@ -335,7 +340,7 @@ def replay(interrupted: InterruptedRun, service: Engine) -> None:
 
 
 def _check_state(context: RunContext, health: HealthMonitor, link_monitor: LinkMonitor) -> None:
-    """Check for silent links, refused frames and other alarms, and advance the fire."""
+    """Check for silent links, refused frames and other alarms, and advance the fires."""
     now_us = clock_us()
     context.service.clock_read(now_us)
     health.check(now_us)
@@ -353,7 +358,7 @@ def _check_state(context: RunContext, health: HealthMonitor, link_monitor: LinkM
         for line in link.refusals.announcements(connection.counts, connection.receives_signed):
             context.service.announce(name, line)
     context.clock.wall_passed(now_us)
-    context.world.advance(context.clock.now_us)
+    context.service.advance_fire(context.clock.now_us)
     context.service.check_edge(now_us)
     for name, link in context.links.items():
         if link.connected:

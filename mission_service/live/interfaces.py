@@ -82,12 +82,12 @@ def request_handler_of(
         }
 
     def on_map(lat_deg: float, lon_deg: float) -> bool:
-        landscape = service.world.landscape
+        landscape = service.estimate.landscape
         return landscape.contains(*landscape.xy_of_lat_lon(lat_deg, lon_deg))
 
     def burned_ha() -> float:
-        service.world.advance(clock.now_us)
-        return service.world.fire.burned_ha
+        service.estimate.advance(clock.now_us)
+        return service.estimate.fire.burned_ha
 
     names = tuple(section.name for section in scenario.flown)
     scope = RequestScope(stations, items, on_map, names, accepted_in(scenario))

@@ -1,4 +1,4 @@
-"""Simulates the fire of a journal again and compares every recorded camera observation.
+"""Burns the fires of a journal again and compares every recorded camera observation.
 
 On the machine that recorded the journal, all cells are equal. On another machine the last digits of
 floats may differ, and therefore also cells at the edge of the fire or of a camera's footprint.
@@ -9,7 +9,7 @@ from typing import Any
 
 from firemodel.spread.edge import at_edge
 from mission_service.events import Aborted, FireReachedEdge, Observed, Resumed, Telemetry
-from mission_service.fire.observed_fire import ObservedFire
+from mission_service.fire.simulated_cameras import SimulatedCameras
 from mission_service.journal.journal_file import Entry, SegmentReader
 from mission_service.journal.reader import JournalReader
 from mission_service.replay.replay_stage import Stage
@@ -35,7 +35,7 @@ class _Comparison:
 
     def __init__(self, recorded: JournalReader) -> None:
         self._recorded = recorded
-        self._fire = recorded.fire()
+        self._cameras, self._estimate = recorded.cameras(), recorded.estimate()
         kinds = ("observations", "cells", "within tolerance", "beyond tolerance")
         self._counts = dict.fromkeys(kinds, 0)
         self._without_position = 0
@@ -53,7 +53,7 @@ class _Comparison:
         match content:
             case Observed(corrects=False) if not entry.sure:
                 self._unsure += 1
-            case Observed(corrects=False):
+            case Observed(corrects=False) if self._cameras is not None:
                 if self._pending is not None:
                     self._position_missing(*self._pending)
                 self._pending = (self._recorded.place(reader, entry), content)
@@ -64,7 +64,8 @@ class _Comparison:
                 elif recorded.at_us != content.at_us:
                     self._position_missing(place, recorded)
                 else:
-                    self._compare(place, recorded, content)
+                    assert self._cameras is not None
+                    self._compare(place, recorded, content, self._cameras)
             case FireReachedEdge() if entry.sure and entry.intact:
                 self._compare_edge(self._recorded.place(reader, entry), content)
             case Resumed() | Aborted() if self._pending:  # its position was not journalled
@@ -73,11 +74,12 @@ class _Comparison:
                 pass
 
     def burn(self, entry: Entry) -> None:
-        """Apply the entry to the fire."""
-        if entry.is_event:
-            self._fire.apply_history(entry.content)  # type: ignore[arg-type]
-        else:
-            self._fire.on_command(entry.content)  # type: ignore[arg-type]
+        """Apply the entry to the simulated fire, if there is one, and to the estimate."""
+        for fire in (self._estimate,) if self._cameras is None else (self._cameras, self._estimate):
+            if entry.is_event:
+                fire.apply_history(entry.content)  # type: ignore[arg-type]
+            else:
+                fire.on_command(entry.content)  # type: ignore[arg-type]
 
     def stage(self) -> Stage:
         """Return the result; call it after the last entry."""
@@ -90,22 +92,24 @@ class _Comparison:
             note.append(f"{self._unsure} observations after a skipped line were not compared")
         return Stage("fire", counts, self._difference, self._details, "; ".join(note))
 
-    def _compare(self, place: str, recorded: Observed, fix: Telemetry) -> None:
-        again = self._fire.seen_from(fix)
+    def _compare(
+        self, place: str, recorded: Observed, fix: Telemetry, cameras: SimulatedCameras
+    ) -> None:
+        again = cameras.seen_from(fix)
         self._counts["observations"] += 1
         self._counts["cells"] += sum(len(row) - row.count(UNSEEN) for row in recorded.cells)
-        for cell in () if again == recorded else _cells(recorded, again, fix, self._fire):
+        for cell in () if again == recorded else _cells(recorded, again, fix, cameras):
             beyond = cell.pop("beyond")
             self._counts["beyond tolerance" if beyond else "within tolerance"] += 1
             if beyond:
                 self._differs(f"{place}: {_in_words(recorded, cell)}", cell)
 
     def _compare_edge(self, place: str, recorded: FireReachedEdge) -> None:
-        self._fire.world.advance(recorded.at_us)
-        again, arrived_s = at_edge(self._fire.world.fire), recorded.arrived_at_us / 1e6
+        self._estimate.advance(recorded.at_us)
+        again, arrived_s = at_edge(self._estimate.fire), recorded.arrived_at_us / 1e6
         if again is None or abs(again.at_s - arrived_s) > ARRIVAL_WITHIN_S:
             replay = "does not reach it" if again is None else f"reaches it at {again.at_s:.3f} s"
-            words = f"the recorded fire reaches the edge at {arrived_s:.3f} s"
+            words = f"the recorded estimate reaches the edge at {arrived_s:.3f} s"
             self._differs(f"{place}: {words}; in the replay it {replay}")
 
     def _position_missing(self, place: str, recorded: Observed) -> None:
@@ -118,7 +122,7 @@ class _Comparison:
 
 
 def _cells(
-    recorded: Observed, again: Observed | None, fix: Telemetry, fire: ObservedFire
+    recorded: Observed, again: Observed | None, fix: Telemetry, cameras: SimulatedCameras
 ) -> Iterator[dict[str, Any]]:
     """Yield the cells in which two observations differ, and whether the tolerance excuses each."""
     before, after = _letters(recorded), _letters(again)
@@ -128,9 +132,9 @@ def _cells(
         journal, replay = before.get(cell, UNSEEN), after.get(cell, UNSEEN)
         if journal == replay:
             continue
-        arrival_s = _arrival_s(fire, cell)
+        arrival_s = cameras.arrival_s(*cell)
         if UNSEEN in (journal, replay):
-            edge = _edge(fix, fire) if edge is None else edge
+            edge = _edge(fix, cameras) if edge is None else edge
             near = cell in edge
         else:
             near = arrival_s is not None and abs(arrival_s - at_s) <= ARRIVAL_WITHIN_S
@@ -156,22 +160,13 @@ def _letters(observed: Observed | None) -> dict[Cell, str]:
     }
 
 
-def _edge(fix: Telemetry, fire: ObservedFire) -> set[Cell]:
+def _edge(fix: Telemetry, cameras: SimulatedCameras) -> set[Cell]:
     """Return the cells inside a slightly larger footprint and outside a slightly smaller one."""
     wide, narrow = (
-        {cell for cell, letter in _letters(fire.seen_from(fix, wider)).items() if letter != UNSEEN}
-        for wider in (EDGE_WITHIN_CELLS, -EDGE_WITHIN_CELLS)
+        _letters(cameras.seen_from(fix, wider)) for wider in (EDGE_WITHIN_CELLS, -EDGE_WITHIN_CELLS)
     )
-    return wide - narrow
-
-
-def _arrival_s(fire: ObservedFire, cell: Cell) -> float | None:
-    """Return the fire's arrival time at a cell; None if not computed or off the landscape."""
-    rows, cols = fire.world.landscape.shape
-    if not (0 <= cell[0] < rows and 0 <= cell[1] < cols):
-        return None
-    arrival_s = float(fire.world.fire.arrival_time_s[cell])
-    return arrival_s if arrival_s < float("inf") else None
+    inside = {cell for cell, letter in narrow.items() if letter != UNSEEN}
+    return {cell for cell, letter in wide.items() if letter != UNSEEN} - inside
 
 
 def _in_words(recorded: Observed, cell: dict[str, Any]) -> str:

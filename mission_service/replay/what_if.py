@@ -30,7 +30,7 @@ from mission_service.events import (
     Resumed,
     SettingsChanged,
 )
-from mission_service.fire.observed_fire import ObservedFire
+from mission_service.fire.run_estimate import RunEstimate
 from mission_service.journal.reader import JournalReader
 from mission_service.runtime.engine import Progress, unshown
 from mission_service.runtime.outputs import summary_of, write_outputs
@@ -50,7 +50,7 @@ class PastRun:
 
     scenario: Scenario
     state_view: StateView
-    fire: ObservedFire
+    estimate: RunEstimate
     requests: list[AnyOperatorEvent] = field(default_factory=list)
 
     @property
@@ -60,7 +60,9 @@ class PastRun:
 
     def add(self, event: AnyEvent, commands: list[AnyCommand]) -> None:
         """Add an event and its commands."""
-        self.fire.apply_history(event, commands)
+        self.estimate.apply_history(event)
+        for command in commands:
+            self.estimate.on_command(command)
         self.state_view.apply(event, commands)
         if isinstance(event, OperatorEvent) and not isinstance(event, FireReachedEdge):
             self.requests.append(event)
@@ -73,9 +75,9 @@ def past_run(journal: JournalReader) -> PastRun:
             f"{journal.path}: its beginning, which contains operators' requests, was deleted"
         )
     scenario = journal.scenario
-    fire = journal.fire()
+    estimate = journal.estimate()
     start_us = round(scenario.start_s * 1e6)
-    run = PastRun(scenario, StateView(scenario, fire.world.landscape, start_us), fire)
+    run = PastRun(scenario, StateView(scenario, estimate.landscape, start_us), estimate)
     event: AnyEvent | None = None
     commands: list[AnyCommand] = []
     for _, entry in journal.intact():
@@ -87,7 +89,7 @@ def past_run(journal: JournalReader) -> PastRun:
         event, commands = entry.content, []  # type: ignore[assignment]
     if event is not None:
         run.add(event, commands)
-    run.fire.world.advance(run.record.at_us)
+    run.estimate.advance(run.record.at_us)
     return run
 
 
@@ -136,9 +138,9 @@ def what_if(
     omitted = sum(isinstance(event, NOT_REPEATED) for event in past.requests)
     if omitted:
         notes.append(f"{omitted} approvals and restarts of the recorded run are not repeated")
-    record, world = simulate(scenario, copy, created, progress, due, until_s)
-    summary = write_outputs(out, scenario, record, world.fire)
-    recorded = summary_of(past.scenario, past.record, past.fire.world.fire)
+    record, fire = simulate(scenario, copy, created, progress, due, until_s)
+    summary = write_outputs(out, scenario, record, fire)
+    recorded = summary_of(past.scenario, past.record, past.estimate.fire)
     return WhatIf(changed, until_s, figures_of(recorded), figures_of(summary), notes)
 
 

@@ -1,22 +1,21 @@
 """Runs the engine, which applies each event, in simulation and in live flight.
 
 The engine journals the event, applies it to the core and to all other projections, journals the
-commands and executes them. At each position the simulated camera observes the fire.
+commands and executes them. At each position a simulated camera, if there is one, takes an image.
 
 **No event in the journal can make a restart fail.** Requests of operators are rare and may have any
 content. The engine first applies each request to a copy of all projections (core, state view,
 interlock, missions), as a restart does, and journals it only if none of them raises an exception.
-The copy takes milliseconds, or tens of milliseconds with the maps of a formation. The fire is too
-large to be copied. It is therefore the first projection to apply a request, and it applies it
-completely or not at all. Events of vehicles are too frequent for a copy. Their types limit their
-values (``events.py``), and the journal refuses other values. An event of a vehicle that still
-raises an exception is a defect. The engine removes it from the journal and executes none of its
-commands. The run then ends with an error of one line, because memory and journal differ. A restart
-resumes the run.
+The copy takes milliseconds, or tens of milliseconds with the maps of a formation. The estimated
+fire is too large to be copied. It is therefore the first projection to apply a request, and it
+applies it completely or not at all. Events of vehicles are too frequent for a copy. Their types
+limit their values (``events.py``), and the journal refuses other values. An event of a vehicle that
+still raises an exception is a defect. The engine removes it from the journal and executes none of
+its commands. The run then ends with an error of one line, because memory and journal differ. A
+restart resumes the run.
 """
 
 import copy
-import math
 from collections import deque
 from collections.abc import Callable, Iterable
 from functools import cached_property, partial
@@ -24,6 +23,7 @@ from typing import Any
 
 from firemodel.errors import FireModelError
 from firemodel.spread.edge import at_edge
+from firemodel.spread.fire_scheme import Fire
 from mission_service.commands import (
     AnyCommand,
     BroadcastMessage,
@@ -58,8 +58,9 @@ from mission_service.events import (
     UploadFinished,
     VehicleEvent,
 )
-from mission_service.fire.observed_fire import OF_FIRE, ObservedFire
-from mission_service.fire.simulated_fire import SimulatedFire, Window
+from mission_service.fire.observed_window import Window
+from mission_service.fire.run_estimate import OF_FIRE, RunEstimate
+from mission_service.fire.simulated_cameras import SimulatedCameras
 from mission_service.guidance.registry import lock_of
 from mission_service.journal.guarded_journal import GuardedJournal
 from mission_service.journal.journal_file import Journal, command_body, event_body
@@ -73,22 +74,25 @@ from mission_service.vehicles.availability import MISSION, named_mode
 
 NO_BURN = "the scenario has no burn"
 HOST_TIME_EVERY_US = 1_000_000
+EDGE_CHECK_EVERY_US = 60_000_000
 # The fields of a snapshot; the scenario determines the other fields.
 SNAPSHOT_FIELDS = (
     "core",
-    "fire",
+    "cameras",
+    "estimate",
     "state_view",
     "_missions",
     "_undelivered",
     "_interlock",
     "_acknowledged",
 )
-TRIED = tuple(name for name in SNAPSHOT_FIELDS if name != "fire")  # a request is tried on copies
+# The fields on copies of which a request is tried.
+TRIED = tuple(name for name in SNAPSHOT_FIELDS if name not in ("cameras", "estimate"))
 
-Progress = Callable[[StateView, SimulatedFire], None]
+Progress = Callable[[StateView, Fire], None]
 
 
-def unshown(state_view: StateView, world: SimulatedFire) -> None:
+def unshown(state_view: StateView, fire: Fire) -> None:
     """Show no progress."""
 
 
@@ -97,28 +101,33 @@ def no_broadcast(message: AnyMessage) -> None:
 
 
 class Engine:
-    """The engine, which joins core, journal, simulated fire and the vehicles' gateways."""
+    """The engine, which joins core, journal, fire and the vehicles' gateways."""
 
     def __init__(
         self,
         scenario: Scenario,
         core: Core,
-        world: SimulatedFire,
+        cameras: SimulatedCameras | None,
+        estimate: RunEstimate,
         journal: Journal,
         state_view: StateView,
         gateways: dict[str, Gateway],
         broadcast: Callable[[AnyMessage], None] = no_broadcast,
     ) -> None:
-        """Join the parts; ``broadcast`` sends messages to other processes."""
+        """Join the parts; ``broadcast`` sends messages to other processes.
+
+        ``cameras`` is None without a simulated fire.
+        """
         self._scenario = scenario
         self.core = core
-        self.fire = ObservedFire(scenario, world)
+        self.cameras = cameras
+        self.estimate = estimate
         self.state_view = state_view
         self.recording = GuardedJournal(journal)
         self._missions = MissionsHeld()
         # Corrected windows that a vehicle's planner has not received yet.
         self._undelivered: dict[str, Window] = {}
-        self._edge_checked_s = -math.inf  # time of the fire at the last check of its edge
+        self._edge_due_us = 0  # of the next check whether the fire has reached the edge
         self._down_since_us = 0
         self._host_time_due_us = -(2**63)
         self._gateways = gateways
@@ -126,14 +135,9 @@ class Engine:
         self._acknowledged: dict[tuple[str, str], int] = {}
         self._unrecorded_modes: dict[str, str] = {}  # selected while the journal fails
         self._held_back: deque[DropFinished | UploadFinished] = deque()
-        self._interlock = lock_of(scenario, world.landscape)
+        self._interlock = lock_of(scenario, estimate.landscape)
         self._refusals: set[str] = set()  # alarms about refused events
         self.defect: RefusedEventError | None = None  # memory and journal differ
-
-    @property
-    def world(self) -> SimulatedFire:
-        """The simulated fire."""
-        return self.fire.world
 
     @property
     def statistics(self) -> RunStatistics:
@@ -143,7 +147,7 @@ class Engine:
     @cached_property
     def shared_references(self) -> Known:
         """The objects that the state and its copies share."""
-        return Known(self._scenario, self.world.landscape)
+        return Known(self._scenario, self.estimate.landscape)
 
     def handle_events(self, events: Iterable[VehicleEvent], now_us: int) -> None:
         """Handle the events of a gateway; ``now_us`` is the link's clock."""
@@ -152,10 +156,10 @@ class Engine:
             if not isinstance(event, Telemetry):
                 if not self._handle(event, now_us):
                     self._show_unrecorded(event)
-            elif (body := self._body_of(event)) is not None:  # before the fire advances
-                observed = self.fire.camera_observation(event)
-                if observed is not None:
-                    self._handle(observed, now_us)
+            elif (body := self._body_of(event)) is not None:  # before the image is taken
+                image = None if self.cameras is None else self.cameras.observation(event)
+                if image is not None:
+                    self._handle(image, now_us)
                 if self._written(event, body):
                     self._process(event, now_us)
                 else:
@@ -163,19 +167,25 @@ class Engine:
         self.check_edge(now_us)
 
     def check_edge(self, now_us: int) -> None:
-        """Journal ``FireReachedEdge`` once, when the fire has reached the edge of the landscape."""
-        fire_s = self.world.fire.time_s
-        if fire_s == self._edge_checked_s or self.state_view.reached_edge is not None:
+        """Journal ``FireReachedEdge`` once, when the estimated fire has reached the edge."""
+        at_us = self.statistics.at_us
+        if at_us < self._edge_due_us or self.state_view.reached_edge is not None:
             return
         if self.recording.trouble:
             return
-        self._edge_checked_s = fire_s
-        found = at_edge(self.world.fire)
+        self._edge_due_us = at_us + EDGE_CHECK_EVERY_US
+        self.estimate.advance(at_us)
+        found = at_edge(self.estimate.fire)
         if found is not None:
-            at_us = max(self.statistics.at_us, round(fire_s * 1e6))
             arrived_us = round(found.at_s * 1e6)
             place = (found.lat_deg, found.lon_deg)
             self._handle(FireReachedEdge(at_us, SERVICE, "", arrived_us, *place), now_us)
+
+    def advance_fire(self, at_us: int) -> None:
+        """Advance the simulated fire, if there is one, and the estimate to a mission time."""
+        if self.cameras is not None:
+            self.cameras.advance(at_us)
+        self.estimate.advance(at_us)
 
     def _show_unrecorded(self, event: VehicleEvent) -> None:
         """Show operators an event that could not be journalled and was not handled.
@@ -257,7 +267,7 @@ class Engine:
 
     def _apply_to_fire(self, event: AnyOperatorEvent) -> Window | None:
         """Apply an operator's event to the fire, which refuses impossible changes."""
-        found = self.fire.apply_report(event)
+        found = self.estimate.apply_report(event)
         if isinstance(event, OF_FIRE):
             self.state_view.fire_changed()
         return found
@@ -269,8 +279,11 @@ class Engine:
 
     def apply_history(self, event: AnyEvent, commands: list[AnyCommand]) -> None:
         """Apply an event of the journal with its commands, without executing the commands."""
-        self.world.advance(event.at_us)
-        window = self.fire.apply_history(event, commands)
+        if self.cameras is not None:
+            self.cameras.apply_history(event)
+        window = self.estimate.apply_history(event)
+        for command in commands:
+            self._apply_command_to_fire(command)
         if isinstance(event, OF_FIRE):
             self.state_view.fire_changed()
         self._show(event, commands)
@@ -391,7 +404,7 @@ class Engine:
         """Apply a journalled event, then journal and execute the commands."""
         try:
             commands = self._apply(event)
-            self.fire.on_event(event)
+            self._apply_event_to_fire(event)
             may_act = self.recording.write_commands(commands)
         except OSError:  # the journal of a simulation
             raise
@@ -407,12 +420,23 @@ class Engine:
             elif (refused := self._refused(command)) is not None:
                 self._held_back.append(refused)
             else:
-                self.fire.on_command(command)
+                self._apply_command_to_fire(command)
                 self._gateways[command.vehicle].execute(command, now_us)
             if self._interlock is not None:
                 self._interlock.on_commands([command])
         while self._held_back:
             self._handle(self._held_back.popleft(), now_us)
+
+    def _apply_event_to_fire(self, event: AnyEvent) -> None:
+        """Pass an event to the simulated fire and to the estimate, which are independent."""
+        if self.cameras is not None:
+            self.cameras.on_event(event)
+        self.estimate.on_event(event)
+
+    def _apply_command_to_fire(self, command: AnyCommand) -> None:
+        if self.cameras is not None:
+            self.cameras.on_command(command)
+        self.estimate.on_command(command)
 
     def _apply(self, event: AnyEvent) -> list[AnyCommand]:
         """Apply an event to all projections except the fire; return the core's commands."""

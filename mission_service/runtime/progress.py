@@ -8,7 +8,7 @@ from typing import Self
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-from mission_service.fire.simulated_fire import SimulatedFire
+from firemodel.spread.fire_scheme import Fire
 from mission_service.runtime.published_states import Announcement
 from mission_service.runtime.run_statistics import RunStatistics
 from mission_service.runtime.state_view import StateView
@@ -23,9 +23,9 @@ def clock_text(at_us: int) -> str:
     return f"{seconds // 3600}:{seconds // 60 % 60:02d}:{seconds % 60:02d}"
 
 
-def status_lines(statistics: RunStatistics, world: SimulatedFire) -> list[str]:
+def status_lines(statistics: RunStatistics, fire: Fire) -> list[str]:
     """Return one line per vehicle: fire size, direction, reversals, uploads."""
-    fire = f"fire {world.fire.burned_ha:6.0f} ha"
+    size = f"fire {fire.burned_ha:6.0f} ha"
     lines = []
     for name, vehicle in statistics.vehicles.items():
         accepted = vehicle.uploads["accepted"]
@@ -35,7 +35,7 @@ def status_lines(statistics: RunStatistics, world: SimulatedFire) -> list[str]:
         if vehicle.orders:
             done = f"{vehicle.orders['Orbit']:3d} orbits"
         lines.append(
-            f"{fire}  {name}: {direction:<13} {done}  {accepted:4d} uploads accepted"
+            f"{size}  {name}: {direction:<13} {done}  {accepted:4d} uploads accepted"
             + (f", {other} not" if other else "")
         )
     return lines
@@ -53,7 +53,7 @@ class LiveReport:
         self._console = Console(stderr=quiet, highlight=False, soft_wrap=True)
         self._next_us = self._last_id = 0
 
-    def __call__(self, state_view: StateView, world: SimulatedFire) -> None:
+    def __call__(self, state_view: StateView, fire: Fire) -> None:
         """Print new announcements and a due status line."""
         for line in state_view.announcements_after(self._last_id):
             self._last_id = line.id
@@ -62,7 +62,7 @@ class LiveReport:
         at_us = state_view.statistics.at_us
         if at_us >= self._next_us:
             self._next_us = at_us + STATUS_EVERY_US
-            for status in status_lines(state_view.statistics, world):
+            for status in status_lines(state_view.statistics, fire):
                 self._console.print(f"{clock_text(at_us)}  {status}", markup=False)
         sys.stdout.flush()
 
@@ -90,13 +90,13 @@ class SimProgress:
     def __exit__(self, *exception: object) -> None:
         self._bar.stop()
 
-    def __call__(self, state_view: StateView, world: SimulatedFire) -> None:
+    def __call__(self, state_view: StateView, fire: Fire) -> None:
         """Print new warnings; update the bar, or print a line if one is due."""
         for line in state_view.announcements_after(self._last_id):
             self._last_id = line.id
             if line.level == "warning":
                 self._console.print(announced_text(line))
-        at_us, lines = state_view.statistics.at_us, status_lines(state_view.statistics, world)
+        at_us, lines = state_view.statistics.at_us, status_lines(state_view.statistics, fire)
         if self._console.is_terminal:
             self._bar.update(self._task, completed=at_us / 1e6, status=lines[0])
         elif at_us >= self._next_us:

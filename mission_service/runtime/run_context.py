@@ -11,7 +11,7 @@ from firemodel.physics.weather import Weather
 from mission_service.config.scenario import Scenario
 from mission_service.config.service import ServiceSection
 from mission_service.core.core import Core
-from mission_service.fire.simulated_fire import SimulatedFire
+from mission_service.fire.run_estimate import RunEstimate
 from mission_service.missions.mission_figures import Figures, figures_of
 from mission_service.runtime.engine import Engine
 from mission_service.runtime.gateway import MissionClock
@@ -61,14 +61,14 @@ class RunContext:
         return self.service.core
 
     @property
-    def world(self) -> SimulatedFire:
-        """The simulated fire."""
-        return self.service.world
+    def estimate(self) -> RunEstimate:
+        """The estimated fire, which all interfaces show."""
+        return self.service.estimate
 
     @property
     def landscape(self) -> Landscape:
         """The landscape of the fire."""
-        return self.service.world.landscape
+        return self.service.estimate.landscape
 
     @property
     def state_view(self) -> StateView:
@@ -93,7 +93,7 @@ class RunContext:
 
     def fire(self) -> dict[str, Any]:
         """Return the figures of the fire."""
-        return self.state_view.fire(self.world.fire.burned_ha, self.world.corrections())
+        return self.state_view.fire(self.estimate.fire.burned_ha, self.estimate.corrections())
 
     @property
     def estimated_fire(self) -> "EstimatedFire | None":
@@ -102,8 +102,8 @@ class RunContext:
 
     def weather(self) -> Weather:
         """Return the present weather: that of the scenario, or as operators have set it."""
-        at_s, estimate = self.clock.now_us / 1e6, self.estimated_fire
-        return self.world.fire.weather.at(at_s) if estimate is None else estimate.weather_at(at_s)
+        at_s, of_burn = self.clock.now_us / 1e6, self.estimated_fire
+        return self.estimate.fire.weather.at(at_s) if of_burn is None else of_burn.weather_at(at_s)
 
     def preview(self, vehicle: str) -> Items | None:
         """Return the mission that the service would send to the vehicle now, without sending it.

@@ -43,8 +43,8 @@ def run_demo(
                         f"the mock autopilot of {section.name} ended with code {mock.returncode}"
                     )
 
-        record, world = asyncio.run(serve(run, progress, mocks_alive, address))
-    return write_outputs(run.out, scenario, record, world.fire)
+        record, fire = asyncio.run(serve(run, progress, mocks_alive, address))
+    return write_outputs(run.out, scenario, record, fire)
 
 
 @contextlib.contextmanager

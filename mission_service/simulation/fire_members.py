@@ -35,6 +35,7 @@ from mission_service.fire.setup import (
     burning_of,
     ignitions_of,
     landscape_of,
+    require_fire,
     settings_of,
     uncertainty_of,
     warnings_on,
@@ -100,6 +101,7 @@ def job_of(scenario: Scenario, count: int) -> Job:
     """
     check_times(scenario)
     landscape = landscape_of(scenario)
+    require_fire(scenario)
     burning, ignitions = burning_of(scenario, landscape), ignitions_of(scenario, landscape)
     check_ignitions(landscape, ignitions, burning.at_s if burning else 0.0)
     return Job(

@@ -22,7 +22,7 @@ from firemodel.spread.schemes import SCHEMES
 from mission_service.config.fire_sections import LandscapeSection
 from mission_service.config.scenario import Scenario, load_scenario
 from mission_service.errors import OptionError, ScenarioError
-from mission_service.fire.setup import check_fire, fire_of, landscape_in, warnings_on
+from mission_service.fire.setup import check_fire, fire_of, landscape_in, require_fire, warnings_on
 from mission_service.runtime.progress import fire_progress
 from mission_service.simulation.fire_alone import check_times, writing
 from mission_service.simulation.result_files import (
@@ -200,6 +200,7 @@ def _checked(sweep: Sweep, scenarios: list[Scenario]) -> Iterator[str]:
         try:
             check_times(scenario)
             landscape = _landscape(scenario.landscape.model_dump_json())
+            require_fire(scenario)
             check_fire(scenario, landscape)
             yield from warnings_on(scenario, landscape)
         except (FireModelError, ScenarioError) as error:

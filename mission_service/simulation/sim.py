@@ -14,12 +14,16 @@ from autopilot_bridge.stacks.stacks import stack_named
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.weather import Weather
+from firemodel.spread.fire_scheme import Fire
+from mission_service.config.fire_sections import SimulatedFireSection, SimulationSection
 from mission_service.config.scenario import Scenario
 from mission_service.config.sections import LinkSection, VehicleSection
 from mission_service.core.core import Core
 from mission_service.events import AnyOperatorEvent
-from mission_service.fire.setup import home_of, landscape_of, warnings_on, weather_of
-from mission_service.fire.simulated_fire import SimulatedFire, world_of
+from mission_service.fire.run_estimate import RunEstimate
+from mission_service.fire.setup import home_of, landscape_of, warnings_on
+from mission_service.fire.simulated_cameras import cameras_of
+from mission_service.fire.simulated_fire import simulated_weather
 from mission_service.guidance.registry import way_of
 from mission_service.journal.journal_file import Journal, header_of
 from mission_service.runtime.engine import Engine, Progress, unshown
@@ -65,7 +69,7 @@ class SimulatedVehicle:
         self.client = NativeClient(target_system=section.system_id, rates_hz=rates)
         self.mock.intervals.only(*rates)
         self._clock = clock
-        self._weather = weather_of(scenario) if scenario.fly_in_wind else None
+        self._weather = simulated_weather(scenario) if scenario.fly_in_wind else None
         self._entry: Weather | None = None
         self.gateway = Gateway(
             section.name,
@@ -127,7 +131,8 @@ class Simulation:
 
             crew = SimulatedCrew(scenario.burn_flown).due
         self.clock = MissionClock(round(scenario.start_s * 1e6), wall=False)
-        self.world = world_of(scenario, landscape)
+        self.cameras = cameras_of(scenario, landscape)
+        self.estimate = RunEstimate(scenario, landscape)
         self.rigs = [
             SimulatedVehicle(section, scenario, landscape, self.clock) for section in scenario.flown
         ]
@@ -135,7 +140,9 @@ class Simulation:
         gateways = {rig.gateway.name: rig.gateway for rig in self.rigs}
         warnings = warnings_on(scenario, landscape)
         state_view = StateView(scenario, landscape, self.clock.now_us, warnings)
-        self.service = Engine(scenario, self.core, self.world, journal, state_view, gateways)
+        self.service = Engine(
+            scenario, self.core, self.cameras, self.estimate, journal, state_view, gateways
+        )
         self._crew = crew
         self._progress = progress
         self._report_us = self.clock.now_us
@@ -163,7 +170,7 @@ class Simulation:
         heapq.heappush(self._heap, (max(self.rigs[index].next_timer(), now_us), index))
         if self.clock.now_us >= self._report_us:
             self._report_us += PROGRESS_EVERY_US
-            self._progress(self.service.state_view, self.world)
+            self._progress(self.service.state_view, self.estimate.fire)
 
 
 def simulate(
@@ -173,13 +180,17 @@ def simulate(
     progress: Progress = unshown,
     crew: Crew | None = None,
     until_s: float | None = None,
-) -> tuple[RunStatistics, SimulatedFire]:
+) -> tuple[RunStatistics, Fire]:
     """Fly a scenario to its end (or ``until_s``) in virtual time and write a journal.
+
+    A scenario without [simulation.fire] receives this table with its defaults, because only a
+    simulated fire can be observed here.
 
     ``created`` (wall-clock time as text) is only written into the journal's header. ``progress`` is
     called about once per minute of mission time. ``crew`` returns the operators' events that are
     due at a mission time.
     """
+    scenario = _with_simulated_fire(scenario)
     landscape = landscape_of(scenario)
     journal = Journal(journal_path, header_of(scenario, landscape.digest(), created), durable=False)
     try:
@@ -187,6 +198,13 @@ def simulate(
         simulation.run(scenario.duration_s if until_s is None else until_s)
     finally:
         journal.close()
-    simulation.world.advance(simulation.clock.now_us)
-    progress(simulation.service.state_view, simulation.world)
-    return simulation.service.statistics, simulation.world
+    simulation.service.advance_fire(simulation.clock.now_us)
+    progress(simulation.service.state_view, simulation.estimate.fire)
+    return simulation.service.statistics, simulation.estimate.fire
+
+
+def _with_simulated_fire(scenario: Scenario) -> Scenario:
+    if scenario.simulation.fire is not None:
+        return scenario
+    section = SimulationSection(fire=SimulatedFireSection())
+    return scenario.model_copy(update={"simulation": section})

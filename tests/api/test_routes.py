@@ -378,7 +378,7 @@ def test_a_correction_is_answered_with_the_area_before_and_after(tmp_path: Path)
     world.fly(3700.0)
 
     def area() -> float:
-        return float(world.context.world.fire.burned_ha)
+        return float(world.context.estimate.fire.burned_ha)
 
     async def ask(http: httpx.AsyncClient) -> None:
         before = area()

@@ -140,12 +140,12 @@ def test_the_inside_of_a_perimeter_has_burned_and_its_edge_burns(standing: World
     (accepted,) = posted(standing, [around(standing, 30, 118, 700.0)])["accepted"]
     assert accepted["burned_ha_before"] < 40.0
     assert accepted["burned_ha_after"] == pytest.approx(196.0, rel=0.03)
-    fire = standing.simulation.world.fire
+    fire = standing.simulation.estimate.fire
     front = fire.front(fire.time_s)
     assert front.area / 1e4 == pytest.approx(196.0, rel=0.03)
     assert front.length == pytest.approx(5600.0, rel=0.1)
     standing.fly(4200.0)
-    assert standing.simulation.world.fire.burned_ha > accepted["burned_ha_after"] + 5.0
+    assert standing.simulation.estimate.fire.burned_ha > accepted["burned_ha_after"] + 5.0
 
 
 def test_islands_of_a_perimeter_are_unburned_and_fire_in_an_island_burns(standing: World) -> None:
@@ -153,7 +153,7 @@ def test_islands_of_a_perimeter_are_unburned_and_fire_in_an_island_burns(standin
     posted(standing, [small], [large, island], [around(standing, 20, 20, 150.0)])
     states = [each.state for each in standing.submitted if isinstance(each, Corrected)]
     assert states == ["burning", "unburned", "burning", "burning"]
-    burned = standing.simulation.world.fire.burned()
+    burned = standing.simulation.estimate.fire.burned()
     assert [burned[75, col] for col in (75, 65, 55)] == [True, False, True]
     assert burned[20, 20]
 
@@ -173,4 +173,4 @@ def test_a_perimeter_partly_off_the_landscape_burns_the_part_on_it(standing: Wor
     found = posted(standing, [around(standing, 0, 75, 600.0)], [around(standing, -300, 75, 150.0)])
     assert "of the area lies outside the landscape" in found["perimeter"]["properties"]["notes"][0]
     assert len(found["accepted"]) == 1
-    assert standing.simulation.world.fire.burned()[0:20, 56:95].all()
+    assert standing.simulation.estimate.fire.burned()[0:20, 56:95].all()

@@ -43,7 +43,7 @@ class World:
     def fly(self, until_s: float) -> None:
         """Go on until mission time has come so far, and signal the announcements."""
         self.simulation.run(until_s)
-        self.simulation.world.advance(self.simulation.clock.now_us)
+        self.simulation.estimate.advance(self.simulation.clock.now_us)
         self.context.ring()
 
     @property
@@ -74,8 +74,8 @@ def world_in(out: Path, scenario: Scenario) -> World:
         return landscape.contains(*landscape.xy_of_lat_lon(lat_deg, lon_deg))
 
     def burned_ha() -> float:
-        simulation.world.advance(clock.now_us)
-        return simulation.world.fire.burned_ha
+        simulation.estimate.advance(clock.now_us)
+        return simulation.estimate.fire.burned_ha
 
     burn = scenario.burn_flown
     scope = RequestScope(

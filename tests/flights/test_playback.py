@@ -39,8 +39,8 @@ def shown(player: Playback) -> Any:
             "missions": state_view.missions,
             "alarms": state_view.alarms,
             "announcements": [(line.at_us, line.text) for line in state_view.announcements],
-            "corrections": service.world.corrections(),
-            "fire": service.world.fire.arrival_time_s.tobytes().hex(),
+            "corrections": service.estimate.corrections(),
+            "fire": service.estimate.fire.arrival_time_s.tobytes().hex(),
             "tracks": {
                 name: list(each.track) for name, each in service.statistics.vehicles.items()
             },
@@ -156,8 +156,8 @@ def test_without_a_scenario_it_flies_over_level_ground(tmp_path: Path, make: Any
         run(player)
         service = player.replay.service
         assert service.statistics.telemetry > 5
-        assert service.world.fire.burned_ha == 0.0
-        assert not np.isfinite(service.world.fire.arrival_time_s).any()
+        assert service.estimate.fire.burned_ha == 0.0
+        assert not np.isfinite(service.estimate.fire.arrival_time_s).any()
         (mission,) = player.state_view.missions.values()
         assert mission.on_board is mission.sending is None
         assert player.complete

@@ -27,7 +27,7 @@ def context_after_a_flight(out: Path) -> Iterator[RunContext]:
     journal = Journal(out / "journal.jsonl", header, durable=True)
     simulation = Simulation(scenario, journal, landscape, lambda at, core: [])
     simulation.run(scenario.start_s + FLIGHT_S)
-    simulation.world.advance(simulation.clock.now_us)
+    simulation.estimate.advance(simulation.clock.now_us)
     service, clock = simulation.service, simulation.clock
     request_handler = RequestHandler(lambda event: [], service.status, lambda: clock.now_us)
     settings, journal_path = ServiceSection(), out / "journal.jsonl"

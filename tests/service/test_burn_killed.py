@@ -24,7 +24,9 @@ from mission_service.events import (
     Telemetry,
     VehicleConnected,
 )
+from mission_service.fire.run_estimate import RunEstimate
 from mission_service.fire.setup import fire_of, landscape_of
+from mission_service.fire.simulated_cameras import cameras_of
 from mission_service.fire.simulated_fire import SimulatedFire
 from mission_service.guidance.burn.controller import BurnFlight, burn_flight
 from mission_service.journal.journal_file import Journal, Rest, SegmentReader, header_of
@@ -103,9 +105,9 @@ def continued(flown: Burn, path: Path) -> Again:
     assert cut_off is not None
     journal = Journal(path, header_of(scenario, digest, ""), durable=True, rest=cut_off.rest())
     core, kept = Core(scenario, landscape), Kept()
-    world = SimulatedFire(fire_of(scenario, landscape), landscape)
+    fires = (cameras_of(scenario, landscape), RunEstimate(scenario, landscape))
     gateways = {NAME: cast(Gateway, kept)}
-    service = Engine(scenario, core, world, journal, StateView(scenario, landscape, 0), gateways)
+    service = Engine(scenario, core, *fires, journal, StateView(scenario, landscape, 0), gateways)
     replay(cut_off, service)
     assert kept.commands == []
     plans = service.status()["plans"]
@@ -204,10 +206,10 @@ def test_the_fire_is_lit_where_it_was(flown: Burn, tmp_path: Path) -> None:
     again.journal.close()
     later_us = 400_000_000
     truth.advance(later_us)
-    again.service.world.advance(later_us)
+    again.service.estimate.advance(later_us)
     assert len(falls) > 3
     burned = np.isfinite(truth.fire.arrival_time_s)
-    assert np.array_equal(burned, np.isfinite(again.service.world.fire.arrival_time_s))
+    assert np.array_equal(burned, np.isfinite(again.service.estimate.fire.arrival_time_s))
 
 
 def test_nothing_is_dropped_or_begun_before_a_new_list_and_a_new_approval(

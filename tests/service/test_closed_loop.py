@@ -10,9 +10,9 @@ import pytest
 from autopilot_bridge.missions.check import adapted, check
 from autopilot_bridge.missions.read_back import as_read_back, same_as_sent
 from autopilot_bridge.stacks.stacks import stack_named
+from firemodel.spread.fire_scheme import Fire
 from mission_service.commands import UploadMission
 from mission_service.config.scenario import load_scenario
-from mission_service.fire.simulated_fire import SimulatedFire
 from mission_service.journal.journal_file import SegmentReader
 from mission_service.replay.verification import Verification, verify
 from mission_service.runtime.outputs import write_outputs
@@ -32,13 +32,13 @@ SHORT = (
 class Run:
     journal: Path
     record: RunStatistics
-    world: SimulatedFire
+    fire: Fire
 
 
 def fly(path: Path, *overrides: str, name: str = "default") -> Run:
     scenario = load_scenario(name, (*SHORT, *overrides))
-    record, world = simulate(scenario, path, created="2026-01-01")
-    return Run(path, record, world)
+    record, fire = simulate(scenario, path, created="2026-01-01")
+    return Run(path, record, fire)
 
 
 @pytest.fixture(scope="module")
@@ -61,7 +61,7 @@ def test_telemetry_comes_four_times_a_second(run: Run) -> None:
 def test_the_vehicle_stays_near_the_front(run: Run) -> None:
     import numpy as np
 
-    land, arrival = run.world.landscape, run.world.fire.arrival_time_s
+    land, arrival = run.fire.landscape, run.fire.arrival_time_s
     burned_rows, burned_cols = np.indices(land.shape)
     far = []
     for at_us, lat, lon, _ in run.record.vehicles["hawk"].track[900::20]:
@@ -165,7 +165,7 @@ def test_a_journal_cut_off_is_verified_up_to_the_cut(run: Run, tmp_path: Path) -
 
 def test_what_a_run_leaves_can_be_read(run: Run, tmp_path: Path) -> None:
     scenario = load_scenario("default", SHORT)
-    summary = write_outputs(tmp_path, scenario, run.record, run.world.fire)
+    summary = write_outputs(tmp_path, scenario, run.record, run.fire)
     assert summary["vehicles"][0]["reversals"] == len(run.record.vehicles["hawk"].reversals)
     tracks = json.loads((tmp_path / "tracks.geojson").read_text(encoding="utf-8"))
     kinds = [feature["geometry"]["type"] for feature in tracks["features"]]

@@ -15,7 +15,7 @@ from mission_service.cli.main import main
 from mission_service.config.fire_sections import FireSection
 from mission_service.config.scenario import SHIPPED, load_scenario
 from mission_service.errors import ScenarioError
-from mission_service.fire.simulated_fire import check
+from mission_service.fire.scenario_check import check
 
 ISLAM_HU = (SHIPPED / "islam-hu.toml").read_text(encoding="utf-8")
 

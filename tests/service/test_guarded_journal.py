@@ -81,7 +81,7 @@ def test_on_a_full_disk_nothing_is_done_but_an_abort_and_then_it_goes_on(tmp_pat
         assert done == []
         # Positions are shown all the same.
         assert state_view.telemetry["hawk"].at_us > clock.now_us - 1_000_000
-        fire = service.world.fire
+        fire = service.estimate.fire
         for asked in (
             OperatorHeartbeat(clock.now_us, "ann", ""),
             OrderGiven(clock.now_us, "ann", "", "hawk", "hold"),
@@ -90,7 +90,7 @@ def test_on_a_full_disk_nothing_is_done_but_an_abort_and_then_it_goes_on(tmp_pat
             with pytest.raises(NotRecordedError, match=r"^not recorded: disk full; the request"):
                 service.submit(asked, simulation.link_us)
         assert service.core.vehicles["hawk"].ordered == ""
-        assert service.world.fire is fire
+        assert service.estimate.fire is fire
         service.submit(Aborted(clock.now_us, "ann", ""), simulation.link_us)
         assert done[1:] == [Hold("hawk")]
         assert not service.retry(clock.now_us, simulation.link_us)
@@ -198,7 +198,7 @@ def test_a_correction_that_cannot_be_is_not_in_the_journal(tmp_path: Path) -> No
     before = path.read_bytes()
     now_us = simulation.clock.now_us
     water = Corrected(now_us, "ann", "", "burning", "point", (PLACE,), now_us - 10_000_000_000)
-    simulation.service.world.apply_report = _refuses  # type: ignore[method-assign]
+    simulation.service.estimate.apply_report = _refuses  # type: ignore[method-assign]
     with pytest.raises(FireModelError):
         simulation.service.submit(water, simulation.link_us)
     assert path.read_bytes() == before

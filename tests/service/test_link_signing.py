@@ -17,7 +17,7 @@ from autopilot_bridge.missions.transfer import TransferTiming
 from autopilot_bridge.stacks.stacks import stack_named
 from mission_service.config.scenario import SHIPPED, load_scenario, with_signing_key
 from mission_service.errors import ScenarioError
-from mission_service.fire.simulated_fire import check
+from mission_service.fire.scenario_check import check
 from mission_service.runtime.clocks import wall_us
 from mission_service.runtime.link_signing import SigningRefusals, refusal, signings, timestamps_file
 from tests.bridge.helpers import line_of

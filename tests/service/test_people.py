@@ -37,8 +37,8 @@ from mission_service.events import (
     WindSet,
 )
 from mission_service.fire.corrected_fire import MAX_OBSERVATIONS, thinned
+from mission_service.fire.run_estimate import RunEstimate
 from mission_service.fire.setup import landscape_of
-from mission_service.fire.simulated_fire import world_of
 from mission_service.guidance.front.perimeter_planner import PerimeterPlanner
 from tests.service.people_flights import ANN, Flight, Fly, flights_in
 
@@ -103,12 +103,12 @@ def test_a_hold_is_sent_again_until_the_autopilot_accepts(fly: Fly) -> None:
 def test_a_correction_moves_fire_and_mission_and_an_undo_takes_it_back(fly: Fly, rule: str) -> None:
     flight = fly(rule=rule)
     flight.run(900.0)
-    before = flight.sim.world.fire.burned().copy()
+    before = flight.sim.estimate.fire.burned().copy()
     row, col = np.argwhere(before).max(axis=0).tolist()  # its south-east end
     places = around(flight, row + 4.0, col + 4.0, 150.0)
     drawn = Corrected(flight.now_us, *ANN, "burned", "polygon", places, flight.now_us)
     flight.submit(drawn)
-    after = flight.sim.world.fire.burned()
+    after = flight.sim.estimate.fire.burned()
     assert after[row + 4, col + 4]
     assert not before[row + 4, col + 4]
     drawn_cells = after[row : row + 9, col : col + 9]
@@ -117,18 +117,18 @@ def test_a_correction_moves_fire_and_mission_and_an_undo_takes_it_back(fly: Fly,
     planner = flight.sim.core.decision_engine.planners["hawk"]
     assert isinstance(planner, PerimeterPlanner) or rule != "islam_hu_damped"
     shape = planner.shape(row, col)  # type: ignore[attr-defined]
-    assert flight.sim.world.corrections()[0]["by"] == "ann"
+    assert flight.sim.estimate.corrections()[0]["by"] == "ann"
     mission_view = flight.state_view.missions["hawk"]
     mission = mission_view.sending or mission_view.on_board
     assert mission is not None
     assert mission.at_us >= drawn.at_us, "the mission was renewed at once"
     flight.submit(Undone(flight.now_us, *ANN))
-    assert not flight.sim.world.fire.burned()[row + 4, col + 4]
-    assert not flight.sim.world.corrections()
+    assert not flight.sim.estimate.fire.burned()[row + 4, col + 4]
+    assert not flight.sim.estimate.corrections()
     back = planner.shape(row, col)  # type: ignore[attr-defined]
     assert (shape - back).max() > 3.0, "the planner has it as it was"
     flight.submit(Redone(flight.now_us, *ANN))
-    assert flight.sim.world.fire.burned()[row + 4, col + 4]
+    assert flight.sim.estimate.fire.burned()[row + 4, col + 4]
     flight.run(60.0)
     seen = [each for each in flight.over() if isinstance(each, Observed) and each.corrects]
     assert len(seen) == 3 * len(flight.scenario.vehicles)
@@ -137,21 +137,22 @@ def test_a_correction_moves_fire_and_mission_and_an_undo_takes_it_back(fly: Fly,
 def test_ground_reported_unburned_and_erasures_and_wind(fly: Fly) -> None:
     flight = fly()
     flight.run(400.0)
-    burned = np.argwhere(flight.sim.world.fire.burned())
+    flight.sim.estimate.advance(flight.now_us)
+    burned = np.argwhere(flight.sim.estimate.fire.burned())
     row, col = burned.max(axis=0).tolist()
     north = int(burned[:, 0].min())
     places = around(flight, (row + north) / 2, col, 120.0)
     now = flight.now_us
     flight.submit(Corrected(now, *ANN, "unburned", "polygon", places, now))
-    assert not flight.sim.world.fire.burned()[round((row + north) / 2), col]
+    assert not flight.sim.estimate.fire.burned()[round((row + north) / 2), col]
     lat, lon = flight.landscape.lat_lon_of(*flight.landscape.xy_of((row + north) / 2, float(col)))
     flight.submit(Erased(now, *ANN, float(lat), float(lon), 400.0))
-    assert np.array_equal(np.argwhere(flight.sim.world.fire.burned()), burned)
+    assert np.array_equal(np.argwhere(flight.sim.estimate.fire.burned()), burned)
     flight.submit(WindSet(now, *ANN, 12.0, 270.0))
-    weather = flight.sim.world.fire.weather.at(flight.now_s)
+    weather = flight.sim.estimate.fire.weather.at(flight.now_s)
     assert (weather.wind_speed_m_s, weather.wind_from_deg) == (12.0, 270.0)
     flight.run(600.0)
-    grown = np.argwhere(flight.sim.world.fire.burned()).max(axis=0)
+    grown = np.argwhere(flight.sim.estimate.fire.burned()).max(axis=0)
     assert grown[1] > col + 10, "it runs east before the wind"
     bow_tie = (places[0], places[2], places[1], places[3])
     crossed = Corrected(now, *ANN, "burned", "polygon", bow_tie, now)
@@ -245,7 +246,7 @@ def test_a_drawn_area_is_as_drawn_though_few_of_its_marks_are_fitted(
     """A fit of all would take as long as the cube of their number."""
     scenario = load_scenario("demo")
     landscape = landscape_of(scenario)
-    world = world_of(scenario, landscape)
+    world = RunEstimate(scenario, landscape)
     world.advance(round(scenario.start_s * 1e6))
     fitted: list[int] = []
 

@@ -105,7 +105,7 @@ class Flight:
         if cut_off.objects is not None:
             again.service.restore(cut_off.objects)
         replay(cut_off, again.service)
-        again.core, again.world = again.service.core, again.service.world
+        again.core, again.estimate = again.service.core, again.service.estimate
         announcements = resumed(max(cut_off.last_us, again.service.statistics.at_us), DOWN_US / 1e6)
         again.clock.go_on(announcements.at_us, 0)
         again.service.resume(cut_off.missing, announcements, link_us + DOWN_US)

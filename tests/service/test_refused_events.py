@@ -25,8 +25,9 @@ from mission_service.events import (
     Telemetry,
     WindMeasured,
 )
+from mission_service.fire.run_estimate import RunEstimate
 from mission_service.fire.setup import landscape_of
-from mission_service.fire.simulated_fire import world_of
+from mission_service.fire.simulated_cameras import cameras_of
 from mission_service.journal.journal_file import Journal, SegmentReader, event_body, header_of
 from mission_service.journal.recovery import resumed, unfinished
 from mission_service.journal.segments import newest_state
@@ -257,7 +258,8 @@ def continued(path: Path, skip: bool = False) -> tuple[tuple[str, ...], Engine]:
     service = Engine(
         scenario,
         Core(scenario, landscape),
-        world_of(scenario, landscape),
+        cameras_of(scenario, landscape),
+        RunEstimate(scenario, landscape),
         journal,
         StateView(scenario, landscape, start_us),
         {"hawk": cast(Gateway, Silent())},

@@ -11,8 +11,8 @@ from mission_service.config.scenario import Scenario, load_scenario
 from mission_service.events import AnyOperatorEvent, Corrected, Erased, Undone, WindSet
 from mission_service.fire import corrected_fire as corrected_fire
 from mission_service.fire.correction_log import CorrectionLog
+from mission_service.fire.run_estimate import RunEstimate
 from mission_service.fire.setup import landscape_of
-from mission_service.fire.simulated_fire import SimulatedFire, world_of
 
 AT_US = 3_600_000_000
 ANN = ("ann", "desk")
@@ -24,7 +24,7 @@ class Drawn:
     """A fire that is drawn on."""
 
     scenario: Scenario
-    world: SimulatedFire
+    world: RunEstimate
 
     def place(self, north: int, east: int) -> tuple[float, float]:
         """So many cells from the ignition."""
@@ -55,7 +55,7 @@ class Drawn:
 def drawn(monkeypatch: pytest.MonkeyPatch) -> Drawn:
     monkeypatch.setattr(corrected_fire, "MAX_STEPS", MAX_STEPS)
     scenario = load_scenario("demo", ("landscape.rows=150", "landscape.cols=150"))
-    world = world_of(scenario, landscape_of(scenario))
+    world = RunEstimate(scenario, landscape_of(scenario))
     world.advance(AT_US)
     return Drawn(scenario, world)
 

@@ -7,7 +7,7 @@ import pytest
 
 from mission_service.config.scenario import load_scenario
 from mission_service.errors import ScenarioError
-from mission_service.fire.simulated_fire import check
+from mission_service.fire.scenario_check import check
 from mission_service.replay.verification import verify
 from tests.service.test_forged_frames import Run
 from tests.service.test_live import CLI, free_port, process

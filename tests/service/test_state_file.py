@@ -95,7 +95,7 @@ def test_a_fire_burns_on_from_a_state_as_if_nothing_had_been(
 ) -> None:
     run = flown[name]
     shared = Known(run.scenario, run.landscape)
-    world = run.simulation.world
+    world = run.simulation.estimate
     again = restore(Frozen({"world": world}, shared))["world"]
     assert again.landscape is run.landscape
     later_us = round(world.fire.time_s * 1e6) + 900_000_000

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from firemodel.spread.fire_scheme import Fire
 from mission_service.config.scenario import load_scenario
 from mission_service.core.core import Core
-from mission_service.fire.simulated_fire import SimulatedFire
 from mission_service.guidance.team.baselines import Bumper
 from mission_service.guidance.team.front_ring import ActiveFleet, FrontRing
 from mission_service.guidance.team.team import TeamMember
@@ -67,7 +67,7 @@ class Noted(Bumper):
 class Run:
     journal: Path
     record: RunStatistics
-    world: SimulatedFire
+    fire: Fire
     cores: list[Core]
     announcements: list[str] = field(default_factory=list)
 
@@ -93,8 +93,8 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sim, "SimulatedVehicle", Mortal)
         patch.setattr(sim, "Core", core)
-        record, world = sim.simulate(load_scenario("team", SHORT), path, "2026-01-01", announced)
-    return Run(path, record, world, cores, announced.lines)
+        record, fire = sim.simulate(load_scenario("team", SHORT), path, "2026-01-01", announced)
+    return Run(path, record, fire, cores, announced.lines)
 
 
 def test_all_four_fly_their_missions(run: Run) -> None:
@@ -105,7 +105,7 @@ def test_all_four_fly_their_missions(run: Run) -> None:
 
 def test_no_two_come_nearer_than_the_separation(run: Run) -> None:
     assert run.record.closest is not None
-    summary = summary_of(load_scenario("team", SHORT), run.record, run.world.fire)
+    summary = summary_of(load_scenario("team", SHORT), run.record, run.fire)
     assert summary["closest_pair_m"] >= summary["separation_m"] == 30.0
     assert summary["closest_pair_m"] < 500.0  # they did meet
 

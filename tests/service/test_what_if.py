@@ -124,10 +124,10 @@ def test_settings_may_stand_in_one_word_or_in_several(run: Path, tmp_path: Path)
 def test_a_recorded_flight_is_described_by_its_journal_alone(tmp_path: Path) -> None:
     path = tmp_path / "journal.jsonl"
     scenario = flying(load_scenario("islam-hu", CHANGES))
-    record, world = simulate(scenario, path, "", crew=script().due)
+    record, fire = simulate(scenario, path, "", crew=script().due)
     past = past_run(JournalReader(path))
-    assert summary_of(scenario, past.record, past.fire.world.fire) == summary_of(
-        scenario, record, world.fire
+    assert summary_of(scenario, past.record, past.estimate.fire) == summary_of(
+        scenario, record, fire
     )
     assert [type(each) for each in past.requests] == [
         OperatorHeartbeat, WindSet, SettingsChanged, OrderGiven, OrderGiven,

@@ -15,7 +15,7 @@ from mission_service.events import Observed
 from mission_service.experiments.boundary_following import BoundaryFollower
 from mission_service.experiments.fires import Burn
 from mission_service.experiments.islam_hu.measured_wind import MeasuredWind
-from mission_service.fire.simulated_fire import in_letters
+from mission_service.fire.observed_window import in_letters
 from mission_service.guidance.front.front_shape import hull_of
 from mission_service.guidance.protocol import Planner
 from mission_service.replay.distance_error import TrueShape

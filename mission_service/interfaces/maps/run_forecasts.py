@@ -25,7 +25,7 @@ def forecasts_of(context: "RunContext") -> "Forecasts | EstimatedForecasts":
 
         return EstimatedForecasts(estimated, context.landscape, lambda: context.clock.now_us / 1e6)
     return Forecasts(
-        lambda: context.world.fire,
+        lambda: context.estimate.fire,
         lambda: context.state_view.fire_version,
         context.scenario.seed,
         uncertainty_of(context.scenario),
@@ -36,8 +36,8 @@ async def front_now(
     context: "RunContext", forecasts: "Forecasts | EstimatedForecasts"
 ) -> dict[str, Any]:
     """Return the area burned now, a GeoJSON Feature with ``at_us``, computed in a thread."""
-    # The simulated fire may lag slightly behind the clock.
-    at_us = min(context.clock.now_us, round(context.world.fire.time_s * 1e6))
+    # The estimate may lag slightly behind the clock.
+    at_us = min(context.clock.now_us, round(context.estimate.fire.time_s * 1e6))
     at_s = at_us / 1e6
     found = await forecasts.arrival(at_s)
     arrival_s, start_area = found.arrival_s.copy(), found.start_area

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firemodel.landscape.landscape import Landscape
+from firemodel.spread.fire_scheme import Fire
 from mission_service.commands import AnyCommand, UploadMission
 from mission_service.config.scenario import Scenario
 from mission_service.events import (
@@ -102,7 +103,7 @@ class _Analyser:
         self._log = log
         self._landscape = landscape
         self._core = recorded.core()
-        self._fire = recorded.fire()
+        self._cameras, self._estimate = recorded.cameras(), recorded.estimate()
         start_us = round(scenario.start_s * 1e6)
         record = RunStatistics(tuple(each.name for each in scenario.vehicles), start_us)
         self._analysis = FireAnalysis(scenario, landscape, record, log.open_loop)
@@ -128,16 +129,30 @@ class _Analyser:
                 continue
             at_us = max(at_us, event.at_us)
             commands = self._core.handle(event)
-            self._fire.apply_history(event, commands)
+            self._apply_to_fires(event, commands)
             self._analysis.record.apply(event, commands)
             self._note(event, commands)
             if at_us >= self._due_us:
                 self._due_us = at_us - at_us % SAMPLE_US + SAMPLE_US
                 self._sample(at_us)
-        self._fire.world.advance(at_us)
         self._sample(at_us)
-        self._compare()
+        self._compare(self._fire_at(at_us))
         return self._analysis
+
+    def _apply_to_fires(self, event: AnyEvent, commands: list[AnyCommand]) -> None:
+        fires = (self._estimate,) if self._cameras is None else (self._cameras, self._estimate)
+        for each in fires:
+            each.apply_history(event)
+            for command in commands:
+                each.on_command(command)
+
+    def _fire_at(self, at_us: int) -> Fire:
+        """Return the fire for the evaluation: the simulated one or, without it, the estimate."""
+        if self._cameras is not None:
+            self._cameras.advance(at_us)
+            return self._cameras.fire.fire
+        self._estimate.advance(at_us)
+        return self._estimate.fire
 
     def _note(self, event: AnyEvent, commands: list[AnyCommand]) -> None:
         match event:
@@ -184,15 +199,14 @@ class _Analyser:
             directions.append((at_us, clockwise))
 
     def _sample(self, at_us: int) -> None:
-        self._fire.world.advance(at_us)
+        fire = self._fire_at(at_us)
         age_s = at_us / 1e6 - self._seen_s[~np.isnan(self._seen_s)]
         if age_s.size:
             seen = age_s.size / BEARINGS
             recent = np.count_nonzero(age_s <= RECENT_S) / BEARINGS
             shares = (seen, float(recent))
             ages_s = (float(age_s.mean()), float(age_s.max()))
-            area_ha = self._fire.world.fire.burned_ha
-            self._analysis.samples.append(Sample(at_us, area_ha, *shares, *ages_s))
+            self._analysis.samples.append(Sample(at_us, fire.burned_ha, *shares, *ages_s))
         if not self._analysis.follows_front:
             return
         for name, availability in self._core.decision_engine.availability.items():
@@ -204,10 +218,9 @@ class _Analyser:
             if np.isfinite(shape).all():
                 self._estimates.append((at_us, name, shape.copy()))
 
-    def _compare(self) -> None:
-        """Compute the mean and maximum distance in m between the estimated and true fronts."""
+    def _compare(self, fire: Fire) -> None:
+        """Compute the mean and maximum distance in m of the planners' fronts from the fire's."""
         analysis = self._analysis
-        fire = self._fire.world.fire
         analysis.area_ha = fire.burned_ha
         analysis.arrival_s = fire.burned_arrival_s()
         if self._centre is None or not self._estimates:

@@ -12,9 +12,9 @@ from typing import Any
 from autopilot_bridge.vehicle.client_events import Position
 from mission_service.core.core import Core
 from mission_service.events import AnyOperatorEvent, IgnitionReported
-from mission_service.fire.observed_fire import OF_FIRE, ObservedFire
+from mission_service.fire.run_estimate import OF_FIRE, RunEstimate
 from mission_service.fire.setup import warnings_on
-from mission_service.fire.simulated_fire import world_of
+from mission_service.fire.simulated_cameras import cameras_of
 from mission_service.journal.journal_file import Journal
 from mission_service.replay.flights.flight_logs import VehicleLog
 from mission_service.replay.flights.journal_log import JournalLog
@@ -72,7 +72,8 @@ class OpenLoopReplay:
         self.service = Engine(
             pairing.scenario,
             state["core"],
-            state["fire"].world,
+            state["cameras"],
+            state["estimate"],
             journal,
             state["state_view"],
             self.gateways,
@@ -107,8 +108,8 @@ def _initial_state(pairing: Pairing) -> dict[str, Any]:
     if all(isinstance(log, JournalLog) for log in pairing.flight.logs):
         clock.ahead_us = mission.start_us - mission.begin_us
     vehicles = {section.name: LoggedVehicle() for section in scenario.vehicles}
-    world = world_of(scenario, landscape)
-    world.advance(mission.start_us)
+    estimate = RunEstimate(scenario, landscape)
+    estimate.advance(mission.start_us)
     warnings = warnings_on(scenario, landscape)
     state_view = StateView(scenario, landscape, mission.start_us, warnings)
     separation_m = scenario.mission.separation_m
@@ -118,6 +119,7 @@ def _initial_state(pairing: Pairing) -> dict[str, Any]:
         "gateways": {name: Gateway(name, vehicle, clock) for name, vehicle in vehicles.items()},
         "health_monitor": HealthMonitor(state_view, separation_m, NEVER_LATE_US),
         "core": Core(scenario, landscape),
-        "fire": ObservedFire(scenario, world),
+        "cameras": cameras_of(scenario, landscape),
+        "estimate": estimate,
         "state_view": state_view,
     }

@@ -10,11 +10,11 @@ from typing import Any
 
 import msgspec
 
+from firemodel.spread.fire_scheme import Fire
 from mission_service.config.rule_lookup import faults_of
 from mission_service.config.service import ServiceSection
 from mission_service.core.request_events import REPLAY, STATUS, RequestScope
 from mission_service.errors import RequestError
-from mission_service.fire.simulated_fire import SimulatedFire
 from mission_service.guidance.registry import way_of
 from mission_service.interfaces.control.control_client import NAME
 from mission_service.interfaces.control.control_server import claimed, serve_control
@@ -114,7 +114,7 @@ async def serve_flight(
     run: ReplayRun,
     progress: Progress = unshown,
     address: Callable[[str], None] = lambda address: None,
-) -> tuple[RunStatistics, SimulatedFire]:
+) -> tuple[RunStatistics, Fire]:
     """Play until SIGINT or SIGTERM, or with ``until_end`` to the end of the flight.
 
     ``progress`` is called five times a second; ``address`` receives the map's URL.
@@ -149,8 +149,8 @@ async def serve_flight(
                 for task in others:
                     task.cancel()
     service = player.replay.service
-    progress(service.state_view, service.world)
-    return service.statistics, service.world
+    progress(service.state_view, service.estimate.fire)
+    return service.statistics, service.estimate.fire
 
 
 async def _play(
@@ -167,7 +167,7 @@ async def _play(
             getattr(state, name) != getattr(before, name) for name in ("seeking", "ended", "jumps")
         )
         if changed or begun_us - shown_us >= SHOWN_EVERY_S * 1e6:
-            progress(player.state_view, player.replay.service.world)
+            progress(player.state_view, player.replay.service.estimate.fire)
             if state != before and state.jumps == before.jumps:  # a jump publishes the state itself
                 player.state_view.replay_changed()
             shown_us, before = begun_us, state

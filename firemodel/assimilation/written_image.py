@@ -1,0 +1,51 @@
+"""Write the burned and unburned cells that a camera saw into the arrival times of a fire."""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import binary_dilation
+
+from firemodel.arrays import Floats, Mask, bounds_of
+from firemodel.assimilation.camera_window import signed_distance_m
+from firemodel.assimilation.observation import BURNED, UNSEEN
+
+WRITE_M_S = 0.15  # assumed spread near an observed front
+WRITE_WITHIN_M = 60.0  # of the observed front
+SQUARE = np.ones((3, 3), dtype=bool)
+
+
+def with_image(
+    arrival_s: Floats,
+    state: NDArray[np.uint8],
+    seen_s: float | Floats,
+    cell_m: float,
+    unburnable: Mask,
+) -> Floats | None:
+    """Return the arrival times of a fire after an image replaced it, or None if both agree.
+
+    Only cells in another state than observed, and their neighbours, change. The other fronts keep
+    their place within the cells.
+
+    Args:
+        arrival_s: (y, x) arrival times; infinity in unburned cells.
+        state: (y, x) the observed states: UNSEEN, UNBURNED or BURNED.
+        seen_s: The time of the image, or the times (y, x) at which the cells were seen.
+        cell_m: The size of a cell.
+        unburnable: (y, x) the cells that cannot burn; an image of them is ignored.
+    """
+    seen = (state != UNSEEN) & ~unburnable
+    wrong = seen & ((state == BURNED) != (arrival_s <= seen_s))
+    if not wrong.any():
+        return None
+    here = bounds_of(binary_dilation(wrong, SQUARE, iterations=_margin_cells(cell_m)))
+    times_s = np.broadcast_to(np.asarray(seen_s, dtype=np.float64), arrival_s.shape)[here]
+    distance_m = signed_distance_m(np.where(seen, state, UNSEEN)[here], cell_m)
+    near = binary_dilation(wrong[here], SQUARE) & seen[here]
+    change = wrong[here] | (near & (np.abs(distance_m) < WRITE_WITHIN_M))
+    found = arrival_s.copy()
+    found[here][change] = (times_s - distance_m / WRITE_M_S)[change]
+    return found
+
+
+def _margin_cells(cell_m: float) -> int:
+    """Return how far around a cell the image is needed for distances to its front."""
+    return int(np.ceil(WRITE_WITHIN_M / cell_m)) + 1

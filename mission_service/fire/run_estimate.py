@@ -1,0 +1,177 @@
+"""Estimate the fire of a run from camera images, operators' reports and the reported weather.
+
+The estimate begins with the fire that the scenario names, or without any fire, and burns on by the
+fire model. Camera images replace it where they differ: all images of a period are written into it
+at once at the end of that period. Reports of operators correct it (``corrected_fire``). Interfaces
+and forecasts read this fire, and planners receive its corrections; nothing here reads the simulated
+fire.
+
+Equal events give equal estimates, bit for bit: images are written at fixed mission times, however
+often the estimate is read.
+"""
+
+import contextlib
+from collections import deque
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from firemodel.assimilation.observation import UNSEEN
+from firemodel.assimilation.written_image import with_image
+from firemodel.errors import FireModelError
+from firemodel.landscape.landscape import Landscape
+from firemodel.physics.fuels import NON_BURNABLE
+from firemodel.spread.burning import burning_from_arrival
+from firemodel.spread.fire_scheme import Fire
+from mission_service.commands import AnyCommand
+from mission_service.config.scenario import Scenario
+from mission_service.events import (
+    AnyEvent,
+    Corrected,
+    Erased,
+    Observed,
+    Redone,
+    Undone,
+    WindSet,
+)
+from mission_service.fire.corrected_fire import CorrectedFire, drawn_at_s
+from mission_service.fire.ignition_reports import ignition_reports_of
+from mission_service.fire.image_mosaic import ImageMosaic, Mosaic
+from mission_service.fire.observed_window import Window, window_of_change
+from mission_service.fire.setup import begun_again, cells_lit, reported_fire
+
+PERIOD_US = 30_000_000  # images are written into the estimate at multiples of this mission time
+MAX_WAITING = 20  # periods; their images are then written even if the estimate is not read
+OWN_DRAWS = 2  # the estimate of a random scheme must not predict the simulated fire's draws
+OF_FIRE = (Corrected, Erased, Undone, Redone, WindSet)  # reports that change the estimate
+
+
+class RunEstimate:
+    """The estimated fire of a run, ``fire``, at the time of the last ``advance``."""
+
+    def __init__(self, scenario: Scenario, landscape: Landscape) -> None:
+        """Begin with the fire that the scenario names.
+
+        In a burn, operators' reports correct the estimate of the burn's guidance instead of this.
+        """
+        self.landscape = landscape
+        self.fire = reported_fire(scenario, landscape)
+        self.fire.draw_from(np.random.default_rng((scenario.seed, OWN_DRAWS)))
+        self._begin = partial(begun_again, scenario, landscape)
+        self._corrected = CorrectedFire(landscape, self._begin)
+        self._accepts_reports = scenario.burn_flown is None
+        self._ignitions = ignition_reports_of(scenario)
+        self._unburnable = np.isin(landscape.fuel_model, list(NON_BURNABLE))
+        self._images = ImageMosaic(landscape.shape)
+        self._due_us: int | None = None  # end of the period of these images
+        self._waiting: deque[Mosaic] = deque()  # of past periods, not written yet
+        self._state = np.full(landscape.shape, UNSEEN, dtype=np.uint8)  # last sighting of each cell
+        self._seen_s = np.full(landscape.shape, -np.inf)
+
+    def advance(self, at_us: int) -> None:
+        """Write the images of past periods and burn until this mission time; never back."""
+        self._end_period(at_us)
+        while self._waiting:
+            self._write(self._waiting.popleft())
+        self._burn_until(at_us / 1e6)
+
+    def corrections(self) -> list[dict[str, Any]]:
+        """Return the status of the operators' corrections in effect."""
+        return self._corrected.log.status()
+
+    def on_event(self, event: AnyEvent) -> None:
+        """Process a camera's image, an ignition or a completed drop."""
+        if isinstance(event, Observed):
+            if not event.corrects:
+                self._on_image(event)
+        elif (reported := self._ignitions.reported_in(event)) is not None:
+            self._advance_to_event(event)
+            for row, col in cells_lit(reported.points, self.landscape):
+                for fire in self._corrected.all_of(self.fire):
+                    fire.light(row, col, max(reported.at_s, fire.time_s))
+
+    def on_command(self, command: AnyCommand) -> None:
+        """Process a drop."""
+        self._ignitions.on_command(command)
+
+    def apply_report(self, event: AnyEvent) -> Window | None:
+        """Apply an operator's report, and return a window around the changed cells or None.
+
+        Raises FireModelError for an invalid report, which changes nothing.
+        """
+        if not (self._accepts_reports and isinstance(event, OF_FIRE)):
+            return None
+        self._advance_to_event(event)
+        before = self.fire
+        found = self._corrected.apply_report(event, before)
+        if found is before:
+            return None
+        self.fire = found if isinstance(event, WindSet) else self._with_sightings(found)
+        return window_of_change(before, self.fire)
+
+    def apply_history(self, event: AnyEvent) -> Window | None:
+        """Apply an event of a journal, and return a window around the changed cells or None."""
+        found = None
+        # An invalid report is in a journal if the run was killed before its reversal.
+        with contextlib.suppress(FireModelError):
+            found = self.apply_report(event)
+        self.on_event(event)
+        return found
+
+    def _on_image(self, image: Observed) -> None:
+        self._end_period(image.at_us)
+        self._images.add(image)
+        if self._due_us is None:
+            self._due_us = image.at_us - image.at_us % PERIOD_US + PERIOD_US
+        if len(self._waiting) > MAX_WAITING:
+            self.advance(image.at_us)
+
+    def _end_period(self, at_us: int) -> None:
+        """Store the images of a period that has ended by a time."""
+        if self._due_us is not None and at_us >= self._due_us:
+            self._store_images(self._due_us)
+
+    def _store_images(self, at_us: int) -> None:
+        mosaic = self._images.taken(at_us / 1e6)
+        self._due_us = None
+        if mosaic is not None:
+            self._waiting.append(mosaic)
+
+    def _advance_to_event(self, event: AnyEvent) -> None:
+        """Advance to an event that changes the fire; the images before it are written first."""
+        self._end_period(event.at_us)
+        self._store_images(event.at_us)
+        self.advance(event.at_us)
+
+    def _burn_until(self, at_s: float) -> None:
+        if at_s > self.fire.time_s:
+            self.fire.advance(at_s)
+
+    def _write(self, mosaic: Mosaic) -> None:
+        """Write the images of a period into the fire with and without corrections."""
+        self._burn_until(mosaic.at_s)
+        later = (mosaic.state != UNSEEN) & (mosaic.seen_s >= self._seen_s[mosaic.here])
+        self._state[mosaic.here][later] = mosaic.state[later]
+        self._seen_s[mosaic.here][later] = mosaic.seen_s[later]
+        self.fire = self._corrected.changed(self.fire, partial(self._rewritten, mosaic=mosaic))
+
+    def _rewritten(self, fire: Fire, mosaic: Mosaic) -> Fire:
+        """Return the fire after an image, which is ``fire`` itself if both agree."""
+        arrival_s, here = fire.expected_s(), mosaic.here
+        cell_m, unburnable = self.landscape.cell_size_m, self._unburnable[here]
+        found = with_image(arrival_s[here], mosaic.state, mosaic.seen_s, cell_m, unburnable)
+        if found is None:
+            return fire
+        arrival_s[here] = found
+        burning = None
+        if (arrival_s <= fire.time_s).any():
+            burning = burning_from_arrival(arrival_s, self.landscape, fire.time_s)
+        return self._begin(burning, fire.weather, fire.time_s)
+
+    def _with_sightings(self, fire: Fire) -> Fire:
+        """Return a corrected fire in which sightings that no later correction replaces hold."""
+        held = self._corrected.log.held()
+        state = np.where(self._seen_s > drawn_at_s(held, self.landscape), self._state, UNSEEN)
+        whole = np.s_[0 : state.shape[0], 0 : state.shape[1]]
+        return self._rewritten(fire, Mosaic(fire.time_s, whole, state, self._seen_s))

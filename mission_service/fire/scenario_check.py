@@ -1,0 +1,34 @@
+"""Check all inputs of a scenario without running it."""
+
+from typing import Any
+
+from autopilot_bridge.links.signing import read_key
+from firemodel.landscape.landscape import crs_label
+from mission_service.config.scenario import Scenario
+from mission_service.config.shared_links import sharing
+from mission_service.errors import ScenarioError
+from mission_service.fire.setup import check_fire, landscape_of, warnings_on
+
+
+def check(scenario: Scenario) -> dict[str, Any]:
+    """Load all inputs of a scenario and return a summary; raise an error for any problem."""
+    landscape = landscape_of(scenario)
+    check_fire(scenario, landscape)
+    sharing(scenario.vehicles)
+    for vehicle in scenario.vehicles:
+        if vehicle.signing_key is not None:
+            read_key(vehicle.signing_key)
+        x_m, y_m = landscape.xy_of_lat_lon(vehicle.home_lat_deg, vehicle.home_lon_deg)
+        if not landscape.contains(x_m, y_m):
+            raise ScenarioError(
+                f"{scenario.name}: home of {vehicle.name} (lat {vehicle.home_lat_deg}, "
+                f"lon {vehicle.home_lon_deg}) lies outside the landscape"
+            )
+    rows, cols = landscape.shape
+    return {
+        "scenario": scenario.name,
+        "landscape": f"{rows} x {cols} cells of {landscape.cell_size_m:g} m, "
+        f"{crs_label(landscape.crs)}",
+        "vehicles": ", ".join(vehicle.name for vehicle in scenario.vehicles),
+        "warnings": warnings_on(scenario, landscape),
+    }
