@@ -1,0 +1,177 @@
+"""The simulated fire reaches estimate, guidance and interfaces by observations only."""
+
+import asyncio
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import mission_service
+from mission_service.config.fire_sections import SimulationSection
+from mission_service.config.rule_lookup import own_ways
+from mission_service.config.scenario import Scenario, load_scenario
+from mission_service.events import Corrected, Undone, WindSet
+from mission_service.fire.run_estimate import RunEstimate
+from mission_service.fire.setup import fire_of, landscape_of
+from mission_service.fire.simulated_cameras import SimulatedCameras
+from mission_service.fire.simulated_fire import SimulatedFire, simulated_fire_of
+from mission_service.interfaces.maps.run_forecasts import forecasts_of
+from mission_service.simulation.crew import SimulatedCrew
+from tests.api.worlds import world_in
+
+SENSORS = ("mission_service.fire.simulated_cameras", "mission_service.fire.simulated_fire")
+SOON = ("deploy_at_s=600",)
+OF_RULE = {"formation": ("virtual-agents", ()), "burn": ("burn", ())}
+WRONG = ("simulation.fire.wind_turn_deg=40", "simulation.fire.spread_factor=1.5")
+
+
+class Poisoned:
+    """An object whose attributes raise outside the modules of simulated sensors."""
+
+    def __init__(self, held: Any) -> None:
+        object.__setattr__(self, "_held", held)
+
+    def __getattribute__(self, name: str) -> Any:
+        _refuse_others(name)
+        return getattr(object.__getattribute__(self, "_held"), name)
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        _refuse_others(name)
+        setattr(object.__getattribute__(self, "_held"), name, value)
+
+
+def _refuse_others(name: str) -> None:
+    reader = sys._getframe(2).f_globals["__name__"]
+    if reader not in SENSORS:
+        raise AssertionError(f"{reader} reads the attribute {name} of the simulated fire")
+
+
+def poisoned(scenario: Scenario) -> SimulatedFire:
+    """The simulated fire of a scenario; only sensors can read it and its spread model."""
+    landscape = landscape_of(scenario)
+    found = simulated_fire_of(scenario, landscape)
+    assert found is not None
+    found.fire = Poisoned(found.fire)  # type: ignore[assignment]
+    return Poisoned(found)  # type: ignore[return-value]
+
+
+def scenario_of_rule(rule: str) -> Scenario:
+    """A scenario that is flown by a rule."""
+    name, changes = OF_RULE.get(rule, ("team" if rule.startswith("team.") else "default", SOON))
+    return load_scenario(name, (*changes, f'planner.rule="{rule}"'))
+
+
+def test_reading_a_poisoned_fire_fails() -> None:
+    fire = poisoned(load_scenario("default"))
+    with pytest.raises(AssertionError, match="reads the attribute landscape of the simulated fire"):
+        _ = fire.landscape
+
+
+@pytest.mark.parametrize("rule", list(own_ways()))
+def test_every_rule_flies_with_a_poisoned_fire(rule: str, tmp_path: Path) -> None:
+    scenario = scenario_of_rule(rule)
+    world = world_in(tmp_path, scenario)
+    engine, context = world.simulation.service, world.context
+    engine.cameras = SimulatedCameras(scenario, poisoned(scenario))
+    if scenario.burn_flown is not None:
+        world.simulation._crew = SimulatedCrew(scenario.burn_flown).due
+    world.fly(scenario.first_flight_s + (60.0 if rule == "formation" else 150.0))
+    assert engine.statistics.observations
+    assert context.fire()["area_ha"] > 0.0
+    context.weather()
+    now_s = world.now_s
+
+    async def read() -> None:
+        forecasts = forecasts_of(context)
+        await forecasts.arrival(now_s + 1800.0)
+        await forecasts.probability(now_s + 1800.0)
+        forecasts.close()
+
+    asyncio.run(read())
+    if scenario.burn_flown is None:
+        place = (scenario.ignition[0].lat_deg, scenario.ignition[0].lon_deg)
+        now_us = world.simulation.clock.now_us
+        report = Corrected(now_us, "ann", "", "burned", "point", (place,), now_us)  # type: ignore[arg-type]
+        engine.submit(report, world.simulation.link_us)
+    world.fly(now_s + 30.0)
+
+
+def overlap_of(first: NDArray[np.bool_], second: NDArray[np.bool_]) -> float:
+    """The intersection over the union of two areas."""
+    return float(np.count_nonzero(first & second) / np.count_nonzero(first | second))
+
+
+def test_the_estimate_follows_a_fire_that_its_model_does_not_reproduce(tmp_path: Path) -> None:
+    """Wind turned by 40 degrees, rates 1.5 times as high: one plane keeps the estimate right."""
+    changes = ("deploy_at_s=1200", "planner.rule=\"circling\"")
+    scenario = load_scenario("default", (*changes, *WRONG))
+    world = world_in(tmp_path, scenario)
+    world.fly(4500.0)
+    world.simulation.service.advance_fire(world.simulation.clock.now_us)
+    assert world.simulation.cameras is not None
+    true = world.simulation.cameras.fire.fire.burned()
+    model = fire_of(scenario, landscape_of(scenario))
+    model.advance(world.now_s)
+    assert overlap_of(model.burned(), true) < 0.5
+    assert overlap_of(world.simulation.estimate.fire.burned(), true) > 0.85
+
+
+def test_how_often_the_estimate_is_read_does_not_change_it(tmp_path: Path) -> None:
+    scenario = load_scenario("default", ("deploy_at_s=600", *WRONG))
+    flights = []
+    for name, every_s in (("often", 11.0), ("once", 1200.0)):
+        folder = tmp_path / name
+        folder.mkdir()
+        world = world_in(folder, scenario)
+        for until_s in np.arange(every_s, 1200.0, every_s):
+            world.simulation.run(float(until_s))
+            world.simulation.estimate.advance(world.simulation.clock.now_us)
+        world.simulation.run(1200.0)
+        world.simulation.estimate.advance(1_200_000_000)
+        flights.append(world.simulation.estimate.fire.expected_s())
+    often, once = flights
+    assert np.array_equal(often, once)
+
+
+def test_without_a_simulated_fire_nothing_is_observed(tmp_path: Path) -> None:
+    """The estimate burns on by the model, and an operator's report corrects it."""
+    scenario = load_scenario("default", ("deploy_at_s=600",))
+    scenario = scenario.model_copy(update={"simulation": SimulationSection()})
+    world = world_in(tmp_path, scenario)
+    world.fly(1200.0)
+    engine = world.simulation.service
+    assert engine.cameras is None
+    assert engine.statistics.observations == 0
+    model = fire_of(scenario, landscape_of(scenario))
+    model.advance(engine.estimate.fire.time_s)
+    assert np.array_equal(engine.estimate.fire.burned(), model.burned())
+    assert overlap_of(engine.estimate.fire.burned(), model.burned()) == 1.0
+
+
+def test_an_estimate_without_any_fire_begins_with_a_report() -> None:
+    place = {"ignition_known": False, "reported_lat_deg": 36.364232, "reported_lon_deg": -84.140907}
+    changes = (*(f"planner.{key}={str(value).lower()}" for key, value in place.items()),)
+    scenario = load_scenario("default", (*changes, "ignition=[]"))
+    estimate = RunEstimate(scenario, landscape_of(scenario))
+    estimate.advance(600_000_000)
+    assert estimate.fire.burned_ha == 0.0
+    estimate.apply_report(WindSet(600_000_000, "ann", "", 6.0, 45.0))
+    at = (place["reported_lat_deg"], place["reported_lon_deg"])
+    estimate.apply_report(Corrected(660_000_000, "ann", "", "burning", "point", (at,), 660_000_000))
+    estimate.advance(4_000_000_000)
+    assert estimate.fire.burned_ha > 5.0
+    estimate.apply_report(Undone(4_000_000_000, "ann", ""))
+    assert estimate.fire.burned_ha == 0.0
+
+
+def test_no_module_but_the_sensors_imports_the_simulated_fire() -> None:
+    root = Path(mission_service.__file__).parent
+    readers = {
+        str(path.relative_to(root))
+        for path in root.rglob("*.py")
+        if "fire.simulated_fire import" in path.read_text(encoding="utf-8")
+    }
+    assert readers == {"fire/simulated_cameras.py", "simulation/sim.py"}  # the latter: the wind
