@@ -11,12 +11,10 @@ from typing import Any
 
 import click
 
-from firemodel.landscape.default import jacksboro
-from firemodel.physics.weather import Weather, WeatherStream
-from firemodel.spread.anyangle import AnyAngleFire
-from firemodel.spread.devs8 import Devs8Fire
-from firemodel.spread.fire_scheme import Fire
+from mission_service.config.scenario import Scenario, load_scenario
 from mission_service.fire.forecast import Forecasts
+from mission_service.fire.run_estimate import RunEstimate
+from mission_service.fire.setup import landscape_of
 from mission_service.interfaces.maps import overlay
 from mission_service.interfaces.maps.fronts import contours_geojson, probability_geojson
 from mission_service.interfaces.maps.mercator import WORLD_M, mercator_box
@@ -27,18 +25,20 @@ CELLS, CELL_M = 500, 20.0
 TIMES = 5
 
 
-def weather() -> WeatherStream:
-    """Return weather with a wind that turns each hour."""
-    return WeatherStream(
-        [
-            Weather(HOUR_S * k, 4.0 + k % 5, (225.0 + 20.0 * k) % 360.0, 6.0, 7.0, 8.0, 60.0, 80.0)
-            for k in range(24)
-        ]
+def scenario() -> Scenario:
+    """Return the default scenario on a large grid, with a wind that turns each hour."""
+    winds = ", ".join(
+        f"{{at_s={HOUR_S * k}, wind_speed_m_s={4 + k % 5}, wind_from_deg={(225 + 20 * k) % 360}, "
+        "dead_1h_pct=6, dead_10h_pct=7, dead_100h_pct=8, live_herb_pct=60, live_woody_pct=80}"
+        for k in range(24)
     )
+    grid = (f"landscape.{name}={CELLS}" for name in ("rows", "cols"))
+    changes = (*grid, f"landscape.cell_size_m={CELL_M}", f"weather=[{winds}]")
+    return load_scenario("default", changes)
 
 
-async def forecasts(fire: Fire) -> None:
-    """Print the time of each forecast of a fire, and the delay of other tasks meanwhile."""
+async def forecasts(estimate: RunEstimate) -> None:
+    """Print the time of each forecast of a run, and the delay of other tasks meanwhile."""
     late_s: list[float] = []
 
     async def beat() -> None:
@@ -48,9 +48,9 @@ async def forecasts(fire: Fire) -> None:
             late_s.append(time.perf_counter() - due_s)
 
     version = [0]
-    made = Forecasts(lambda: fire, lambda: version[0], seed=1)
+    made = Forecasts(lambda: estimate, lambda: version[0])
     beating = asyncio.create_task(beat())
-    now_s = fire.time_s
+    now_s = estimate.fire.time_s
     requests: dict[str, Callable[[], Coroutine[Any, Any, Any]]] = {
         "arrival in 1 h": lambda: made.arrival(now_s + HOUR_S),
         "arrival in 6 h": lambda: made.arrival(now_s + 6 * HOUR_S),
@@ -69,7 +69,7 @@ async def forecasts(fire: Fire) -> None:
             for after, before in ((time.perf_counter(), begun_s), (time.process_time(), used_s))
         )
         click.echo(
-            f"{type(fire).__name__:14} {name:20} {wall_ms:7.1f} ms, {cpu_ms:7.1f} ms of CPU, "
+            f"{name:20} {wall_ms:7.1f} ms, {cpu_ms:7.1f} ms of CPU, "
             f"others late by {1e3 * max(late_s, default=0.0):.1f} ms at worst"
         )
     beating.cancel()
@@ -93,20 +93,13 @@ def timed(name: str, work: Callable[[], Any]) -> Any:
 
 
 def main() -> None:
-    """Measure forecasts of both schemes, and maps of the first."""
-    land = jacksboro(CELLS, CELLS, CELL_M)
-    fires: list[Fire] = [
-        scheme(land, weather(), [(CELLS // 2, CELLS // 2, 0.0)])
-        for scheme in (AnyAngleFire, Devs8Fire)
-    ]
-    for fire in fires:
-        fire.advance(3 * HOUR_S)
-        begun_s = time.perf_counter()
-        for _ in range(TIMES):
-            fire.copy()
-        click.echo(f"a copy {1e3 * (time.perf_counter() - begun_s) / TIMES:.1f} ms")
-        asyncio.run(forecasts(fire))
-    fire = fires[0]
+    """Measure forecasts and maps of an estimate without observations."""
+    given = scenario()
+    land = landscape_of(given)
+    estimate = RunEstimate(given, land)
+    estimate.advance(round(3 * HOUR_S * 1e6))
+    asyncio.run(forecasts(estimate))
+    fire = estimate.fire
     now_s = fire.time_s
     fire.advance(now_s + HOUR_S)
     arrival_s = fire.expected_s()

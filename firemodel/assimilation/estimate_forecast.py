@@ -75,6 +75,21 @@ class Forecast:
         found: Floats = np.where(reached, np.exp(total / len(self.members)), np.inf)
         return found
 
+    def median_arrival_s(self) -> Floats:
+        """Return the median (y, x) of the members' arrival times; infinity if most never burn it.
+
+        Cells that have burned by ``at_s`` as observed or likely, but not in most members, have
+        ``at_s``.
+        """
+        shape = (len(self.members), *self.burned.shape)
+        every = np.full(shape, np.inf, dtype=np.float32)
+        for number, member in enumerate(self.members):
+            every[number][member.here] = member.arrival_s
+        found = np.median(every, axis=0).astype(np.float64)
+        late = self.burned & ~(found <= self.at_s)
+        found[late] = self.at_s
+        return found
+
     def _share(self, at_s: float) -> Floats:
         """Return the mean probability of members with times that have an error of ``TIME_LOG_SD``.
 

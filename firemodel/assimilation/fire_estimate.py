@@ -15,6 +15,7 @@ There are two ways, chosen by what is observed:
 persistence and with the model alone, on simulated fires that the model does not reproduce.
 """
 
+import copy
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -75,6 +76,7 @@ class FireEstimate:
         ignitions: Sequence[Ignition] = (),
         settings: EstimateSettings | None = None,
         *,
+        burning: Burning | None = None,
         wind_limit: bool = False,
         precise: bool = False,
     ) -> None:
@@ -86,6 +88,7 @@ class FireEstimate:
             ignitions: (row, column, time in s) of reported ignitions. Without one, the estimate
                 begins with the first mapped perimeter.
             settings: The ensemble.
+            burning: A known initial fire, if there is one.
             wind_limit: As for AnyAngleFire.
             precise: As for AnyAngleFire.
 
@@ -106,17 +109,61 @@ class FireEstimate:
         self._prior = own.rate_prior
         self._rates: FrontRates | None = None
         self._held = HeldCells(landscape.shape)
-        self._shared: Burning | None = None  # the state of all members after a mapped perimeter
+        self._shared = burning  # the state of all members after a mapped perimeter
+        if burning is not None:
+            self.time_s = burning.at_s
         self._arrival_s: list[Floats] | None = None  # (y, x) of each member, if they differ
         self._observed = np.full(landscape.shape, UNSEEN, dtype=np.uint8)
         self._forecast: Forecast | None = None
         if ignitions:
-            fire = self.model.copy()
-            for row, col, at_s in ignitions:
-                fire.light(row, col, at_s)
-            fire.advance(max(at_s for _, _, at_s in ignitions))
-            self.time_s = fire.time_s
-            self._shared = burning_from_arrival(fire.expected_s(), landscape, self.time_s)
+            self._begin_at(ignitions)
+
+    def _begin_at(self, ignitions: Sequence[Ignition]) -> None:
+        """Begin with ignitions, at the time of the last one."""
+        fire = self.model.copy()
+        for row, col, at_s in ignitions:
+            fire.light(row, col, at_s)
+        fire.advance(max(at_s for _, _, at_s in ignitions))
+        self.time_s = fire.time_s
+        self._shared = burning_from_arrival(fire.expected_s(), self.landscape, self.time_s)
+
+    def copy(self) -> "FireEstimate":
+        """Return an independent copy; data that never changes is shared."""
+        found = copy.copy(self)
+        found._rng = copy.deepcopy(self._rng)
+        found._rates = None if self._rates is None else self._rates.copy()
+        found._held = self._held.copy()
+        found._observed = self._observed.copy()
+        return found
+
+    def light(self, cells: Sequence[tuple[int, int]], at_s: float, each: Each = map) -> None:
+        """Light cells (row, column) in all members at a time or, if past, as of that time.
+
+        Raises FireModelError for a cell that cannot burn, if there is no fire yet.
+        """
+        if not self.begun:
+            self._begin_at([(*cell, at_s) for cell in cells])
+            return
+        self.advance(max(at_s, self.time_s), each)
+        assert self._arrival_s is not None
+        place = tuple(np.array(cells).T)
+        lit = [arrival_s.copy() for arrival_s in self._arrival_s]
+        for arrival_s in lit:
+            arrival_s[place] = np.minimum(arrival_s[place], at_s)
+        self._arrival_s = lit
+
+    def set_weather(self, weather: WeatherStream, at_s: float, each: Each = map) -> None:
+        """Use a newly reported weather from a time on.
+
+        The errors of the earlier wind that were learned no longer hold; the spread of the members'
+        winds stays.
+        """
+        if self.begun:
+            self.advance(max(at_s, self.time_s), each)
+        self.weather = weather
+        self.model = self._scheme(self.landscape, weather, [])
+        wind_m_s = self.members.wind_m_s
+        self.members = self.members._replace(wind_m_s=wind_m_s - wind_m_s.mean(axis=0))
 
     @property
     def begun(self) -> bool:
@@ -200,9 +247,11 @@ class FireEstimate:
             burning = self._shared
             if burning is None:
                 assert self._arrival_s is not None
-                burning = burning_from_arrival(
-                    self._arrival_s[number], model.landscape, self.time_s
-                )
+                arrival_s = self._arrival_s[number]
+                burned_now = arrival_s <= self.time_s
+                if burned_now.all() or not burned_now.any():
+                    return arrival_s
+                burning = burning_from_arrival(arrival_s, model.landscape, self.time_s)
             factor, turn_deg = self.members.wind_change(number, reported)
             rates = np.exp(self.members.log_rate[number, place])
             fire = model.restarted(burning, factor, turn_deg, rates)

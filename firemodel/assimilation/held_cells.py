@@ -1,5 +1,7 @@
 """Find the cells at which a fire is held, for example by crews or by a barrier that no map has."""
 
+import copy
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_closing
@@ -22,6 +24,10 @@ class HeldCells:
         self._evidence_s = np.zeros(shape)
         self._seen_s = np.full(shape, np.nan)  # time of the last sighting
         self._burned = np.zeros(shape, dtype=bool)
+
+    def copy(self) -> "HeldCells":
+        """Return an independent copy."""
+        return copy.deepcopy(self)
 
     def observe(self, here: Place, state: NDArray[np.uint8], at_s: float, share: Floats) -> None:
         """Process an observation.

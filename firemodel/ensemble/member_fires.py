@@ -171,7 +171,7 @@ def burned_windows(
     """
 
     def burned(number: int) -> Window:
-        # The run without errors uses the generator (seed, 0): burned_ahead in mission_service.
+        # The generator (seed, 0) is that of a run without errors.
         rng = np.random.default_rng((seed, number + 1))
         fire = start.member(draws[number], rng)
         fire.advance(max(until_s, fire.time_s))

@@ -9,8 +9,8 @@ from scipy.special import ndtr
 
 from firemodel.ellipses.observations import Simulation
 from firemodel.landscape.landscape import Landscape
-from mission_service.fire.ensemble import Arrival
 from mission_service.fire.estimated_fire import EstimatedFire
+from mission_service.fire.forecast import Arrival
 
 Floats = NDArray[np.float64]
 

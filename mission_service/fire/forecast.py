@@ -1,24 +1,21 @@
-"""Compute forecasts of the simulated fire in a thread on request, and keep the latest."""
+"""Compute forecasts of the estimated fire in a thread on request, and keep the latest."""
 
 import asyncio
 import math
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from typing import Generic, TypeVar
+from functools import partial
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from firemodel.ensemble.uncertainty import Uncertainty
+from firemodel.assimilation.estimate_forecast import Forecast
+from firemodel.assimilation.fire_estimate import FireEstimate
 from firemodel.errors import FireModelError
-from firemodel.spread.fire_scheme import Fire
-from mission_service.fire.ensemble import (
-    Arrival,
-    EnsembleForecast,
-    burned_ahead,
-    ensemble_of,
-    probability_at,
-)
+from firemodel.spread.fire_scheme import StartArea
+from mission_service.fire.run_ensemble import processed
+from mission_service.fire.run_estimate import RunEstimate
 
 __all__ = ["LONGEST_S", "Arrival", "Forecasts"]
 
@@ -30,108 +27,135 @@ OLD_S = 180.0  # age in mission time at which a forecast is computed again
 REST_S = 10.0  # minimum real time between two forecasts, unless operators changed the fire
 
 Floats = NDArray[np.float64]
-ForecastT = TypeVar("ForecastT", Arrival, EnsembleForecast)
+Result = TypeVar("Result")
 
 
-class _Slot(Generic[ForecastT]):
-    """The latest forecast of one kind, and the task that computes the next forecast."""
+class Arrival(NamedTuple):
+    """The arrival times of a fire: estimated in the past, forecast in the future."""
 
-    def __init__(self, make: Callable[[Fire, float, int], ForecastT]) -> None:
-        self.make: Callable[[Fire, float, int], ForecastT] = make
-        self.newest: ForecastT | None = None
-        self.begun_s = -math.inf  # real time
-        self.length_s = 0.0  # longest requested so far
-        self.work: asyncio.Task[None] | None = None
+    at_s: float  # time of the forecast
+    until_s: float  # at least the requested time
+    arrival_s: Floats  # (y, x); after until_s finite only next to the fire
+    version: int
+    start_area: StartArea | None = None  # of an initial fire, used for fronts
+
+
+class _Made(NamedTuple):
+    """A forecast of the ensemble, joined with the estimated fire; None if nothing burns."""
+
+    forecast: Forecast | None
+    arrival: Arrival
 
 
 class Forecasts:
-    """The forecasts of the fire that ``fire_of()`` returns.
+    """The forecasts of the estimate that ``estimate_of()`` returns.
 
-    ``version_of()`` changes with each correction of that fire. Forecasts are computed only on
-    request. The event loop waits while the fire is copied (3 ms with 500 x 500 cells). The rest of
-    the computation runs in one thread, in which kernels release the GIL. Concurrent requests share
-    one computation, and at most one computation of each kind runs at a time. One object must not be
-    used in several event loops.
+    ``version_of()`` changes with each correction of the fire. Forecasts are computed only on
+    request. All computation runs in one thread, in which kernels release the GIL; the ensemble
+    processes the inputs that wait there too. Concurrent requests share one computation. One object
+    must not be used in several event loops.
     """
 
     def __init__(
-        self,
-        fire_of: Callable[[], Fire],
-        version_of: Callable[[], int],
-        seed: int,
-        uncertainty: Uncertainty | None = None,
+        self, estimate_of: Callable[[], RunEstimate], version_of: Callable[[], int]
     ) -> None:
-        self._fire_of, self._version_of = fire_of, version_of
+        self._estimate_of, self._version_of = estimate_of, version_of
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="forecast")
-        self._open = True
         self.took_s = 0.0  # computing time of the last forecast
-        self._arrivals: _Slot[Arrival] = _Slot(
-            lambda fire, until_s, version: burned_ahead(fire, until_s, version, seed)
-        )
-        self._ensembles: _Slot[EnsembleForecast] = _Slot(
-            lambda fire, until_s, version: ensemble_of(
-                fire, until_s, version, seed, uncertainty, lambda: self._open
-            )
-        )
+        self._newest: _Made | None = None
+        self._begun_s = -math.inf  # real time
+        self._length_s = 0.0  # longest requested so far
+        self._work: asyncio.Task[None] | None = None
 
     async def arrival(self, until_s: float) -> Arrival:
         """Return the arrival times until ``until_s`` or later.
 
-        If ``until_s`` is in the past, these are the times of the present fire. Raises
-        FireModelError if ``until_s`` is more than ``LONGEST_S`` from now or is not finite.
+        If ``until_s`` is in the past, these are the times of the present fire; future times are the
+        medians of the ensemble. Raises FireModelError if ``until_s`` is more than ``LONGEST_S``
+        from now or is not finite.
         """
-        fire = self._fire_of()
+        fire = self._estimate_of().fire
         _check(until_s, fire.time_s)
         if until_s <= fire.time_s:
             arrival_s = fire.expected_s()
             return Arrival(fire.time_s, fire.time_s, arrival_s, self._version_of(), fire.start_area)
-        return await self._fresh(self._arrivals, until_s)
+        return (await self._fresh(until_s)).arrival
 
     async def probability(self, at_s: float) -> Floats:
         """Return the probability (y, x) that each cell has burned by a time.
 
         For a past time the probability is 0 or 1. Raises FireModelError like ``arrival``.
         """
-        fire = self._fire_of()
+        fire = self._estimate_of().fire
         _check(at_s, fire.time_s)
         if at_s <= fire.time_s:
             return (fire.arrival_time_s <= at_s).astype(np.float64)
-        return probability_at(await self._fresh(self._ensembles, at_s), at_s)
+        forecast, arrival = await self._fresh(at_s)
+        burned = (arrival.arrival_s <= arrival.at_s).astype(np.float64)
+        if forecast is None:
+            return burned
+        at_s = max(at_s, forecast.at_s)
+        return np.maximum(await self._in_thread(partial(forecast.burn_probability, at_s)), burned)
 
     def close(self) -> None:
         """Cancel running computations."""
-        self._open = False
         self._thread.shutdown(wait=False, cancel_futures=True)
 
-    async def _fresh(self, slot: _Slot[ForecastT], until_s: float) -> ForecastT:
+    async def _in_thread(self, work: Callable[[], Result]) -> Result:
+        return await asyncio.get_running_loop().run_in_executor(self._thread, work)
+
+    async def _fresh(self, until_s: float) -> _Made:
         requested_s = asyncio.get_running_loop().time()
-        while not self._serves(slot, until_s, requested_s):
-            if slot.work is None or slot.work.done():
-                slot.work = asyncio.create_task(self._work(slot, until_s))
+        while not self._serves(until_s, requested_s):
+            if self._work is None or self._work.done():
+                self._work = asyncio.create_task(self._compute(until_s))
             # A cancelled request does not cancel the computation, which other requests may await.
-            await asyncio.shield(slot.work)
-        assert slot.newest is not None
-        return slot.newest
+            await asyncio.shield(self._work)
+        assert self._newest is not None
+        return self._newest
 
-    def _serves(self, slot: _Slot[ForecastT], until_s: float, requested_s: float) -> bool:
-        newest = slot.newest
-        if newest is None or newest.until_s < until_s:
+    def _serves(self, until_s: float, requested_s: float) -> bool:
+        newest = self._newest
+        if newest is None or newest.arrival.until_s < until_s:
             return False
-        if slot.begun_s >= requested_s:
+        if self._begun_s >= requested_s:
             return True
-        if newest.version != self._version_of():
+        if newest.arrival.version != self._version_of():
             return False
-        old = self._fire_of().time_s - newest.at_s > OLD_S
-        return not old or asyncio.get_running_loop().time() - slot.begun_s < REST_S
+        old = self._estimate_of().fire.time_s - newest.arrival.at_s > OLD_S
+        return not old or asyncio.get_running_loop().time() - self._begun_s < REST_S
 
-    async def _work(self, slot: _Slot[ForecastT], until_s: float) -> None:
+    async def _compute(self, until_s: float) -> None:
         loop = asyncio.get_running_loop()
-        begun_s, version, fire = loop.time(), self._version_of(), self._fire_of().copy()
-        slot.length_s = max(slot.length_s, _length_s(until_s - fire.time_s))
-        until_s = fire.time_s + slot.length_s + FURTHER_S
-        forecast = await loop.run_in_executor(self._thread, slot.make, fire, until_s, version)
-        slot.newest, slot.begun_s = forecast, begun_s
+        begun_s, version, estimate = loop.time(), self._version_of(), self._estimate_of()
+        fire, ensemble = estimate.fire, estimate.ensemble
+        now_s, arrival_s = fire.time_s, fire.expected_s()
+        self._length_s = max(self._length_s, _length_s(until_s - now_s))
+        until_s = now_s + self._length_s + FURTHER_S
+        before, inputs = ensemble.processed, ensemble.inputs_until(now_s)
+        after = await self._in_thread(partial(processed, before, inputs))
+        ensemble.replace(before, after, len(inputs))
+        forecast = await self._in_thread(partial(_forecast, after, now_s, until_s))
+        if forecast is not None:
+            arrival_s = await self._in_thread(partial(_joined, arrival_s, forecast, now_s))
+        arrival = Arrival(now_s, until_s, arrival_s, version, fire.start_area)
+        self._newest, self._begun_s = _Made(forecast, arrival), begun_s
         self.took_s = loop.time() - begun_s
+
+
+def _forecast(estimate: FireEstimate, now_s: float, until_s: float) -> Forecast | None:
+    if not estimate.begun:
+        return None
+    found = estimate.copy()
+    if now_s > found.time_s:
+        found.advance(now_s)
+    return found.forecast(until_s)
+
+
+def _joined(arrival_s: Floats, forecast: Forecast, now_s: float) -> Floats:
+    """Return the arrival times (y, x) of the estimate until now, and of the forecast later."""
+    later_s = np.maximum(forecast.median_arrival_s(), np.nextafter(now_s, np.inf))
+    return np.where(arrival_s <= now_s, arrival_s, later_s)
 
 
 def _length_s(requested_s: float) -> float:

@@ -35,14 +35,17 @@ from mission_service.events import (
     Undone,
     WindSet,
 )
-from mission_service.fire.corrected_fire import CorrectedFire, drawn_at_s
+from mission_service.fire.corrected_fire import CorrectedFire, burning_now, drawn_at_s
 from mission_service.fire.ignition_reports import ignition_reports_of
 from mission_service.fire.image_mosaic import ImageMosaic, Mosaic
-from mission_service.fire.observed_window import Window, window_of_change
+from mission_service.fire.observed_window import Window, states_in, window_of_change
+from mission_service.fire.run_ensemble import Lit, RunEnsemble, Seen, WeatherSet
 from mission_service.fire.setup import begun_again, cells_lit, reported_fire
 
 PERIOD_US = 30_000_000  # images are written into the estimate at multiples of this mission time
 MAX_WAITING = 20  # periods; their images are then written even if the estimate is not read
+MAX_ENSEMBLE_INPUTS = 180  # six hours of images that no forecast has requested
+CAMERA_SD_M, CORRECTION_SD_M = 10.0, 1.0  # standard deviations of positions
 OWN_DRAWS = 2  # the estimate of a random scheme must not predict the simulated fire's draws
 OF_FIRE = (Corrected, Erased, Undone, Redone, WindSet)  # reports that change the estimate
 
@@ -68,6 +71,7 @@ class RunEstimate:
         self._waiting: deque[Mosaic] = deque()  # of past periods, not written yet
         self._state = np.full(landscape.shape, UNSEEN, dtype=np.uint8)  # last sighting of each cell
         self._seen_s = np.full(landscape.shape, -np.inf)
+        self.ensemble = RunEnsemble(scenario, landscape)
 
     def advance(self, at_us: int) -> None:
         """Write the images of past periods and burn until this mission time; never back."""
@@ -90,6 +94,8 @@ class RunEstimate:
             for row, col in cells_lit(reported.points, self.landscape):
                 for fire in self._corrected.all_of(self.fire):
                     fire.light(row, col, max(reported.at_s, fire.time_s))
+            cells = cells_lit(reported.points, self.landscape)
+            self.ensemble.add(Lit(event.at_us / 1e6, reported.at_s, cells))
 
     def on_command(self, command: AnyCommand) -> None:
         """Process a drop."""
@@ -107,8 +113,17 @@ class RunEstimate:
         found = self._corrected.apply_report(event, before)
         if found is before:
             return None
-        self.fire = found if isinstance(event, WindSet) else self._with_sightings(found)
-        return window_of_change(before, self.fire)
+        at_s = event.at_us / 1e6
+        if isinstance(event, WindSet):
+            self.fire = found
+            self.ensemble.add(WeatherSet(at_s, found.weather))
+            return None
+        self.fire = self._with_sightings(found)
+        window = window_of_change(before, self.fire)
+        if window is not None:
+            state = states_in(window.cells)
+            self.ensemble.add(Seen(at_s, window.row, window.col, state, CORRECTION_SD_M))
+        return window
 
     def apply_history(self, event: AnyEvent) -> Window | None:
         """Apply an event of a journal, and return a window around the changed cells or None."""
@@ -144,6 +159,11 @@ class RunEstimate:
         self._store_images(event.at_us)
         self.advance(event.at_us)
 
+    def _limit_waiting(self) -> None:
+        """Begin the ensemble again from this fire if too many of its inputs wait."""
+        if len(self.ensemble.waiting) > MAX_ENSEMBLE_INPUTS:
+            self.ensemble.restart(burning_now(self.fire), self.fire.weather)
+
     def _burn_until(self, at_s: float) -> None:
         if at_s > self.fire.time_s:
             self.fire.advance(at_s)
@@ -151,6 +171,9 @@ class RunEstimate:
     def _write(self, mosaic: Mosaic) -> None:
         """Write the images of a period into the fire with and without corrections."""
         self._burn_until(mosaic.at_s)
+        top, left = (int(each.start) for each in mosaic.here)
+        self.ensemble.add_image(Seen(mosaic.at_s, top, left, mosaic.state, CAMERA_SD_M))
+        self._limit_waiting()
         later = (mosaic.state != UNSEEN) & (mosaic.seen_s >= self._seen_s[mosaic.here])
         self._state[mosaic.here][later] = mosaic.state[later]
         self._seen_s[mosaic.here][later] = mosaic.seen_s[later]

@@ -8,7 +8,7 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from firemodel.ensemble.uncertainty import Uncertainty
+from firemodel.ensemble.uncertainty import UNMEASURED, Uncertainty
 from firemodel.input_warnings import FireInputs, input_warnings, time_zero_warnings
 from firemodel.landscape.default import jacksboro
 from firemodel.landscape.flat import flat_landscape
@@ -323,6 +323,12 @@ def settings_of(scenario: Scenario) -> dict[str, Any]:
 def uncertainty_of(scenario: Scenario) -> Uncertainty:
     """Return the standard deviations of the errors in the scenario's table [ensemble]."""
     return Uncertainty(**scenario.ensemble.model_dump())
+
+
+def estimate_errors(scenario: Scenario) -> Uncertainty:
+    """Return the distributions of [ensemble], or those of estimates if it has only defaults."""
+    given = uncertainty_of(scenario)
+    return UNMEASURED if given == Uncertainty() else given
 
 
 def fire_position(scenario: Scenario, landscape: Landscape) -> tuple[float, float]:

@@ -17,7 +17,6 @@ from firemodel.assimilation.fire_estimate import EstimateSettings, FireEstimate
 from firemodel.assimilation.observation import BURNED, Observation, mapped_perimeter
 from firemodel.assimilation.scores import coverage, critical_success, mean_distance_m, overlap
 from firemodel.ensemble.member_fires import Each
-from firemodel.ensemble.uncertainty import UNMEASURED, Uncertainty
 from firemodel.errors import FireModelError
 from firemodel.input_warnings import time_zero_warnings
 from firemodel.landscape.landscape import Landscape
@@ -32,9 +31,9 @@ from firemodel.spread.front import front_polygons
 from mission_service.config.scenario import Scenario
 from mission_service.errors import ScenarioError
 from mission_service.fire.setup import (
+    estimate_errors,
     ignitions_of,
     landscape_of,
-    uncertainty_of,
     weather_of,
 )
 from mission_service.runtime.progress import fire_progress
@@ -100,7 +99,7 @@ def assimilate(
             landscape,
             weather,
             settings=EstimateSettings(
-                scenario.estimate.members, scenario.seed, _uncertainty(scenario)
+                scenario.estimate.members, scenario.seed, estimate_errors(scenario)
             ),
             wind_limit=scenario.fire.wind_limit,
             precise=scenario.fire.precise,
@@ -201,12 +200,6 @@ def _inside(area: BaseGeometry, landscape: Landscape) -> BaseGeometry:
 def _square(landscape: Landscape, row: int, col: int) -> BaseGeometry:
     x_m, y_m = (float(value) for value in landscape.xy_of(row, col))
     return shapely.Point(x_m, y_m).buffer(landscape.cell_size_m / 2, cap_style="square")
-
-
-def _uncertainty(scenario: Scenario) -> Uncertainty:
-    """Return the distributions of [ensemble], or those of estimates if it has only defaults."""
-    given = uncertainty_of(scenario)
-    return UNMEASURED if given == Uncertainty() else given
 
 
 def _steps(

@@ -1,35 +1,31 @@
-"""Forecasts: what is ahead, and that asking for it changes nothing."""
+"""Forecasts of the estimate: what is ahead, and that asking for it changes nothing."""
 
 import asyncio
-import threading
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
 
+from firemodel.assimilation.fire_estimate import FireEstimate
 from firemodel.errors import FireModelError
-from firemodel.spread.anyangle import AnyAngleFire
-from firemodel.spread.fire_scheme import Fire
-from firemodel.spread.probabilistic import ProbabilisticFire
+from mission_service.events import Observed, WindSet
 from mission_service.fire import forecast
-from mission_service.fire.ensemble import (
-    MEMBERS,
-    burned_ahead,
-    ensemble_of,
-    probability_at,
-)
 from mission_service.fire.forecast import Arrival, Forecasts
-from tests.maps.fires import NOW_S, WEATHER, fire, land
+from mission_service.fire.run_ensemble import processed
+from mission_service.fire.run_estimate import RunEstimate
+from tests.maps.fires import NOW_S, estimated
 
 HOUR_S = 3600.0
 
 
-def ask(of: Fire, work: Callable[[Forecasts], Any], version: Callable[[], int] = lambda: 1) -> Any:
-    """Whatever a coroutine on forecasts of a fire returns."""
+def ask(
+    of: RunEstimate, work: Callable[[Forecasts], Any], version: Callable[[], int] = lambda: 1
+) -> Any:
+    """Whatever a coroutine on forecasts of an estimate returns."""
 
     async def run() -> Any:
-        forecasts = Forecasts(lambda: of, version, seed=4)
+        forecasts = Forecasts(lambda: of, version)
         try:
             return await work(forecasts)
         finally:
@@ -38,121 +34,119 @@ def ask(of: Fire, work: Callable[[Forecasts], Any], version: Callable[[], int] =
     return asyncio.run(run())
 
 
-def test_the_past_is_the_fire_and_the_future_what_it_will_do() -> None:
-    burning, twin = fire(), fire()
-    found = burned_ahead(burning.copy(), NOW_S + HOUR_S, 1, seed=4)
-    assert (found.at_s, found.until_s) == (NOW_S, NOW_S + HOUR_S)
-    assert np.array_equal(found.arrival_s <= NOW_S, burning.burned())
-    assert np.array_equal(burning.arrival_time_s, twin.arrival_time_s)
-    twin.advance(NOW_S + HOUR_S)  # over a change of weather
-    assert np.array_equal(found.arrival_s <= found.until_s, twin.burned())
-    assert np.array_equal(found.arrival_s[twin.burned()], twin.arrival_time_s[twin.burned()])
-    assert np.count_nonzero(twin.burned()) > 1.5 * np.count_nonzero(burning.burned())
+def burning_to_the_east(estimate: RunEstimate, at_s: float) -> Observed:
+    """An image of 20 x 20 cells east of the ignition, all of them burned."""
+    return Observed(round(at_s * 1e6), "hawk", 40, 46, ("b" * 20,) * 20)
 
 
-def test_forecasts_leave_the_fire_as_it_is() -> None:
+def test_the_past_is_the_estimate_and_the_future_grows_from_it() -> None:
+    estimate = estimated()
+    before = estimate.fire.expected_s()
+    found = ask(estimate, lambda forecasts: forecasts.arrival(NOW_S + HOUR_S))
+    assert (found.at_s, found.until_s >= NOW_S + HOUR_S) == (NOW_S, True)
+    assert np.array_equal(found.arrival_s <= NOW_S, estimate.fire.burned())
+    assert np.array_equal(estimate.fire.expected_s(), before)
+    later = found.arrival_s <= NOW_S + HOUR_S
+    assert np.count_nonzero(later) > 1.5 * np.count_nonzero(estimate.fire.burned())
+
+
+def test_forecasts_leave_the_estimate_as_it_is() -> None:
     """To the last bit, while it burns on between two of them."""
-    burning, twin = fire(), fire()
+    estimate, twin = estimated(), estimated()
 
     async def watch(forecasts: Forecasts) -> None:
-        for _ in range(3):
+        for number in range(3):
+            now_s = estimate.fire.time_s
             await asyncio.gather(
-                forecasts.arrival(burning.time_s + HOUR_S),
-                forecasts.probability(burning.time_s + HOUR_S),
+                forecasts.arrival(now_s + HOUR_S), forecasts.probability(now_s + HOUR_S)
             )
-            burning.advance(burning.time_s + 400.0)
+            estimate.on_event(burning_to_the_east(estimate, now_s + 10.0 * number))
+            estimate.advance(round((now_s + 400.0) * 1e6))
 
-    ask(burning, watch, version=lambda: int(burning.time_s))
-    twin.advance(burning.time_s)
-    assert np.array_equal(burning.expected_s(), twin.expected_s())
-    for each in (burning, twin):
-        each.advance(12_000.0)
-    assert np.array_equal(burning.arrival_time_s, twin.arrival_time_s)
-
-
-def test_chance_is_not_foreseen() -> None:
-    """The daemon's fire draws from its seed: a forecast that did too would be exact."""
-
-    def made() -> ProbabilisticFire:
-        rng = np.random.default_rng(2)
-        found = ProbabilisticFire(
-            land(), WEATHER, [(50, 40, 0.0)], p_spread=0.05, update_s=60.0, rng=rng
-        )
-        found.advance(NOW_S)
-        return found
-
-    burning, twin = made(), made()
-    found = burned_ahead(burning.copy(), NOW_S + HOUR_S, 1, seed=4)
-    many = ensemble_of(burning, NOW_S + HOUR_S, 1, seed=4)
-    for each in (burning, twin):
-        each.advance(NOW_S + HOUR_S)
-    assert np.array_equal(burning.arrival_time_s, twin.arrival_time_s)
-    assert not np.array_equal(found.arrival_s <= found.until_s, burning.burned())
-    share = probability_at(many, NOW_S + HOUR_S)
-    assert np.count_nonzero((share > 0.0) & (share < 1.0)) > 50
+    ask(estimate, watch, version=lambda: int(estimate.fire.time_s))
+    for number in range(3):
+        now_s = twin.fire.time_s
+        twin.on_event(burning_to_the_east(twin, now_s + 10.0 * number))
+        twin.advance(round((now_s + 400.0) * 1e6))
+    assert np.array_equal(estimate.fire.expected_s(), twin.fire.expected_s())
 
 
-def test_an_ensemble_agrees_on_the_past_and_spreads_in_the_future() -> None:
-    burning = fire()
-    many = ensemble_of(burning, NOW_S + 2 * HOUR_S, 1, seed=4)
-    assert np.array_equal(probability_at(many, NOW_S), burning.burned().astype(float))
-    before = probability_at(many, NOW_S)
-    for ahead_s in (900.0, HOUR_S, 2 * HOUR_S):
-        share = probability_at(many, NOW_S + ahead_s)
-        assert (share >= before).all()
-        assert np.isin(np.rint(share * MEMBERS) / MEMBERS, share).all()
-        assert np.allclose(share * MEMBERS, np.rint(share * MEMBERS))
-        assert np.count_nonzero((share > 0.0) & (share < 1.0)) > np.count_nonzero(
-            (before > 0.0) & (before < 1.0)
-        )
+def test_the_ensemble_is_the_same_however_its_inputs_are_divided() -> None:
+    estimate = estimated()
+    for number in range(5):
+        at_s = NOW_S + 100.0 * number
+        estimate.on_event(burning_to_the_east(estimate, at_s))
+        estimate.advance(round(at_s * 1e6))
+    estimate.apply_report(WindSet(round((NOW_S + 600.0) * 1e6), "ann", "", 8.0, 270.0))
+    begun, inputs = estimate.ensemble.processed, estimate.ensemble.waiting
+    assert len(inputs) >= 4
+    whole = processed(begun, inputs)
+    parts = begun
+    for each in inputs:
+        parts = processed(parts, [each])
+    assert np.array_equal(whole.members.wind_m_s, parts.members.wind_m_s)
+    until_s = whole.time_s + HOUR_S
+    shares = [each.forecast(until_s).burn_probability(until_s) for each in (whole, parts)]
+    assert np.array_equal(*shares)  # type: ignore[arg-type]
+    assert begun.time_s == 0.0
+
+
+def test_members_agree_on_the_present_and_spread_in_the_future() -> None:
+    estimate = estimated()
+    burned = estimate.fire.burned()
+
+    async def shares(forecasts: Forecasts) -> list[Any]:
+        times = (NOW_S, NOW_S + 900.0, NOW_S + HOUR_S, NOW_S + 2 * HOUR_S)
+        return [await forecasts.probability(at_s) for at_s in times]
+
+    now, *later = ask(estimate, shares)
+    assert np.array_equal(now, burned.astype(float))
+    before = now
+    for share in later:
+        assert (share[burned] == 1.0).all()
+        assert (share >= before - 1e-9).all()
         before = share
-    again = probability_at(ensemble_of(burning, NOW_S + 2 * HOUR_S, 1, seed=4), NOW_S + HOUR_S)
-    assert np.array_equal(again, probability_at(many, NOW_S + HOUR_S))
-    other = probability_at(ensemble_of(burning, NOW_S + 2 * HOUR_S, 1, seed=5), NOW_S + HOUR_S)
-    assert not np.array_equal(again, other)
-
-
-def test_what_is_lit_right_now_is_sure() -> None:
-    many = ensemble_of(fire(0.0), 600.0, 1, seed=4)
-    assert np.argwhere(probability_at(many, 0.0)).tolist() == [[50, 40]]
-    assert probability_at(many, 0.0).max() == 1.0
+    unsure = [np.count_nonzero((share > 0.1) & (share < 0.9)) for share in later]
+    assert unsure[0] < unsure[1] < unsure[2]
 
 
 def test_all_callers_wait_for_the_same_forecast(monkeypatch: pytest.MonkeyPatch) -> None:
     """No request: nothing. The same again: nothing. Changed by operators, or old: once."""
-    copies = []
-    copy = AnyAngleFire.copy
+    computed = []
+    whole = processed
 
-    def counted(self: AnyAngleFire) -> AnyAngleFire:
-        if threading.current_thread() is threading.main_thread():  # else an ensemble's member
-            copies.append(self.time_s)
-        return copy(self)
+    def counted(ensemble: FireEstimate, inputs: Any) -> FireEstimate:
+        computed.append(ensemble)
+        return whole(ensemble, inputs)
 
-    monkeypatch.setattr(AnyAngleFire, "copy", counted)
-    burning, version = fire(), [1]
+    monkeypatch.setattr(forecast, "processed", counted)
+    estimate, version = estimated(), [1]
+
+    def advance(at_s: float) -> None:
+        estimate.advance(round(at_s * 1e6))
 
     async def watch(forecasts: Forecasts) -> None:
-        assert not copies
+        assert not computed
         five = await asyncio.gather(*(forecasts.arrival(NOW_S + HOUR_S) for _ in range(5)))
         assert all(each is five[0] for each in five)
         assert five[0].version == 1
-        burning.advance(NOW_S + 100.0)
+        advance(NOW_S + 100.0)
         assert await forecasts.arrival(NOW_S + HOUR_S) is five[0]
-        assert len(copies) == 1
+        assert len(computed) == 1
         version[0] = 2  # people have drawn
         assert (await forecasts.arrival(NOW_S + HOUR_S)).version == 2
-        assert len(copies) == 2
-        burning.advance(NOW_S + 100.0 + forecast.OLD_S + 1.0)
+        assert len(computed) == 2
+        advance(NOW_S + 100.0 + forecast.OLD_S + 1.0)
         await forecasts.arrival(NOW_S + HOUR_S)
-        assert len(copies) == 2  # old, but ten seconds have not passed
+        assert len(computed) == 2  # old, but ten seconds have not passed
         monkeypatch.setattr(forecast, "REST_S", 0.0)
-        assert (await forecasts.arrival(NOW_S + HOUR_S)).at_s == burning.time_s
-        assert len(copies) == 3
-        far = await forecasts.arrival(burning.time_s + 5 * HOUR_S)
-        assert far.until_s >= burning.time_s + 5 * HOUR_S
-        assert len(copies) == 4
+        assert (await forecasts.arrival(NOW_S + HOUR_S)).at_s == estimate.fire.time_s
+        assert len(computed) == 3
+        far = await forecasts.arrival(estimate.fire.time_s + 5 * HOUR_S)
+        assert far.until_s >= estimate.fire.time_s + 5 * HOUR_S
+        assert len(computed) == 4
 
-    ask(burning, watch, version=lambda: version[0])
+    ask(estimate, watch, version=lambda: version[0])
 
 
 def test_a_cancelled_caller_does_not_affect_the_others() -> None:
@@ -164,37 +158,46 @@ def test_a_cancelled_caller_does_not_affect_the_others() -> None:
         leaving.cancel()
         return await staying
 
-    found = ask(fire(), watch)
+    found = ask(estimated(), watch)
     assert isinstance(found, Arrival)
 
 
 def test_an_error_reaches_its_callers_and_the_next_request_starts_again(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    advance = AnyAngleFire.advance
+    advance = FireEstimate.advance
 
-    def broken(self: AnyAngleFire, to_time_s: float) -> None:
+    def broken(self: FireEstimate, to_time_s: float) -> None:
         raise FireModelError("no")
 
     async def watch(forecasts: Forecasts) -> Arrival:
-        monkeypatch.setattr(AnyAngleFire, "advance", broken)
+        monkeypatch.setattr(FireEstimate, "advance", broken)
         with pytest.raises(FireModelError, match="no"):
             await forecasts.arrival(NOW_S + HOUR_S)
-        monkeypatch.setattr(AnyAngleFire, "advance", advance)
+        monkeypatch.setattr(FireEstimate, "advance", advance)
         return await forecasts.arrival(NOW_S + HOUR_S)
 
-    assert isinstance(ask(fire(), watch), Arrival)
+    assert isinstance(ask(estimated(), watch), Arrival)
+
+
+def test_without_any_fire_nothing_is_forecast() -> None:
+    place = ("ignition_known=false", "reported_lat_deg=36.35", "reported_lon_deg=-84.16")
+    estimate = estimated(NOW_S, "ignition=[]", *(f"planner.{each}" for each in place))
+    found = ask(estimate, lambda forecasts: forecasts.arrival(NOW_S + HOUR_S))
+    assert np.isinf(found.arrival_s).all()
+    share = ask(estimate, lambda forecasts: forecasts.probability(NOW_S + HOUR_S))
+    assert not share.any()
 
 
 @pytest.mark.parametrize("ahead_s", [0.0, -1000.0])
 def test_of_the_past_the_observed_state_is_given(ahead_s: float) -> None:
-    burning = fire()
-    found = ask(burning, lambda forecasts: forecasts.arrival(NOW_S + ahead_s))
+    estimate = estimated()
+    found = ask(estimate, lambda forecasts: forecasts.arrival(NOW_S + ahead_s))
     assert isinstance(found, Arrival)
     assert found.until_s == found.at_s == NOW_S
-    assert np.array_equal(found.arrival_s, burning.expected_s())
-    share = ask(burning, lambda forecasts: forecasts.probability(NOW_S + ahead_s))
-    assert np.array_equal(share, burning.arrival_time_s <= NOW_S + ahead_s)
+    assert np.array_equal(found.arrival_s, estimate.fire.expected_s())
+    share = ask(estimate, lambda forecasts: forecasts.probability(NOW_S + ahead_s))
+    assert np.array_equal(share, estimate.fire.arrival_time_s <= NOW_S + ahead_s)
 
 
 @pytest.mark.parametrize(
@@ -208,4 +211,4 @@ def test_of_the_past_the_observed_state_is_given(ahead_s: float) -> None:
 def test_times_that_cannot_be_are_refused(at_s: float, message: str) -> None:
     for work in (lambda f: f.arrival(at_s), lambda f: f.probability(at_s)):
         with pytest.raises(FireModelError, match=message):
-            ask(fire(), work)
+            ask(estimated(), work)

@@ -11,13 +11,13 @@ from shapely.geometry import shape
 
 from firemodel.spread.anyangle import AnyAngleFire
 from firemodel.spread.burning import burning_from_arrival, burning_from_perimeter
-from mission_service.fire.ensemble import burned_ahead, ensemble_of, probability_at
+from mission_service.fire.run_ensemble import processed
 from mission_service.interfaces.maps.fronts import (
     contours_geojson,
     front_geojson,
     probability_geojson,
 )
-from tests.maps.fires import NOW_S, WEATHER, fire, land, signed_area
+from tests.maps.fires import NOW_S, WEATHER, estimated, fire, land, signed_area
 
 TOUCH_DEG2 = 1e-11  # 0.1 m², of coordinates rounded to a centimetre
 
@@ -58,13 +58,14 @@ def test_the_front_now_is_the_fires() -> None:
 
 
 def test_contours_nest_the_latest_first() -> None:
-    found = burned_ahead(fire().copy(), NOW_S + 5400.0, 1, seed=4)
+    ahead = fire()
+    ahead.advance(NOW_S + 5400.0)
     times = [NOW_S + 1800.0, NOW_S, NOW_S + 3600.0, 1000.0, NOW_S + 1800.0]
-    collection = contours_geojson(found.arrival_s, land(), times, NOW_S)
+    collection = contours_geojson(ahead.expected_s(), land(), times, NOW_S)
     for feature in collection["features"]:
         check_rfc_7946(feature)
-    ahead = [feature["properties"]["in_s"] for feature in collection["features"]]
-    assert ahead == [3600.0, 1800.0, 0.0, 1000.0 - NOW_S]
+    hours = [feature["properties"]["in_s"] for feature in collection["features"]]
+    assert hours == [3600.0, 1800.0, 0.0, 1000.0 - NOW_S]
     wide_to_narrow = areas(collection)
     for wide, narrow in pairwise(wide_to_narrow):
         assert narrow.difference(wide).area < TOUCH_DEG2
@@ -72,8 +73,10 @@ def test_contours_nest_the_latest_first() -> None:
 
 
 def test_bands_of_probability_nest_around_what_burns_now() -> None:
-    burning = fire()
-    share = probability_at(ensemble_of(burning, NOW_S + 3600.0, 1, seed=4), NOW_S + 3600.0)
+    ensemble = estimated().ensemble
+    estimate = processed(ensemble.processed, ensemble.inputs_until(NOW_S))
+    estimate.advance(NOW_S)
+    share = estimate.forecast(NOW_S + 3600.0).burn_probability(NOW_S + 3600.0)
     collection = probability_geojson(share, land(), NOW_S + 3600.0, NOW_S)
     for feature in collection["features"]:
         check_rfc_7946(feature)

@@ -5,7 +5,6 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from mission_service.fire.forecast import Forecasts
-from mission_service.fire.setup import uncertainty_of
 from mission_service.interfaces.maps.fronts import front_geojson
 
 if TYPE_CHECKING:
@@ -24,12 +23,7 @@ def forecasts_of(context: "RunContext") -> "Forecasts | EstimatedForecasts":
             return context.estimated_fire
 
         return EstimatedForecasts(estimated, context.landscape, lambda: context.clock.now_us / 1e6)
-    return Forecasts(
-        lambda: context.estimate.fire,
-        lambda: context.state_view.fire_version,
-        context.scenario.seed,
-        uncertainty_of(context.scenario),
-    )
+    return Forecasts(lambda: context.estimate, lambda: context.state_view.fire_version)
 
 
 async def front_now(

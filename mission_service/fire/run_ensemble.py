@@ -1,0 +1,155 @@
+"""Follow the fire of a run by an ensemble, which learns wind and spread rates from observations.
+
+The ensemble (``firemodel.assimilation.fire_estimate``) is expensive. It therefore receives its
+inputs as a list, which a thread processes when a forecast is requested. Equal inputs give equal
+ensembles, however they are divided among the requests.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firemodel.assimilation.fire_estimate import EstimateSettings, FireEstimate
+from firemodel.assimilation.observation import BURNED, Observation
+from firemodel.landscape.landscape import Landscape
+from firemodel.physics.weather import WeatherStream
+from firemodel.spread.fire_scheme import Burning
+from mission_service.config.scenario import Scenario
+from mission_service.fire.setup import burning_of, estimate_errors, ignitions_of, weather_of
+
+IMAGES_PERIOD_S = 120.0
+
+
+class Seen(NamedTuple):
+    """A window of cells that cameras saw, or that operators corrected, at a time.
+
+    The fields are the first ones of ``Observation``.
+    """
+
+    at_s: float
+    top: int
+    left: int
+    state: NDArray[np.uint8]  # (y, x) UNSEEN, UNBURNED or BURNED
+    position_sd_m: float
+
+
+class Lit(NamedTuple):
+    """Cells (row, column) that were lit at a time; known at ``known_s``."""
+
+    known_s: float
+    at_s: float
+    cells: Sequence[tuple[int, int]]
+
+
+class WeatherSet(NamedTuple):
+    """The weather that is reported from a time on."""
+
+    at_s: float
+    weather: WeatherStream
+
+
+class Images(NamedTuple):
+    """What cameras saw in a period, in order of time; the ensemble is advanced once for all."""
+
+    at_s: float
+    seen: Sequence[Seen]
+
+
+Input = Images | Seen | Lit | WeatherSet
+
+
+class RunEnsemble:
+    """The ensemble after the inputs processed so far, and the inputs that wait."""
+
+    def __init__(self, scenario: Scenario, landscape: Landscape) -> None:
+        """Begin with the fire that the scenario names; its later ignitions are inputs."""
+        self._scenario, self._landscape = scenario, landscape
+        self.processed = self._begun(burning_of(scenario, landscape), weather_of(scenario))
+        lit = sorted(ignitions_of(scenario, landscape), key=lambda each: each[2])
+        self.waiting: list[Input] = []
+        self._images: list[Seen] = []  # of the present period
+        self._scheduled = [Lit(at_s, at_s, [(row, col)]) for row, col, at_s in lit]
+
+    def add_image(self, new: Seen) -> None:
+        """Add an image, which must not be earlier than the input before."""
+        self._images.append(new)
+        if new.at_s >= math.ceil(self._images[0].at_s / IMAGES_PERIOD_S) * IMAGES_PERIOD_S:
+            self._end_period(new.at_s)
+
+    def add(self, new: Seen | Lit | WeatherSet) -> None:
+        """Add another input, which must not be earlier than the one before."""
+        self._end_period(new.known_s if isinstance(new, Lit) else new.at_s)
+        self.waiting.append(new)
+
+    def inputs_until(self, at_s: float) -> list[Input]:
+        """Return the waiting inputs, with the scenario's ignitions until a time.
+
+        The images of the present period are not among them.
+        """
+        while self._scheduled and self._scheduled[0].at_s <= at_s:
+            self.waiting.append(self._scheduled.pop(0))
+        return list(self.waiting)
+
+    def _end_period(self, at_s: float) -> None:
+        self.inputs_until(at_s)
+        if self._images:
+            self.waiting.append(Images(at_s, self._images))
+            self._images = []
+
+    def restart(self, burning: Burning | None, weather: WeatherStream) -> None:
+        """Begin again from a state of the fire, without what was learned and what waits."""
+        self.processed, self.waiting, self._images = self._begun(burning, weather), [], []
+        if burning is not None:
+            self._scheduled = [each for each in self._scheduled if each.at_s > burning.at_s]
+
+    def replace(self, before: FireEstimate, after: FireEstimate, count: int) -> None:
+        """Replace the ensemble by the result of ``count`` inputs; if it has changed, do nothing."""
+        if self.processed is before:
+            self.processed = after
+            del self.waiting[:count]
+
+    def _begun(self, burning: Burning | None, weather: WeatherStream) -> FireEstimate:
+        scenario = self._scenario
+        return FireEstimate(
+            self._landscape,
+            weather,
+            settings=EstimateSettings(
+                scenario.estimate.members, scenario.seed, estimate_errors(scenario)
+            ),
+            burning=burning,
+            wind_limit=scenario.fire.wind_limit,
+            precise=scenario.fire.precise,
+        )
+
+
+def processed(estimate: FireEstimate, inputs: Sequence[Input]) -> FireEstimate:
+    """Return an ensemble after inputs, which are in order of time; the given one is unchanged."""
+    found = estimate.copy()
+    for each in inputs:
+        match each:
+            case Images():
+                if found.begun:
+                    found.advance(max(each.at_s, found.time_s))
+                for image in each.seen:
+                    _see(found, image)
+            case Seen():
+                _see(found, each)
+            case Lit():
+                found.light(each.cells, each.at_s)
+            case WeatherSet():
+                found.set_weather(each.weather, each.at_s)
+    return found
+
+
+def _see(estimate: FireEstimate, seen: Seen) -> None:
+    """Process a window; the first burned cells that are seen begin the fire."""
+    if estimate.begun:
+        estimate.observe(Observation(*seen))
+        return
+    row, col = np.nonzero(seen.state == BURNED)
+    if row.size:
+        cells = zip((row + seen.top).tolist(), (col + seen.left).tolist(), strict=True)
+        estimate.light(list(cells), seen.at_s)
