@@ -80,13 +80,15 @@ class Observed(Event, frozen=True, tag=True):
     Each string is a row, from north to south, and each of its characters is a cell, from west to
     east. ``.`` is a cell outside the footprint, ``u`` is unburned, and ``b`` is burning or burned.
     With ``corrects`` the window is an operator's correction and replaces earlier observations of
-    these cells.
+    these cells. With ``estimated`` no camera saw the window: it is the part of the estimate that a
+    camera would show, for planners in a run without images.
     """
 
     row: CellIndex
     col: CellIndex
     cells: tuple[str, ...]
     corrects: bool = False
+    estimated: bool = False
 
 
 class WindMeasured(Event, frozen=True, tag=True):

@@ -21,6 +21,7 @@ from mission_service.config.scenario import Scenario
 from mission_service.fire.setup import burning_of, estimate_errors, ignitions_of, weather_of
 
 IMAGES_PERIOD_S = 120.0
+ADVANCED_EVERY_S = 600.0  # without other inputs, so that a forecast need not begin long ago
 
 
 class Seen(NamedTuple):
@@ -67,48 +68,76 @@ class RunEnsemble:
     def __init__(self, scenario: Scenario, landscape: Landscape) -> None:
         """Begin with the fire that the scenario names; its later ignitions are inputs."""
         self._scenario, self._landscape = scenario, landscape
-        self.processed = self._begun(burning_of(scenario, landscape), weather_of(scenario))
+        self._processed: FireEstimate | None = None  # made when it is first needed
         lit = sorted(ignitions_of(scenario, landscape), key=lambda each: each[2])
         self.waiting: list[Input] = []
         self._images: list[Seen] = []  # of the present period
+        self._last_s = 0.0  # time of the last input
         self._scheduled = [Lit(at_s, at_s, [(row, col)]) for row, col, at_s in lit]
+
+    @property
+    def processed(self) -> FireEstimate:
+        """The ensemble after the inputs processed so far; it must not be changed."""
+        if self._processed is None:
+            scenario, landscape = self._scenario, self._landscape
+            self._processed = self._begun(burning_of(scenario, landscape), weather_of(scenario))
+        return self._processed
 
     def add_image(self, new: Seen) -> None:
         """Add an image, which must not be earlier than the input before."""
+        self._end_period_by(new.at_s, exclusive=True)
         self._images.append(new)
-        if new.at_s >= math.ceil(self._images[0].at_s / IMAGES_PERIOD_S) * IMAGES_PERIOD_S:
-            self._end_period(new.at_s)
+        self._end_period_by(new.at_s)
 
     def add(self, new: Seen | Lit | WeatherSet) -> None:
         """Add another input, which must not be earlier than the one before."""
-        self._end_period(new.known_s if isinstance(new, Lit) else new.at_s)
+        at_s = new.known_s if isinstance(new, Lit) else new.at_s
+        self._end_period_by(at_s)
+        self._end_period(at_s)
         self.waiting.append(new)
 
     def inputs_until(self, at_s: float) -> list[Input]:
-        """Return the waiting inputs, with the scenario's ignitions until a time.
+        """Return the inputs until a time that wait.
 
-        The images of the present period are not among them.
+        The images of the present period and later ignitions of the scenario are not among them.
         """
-        while self._scheduled and self._scheduled[0].at_s <= at_s:
-            self.waiting.append(self._scheduled.pop(0))
+        self._end_period_by(at_s)
+        self._add_due(at_s)
         return list(self.waiting)
 
+    def _end_period_by(self, at_s: float, exclusive: bool = False) -> None:
+        """End the period of the images if it ends by (or, if exclusive, before) a time."""
+        if not self._images:
+            return
+        end_s = math.ceil(self._images[0].at_s / IMAGES_PERIOD_S) * IMAGES_PERIOD_S
+        if end_s < at_s or (end_s == at_s and not exclusive):
+            self._end_period(end_s)
+
     def _end_period(self, at_s: float) -> None:
-        self.inputs_until(at_s)
+        self._add_due(at_s)
+        self._last_s = at_s
         if self._images:
             self.waiting.append(Images(at_s, self._images))
             self._images = []
 
+    def _add_due(self, at_s: float) -> None:
+        """Add the ignitions of the scenario, and empty periods, until a time."""
+        while self._scheduled and self._scheduled[0].at_s <= at_s:
+            self.waiting.append(self._scheduled.pop(0))
+        while self._last_s + ADVANCED_EVERY_S <= at_s:
+            self._last_s += ADVANCED_EVERY_S
+            self.waiting.append(Images(self._last_s, ()))
+
     def restart(self, burning: Burning | None, weather: WeatherStream) -> None:
         """Begin again from a state of the fire, without what was learned and what waits."""
-        self.processed, self.waiting, self._images = self._begun(burning, weather), [], []
+        self._processed, self.waiting, self._images = self._begun(burning, weather), [], []
         if burning is not None:
             self._scheduled = [each for each in self._scheduled if each.at_s > burning.at_s]
 
     def replace(self, before: FireEstimate, after: FireEstimate, count: int) -> None:
         """Replace the ensemble by the result of ``count`` inputs; if it has changed, do nothing."""
         if self.processed is before:
-            self.processed = after
+            self._processed = after
             del self.waiting[:count]
 
     def _begun(self, burning: Burning | None, weather: WeatherStream) -> FireEstimate:

@@ -15,6 +15,7 @@ from collections import deque
 from functools import partial
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from firemodel.assimilation.observation import UNSEEN
@@ -32,9 +33,11 @@ from mission_service.events import (
     Erased,
     Observed,
     Redone,
+    Telemetry,
     Undone,
     WindSet,
 )
+from mission_service.fire.camera_views import CameraViews, arrival_at
 from mission_service.fire.corrected_fire import CorrectedFire, burning_now, drawn_at_s
 from mission_service.fire.ignition_reports import ignition_reports_of
 from mission_service.fire.image_mosaic import ImageMosaic, Mosaic
@@ -65,6 +68,7 @@ class RunEstimate:
         self._corrected = CorrectedFire(landscape, self._begin)
         self._accepts_reports = scenario.burn_flown is None
         self._ignitions = ignition_reports_of(scenario)
+        self._views = CameraViews(scenario)
         self._unburnable = np.isin(landscape.fuel_model, list(NON_BURNABLE))
         self._images = ImageMosaic(landscape.shape)
         self._due_us: int | None = None  # end of the period of these images
@@ -80,14 +84,35 @@ class RunEstimate:
             self._write(self._waiting.popleft())
         self._burn_until(at_us / 1e6)
 
+    def view(self, fix: Telemetry) -> Observed | None:
+        """Return the part of the estimate that a vehicle's camera would show, if an image is due.
+
+        The result is None off the landscape.
+        """
+        return self.seen_from(fix) if self._views.is_due(fix) else None
+
+    def seen_from(self, fix: Telemetry, wider_cells: float = 0.0) -> Observed | None:
+        """Return what ``view`` returns, whether an image is due or not.
+
+        ``wider_cells`` is added to the footprint of the camera on each side.
+        """
+        self.advance(fix.at_us)
+        found = self._views.seen_from(fix, self.fire, wider_cells)
+        return None if found is None else msgspec.structs.replace(found, estimated=True)
+
+    def arrival_s(self, row: int, col: int) -> float | None:
+        """Return the estimate's arrival time at a cell; None if unburned or off the grid."""
+        return arrival_at(self.fire, row, col)
+
     def corrections(self) -> list[dict[str, Any]]:
         """Return the status of the operators' corrections in effect."""
         return self._corrected.log.status()
 
     def on_event(self, event: AnyEvent) -> None:
-        """Process a camera's image, an ignition or a completed drop."""
+        """Process a camera's image, an ignition, a completed drop or a position's reliability."""
+        self._views.on_event(event)
         if isinstance(event, Observed):
-            if not event.corrects:
+            if not (event.corrects or event.estimated):
                 self._on_image(event)
         elif (reported := self._ignitions.reported_in(event)) is not None:
             self._advance_to_event(event)
@@ -131,6 +156,8 @@ class RunEstimate:
         # An invalid report is in a journal if the run was killed before its reversal.
         with contextlib.suppress(FireModelError):
             found = self.apply_report(event)
+        if isinstance(event, Telemetry):
+            self._views.is_due(event)
         self.on_event(event)
         return found
 

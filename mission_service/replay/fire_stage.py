@@ -9,6 +9,7 @@ from typing import Any
 
 from firemodel.spread.edge import at_edge
 from mission_service.events import Aborted, FireReachedEdge, Observed, Resumed, Telemetry
+from mission_service.fire.run_estimate import RunEstimate
 from mission_service.fire.simulated_cameras import SimulatedCameras
 from mission_service.journal.journal_file import Entry, SegmentReader
 from mission_service.journal.reader import JournalReader
@@ -19,6 +20,7 @@ EDGE_WITHIN_CELLS = 1e-6
 UNSEEN = "."
 
 Cell = tuple[int, int]  # row, col
+Source = SimulatedCameras | RunEstimate  # of images
 
 
 def fire_stage(recorded: JournalReader) -> Stage:
@@ -53,7 +55,7 @@ class _Comparison:
         match content:
             case Observed(corrects=False) if not entry.sure:
                 self._unsure += 1
-            case Observed(corrects=False) if self._cameras is not None:
+            case Observed(corrects=False) if self._source(content) is not None:
                 if self._pending is not None:
                     self._position_missing(*self._pending)
                 self._pending = (self._recorded.place(reader, entry), content)
@@ -64,8 +66,7 @@ class _Comparison:
                 elif recorded.at_us != content.at_us:
                     self._position_missing(place, recorded)
                 else:
-                    assert self._cameras is not None
-                    self._compare(place, recorded, content, self._cameras)
+                    self._compare(place, recorded, content)
             case FireReachedEdge() if entry.sure and entry.intact:
                 self._compare_edge(self._recorded.place(reader, entry), content)
             case Resumed() | Aborted() if self._pending:  # its position was not journalled
@@ -92,13 +93,17 @@ class _Comparison:
             note.append(f"{self._unsure} observations after a skipped line were not compared")
         return Stage("fire", counts, self._difference, self._details, "; ".join(note))
 
-    def _compare(
-        self, place: str, recorded: Observed, fix: Telemetry, cameras: SimulatedCameras
-    ) -> None:
-        again = cameras.seen_from(fix)
+    def _source(self, image: Observed) -> Source | None:
+        """Return what an image shows: the estimate or the simulated fire; None if neither."""
+        return self._estimate if image.estimated else self._cameras
+
+    def _compare(self, place: str, recorded: Observed, fix: Telemetry) -> None:
+        source = self._source(recorded)
+        assert source is not None
+        again = source.seen_from(fix)
         self._counts["observations"] += 1
         self._counts["cells"] += sum(len(row) - row.count(UNSEEN) for row in recorded.cells)
-        for cell in () if again == recorded else _cells(recorded, again, fix, cameras):
+        for cell in () if again == recorded else _cells(recorded, again, fix, source):
             beyond = cell.pop("beyond")
             self._counts["beyond tolerance" if beyond else "within tolerance"] += 1
             if beyond:
@@ -122,7 +127,7 @@ class _Comparison:
 
 
 def _cells(
-    recorded: Observed, again: Observed | None, fix: Telemetry, cameras: SimulatedCameras
+    recorded: Observed, again: Observed | None, fix: Telemetry, source: Source
 ) -> Iterator[dict[str, Any]]:
     """Yield the cells in which two observations differ, and whether the tolerance excuses each."""
     before, after = _letters(recorded), _letters(again)
@@ -132,9 +137,9 @@ def _cells(
         journal, replay = before.get(cell, UNSEEN), after.get(cell, UNSEEN)
         if journal == replay:
             continue
-        arrival_s = cameras.arrival_s(*cell)
+        arrival_s = source.arrival_s(*cell)
         if UNSEEN in (journal, replay):
-            edge = _edge(fix, cameras) if edge is None else edge
+            edge = _edge(fix, source) if edge is None else edge
             near = cell in edge
         else:
             near = arrival_s is not None and abs(arrival_s - at_s) <= ARRIVAL_WITHIN_S
@@ -160,10 +165,10 @@ def _letters(observed: Observed | None) -> dict[Cell, str]:
     }
 
 
-def _edge(fix: Telemetry, cameras: SimulatedCameras) -> set[Cell]:
+def _edge(fix: Telemetry, source: Source) -> set[Cell]:
     """Return the cells inside a slightly larger footprint and outside a slightly smaller one."""
     wide, narrow = (
-        _letters(cameras.seen_from(fix, wider)) for wider in (EDGE_WITHIN_CELLS, -EDGE_WITHIN_CELLS)
+        _letters(source.seen_from(fix, wider)) for wider in (EDGE_WITHIN_CELLS, -EDGE_WITHIN_CELLS)
     )
     inside = {cell for cell, letter in narrow.items() if letter != UNSEEN}
     return {cell for cell, letter in wide.items() if letter != UNSEEN} - inside

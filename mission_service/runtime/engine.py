@@ -157,7 +157,7 @@ class Engine:
                 if not self._handle(event, now_us):
                     self._show_unrecorded(event)
             elif (body := self._body_of(event)) is not None:  # before the image is taken
-                image = None if self.cameras is None else self.cameras.observation(event)
+                image = self._image(event)
                 if image is not None:
                     self._handle(image, now_us)
                 if self._written(event, body):
@@ -180,6 +180,18 @@ class Engine:
             arrived_us = round(found.at_s * 1e6)
             place = (found.lat_deg, found.lon_deg)
             self._handle(FireReachedEdge(at_us, SERVICE, "", arrived_us, *place), now_us)
+
+    def _image(self, fix: Telemetry) -> Observed | None:
+        """Return the image of a simulated camera if one is due.
+
+        Without a simulated fire, planners receive the part of the estimate that a camera would
+        show. A burn has an estimate of its own.
+        """
+        if self.cameras is not None:
+            return self.cameras.image(fix)
+        if self._scenario.burn_flown is not None:
+            return None
+        return self.estimate.view(fix)
 
     def advance_fire(self, at_us: int) -> None:
         """Advance the simulated fire, if there is one, and the estimate to a mission time."""

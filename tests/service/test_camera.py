@@ -10,8 +10,8 @@ from mission_service.config.scenario import load_scenario
 from mission_service.errors import ScenarioError
 from mission_service.events import Telemetry
 from mission_service.fire.camera import Camera, beyond_rectangle
+from mission_service.fire.camera_views import observed as observed_from
 from mission_service.fire.setup import burning_of, fire_of, landscape_of
-from mission_service.fire.simulated_cameras import observed as observed_from
 from mission_service.fire.simulated_fire import SimulatedFire
 from mission_service.guidance.formation.members import first_fire, settings_of
 from mission_service.guidance.formation.settings import Settings
@@ -48,7 +48,7 @@ def test_the_footprint_has_the_papers_size_and_turns(land: Landscape) -> None:
     for heading_deg in (0.0, 90.0):
         true_deg = heading_deg + land.grid_convergence_deg
         position = Telemetry(0, "heron", lat, lon, altitude_m, 300.0, 17.0, 0.0, true_deg)
-        observed = observed_from(world, position, camera)
+        observed = observed_from(world.fire, position, camera)
         assert observed is not None
         inside = np.array([[cell != "." for cell in row] for row in observed.cells])
         seen[heading_deg] = (inside.any(axis=0).sum(), inside.any(axis=1).sum())

@@ -38,8 +38,8 @@ from mission_service.events import (
     VehicleRebooted,
 )
 from mission_service.fire.camera import camera_of
+from mission_service.fire.camera_views import observed
 from mission_service.fire.setup import fire_of, landscape_of
-from mission_service.fire.simulated_cameras import observed
 from mission_service.fire.simulated_fire import SimulatedFire
 
 NAV_LOITER_UNLIM, NAV_TAKEOFF = 17, 22
@@ -129,7 +129,7 @@ def test_a_place_at_the_other_end_of_the_world_is_no_place(land: Landscape) -> N
     assert not np.isfinite(land.xy_of_lat_lon(0.1, 0.1)).any()
     assert flight.handle(there) == []
     world = SimulatedFire(fire_of(scenario, land), land)
-    assert observed(world, there, camera_of(scenario.vehicles[0])) is None
+    assert observed(world.fire, there, camera_of(scenario.vehicles[0])) is None
     assert uploads(flight.at_height(0.0))
 
 

@@ -13,12 +13,15 @@ import mission_service
 from mission_service.config.fire_sections import SimulationSection
 from mission_service.config.rule_lookup import own_ways
 from mission_service.config.scenario import Scenario, load_scenario
-from mission_service.events import Corrected, Undone, WindSet
+from mission_service.events import Corrected, Observed, Undone, WindSet
+from mission_service.fire.run_ensemble import Images
 from mission_service.fire.run_estimate import RunEstimate
 from mission_service.fire.setup import fire_of, landscape_of
 from mission_service.fire.simulated_cameras import SimulatedCameras
 from mission_service.fire.simulated_fire import SimulatedFire, simulated_fire_of
 from mission_service.interfaces.maps.run_forecasts import forecasts_of
+from mission_service.journal.journal_file import SegmentReader
+from mission_service.replay.verification import verify
 from mission_service.simulation.crew import SimulatedCrew
 from tests.api.worlds import world_in
 
@@ -136,19 +139,32 @@ def test_how_often_the_estimate_is_read_does_not_change_it(tmp_path: Path) -> No
     assert np.array_equal(often, once)
 
 
-def test_without_a_simulated_fire_nothing_is_observed(tmp_path: Path) -> None:
-    """The estimate burns on by the model, and an operator's report corrects it."""
-    scenario = load_scenario("default", ("deploy_at_s=600",))
+def test_without_a_simulated_fire_the_estimate_is_flown(tmp_path: Path) -> None:
+    """It burns on by the model, and its views for planners are no evidence for it."""
+    scenario = load_scenario("default", ("deploy_at_s=600", "planner.rule=circling"))
     scenario = scenario.model_copy(update={"simulation": SimulationSection()})
     world = world_in(tmp_path, scenario)
-    world.fly(1200.0)
+    world.fly(1800.0)
     engine = world.simulation.service
+    engine.advance_fire(world.simulation.clock.now_us)
     assert engine.cameras is None
-    assert engine.statistics.observations == 0
     model = fire_of(scenario, landscape_of(scenario))
     model.advance(engine.estimate.fire.time_s)
     assert np.array_equal(engine.estimate.fire.burned(), model.burned())
-    assert overlap_of(engine.estimate.fire.burned(), model.burned()) == 1.0
+    inputs = engine.estimate.ensemble.inputs_until(world.now_s)
+    assert not any(isinstance(each, Images) and each.seen for each in inputs)
+    assert world.context.state_view.vehicles["hawk"].decisions
+    engine.recording.journal.close()
+    verification = verify(tmp_path / "journal.jsonl")
+    assert verification.difference is None
+    stage = next(each for each in verification.stages if each.name == "fire")
+    assert stage.counts["observations"] > 100
+    images = [
+        entry.content
+        for entry in SegmentReader(tmp_path / "journal.jsonl")
+        if isinstance(entry.content, Observed)
+    ]
+    assert all(image.estimated for image in images)
 
 
 def test_an_estimate_without_any_fire_begins_with_a_report() -> None:
