@@ -1,0 +1,110 @@
+"""The estimate of flights over fires unlike the model: ``-m benchmarks.flown_estimate FIRST LAST``.
+
+One plane circles the fire of the default scenario in virtual time. The simulated fire of each seed
+has another wind (a factor with a standard deviation of 30 %, a turn of 30 degrees), moisture (25 %)
+and spread rate (30 %) than the estimate receives. Half an hour apart, the estimate and the
+forecasts of its ensemble for 30 and 60 minutes are compared with the simulated fire. The error is
+the area that differs, as a share of the simulated fire's area. Persistence is the estimated area at
+the start of the forecast; the model alone has no observations.
+"""
+
+import argparse
+import asyncio
+import math
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+import click
+import numpy as np
+
+from firemodel.arrays import Floats, Mask
+from firemodel.assimilation.estimate_forecast import likely_area
+from mission_service.config.fire_sections import SimulatedFireSection, SimulationSection
+from mission_service.config.scenario import Scenario, load_scenario
+from mission_service.fire.forecast import Forecasts
+from mission_service.fire.setup import fire_of, landscape_of
+from mission_service.journal.journal_file import Journal, header_of
+from mission_service.simulation.sim import Simulation
+
+TIMES_S = (7200.0, 9000.0, 10800.0)
+AHEAD_S = (0.0, 1800.0, 3600.0)
+CHANGES = ("deploy_at_s=2400", "planner.rule=circling", "duration_s=20000")
+
+
+def wrong_scenario(seed: int, members: int) -> Scenario:
+    """Return the default scenario with a simulated fire unlike the estimate's model."""
+    rng = np.random.default_rng((4242, seed))
+    section = SimulatedFireSection(
+        wind_factor=math.exp(rng.normal(0.0, 0.3)),
+        wind_turn_deg=float(rng.normal(0.0, 30.0)),
+        moisture_factor=math.exp(rng.normal(0.0, 0.25)),
+        spread_factor=math.exp(rng.normal(0.0, 0.3)),
+    )
+    found = load_scenario("default", (*CHANGES, f"estimate.members={members}"))
+    return found.model_copy(update={"simulation": SimulationSection(fire=section)})
+
+
+def error(area: Mask, true: Mask) -> float:
+    """Return the area that differs, as a share of the true area."""
+    return float(np.count_nonzero(area ^ true) / np.count_nonzero(true))
+
+
+def run(seed: int, members: int) -> Floats:
+    """Return the mean errors (lengths, methods: estimate, persistence, model) of a flight."""
+    scenario = wrong_scenario(seed, members)
+    landscape = landscape_of(scenario)
+    with tempfile.TemporaryDirectory() as folder:
+        header = header_of(scenario, landscape.digest(), "")
+        journal = Journal(Path(folder) / "journal.jsonl", header, durable=False)
+        flight = Simulation(scenario, journal, landscape)
+        found = asyncio.run(_flown(flight, scenario))
+        journal.close()
+    return found
+
+
+async def _flown(flight: Simulation, scenario: Scenario) -> Floats:
+    model = fire_of(scenario, flight.estimate.landscape)
+    forecasts = Forecasts(lambda: flight.estimate, lambda: flight.clock.now_us)
+    assert flight.cameras is not None
+    errors = []
+    for at_s in TIMES_S:
+        flight.run(at_s)
+        flight.service.advance_fire(flight.clock.now_us)
+        now_s, seen = flight.estimate.fire.time_s, flight.estimate.fire.burned()
+        true, free = flight.cameras.fire.fire.copy(), model.copy()
+        row = []
+        for ahead_s in AHEAD_S:
+            for fire in (true, free):
+                fire.advance(now_s + ahead_s)
+            area = seen
+            if ahead_s:
+                area = likely_area(await forecasts.probability(now_s + ahead_s))
+            row.append([error(each, true.burned()) for each in (area, seen, free.burned())])
+        errors.append(row)
+    forecasts.close()
+    return np.asarray(np.mean(errors, axis=0))
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Print the errors of each seed, and their means."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("first", type=int)
+    parser.add_argument("last", type=int)
+    parser.add_argument("--members", type=int, default=24)
+    given = parser.parse_args(arguments)
+    click.echo("seed  error now/+30/+60 min: estimate, persistence, model alone")
+    every = []
+    for seed in range(given.first, given.last + 1):
+        every.append(run(seed, given.members))
+        click.echo(_line(f"{seed:4}", every[-1]))
+    click.echo(_line("mean", np.mean(every, axis=0)))
+
+
+def _line(name: str, errors: Floats) -> str:
+    parts = ("/".join(f"{value:.3f}" for value in errors[:, column]) for column in range(3))
+    return f"{name}  {'  '.join(parts)}"
+
+
+if __name__ == "__main__":
+    main()
