@@ -50,6 +50,10 @@ class EstimatedForecasts:
         _, simulation, arrival_s = await self._arrivals()
         return await asyncio.to_thread(self._probability, simulation, arrival_s, at_s)
 
+    async def follow(self) -> None:
+        """Wait until cancelled; the estimate of a burn needs no processing."""
+        await asyncio.Event().wait()
+
     def close(self) -> None:
         """Do nothing; the method exists as in ``Forecasts``."""
 

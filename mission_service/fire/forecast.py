@@ -14,7 +14,7 @@ from firemodel.assimilation.estimate_forecast import Forecast
 from firemodel.assimilation.fire_estimate import FireEstimate
 from firemodel.errors import FireModelError
 from firemodel.spread.fire_scheme import StartArea
-from mission_service.fire.run_ensemble import processed
+from mission_service.fire.run_ensemble import RunEnsemble, processed
 from mission_service.fire.run_estimate import RunEstimate
 
 __all__ = ["LONGEST_S", "Arrival", "Forecasts"]
@@ -24,6 +24,7 @@ LONGEST_S = LENGTHS_S[-1]
 # Added to the length, so that later requests for "now plus three hours" use the same forecast.
 FURTHER_S = 1200.0
 OLD_S = 180.0  # age in mission time at which a forecast is computed again
+FOLLOW_EVERY_S = 5.0  # real time
 REST_S = 10.0  # minimum real time between two forecasts, unless operators changed the fire
 
 Floats = NDArray[np.float64]
@@ -66,6 +67,7 @@ class Forecasts:
         self._begun_s = -math.inf  # real time
         self._length_s = 0.0  # longest requested so far
         self._work: asyncio.Task[None] | None = None
+        self._processing = asyncio.Lock()
 
     async def arrival(self, until_s: float) -> Arrival:
         """Return the arrival times until ``until_s`` or later.
@@ -125,6 +127,26 @@ class Forecasts:
         old = self._estimate_of().fire.time_s - newest.arrival.at_s > OLD_S
         return not old or asyncio.get_running_loop().time() - self._begun_s < REST_S
 
+    async def follow(self) -> None:
+        """Let the ensemble process its inputs as they come until cancelled.
+
+        Without this coroutine the first forecast has to process all of them.
+        """
+        while True:
+            await asyncio.sleep(FOLLOW_EVERY_S)
+            estimate = self._estimate_of()
+            await self._processed_until(estimate.ensemble, estimate.fire.time_s)
+
+    async def _processed_until(self, ensemble: RunEnsemble, at_s: float) -> FireEstimate:
+        """Return the ensemble after its inputs until a time, which a thread processes."""
+        async with self._processing:
+            before, inputs = ensemble.processed, ensemble.inputs_until(at_s)
+            if not inputs:
+                return before
+            after = await self._in_thread(partial(processed, before, inputs))
+            ensemble.replace(before, after, len(inputs))
+            return after
+
     async def _compute(self, until_s: float) -> None:
         loop = asyncio.get_running_loop()
         begun_s, version, estimate = loop.time(), self._version_of(), self._estimate_of()
@@ -132,9 +154,7 @@ class Forecasts:
         now_s, arrival_s = fire.time_s, fire.expected_s()
         self._length_s = max(self._length_s, _length_s(until_s - now_s))
         until_s = now_s + self._length_s + FURTHER_S
-        before, inputs = ensemble.processed, ensemble.inputs_until(now_s)
-        after = await self._in_thread(partial(processed, before, inputs))
-        ensemble.replace(before, after, len(inputs))
+        after = await self._processed_until(ensemble, now_s)
         forecast = await self._in_thread(partial(_forecast, after, now_s, until_s))
         if forecast is not None:
             arrival_s = await self._in_thread(partial(_joined, arrival_s, forecast, now_s))

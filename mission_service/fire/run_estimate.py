@@ -116,10 +116,10 @@ class RunEstimate:
                 self._on_image(event)
         elif (reported := self._ignitions.reported_in(event)) is not None:
             self._advance_to_event(event)
-            for row, col in cells_lit(reported.points, self.landscape):
-                for fire in self._corrected.all_of(self.fire):
-                    fire.light(row, col, max(reported.at_s, fire.time_s))
             cells = cells_lit(reported.points, self.landscape)
+            for fire in self._corrected.all_of(self.fire):
+                for row, col in cells:
+                    fire.light(row, col, max(reported.at_s, fire.time_s))
             self.ensemble.add(Lit(event.at_us / 1e6, reported.at_s, cells))
 
     def on_command(self, command: AnyCommand) -> None:

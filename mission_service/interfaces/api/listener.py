@@ -1,6 +1,5 @@
 """Opens the daemon's HTTP interface; its port and files are checked before the run begins."""
 
-import asyncio
 import contextlib
 import socket
 import ssl
@@ -34,7 +33,7 @@ class HttpListener:
         context.gauges["forecast_seconds"] = lambda: app.api.forecasts.took_s
         try:
             async with serving(app.asgi, self.listening, app.api.streams.stopping, self.tls):
-                await asyncio.Event().wait()
+                await app.api.forecasts.follow()
         finally:
             app.api.close()
 
