@@ -22,15 +22,17 @@ from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import binary_dilation, label
+from scipy.ndimage import label
 
 from firemodel.arrays import Floats, Mask, Place
-from firemodel.assimilation.camera_window import block_excess, signed_distance_m
+from firemodel.assimilation.camera_window import block_excess
 from firemodel.assimilation.estimate_forecast import Forecast, LearnedFront, arrivals_of
 from firemodel.assimilation.held_cells import HeldCells
+from firemodel.assimilation.member_fire import MemberFire
 from firemodel.assimilation.member_inputs import members_of, updated, walked
 from firemodel.assimilation.observation import BURNED, UNSEEN, Observation, despeckled
 from firemodel.assimilation.perimeter_rates import FrontRates, RatePrior, segments_of
+from firemodel.assimilation.written_image import with_image
 from firemodel.ensemble.draws import latin_draws
 from firemodel.ensemble.member_fires import Each
 from firemodel.ensemble.uncertainty import UNMEASURED, Uncertainty
@@ -47,8 +49,6 @@ BARRIER = 99  # fuel code of held cells
 MODEL_ERROR_M = 25.0  # standard deviation of distances by local errors of the fuel map
 MODEL_ERROR_SHARE = 0.25  # of the distance itself
 REPEATED = 2.0  # variance of errors is multiplied by this: neighbouring blocks have common errors
-WRITE_M_S = 0.15  # assumed spread near an observed front
-WRITE_WITHIN_M = 60.0  # of the observed front
 SHRUNK_ERRORS = 6.0  # burned ground this many deviations outside a later perimeter stays burned
 MIN_KEPT = 0.5  # share of the burned area that a later perimeter must contain
 # How far travel times are simulated, in lengths of the forecast.
@@ -112,7 +112,7 @@ class FireEstimate:
         self._shared = burning  # the state of all members after a mapped perimeter
         if burning is not None:
             self.time_s = burning.at_s
-        self._arrival_s: list[Floats] | None = None  # (y, x) of each member, if they differ
+        self._fires: list[MemberFire] | None = None  # of the members, if they differ
         self._observed = np.full(landscape.shape, UNSEEN, dtype=np.uint8)
         self._forecast: Forecast | None = None
         if ignitions:
@@ -145,12 +145,13 @@ class FireEstimate:
             self._begin_at([(*cell, at_s) for cell in cells])
             return
         self.advance(max(at_s, self.time_s), each)
-        assert self._arrival_s is not None
-        place = tuple(np.array(cells).T)
-        lit = [arrival_s.copy() for arrival_s in self._arrival_s]
-        for arrival_s in lit:
-            arrival_s[place] = np.minimum(arrival_s[place], at_s)
-        self._arrival_s = lit
+        assert self._fires is not None
+        lit = np.zeros(self.landscape.shape, dtype=bool)
+        lit[tuple(np.array(cells).T)] = True
+        self._fires = [
+            fire.with_times(np.where(lit, np.minimum(fire.arrival_s, at_s), fire.arrival_s), lit)
+            for fire in self._fires
+        ]
 
     def set_weather(self, weather: WeatherStream, at_s: float, each: Each = map) -> None:
         """Use a newly reported weather from a time on.
@@ -168,17 +169,17 @@ class FireEstimate:
     @property
     def begun(self) -> bool:
         """Whether there is a fire: an ignition or a mapped perimeter."""
-        return self._shared is not None or self._arrival_s is not None
+        return self._shared is not None or self._fires is not None
 
     def burned(self) -> Mask:
         """Return the cells (y, x) that have burned in at least half of the members by ``time_s``.
 
         Cells that were observed as burned are included.
         """
-        if self._arrival_s is None:
+        if self._fires is None:
             assert self._shared is not None
             return np.asarray(self._shared.arrival_s <= self.time_s)
-        share = np.mean([arrival_s <= self.time_s for arrival_s in self._arrival_s], axis=0)
+        share = np.mean([fire.arrival_s <= self.time_s for fire in self._fires], axis=0)
         return np.asarray(share >= 0.5)
 
     def advance(self, to_time_s: float, each: Each = map) -> None:
@@ -188,9 +189,9 @@ class FireEstimate:
         """
         if to_time_s < self.time_s:
             raise FireModelError(f"the estimate is at {self.time_s} s, after {to_time_s} s")
-        fires = self._burned_until(to_time_s, self.model, each)
+        self._fires = self._burned_until(to_time_s, self.model, each)
         self.members = walked(self.members, to_time_s - self.time_s, self._rng)
-        self._arrival_s, self._shared, self._rates = fires, None, None
+        self._shared, self._rates = None, None
         self.time_s, self._forecast = to_time_s, None
 
     def observe(self, observation: Observation, each: Each = map) -> None:
@@ -205,7 +206,7 @@ class FireEstimate:
             raise FireModelError(
                 f"{observation.source}: no fire is known yet; begin with an ignition or a perimeter"
             )
-        if observation.at_s > self.time_s or self._arrival_s is None:
+        if observation.at_s > self.time_s or self._fires is None:
             self.advance(max(observation.at_s, self.time_s), each)
         self._see(observation, each)
 
@@ -233,30 +234,36 @@ class FireEstimate:
             reach = MAX_REACH if for_s <= LONG_S else MAX_REACH_LONG
         simulated_until_s = self.time_s + reach * for_s
         fires = self._burned_until(simulated_until_s, model, each)
-        members = [arrivals_of(arrival_s) for arrival_s in fires]
+        members = [arrivals_of(fire.arrival_s) for fire in fires]
         span = (self.time_s, until_s, simulated_until_s)
         return Forecast(*span, burned, members, front)
 
-    def _burned_until(self, to_time_s: float, model: AnyAngleFire, each: Each) -> list[Floats]:
-        """Return the arrival times (y, x) of each member, simulated until a time."""
+    def _burned_until(self, to_time_s: float, model: AnyAngleFire, each: Each) -> list[MemberFire]:
+        """Return the fire of each member, simulated until a time.
+
+        ``model`` may have other fuels than the landscape.
+        """
         reported = self.weather.at(self.time_s)
         known = burnable_codes(self.landscape)
         place = [known.index(code) for code in burnable_codes(model.landscape)]
 
-        def burned(number: int) -> Floats:
-            burning = self._shared
-            if burning is None:
-                assert self._arrival_s is not None
-                arrival_s = self._arrival_s[number]
-                burned_now = arrival_s <= self.time_s
-                if burned_now.all() or not burned_now.any():
-                    return arrival_s
-                burning = burning_from_arrival(arrival_s, model.landscape, self.time_s)
+        def burned(number: int) -> MemberFire:
             factor, turn_deg = self.members.wind_change(number, reported)
-            rates = np.exp(self.members.log_rate[number, place])
-            fire = model.restarted(burning, factor, turn_deg, rates)
+            inputs = (factor, turn_deg, np.exp(self.members.log_rate[number, place]))
+            if self._shared is not None:
+                fire = model.restarted(self._shared, *inputs)
+            else:
+                assert self._fires is not None
+                member = self._fires[number]
+                if not member.burns(self.time_s):
+                    return member
+                if model.landscape is self.landscape:
+                    fire = member.now().continued(model, *inputs)
+                else:
+                    state = burning_from_arrival(member.arrival_s, model.landscape, self.time_s)
+                    fire = model.restarted(state, *inputs)
             fire.advance(to_time_s)
-            return fire.expected_s()
+            return MemberFire(fire, fire.expected_s())
 
         return list(each(burned, range(self.members.size)))
 
@@ -280,7 +287,7 @@ class FireEstimate:
         if self.begun:
             self._learn(observation, each)
         self._shared = burning
-        self._arrival_s, self.time_s, self._forecast = None, at_s, None
+        self._fires, self.time_s, self._forecast = None, at_s, None
         if self._rates is None:
             self._rates = FrontRates(at_s, self._prior)
         self._observed = observation.state.copy()
@@ -318,23 +325,15 @@ class FireEstimate:
 
     def _see(self, observation: Observation, each: Each) -> None:
         """Process the window of a camera."""
-        arrivals, here, at_s = self._arrival_s, observation.where, observation.at_s
-        assert arrivals is not None
+        fires, here, at_s = self._fires, observation.where, observation.at_s
+        assert fires is not None
         state = despeckled(observation)
-        windows = np.array([arrival_s[here] <= at_s for arrival_s in arrivals])
+        windows = np.array([fire.arrival_s[here] <= at_s for fire in fires])
         self._held.observe(here, state, at_s, windows.mean(axis=0))
         self._update_members(state, windows, observation.position_sd_m)
         seen = self._observed[here]
         seen[state != UNSEEN] = np.maximum(seen, state)[state != UNSEEN]
-        distance_m = signed_distance_m(state, self.landscape.cell_size_m)
-        self._arrival_s = list(
-            each(
-                lambda number: self._rewritten(
-                    arrivals[number], here, state, distance_m, windows[number], at_s
-                ),
-                range(self.members.size),
-            )
-        )
+        self._fires = list(each(lambda fire: self._rewritten(fire, here, state, at_s), fires))
         self._forecast = None
 
     def _update_members(
@@ -350,37 +349,32 @@ class FireEstimate:
         self.members = updated(self.members, excess_m, np.sqrt(REPEATED * variance), self._rng)
 
     def _rewritten(
-        self,
-        arrival_s: Floats,
-        here: Place,
-        state: NDArray[np.uint8],
-        distance_m: Floats,
-        burned: Mask,
-        at_s: float,
-    ) -> Floats:
-        """Return the arrival times of a member after an observation replaced its fire in a window.
+        self, fire: MemberFire, here: Place, state: NDArray[np.uint8], at_s: float
+    ) -> MemberFire:
+        """Return the fire of a member after an observation replaced it in a window."""
+        unburnable = self._unburnable[here]
+        cell_m = self.landscape.cell_size_m
+        found = with_image(fire.arrival_s[here], state, at_s, cell_m, unburnable)
+        if found is None:
+            return fire
+        arrival_s, changed = fire.arrival_s.copy(), np.zeros(self.landscape.shape, dtype=bool)
+        arrival_s[here], changed[here] = found
+        changed |= self._remove_unseen_islands(arrival_s)
+        return fire.with_times(arrival_s, changed)
 
-        Only cells in another state than observed, and their neighbours, change: the other fronts
-        keep their place within the cells.
+    def _remove_unseen_islands(self, arrival_s: Floats) -> Mask:
+        """Remove burned areas of which no cell was ever observed as burned, if others were.
+
+        ``arrival_s`` (y, x) is changed. Returns the mask (y, x) of the removed cells.
         """
-        wrong = (state != UNSEEN) & ((state == BURNED) != burned)
-        if not wrong.any():
-            return arrival_s
-        near = binary_dilation(wrong, np.ones((3, 3), dtype=bool)) & (state != UNSEEN)
-        change = wrong | (near & (np.abs(distance_m) < WRITE_WITHIN_M))
-        found = arrival_s.copy()
-        found[here][change] = at_s - distance_m[change] / WRITE_M_S
-        found[self._unburnable] = np.inf
-        return self._without_unseen_islands(found)
-
-    def _without_unseen_islands(self, arrival_s: Floats) -> Floats:
-        """Remove burned areas of which no cell was ever observed as burned, if others were."""
         burned = arrival_s <= self.time_s
+        removed = np.zeros_like(burned)
         labels, count = label(burned)
         if count < 2:
-            return arrival_s
+            return removed
         known = np.zeros(count + 1, dtype=bool)
         known[np.unique(labels[burned & (self._observed == BURNED)])] = True
         if known.any():
-            arrival_s[burned & ~known[labels]] = np.inf
-        return arrival_s
+            removed = burned & ~known[labels]
+            arrival_s[removed] = np.inf
+        return removed

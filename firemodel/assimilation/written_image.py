@@ -19,8 +19,10 @@ def with_image(
     seen_s: float | Floats,
     cell_m: float,
     unburnable: Mask,
-) -> Floats | None:
-    """Return the arrival times of a fire after an image replaced it, or None if both agree.
+) -> tuple[Floats, Mask] | None:
+    """Return the arrival times (y, x) of a fire after an image replaced it, and the changed cells.
+
+    The result is None if the fire agrees with the image.
 
     Only cells in another state than observed, and their neighbours, change. The other fronts keep
     their place within the cells.
@@ -41,9 +43,10 @@ def with_image(
     distance_m = signed_distance_m(np.where(seen, state, UNSEEN)[here], cell_m)
     near = binary_dilation(wrong[here], SQUARE) & seen[here]
     change = wrong[here] | (near & (np.abs(distance_m) < WRITE_WITHIN_M))
-    found = arrival_s.copy()
+    found, changed = arrival_s.copy(), np.zeros(arrival_s.shape, dtype=bool)
     found[here][change] = (times_s - distance_m / WRITE_M_S)[change]
-    return found
+    changed[here] = change
+    return found, changed
 
 
 def _margin_cells(cell_m: float) -> int:

@@ -29,7 +29,7 @@ from typing import Self
 
 import numpy as np
 
-from firemodel.arrays import Floats
+from firemodel.arrays import Floats, Mask
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.weather import WeatherStream
 from firemodel.spread.anyangle_kernels import (
@@ -40,7 +40,9 @@ from firemodel.spread.anyangle_kernels import (
     expect_neighbours,
     ignite,
 )
+from firemodel.spread.burning import burning_from_arrival
 from firemodel.spread.fire_scheme import Burning, Fire, Ignition, StartArea, check_burning
+from firemodel.spread.front import neighbours_of
 from firemodel.spread.labels import (
     ActivePaths,
     Labels,
@@ -54,8 +56,11 @@ from firemodel.spread.labels import (
     empty_points,
     empty_tips,
     lattice_of,
+    nodes_beside,
     paths_to_centres,
+    replace_labels,
     settle,
+    tips_with,
 )
 from firemodel.spread.local_spread import perturbed
 from firemodel.spread.rerate_kernels import (
@@ -138,6 +143,65 @@ class AnyAngleFire(Fire):
         found._changes_s = self._changes_s.copy()
         found._changes_s.insert(entry, burning.at_s)
         found._start(burning, [])
+        return found
+
+    def continued(
+        self,
+        model: "AnyAngleFire",
+        wind_factor: float = 1.0,
+        turn_deg: float = 0.0,
+        spread_factor: float | Floats = 1.0,
+    ) -> Self:
+        """Return a copy that burns on in the weather of another fire on the same landscape.
+
+        The other arguments are those of ``perturb`` and replace earlier ones.
+        """
+        found, entry = self.copy(), bisect.bisect_right(model._changes_s, self.time_s)
+        tables = perturbed(model._ground.tables, entry, wind_factor, turn_deg, spread_factor)
+        found.weather, found._entry = model.weather, entry
+        found._ground = found._ground._replace(tables=tables)
+        found._changes_s = model._changes_s.copy()
+        found._changes_s.insert(entry, self.time_s)
+        found.advance(self.time_s)
+        return found
+
+    def rewritten(self, arrival_s: Floats, changed: Mask) -> Self:
+        """Return a fire in which some cells have burned at other times, or have not burned.
+
+        Elsewhere the fire burns on from where it is. A fire that is begun from arrival times loses
+        its progress within the cells next to the front.
+
+        Args:
+            arrival_s: (y, x) ``expected_s()`` with the new times; infinity in unburned cells. Times
+                after ``time_s`` locate the new front between cells.
+            changed: (y, x) the cells whose times are new.
+
+        Raises:
+            FireModelError: No cell or every cell has burned.
+        """
+        front_yx = burning_from_arrival(arrival_s, self.landscape, self.time_s).front + 0.5
+        found, at_s, lattice = self.copy(), self.time_s, self._lattice
+        paths, tips = found._active_paths(at_s)
+        found.arrival_time_s[changed] = np.where(arrival_s <= at_s, arrival_s, np.inf)[changed]
+        burnable = self._ground.terrain.fuel.reshape(changed.shape) >= 0
+        nodes = nodes_beside(changed, lattice)
+        replace_labels(found._labels, nodes, found.arrival_time_s, burnable, lattice)
+        near = _widened(changed)
+        kept = ~(nodes[tips.target] | _within(near, tips.at))
+        found._labels.best_s[tips.target[~kept & ~nodes[tips.target]]] = np.inf
+        outside = ~_within(near, paths.at)
+        unreached_s = np.where(found._labels.best_s > at_s, np.inf, found._labels.best_s)
+        new = paths_from(front_yx[_within(_widened(near), front_yx)], at_s, unreached_s, lattice)
+        outside &= unreached_s[paths.target] == np.inf
+        paths = ActivePaths(
+            np.concatenate([paths.target[outside], new.target]),
+            np.concatenate([paths.at[outside], new.at]),
+        )
+        tips = tips_with(tips, kept, np.setdiff1d(paths.target, tips.target[kept]))
+        first = found._add_front(at_s, paths, tips)
+        found._since_s = at_s
+        found._start_paths(paths, tips, first)
+        found.advance(at_s)
         return found
 
     @property
@@ -243,7 +307,8 @@ class AnyAngleFire(Fire):
             np.concatenate([self._paths.at, paths.at[:count]]),
         )
 
-    def _change_weather(self, at_s: float) -> None:
+    def _active_paths(self, at_s: float) -> tuple[ActivePaths, Tips]:
+        """Return the lines along which fire is moving at a time, and its tips."""
         targets = self._size + self._waits
         paths, tips = empty_paths(self._paths.target.size + 48 * targets), empty_tips(targets)
         self._make_room(targets)
@@ -258,7 +323,10 @@ class AnyAngleFire(Fire):
             paths,
             tips,
         )
-        paths, tips = paths.first(count), tips.first(tip)
+        return paths.first(count), tips.first(tip)
+
+    def _change_weather(self, at_s: float) -> None:
+        paths, tips = self._active_paths(at_s)
         first = self._add_front(at_s, paths, tips)
         clear_slowness(self._ground)
         self._entry += 1
@@ -316,6 +384,19 @@ class AnyAngleFire(Fire):
             self._entry,
         )
         return expected_s
+
+
+def _widened(cells: Mask) -> Mask:
+    """Return a mask (y, x) with the eight neighbours of its cells."""
+    return cells | neighbours_of(cells)
+
+
+def _within(cells: Mask, at: Floats) -> Mask:
+    """Return which positions (k, 2 or more), as y and x from the grid's corner, are in a mask."""
+    rows, cols = cells.shape
+    row = np.clip(np.nan_to_num(at[:, 0]), 0, rows - 1).astype(np.int64)
+    col = np.clip(np.nan_to_num(at[:, 1]), 0, cols - 1).astype(np.int64)
+    return np.asarray(cells[row, col])
 
 
 def _empty_queue(room: int) -> Queue:

@@ -128,6 +128,41 @@ def settle(
         view[reached] = time_s[reached]
 
 
+def nodes_beside(cells: NDArray[np.bool_], lattice: Lattice) -> NDArray[np.bool_]:
+    """Return the mask (keys) of the nodes in or beside the cells of a mask (y, x)."""
+    found = np.zeros((lattice.rows + 1) * (lattice.cols + 1) * lattice.each, dtype=bool)
+    padded = np.pad(cells, 1)
+    nw, ne, sw, se = padded[:-1, :-1], padded[:-1, 1:], padded[1:, :-1], padded[1:, 1:]
+    slots = by_cells(found, lattice)
+    slots[..., 0], slots[..., -1] = nw | ne | sw | se, se
+    if lattice.each == 4:
+        slots[..., 1], slots[..., 2] = ne | se, sw | se
+    return found
+
+
+def replace_labels(
+    labels: Labels,
+    nodes: NDArray[np.bool_],
+    arrival_s: Floats,
+    burnable: NDArray[np.bool_],
+    lattice: Lattice,
+) -> None:
+    """Set the labels of some nodes (mask of the keys) from arrival times (y, x); see ``settle``."""
+    new = empty_labels(burnable, lattice)
+    settle(new, arrival_s, burnable, lattice)
+    labels.best_s[nodes], labels.source[nodes] = new.best_s[nodes], new.source[nodes]
+
+
+def tips_with(tips: Tips, chosen: NDArray[np.bool_], further: NDArray[np.int32]) -> Tips:
+    """Return the chosen tips (mask), and unknown tips at further nodes."""
+    new = empty_tips(further.size)
+    return Tips(
+        np.concatenate([tips.target[chosen], further]),
+        np.concatenate([tips.at[chosen], new.at]),
+        np.concatenate([tips.source[chosen], new.source]),
+    )
+
+
 def keys_of(i: NDArray[np.int64], j: NDArray[np.int64], lattice: Lattice) -> NDArray[np.int64]:
     """Return the keys of nodes at places (i, j), which are arrays; see ``key_of``."""
     slot = i % 2 if lattice.each == 2 else 2 * (i % 2) + j % 2

@@ -7,7 +7,7 @@ ensembles, however they are divided among the requests.
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,14 +63,20 @@ Input = Images | Seen | Lit | WeatherSet
 
 
 class RunEnsemble:
-    """The ensemble after the inputs processed so far, and the inputs that wait."""
+    """The inputs of the ensemble, and the ensemble after those processed so far.
+
+    A snapshot of a run contains only the inputs, which are then processed again.
+    """
 
     def __init__(self, scenario: Scenario, landscape: Landscape) -> None:
         """Begin with the fire that the scenario names; its later ignitions are inputs."""
         self._scenario, self._landscape = scenario, landscape
+        # The state at the beginning; None for that of the scenario.
+        self._begun_from: tuple[Burning | None, WeatherStream] | None = None
         self._processed: FireEstimate | None = None  # made when it is first needed
+        self._count = 0  # number of processed inputs
         lit = sorted(ignitions_of(scenario, landscape), key=lambda each: each[2])
-        self.waiting: list[Input] = []
+        self._inputs: list[Input] = []
         self._images: list[Seen] = []  # of the present period
         self._last_s = 0.0  # time of the last input
         self._scheduled = [Lit(at_s, at_s, [(row, col)]) for row, col, at_s in lit]
@@ -80,8 +86,17 @@ class RunEnsemble:
         """The ensemble after the inputs processed so far; it must not be changed."""
         if self._processed is None:
             scenario, landscape = self._scenario, self._landscape
-            self._processed = self._begun(burning_of(scenario, landscape), weather_of(scenario))
+            start = self._begun_from or (burning_of(scenario, landscape), weather_of(scenario))
+            self._processed = self._begun(*start)
         return self._processed
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the attributes for a snapshot, without the ensemble's fires."""
+        return {**vars(self), "_processed": None, "_count": 0}
+
+    def __len__(self) -> int:
+        """Return the number of inputs since the beginning."""
+        return len(self._inputs)
 
     def add_image(self, new: Seen) -> None:
         """Add an image, which must not be earlier than the input before."""
@@ -94,7 +109,7 @@ class RunEnsemble:
         at_s = new.known_s if isinstance(new, Lit) else new.at_s
         self._end_period_by(at_s)
         self._end_period(at_s)
-        self.waiting.append(new)
+        self._inputs.append(new)
 
     def inputs_until(self, at_s: float) -> list[Input]:
         """Return the inputs until a time that wait.
@@ -103,7 +118,7 @@ class RunEnsemble:
         """
         self._end_period_by(at_s)
         self._add_due(at_s)
-        return list(self.waiting)
+        return self._inputs[self._count :]
 
     def _end_period_by(self, at_s: float, exclusive: bool = False) -> None:
         """End the period of the images if it ends by (or, if exclusive, before) a time."""
@@ -117,20 +132,21 @@ class RunEnsemble:
         self._add_due(at_s)
         self._last_s = at_s
         if self._images:
-            self.waiting.append(Images(at_s, self._images))
+            self._inputs.append(Images(at_s, self._images))
             self._images = []
 
     def _add_due(self, at_s: float) -> None:
         """Add the ignitions of the scenario, and empty periods, until a time."""
         while self._scheduled and self._scheduled[0].at_s <= at_s:
-            self.waiting.append(self._scheduled.pop(0))
+            self._inputs.append(self._scheduled.pop(0))
         while self._last_s + ADVANCED_EVERY_S <= at_s:
             self._last_s += ADVANCED_EVERY_S
-            self.waiting.append(Images(self._last_s, ()))
+            self._inputs.append(Images(self._last_s, ()))
 
     def restart(self, burning: Burning | None, weather: WeatherStream) -> None:
-        """Begin again from a state of the fire, without what was learned and what waits."""
-        self._processed, self.waiting, self._images = self._begun(burning, weather), [], []
+        """Begin again from a state of the fire, without the inputs so far and what was learned."""
+        self._begun_from, self._processed = (burning, weather), None
+        self._inputs, self._count, self._images = [], 0, []
         if burning is not None:
             self._scheduled = [each for each in self._scheduled if each.at_s > burning.at_s]
 
@@ -138,7 +154,7 @@ class RunEnsemble:
         """Replace the ensemble by the result of ``count`` inputs; if it has changed, do nothing."""
         if self.processed is before:
             self._processed = after
-            del self.waiting[:count]
+            self._count += count
 
     def _begun(self, burning: Burning | None, weather: WeatherStream) -> FireEstimate:
         scenario = self._scenario

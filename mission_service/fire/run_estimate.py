@@ -23,6 +23,7 @@ from firemodel.assimilation.written_image import with_image
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.fuels import NON_BURNABLE
+from firemodel.spread.anyangle import AnyAngleFire
 from firemodel.spread.burning import burning_from_arrival
 from firemodel.spread.fire_scheme import Fire
 from mission_service.commands import AnyCommand
@@ -47,7 +48,7 @@ from mission_service.fire.setup import begun_again, cells_lit, reported_fire
 
 PERIOD_US = 30_000_000  # images are written into the estimate at multiples of this mission time
 MAX_WAITING = 20  # periods; their images are then written even if the estimate is not read
-MAX_ENSEMBLE_INPUTS = 180  # six hours of images that no forecast has requested
+MAX_ENSEMBLE_INPUTS = 720  # images of a day, which a restart processes again
 CAMERA_SD_M, CORRECTION_SD_M = 10.0, 1.0  # standard deviations of positions
 OWN_DRAWS = 2  # the estimate of a random scheme must not predict the simulated fire's draws
 OF_FIRE = (Corrected, Erased, Undone, Redone, WindSet)  # reports that change the estimate
@@ -187,8 +188,8 @@ class RunEstimate:
         self.advance(event.at_us)
 
     def _limit_waiting(self) -> None:
-        """Begin the ensemble again from this fire if too many of its inputs wait."""
-        if len(self.ensemble.waiting) > MAX_ENSEMBLE_INPUTS:
+        """Begin the ensemble again from this fire if it has too many inputs."""
+        if len(self.ensemble) > MAX_ENSEMBLE_INPUTS:
             self.ensemble.restart(burning_now(self.fire), self.fire.weather)
 
     def _burn_until(self, at_s: float) -> None:
@@ -213,10 +214,13 @@ class RunEstimate:
         found = with_image(arrival_s[here], mosaic.state, mosaic.seen_s, cell_m, unburnable)
         if found is None:
             return fire
-        arrival_s[here] = found
-        burning = None
-        if (arrival_s <= fire.time_s).any():
-            burning = burning_from_arrival(arrival_s, self.landscape, fire.time_s)
+        changed = np.zeros(arrival_s.shape, dtype=bool)
+        arrival_s[here], changed[here] = found
+        if not (arrival_s <= fire.time_s).any():
+            return self._begin(None, fire.weather, fire.time_s)
+        if isinstance(fire, AnyAngleFire):
+            return fire.rewritten(arrival_s, changed)
+        burning = burning_from_arrival(arrival_s, self.landscape, fire.time_s)
         return self._begin(burning, fire.weather, fire.time_s)
 
     def _with_sightings(self, fire: Fire) -> Fire:

@@ -78,7 +78,8 @@ def test_the_ensemble_is_the_same_however_its_inputs_are_divided() -> None:
         estimate.on_event(burning_to_the_east(estimate, at_s))
         estimate.advance(round(at_s * 1e6))
     estimate.apply_report(WindSet(round((NOW_S + 600.0) * 1e6), "ann", "", 8.0, 270.0))
-    begun, inputs = estimate.ensemble.processed, estimate.ensemble.waiting
+    begun = estimate.ensemble.processed
+    inputs = estimate.ensemble.inputs_until(estimate.fire.time_s)
     assert len(inputs) >= 4
     whole = processed(begun, inputs)
     parts = begun
@@ -113,13 +114,13 @@ def test_members_agree_on_the_present_and_spread_in_the_future() -> None:
 def test_all_callers_wait_for_the_same_forecast(monkeypatch: pytest.MonkeyPatch) -> None:
     """No request: nothing. The same again: nothing. Changed by operators, or old: once."""
     computed = []
-    whole = processed
+    whole = forecast._forecast
 
-    def counted(ensemble: FireEstimate, inputs: Any) -> FireEstimate:
+    def counted(ensemble: FireEstimate, *times_s: float) -> Any:
         computed.append(ensemble)
-        return whole(ensemble, inputs)
+        return whole(ensemble, *times_s)
 
-    monkeypatch.setattr(forecast, "processed", counted)
+    monkeypatch.setattr(forecast, "_forecast", counted)
     estimate, version = estimated(), [1]
 
     def advance(at_s: float) -> None:

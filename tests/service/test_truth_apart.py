@@ -25,7 +25,10 @@ from mission_service.replay.verification import verify
 from mission_service.simulation.crew import SimulatedCrew
 from tests.api.worlds import world_in
 
-SENSORS = ("mission_service.fire.simulated_cameras", "mission_service.fire.simulated_fire")
+SENSORS = tuple(
+    f"mission_service.fire.{name}"
+    for name in ("simulated_cameras", "simulated_fire", "camera_views")
+)
 SOON = ("deploy_at_s=600",)
 OF_RULE = {"formation": ("virtual-agents", ()), "burn": ("burn", ())}
 WRONG = ("simulation.fire.wind_turn_deg=40", "simulation.fire.spread_factor=1.5")

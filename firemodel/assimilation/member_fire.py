@@ -1,0 +1,35 @@
+"""Keep the fire of an ensemble's member, and the arrival times that images have changed since."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from firemodel.arrays import Floats, Mask
+from firemodel.spread.anyangle import AnyAngleFire
+
+
+class MemberFire(NamedTuple):
+    """The fire of one member at the time of the estimate.
+
+    Images change arrival times only. The fire itself is changed once, when it burns on.
+    """
+
+    fire: AnyAngleFire
+    arrival_s: Floats  # (y, x) expected times of the fire with all changes
+    changed: Mask | None = None  # (y, x) the cells with other times than the fire
+
+    def with_times(self, arrival_s: Floats, changed: Mask) -> "MemberFire":
+        """Return this fire with other times (y, x), which differ in the cells ``changed``."""
+        before = self.changed
+        return MemberFire(self.fire, arrival_s, changed if before is None else changed | before)
+
+    def burns(self, at_s: float) -> bool:
+        """Return whether some cells have burned by a time, but not all."""
+        burned = self.arrival_s <= at_s
+        return bool(burned.any() and not burned.all())
+
+    def now(self) -> AnyAngleFire:
+        """Return the fire with all changes; it must not be changed."""
+        if self.changed is None:
+            return self.fire
+        return self.fire.rewritten(np.asarray(self.arrival_s), self.changed)
