@@ -12,7 +12,7 @@ from firemodel.arrays import Floats, Mask, Place, bounds_of
 from firemodel.assimilation.perimeter_rates import FrontRates, Segments
 from firemodel.errors import FireModelError
 
-TIME_LOG_SD = 0.5  # of the logarithm of the time in which a member reaches a cell
+TIME_LOG_SD = 0.65  # of the logarithm of the time in which a member reaches a cell
 
 
 class Arrivals(NamedTuple):

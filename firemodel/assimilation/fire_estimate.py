@@ -46,7 +46,9 @@ BARRIER = 99  # fuel code of held cells
 MODEL_ERROR_M = 25.0  # standard deviation of distances by local errors of the fuel map
 MODEL_ERROR_SHARE = 0.25  # of the distance itself
 REPEATED = 2.0  # variance of errors is multiplied by this: neighbouring blocks have common errors
-WRITE_M_S = 0.15  # assumed spread near an observed front
+# Assumed spread near an observed front until the members advance. It is that of slow parts of a
+# front: a faster one moves them too far, and the members then learn rates that are too low.
+WRITE_M_S = 0.05
 WRITE_WITHIN_M = 60.0  # of the observed front
 SHRUNK_ERRORS = 6.0  # burned ground this many deviations outside a later perimeter stays burned
 MIN_KEPT = 0.5  # share of the burned area that a later perimeter must contain
