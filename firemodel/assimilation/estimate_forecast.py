@@ -12,7 +12,10 @@ from firemodel.arrays import Floats, Mask, Place, bounds_of
 from firemodel.assimilation.perimeter_rates import FrontRates, Segments
 from firemodel.errors import FireModelError
 
-TIME_LOG_SD = 0.65  # of the logarithm of the time in which a member reaches a cell
+# Mean and standard deviation of the logarithm of real over modelled time from the start of a
+# forecast to a cell. The mean is above 0 because members restart at each time of observation: each
+# restart loses progress within cells, and members learn rates that make up for it.
+TIME_LOG_MEAN, TIME_LOG_SD = 0.2, 0.7
 
 
 class Arrivals(NamedTuple):
@@ -76,7 +79,7 @@ class Forecast:
         return found
 
     def _share(self, at_s: float) -> Floats:
-        """Return the mean probability of members with times that have an error of ``TIME_LOG_SD``.
+        """Return the mean probability of members, with ``TIME_LOG_SD`` as the error of their times.
 
         The error stands for local rates, which the members' inputs do not contain.
         """
@@ -86,7 +89,7 @@ class Forecast:
             part = (member.arrival_s <= self.at_s).astype(np.float64)
             if at_s > self.at_s:
                 share = (member.arrival_s[new] - self.at_s) / (at_s - self.at_s)
-                part[new] = ndtr(-np.log(share) / TIME_LOG_SD)
+                part[new] = ndtr((-TIME_LOG_MEAN - np.log(share)) / TIME_LOG_SD)
             total[member.here] += part
         return total / len(self.members)
 
