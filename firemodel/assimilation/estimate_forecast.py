@@ -12,7 +12,7 @@ from firemodel.arrays import Floats, Mask, Place, bounds_of
 from firemodel.assimilation.perimeter_rates import FrontRates, Segments
 from firemodel.errors import FireModelError
 
-TIME_LOG_SD = 0.5  # of the logarithm of the time in which a member reaches a cell
+TIME_LOG_SD = 0.7  # of the logarithm of the time in which a member reaches a cell
 
 
 class Arrivals(NamedTuple):
@@ -91,7 +91,7 @@ class Forecast:
         return found
 
     def _share(self, at_s: float) -> Floats:
-        """Return the mean probability of members with times that have an error of ``TIME_LOG_SD``.
+        """Return the mean probability of members, with ``TIME_LOG_SD`` as the error of their times.
 
         The error stands for local rates, which the members' inputs do not contain.
         """

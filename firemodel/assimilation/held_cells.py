@@ -4,16 +4,18 @@ import copy
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import binary_closing
+from scipy.ndimage import binary_closing, binary_dilation, distance_transform_edt, uniform_filter
 
 from firemodel.arrays import Floats, Mask, Place
 from firemodel.assimilation.observation import BURNED, UNBURNED, UNSEEN
 
-HELD_S = 700.0  # evidence from which a cell counts as held in forecasts
+HELD_S = 400.0  # evidence from which a cell counts as held in forecasts
 MAX_GAP_S = 1200.0  # a cell that was not seen for longer gives this evidence
 LIKELY = 0.15  # share of members below which an unburned cell is expected
 FORGOTTEN_S = 600.0  # time in which the evidence falls to 1/e while unburned cells are expected
 CLOSING_CELLS = 2  # gaps of up to twice this width in a held line are closed
+FRONT_CELLS = 21  # side of the window in which at least half of the front is held
+BEHIND_CELLS = 60.0  # depth of the ground that is held behind such a front
 SQUARE = np.ones((3, 3), dtype=bool)
 
 
@@ -49,7 +51,35 @@ class HeldCells:
         seen_s[state != UNSEEN] = at_s
 
     def held(self) -> Mask:
-        """Return the mask (y, x) of the held cells."""
+        """Return the mask (y, x) of the held cells and of the ground behind a held front."""
         cells = self._evidence_s > HELD_S
         closed = binary_closing(cells, SQUARE, iterations=CLOSING_CELLS)
-        return np.asarray((closed | cells) & ~self._burned, dtype=bool)
+        held = (closed | cells) & ~self._burned
+        front = binary_dilation(self._burned, SQUARE) & ~self._burned & ~np.isnan(self._seen_s)
+        return np.asarray(held | (ground_behind(held, front) & ~self._burned), dtype=bool)
+
+
+def ground_behind(held: Mask, front: Mask) -> Mask:
+    """Return the ground (y, x) that fire could reach only around a held part of the front.
+
+    Without it, a forecast fire would turn around the ends of a line of held cells and burn the
+    ground that the line protects. A single held cell may be a slow patch of fuel and protects no
+    ground.
+
+    Args:
+        held: (y, x) held cells.
+        front: (y, x) unburned cells that touch burned ones.
+
+    Returns:
+        The cells within ``BEHIND_CELLS`` whose nearest cell of the front has mostly held cells of
+        the front around it.
+    """
+    if not (held & front).any():
+        return np.zeros(held.shape, dtype=bool)
+    around, held_around = (
+        uniform_filter(cells.astype(np.float64), FRONT_CELLS, mode="constant")
+        for cells in (front, held & front)
+    )
+    mostly = front & (held_around >= 0.5 * around)
+    distance, nearest = distance_transform_edt(~front, return_indices=True)
+    return np.asarray(mostly[tuple(nearest)] & (distance <= BEHIND_CELLS), dtype=bool)

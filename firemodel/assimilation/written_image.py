@@ -8,7 +8,9 @@ from firemodel.arrays import Floats, Mask, bounds_of
 from firemodel.assimilation.camera_window import signed_distance_m
 from firemodel.assimilation.observation import BURNED, UNSEEN
 
-WRITE_M_S = 0.15  # assumed spread near an observed front
+# Assumed spread near an observed front until the fire burns on. It is that of slow parts of a
+# front: a faster one moves an ensemble's members too far, and they learn rates that are too low.
+WRITE_M_S = 0.05
 WRITE_WITHIN_M = 60.0  # of the observed front
 SQUARE = np.ones((3, 3), dtype=bool)
 

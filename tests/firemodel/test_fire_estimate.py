@@ -7,7 +7,7 @@ import pytest
 from shapely.affinity import translate
 
 from firemodel.assimilation.fire_estimate import EstimateSettings, FireEstimate
-from firemodel.assimilation.held_cells import HELD_S, HeldCells
+from firemodel.assimilation.held_cells import HELD_S, HeldCells, ground_behind
 from firemodel.assimilation.observation import (
     BURNED,
     UNBURNED,
@@ -213,7 +213,22 @@ def test_cells_count_as_held_after_a_time_and_not_once_burned() -> None:
     assert not held.held()[5:8].any()
     state[4] = BURNED
     held.observe(here, state, float(times_s[-1] + 100.0), share)
-    assert not held.held()[9].any()
+    assert not held.held()[9, 5:15].any()
+
+
+def test_ground_behind_a_held_front_is_held_but_not_behind_one_slow_patch() -> None:
+    front = np.zeros((60, 60), dtype=bool)
+    front[30] = True
+    held = np.zeros_like(front)
+    held[30, :30] = True
+    behind = ground_behind(held, front)
+    assert behind[31:, :20].all()
+    assert not behind[31:, 40:].any()
+    held[30, 4:] = False
+    assert not ground_behind(held, front)[31:, 20:].any()
+    held[:] = False
+    held[30, 28:32] = True
+    assert not ground_behind(held, front).any()
 
 
 def test_a_restarted_fire_equals_a_new_fire_from_the_same_state() -> None:
