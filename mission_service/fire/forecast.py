@@ -23,6 +23,7 @@ LENGTHS_S = (3600.0, 3 * 3600.0, 6 * 3600.0)  # from now; requests are rounded u
 LONGEST_S = LENGTHS_S[-1]
 # Added to the length, so that later requests for "now plus three hours" use the same forecast.
 FURTHER_S = 1200.0
+PRESENT_S = 10.0  # the estimate is a little older than the clock; until then a time is now
 OLD_S = 180.0  # age in mission time at which a forecast is computed again
 FOLLOW_EVERY_S = 5.0  # real time
 REST_S = 10.0  # minimum real time between two forecasts, unless operators changed the fire
@@ -72,13 +73,13 @@ class Forecasts:
     async def arrival(self, until_s: float) -> Arrival:
         """Return the arrival times until ``until_s`` or later.
 
-        If ``until_s`` is in the past, these are the times of the present fire; future times are the
-        medians of the ensemble. Raises FireModelError if ``until_s`` is more than ``LONGEST_S``
-        from now or is not finite.
+        If ``until_s`` is not in the future, these are the times of the present fire; future times
+        are the medians of the ensemble. Raises FireModelError if ``until_s`` is not finite or more
+        than ``LONGEST_S`` from now.
         """
         fire = self._estimate_of().fire
         _check(until_s, fire.time_s)
-        if until_s <= fire.time_s:
+        if until_s <= fire.time_s + PRESENT_S:
             arrival_s = fire.expected_s()
             return Arrival(fire.time_s, fire.time_s, arrival_s, self._version_of(), fire.start_area)
         return (await self._fresh(until_s)).arrival
@@ -86,11 +87,11 @@ class Forecasts:
     async def probability(self, at_s: float) -> Floats:
         """Return the probability (y, x) that each cell has burned by a time.
 
-        For a past time the probability is 0 or 1. Raises FireModelError like ``arrival``.
+        For a past time and now the probability is 0 or 1. Raises FireModelError like ``arrival``.
         """
         fire = self._estimate_of().fire
         _check(at_s, fire.time_s)
-        if at_s <= fire.time_s:
+        if at_s <= fire.time_s + PRESENT_S:
             return (fire.arrival_time_s <= at_s).astype(np.float64)
         forecast, arrival = await self._fresh(at_s)
         burned = (arrival.arrival_s <= arrival.at_s).astype(np.float64)

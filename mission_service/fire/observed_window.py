@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from firemodel.arrays import Mask
 from firemodel.assimilation.observation import BURNED, UNBURNED, UNSEEN
 from firemodel.spread.fire_scheme import Fire
 
@@ -24,12 +25,16 @@ class Window(NamedTuple):
 
 def window_of_change(before: Fire, after: Fire) -> Window | None:
     """Return the window around the cells that have burned in only one of two fires, or None."""
-    burned = after.burned()
-    rows, cols = np.nonzero(burned != before.burned())
-    if not rows.size:
-        return None
-    top, left = (max(int(cells.min()) - AROUND_CELLS, 0) for cells in (rows, cols))
-    below, right = (int(cells.max()) + AROUND_CELLS + 1 for cells in (rows, cols))
+    changed = after.burned() != before.burned()
+    return window_around(changed, after) if changed.any() else None
+
+
+def window_around(cells: Mask, fire: Fire) -> Window:
+    """Return the present states of a fire in the window around the cells of a mask (y, x)."""
+    burned = fire.burned()
+    rows, cols = np.nonzero(cells)
+    top, left = (max(int(each.min()) - AROUND_CELLS, 0) for each in (rows, cols))
+    below, right = (int(each.max()) + AROUND_CELLS + 1 for each in (rows, cols))
     shown = burned[top:below, left:right]
     return Window(top, left, in_letters(np.where(shown, ord("b"), ord("u"))))
 

@@ -18,7 +18,8 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from firemodel.assimilation.observation import UNSEEN
+from firemodel.arrays import window_at
+from firemodel.assimilation.observation import BURNED, UNSEEN
 from firemodel.assimilation.written_image import with_image
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
@@ -42,7 +43,7 @@ from mission_service.fire.camera_views import CameraViews, arrival_at
 from mission_service.fire.corrected_fire import CorrectedFire, burning_now, drawn_at_s
 from mission_service.fire.ignition_reports import ignition_reports_of
 from mission_service.fire.image_mosaic import ImageMosaic, Mosaic
-from mission_service.fire.observed_window import Window, states_in, window_of_change
+from mission_service.fire.observed_window import Window, states_in, window_around, window_of_change
 from mission_service.fire.run_ensemble import Lit, RunEnsemble, Seen, WeatherSet
 from mission_service.fire.setup import begun_again, cells_lit, reported_fire
 
@@ -76,6 +77,9 @@ class RunEstimate:
         self._waiting: deque[Mosaic] = deque()  # of past periods, not written yet
         self._state = np.full(landscape.shape, UNSEEN, dtype=np.uint8)  # last sighting of each cell
         self._seen_s = np.full(landscape.shape, -np.inf)
+        # Cells that planners received as burned in corrections; images may have removed them since.
+        self._reported = np.zeros(landscape.shape, dtype=bool)
+        self._contradicted: Window | None = None
         self.ensemble = RunEnsemble(scenario, landscape)
 
     def advance(self, at_us: int) -> None:
@@ -105,6 +109,13 @@ class RunEstimate:
         """Return the estimate's arrival time at a cell; None if unburned or off the grid."""
         return arrival_at(self.fire, row, col)
 
+    def contradicted(self) -> Window | None:
+        """Return a window of corrections that images have removed since the last one; or None.
+
+        Planners, which received these corrections, need it.
+        """
+        return self._contradicted
+
     def corrections(self) -> list[dict[str, Any]]:
         """Return the status of the operators' corrections in effect."""
         return self._corrected.log.status()
@@ -113,7 +124,9 @@ class RunEstimate:
         """Process a camera's image, an ignition, a completed drop or a position's reliability."""
         self._views.on_event(event)
         if isinstance(event, Observed):
-            if not (event.corrects or event.estimated):
+            if event.corrects:
+                self._contradicted = None
+            elif not event.estimated:
                 self._on_image(event)
         elif (reported := self._ignitions.reported_in(event)) is not None:
             self._advance_to_event(event)
@@ -148,6 +161,7 @@ class RunEstimate:
         window = window_of_change(before, self.fire)
         if window is not None:
             state = states_in(window.cells)
+            self._reported[window_at(window.row, window.col, state.shape)] = state == BURNED
             self.ensemble.add(Seen(at_s, window.row, window.col, state, CORRECTION_SD_M))
         return window
 
@@ -205,7 +219,12 @@ class RunEstimate:
         later = (mosaic.state != UNSEEN) & (mosaic.seen_s >= self._seen_s[mosaic.here])
         self._state[mosaic.here][later] = mosaic.state[later]
         self._seen_s[mosaic.here][later] = mosaic.seen_s[later]
-        self.fire = self._corrected.changed(self.fire, partial(self._rewritten, mosaic=mosaic))
+        before = self.fire
+        self.fire = self._corrected.changed(before, partial(self._rewritten, mosaic=mosaic))
+        removed = self._reported & before.burned() & ~self.fire.burned()
+        if removed.any():
+            self._reported &= ~removed
+            self._contradicted = window_around(removed, self.fire)
 
     def _rewritten(self, fire: Fire, mosaic: Mosaic) -> Fire:
         """Return the fire after an image, which is ``fire`` itself if both agree."""

@@ -359,7 +359,7 @@ def _check_state(context: RunContext, health: HealthMonitor, link_monitor: LinkM
             context.service.announce(name, line)
     context.clock.wall_passed(now_us)
     context.service.advance_fire(context.clock.now_us)
-    context.service.check_edge(now_us)
+    context.service.check_estimate(now_us)
     for name, link in context.links.items():
         if link.connected:
             context.not_ready.pop(name, None)

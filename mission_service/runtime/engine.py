@@ -74,7 +74,7 @@ from mission_service.vehicles.availability import MISSION, named_mode
 
 NO_BURN = "the scenario has no burn"
 HOST_TIME_EVERY_US = 1_000_000
-EDGE_CHECK_EVERY_US = 60_000_000
+ESTIMATE_CHECK_EVERY_US = 60_000_000
 # The fields of a snapshot; the scenario determines the other fields.
 SNAPSHOT_FIELDS = (
     "core",
@@ -127,7 +127,7 @@ class Engine:
         self._missions = MissionsHeld()
         # Corrected windows that a vehicle's planner has not received yet.
         self._undelivered: dict[str, Window] = {}
-        self._edge_due_us = 0  # of the next check whether the fire has reached the edge
+        self._estimate_due_us = 0  # of the next check of the estimate
         self._down_since_us = 0
         self._host_time_due_us = -(2**63)
         self._gateways = gateways
@@ -164,18 +164,23 @@ class Engine:
                     self._process(event, now_us)
                 else:
                     self.state_view.show_unrecorded(event)
-        self.check_edge(now_us)
+        self.check_estimate(now_us)
 
-    def check_edge(self, now_us: int) -> None:
-        """Journal ``FireReachedEdge`` once, when the estimated fire has reached the edge."""
+    def check_estimate(self, now_us: int) -> None:
+        """Once a minute, deliver corrections that images have removed, and check the edge.
+
+        ``FireReachedEdge`` is journalled once, when the estimated fire has reached the edge.
+        """
         at_us = self.statistics.at_us
-        if at_us < self._edge_due_us or self.state_view.reached_edge is not None:
+        if at_us < self._estimate_due_us or self.recording.trouble:
             return
-        if self.recording.trouble:
-            return
-        self._edge_due_us = at_us + EDGE_CHECK_EVERY_US
+        self._estimate_due_us = at_us + ESTIMATE_CHECK_EVERY_US
         self.estimate.advance(at_us)
-        found = at_edge(self.estimate.fire)
+        window = self.estimate.contradicted()
+        if window is not None:
+            self._queue(window)
+            self._deliver(at_us, now_us)
+        found = None if self.state_view.reached_edge else at_edge(self.estimate.fire)
         if found is not None:
             arrived_us = round(found.at_s * 1e6)
             place = (found.lat_deg, found.lon_deg)

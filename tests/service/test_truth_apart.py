@@ -10,10 +10,12 @@ import pytest
 from numpy.typing import NDArray
 
 import mission_service
+from firemodel.assimilation.observation import UNBURNED
 from mission_service.config.fire_sections import SimulationSection
 from mission_service.config.rule_lookup import own_ways
 from mission_service.config.scenario import Scenario, load_scenario
 from mission_service.events import Corrected, Observed, Undone, WindSet
+from mission_service.fire.observed_window import states_in
 from mission_service.fire.run_ensemble import Images
 from mission_service.fire.run_estimate import RunEstimate
 from mission_service.fire.setup import fire_of, landscape_of
@@ -168,6 +170,37 @@ def test_without_a_simulated_fire_the_estimate_is_flown(tmp_path: Path) -> None:
         if isinstance(entry.content, Observed)
     ]
     assert all(image.estimated for image in images)
+
+
+def test_images_that_contradict_a_correction_reach_the_planners(tmp_path: Path) -> None:
+    """Else a planner would fly around a fire that nobody sees."""
+    scenario = load_scenario("default", ("deploy_at_s=600", "planner.rule=circling"))
+    world = world_in(tmp_path, scenario)
+    world.fly(900.0)
+    engine, estimate = world.simulation.service, world.simulation.estimate
+    land, now_us = estimate.landscape, world.simulation.clock.now_us
+    row, col = np.argwhere(estimate.fire.burned()).max(axis=0) + 6
+    corners = [(row, col), (row, col + 8), (row + 8, col + 8), (row + 8, col)]
+    places = tuple(
+        tuple(float(each) for each in land.lat_lon_of(*land.xy_of(*corner))) for corner in corners
+    )
+    engine.submit(Corrected(now_us, "ann", "", "burned", "polygon", places, now_us), 0)  # type: ignore[arg-type]
+    assert estimate.fire.burned()[row + 4, col + 4]
+    assert estimate.contradicted() is None
+    image = Observed(now_us + 1_000_000, "hawk", int(row) - 5, int(col) - 5, ("u" * 20,) * 20)
+    estimate.on_event(image)
+    estimate.advance(now_us + 60_000_000)
+    window = estimate.contradicted()
+    assert window is not None
+    assert not estimate.fire.burned()[row + 4, col + 4]
+    state = states_in(window.cells)
+    assert state[row + 4 - window.row, col + 4 - window.col] == UNBURNED
+    engine.check_estimate(world.simulation.link_us)
+    engine._estimate_due_us = 0
+    engine.check_estimate(world.simulation.link_us)
+    assert estimate.contradicted() is None
+    planner: Any = engine.core.guidance.planners["hawk"]
+    assert planner.shape(float(row), float(col)).max() < 40.0
 
 
 def test_an_estimate_without_any_fire_begins_with_a_report() -> None:
