@@ -20,7 +20,13 @@ from firemodel.physics.weather import WeatherStream
 from firemodel.spread.burning import burning_from_arrival
 from firemodel.spread.fire_scheme import Burning, Fire
 from mission_service.events import AnyOperatorEvent, Corrected, Erased, Redone, Undone, WindSet
-from mission_service.fire.correction_log import CorrectionLog, Held, not_erased, observations_held
+from mission_service.fire.correction_log import (
+    CorrectionLog,
+    Held,
+    not_erased,
+    observations_held,
+    observations_of_correction,
+)
 
 Floats = NDArray[np.float64]
 
@@ -42,7 +48,14 @@ class CorrectedFire:
         self.log = CorrectionLog()
         self._landscape = landscape
         self._begin = begin
+        self._spacing_m = OBSERVATION_SPACING_CELLS * landscape.cell_size_m
         self._base: Fire | None = None  # the fire without corrections; None if there are none
+
+    def check(self, event: AnyOperatorEvent) -> None:
+        """Raise FireModelError for a report that has no effect or an unusable shape."""
+        self.log.refuse_no_effect(event)
+        if isinstance(event, Corrected):
+            observations_of_correction(event, self._landscape, self._spacing_m)
 
     def all_of(self, fire: Fire) -> list[Fire]:
         """Return the fire and, if there are corrections, also the fire without corrections.
@@ -92,8 +105,7 @@ class CorrectedFire:
 
     def _set_right(self, base: Fire, held: Sequence[Held]) -> Fire:
         """Return the corrected fire, or ``base`` itself if the corrections give no observation."""
-        spacing_m = OBSERVATION_SPACING_CELLS * self._landscape.cell_size_m
-        observations = thinned(observations_held(held, self._landscape, spacing_m))
+        observations = thinned(observations_held(held, self._landscape, self._spacing_m))
         if not len(observations):
             return base
         ahead = copy.deepcopy(base)

@@ -21,6 +21,7 @@ from mission_service.config.scenario import Scenario
 from mission_service.fire.setup import burning_of, estimate_errors, ignitions_of, weather_of
 
 IMAGES_PERIOD_S = 120.0
+INPUTS_PER_MARK = 60  # two hours of images
 ADVANCED_EVERY_S = 600.0  # without other inputs, so that a forecast need not begin long ago
 
 
@@ -59,6 +60,14 @@ class Images(NamedTuple):
     seen: Sequence[Seen]
 
 
+class _Mark(NamedTuple):
+    """A state of the estimated fire after a number of inputs."""
+
+    inputs: int
+    burning: Burning | None
+    weather: WeatherStream
+
+
 Input = Images | Seen | Lit | WeatherSet
 
 
@@ -71,8 +80,8 @@ class RunEnsemble:
     def __init__(self, scenario: Scenario, landscape: Landscape) -> None:
         """Begin with the fire that the scenario names; its later ignitions are inputs."""
         self._scenario, self._landscape = scenario, landscape
-        # The state at the beginning; None for that of the scenario.
-        self._begun_from: tuple[Burning | None, WeatherStream] | None = None
+        self._begun_from: _Mark | None = None  # None for the beginning of the run
+        self._mark: _Mark | None = None
         self._processed: FireEstimate | None = None  # made when it is first needed
         self._count = 0  # number of processed inputs
         lit = sorted(ignitions_of(scenario, landscape), key=lambda each: each[2])
@@ -86,17 +95,16 @@ class RunEnsemble:
         """The ensemble after the inputs processed so far; it must not be changed."""
         if self._processed is None:
             scenario, landscape = self._scenario, self._landscape
-            start = self._begun_from or (burning_of(scenario, landscape), weather_of(scenario))
+            if self._begun_from is None:
+                start = (burning_of(scenario, landscape), weather_of(scenario))
+            else:
+                start = self._begun_from[1:]
             self._processed = self._begun(*start)
         return self._processed
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the attributes for a snapshot, without the ensemble's fires."""
         return {**vars(self), "_processed": None, "_count": 0}
-
-    def __len__(self) -> int:
-        """Return the number of inputs since the beginning."""
-        return len(self._inputs)
 
     def add_image(self, new: Seen) -> None:
         """Add an image, which must not be earlier than the input before."""
@@ -143,12 +151,24 @@ class RunEnsemble:
             self._last_s += ADVANCED_EVERY_S
             self._inputs.append(Images(self._last_s, ()))
 
-    def restart(self, burning: Burning | None, weather: WeatherStream) -> None:
-        """Begin again from a state of the fire, without the inputs so far and what was learned."""
-        self._begun_from, self._processed = (burning, weather), None
-        self._inputs, self._count, self._images = [], 0, []
-        if burning is not None:
-            self._scheduled = [each for each in self._scheduled if each.at_s > burning.at_s]
+    def is_long(self) -> bool:
+        """Return whether ``forget`` is due."""
+        kept = 0 if self._mark is None else self._mark.inputs
+        return len(self._inputs) - kept >= INPUTS_PER_MARK
+
+    def forget(self, burning: Burning | None, weather: WeatherStream) -> None:
+        """Forget the inputs before the last mark, and set a mark with this state of the fire.
+
+        Without this, the inputs of a long run would fill the memory. The ensemble keeps what it has
+        learned from them, but only until a restart of the service.
+        """
+        mark = self._mark
+        if mark is not None:
+            del self._inputs[: mark.inputs]
+            self._begun_from = mark
+            self._processed = None if self._count < mark.inputs else self._processed
+            self._count = max(self._count - mark.inputs, 0)
+        self._mark = _Mark(len(self._inputs), burning, weather)
 
     def replace(self, before: FireEstimate, after: FireEstimate, count: int) -> None:
         """Replace the ensemble by the result of ``count`` inputs; if it has changed, do nothing."""

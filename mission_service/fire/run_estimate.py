@@ -49,7 +49,6 @@ from mission_service.fire.setup import begun_again, cells_lit, reported_fire
 
 PERIOD_US = 30_000_000  # images are written into the estimate at multiples of this mission time
 MAX_WAITING = 20  # periods; their images are then written even if the estimate is not read
-MAX_ENSEMBLE_INPUTS = 720  # images of a day, which a restart processes again
 CAMERA_SD_M, CORRECTION_SD_M = 10.0, 1.0  # standard deviations of positions
 OWN_DRAWS = 2  # the estimate of a random scheme must not predict the simulated fire's draws
 OF_FIRE = (Corrected, Erased, Undone, Redone, WindSet)  # reports that change the estimate
@@ -71,6 +70,7 @@ class RunEstimate:
         self._accepts_reports = scenario.burn_flown is None
         self._ignitions = ignition_reports_of(scenario)
         self._views = CameraViews(scenario)
+        self._gives_views = scenario.simulation.fire is None and self._accepts_reports
         self._unburnable = np.isin(landscape.fuel_model, list(NON_BURNABLE))
         self._images = ImageMosaic(landscape.shape)
         self._due_us: int | None = None  # end of the period of these images
@@ -92,9 +92,12 @@ class RunEstimate:
     def view(self, fix: Telemetry) -> Observed | None:
         """Return the part of the estimate that a vehicle's camera would show, if an image is due.
 
-        The result is None off the landscape.
+        The result is None off the landscape, with a simulated fire, whose cameras observe, and in a
+        burn, which has an estimate of its own.
         """
-        return self.seen_from(fix) if self._views.is_due(fix) else None
+        if not (self._gives_views and self._views.is_due(fix)):
+            return None
+        return self.seen_from(fix)
 
     def seen_from(self, fix: Telemetry, wider_cells: float = 0.0) -> Observed | None:
         """Return what ``view`` returns, whether an image is due or not.
@@ -135,6 +138,7 @@ class RunEstimate:
                 for row, col in cells:
                     fire.light(row, col, max(reported.at_s, fire.time_s))
             self.ensemble.add(Lit(event.at_us / 1e6, reported.at_s, cells))
+            self._limit_ensemble()
 
     def on_command(self, command: AnyCommand) -> None:
         """Process a drop."""
@@ -147,6 +151,7 @@ class RunEstimate:
         """
         if not (self._accepts_reports and isinstance(event, OF_FIRE)):
             return None
+        self._corrected.check(event)  # first: a refused report must not end the images' period
         self._advance_to_event(event)
         before = self.fire
         found = self._corrected.apply_report(event, before)
@@ -156,6 +161,7 @@ class RunEstimate:
         if isinstance(event, WindSet):
             self.fire = found
             self.ensemble.add(WeatherSet(at_s, found.weather))
+            self._limit_ensemble()
             return None
         self.fire = self._with_sightings(found)
         window = window_of_change(before, self.fire)
@@ -163,6 +169,7 @@ class RunEstimate:
             state = states_in(window.cells)
             self._reported[window_at(window.row, window.col, state.shape)] = state == BURNED
             self.ensemble.add(Seen(at_s, window.row, window.col, state, CORRECTION_SD_M))
+            self._limit_ensemble()
         return window
 
     def apply_history(self, event: AnyEvent) -> Window | None:
@@ -171,7 +178,7 @@ class RunEstimate:
         # An invalid report is in a journal if the run was killed before its reversal.
         with contextlib.suppress(FireModelError):
             found = self.apply_report(event)
-        if isinstance(event, Telemetry):
+        if self._gives_views and isinstance(event, Telemetry):
             self._views.is_due(event)
         self.on_event(event)
         return found
@@ -201,10 +208,9 @@ class RunEstimate:
         self._store_images(event.at_us)
         self.advance(event.at_us)
 
-    def _limit_waiting(self) -> None:
-        """Begin the ensemble again from this fire if it has too many inputs."""
-        if len(self.ensemble) > MAX_ENSEMBLE_INPUTS:
-            self.ensemble.restart(burning_now(self.fire), self.fire.weather)
+    def _limit_ensemble(self) -> None:
+        if self.ensemble.is_long():
+            self.ensemble.forget(burning_now(self.fire), self.fire.weather)
 
     def _burn_until(self, at_s: float) -> None:
         if at_s > self.fire.time_s:
@@ -215,7 +221,7 @@ class RunEstimate:
         self._burn_until(mosaic.at_s)
         top, left = (int(each.start) for each in mosaic.here)
         self.ensemble.add_image(Seen(mosaic.at_s, top, left, mosaic.state, CAMERA_SD_M))
-        self._limit_waiting()
+        self._limit_ensemble()
         later = (mosaic.state != UNSEEN) & (mosaic.seen_s >= self._seen_s[mosaic.here])
         self._state[mosaic.here][later] = mosaic.state[later]
         self._seen_s[mosaic.here][later] = mosaic.seen_s[later]

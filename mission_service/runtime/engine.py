@@ -190,13 +190,9 @@ class Engine:
         """Return the image of a simulated camera if one is due.
 
         Without a simulated fire, planners receive the part of the estimate that a camera would
-        show. A burn has an estimate of its own.
+        show.
         """
-        if self.cameras is not None:
-            return self.cameras.image(fix)
-        if self._scenario.burn_flown is not None:
-            return None
-        return self.estimate.view(fix)
+        return self.estimate.view(fix) if self.cameras is None else self.cameras.image(fix)
 
     def advance_fire(self, at_us: int) -> None:
         """Advance the simulated fire, if there is one, and the estimate to a mission time."""

@@ -45,7 +45,7 @@ def context_of(
     fire = SimpleNamespace(expected_s=lambda: arrival_s, start_area=None, time_s=300.0)
     world = SimpleNamespace(fire=fire, landscape=landscape)
     service: Any = SimpleNamespace(
-        world=world,
+        estimate=world,
         state_view=state_view,
         recording=SimpleNamespace(trouble=""),
         core=SimpleNamespace(guidance=SimpleNamespace(estimated_fire=None)),
