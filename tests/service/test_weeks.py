@@ -29,7 +29,8 @@ from mission_service.events import (
     Undone,
     WindSet,
 )
-from mission_service.fire import corrected_fire as corrected_fire
+from mission_service.fire import corrected_fire
+from mission_service.fire import run_ensemble as corrected_fire
 from mission_service.fire.setup import landscape_of
 from mission_service.journal.journal_file import Journal, header_of
 from mission_service.runtime import run_statistics, state_view, track
@@ -143,6 +144,7 @@ def test_what_a_service_holds_does_not_grow_with_what_has_passed(
     monkeypatch.setattr(run_statistics, "MAX_REASONS", 3)
     monkeypatch.setattr(track, "MAX_POINTS", 64)
     monkeypatch.setattr(corrected_fire, "MAX_STEPS", 6)
+    monkeypatch.setattr(run_ensemble, "INPUTS_PER_MARK", 6)
     path = tmp_path / "weeks.toml"
     load = Load(VEHICLES, cells=120, start_s=START_S, end_s=1e8, wind_speed_m_s=0, dead_1h_pct=6)
     path.write_text(scenario_text(load), "utf-8")
