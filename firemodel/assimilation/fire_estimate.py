@@ -258,7 +258,7 @@ class FireEstimate:
                 if not member.burns(self.time_s):
                     return member
                 if model.landscape is self.landscape:
-                    fire = member.now().continued(model, *inputs)
+                    fire = member.current().continued(model, *inputs)
                 else:
                     state = burning_from_arrival(member.arrival_s, model.landscape, self.time_s)
                     fire = model.restarted(state, *inputs)

@@ -28,7 +28,7 @@ class MemberFire(NamedTuple):
         burned = self.arrival_s <= at_s
         return bool(burned.any() and not burned.all())
 
-    def now(self) -> AnyAngleFire:
+    def current(self) -> AnyAngleFire:
         """Return the fire with all changes; it must not be changed."""
         if self.changed is None:
             return self.fire
