@@ -352,13 +352,11 @@ class FireEstimate:
         self, fire: MemberFire, here: Place, state: NDArray[np.uint8], at_s: float
     ) -> MemberFire:
         """Return the fire of a member after an observation replaced it in a window."""
-        unburnable = self._unburnable[here]
         cell_m = self.landscape.cell_size_m
-        found = with_image(fire.arrival_s[here], state, at_s, cell_m, unburnable)
+        found = with_image(fire.arrival_s, here, state, at_s, cell_m, self._unburnable)
         if found is None:
             return fire
-        arrival_s, changed = fire.arrival_s.copy(), np.zeros(self.landscape.shape, dtype=bool)
-        arrival_s[here], changed[here] = found
+        arrival_s, changed = found
         changed |= self._remove_unseen_islands(arrival_s)
         return fire.with_times(arrival_s, changed)
 

@@ -71,8 +71,8 @@ def ground_behind(held: Mask, front: Mask) -> Mask:
         front: (y, x) unburned cells that touch burned ones.
 
     Returns:
-        The cells within ``BEHIND_CELLS`` whose nearest cell of the front has mostly held cells of
-        the front around it.
+        (y, x) The cells within ``BEHIND_CELLS`` of a part of the front of which most cells are
+        held. The nearest cell of the front decides.
     """
     if not (held & front).any():
         return np.zeros(held.shape, dtype=bool)

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 
-from firemodel.arrays import Floats, Mask, bounds_of
+from firemodel.arrays import Floats, Mask, Place, bounds_of
 from firemodel.assimilation.camera_window import signed_distance_m
 from firemodel.assimilation.observation import BURNED, UNSEEN
 
@@ -17,12 +17,13 @@ SQUARE = np.ones((3, 3), dtype=bool)
 
 def with_image(
     arrival_s: Floats,
+    here: Place,
     state: NDArray[np.uint8],
     seen_s: float | Floats,
     cell_m: float,
     unburnable: Mask,
 ) -> tuple[Floats, Mask] | None:
-    """Return the arrival times (y, x) of a fire after an image replaced it, and the changed cells.
+    """Return the arrival times of a fire after an image replaced it, and the changed cells.
 
     The result is None if the fire agrees with the image.
 
@@ -30,24 +31,28 @@ def with_image(
     their place within the cells.
 
     Args:
-        arrival_s: (y, x) arrival times; infinity in unburned cells.
-        state: (y, x) the observed states: UNSEEN, UNBURNED or BURNED.
-        seen_s: The time of the image, or the times (y, x) at which the cells were seen.
+        arrival_s: (y, x) arrival times of the whole grid; infinity in unburned cells.
+        here: The window of the image in the grid.
+        state: (y, x) the observed states in the window: UNSEEN, UNBURNED or BURNED.
+        seen_s: The time of the image, or the times (y, x) at which the window's cells were seen.
         cell_m: The size of a cell.
-        unburnable: (y, x) the cells that cannot burn; an image of them is ignored.
+        unburnable: (y, x) the cells of the grid that cannot burn; an image of them is ignored.
+
+    Returns:
+        Arrival times and changed cells (y, x) of the whole grid.
     """
-    seen = (state != UNSEEN) & ~unburnable
-    wrong = seen & ((state == BURNED) != (arrival_s <= seen_s))
+    seen = (state != UNSEEN) & ~unburnable[here]
+    wrong = seen & ((state == BURNED) != (arrival_s[here] <= seen_s))
     if not wrong.any():
         return None
-    here = bounds_of(binary_dilation(wrong, SQUARE, iterations=_margin_cells(cell_m)))
-    times_s = np.broadcast_to(np.asarray(seen_s, dtype=np.float64), arrival_s.shape)[here]
-    distance_m = signed_distance_m(np.where(seen, state, UNSEEN)[here], cell_m)
-    near = binary_dilation(wrong[here], SQUARE) & seen[here]
-    change = wrong[here] | (near & (np.abs(distance_m) < WRITE_WITHIN_M))
+    part = bounds_of(binary_dilation(wrong, SQUARE, iterations=_margin_cells(cell_m)))
+    times_s = np.broadcast_to(np.asarray(seen_s, dtype=np.float64), state.shape)[part]
+    distance_m = signed_distance_m(np.where(seen, state, UNSEEN)[part], cell_m)
+    near = binary_dilation(wrong[part], SQUARE) & seen[part]
+    change = wrong[part] | (near & (np.abs(distance_m) < WRITE_WITHIN_M))
     found, changed = arrival_s.copy(), np.zeros(arrival_s.shape, dtype=bool)
-    found[here][change] = (times_s - distance_m / WRITE_M_S)[change]
-    changed[here] = change
+    found[here][part][change] = (times_s - distance_m / WRITE_M_S)[change]
+    changed[here][part] = change
     return found, changed
 
 

@@ -174,7 +174,7 @@ class AnyAngleFire(Fire):
         Args:
             arrival_s: (y, x) ``expected_s()`` with the new times; infinity in unburned cells. Times
                 after ``time_s`` locate the new front between cells.
-            changed: (y, x) the cells whose times are new.
+            changed: (y, x) the cells with new times.
 
         Raises:
             FireModelError: No cell or every cell has burned.

@@ -57,21 +57,13 @@ class CorrectedFire:
         if isinstance(event, Corrected):
             observations_of_correction(event, self._landscape, self._spacing_m)
 
-    def all_of(self, fire: Fire) -> list[Fire]:
-        """Return the fire and, if there are corrections, also the fire without corrections.
-
-        Each of them receives every ignition and every image.
-        """
-        if self._base is None:
-            return [fire]
-        self._base.advance(fire.time_s)
-        return [fire, self._base]
-
     def changed(self, fire: Fire, change: Callable[[Fire], Fire]) -> Fire:
-        """Apply a change to the fire and to the fire without corrections; return the first."""
+        """Apply a change to the fire and to the fire without corrections; return the first.
+
+        Each ignition and each image is such a change.
+        """
         if self._base is not None:
-            self._base.advance(fire.time_s)
-            self._base = change(self._base)
+            self._base = change(self._base_at(fire))
         return change(fire)
 
     def apply_report(self, event: AnyOperatorEvent, fire: Fire) -> Fire:
@@ -86,15 +78,14 @@ class CorrectedFire:
                 stream = stream.since(fire.time_s)
                 if self._base is None:
                     return self._begin(burning_now(fire), stream, fire.time_s)
-                self._base.advance(fire.time_s)
-                base = self._begin(burning_now(self._base), stream, fire.time_s)
+                base = self._begin(burning_now(self._base_at(fire)), stream, fire.time_s)
                 found, self._base = self._set_right(base, self.log.held()), base
                 return found
             case Corrected() | Erased() | Undone() | Redone():
                 self.log.refuse_no_effect(event)
                 log = copy.deepcopy(self.log)
                 log.apply(event)
-                base = self.all_of(fire)[-1]
+                base = self._base_at(fire)
                 if len(log.steps) > MAX_STEPS:
                     base = self._set_right(base, log.settle(MAX_STEPS // 2))
                 found = self._set_right(base, log.held())
@@ -102,6 +93,13 @@ class CorrectedFire:
                 return found
             case _:
                 return fire
+
+    def _base_at(self, fire: Fire) -> Fire:
+        """Return the fire without corrections at the time of ``fire``."""
+        if self._base is None:
+            return fire
+        self._base.advance(fire.time_s)
+        return self._base
 
     def _set_right(self, base: Fire, held: Sequence[Held]) -> Fire:
         """Return the corrected fire, or ``base`` itself if the corrections give no observation."""

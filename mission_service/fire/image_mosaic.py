@@ -21,28 +21,35 @@ class Mosaic(NamedTuple):
 
 
 class ImageMosaic:
-    """The images of the present period."""
+    """The last sighting of each cell, since the last call of ``taken``.
+
+    ``state`` (y, x) is UNSEEN, UNBURNED or BURNED; ``seen_s`` (y, x) is the time of the sighting.
+    """
 
     def __init__(self, shape: tuple[int, int]) -> None:
         """Begin without images on a grid of this shape."""
-        self._state = np.full(shape, UNSEEN, dtype=np.uint8)
-        self._seen_s = np.zeros(shape)
+        self.state = np.full(shape, UNSEEN, dtype=np.uint8)
+        self.seen_s = np.full(shape, -np.inf)
         self._is_empty = True
 
     def add(self, image: Observed) -> None:
-        """Add an image; of a cell that was seen before, the later sighting counts."""
-        state, at_s = states_in(image.cells), image.at_us / 1e6
+        """Add an image."""
+        state = states_in(image.cells)
         here = window_at(image.row, image.col, state.shape)
-        new = (state != UNSEEN) & (self._seen_s[here] <= at_s)
-        self._state[here][new] = state[new]
-        self._seen_s[here][new] = at_s
+        self.add_sightings(here, state, np.full(state.shape, image.at_us / 1e6))
+
+    def add_sightings(self, here: Place, state: NDArray[np.uint8], seen_s: Floats) -> None:
+        """Add states (y, x) of a window with their times; later sightings of a cell replace it."""
+        new = (state != UNSEEN) & (self.seen_s[here] <= seen_s)
+        self.state[here][new] = state[new]
+        self.seen_s[here][new] = seen_s[new]
         self._is_empty = self._is_empty and not new.any()
 
     def taken(self, at_s: float) -> Mosaic | None:
         """Return the images since the last call as one image, or None if there were none."""
         if self._is_empty:
             return None
-        here = bounds_of(self._state != UNSEEN)
-        found = Mosaic(at_s, here, self._state[here].copy(), self._seen_s[here].copy())
-        self._state[here], self._seen_s[here], self._is_empty = UNSEEN, 0.0, True
+        here = bounds_of(self.state != UNSEEN)
+        found = Mosaic(at_s, here, self.state[here].copy(), self.seen_s[here].copy())
+        self.state[here], self.seen_s[here], self._is_empty = UNSEEN, -np.inf, True
         return found

@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from firemodel.assimilation.fire_estimate import EstimateSettings, FireEstimate
 from firemodel.assimilation.observation import BURNED, Observation
@@ -23,19 +22,6 @@ from mission_service.fire.setup import burning_of, estimate_errors, ignitions_of
 IMAGES_PERIOD_S = 120.0
 INPUTS_PER_MARK = 60  # two hours of images
 ADVANCED_EVERY_S = 600.0  # without other inputs, so that a forecast need not begin long ago
-
-
-class Seen(NamedTuple):
-    """A window of cells that cameras saw, or that operators corrected, at a time.
-
-    The fields are the first ones of ``Observation``.
-    """
-
-    at_s: float
-    top: int
-    left: int
-    state: NDArray[np.uint8]  # (y, x) UNSEEN, UNBURNED or BURNED
-    position_sd_m: float
 
 
 class Lit(NamedTuple):
@@ -57,18 +43,18 @@ class Images(NamedTuple):
     """What cameras saw in a period, in order of time; the ensemble is advanced once for all."""
 
     at_s: float
-    seen: Sequence[Seen]
+    seen: Sequence[Observation]
 
 
 class _Mark(NamedTuple):
     """A state of the estimated fire after a number of inputs."""
 
     inputs: int
-    burning: Burning | None
     weather: WeatherStream
+    burning: Burning | None
 
 
-Input = Images | Seen | Lit | WeatherSet
+Input = Images | Observation | Lit | WeatherSet
 
 
 class RunEnsemble:
@@ -86,7 +72,7 @@ class RunEnsemble:
         self._count = 0  # number of processed inputs
         lit = sorted(ignitions_of(scenario, landscape), key=lambda each: each[2])
         self._inputs: list[Input] = []
-        self._images: list[Seen] = []  # of the present period
+        self._images: list[Observation] = []  # of the present period
         self._last_s = 0.0  # time of the last input
         self._scheduled = [Lit(at_s, at_s, [(row, col)]) for row, col, at_s in lit]
 
@@ -96,23 +82,23 @@ class RunEnsemble:
         if self._processed is None:
             scenario, landscape = self._scenario, self._landscape
             if self._begun_from is None:
-                start = (burning_of(scenario, landscape), weather_of(scenario))
+                start = (weather_of(scenario), burning_of(scenario, landscape))
             else:
                 start = self._begun_from[1:]
-            self._processed = self._begun(*start)
+            self._processed = new_estimate(scenario, landscape, *start)
         return self._processed
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the attributes for a snapshot, without the ensemble's fires."""
         return {**vars(self), "_processed": None, "_count": 0}
 
-    def add_image(self, new: Seen) -> None:
+    def add_image(self, new: Observation) -> None:
         """Add an image, which must not be earlier than the input before."""
         self._end_period_by(new.at_s, exclusive=True)
         self._images.append(new)
         self._end_period_by(new.at_s)
 
-    def add(self, new: Seen | Lit | WeatherSet) -> None:
+    def add(self, new: Observation | Lit | WeatherSet) -> None:
         """Add another input, which must not be earlier than the one before."""
         at_s = new.known_s if isinstance(new, Lit) else new.at_s
         self._end_period_by(at_s)
@@ -156,7 +142,7 @@ class RunEnsemble:
         kept = 0 if self._mark is None else self._mark.inputs
         return len(self._inputs) - kept >= INPUTS_PER_MARK
 
-    def forget(self, burning: Burning | None, weather: WeatherStream) -> None:
+    def forget(self, weather: WeatherStream, burning: Burning | None) -> None:
         """Forget the inputs before the last mark, and set a mark with this state of the fire.
 
         Without this, the inputs of a long run would fill the memory. The ensemble keeps what it has
@@ -168,7 +154,7 @@ class RunEnsemble:
             self._begun_from = mark
             self._processed = None if self._count < mark.inputs else self._processed
             self._count = max(self._count - mark.inputs, 0)
-        self._mark = _Mark(len(self._inputs), burning, weather)
+        self._mark = _Mark(len(self._inputs), weather, burning)
 
     def replace(self, before: FireEstimate, after: FireEstimate, count: int) -> None:
         """Replace the ensemble by the result of ``count`` inputs; if it has changed, do nothing."""
@@ -176,18 +162,24 @@ class RunEnsemble:
             self._processed = after
             self._count += count
 
-    def _begun(self, burning: Burning | None, weather: WeatherStream) -> FireEstimate:
-        scenario = self._scenario
-        return FireEstimate(
-            self._landscape,
-            weather,
-            settings=EstimateSettings(
-                scenario.estimate.members, scenario.seed, estimate_errors(scenario)
-            ),
-            burning=burning,
-            wind_limit=scenario.fire.wind_limit,
-            precise=scenario.fire.precise,
-        )
+
+def new_estimate(
+    scenario: Scenario,
+    landscape: Landscape,
+    weather: WeatherStream,
+    burning: Burning | None = None,
+) -> FireEstimate:
+    """Return an ensemble with a scenario's settings, and with an initial fire if there is one."""
+    return FireEstimate(
+        landscape,
+        weather,
+        settings=EstimateSettings(
+            scenario.estimate.members, scenario.seed, estimate_errors(scenario)
+        ),
+        burning=burning,
+        wind_limit=scenario.fire.wind_limit,
+        precise=scenario.fire.precise,
+    )
 
 
 def processed(estimate: FireEstimate, inputs: Sequence[Input]) -> FireEstimate:
@@ -200,7 +192,7 @@ def processed(estimate: FireEstimate, inputs: Sequence[Input]) -> FireEstimate:
                     found.advance(max(each.at_s, found.time_s))
                 for image in each.seen:
                     _see(found, image)
-            case Seen():
+            case Observation():
                 _see(found, each)
             case Lit():
                 found.light(each.cells, each.at_s)
@@ -209,10 +201,10 @@ def processed(estimate: FireEstimate, inputs: Sequence[Input]) -> FireEstimate:
     return found
 
 
-def _see(estimate: FireEstimate, seen: Seen) -> None:
+def _see(estimate: FireEstimate, seen: Observation) -> None:
     """Process a window; the first burned cells that are seen begin the fire."""
     if estimate.begun:
-        estimate.observe(Observation(*seen))
+        estimate.observe(seen)
         return
     row, col = np.nonzero(seen.state == BURNED)
     if row.size:

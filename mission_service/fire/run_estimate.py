@@ -12,6 +12,7 @@ often the estimate is read.
 
 import contextlib
 from collections import deque
+from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
@@ -19,7 +20,7 @@ import msgspec
 import numpy as np
 
 from firemodel.arrays import window_at
-from firemodel.assimilation.observation import BURNED, UNSEEN
+from firemodel.assimilation.observation import BURNED, UNSEEN, Observation
 from firemodel.assimilation.written_image import with_image
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
@@ -44,7 +45,7 @@ from mission_service.fire.corrected_fire import CorrectedFire, burning_now, draw
 from mission_service.fire.ignition_reports import ignition_reports_of
 from mission_service.fire.image_mosaic import ImageMosaic, Mosaic
 from mission_service.fire.observed_window import Window, states_in, window_around, window_of_change
-from mission_service.fire.run_ensemble import Lit, RunEnsemble, Seen, WeatherSet
+from mission_service.fire.run_ensemble import Lit, RunEnsemble, WeatherSet
 from mission_service.fire.setup import begun_again, cells_lit, reported_fire
 
 PERIOD_US = 30_000_000  # images are written into the estimate at multiples of this mission time
@@ -75,8 +76,7 @@ class RunEstimate:
         self._images = ImageMosaic(landscape.shape)
         self._due_us: int | None = None  # end of the period of these images
         self._waiting: deque[Mosaic] = deque()  # of past periods, not written yet
-        self._state = np.full(landscape.shape, UNSEEN, dtype=np.uint8)  # last sighting of each cell
-        self._seen_s = np.full(landscape.shape, -np.inf)
+        self._sightings = ImageMosaic(landscape.shape)  # of the whole run
         # Cells that planners received as burned in corrections; images may have removed them since.
         self._reported = np.zeros(landscape.shape, dtype=bool)
         self._contradicted: Window | None = None
@@ -92,8 +92,8 @@ class RunEstimate:
     def view(self, fix: Telemetry) -> Observed | None:
         """Return the part of the estimate that a vehicle's camera would show, if an image is due.
 
-        The result is None off the landscape, with a simulated fire, whose cameras observe, and in a
-        burn, which has an estimate of its own.
+        The result is None off the landscape, in a run with a simulated fire, which
+        cameras observe, and in a burn, which has an estimate of its own.
         """
         if not (self._gives_views and self._views.is_due(fix)):
             return None
@@ -134,9 +134,7 @@ class RunEstimate:
         elif (reported := self._ignitions.reported_in(event)) is not None:
             self._advance_to_event(event)
             cells = cells_lit(reported.points, self.landscape)
-            for fire in self._corrected.all_of(self.fire):
-                for row, col in cells:
-                    fire.light(row, col, max(reported.at_s, fire.time_s))
+            self._corrected.changed(self.fire, partial(_lit, cells=cells, at_s=reported.at_s))
             self.ensemble.add(Lit(event.at_us / 1e6, reported.at_s, cells))
             self._limit_ensemble()
 
@@ -168,7 +166,7 @@ class RunEstimate:
         if window is not None:
             state = states_in(window.cells)
             self._reported[window_at(window.row, window.col, state.shape)] = state == BURNED
-            self.ensemble.add(Seen(at_s, window.row, window.col, state, CORRECTION_SD_M))
+            self.ensemble.add(Observation(at_s, window.row, window.col, state, CORRECTION_SD_M))
             self._limit_ensemble()
         return window
 
@@ -210,7 +208,7 @@ class RunEstimate:
 
     def _limit_ensemble(self) -> None:
         if self.ensemble.is_long():
-            self.ensemble.forget(burning_now(self.fire), self.fire.weather)
+            self.ensemble.forget(self.fire.weather, burning_now(self.fire))
 
     def _burn_until(self, at_s: float) -> None:
         if at_s > self.fire.time_s:
@@ -220,13 +218,13 @@ class RunEstimate:
         """Write the images of a period into the fire with and without corrections."""
         self._burn_until(mosaic.at_s)
         top, left = (int(each.start) for each in mosaic.here)
-        self.ensemble.add_image(Seen(mosaic.at_s, top, left, mosaic.state, CAMERA_SD_M))
+        self.ensemble.add_image(Observation(mosaic.at_s, top, left, mosaic.state, CAMERA_SD_M))
         self._limit_ensemble()
-        later = (mosaic.state != UNSEEN) & (mosaic.seen_s >= self._seen_s[mosaic.here])
-        self._state[mosaic.here][later] = mosaic.state[later]
-        self._seen_s[mosaic.here][later] = mosaic.seen_s[later]
+        self._sightings.add_sightings(*mosaic[1:])
         before = self.fire
         self.fire = self._corrected.changed(before, partial(self._rewritten, mosaic=mosaic))
+        if self.fire is before or not self._reported.any():
+            return
         removed = self._reported & before.burned() & ~self.fire.burned()
         if removed.any():
             self._reported &= ~removed
@@ -234,13 +232,11 @@ class RunEstimate:
 
     def _rewritten(self, fire: Fire, mosaic: Mosaic) -> Fire:
         """Return the fire after an image, which is ``fire`` itself if both agree."""
-        arrival_s, here = fire.expected_s(), mosaic.here
-        cell_m, unburnable = self.landscape.cell_size_m, self._unburnable[here]
-        found = with_image(arrival_s[here], mosaic.state, mosaic.seen_s, cell_m, unburnable)
+        cell_m = self.landscape.cell_size_m
+        found = with_image(fire.expected_s(), *mosaic[1:], cell_m, self._unburnable)
         if found is None:
             return fire
-        changed = np.zeros(arrival_s.shape, dtype=bool)
-        arrival_s[here], changed[here] = found
+        arrival_s, changed = found
         if not (arrival_s <= fire.time_s).any():
             return self._begin(None, fire.weather, fire.time_s)
         if isinstance(fire, AnyAngleFire):
@@ -251,6 +247,14 @@ class RunEstimate:
     def _with_sightings(self, fire: Fire) -> Fire:
         """Return a corrected fire in which sightings that no later correction replaces hold."""
         held = self._corrected.log.held()
-        state = np.where(self._seen_s > drawn_at_s(held, self.landscape), self._state, UNSEEN)
-        whole = np.s_[0 : state.shape[0], 0 : state.shape[1]]
-        return self._rewritten(fire, Mosaic(fire.time_s, whole, state, self._seen_s))
+        seen = self._sightings
+        state = np.where(seen.seen_s > drawn_at_s(held, self.landscape), seen.state, UNSEEN)
+        whole = window_at(0, 0, state.shape)
+        return self._rewritten(fire, Mosaic(fire.time_s, whole, state, seen.seen_s))
+
+
+def _lit(fire: Fire, cells: Sequence[tuple[int, int]], at_s: float) -> Fire:
+    """Light cells (row, column) of a fire at a time or, if past, at its present time."""
+    for row, col in cells:
+        fire.light(row, col, max(at_s, fire.time_s))
+    return fire

@@ -10,6 +10,7 @@ from mission_service.config.scenario import Scenario
 from mission_service.events import AnyEvent, Observed, Telemetry
 from mission_service.fire.camera_views import CameraViews, arrival_at
 from mission_service.fire.ignition_reports import ignition_reports_of
+from mission_service.fire.run_estimate import RunEstimate
 from mission_service.fire.simulated_fire import SimulatedFire, simulated_fire_of
 
 
@@ -69,3 +70,10 @@ def cameras_of(scenario: Scenario, landscape: Landscape) -> SimulatedCameras | N
     """Return the cameras that observe a scenario's simulated fire, or None if it has none."""
     fire = simulated_fire_of(scenario, landscape)
     return None if fire is None else SimulatedCameras(scenario, fire)
+
+
+def fires_of_run(
+    cameras: SimulatedCameras | None, estimate: RunEstimate
+) -> tuple[SimulatedCameras | RunEstimate, ...]:
+    """Return the fires of a run, which process the same events independently of each other."""
+    return (estimate,) if cameras is None else (cameras, estimate)

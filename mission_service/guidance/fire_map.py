@@ -14,13 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from firemodel.assimilation.observation import BURNED, UNBURNED
 from firemodel.compiled import compiled
 
 BEARINGS = 360
-UNKNOWN, UNBURNED, BURNED = 0, 1, 2
-CODES = np.zeros(128, dtype=np.uint8)
-CODES[ord("u")] = UNBURNED
-CODES[ord("b")] = BURNED
 
 LARGEST_GAP_CELLS = 3.0  # maximum distance between neighbours on the front
 # A front cell is on an island if burned ground lies farther outwards than this on its bearing.
@@ -31,12 +28,6 @@ NORTH = np.cos(_RADIANS)
 EAST = np.sin(_RADIANS)
 
 Floats = NDArray[np.float64]
-
-
-def window_codes(cells: tuple[str, ...]) -> NDArray[np.uint8]:
-    """Return an observation's strings as an array (y, x) with UNKNOWN, UNBURNED or BURNED cells."""
-    text = np.frombuffer("".join(cells).encode("ascii"), dtype=np.uint8)
-    return CODES[text].reshape(len(cells), -1)
 
 
 def polar(

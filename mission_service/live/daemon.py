@@ -205,10 +205,12 @@ async def _engine_of(
     journal = _journal_of(run, references, interrupted, announcements.add)
     stack.callback(journal.close)
     broadcast = no_broadcast if exchange is None else exchange.broadcast
-    initial = _initial_state(run.scenario, landscape, clock, interrupted)
-    core, cameras, estimate, state_view = initial
-    fires = (cameras, estimate)
-    service = Engine(run.scenario, core, *fires, journal, state_view, gateways, broadcast)
+    core, cameras, estimate, state_view = _initial_state(
+        run.scenario, landscape, clock, interrupted
+    )
+    service = Engine(
+        run.scenario, core, cameras, estimate, journal, state_view, gateways, broadcast
+    )
     announcements.engine = service
     if interrupted is not None:
         await _resume(interrupted, service, clock, wall_us() / 1e6 - down_from_s)

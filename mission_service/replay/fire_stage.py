@@ -10,7 +10,7 @@ from typing import Any
 from firemodel.spread.edge import at_edge
 from mission_service.events import Aborted, FireReachedEdge, Observed, Resumed, Telemetry
 from mission_service.fire.run_estimate import RunEstimate
-from mission_service.fire.simulated_cameras import SimulatedCameras
+from mission_service.fire.simulated_cameras import SimulatedCameras, fires_of_run
 from mission_service.journal.journal_file import Entry, SegmentReader
 from mission_service.journal.reader import JournalReader
 from mission_service.replay.replay_stage import Stage
@@ -76,7 +76,7 @@ class _Comparison:
 
     def burn(self, entry: Entry) -> None:
         """Apply the entry to the simulated fire, if there is one, and to the estimate."""
-        for fire in (self._estimate,) if self._cameras is None else (self._cameras, self._estimate):
+        for fire in fires_of_run(self._cameras, self._estimate):
             if entry.is_event:
                 fire.apply_history(entry.content)  # type: ignore[arg-type]
             else:

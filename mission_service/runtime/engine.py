@@ -60,7 +60,7 @@ from mission_service.events import (
 )
 from mission_service.fire.observed_window import Window
 from mission_service.fire.run_estimate import OF_FIRE, RunEstimate
-from mission_service.fire.simulated_cameras import SimulatedCameras
+from mission_service.fire.simulated_cameras import SimulatedCameras, fires_of_run
 from mission_service.guidance.registry import lock_of
 from mission_service.journal.guarded_journal import GuardedJournal
 from mission_service.journal.journal_file import Journal, command_body, event_body
@@ -196,9 +196,8 @@ class Engine:
 
     def advance_fire(self, at_us: int) -> None:
         """Advance the simulated fire, if there is one, and the estimate to a mission time."""
-        if self.cameras is not None:
-            self.cameras.advance(at_us)
-        self.estimate.advance(at_us)
+        for fire in fires_of_run(self.cameras, self.estimate):
+            fire.advance(at_us)
 
     def _show_unrecorded(self, event: VehicleEvent) -> None:
         """Show operators an event that could not be journalled and was not handled.
@@ -441,15 +440,12 @@ class Engine:
             self._handle(self._held_back.popleft(), now_us)
 
     def _apply_event_to_fire(self, event: AnyEvent) -> None:
-        """Pass an event to the simulated fire and to the estimate, which are independent."""
-        if self.cameras is not None:
-            self.cameras.on_event(event)
-        self.estimate.on_event(event)
+        for fire in fires_of_run(self.cameras, self.estimate):
+            fire.on_event(event)
 
     def _apply_command_to_fire(self, command: AnyCommand) -> None:
-        if self.cameras is not None:
-            self.cameras.on_command(command)
-        self.estimate.on_command(command)
+        for fire in fires_of_run(self.cameras, self.estimate):
+            fire.on_command(command)
 
     def _apply(self, event: AnyEvent) -> list[AnyCommand]:
         """Apply an event to all projections except the fire; return the core's commands."""

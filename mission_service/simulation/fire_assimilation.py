@@ -13,7 +13,7 @@ from shapely.geometry.base import BaseGeometry
 
 from firemodel.arrays import Floats, Mask
 from firemodel.assimilation.estimate_forecast import likely_area
-from firemodel.assimilation.fire_estimate import EstimateSettings, FireEstimate
+from firemodel.assimilation.fire_estimate import FireEstimate
 from firemodel.assimilation.observation import BURNED, Observation, mapped_perimeter
 from firemodel.assimilation.scores import coverage, critical_success, mean_distance_m, overlap
 from firemodel.ensemble.member_fires import Each
@@ -30,8 +30,8 @@ from firemodel.spread.burning import burning_from_perimeter
 from firemodel.spread.front import front_polygons
 from mission_service.config.scenario import Scenario
 from mission_service.errors import ScenarioError
+from mission_service.fire.run_ensemble import new_estimate
 from mission_service.fire.setup import (
-    estimate_errors,
     ignitions_of,
     landscape_of,
     weather_of,
@@ -95,15 +95,7 @@ def assimilate(
         warn(line)
     observed = list(_observations(scenario, landscape, perimeters, zero))
     with ThreadPoolExecutor(threads) as pool:
-        estimate = FireEstimate(
-            landscape,
-            weather,
-            settings=EstimateSettings(
-                scenario.estimate.members, scenario.seed, estimate_errors(scenario)
-            ),
-            wind_limit=scenario.fire.wind_limit,
-            precise=scenario.fire.precise,
-        )
+        estimate = new_estimate(scenario, landscape, weather)
         steps: list[Step] = []
         intervals = []
         with fire_progress(scenario.name, 0, len(observed)) as progress:

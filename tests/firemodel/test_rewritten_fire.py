@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from firemodel.arrays import window_at
 from firemodel.assimilation.observation import BURNED, UNBURNED, UNSEEN
 from firemodel.assimilation.written_image import with_image
 from firemodel.errors import FireModelError
@@ -90,8 +91,11 @@ def test_a_fire_without_burned_cells_cannot_be_rewritten(burning: AnyAngleFire) 
         burning.rewritten(np.full(LAND.shape, np.inf), everywhere)
 
 
+EVERYWHERE = window_at(0, 0, LAND.shape)
+
+
 def image_of(land: Landscape, burned_cols: int) -> np.ndarray:
-    """An image whose western columns have burned."""
+    """An image with burned western columns."""
     state = np.full(land.shape, UNBURNED, dtype=np.uint8)
     state[:, :burned_cols] = BURNED
     return state
@@ -100,8 +104,8 @@ def image_of(land: Landscape, burned_cols: int) -> np.ndarray:
 def test_an_image_changes_only_cells_in_another_state_and_their_neighbours() -> None:
     arrival_s = np.where(np.arange(91) < 40, 100.0, 2000.0) + np.zeros(LAND.shape)
     free = np.zeros(LAND.shape, dtype=bool)
-    assert with_image(arrival_s, image_of(LAND, 40), 1000.0, 30.0, free) is None
-    found = with_image(arrival_s, image_of(LAND, 43), 1000.0, 30.0, free)
+    assert with_image(arrival_s, EVERYWHERE, image_of(LAND, 40), 1000.0, 30.0, free) is None
+    found = with_image(arrival_s, EVERYWHERE, image_of(LAND, 43), 1000.0, 30.0, free)
     assert found is not None
     new_s, changed = found
     assert np.flatnonzero(changed[0]).tolist() == [40, 41, 42, 43]
@@ -116,7 +120,7 @@ def test_cells_that_were_not_seen_or_cannot_burn_keep_their_times() -> None:
     state[:50] = UNSEEN
     cannot = np.zeros(LAND.shape, dtype=bool)
     cannot[:, 2] = True
-    found = with_image(arrival_s, state, 1000.0, 30.0, cannot)
+    found = with_image(arrival_s, EVERYWHERE, state, 1000.0, 30.0, cannot)
     assert found is not None
     assert np.isinf(found[0][:50]).all()
     assert np.isinf(found[0][:, 2]).all()

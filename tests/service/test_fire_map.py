@@ -5,15 +5,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from firemodel.assimilation.observation import BURNED, UNBURNED, UNSEEN
+from mission_service.fire.observed_window import states_in
 from mission_service.guidance.fire_map import (
-    BURNED,
-    UNBURNED,
-    UNKNOWN,
     FireMap,
     circular_mean,
     fill_circular,
     front_in_window,
-    window_codes,
 )
 
 
@@ -28,12 +26,12 @@ def fresh_map(baseline_s: float = 300.0) -> FireMap:
 
 
 def test_observation_strings_become_codes() -> None:
-    found = window_codes((".ub", "bu."))
-    assert found.tolist() == [[UNKNOWN, UNBURNED, BURNED], [BURNED, UNBURNED, UNKNOWN]]
+    found = states_in((".ub", "bu."))
+    assert found.tolist() == [[UNSEEN, UNBURNED, BURNED], [BURNED, UNBURNED, UNSEEN]]
 
 
 def test_burned_ground_at_the_edge_of_the_view_is_not_front() -> None:
-    window = window_codes(("bbb.", "bbb.", "bbu."))
+    window = states_in(("bbb.", "bbb.", "bbu."))
     assert front_in_window(window).tolist() == [
         [False, False, False, False],
         [False, False, True, False],

@@ -7,6 +7,7 @@ import pytest
 import shapely
 from numpy.typing import NDArray
 
+from firemodel.assimilation.observation import BURNED, UNBURNED
 from firemodel.physics.weather import WeatherStream
 from mission_service.experiments.fires import BRUSH, Burn, burn, flat, of_one_fuel, wind
 from mission_service.experiments.islam_hu.ideal_flight import fly
@@ -16,7 +17,7 @@ from mission_service.experiments.islam_hu.predictive_flight import (
     predictive_planner,
 )
 from mission_service.experiments.islam_hu.scenarios import perimeter_planner
-from mission_service.guidance.fire_map import BEARINGS, BURNED, EAST, NORTH, UNBURNED
+from mission_service.guidance.fire_map import BEARINGS, EAST, NORTH
 from mission_service.guidance.front.front_estimate import FrontEstimate
 from mission_service.guidance.front.front_shape import hull_of
 from mission_service.guidance.front.predictive_planner import PredictivePlanner, model_of

@@ -37,7 +37,7 @@ WRONG = ("simulation.fire.wind_turn_deg=40", "simulation.fire.spread_factor=1.5"
 
 
 class Poisoned:
-    """An object whose attributes raise outside the modules of simulated sensors."""
+    """An object with attributes that raise outside the modules of simulated sensors."""
 
     def __init__(self, held: Any) -> None:
         object.__setattr__(self, "_held", held)
@@ -173,7 +173,7 @@ def test_without_a_simulated_fire_the_estimate_is_flown(tmp_path: Path) -> None:
 
 
 def test_images_that_contradict_a_correction_reach_the_planners(tmp_path: Path) -> None:
-    """Else a planner would fly around a fire that nobody sees."""
+    """Else a planner would fly around a fire that no camera sees."""
     scenario = load_scenario("default", ("deploy_at_s=600", "planner.rule=circling"))
     world = world_in(tmp_path, scenario)
     world.fly(900.0)

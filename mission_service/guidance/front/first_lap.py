@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mission_service.events import Observed
-from mission_service.guidance.fire_map import BEARINGS, FireMap, window_codes
+from mission_service.fire.observed_window import states_in
+from mission_service.guidance.fire_map import BEARINGS, FireMap
 from mission_service.guidance.front.front_path import centre_of_area, turned_deg
 
 ROUND_AGAIN_DEG = 360.0
@@ -36,7 +37,7 @@ class LapProgress:
 
 def view_of(observed: Observed) -> CameraView:
     """Return the camera window in an observation."""
-    return observed.row, observed.col, window_codes(observed.cells), observed.at_us / 1e6
+    return observed.row, observed.col, states_in(observed.cells), observed.at_us / 1e6
 
 
 def append_view(seen: list[CameraView], one: CameraView) -> None:

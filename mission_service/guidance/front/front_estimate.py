@@ -22,9 +22,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from firemodel.assimilation.observation import BURNED, UNBURNED
 from firemodel.landscape.landscape import Landscape
 from firemodel.spread.front_rates import FrontRates
-from mission_service.guidance.fire_map import BEARINGS, BURNED, EAST, NORTH, UNBURNED, taken_back
+from mission_service.guidance.fire_map import BEARINGS, EAST, NORTH, taken_back
 from mission_service.guidance.front.front_estimate_kernels import (
     BASELINE_CELLS,
     BASELINE_S,

@@ -22,8 +22,10 @@ from mission_service.events import (
     Telemetry,
     UploadFinished,
 )
+from mission_service.fire.observed_window import states_in
 from mission_service.fire.setup import fire_position, warnings_on
-from mission_service.guidance.fire_map import BEARINGS, FireMap, window_codes
+from mission_service.fire.simulated_cameras import fires_of_run
+from mission_service.guidance.fire_map import BEARINGS, FireMap
 from mission_service.guidance.registry import way_of
 from mission_service.journal.reader import JournalReader
 from mission_service.replay.distance_error import TrueShape
@@ -140,8 +142,7 @@ class _Analyser:
         return self._analysis
 
     def _apply_to_fires(self, event: AnyEvent, commands: list[AnyCommand]) -> None:
-        fires = (self._estimate,) if self._cameras is None else (self._cameras, self._estimate)
-        for each in fires:
+        for each in fires_of_run(self._cameras, self._estimate):
             each.apply_history(event)
             for command in commands:
                 each.on_command(command)
@@ -179,7 +180,7 @@ class _Analyser:
     def _note_observation(self, observed: Observed) -> None:
         """Record the bearings of the front in view; an observation after a gap is a new visit."""
         assert self._map is not None
-        window, at_s = window_codes(observed.cells), observed.at_us / 1e6
+        window, at_s = states_in(observed.cells), observed.at_us / 1e6
         if observed.corrects:
             self._map.correct(observed.row, observed.col, window, at_s)
             return
