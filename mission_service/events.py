@@ -21,6 +21,7 @@ Altitude = Annotated[float, Meta(ge=-12_000, le=100_000)]  # m
 Velocity = Annotated[float, Meta(ge=-1000, le=1000)]  # m/s, one component
 WindSpeed = Annotated[float, Meta(ge=0, le=150)]  # m/s
 Bearing = Annotated[float, Meta(ge=0, le=360)]
+Fraction = Annotated[float, Meta(ge=0, lt=1)]
 Percent = Annotated[float, Meta(ge=0, le=100)]
 Radius = Annotated[float, Meta(ge=0, le=1e6)]  # m
 Count = Annotated[int, Meta(ge=0, le=2**40)]
@@ -74,14 +75,20 @@ class MissionProgress(Event, frozen=True, tag=True):
     current_seq: Count
 
 
-class Observed(Event, frozen=True, tag=True):
+class Observed(Event, frozen=True, tag=True, omit_defaults=True):
     """A camera's observation of a window of cells; (``row``, ``col``) is its north-west cell.
 
     Each string is a row, from north to south, and each of its characters is a cell, from west to
-    east. ``.`` is a cell outside the footprint, ``u`` is unburned, and ``b`` is burning or burned.
+    east. ``.`` is a cell outside the footprint or behind smoke, ``u`` is unburned, and ``b`` is
+    burning or burned.
     With ``corrects`` the window is an operator's correction and replaces earlier observations of
     these cells. With ``estimated`` no camera saw the window: it is the part of the estimate that a
     camera would show, for planners in a run without images.
+
+    ``position_sd_m`` is the standard deviation of the window's position, ``missed`` the share of
+    burned cells that are reported as unburned, and ``false_alarms`` the share of unburned cells
+    that are reported as burned. ``source`` names the sensor; it is empty for the vehicle's camera.
+    A ``distrusted`` window contradicts other sources: planners and the estimate do not use it.
     """
 
     row: CellIndex
@@ -89,6 +96,11 @@ class Observed(Event, frozen=True, tag=True):
     cells: tuple[str, ...]
     corrects: bool = False
     estimated: bool = False
+    source: str = ""
+    position_sd_m: Radius = 10.0
+    missed: Fraction = 0.0
+    false_alarms: Fraction = 0.0
+    distrusted: bool = False
 
 
 class WindMeasured(Event, frozen=True, tag=True):

@@ -12,6 +12,7 @@ from firemodel.landscape.rasterise import cells_of
 
 UNSEEN, UNBURNED, BURNED = 0, 1, 2
 FILTER_CELLS = 3  # side of the window of the majority filter
+MIN_SEEN = 6
 
 
 class Observation(NamedTuple):
@@ -60,7 +61,9 @@ def burned_cells(area: Any, landscape: Landscape) -> Mask:
 def despeckled(observation: Observation) -> NDArray[np.uint8]:
     """Return the states (y, x) after a majority filter, if there are wrong cells.
 
-    The filter sets each seen cell to the state of most of the seen cells in a window of 3 x 3.
+    The filter sets each seen cell to the state of most of the seen cells in a window of 3 x 3. A
+    cell with fewer than ``MIN_SEEN`` of them becomes unseen: at the edge of an image, two or three
+    wrong cells would outvote the others.
     """
     state = observation.state
     if not (observation.missed or observation.false_alarms):
@@ -71,5 +74,5 @@ def despeckled(observation: Observation) -> NDArray[np.uint8]:
         for each in (seen, state == BURNED)
     )
     found = np.where(2.0 * burned > count, BURNED, UNBURNED).astype(np.uint8)
-    found[~seen] = UNSEEN
+    found[~seen | (count * FILTER_CELLS**2 < MIN_SEEN - 0.5)] = UNSEEN
     return found

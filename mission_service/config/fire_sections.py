@@ -204,10 +204,12 @@ class EstimateSection(Section):
     """The ensemble that estimates a fire from observations.
 
     ``perimeter_error_m`` is the standard deviation of the outlines of mapped perimeters.
+    ``sensors`` are the names of other packages' sensors (``fire/sensors.py``) that are used.
     """
 
     members: Annotated[int, Field(ge=2, le=1000)] = 24
     perimeter_error_m: Annotated[float, Field(gt=0, le=1000)] = 20.0
+    sensors: tuple[str, ...] = ()
 
 
 class SimulatedFireSection(Section):
@@ -223,7 +225,25 @@ class SimulatedFireSection(Section):
     spread_factor: Annotated[float, Field(ge=0.05, le=20)] = 1.0
 
 
+class SimulatedCameraSection(Section):
+    """The simulated cameras; ``kind`` is a sensor of ``simulated_cameras.KINDS``.
+
+    The other keys do not apply to ``ideal`` cameras. ``gps_sd_m`` and ``gimbal_sd_deg`` are
+    standard deviations of the position and of the camera's direction. ``missed`` is the share of
+    burned cells that an image shows as unburned, and ``false_alarms`` the reverse. Smoke covers the
+    ground up to ``smoke_m`` downwind of burning cells; thermal cameras see through it.
+    """
+
+    kind: Literal["ideal", "thermal", "visible"] = "ideal"
+    gps_sd_m: Annotated[float, Field(ge=0, le=1000)] = 1.5
+    gimbal_sd_deg: Annotated[float, Field(ge=0, le=45)] = 0.5
+    missed: Annotated[float, Field(ge=0, lt=1)] = 0.05
+    false_alarms: Annotated[float, Field(ge=0, lt=1)] = 0.01
+    smoke_m: Annotated[float, Field(ge=0, le=10_000)] = 300.0
+
+
 class SimulationSection(Section):
     """What is simulated; without ``fire`` no fire is simulated and no simulated camera observes."""
 
     fire: SimulatedFireSection | None = None
+    camera: SimulatedCameraSection = SimulatedCameraSection()

@@ -11,6 +11,7 @@ from firemodel.landscape.landscape import Landscape
 from mission_service import events
 from mission_service.commands import AnyCommand, UploadMission
 from mission_service.config.scenario import Scenario
+from mission_service.fire.observed_window import without_speckles
 from mission_service.guidance.protocol import Decision, Steered
 from mission_service.position_fix import PositionFix
 from mission_service.vehicles.availability import (
@@ -90,7 +91,10 @@ class DecisionEngine:
 
     def _observed(self, availability: VehicleAvailability, event: events.Observed) -> None:
         planner = self.planners[event.vehicle]
-        (planner.correct if event.corrects else planner.observe)(event)
+        if event.corrects:
+            planner.correct(event)
+        elif not event.distrusted:
+            planner.observe(without_speckles(event))
 
     def _wind_measured(self, availability: VehicleAvailability, event: events.WindMeasured) -> None:
         if availability.airborne:  # on the ground the estimate is unreliable

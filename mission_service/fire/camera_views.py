@@ -1,15 +1,26 @@
 """Compute which cells of a fire the vehicles' cameras show, and when an image is due."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
+from firemodel.arrays import Mask, window_at
 from firemodel.landscape.landscape import Landscape
 from firemodel.spread.fire_scheme import Fire
 from mission_service import events
 from mission_service.config.scenario import Scenario
 from mission_service.fire.camera import Camera, beyond_rectangle, camera_of
 from mission_service.fire.observed_window import in_letters
+
+
+class Footprint(NamedTuple):
+    """The cells that a camera shows; (``top``, ``left``) is the north-west cell of the window."""
+
+    top: int
+    left: int
+    beyond: Mask  # (y, x) the cells of the window that lie outside the footprint
+    height_m: float  # of the camera above the ground
 
 
 class CameraViews:
@@ -51,6 +62,12 @@ class CameraViews:
         """
         return observed(fire, fix, self._cameras[fix.vehicle], wider_cells)
 
+    def footprint(
+        self, fix: events.Telemetry, land: Landscape, wider_cells: float = 0.0
+    ) -> Footprint | None:
+        """Return the cells that a vehicle's camera shows, or None off the landscape."""
+        return footprint_of(land, fix, self._cameras[fix.vehicle], wider_cells)
+
     def _set_fault(self, vehicle: str, source: str, good: bool) -> None:
         faults = self._faults[vehicle]
         if good:
@@ -63,7 +80,26 @@ def observed(
     fire: Fire, fix: events.Telemetry, camera: Camera, wider_cells: float = 0.0
 ) -> events.Observed | None:
     """Return what a camera sees of a fire from a position, or None off the landscape."""
-    land: Landscape = fire.landscape
+    shown = footprint_of(fire.landscape, fix, camera, wider_cells)
+    if shown is None:
+        return None
+    arrived = fire.arrival_time_s[window_at(shown.top, shown.left, shown.beyond.shape)]
+    return image_of(fix, shown, arrived <= fix.at_us / 1e6)
+
+
+def image_of(
+    fix: events.Telemetry, shown: Footprint, burned: Mask, unseen: Mask | None = None
+) -> events.Observed:
+    """Return the image of the burned cells (y, x) in a footprint, without the ``unseen`` ones."""
+    codes = np.where(burned, ord("b"), ord("u")).astype(np.uint8)
+    codes[shown.beyond if unseen is None else shown.beyond | unseen] = ord(".")
+    return events.Observed(fix.at_us, fix.vehicle, shown.top, shown.left, in_letters(codes))
+
+
+def footprint_of(
+    land: Landscape, fix: events.Telemetry, camera: Camera, wider_cells: float = 0.0
+) -> Footprint | None:
+    """Return the cells that a camera shows from a position, or None off the landscape."""
     x_m, y_m = land.xy_of_lat_lon(fix.lat_deg, fix.lon_deg)
     if not math.isfinite(x_m + y_m):  # too far from the landscape for its projection
         return None
@@ -83,8 +119,6 @@ def observed(
     )
     if radius <= 0.0 or top > bottom or left > right:
         return None
-    arrived = fire.arrival_time_s[top : bottom + 1, left : right + 1]
-    codes = np.where(arrived <= fix.at_us / 1e6, ord("b"), ord("u")).astype(np.uint8)
     rows = np.arange(top, bottom + 1)[:, None] - row
     cols = np.arange(left, right + 1)[None, :] - col
     if camera.along_rad is None:
@@ -92,8 +126,7 @@ def observed(
     else:
         heading_deg = land.grid_deg(fix.heading_deg)
         beyond = beyond_rectangle(rows, cols, heading_deg, half_width, half_length)
-    codes[beyond] = ord(".")
-    return events.Observed(fix.at_us, fix.vehicle, top, left, in_letters(codes))
+    return Footprint(top, left, beyond, height_m)
 
 
 def arrival_at(fire: Fire, row: int, col: int) -> float | None:

@@ -19,6 +19,7 @@ from mission_service.fire.correction_log import (
     observations_held,
     observations_of_correction,
 )
+from mission_service.fire.observed_window import without_speckles
 
 if TYPE_CHECKING:
     from firemodel.assimilation.gaussian import GaussianCorrected
@@ -124,9 +125,9 @@ class EstimatedFire:
                 self.log.refuse_no_effect(event)
                 self.log.apply(event)
                 self._collect_observations()
-            case events.Observed() if self._burn.camera_corrects:
+            case events.Observed(distrusted=False) if self._burn.camera_corrects:
                 at_s, fire = event.at_us / 1e6, self.base.lit(self.held)
-                self._seen.fold(event.row, event.col, event.cells, at_s, fire)
+                self._seen.fold(event.row, event.col, without_speckles(event).cells, at_s, fire)
                 if at_s - self._looked_s >= CAMERA_EVERY_S:
                     self._looked_s = at_s
                     self._collect_observations()

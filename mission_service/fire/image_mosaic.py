@@ -5,10 +5,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from firemodel.arrays import Floats, Place, bounds_of, window_at
-from firemodel.assimilation.observation import UNSEEN
+from firemodel.arrays import Floats, Place, bounds_of
+from firemodel.assimilation.observation import UNSEEN, Observation, despeckled
 from mission_service.events import Observed
-from mission_service.fire.observed_window import states_in
+from mission_service.fire.observed_window import observation_in
 
 
 class Mosaic(NamedTuple):
@@ -18,6 +18,12 @@ class Mosaic(NamedTuple):
     here: Place  # the window
     state: NDArray[np.uint8]  # (y, x) UNSEEN, UNBURNED or BURNED
     seen_s: Floats  # (y, x) the time of the sighting
+    position_sd_m: float  # the largest of its images
+
+    def observation(self) -> Observation:
+        """Return the sightings as one observation at ``at_s``."""
+        top, left = (int(each.start) for each in self.here)
+        return Observation(self.at_s, top, left, self.state, self.position_sd_m)
 
 
 class ImageMosaic:
@@ -31,12 +37,14 @@ class ImageMosaic:
         self.state = np.full(shape, UNSEEN, dtype=np.uint8)
         self.seen_s = np.full(shape, -np.inf)
         self._is_empty = True
+        self._position_sd_m = 0.0
 
     def add(self, image: Observed) -> None:
         """Add an image."""
-        state = states_in(image.cells)
-        here = window_at(image.row, image.col, state.shape)
-        self.add_sightings(here, state, np.full(state.shape, image.at_us / 1e6))
+        seen = observation_in(image)
+        state = despeckled(seen)
+        self.add_sightings(seen.where, state, np.full(state.shape, seen.at_s))
+        self._position_sd_m = max(self._position_sd_m, seen.position_sd_m)
 
     def add_sightings(self, here: Place, state: NDArray[np.uint8], seen_s: Floats) -> None:
         """Add states (y, x) of a window with their times; later sightings of a cell replace it."""
@@ -50,6 +58,9 @@ class ImageMosaic:
         if self._is_empty:
             return None
         here = bounds_of(self.state != UNSEEN)
-        found = Mosaic(at_s, here, self.state[here].copy(), self.seen_s[here].copy())
-        self.state[here], self.seen_s[here], self._is_empty = UNSEEN, -np.inf, True
+        found = Mosaic(
+            at_s, here, self.state[here].copy(), self.seen_s[here].copy(), self._position_sd_m
+        )
+        self.state[here], self.seen_s[here] = UNSEEN, -np.inf
+        self._is_empty, self._position_sd_m = True, 0.0
         return found

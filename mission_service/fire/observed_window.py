@@ -3,16 +3,26 @@
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from firemodel.arrays import Mask
-from firemodel.assimilation.observation import BURNED, UNBURNED, UNSEEN
+from firemodel.assimilation.observation import (
+    BURNED,
+    UNBURNED,
+    UNSEEN,
+    Observation,
+    despeckled,
+)
 from firemodel.spread.fire_scheme import Fire
+from mission_service.events import Observed
 
 AROUND_CELLS = 3  # margin of a reported window, which includes the edge of the change
 STATE_OF_LETTER = np.full(256, UNSEEN, dtype=np.uint8)
 STATE_OF_LETTER[ord("b")], STATE_OF_LETTER[ord("u")] = BURNED, UNBURNED
+
+LETTERS = np.frombuffer(b".ub", dtype=np.uint8)  # by state
 
 
 class Window(NamedTuple):
@@ -37,6 +47,28 @@ def window_around(cells: Mask, fire: Fire) -> Window:
     below, right = (int(each.max()) + AROUND_CELLS + 1 for each in (rows, cols))
     shown = burned[top:below, left:right]
     return Window(top, left, in_letters(np.where(shown, ord("b"), ord("u"))))
+
+
+def observation_in(image: Observed) -> Observation:
+    """Return the observation in a camera's image."""
+    return Observation(
+        image.at_us / 1e6,
+        image.row,
+        image.col,
+        states_in(image.cells),
+        image.position_sd_m,
+        image.missed,
+        image.false_alarms,
+        image.source or image.vehicle,
+    )
+
+
+def without_speckles(image: Observed) -> Observed:
+    """Return an image after a majority filter, if its sensor makes errors of detection."""
+    if not (image.missed or image.false_alarms):
+        return image
+    codes = LETTERS[despeckled(observation_in(image))]
+    return msgspec.structs.replace(image, cells=in_letters(codes), missed=0.0, false_alarms=0.0)
 
 
 def in_letters(codes: NDArray[Any]) -> tuple[str, ...]:

@@ -44,13 +44,20 @@ from mission_service.fire.camera_views import CameraViews, arrival_at
 from mission_service.fire.corrected_fire import CorrectedFire, burning_now, drawn_at_s
 from mission_service.fire.ignition_reports import ignition_reports_of
 from mission_service.fire.image_mosaic import ImageMosaic, Mosaic
-from mission_service.fire.observed_window import Window, states_in, window_around, window_of_change
+from mission_service.fire.observed_window import (
+    Window,
+    observation_in,
+    states_in,
+    window_around,
+    window_of_change,
+)
 from mission_service.fire.run_ensemble import Lit, RunEnsemble, WeatherSet
 from mission_service.fire.setup import begun_again, cells_lit, reported_fire
+from mission_service.fire.source_agreement import SourceAgreement
 
 PERIOD_US = 30_000_000  # images are written into the estimate at multiples of this mission time
 MAX_WAITING = 20  # periods; their images are then written even if the estimate is not read
-CAMERA_SD_M, CORRECTION_SD_M = 10.0, 1.0  # standard deviations of positions
+CORRECTION_SD_M = 1.0  # standard deviation of positions
 OWN_DRAWS = 2  # the estimate of a random scheme must not predict the simulated fire's draws
 OF_FIRE = (Corrected, Erased, Undone, Redone, WindSet)  # reports that change the estimate
 
@@ -80,6 +87,7 @@ class RunEstimate:
         # Cells that planners received as burned in corrections; images may have removed them since.
         self._reported = np.zeros(landscape.shape, dtype=bool)
         self._contradicted: Window | None = None
+        self.agreement = SourceAgreement(landscape.shape, landscape.cell_size_m)
         self.ensemble = RunEnsemble(scenario, landscape)
 
     def advance(self, at_us: int) -> None:
@@ -130,7 +138,9 @@ class RunEstimate:
             if event.corrects:
                 self._contradicted = None
             elif not event.estimated:
-                self._on_image(event)
+                self.agreement.add(observation_in(event))
+                if not event.distrusted:
+                    self._on_image(event)
         elif (reported := self._ignitions.reported_in(event)) is not None:
             self._advance_to_event(event)
             cells = cells_lit(reported.points, self.landscape)
@@ -217,10 +227,9 @@ class RunEstimate:
     def _write(self, mosaic: Mosaic) -> None:
         """Write the images of a period into the fire with and without corrections."""
         self._burn_until(mosaic.at_s)
-        top, left = (int(each.start) for each in mosaic.here)
-        self.ensemble.add_image(Observation(mosaic.at_s, top, left, mosaic.state, CAMERA_SD_M))
+        self.ensemble.add_image(mosaic.observation())
         self._limit_ensemble()
-        self._sightings.add_sightings(*mosaic[1:])
+        self._sightings.add_sightings(*mosaic[1:4])
         before = self.fire
         self.fire = self._corrected.changed(before, partial(self._rewritten, mosaic=mosaic))
         if self.fire is before or not self._reported.any():
@@ -233,7 +242,7 @@ class RunEstimate:
     def _rewritten(self, fire: Fire, mosaic: Mosaic) -> Fire:
         """Return the fire after an image, which is ``fire`` itself if both agree."""
         cell_m = self.landscape.cell_size_m
-        found = with_image(fire.expected_s(), *mosaic[1:], cell_m, self._unburnable)
+        found = with_image(fire.expected_s(), *mosaic[1:4], cell_m, self._unburnable)
         if found is None:
             return fire
         arrival_s, changed = found
@@ -250,7 +259,7 @@ class RunEstimate:
         seen = self._sightings
         state = np.where(seen.seen_s > drawn_at_s(held, self.landscape), seen.state, UNSEEN)
         whole = window_at(0, 0, state.shape)
-        return self._rewritten(fire, Mosaic(fire.time_s, whole, state, seen.seen_s))
+        return self._rewritten(fire, Mosaic(fire.time_s, whole, state, seen.seen_s, 0.0))
 
 
 def _lit(fire: Fire, cells: Sequence[tuple[int, int]], at_s: float) -> Fire:

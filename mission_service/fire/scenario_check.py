@@ -7,6 +7,7 @@ from firemodel.landscape.landscape import crs_label
 from mission_service.config.scenario import Scenario
 from mission_service.config.shared_links import sharing
 from mission_service.errors import ScenarioError
+from mission_service.fire.sensors import sensors_of
 from mission_service.fire.setup import check_fire, landscape_of, warnings_on
 
 
@@ -14,6 +15,7 @@ def check(scenario: Scenario) -> dict[str, Any]:
     """Load all inputs of a scenario and return a summary; raise an error for any problem."""
     landscape = landscape_of(scenario)
     check_fire(scenario, landscape)
+    sensors_of(scenario, landscape)
     sharing(scenario.vehicles)
     for vehicle in scenario.vehicles:
         if vehicle.signing_key is not None:

@@ -4,11 +4,14 @@ In a simulation and in a live run the fire advances with the clock; a replay adv
 events of a journal.
 """
 
+import msgspec
+
 from firemodel.landscape.landscape import Landscape
 from mission_service.commands import AnyCommand
 from mission_service.config.scenario import Scenario
 from mission_service.events import AnyEvent, Observed, Telemetry
-from mission_service.fire.camera_views import CameraViews, arrival_at
+from mission_service.fire.camera_errors import CameraErrors
+from mission_service.fire.camera_views import CameraViews, arrival_at, image_of
 from mission_service.fire.ignition_reports import ignition_reports_of
 from mission_service.fire.run_estimate import RunEstimate
 from mission_service.fire.simulated_fire import SimulatedFire, simulated_fire_of
@@ -23,6 +26,7 @@ class SimulatedCameras:
     def __init__(self, scenario: Scenario, fire: SimulatedFire) -> None:
         """Set the simulated fire; only evaluations after a run may read it elsewhere."""
         self.fire = fire
+        self._errors = CameraErrors(scenario)
         self._views = CameraViews(scenario)
         self._ignitions = ignition_reports_of(scenario)
 
@@ -30,7 +34,7 @@ class SimulatedCameras:
         """Advance the simulated fire to this mission time; an earlier time has no effect."""
         self.fire.advance(at_us)
 
-    def image(self, fix: Telemetry) -> Observed | None:
+    def observe(self, fix: Telemetry) -> Observed | None:
         """Return the image of a vehicle's camera from a position if one is due, or None."""
         return self.seen_from(fix) if self._views.is_due(fix) else None
 
@@ -40,7 +44,17 @@ class SimulatedCameras:
         ``wider_cells`` is added to the footprint of the camera on each side.
         """
         self.fire.advance(fix.at_us)
-        return self._views.seen_from(fix, self.fire.fire, wider_cells)
+        settings = self._errors.settings
+        shown = self._views.footprint(fix, self.fire.fire.landscape, wider_cells)
+        if shown is None or settings.kind == "ideal":
+            return self._views.seen_from(fix, self.fire.fire, wider_cells)
+        image = self._errors.shown(self.fire.fire, fix, shown)
+        return msgspec.structs.replace(
+            image_of(fix, shown, image.burned, image.unseen),
+            position_sd_m=round(image.position_sd_m, 2),
+            missed=settings.missed,
+            false_alarms=settings.false_alarms,
+        )
 
     def arrival_s(self, row: int, col: int) -> float | None:
         """Return the simulated fire's arrival time at a cell; None if unburned or off the grid."""

@@ -21,6 +21,8 @@ from collections.abc import Callable, Iterable
 from functools import cached_property, partial
 from typing import Any
 
+import msgspec
+
 from firemodel.errors import FireModelError
 from firemodel.spread.edge import at_edge
 from firemodel.spread.fire_scheme import Fire
@@ -60,6 +62,7 @@ from mission_service.events import (
 )
 from mission_service.fire.observed_window import Window
 from mission_service.fire.run_estimate import OF_FIRE, RunEstimate
+from mission_service.fire.sensors import sensors_of
 from mission_service.fire.simulated_cameras import SimulatedCameras, fires_of_run
 from mission_service.guidance.registry import lock_of
 from mission_service.journal.guarded_journal import GuardedJournal
@@ -121,6 +124,7 @@ class Engine:
         self._scenario = scenario
         self.core = core
         self.cameras = cameras
+        self.sensors = sensors_of(scenario, estimate.landscape)
         self.estimate = estimate
         self.state_view = state_view
         self.recording = GuardedJournal(journal)
@@ -157,9 +161,8 @@ class Engine:
                 if not self._handle(event, now_us):
                     self._show_unrecorded(event)
             elif (body := self._body_of(event)) is not None:  # before the image is taken
-                image = self._image(event)
-                if image is not None:
-                    self._handle(image, now_us)
+                for image in self._images(event):
+                    self._handle(self._with_trust(image), now_us)
                 if self._written(event, body):
                     self._process(event, now_us)
                 else:
@@ -176,6 +179,9 @@ class Engine:
             return
         self._estimate_due_us = at_us + ESTIMATE_CHECK_EVERY_US
         self.estimate.advance(at_us)
+        texts = self.estimate.agreement.contradictions()
+        self.state_view.show_alarms("camera", texts, "severe")
+        self.state_view.show_alarms("sensor", self.sensors.failed, "severe")
         window = self.estimate.contradicted()
         if window is not None:
             self._queue(window)
@@ -186,13 +192,20 @@ class Engine:
             place = (found.lat_deg, found.lon_deg)
             self._handle(FireReachedEdge(at_us, SERVICE, "", arrived_us, *place), now_us)
 
-    def _image(self, fix: Telemetry) -> Observed | None:
-        """Return the image of a simulated camera if one is due.
+    def _images(self, fix: Telemetry) -> list[Observed]:
+        """Return new observations of the sensors.
 
         Without a simulated fire, planners receive the part of the estimate that a camera would
         show.
         """
-        return self.estimate.view(fix) if self.cameras is None else self.cameras.image(fix)
+        image = self.estimate.view(fix) if self.cameras is None else self.cameras.observe(fix)
+        return self.sensors.observe(fix) + ([] if image is None else [image])
+
+    def _with_trust(self, image: Observed) -> Observed:
+        """Mark an image as distrusted if its source contradicts the other sources."""
+        if (image.source or image.vehicle) not in self.estimate.agreement.distrusted:
+            return image
+        return msgspec.structs.replace(image, distrusted=True)
 
     def advance_fire(self, at_us: int) -> None:
         """Advance the simulated fire, if there is one, and the estimate to a mission time."""
@@ -440,6 +453,7 @@ class Engine:
             self._handle(self._held_back.popleft(), now_us)
 
     def _apply_event_to_fire(self, event: AnyEvent) -> None:
+        self.sensors.on_event(event)
         for fire in fires_of_run(self.cameras, self.estimate):
             fire.on_event(event)
 

@@ -8,7 +8,7 @@ their keys. The figures of the run (``statistics``) are part of it.
 
 import math
 from collections import deque
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, ClassVar
 
 from firemodel.landscape.landscape import Landscape
@@ -84,6 +84,7 @@ OF_FIRE = ("edge", "input")  # prefixes of the alarms about the fire, which a re
 OF_FLIGHT = (
     *("link", "silent", "position", "battery", "mission", "order", "abort", "near"),
     *("mode", "state", "fence", "estimator", "autopilot", "front", "landed", "unrecorded"),
+    *("camera", "sensor"),
     *OF_FIRE,
 )
 
@@ -191,6 +192,14 @@ class StateView:
         if before is None:
             self.statistics.alarms[key.partition("/")[0]] += 1
         self._touch("alarms")
+
+    def show_alarms(self, prefix: str, texts: Mapping[str, str], severity: Severity) -> None:
+        """Raise ``prefix/NAME`` for each name with a text, and clear all others of the prefix."""
+        for key in [key for key in self.alarms if key.startswith(f"{prefix}/")]:
+            if key.partition("/")[2] not in texts:
+                self.clear(key)
+        for name, text in texts.items():
+            self.alarm(f"{prefix}/{name}", text, severity)
 
     def clear(self, key: str) -> None:
         """Clear an alarm."""

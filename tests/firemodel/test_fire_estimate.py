@@ -195,7 +195,10 @@ def test_a_single_wrong_cell_is_filtered() -> None:
     state = np.full((9, 9), UNBURNED, dtype=np.uint8)
     state[4, 4], state[:, 0] = BURNED, UNSEEN
     found = despeckled(Observation(0.0, 0, 0, state, false_alarms=0.01))
-    assert (found[:, 1:] == UNBURNED).all()
+    corners = np.zeros_like(state, dtype=bool)  # with too few cells in view
+    corners[[0, 0, -1, -1], [1, -1, 1, -1]] = True
+    assert (found[:, 1:][~corners[:, 1:]] == UNBURNED).all()
+    assert (found[corners] == UNSEEN).all()
     assert (found[:, 0] == UNSEEN).all()
     np.testing.assert_array_equal(despeckled(Observation(0.0, 0, 0, state)), state)
 

@@ -22,7 +22,7 @@ from mission_service.events import (
     Telemetry,
     UploadFinished,
 )
-from mission_service.fire.observed_window import states_in
+from mission_service.fire.observed_window import states_in, without_speckles
 from mission_service.fire.setup import fire_position, warnings_on
 from mission_service.fire.simulated_cameras import fires_of_run
 from mission_service.guidance.fire_map import BEARINGS, FireMap
@@ -157,7 +157,7 @@ class _Analyser:
 
     def _note(self, event: AnyEvent, commands: list[AnyCommand]) -> None:
         match event:
-            case Observed() if self._map is not None:
+            case Observed(distrusted=False) if self._map is not None:
                 self._note_observation(event)
             case Telemetry() | LinkLost():
                 self._note_direction(event.vehicle, event.at_us)
@@ -180,7 +180,7 @@ class _Analyser:
     def _note_observation(self, observed: Observed) -> None:
         """Record the bearings of the front in view; an observation after a gap is a new visit."""
         assert self._map is not None
-        window, at_s = states_in(observed.cells), observed.at_us / 1e6
+        window, at_s = states_in(without_speckles(observed).cells), observed.at_us / 1e6
         if observed.corrects:
             self._map.correct(observed.row, observed.col, window, at_s)
             return

@@ -1,0 +1,106 @@
+"""Sensors of other packages: sources of observations of the fire, found by entry points.
+
+A scenario names them in ``estimate.sensors``. The service's own simulated cameras
+(``simulated_cameras``) have the same method ``observe``.
+"""
+
+from collections.abc import Callable, Mapping
+from importlib.metadata import entry_points
+from typing import Protocol
+
+import msgspec
+
+from firemodel.landscape.landscape import Landscape
+from mission_service.config.scenario import Scenario
+from mission_service.errors import ScenarioError
+from mission_service.events import AnyEvent, Observed, Telemetry
+
+GROUP = "mission_service.sensors"
+
+
+class Sensor(Protocol):
+    """A source of observations of the fire.
+
+    Its methods are called on the event loop and must return at once. A sensor that waits for files
+    or sockets does so in a thread and returns from ``observe`` what has arrived since.
+    """
+
+    def observe(self, fix: Telemetry) -> Observed | None:
+        """Return a new observation, or None.
+
+        The method is called with each position of a vehicle, before the position is processed. The
+        window of the observation lies on the landscape's grid. Its time is that of the position or
+        earlier, and its vehicle that of the position.
+        """
+
+    def on_event(self, event: AnyEvent) -> None:
+        """Process an event of the run, for example an attitude or a lost position fix."""
+
+
+MakeSensor = Callable[[Scenario, Landscape], Sensor]
+
+
+class Sensors:
+    """The sensors of a run. A sensor that fails is not used again; ``failed`` has the reason."""
+
+    def __init__(self, sensors: Mapping[str, Sensor], shape: tuple[int, int]) -> None:
+        """Set the sensors by name, and the shape (rows, columns) of the landscape's grid."""
+        self._sensors, self._shape = dict(sensors), shape
+        self.failed: dict[str, str] = {}
+
+    def observe(self, fix: Telemetry) -> list[Observed]:
+        """Return what the sensors observed until a vehicle's position."""
+        found = []
+        for name, sensor in list(self._sensors.items()):
+            try:
+                seen = sensor.observe(fix)
+                if seen is not None:
+                    found.append(self._checked(name, seen, fix))
+            except Exception as error:  # code of another package may raise anything
+                self._fail(name, error)
+        return found
+
+    def on_event(self, event: AnyEvent) -> None:
+        """Pass an event to the sensors."""
+        for name, sensor in list(self._sensors.items()):
+            try:
+                sensor.on_event(event)
+            except Exception as error:  # code of another package may raise anything
+                self._fail(name, error)
+
+    def _checked(self, name: str, seen: Observed, fix: Telemetry) -> Observed:
+        """Return an observation with its source. Raises ValueError if it cannot be used."""
+        widths = {len(row) for row in seen.cells}
+        rows, cols = self._shape
+        if len(widths) != 1 or not "".join(seen.cells).strip("."):
+            raise ValueError("its window has rows of different lengths, or no observed cell")
+        if not (0 <= seen.row <= rows - len(seen.cells) and 0 <= seen.col <= cols - widths.pop()):
+            raise ValueError(f"its window exceeds the landscape's grid of {rows} x {cols} cells")
+        if seen.vehicle != fix.vehicle or seen.at_us > fix.at_us:
+            raise ValueError("its vehicle is not that of the position, or its time is later")
+        return msgspec.structs.replace(seen, source=name)
+
+    def _fail(self, name: str, error: Exception) -> None:
+        del self._sensors[name]
+        words = " ".join(f"{type(error).__name__}: {error}".split())
+        self.failed[name] = f"sensor {name} failed and is not used until a restart: {words}"
+
+
+def sensors_of(scenario: Scenario, landscape: Landscape) -> Sensors:
+    """Return the sensors that a scenario names.
+
+    Raises ScenarioError for an unknown sensor, and for one that cannot be loaded or created.
+    """
+    found = {}
+    for name in scenario.estimate.sensors:
+        points = tuple(entry_points(group=GROUP, name=name))
+        where = f"{scenario.name}: estimate.sensors: {name}"
+        if len(points) != 1:
+            known = ", ".join(sorted({each.name for each in entry_points(group=GROUP)})) or "none"
+            raise ScenarioError(f"{where}: {len(points)} packages have it; installed are {known}")
+        try:
+            make: MakeSensor = points[0].load()
+            found[name] = make(scenario, landscape)
+        except Exception as error:  # code of another package may raise anything
+            raise ScenarioError(f"{where}: {type(error).__name__}: {error}") from error
+    return Sensors(found, landscape.shape)

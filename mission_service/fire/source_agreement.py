@@ -1,0 +1,121 @@
+"""Compare what several sources of images see, and find sources that contradict the others. Pure.
+
+A burned cell stays burned. If one source sees a cell as burned and another sees it as unburned at a
+later time, one of them is wrong. This holds for any fire and needs no model of its spread.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import binary_dilation
+
+from firemodel.arrays import Mask
+from firemodel.assimilation.observation import BURNED, UNBURNED, UNSEEN, Observation, despeckled
+
+COMPARED_EVERY_S = 5.0  # each source
+FORGOTTEN_S = 600.0  # time in which the weight of a comparison falls to 1/e
+MIN_CELLS = 30.0  # weight of the cells that two sources must have in common
+CONTRADICTORY = 0.1  # share of these cells
+BESIDE_CELLS = 3  # only burned cells this near to unburned ones count: all agree on the others
+WITHIN_SD = 2.0  # cells within this many standard deviations of a front are not compared
+SQUARE = np.ones((3, 3), dtype=bool)
+
+
+class Comparison(NamedTuple):
+    """The weights of the cells in which two sources agree and contradict each other."""
+
+    at_s: float = 0.0
+    agree: float = 0.0
+    contradict: float = 0.0
+
+    def with_cells(self, at_s: float, agree: int, contradict: int) -> "Comparison":
+        """Return the comparison with further cells at a time, which is not earlier."""
+        kept = math.exp(-(at_s - self.at_s) / FORGOTTEN_S)
+        return Comparison(at_s, kept * self.agree + agree, kept * self.contradict + contradict)
+
+    @property
+    def at_odds(self) -> bool | None:
+        """Whether the sources contradict each other; None with too few cells in common."""
+        count = self.agree + self.contradict
+        return self.contradict > CONTRADICTORY * count if count >= MIN_CELLS else None
+
+
+class SourceAgreement:
+    """The last sightings of each source, and a comparison of each pair of sources."""
+
+    def __init__(self, shape: tuple[int, int], cell_m: float) -> None:
+        """Begin without sources on a grid of this shape."""
+        self._shape, self._cell_m = shape, cell_m
+        self._state: dict[str, NDArray[np.uint8]] = {}  # (y, x) by source
+        self._compared: dict[tuple[str, str], Comparison] = {}
+        self._due_s: dict[str, float] = {}  # of the next comparison of each source
+        self.distrusted: frozenset[str] = frozenset()
+
+    def add(self, image: Observation) -> None:
+        """Add an image, which must not be earlier than the one before."""
+        state, source = despeckled(image), image.source
+        if source not in self._state:
+            self._state[source] = np.full(self._shape, UNSEEN, dtype=np.uint8)
+            self._due_s[source] = image.at_s
+        if image.at_s >= self._due_s[source]:
+            self._due_s[source] = image.at_s + COMPARED_EVERY_S
+            self._compare(image, state)
+            self.distrusted = self._contradicting_most()
+        seen = state != UNSEEN
+        self._state[source][image.where][seen] = state[seen]
+
+    def _compare(self, image: Observation, state: NDArray[np.uint8]) -> None:
+        """Compare the filtered states (y, x) of an image with the sightings of other sources."""
+        reach = math.ceil(WITHIN_SD * image.position_sd_m / self._cell_m)
+        unburned = (state == UNBURNED) & ~_widened(state == BURNED, reach)
+        for other, its_state in self._state.items():
+            before = its_state[image.where]
+            burned = before == BURNED
+            if other == image.source or not burned.any():
+                continue
+            inside = burned & ~_widened(before == UNBURNED, reach)
+            contradict = int(np.count_nonzero(inside & unburned))
+            beside = _widened((before == UNBURNED) | (state == UNBURNED), BESIDE_CELLS)
+            agree = int(np.count_nonzero(burned & (state == BURNED) & beside))
+            if contradict or agree:
+                pair = (min(other, image.source), max(other, image.source))
+                known = self._compared.get(pair, Comparison(image.at_s))
+                self._compared[pair] = known.with_cells(image.at_s, agree, contradict)
+
+    def _contradicting_most(self) -> frozenset[str]:
+        """Return the sources that contradict most of the others.
+
+        At least three sources are needed: of two that contradict each other either may be wrong.
+        """
+        odds: dict[str, list[bool]] = {name: [] for name in self._state}
+        for pair, compared in self._compared.items():
+            if compared.at_odds is not None:
+                for name in pair:
+                    odds[name].append(compared.at_odds)
+        return frozenset(
+            name for name, found in odds.items() if sum(found) > max(1, len(found) / 2)
+        )
+
+    def contradictions(self) -> dict[str, str]:
+        """Return a text on each source that contradicts others, by the name of the source."""
+        found = {
+            one: f"the images of {one} and {other} contradict each other; check both cameras"
+            for (one, other), compared in sorted(self._compared.items())
+            if compared.at_odds and self.distrusted.isdisjoint((one, other))
+        }
+        return found | {name: self._words_on(name) for name in sorted(self.distrusted)}
+
+    def _words_on(self, source: str) -> str:
+        own = [each for pair, each in self._compared.items() if source in pair]
+        contradict = sum(each.contradict for each in own)
+        share = contradict / (contradict + sum(each.agree for each in own))
+        return (
+            f"the images of {source} are not used: in {share:.0%} of the burned cells they "
+            "contradict those of the others; check the camera and its position"
+        )
+
+
+def _widened(cells: Mask, reach: int) -> Mask:
+    return binary_dilation(cells, SQUARE, iterations=reach) if reach else cells

@@ -1,0 +1,97 @@
+"""A sensor of another package, as docs/estimate.md describes it: installed, checked and used."""
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from mission_service.config.scenario import Scenario, load_scenario
+from mission_service.errors import ScenarioError
+from mission_service.fire.scenario_check import check
+from mission_service.replay.verification import verify
+from tests.api.worlds import World, world_in
+
+GUIDE = (Path(__file__).parents[2] / "docs" / "estimate.md").read_text(encoding="utf-8")
+REAL_FIRE = ("deploy_at_s=600", "planner.rule=circling")
+
+
+def blocks(language: str) -> list[str]:
+    return re.findall(rf"^```{language}\n(.*?)^```$", GUIDE, re.DOTALL | re.MULTILINE)
+
+
+@pytest.fixture(autouse=True)
+def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A folder of packages with the guide's sensor, and an empty folder to work in."""
+    folder = tmp_path / "site"
+    info = folder / "detector-1.0.dist-info"
+    info.mkdir(parents=True)
+    (module,) = (each for each in blocks("python") if "class Detector" in each)
+    (folder / "detector.py").write_text(module, encoding="utf-8")
+    (entry,) = (each for each in blocks("toml") if "mission_service.sensors" in each)
+    points = entry.replace('"', "").replace("project.entry-points.", "")
+    (info / "entry_points.txt").write_text(points, encoding="utf-8")
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: detector\nVersion: 1.0\n")
+    monkeypatch.syspath_prepend(folder)
+    monkeypatch.chdir(tmp_path)
+
+
+def scenario_with(*changes: str) -> Scenario:
+    found = load_scenario("default", (*REAL_FIRE, *changes))
+    return found.model_copy(update={"simulation": type(found.simulation)()})
+
+
+def flown(tmp_path: Path, image: dict[str, object]) -> World:
+    """Fly without a simulated fire; after some minutes the detector writes an image."""
+    world = world_in(tmp_path, scenario_with('estimate.sensors=["detector"]'))
+    world.fly(700.0)
+    (tmp_path / "detector.json").write_text(json.dumps(image), encoding="utf-8")
+    world.fly(900.0)
+    return world
+
+
+def test_its_images_reach_planners_and_estimate_and_a_replay_is_equal(tmp_path: Path) -> None:
+    cells = ["u" * 40] * 10 + ["u" * 15 + "b" * 10 + "u" * 15] * 10 + ["u" * 40] * 10
+    world = flown(tmp_path, {"row": 20, "col": 30, "cells": cells})
+    engine = world.simulation.service
+    assert engine.estimate.fire.burned()[30:40, 45:55].mean() > 0.9
+    planner: Any = world.simulation.core.decision_engine.planners["hawk"]
+    fire_map = planner.map
+    north, east = fire_map.centre_row - 35, 50 - fire_map.centre_col
+    assert fire_map.outer[round(np.degrees(np.arctan2(east, north))) % 360] > 0.0
+    assert not [key for key in engine.state_view.alarms if key.startswith("sensor/")]
+    engine.recording.journal.close()
+    assert verify(tmp_path / "journal.jsonl").difference is None
+
+
+@pytest.mark.parametrize(
+    ("image", "reason"),
+    [
+        ({"row": 20, "col": 199, "cells": ["uub"]}, "exceeds the landscape's grid"),
+        ({"row": 20, "col": 30, "cells": ["uub", "u"]}, "rows of different lengths"),
+        ({"row": 20, "col": 30, "cells": ["..."]}, "no observed cell"),
+        ({"row": 20}, "KeyError: 'col'"),
+    ],
+)
+def test_a_sensor_that_fails_is_named_and_not_used_again(
+    tmp_path: Path, image: dict[str, object], reason: str
+) -> None:
+    world = flown(tmp_path, image)
+    alarm = world.simulation.service.state_view.alarms["sensor/detector"]
+    assert "sensor detector failed" in alarm.text
+    assert reason in alarm.text
+    assert world.simulation.service.statistics.observations  # of the estimate
+
+
+def test_an_unknown_sensor_and_one_that_cannot_be_created_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with pytest.raises(ScenarioError, match="0 packages have it; installed are detector"):
+        check(scenario_with('estimate.sensors=["thermometer"]'))
+    import detector  # type: ignore[import-not-found]
+
+    monkeypatch.setattr(detector, "Detector", lambda: None)
+    with pytest.raises(ScenarioError, match=r"estimate.sensors: detector: TypeError"):
+        check(scenario_with('estimate.sensors=["detector"]'))
