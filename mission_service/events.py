@@ -282,6 +282,24 @@ class Corrected(OperatorEvent, frozen=True, tag=True):
     marked_at_us: MissionUs
 
 
+class FireObserved(OperatorEvent, frozen=True, tag=True):
+    """A person, detector or satellite observed the fire at places at ``seen_at_us``.
+
+    Unlike a correction, an observation may be wrong: the estimate weighs it. ``source`` names the
+    sensor and is empty for a person. ``position_sd_m``, ``missed`` and ``false_alarms`` are those
+    of ``Observed``.
+    """
+
+    state: Literal["burned", "burning", "unburned"]
+    shape: Literal["points", "line", "polygon"]
+    points: tuple[Place, ...]
+    seen_at_us: MissionUs
+    position_sd_m: Radius
+    missed: Fraction
+    false_alarms: Fraction
+    source: str
+
+
 class Erased(OperatorEvent, frozen=True, tag=True):
     """Corrections within ``radius_m`` of a place are removed."""
 
@@ -452,6 +470,7 @@ TUNED: dict[str, Any] = dict(SettingsChanged.__annotations__)  # their types wit
 AnyOperatorEvent = (
     IgnitionReported
     | Corrected
+    | FireObserved
     | Erased
     | Undone
     | Redone

@@ -154,6 +154,61 @@ class Correct(FireRequest, frozen=True):
         )
 
 
+class Observe(FireRequest, frozen=True):
+    """Report where a person, a detector or a satellite observed fire; it may be wrong."""
+
+    path = "/fire/observations"
+    operation = "observe"
+    max_length_m = MAX_FIRE_LENGTH_M
+    example: ClassVar = {
+        "state": "burning",
+        "shape": "points",
+        "points": LINE,
+        "age_s": 40.0,
+        "position_sd_m": 20.0,
+        "false_alarms": 0.05,
+        "source": "tower",
+    }
+
+    state: Literal["burned", "burning", "unburned"]
+    shape: Literal["points", "line", "polygon"]
+    points: Places
+    age_s: Annotated[
+        float, Meta(ge=0, le=MAX_DURATION_S, description="Time since the observation.")
+    ] = 0.0
+    position_sd_m: Annotated[
+        float, Meta(ge=0, le=MAX_LENGTH_M, description="Standard deviation of the position.")
+    ] = 10.0
+    missed: Annotated[
+        float, Meta(ge=0, lt=1, description="Share of burned places reported as unburned.")
+    ] = 0.0
+    false_alarms: Annotated[
+        float, Meta(ge=0, lt=1, description="Share of unburned places reported as burned.")
+    ] = 0.0
+    source: Annotated[
+        str, Meta(max_length=80, pattern=PRINTED, description="The sensor; empty: the user.")
+    ] = ""
+
+    def event(self, at_us: int) -> events.AnyOperatorEvent:
+        """Return the event ``FireObserved``."""
+        if self.shape == "line" and len(self.points) < 2:
+            raise RequestError("observe: a line of 1 point; it requires 2")
+        if self.shape == "polygon":
+            refuse_no_polygon("observe", self.points)
+        seen_at_us = at_us - round(self.age_s * 1e6)
+        return events.FireObserved(
+            *self.user(at_us),
+            self.state,
+            self.shape,
+            self.points,
+            seen_at_us,
+            self.position_sd_m,
+            self.missed,
+            self.false_alarms,
+            self.source,
+        )
+
+
 class Lit(FireRequest, frozen=True):
     """Report that a point, or a line through several, was lit."""
 
@@ -344,7 +399,7 @@ class Replay(Request, frozen=True):
         raise RequestError("replay: this run is not a replay")
 
 
-OF_EVERY_RUN = (Abort, Correct, Erase, Undo, Redo, Lit, Wind, Present)
+OF_EVERY_RUN = (Abort, Correct, Observe, Erase, Undo, Redo, Lit, Wind, Present)
 OF_VEHICLES = (Hold, Resume, Return, Start, Renew, Accept, Refuse, Settings)
 
 

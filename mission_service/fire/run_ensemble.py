@@ -57,6 +57,11 @@ class _Mark(NamedTuple):
 Input = Images | Observation | Lit | WeatherSet
 
 
+def _time_of(each: Input) -> float:
+    """Return the time at which an input takes its place among the others."""
+    return each.known_s if isinstance(each, Lit) else each.at_s
+
+
 class RunEnsemble:
     """The inputs of the ensemble, and the ensemble after those processed so far.
 
@@ -100,10 +105,27 @@ class RunEnsemble:
 
     def add(self, new: Observation | Lit | WeatherSet) -> None:
         """Add another input, which must not be earlier than the one before."""
-        at_s = new.known_s if isinstance(new, Lit) else new.at_s
+        at_s = _time_of(new)
         self._end_period_by(at_s)
         self._end_period(at_s)
         self._inputs.append(new)
+
+    def add_late(self, new: Observation) -> None:
+        """Add an observation that may be earlier than inputs before it, at its place in time.
+
+        If later inputs were processed, the ensemble processes all inputs again.
+        """
+        if new.at_s >= self._last_s:
+            self.add(new)
+            return
+        place = next(
+            number for number, each in enumerate(self._inputs) if _time_of(each) > new.at_s
+        )
+        self._inputs.insert(place, new)
+        if self._mark is not None and place < self._mark.inputs:
+            self._mark = self._mark._replace(inputs=self._mark.inputs + 1)
+        if place < self._count:
+            self._processed, self._count = None, 0
 
     def inputs_until(self, at_s: float) -> list[Input]:
         """Return the inputs until a time that wait.

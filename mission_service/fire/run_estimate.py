@@ -11,6 +11,7 @@ often the estimate is read.
 """
 
 import contextlib
+import math
 from collections import deque
 from collections.abc import Sequence
 from functools import partial
@@ -19,14 +20,12 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from firemodel.arrays import window_at
+from firemodel.arrays import Mask, window_at
 from firemodel.assimilation.observation import BURNED, UNSEEN, Observation
 from firemodel.assimilation.written_image import with_image
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.fuels import NON_BURNABLE
-from firemodel.spread.anyangle import AnyAngleFire
-from firemodel.spread.burning import burning_from_arrival
 from firemodel.spread.fire_scheme import Fire
 from mission_service.commands import AnyCommand
 from mission_service.config.scenario import Scenario
@@ -34,6 +33,7 @@ from mission_service.events import (
     AnyEvent,
     Corrected,
     Erased,
+    FireObserved,
     Observed,
     Redone,
     Telemetry,
@@ -44,12 +44,18 @@ from mission_service.fire.camera_views import CameraViews, arrival_at
 from mission_service.fire.corrected_fire import CorrectedFire, burning_now, drawn_at_s
 from mission_service.fire.ignition_reports import ignition_reports_of
 from mission_service.fire.image_mosaic import ImageMosaic, Mosaic
+from mission_service.fire.late_observation import rewritten, with_observation
 from mission_service.fire.observed_window import (
     Window,
     observation_in,
     states_in,
     window_around,
     window_of_change,
+)
+from mission_service.fire.reported_observations import (
+    Confirmation,
+    observation_of,
+    refuse_contradicted,
 )
 from mission_service.fire.run_ensemble import Lit, RunEnsemble, WeatherSet
 from mission_service.fire.setup import begun_again, cells_lit, reported_fire
@@ -59,7 +65,14 @@ PERIOD_US = 30_000_000  # images are written into the estimate at multiples of t
 MAX_WAITING = 20  # periods; their images are then written even if the estimate is not read
 CORRECTION_SD_M = 1.0  # standard deviation of positions
 OWN_DRAWS = 2  # the estimate of a random scheme must not predict the simulated fire's draws
-OF_FIRE = (Corrected, Erased, Undone, Redone, WindSet)  # reports that change the estimate
+OF_FIRE = (
+    Corrected,
+    FireObserved,
+    Erased,
+    Undone,
+    Redone,
+    WindSet,
+)  # reports that change the estimate
 
 
 class RunEstimate:
@@ -87,6 +100,7 @@ class RunEstimate:
         # Cells that planners received as burned in corrections; images may have removed them since.
         self._reported = np.zeros(landscape.shape, dtype=bool)
         self._contradicted: Window | None = None
+        self._confirmation = Confirmation(landscape.shape)
         self.agreement = SourceAgreement(landscape.shape, landscape.cell_size_m)
         self.ensemble = RunEnsemble(scenario, landscape)
 
@@ -157,6 +171,8 @@ class RunEstimate:
 
         Raises FireModelError for an invalid report, which changes nothing.
         """
+        if isinstance(event, FireObserved):
+            return self._apply_observation(event)
         if not (self._accepts_reports and isinstance(event, OF_FIRE)):
             return None
         self._corrected.check(event)  # first: a refused report must not end the images' period
@@ -172,12 +188,49 @@ class RunEstimate:
             self._limit_ensemble()
             return None
         self.fire = self._with_sightings(found)
+        window = self._reported_change(before)
+        if window is not None:
+            state = states_in(window.cells)
+            self.ensemble.add(Observation(at_s, window.row, window.col, state, CORRECTION_SD_M))
+            self._limit_ensemble()
+        return window
+
+    def _apply_observation(self, event: FireObserved) -> Window | None:
+        """Apply a reported observation; return a window around the changed cells or None."""
+        if not self._accepts_reports:
+            raise FireModelError("observe: a burn uses cameras and corrections only; use correct")
+        reported = observation_of(event, self.landscape)
+        state = np.where(self._later_drawn(reported), UNSEEN, reported.state)
+        reported = reported._replace(state=state.astype(np.uint8))
+        refuse_contradicted(reported, self._sightings.state, self._sightings.seen_s)
+        self._advance_to_event(event)
+        burned = self.fire.expected_s() <= reported.at_s
+        seen = self._confirmation.surprising(reported, burned, self.landscape.cell_size_m)
+        if not (seen.state != UNSEEN).any():
+            return None
+        before = self.fire
+        change = partial(
+            with_observation, seen=seen, unburnable=self._unburnable, begin=self._begin
+        )
+        self.fire = self._corrected.changed(before, change)
+        self.fire = self._with_sightings(self.fire, seen.at_s)
+        times_s = np.full(seen.state.shape, seen.at_s)
+        self._sightings.add_sightings(seen.where, seen.state, times_s)
+        self.ensemble.add_late(seen)
+        self._limit_ensemble()
+        return self._reported_change(before)
+
+    def _later_drawn(self, seen: Observation) -> Mask:
+        """Return the cells (y, x) of a window that operators drew at a later time."""
+        drawn_s = drawn_at_s(self._corrected.log.held(), self.landscape)
+        return np.asarray(drawn_s[seen.where] > seen.at_s)
+
+    def _reported_change(self, before: Fire) -> Window | None:
+        """Return the window of a change for planners, and store its burned cells."""
         window = window_of_change(before, self.fire)
         if window is not None:
             state = states_in(window.cells)
             self._reported[window_at(window.row, window.col, state.shape)] = state == BURNED
-            self.ensemble.add(Observation(at_s, window.row, window.col, state, CORRECTION_SD_M))
-            self._limit_ensemble()
         return window
 
     def apply_history(self, event: AnyEvent) -> Window | None:
@@ -245,19 +298,17 @@ class RunEstimate:
         found = with_image(fire.expected_s(), *mosaic[1:4], cell_m, self._unburnable)
         if found is None:
             return fire
-        arrival_s, changed = found
-        if not (arrival_s <= fire.time_s).any():
-            return self._begin(None, fire.weather, fire.time_s)
-        if isinstance(fire, AnyAngleFire):
-            return fire.rewritten(arrival_s, changed)
-        burning = burning_from_arrival(arrival_s, self.landscape, fire.time_s)
-        return self._begin(burning, fire.weather, fire.time_s)
+        return rewritten(fire, *found, self._begin)
 
-    def _with_sightings(self, fire: Fire) -> Fire:
-        """Return a corrected fire in which sightings that no later correction replaces hold."""
+    def _with_sightings(self, fire: Fire, after_s: float = -math.inf) -> Fire:
+        """Return a corrected fire in which sightings that no later correction replaces hold.
+
+        Sightings until ``after_s`` are ignored.
+        """
         held = self._corrected.log.held()
         seen = self._sightings
-        state = np.where(seen.seen_s > drawn_at_s(held, self.landscape), seen.state, UNSEEN)
+        drawn_s = np.maximum(drawn_at_s(held, self.landscape), after_s)
+        state = np.where(seen.seen_s > drawn_s, seen.state, UNSEEN)
         whole = window_at(0, 0, state.shape)
         return self._rewritten(fire, Mosaic(fire.time_s, whole, state, seen.seen_s, 0.0))
 

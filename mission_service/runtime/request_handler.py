@@ -10,10 +10,10 @@ from firemodel.errors import FireModelError
 from mission_service.commands import CONFIRM, REJECTED
 from mission_service.core.request_events import ANYWHERE, STATUS, RequestScope, event_of
 from mission_service.errors import MissionServiceError
-from mission_service.events import AnyOperatorEvent, Corrected, Erased, Redone, Undone
+from mission_service.events import AnyOperatorEvent, Corrected, Erased, FireObserved, Redone, Undone
 
 Answer = dict[str, Any]
-CHANGES_AREA = (Corrected, Erased, Undone, Redone)
+CHANGES_AREA = (Corrected, FireObserved, Erased, Undone, Redone)
 OWN_ERRORS = (MissionServiceError, FireModelError, BridgeError)
 
 

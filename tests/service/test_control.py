@@ -27,6 +27,7 @@ from mission_service.events import (
     ChecklistAnswered,
     Corrected,
     Erased,
+    FireObserved,
     IgnitionReported,
     MissionAccepted,
     MissionRefused,
@@ -68,6 +69,22 @@ GOOD: list[tuple[dict[str, Any], AnyOperatorEvent]] = [
     (
         {"do": "correct", "state": "burned", "shape": "point", "points": [[36, -84]], "in_s": -9},
         Corrected(*EVENT, "burned", "point", ((36.0, -84.0),), 91_000_000),
+    ),
+    (
+        {
+            "do": "observe",
+            "state": "burned",
+            "shape": "points",
+            "points": [[36, -84]],
+            "age_s": 9,
+            "position_sd_m": 375,
+            "false_alarms": 0.1,
+            "source": "satellite",
+        },
+        FireObserved(
+            *(*EVENT, "burned", "points", ((36.0, -84.0),), 91_000_000, 375.0, 0.0, 0.1),
+            "satellite",
+        ),
     ),
     (
         {"do": "correct", "state": "unburned", "shape": "polygon", "points": CORNERS},

@@ -1,0 +1,206 @@
+"""Observations that people, detectors and satellites report: late, wrong, unconfirmed, many."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from firemodel.assimilation.observation import BURNED, UNBURNED, Observation
+from firemodel.landscape.landscape import Landscape
+from mission_service.config.scenario import load_scenario
+from mission_service.events import Observed
+from mission_service.fire.late_observation import with_observation
+from mission_service.fire.run_ensemble import Images
+from mission_service.fire.setup import begun_again, fire_of, landscape_of
+from mission_service.journal.journal_file import SegmentReader
+from mission_service.replay.verification import verify
+from tests.api.worlds import World, world_in
+
+SCENARIO = load_scenario("default", ("deploy_at_s=600", "planner.rule=circling"))
+FREE = np.zeros((SCENARIO.landscape.rows, SCENARIO.landscape.cols), dtype=bool)
+
+
+@pytest.fixture(scope="module")
+def land() -> Landscape:
+    return landscape_of(SCENARIO)
+
+
+@pytest.fixture
+def world(tmp_path: Path) -> Iterator[World]:
+    """A flight without simulated fire, 25 minutes after ignition."""
+    scenario = SCENARIO.model_copy(update={"simulation": type(SCENARIO.simulation)()})
+    found = world_in(tmp_path, scenario)
+    found.fly(1500.0)
+    yield found
+    found.simulation.service.recording.journal.close()
+
+
+def observe(world: World, cells: list[tuple[int, int]], **keys: object) -> dict[str, object]:
+    """Report the centres of cells (row, column)."""
+    land = world.simulation.estimate.landscape
+    places = [land.lat_lon_of(*land.xy_of(float(row), float(col))) for row, col in cells]
+    request = {
+        "do": "observe",
+        "by": "anna",
+        "station": "tower",
+        "state": "burning",
+        "shape": "points",
+        "points": [[float(lat), float(lon)] for lat, lon in places],
+        **keys,
+    }
+    reply: dict[str, object] = world.context.request_handler.ask(request)
+    return reply
+
+
+def burned(world: World) -> np.ndarray:
+    world.simulation.estimate.advance(world.simulation.clock.now_us)
+    return world.simulation.estimate.fire.burned().copy()
+
+
+def far_cell(world: World) -> tuple[int, int]:
+    """An unburned cell that can burn, some hundred metres from the fire."""
+    row, col = np.argwhere(burned(world)).mean(axis=0).astype(int)
+    return int(row) - 35, int(col)
+
+
+def test_a_late_observation_changes_the_fire_as_if_it_had_been_in_time(land: Landscape) -> None:
+    def begin(burning, weather, at_s):  # type: ignore[no-untyped-def]
+        return begun_again(SCENARIO, land, burning, weather, at_s)
+
+    row, col = np.argwhere(np.isfinite(fire_of(SCENARIO, land).arrival_time_s))[0].tolist()
+    state = np.full((3, 3), BURNED, dtype=np.uint8)
+    seen = Observation(2000.0, row - 40, col - 1, state)
+    in_time = fire_of(SCENARIO, land)
+    in_time.advance(2000.0)
+    in_time = with_observation(in_time, seen, FREE, begin)
+    in_time.advance(4000.0)
+    late = fire_of(SCENARIO, land)
+    late.advance(4000.0)
+    without = late.burned().copy()
+    late = with_observation(late, seen, FREE, begin)
+    grown = in_time.burned() & ~without
+    assert np.count_nonzero(grown) > 20
+    assert np.count_nonzero(late.burned() ^ in_time.burned()) < 0.1 * np.count_nonzero(grown)
+    late.advance(5000.0)
+    in_time.advance(5000.0)
+    differ = np.count_nonzero(late.burned() ^ in_time.burned())
+    assert differ < 0.05 * np.count_nonzero(in_time.burned())
+
+
+def test_a_late_unburned_observation_holds_the_fire_back_until_now(land: Landscape) -> None:
+    def begin(burning, weather, at_s):  # type: ignore[no-untyped-def]
+        return begun_again(SCENARIO, land, burning, weather, at_s)
+
+    fire = fire_of(SCENARIO, land)
+    fire.advance(5400.0)
+    rows, cols = np.nonzero(fire.arrival_time_s <= 4800.0)
+    top, left = int(rows.mean()), int(cols.min())
+    state = np.full((int(rows.max()) - top + 1, int(np.ptp(cols)) + 1), UNBURNED, dtype=np.uint8)
+    found = with_observation(fire, Observation(4800.0, top, left, state), FREE, begin)
+    here = Observation(4800.0, top, left, state).where
+    assert (found.expected_s()[here] > 4800.0).all()
+    assert 0 < np.count_nonzero(found.burned()[here]) < np.count_nonzero(fire.burned()[here])
+
+
+def test_an_agreeing_observation_changes_nothing(world: World) -> None:
+    before = burned(world)
+    row, col = np.argwhere(before)[0]
+    reply = observe(world, [(int(row), int(col))], age_s=100.0, position_sd_m=60.0)
+    assert reply["ok"], reply
+    assert reply["burned_ha_before"] == reply["burned_ha_after"]
+
+
+def test_a_person_reports_a_spot_fire_and_planners_and_forecast_have_it(world: World) -> None:
+    place = far_cell(world)
+    reply = observe(world, [place], age_s=600.0)
+    assert reply["ok"], reply
+    found = burned(world)
+    assert found[place]
+    assert np.count_nonzero(found[place[0] - 6 : place[0] + 7]) > 3  # it has burned on since
+    (window,) = (
+        entry.content
+        for entry in SegmentReader(world.context.journal_path)
+        if isinstance(entry.content, Observed) and entry.content.corrects
+    )
+    assert window.vehicle == "hawk"
+    assert window.cells[place[0] - window.row][place[1] - window.col] == "b"
+    inputs = world.simulation.estimate.ensemble.inputs_until(world.now_s)
+    late = [each for each in inputs if isinstance(each, Observation) and each.at_s < 1000.0]
+    assert len(late) == 1
+    times = [each.at_s for each in inputs if isinstance(each, Observation | Images)]
+    assert times == sorted(times)
+
+
+def test_a_false_alarm_needs_a_second_report(world: World) -> None:
+    place, before = far_cell(world), burned(world)
+    keys = {"false_alarms": 0.1, "source": "satellite", "position_sd_m": 60.0}
+    assert observe(world, [place], **keys)["ok"]
+    assert np.array_equal(burned(world), before)
+    near = (place[0] + 3, place[1] - 2)
+    assert observe(world, [near], **keys | {"source": "tower"})["ok"]
+    assert burned(world)[near]
+
+
+def test_places_within_the_error_of_the_front_change_nothing(world: World) -> None:
+    before = burned(world)
+    row, col = np.argwhere(before).min(axis=0)
+    assert observe(world, [(int(row) - 5, int(col))], position_sd_m=375.0)["ok"]
+    assert np.array_equal(burned(world), before)
+
+
+@pytest.mark.parametrize(
+    ("keys", "reason"),
+    [
+        ({"points": [[36.36, -54.14]]}, "36.36, -54.14 is outside the landscape"),
+        ({"age_s": 7 * 3600.0}, "older than 21600 s are not used"),
+        ({"age_s": -5.0}, "age_s"),
+        ({"false_alarms": 1.0}, "false_alarms"),
+        ({"shape": "polygon"}, "a polygon requires 3"),
+    ],
+)
+def test_impossible_reports_are_refused_with_one_line(
+    world: World, keys: dict[str, object], reason: str
+) -> None:
+    before, size = burned(world), world.context.journal_path.stat().st_size
+    reply = observe(world, [far_cell(world)], **keys)
+    assert not reply["ok"]
+    assert reason in str(reply["error"])
+    assert "\n" not in str(reply["error"])
+    assert np.array_equal(burned(world), before)
+    assert world.context.journal_path.stat().st_size == size
+
+
+def test_a_mirrored_perimeter_that_cameras_contradict_is_refused(tmp_path: Path) -> None:
+    world = world_in(tmp_path, SCENARIO)
+    world.fly(4000.0)
+    before = burned(world)
+    cells = np.argwhere(before)
+    mirrored = cells * (-1, 1) + (2 * cells[:, 0].min() - 1, 0)
+    reply = observe(world, [(each[0], each[1]) for each in mirrored.tolist()], state="burned")
+    assert not reply["ok"]
+    assert "cells cameras saw" in str(reply["error"])
+    assert np.array_equal(burned(world), before)
+
+
+def test_ten_thousand_observations_at_once_leave_the_estimate_sane(world: World) -> None:
+    """Nine in ten points are near the fire; one in ten lies anywhere and is reported once."""
+    rng = np.random.default_rng(3)
+    before = burned(world)
+    inside = np.argwhere(before)
+    for batch in range(10):
+        places = inside[rng.integers(len(inside), size=900)] + rng.integers(-1, 2, (900, 2))
+        anywhere = rng.integers(5, 195, (100, 2))
+        cells = [(each[0], each[1]) for each in np.vstack([places, anywhere]).tolist()]
+        keys = {"age_s": 60.0, "position_sd_m": 40.0, "false_alarms": 0.1}
+        assert observe(world, cells, source="satellite", **keys)["ok"], batch
+    found = burned(world)
+    assert np.count_nonzero(found & ~before) < 0.3 * np.count_nonzero(before)
+    assert found[before].all()
+
+
+def test_reports_are_equal_after_a_replay(world: World, tmp_path: Path) -> None:
+    assert observe(world, [far_cell(world)], age_s=400.0)["ok"]
+    world.fly(1600.0)
+    world.simulation.service.recording.journal.close()
+    assert verify(tmp_path / "journal.jsonl").difference is None
