@@ -21,7 +21,7 @@ import msgspec
 import numpy as np
 
 from firemodel.arrays import Mask, window_at
-from firemodel.assimilation.observation import BURNED, UNSEEN, Observation
+from firemodel.assimilation.observation import BURNED, UNSEEN, Observation, despeckled
 from firemodel.assimilation.written_image import with_image
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
@@ -62,21 +62,16 @@ from mission_service.fire.setup import begun_again, cells_lit, reported_fire
 from mission_service.fire.source_agreement import SourceAgreement
 
 PERIOD_US = 30_000_000  # images are written into the estimate at multiples of this mission time
+LATE_US = 10_000_000  # images that much earlier than a written period take their place in time
+AHEAD_US = 5_000_000
 MAX_WAITING = 20  # periods; their images are then written even if the estimate is not read
 CORRECTION_SD_M = 1.0  # standard deviation of positions
 OWN_DRAWS = 2  # the estimate of a random scheme must not predict the simulated fire's draws
-OF_FIRE = (
-    Corrected,
-    FireObserved,
-    Erased,
-    Undone,
-    Redone,
-    WindSet,
-)  # reports that change the estimate
+OF_FIRE = (Corrected, FireObserved, Erased, Undone, Redone, WindSet)  # they change the estimate
 
 
 class RunEstimate:
-    """The estimated fire of a run, ``fire``, at the time of the last ``advance``."""
+    """The estimated fire of a run."""
 
     def __init__(self, scenario: Scenario, landscape: Landscape) -> None:
         """Begin with the fire that the scenario names.
@@ -84,8 +79,8 @@ class RunEstimate:
         In a burn, operators' reports correct the estimate of the burn's guidance instead of this.
         """
         self.landscape = landscape
-        self.fire = reported_fire(scenario, landscape)
-        self.fire.draw_from(np.random.default_rng((scenario.seed, OWN_DRAWS)))
+        self._fire = reported_fire(scenario, landscape)
+        self._fire.draw_from(np.random.default_rng((scenario.seed, OWN_DRAWS)))
         self._begin = partial(begun_again, scenario, landscape)
         self._corrected = CorrectedFire(landscape, self._begin)
         self._accepts_reports = scenario.burn_flown is None
@@ -95,6 +90,9 @@ class RunEstimate:
         self._unburnable = np.isin(landscape.fuel_model, list(NON_BURNABLE))
         self._images = ImageMosaic(landscape.shape)
         self._due_us: int | None = None  # end of the period of these images
+        self._latest_us = round(scenario.start_s * 1e6)  # of the events so far
+        self._written_us = -(2**63)  # end of the last period with images
+        self._ahead: Fire | None = None  # a copy at a time after the latest event
         self._waiting: deque[Mosaic] = deque()  # of past periods, not written yet
         self._sightings = ImageMosaic(landscape.shape)  # of the whole run
         # Cells that planners received as burned in corrections; images may have removed them since.
@@ -104,8 +102,25 @@ class RunEstimate:
         self.agreement = SourceAgreement(landscape.shape, landscape.cell_size_m)
         self.ensemble = RunEnsemble(scenario, landscape)
 
+    @property
+    def fire(self) -> Fire:
+        """The fire at the time of the last ``advance``, or a few seconds earlier."""
+        return self._fire if self._ahead is None else self._ahead
+
     def advance(self, at_us: int) -> None:
-        """Write the images of past periods and burn until this mission time; never back."""
+        """Advance the fire to this mission time; never back.
+
+        Long after the latest event only a copy advances, because events of earlier times may
+        follow. So the estimate does not depend on the times at which it is read.
+        """
+        self._advance_until(min(at_us, self._latest_us))
+        self._ahead = None
+        if at_us > self._latest_us + AHEAD_US:
+            self._ahead = self._fire.copy()
+            self._ahead.advance(at_us / 1e6)
+
+    def _advance_until(self, at_us: int) -> None:
+        """Write the images of past periods and burn until a time, which is that of an event."""
         self._end_period(at_us)
         while self._waiting:
             self._write(self._waiting.popleft())
@@ -114,8 +129,8 @@ class RunEstimate:
     def view(self, fix: Telemetry) -> Observed | None:
         """Return the part of the estimate that a vehicle's camera would show, if an image is due.
 
-        The result is None off the landscape, in a run with a simulated fire, which
-        cameras observe, and in a burn, which has an estimate of its own.
+        The result is None off the landscape, in a run with a simulated fire, which cameras observe,
+        and in a burn, which has an estimate of its own.
         """
         if not (self._gives_views and self._views.is_due(fix)):
             return None
@@ -127,12 +142,12 @@ class RunEstimate:
         ``wider_cells`` is added to the footprint of the camera on each side.
         """
         self.advance(fix.at_us)
-        found = self._views.seen_from(fix, self.fire, wider_cells)
+        found = self._views.seen_from(fix, self._fire, wider_cells)
         return None if found is None else msgspec.structs.replace(found, estimated=True)
 
     def arrival_s(self, row: int, col: int) -> float | None:
         """Return the estimate's arrival time at a cell; None if unburned or off the grid."""
-        return arrival_at(self.fire, row, col)
+        return arrival_at(self._fire, row, col)
 
     def contradicted(self) -> Window | None:
         """Return a window of corrections that images have removed since the last one; or None.
@@ -147,6 +162,7 @@ class RunEstimate:
 
     def on_event(self, event: AnyEvent) -> None:
         """Process a camera's image, an ignition, a completed drop or a position's reliability."""
+        self._on_time(event)
         self._views.on_event(event)
         if isinstance(event, Observed):
             if event.corrects:
@@ -158,7 +174,7 @@ class RunEstimate:
         elif (reported := self._ignitions.reported_in(event)) is not None:
             self._advance_to_event(event)
             cells = cells_lit(reported.points, self.landscape)
-            self._corrected.changed(self.fire, partial(_lit, cells=cells, at_s=reported.at_s))
+            self._corrected.changed(self._fire, partial(_lit, cells=cells, at_s=reported.at_s))
             self.ensemble.add(Lit(event.at_us / 1e6, reported.at_s, cells))
             self._limit_ensemble()
 
@@ -171,23 +187,24 @@ class RunEstimate:
 
         Raises FireModelError for an invalid report, which changes nothing.
         """
+        self._on_time(event)
         if isinstance(event, FireObserved):
             return self._apply_observation(event)
         if not (self._accepts_reports and isinstance(event, OF_FIRE)):
             return None
         self._corrected.check(event)  # first: a refused report must not end the images' period
         self._advance_to_event(event)
-        before = self.fire
+        before = self._fire
         found = self._corrected.apply_report(event, before)
         if found is before:
             return None
         at_s = event.at_us / 1e6
         if isinstance(event, WindSet):
-            self.fire = found
+            self._fire = found
             self.ensemble.add(WeatherSet(at_s, found.weather))
             self._limit_ensemble()
             return None
-        self.fire = self._with_sightings(found)
+        self._fire = self._with_sightings(found)
         window = self._reported_change(before)
         if window is not None:
             state = states_in(window.cells)
@@ -204,21 +221,25 @@ class RunEstimate:
         reported = reported._replace(state=state.astype(np.uint8))
         refuse_contradicted(reported, self._sightings.state, self._sightings.seen_s)
         self._advance_to_event(event)
-        burned = self.fire.expected_s() <= reported.at_s
+        burned = self._fire.expected_s() <= reported.at_s
         seen = self._confirmation.surprising(reported, burned, self.landscape.cell_size_m)
         if not (seen.state != UNSEEN).any():
             return None
-        before = self.fire
+        before = self._fire
+        self._place_in_time(seen)
+        return self._reported_change(before)
+
+    def _place_in_time(self, seen: Observation) -> None:
+        """Change the fire by an observation of the present or of an earlier time."""
         change = partial(
             with_observation, seen=seen, unburnable=self._unburnable, begin=self._begin
         )
-        self.fire = self._corrected.changed(before, change)
-        self.fire = self._with_sightings(self.fire, seen.at_s)
+        self._fire = self._corrected.changed(self._fire, change)
+        self._fire = self._with_sightings(self._fire, seen.at_s)
         times_s = np.full(seen.state.shape, seen.at_s)
         self._sightings.add_sightings(seen.where, seen.state, times_s)
         self.ensemble.add_late(seen)
         self._limit_ensemble()
-        return self._reported_change(before)
 
     def _later_drawn(self, seen: Observation) -> Mask:
         """Return the cells (y, x) of a window that operators drew at a later time."""
@@ -227,7 +248,7 @@ class RunEstimate:
 
     def _reported_change(self, before: Fire) -> Window | None:
         """Return the window of a change for planners, and store its burned cells."""
-        window = window_of_change(before, self.fire)
+        window = window_of_change(before, self._fire)
         if window is not None:
             state = states_in(window.cells)
             self._reported[window_at(window.row, window.col, state.shape)] = state == BURNED
@@ -244,13 +265,22 @@ class RunEstimate:
         self.on_event(event)
         return found
 
+    def _on_time(self, event: AnyEvent) -> None:
+        """End the period of the images if an event is later."""
+        self._latest_us, self._ahead = max(self._latest_us, event.at_us), None
+        self._end_period(self._latest_us)
+
     def _on_image(self, image: Observed) -> None:
-        self._end_period(image.at_us)
+        if image.at_us < self._written_us - LATE_US:
+            self._advance_until(self._latest_us)
+            seen = observation_in(image)
+            self._place_in_time(seen._replace(state=despeckled(seen)))
+            return
         self._images.add(image)
         if self._due_us is None:
             self._due_us = image.at_us - image.at_us % PERIOD_US + PERIOD_US
         if len(self._waiting) > MAX_WAITING:
-            self.advance(image.at_us)
+            self._advance_until(image.at_us)
 
     def _end_period(self, at_us: int) -> None:
         """Store the images of a period that has ended by a time."""
@@ -259,7 +289,7 @@ class RunEstimate:
 
     def _store_images(self, at_us: int) -> None:
         mosaic = self._images.taken(at_us / 1e6)
-        self._due_us = None
+        self._due_us, self._written_us = None, at_us
         if mosaic is not None:
             self._waiting.append(mosaic)
 
@@ -267,15 +297,15 @@ class RunEstimate:
         """Advance to an event that changes the fire; the images before it are written first."""
         self._end_period(event.at_us)
         self._store_images(event.at_us)
-        self.advance(event.at_us)
+        self._advance_until(event.at_us)
 
     def _limit_ensemble(self) -> None:
         if self.ensemble.is_long():
-            self.ensemble.forget(self.fire.weather, burning_now(self.fire))
+            self.ensemble.forget(self._fire.weather, burning_now(self._fire))
 
     def _burn_until(self, at_s: float) -> None:
-        if at_s > self.fire.time_s:
-            self.fire.advance(at_s)
+        if at_s > self._fire.time_s:
+            self._fire.advance(at_s)
 
     def _write(self, mosaic: Mosaic) -> None:
         """Write the images of a period into the fire with and without corrections."""
@@ -283,14 +313,14 @@ class RunEstimate:
         self.ensemble.add_image(mosaic.observation())
         self._limit_ensemble()
         self._sightings.add_sightings(*mosaic[1:4])
-        before = self.fire
-        self.fire = self._corrected.changed(before, partial(self._rewritten, mosaic=mosaic))
-        if self.fire is before or not self._reported.any():
+        before = self._fire
+        self._fire = self._corrected.changed(before, partial(self._rewritten, mosaic=mosaic))
+        if self._fire is before or not self._reported.any():
             return
-        removed = self._reported & before.burned() & ~self.fire.burned()
+        removed = self._reported & before.burned() & ~self._fire.burned()
         if removed.any():
             self._reported &= ~removed
-            self._contradicted = window_around(removed, self.fire)
+            self._contradicted = window_around(removed, self._fire)
 
     def _rewritten(self, fire: Fire, mosaic: Mosaic) -> Fire:
         """Return the fire after an image, which is ``fire`` itself if both agree."""

@@ -31,9 +31,11 @@ class Comparison(NamedTuple):
     contradict: float = 0.0
 
     def with_cells(self, at_s: float, agree: int, contradict: int) -> "Comparison":
-        """Return the comparison with further cells at a time, which is not earlier."""
-        kept = math.exp(-(at_s - self.at_s) / FORGOTTEN_S)
-        return Comparison(at_s, kept * self.agree + agree, kept * self.contradict + contradict)
+        """Return the comparison with further cells at a time."""
+        kept = math.exp(-max(at_s - self.at_s, 0.0) / FORGOTTEN_S)
+        return Comparison(
+            max(at_s, self.at_s), kept * self.agree + agree, kept * self.contradict + contradict
+        )
 
     @property
     def at_odds(self) -> bool | None:

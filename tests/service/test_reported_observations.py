@@ -11,7 +11,9 @@ from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import load_scenario
 from mission_service.events import Observed
 from mission_service.fire.late_observation import with_observation
+from mission_service.fire.observed_window import in_letters
 from mission_service.fire.run_ensemble import Images
+from mission_service.fire.run_estimate import RunEstimate
 from mission_service.fire.setup import begun_again, fire_of, landscape_of
 from mission_service.journal.journal_file import SegmentReader
 from mission_service.replay.verification import verify
@@ -204,3 +206,46 @@ def test_reports_are_equal_after_a_replay(world: World, tmp_path: Path) -> None:
     world.fly(1600.0)
     world.simulation.service.recording.journal.close()
     assert verify(tmp_path / "journal.jsonl").difference is None
+
+
+def test_reads_after_the_latest_event_do_not_change_the_estimate(tmp_path: Path) -> None:
+    """An image of an earlier time than that of a read may follow."""
+    land = landscape_of(SCENARIO)
+    estimates = [RunEstimate(SCENARIO, land) for _ in range(2)]
+    for at_us in range(1_000_000, 400_000_000, 7_000_000):
+        state = np.full((30, 30), ord("u"), dtype=np.uint8)
+        state[10:20, 10 : 12 + at_us // 40_000_000] = ord("b")
+        image = Observed(at_us, "hawk", 20, 30, in_letters(state))
+        for estimate in estimates:
+            estimate.on_event(image)
+        estimates[0].advance(at_us + 6_900_000)
+        estimates[0].advance(at_us + 60_000_000)
+        assert estimates[0].fire.time_s == (at_us + 60_000_000) / 1e6
+    for estimate in estimates:
+        estimate.advance(395_000_000)
+    one, other = (estimate.fire.expected_s() for estimate in estimates)
+    assert np.array_equal(one, other)
+
+
+def test_a_late_image_takes_its_place_in_time() -> None:
+    """The images of one camera arrive two minutes late."""
+    land = landscape_of(SCENARIO)
+    in_time, late = (RunEstimate(SCENARIO, land) for _ in range(2))
+    state = np.full((30, 30), ord("u"), dtype=np.uint8)
+    state[10:20, 10:20] = ord("b")
+    image = Observed(1_200_000_000, "hawk", 20, 30, in_letters(state))
+    others = [
+        Observed(at_us, "kite", 100, 100, ("uu", "uu"))
+        for at_us in range(1_200_000_000, 1_320_000_001, 1_000_000)
+    ]
+    in_time.on_event(image)
+    for other in others:
+        in_time.on_event(other)
+        late.on_event(other)
+    late.on_event(image)
+    for estimate in (in_time, late):
+        estimate.on_event(Observed(3_000_000_000, "kite", 100, 100, ("uu", "uu")))
+        estimate.advance(3_000_000_000)
+    assert late.fire.burned()[30:40, 40:50].all()
+    differ = np.count_nonzero(late.fire.burned() ^ in_time.fire.burned())
+    assert differ <= 0.03 * np.count_nonzero(in_time.fire.burned())

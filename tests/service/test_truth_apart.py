@@ -189,6 +189,7 @@ def test_images_that_contradict_a_correction_reach_the_planners(tmp_path: Path) 
     assert estimate.contradicted() is None
     image = Observed(now_us + 1_000_000, "hawk", int(row) - 5, int(col) - 5, ("u" * 20,) * 20)
     estimate.on_event(image)
+    estimate.on_event(Observed(now_us + 60_000_000, "hawk", 0, 0, (".",)))
     estimate.advance(now_us + 60_000_000)
     window = estimate.contradicted()
     assert window is not None
