@@ -185,6 +185,10 @@ class RequestGenerator:
                 return self._place(rng.choice([10.0, 300.0, 5000.0]))[name == "lon_deg"]
             case "name":
                 return str(rng.choice(["ann", "cy", " d ", "e" * 80]))
+            case "source":
+                return str(rng.choice(["tower", "satellite", ""]))
+            case "missed" | "false_alarms":
+                return float(rng.choice([0.0, 0.0, 0.05, 0.5, 1.0]))
             case _:
                 return self._of_type(kind)
 
