@@ -29,17 +29,15 @@ def with_observation(fire: Fire, seen: Observation, unburnable: Mask, begin: Beg
         unburnable: (y, x) the cells of the grid that cannot burn.
         begin: Starts a fire from its state (None if nothing has burned) and weather at a time.
     """
-    now_s, cell_m = fire.time_s, fire.landscape.cell_size_m
-    arrival_s = fire.expected_s()
-    known_s = arrival_s
-    if seen.at_s < now_s and isinstance(fire, AnyAngleFire):
-        known_s = np.where(arrival_s <= seen.at_s, arrival_s, np.inf)
+    cell_m, arrival_s = fire.landscape.cell_size_m, fire.expected_s()
+    late = fire if isinstance(fire, AnyAngleFire) and seen.at_s < fire.time_s else None
+    known_s = arrival_s if late is None else np.where(arrival_s <= seen.at_s, arrival_s, np.inf)
     found = with_image(known_s, seen.where, seen.state, seen.at_s, cell_m, unburnable)
     if found is None:
         return fire
     new_s, changed = found
-    if known_s is not arrival_s:
-        without_s, with_s = (_burned_on(each, seen.at_s, fire, begin) for each in (known_s, new_s))
+    if late is not None:
+        without_s, with_s = (_burned_on(each, seen.at_s, late) for each in (known_s, new_s))
         sooner, later = with_s < without_s - EQUAL_S, with_s > without_s + EQUAL_S
         new_s = np.where(sooner, np.minimum(arrival_s, with_s), np.where(later, with_s, arrival_s))
         changed = new_s != arrival_s
@@ -58,10 +56,10 @@ def rewritten(fire: Fire, arrival_s: Floats, changed: Mask, begin: Begin) -> Fir
     return begin(burning, fire.weather, fire.time_s)
 
 
-def _burned_on(arrival_s: Floats, at_s: float, fire: Fire, begin: Begin) -> Floats:
+def _burned_on(arrival_s: Floats, at_s: float, fire: AnyAngleFire) -> Floats:
     """Return the expected arrival times (y, x) of a fire that burned so until ``at_s``."""
     if not (arrival_s <= at_s).any():
         return np.full(arrival_s.shape, np.inf)
-    found = begin(burning_from_arrival(arrival_s, fire.landscape, at_s), fire.weather, at_s)
+    found = fire.restarted(burning_from_arrival(arrival_s, fire.landscape, at_s))
     found.advance(fire.time_s)
     return found.expected_s()
