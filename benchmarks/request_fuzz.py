@@ -187,8 +187,8 @@ class RequestGenerator:
                 return str(rng.choice(["ann", "cy", " d ", "e" * 80]))
             case "source":
                 return str(rng.choice(["tower", "satellite", ""]))
-            case "missed" | "false_alarms":
-                return float(rng.choice([0.0, 0.0, 0.05, 0.5, 1.0]))
+            case "false_alarms_pct":
+                return float(rng.choice([0.0, 0.0, 5.0, 50.0, 100.0]))
             case _:
                 return self._of_type(kind)
 

@@ -286,8 +286,8 @@ class FireObserved(OperatorEvent, frozen=True, tag=True):
     """A person, detector or satellite observed the fire at places at ``seen_at_us``.
 
     Unlike a correction, an observation may be wrong: the estimate weighs it. ``source`` names the
-    sensor and is empty for a person. ``position_sd_m``, ``missed`` and ``false_alarms`` are those
-    of ``Observed``.
+    sensor and is empty for a person. ``position_sd_m`` and ``false_alarms`` are those of
+    ``Observed``.
     """
 
     state: Literal["burned", "burning", "unburned"]
@@ -295,7 +295,6 @@ class FireObserved(OperatorEvent, frozen=True, tag=True):
     points: tuple[Place, ...]
     seen_at_us: MissionUs
     position_sd_m: Radius
-    missed: Fraction
     false_alarms: Fraction
     source: str
 

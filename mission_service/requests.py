@@ -166,7 +166,7 @@ class Observe(FireRequest, frozen=True):
         "points": LINE,
         "age_s": 40.0,
         "position_sd_m": 20.0,
-        "false_alarms": 0.05,
+        "false_alarms_pct": 5.0,
         "source": "tower",
     }
 
@@ -179,11 +179,8 @@ class Observe(FireRequest, frozen=True):
     position_sd_m: Annotated[
         float, Meta(ge=0, le=MAX_LENGTH_M, description="Standard deviation of the position.")
     ] = 10.0
-    missed: Annotated[
-        float, Meta(ge=0, lt=1, description="Share of burned places reported as unburned.")
-    ] = 0.0
-    false_alarms: Annotated[
-        float, Meta(ge=0, lt=1, description="Share of unburned places reported as burned.")
+    false_alarms_pct: Annotated[
+        float, Meta(ge=0, lt=100, description="Share of unburned places reported as burned.")
     ] = 0.0
     source: Annotated[
         str, Meta(max_length=80, pattern=PRINTED, description="The sensor; empty: the user.")
@@ -203,8 +200,7 @@ class Observe(FireRequest, frozen=True):
             self.points,
             seen_at_us,
             self.position_sd_m,
-            self.missed,
-            self.false_alarms,
+            self.false_alarms_pct / 100.0,
             self.source,
         )
 

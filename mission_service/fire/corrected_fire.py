@@ -1,9 +1,9 @@
 """Correct a cellular fire by operators' pens, eraser, undo and wind reports.
 
 The fire without corrections is simulated in parallel, so that an undo restores it. After each
-change, the corrected fire is restarted from corrected arrival times at the time of the change. If
-there are more than ``MAX_STEPS`` corrections and erasures, the older half is settled: it becomes
-part of the fire without corrections, is no longer listed and cannot be undone.
+correction, the corrected fire is restarted from corrected arrival times at that time. If there are
+more than ``MAX_STEPS`` corrections and erasures, the older half is settled: it becomes part of the
+fire without corrections, is no longer listed and cannot be undone.
 """
 
 import copy
@@ -17,6 +17,7 @@ from shapely.geometry.base import BaseGeometry
 from firemodel.landscape.landscape import Landscape
 from firemodel.landscape.rasterise import cells_of
 from firemodel.physics.weather import WeatherStream
+from firemodel.spread.anyangle import AnyAngleFire
 from firemodel.spread.burning import burning_from_arrival
 from firemodel.spread.fire_scheme import Burning, Fire
 from mission_service.events import AnyOperatorEvent, Corrected, Erased, Redone, Undone, WindSet
@@ -77,8 +78,8 @@ class CorrectedFire:
                 stream = fire.weather.blown(event.speed_m_s, event.from_deg, fire.time_s)
                 stream = stream.since(fire.time_s)
                 if self._base is None:
-                    return self._begin(burning_now(fire), stream, fire.time_s)
-                base = self._begin(burning_now(self._base_at(fire)), stream, fire.time_s)
+                    return self._in_weather(fire, stream)
+                base = self._in_weather(self._base_at(fire), stream)
                 found, self._base = self._set_right(base, self.log.held()), base
                 return found
             case Corrected() | Erased() | Undone() | Redone():
@@ -93,6 +94,14 @@ class CorrectedFire:
                 return found
             case _:
                 return fire
+
+    def _in_weather(self, fire: Fire, stream: WeatherStream) -> Fire:
+        """Return a fire that burns on in other weather."""
+        if isinstance(fire, AnyAngleFire):  # a restart would lose progress within the cells
+            model = self._begin(None, stream, fire.time_s)
+            assert isinstance(model, AnyAngleFire)
+            return fire.continued(model)
+        return self._begin(burning_now(fire), stream, fire.time_s)
 
     def _base_at(self, fire: Fire) -> Fire:
         """Return the fire without corrections at the time of ``fire``."""

@@ -52,9 +52,8 @@ def observation_of(event: FireObserved, landscape: Landscape) -> Observation:
         left,
         state,
         event.position_sd_m,
-        event.missed,
-        event.false_alarms,
-        event.source or f"{event.by} at {event.station}",
+        false_alarms=event.false_alarms,
+        source=event.source or f"{event.by} at {event.station}",
     )
 
 

@@ -78,11 +78,11 @@ GOOD: list[tuple[dict[str, Any], AnyOperatorEvent]] = [
             "points": [[36, -84]],
             "age_s": 9,
             "position_sd_m": 375,
-            "false_alarms": 0.1,
+            "false_alarms_pct": 10,
             "source": "satellite",
         },
         FireObserved(
-            *(*EVENT, "burned", "points", ((36.0, -84.0),), 91_000_000, 375.0, 0.0, 0.1),
+            *(*EVENT, "burned", "points", ((36.0, -84.0),), 91_000_000, 375.0, 0.1),
             "satellite",
         ),
     ),

@@ -155,7 +155,8 @@ def test_ground_reported_unburned_and_erasures_and_wind(fly: Fly) -> None:
     flight.submit(WindSet(now, *ANN, 12.0, 270.0))
     weather = flight.sim.estimate.fire.weather.at(flight.now_s)
     assert (weather.wind_speed_m_s, weather.wind_from_deg) == (12.0, 270.0)
-    flight.run(600.0)
+    # The wind does not drive the simulated fire, so images delay the growth of the estimate.
+    flight.run(900.0)
     grown = np.argwhere(flight.sim.estimate.fire.burned()).max(axis=0)
     assert grown[1] > col + 10, "it runs east before the wind"
     bow_tie = (places[0], places[2], places[1], places[3])

@@ -9,7 +9,7 @@ import pytest
 from firemodel.assimilation.observation import BURNED, UNBURNED, Observation
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import load_scenario
-from mission_service.events import Observed
+from mission_service.events import Observed, WindSet
 from mission_service.fire.late_observation import with_observation
 from mission_service.fire.observed_window import in_letters
 from mission_service.fire.run_ensemble import Images
@@ -136,7 +136,7 @@ def test_a_person_reports_a_spot_fire_and_planners_and_forecast_have_it(world: W
 
 def test_a_false_alarm_needs_a_second_report(world: World) -> None:
     place, before = far_cell(world), burned(world)
-    keys = {"false_alarms": 0.1, "source": "satellite", "position_sd_m": 60.0}
+    keys = {"false_alarms_pct": 10.0, "source": "satellite", "position_sd_m": 60.0}
     assert observe(world, [place], **keys)["ok"]
     assert np.array_equal(burned(world), before)
     near = (place[0] + 3, place[1] - 2)
@@ -157,7 +157,7 @@ def test_places_within_the_error_of_the_front_change_nothing(world: World) -> No
         ({"points": [[36.36, -54.14]]}, "36.36, -54.14 is outside the landscape"),
         ({"age_s": 7 * 3600.0}, "older than 21600 s are not used"),
         ({"age_s": -5.0}, "age_s"),
-        ({"false_alarms": 1.0}, "false_alarms"),
+        ({"false_alarms_pct": 100.0}, "false_alarms_pct"),
         ({"shape": "polygon"}, "a polygon requires 3"),
     ],
 )
@@ -194,7 +194,7 @@ def test_ten_thousand_observations_at_once_leave_the_estimate_sane(world: World)
         places = inside[rng.integers(len(inside), size=900)] + rng.integers(-1, 2, (900, 2))
         anywhere = rng.integers(5, 195, (100, 2))
         cells = [(each[0], each[1]) for each in np.vstack([places, anywhere]).tolist()]
-        keys = {"age_s": 60.0, "position_sd_m": 40.0, "false_alarms": 0.1}
+        keys = {"age_s": 60.0, "position_sd_m": 40.0, "false_alarms_pct": 10.0}
         assert observe(world, cells, source="satellite", **keys)["ok"], batch
     found = burned(world)
     assert np.count_nonzero(found & ~before) < 0.3 * np.count_nonzero(before)
@@ -225,6 +225,20 @@ def test_reads_after_the_latest_event_do_not_change_the_estimate(tmp_path: Path)
         estimate.advance(395_000_000)
     one, other = (estimate.fire.expected_s() for estimate in estimates)
     assert np.array_equal(one, other)
+
+
+def test_reports_of_the_same_wind_lose_no_growth() -> None:
+    land = landscape_of(SCENARIO)
+    plain, reported = (RunEstimate(SCENARIO, land) for _ in range(2))
+    for at_us in range(600_000_000, 7_200_000_001, 600_000_000):
+        for estimate in (plain, reported):
+            estimate.on_event(Observed(at_us, "hawk", 0, 0, (".",)))
+            estimate.advance(at_us)
+        wind = reported.fire.weather.at(at_us / 1e6)
+        report = WindSet(at_us, "ann", "", wind.wind_speed_m_s, wind.wind_from_deg)
+        reported.apply_report(report)
+    differ = np.count_nonzero(plain.fire.burned() ^ reported.fire.burned())
+    assert differ < 0.03 * np.count_nonzero(plain.fire.burned())
 
 
 def test_a_late_image_takes_its_place_in_time() -> None:
