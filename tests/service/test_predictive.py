@@ -19,12 +19,14 @@ from mission_service.experiments.islam_hu.predictive_flight import (
 from mission_service.experiments.islam_hu.scenarios import perimeter_planner
 from mission_service.guidance.fire_map import BEARINGS, EAST, NORTH
 from mission_service.guidance.front.front_estimate import FrontEstimate
+from mission_service.guidance.front.front_mixture import FrontMixture
 from mission_service.guidance.front.front_shape import hull_of
 from mission_service.guidance.front.predictive_planner import PredictivePlanner, model_of
 from mission_service.guidance.front.robust_front import robust_front
 from mission_service.guidance.front.sweeps import NODES, PLANS, CoarseRing, costs_of, fill_ring
 from mission_service.replay.distance_error import TrueShape
 from tests.service.random_fires import mean_max_errors
+from tests.service.wrong_models import mean_max_errors_wrong
 
 Floats = NDArray[np.float64]
 SHAPE = (200, 200)
@@ -254,3 +256,46 @@ def test_no_worse_than_circling_on_fires_of_chance(seed: int) -> None:
     circling, predictive = mean_max_errors(seed)
     assert 7.0 <= circling <= 16.0
     assert predictive < 0.8 * circling
+
+
+def test_a_wrong_model_is_no_worse_than_circling() -> None:
+    """Fire 216, on which the front that follows the model is 0.9 times as wrong as circling."""
+    circling, predictive, alone = mean_max_errors_wrong(216)
+    assert predictive < 0.75 * circling
+    assert predictive < 0.3 * alone
+
+
+def test_the_mixture_follows_the_model_only_while_it_predicts_the_views() -> None:
+    fire = brush_fire((0.0, 4.0, 225.0))
+    model = model_of(fire.landscape, fire.weather.entries[0])
+    shares = []
+    for from_deg in (225.0, 45.0):
+        fronts = FrontMixture(SHAPE, CENTRE, model, np.full(BEARINGS, 0.5), 0.0)
+        fronts.add_wind(4.0, from_deg, 0.0)
+        for at_s in (1800.0, 3600.0, 5400.0, 7200.0):
+            fronts.observe(
+                0, 0, np.where(fire.burned(at_s), BURNED, UNBURNED).astype(np.uint8), at_s
+            )
+        shares.append(fronts.model_share)
+        true = TrueShape(fire.arrival_s, fire.ignition).at(at_s)
+        assert np.abs(fronts.front - true).max() < 2.0
+    assert shares[0] > 0.2
+    assert shares[1] < 0.01
+
+
+def test_a_mixture_without_a_model_is_the_measured_front() -> None:
+    fronts = FrontMixture(SHAPE, CENTRE, None, np.full(BEARINGS, 0.5), 0.0)
+    rate = ellipse_rate(0.012, 0.6)
+    for at_s in (1800.0, 3600.0):
+        fronts.observe(0, 0, burned_ellipse(rate, at_s), at_s)
+    fronts.advance(5400.0)
+    np.testing.assert_array_equal(fronts.front, fronts.modelled.front)
+
+
+def test_a_correction_moves_all_parts_of_the_mixture(turning: Burn) -> None:
+    model = model_of(turning.landscape, turning.weather.entries[0])
+    fronts = FrontMixture(SHAPE, CENTRE, model, np.full(BEARINGS, 0.5), 0.0)
+    fronts.add_wind(6.0, 180.0, 0.0)
+    fronts.observe(0, 0, burned_ellipse(np.full(BEARINGS, 0.01), 3600.0), 3600.0)
+    fronts.correct(0, 0, burned_ellipse(np.full(BEARINGS, 0.005), 3600.0), 3601.0)
+    assert np.abs(fronts.front - 18.0).max() < 2.0

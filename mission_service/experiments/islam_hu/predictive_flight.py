@@ -35,7 +35,11 @@ def predictive_planner(burn: Burn, *, modelled: bool = True) -> PredictivePlanne
     return PredictivePlanner(settings, burn.arrival_s.shape, centre, 0.0, cell_m, model)
 
 
-def fly_predictive(burn: Burn, seed: int = SEED) -> Flight:
-    """Fly the predictive planner with a measured wind; errors are those of its estimated front."""
-    measured = MeasuredWind(burn.weather, seed)
-    return fly(burn, predictive_planner(burn), hull=False, measured=measured)
+def fly_predictive(burn: Burn, seed: int = SEED, model: Burn | None = None) -> Flight:
+    """Fly the predictive planner with a measured wind; errors are those of its estimated front.
+
+    ``model`` is the fire whose landscape and weather the planner receives, if it is another one.
+    """
+    given = burn if model is None else model
+    measured = MeasuredWind(given.weather, seed)
+    return fly(burn, predictive_planner(given), hull=False, measured=measured)

@@ -17,13 +17,16 @@ Distances are in cells from the centre, and times in seconds of mission time.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from firemodel.assimilation.observation import BURNED, UNBURNED
 from firemodel.landscape.landscape import Landscape
+from firemodel.physics.fuels import NON_BURNABLE
+from firemodel.physics.weather import WeatherStream
 from firemodel.spread.front_rates import FrontRates
 from mission_service.guidance.fire_map import BEARINGS, EAST, NORTH, taken_back
 from mission_service.guidance.front.front_estimate_kernels import (
@@ -46,13 +49,6 @@ SECTORS = BEARINGS // PER_SECTOR
 LONGEST_STEP_S = 60.0
 EVEN_CELLS_S = 0.01  # rate of spread without a model; the factor multiplies it
 
-# Standard deviations of the part of the factor that all sectors share, and of each sector's own
-# part; the correlation length of the latter; the random walk of both.
-COMMON, LOCAL = 0.25, 0.25
-ALIKE_DEG = 20.0
-DRIFT_PER_SQRT_H = 0.15
-FACTORS, UNMODELLED_FACTORS = (0.3, 2.5), (0.05, 10.0)
-UNMODELLED = 4.0  # without a model, these standard deviations are multiplied by this
 # The wind is averaged over the longer time, or over the shorter time if the two means differ by
 # more than the noise (m/s, plus a share of the speed).
 SHORT_WIND_S, LONG_WIND_S = 90.0, 900.0
@@ -62,12 +58,55 @@ BEYOND_CELLS = 2.0  # minimum distance of an unseen front from the ground in vie
 UNSEEN_ALIKE_DEG = 60.0
 
 
+class FactorPrior(NamedTuple):
+    """The distribution of the factors before the first view, and their changes.
+
+    ``common`` and ``local`` are the standard deviations of the part of the factor that all sectors
+    share, and of each sector's own part. ``drift`` is that of the random walk of both in an hour.
+    """
+
+    common: float
+    local: float
+    alike_deg: float  # correlation length of the sectors' own parts
+    drift: float
+    unlike: float  # relative error of an advance for reasons other than the factor
+    min_factor: float
+    max_factor: float
+
+
+MODELLED = FactorPrior(0.25, 0.25, 20.0, 0.15, 0.15, 0.3, 2.5)
+UNMODELLED = FactorPrior(1.0, 1.0, 20.0, 0.15, 0.15, 0.05, 10.0)  # the rate of spread is unknown
+# Of a model that may be wrong: chosen on the fires 200 to 229 of ``benchmarks.random_fires
+# --wrong``; a smaller error of advances or a shorter correlation length is worse.
+CAUTIOUS = FactorPrior(0.8, 0.4, 40.0, 0.5, 0.4, 0.05, 10.0)
+
+
 @dataclass(frozen=True, slots=True)
 class FrontModel:
-    """The fire model on board, for rates of spread on a landscape under a given wind."""
+    """The fire model on board, for rates of spread on a landscape under a given wind.
+
+    If ``averaged`` is True, the estimate uses the geometric mean of the modelled rate and of
+    ``EVEN_CELLS_S``, so that the model's contrasts have half their size.
+    """
 
     rates: FrontRates
     landscape: Landscape
+    weather: WeatherStream
+    prior: FactorPrior = MODELLED
+    averaged: bool = False
+
+
+def cautious(model: FrontModel) -> FrontModel:
+    """Return a model that follows wind and slope less, and no map of fuels.
+
+    All burnable ground has the fuel that is most frequent in the landscape.
+    """
+    fuel = model.landscape.fuel_model
+    burnable = ~np.isin(fuel, list(NON_BURNABLE))
+    most = np.bincount(fuel[burnable]).argmax() if burnable.any() else 0
+    ground = replace(model.landscape, fuel_model=np.where(burnable, most, fuel).astype(fuel.dtype))
+    rates = FrontRates(ground, model.weather)
+    return FrontModel(rates, ground, model.weather, CAUTIOUS, averaged=True)
 
 
 def distance_to_edge(shape: tuple[int, int], centre: tuple[float, float]) -> Floats:
@@ -117,6 +156,10 @@ class FrontEstimate:
         """Whether the fire model advances the front; otherwise only measured rates advance it."""
         return self.model is not None and self.wind_m_s is not None
 
+    @property
+    def _prior(self) -> FactorPrior:
+        return self.model.prior if self.model is not None and self.modelled else UNMODELLED
+
     def _reset_factors(self) -> None:
         """Set the factors and their covariance to the values before the first view."""
         self._anchor = self.front.copy()
@@ -124,12 +167,12 @@ class FrontEstimate:
         self._anchor_fuel = self._fuel_at(self.front)
         self._modelled = np.zeros(BEARINGS)  # advance since the anchor with a factor of 1
         self._unseen = np.zeros(BEARINGS)  # advance since the last view with a factor of 1
-        scale = 1.0 if self.modelled else UNMODELLED
+        prior = self._prior
         apart = np.abs(np.arange(SECTORS)[:, None] - np.arange(SECTORS)) * PER_SECTOR
-        alike = np.exp(-np.minimum(apart, BEARINGS - apart) / ALIKE_DEG)
+        alike = np.exp(-np.minimum(apart, BEARINGS - apart) / prior.alike_deg)
         self.factor = np.ones(SECTORS)
-        self._covariance = scale**2 * (COMMON**2 + LOCAL**2 * alike)
-        self._drift = DRIFT_PER_SQRT_H**2 * (0.5 + 0.5 * alike)  # of the covariance, in an hour
+        self._covariance = prior.common**2 + prior.local**2 * alike
+        self._drift = prior.drift**2 * (0.5 + 0.5 * alike)  # of the covariance, in an hour
 
     def _fuel_at(self, front: Floats) -> NDArray[np.int16]:
         """Return the fuel model under a front on each bearing; 0 without a landscape."""
@@ -224,6 +267,8 @@ class FrontEstimate:
         north_of, east_of, stretch, limit = (each[:count] for each in facing)
         rate = self.model.rates.under_wind(rows, cols, north_of, east_of, self.at_s, blows_from)
         rate /= self.model.landscape.cell_size_m
+        if self.model.averaged:
+            rate = np.sqrt(rate * EVEN_CELLS_S)
         speed_along_bearings(bearing, rate, stretch, limit, LONGEST_STEP_S, self._unit)
         return self._unit
 
@@ -316,6 +361,7 @@ class FrontEstimate:
         if not due.any():
             return
         fuel = self._fuel_at(self.front)
+        prior = self._prior
         # An advance through two fuels measures the rate of neither fuel.
         alike = (fuel == self._anchor_fuel) & (fuel == self._predicted_fuel)
         update_factors(
@@ -324,7 +370,9 @@ class FrontEstimate:
             self._anchor,
             self._modelled,
             self._stretch,
-            *(FACTORS if self.modelled else UNMODELLED_FACTORS),
+            prior.unlike,
+            prior.min_factor,
+            prior.max_factor,
             self.factor,
             self._covariance,
         )

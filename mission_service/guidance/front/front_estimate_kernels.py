@@ -24,9 +24,8 @@ PER_SECTOR = 5
 # afterwards.
 BASELINE_CELLS, BASELINE_S = 2.0, 1800.0
 CELL_VARIANCE = 1.0 / 12.0  # of a position with a resolution of one cell
-# Relative error of an advance for reasons other than the factor: between two views, and before the
-# first view, when the wind is unknown.
-UNLIKE, UNLIKE_AT_FIRST = 0.15, 1.0
+# Relative error of an advance before the first view, when the wind is unknown.
+UNLIKE_AT_FIRST = 1.0
 AT_IGNITION_CELLS = 1.0
 SURPRISE = 3.0  # standard deviations
 
@@ -139,11 +138,12 @@ def bounds_in_window(  # type: ignore[no-untyped-def]
 
 @compiled
 def update_factors(  # type: ignore[no-untyped-def]
-    due, front, anchor, modelled, stretch, min_factor, max_factor, factor, covariance
+    due, front, anchor, modelled, stretch, unlike, min_factor, max_factor, factor, covariance
 ):
     """Update the sectors' factors by a Kalman filter from the bearings that are due.
 
     The filter assumes: observed advance since the anchor = factor x modelled advance + noise.
+    ``unlike`` is the relative error of an advance for reasons other than the factor.
     """
     n = factor.size
     column = np.empty(n)
@@ -159,8 +159,8 @@ def update_factors(  # type: ignore[no-untyped-def]
         if count == 0:
             continue
         advance, predicted, slant = advance / count, predicted / count, slant / count
-        unlike = UNLIKE_AT_FIRST if first else UNLIKE
-        variance = 2.0 * CELL_VARIANCE * slant * slant + (unlike * predicted * factor[sector]) ** 2
+        noise = (UNLIKE_AT_FIRST if first else unlike) * predicted * factor[sector]
+        variance = 2.0 * CELL_VARIANCE * slant * slant + noise * noise
         scale = variance + predicted * predicted * covariance[sector, sector]
         off = advance - predicted * factor[sector]
         # A larger difference than variance and noise explain shows another part of the front, not

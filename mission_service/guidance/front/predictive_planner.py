@@ -33,6 +33,7 @@ from mission_service.guidance.front.first_lap import (
     view_of,
 )
 from mission_service.guidance.front.front_estimate import FrontEstimate, FrontModel
+from mission_service.guidance.front.front_mixture import FrontMixture
 from mission_service.guidance.front.front_path import (
     PathSettings,
     bearing_deg,
@@ -48,7 +49,8 @@ Floats = NDArray[np.float64]
 
 HORIZON_LAPS = 2.0
 REST_LAPS = 0.03  # minimum interval between turns
-MIN_GAIN = 0.25  # share of the cost that a turn must save
+# Share of the cost that a turn must save: smaller gains come from errors of a wrong model.
+MIN_GAIN = 0.5
 TURN_BACK = 7.0 / 3.0 * math.pi  # length in radii of the shortest turn to the opposite course
 LEFT_CELLS = 0.5  # error across a front in view
 RECENTRED_BASELINE_S = 300.0
@@ -74,7 +76,8 @@ class PredictiveSettings:
 def model_of(landscape: Landscape, weather: Weather) -> FrontModel:
     """Return the fire model on board, with a landscape and fuel moistures but without wind."""
     calm = replace(weather, at_s=0.0, wind_speed_m_s=0.0, wind_from_deg=0.0)
-    return FrontModel(FrontRates(landscape, WeatherStream([calm])), landscape)
+    weather_stream = WeatherStream([calm])
+    return FrontModel(FrontRates(landscape, weather_stream), landscape, weather_stream)
 
 
 class PredictivePlanner:
@@ -95,7 +98,7 @@ class PredictivePlanner:
         self.clockwise = settings.clockwise_first
         self.reversals = 0
         self.map = FireMap(shape, *centre, ignited_at_s, RECENTRED_BASELINE_S)
-        self.estimate = FrontEstimate(shape, centre, model, np.full(BEARINGS, 0.5), ignited_at_s)
+        self.fronts = FrontMixture(shape, centre, model, np.full(BEARINGS, 0.5), ignited_at_s)
         self._observations: list[CameraView] = []
         self._in_view = np.zeros(BEARINGS, dtype=bool)
         self._cell: tuple[int, int] | None = None
@@ -104,6 +107,11 @@ class PredictivePlanner:
         self._ring = CoarseRing(*(np.zeros(NODES) for _ in range(5)))
         self._node_of = np.zeros(BEARINGS, dtype=np.int64)
         self._costs = np.zeros(len(PLANS))
+
+    @property
+    def estimate(self) -> FrontEstimate:
+        """The estimate by the fire model, with its factors and wind."""
+        return self.fronts.modelled
 
     def observe(self, observed: Observed) -> None:
         """Update the map and the estimate from a camera window."""
@@ -116,17 +124,17 @@ class PredictivePlanner:
                 if self.phase == "initial circle":
                     append_view(self._observations, seen)
                 return
-        self.estimate.observe(*seen)
+        self.fronts.observe(*seen)
 
     def correct(self, observed: Observed) -> None:
         """Apply an operator's correction of a window of the fire."""
         seen = view_of(observed)
         self.map.correct(*seen)
-        self.estimate.correct(*seen)
+        self.fronts.correct(*seen)
 
     def wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
         """Add a wind measured in the air; ``from_deg`` is clockwise from true north."""
-        self.estimate.add_wind(speed_m_s * self.settings.wind_20ft_share, from_deg, at_s)
+        self.fronts.add_wind(speed_m_s * self.settings.wind_20ft_share, from_deg, at_s)
 
     def left(self, at_s: float) -> None:
         """Do nothing: the planner has only one vehicle."""
@@ -142,7 +150,7 @@ class PredictivePlanner:
         self._cell = cell
         if self.phase != "monitor" or not new:
             return None
-        self.estimate.advance(at_s)
+        self.fronts.advance(at_s)
         return self._decide(round(bearing) % BEARINGS, at_s)
 
     def _finish_initial_circle(self) -> None:
@@ -152,9 +160,9 @@ class PredictivePlanner:
             self.map, self._in_view = recentred_map(self.map, self._observations)
             centre = (self.map.centre_row, self.map.centre_col)
             outer, _ = self.map.filled_outer()
-            self.estimate = self.estimate.reset_around(centre, outer, self._observations[0][3])
+            self.fronts = self.fronts.reset_around(centre, outer, self._observations[0][3])
             for seen in self._observations:
-                self.estimate.observe(*seen)
+                self.fronts.observe(*seen)
             self._observations.clear()
 
     def _decide(self, bearing: int, at_s: float) -> Decision:
@@ -184,7 +192,7 @@ class PredictivePlanner:
         places = (first + step * np.arange(BEARINGS)) % BEARINGS  # begins at the vehicle, backwards
         estimate = self.estimate
         values = self._error(estimate.factor_sd())[places]
-        front, bearing_rad = estimate.front[places], np.radians(places)
+        front, bearing_rad = self.fronts.front[places], np.radians(places)
         return Compared(
             estimate.centre_row - front * np.cos(bearing_rad),
             estimate.centre_col + front * np.sin(bearing_rad),
@@ -205,7 +213,7 @@ class PredictivePlanner:
         if settings.flies_in_wind and estimate.wind_m_s is not None:
             wind = estimate.wind_m_s / settings.wind_20ft_share / self._cell_m
         length: float = fill_ring(
-            estimate.front,
+            self.fronts.front,
             self._error(factor_sd),
             factor_sd * estimate.speed_cells_s,
             left,
@@ -218,7 +226,7 @@ class PredictivePlanner:
 
     def shape(self, row: float, col: float) -> Floats:
         """Return the estimated front, made robust: distances in cells on 360 bearings."""
-        return robust_front(self.estimate.front)
+        return robust_front(self.fronts.front)
 
     def path(self, row: float, col: float) -> Floats:
         """Return the path to fly along the front ahead: an array (n, 2) with row and column.
@@ -228,7 +236,7 @@ class PredictivePlanner:
         """
         settings = self.settings.path
         if self.phase == "monitor":  # not smoothed: the tip of a narrow fire must be seen
-            front = self.estimate.front
+            front = self.fronts.front
             return path_along(front, self.estimate, row, col, self.clockwise, settings, 0)
         front = extrapolated_front(self.map, self._in_view, row, col, self.clockwise)
         return path_along(front, self.map, row, col, self.clockwise, settings)

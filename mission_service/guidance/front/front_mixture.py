@@ -1,0 +1,121 @@
+"""Mixes two estimates of the front, by how well each of them has predicted the views so far.
+
+The first estimate follows the fire model. Where fuel map or wind are wrong, it is far off between
+two views. The second one is ``cautious``: it follows measured rates more than the model. Its
+mixture with a small share of the first estimate and of the front as last seen has a smaller
+largest error than each of them. The front is the first estimate if its errors are clearly smaller
+than those of this mixture, and else this mixture. The errors are those with which each predicted
+the front where it comes into view again.
+
+The constants were chosen on the fires 200 to 229 of ``benchmarks.random_fires --wrong``. Without a
+model there is only one estimate.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mission_service.guidance.fire_map import BEARINGS
+from mission_service.guidance.front.front_estimate import FrontEstimate, FrontModel, cautious
+
+Floats = NDArray[np.float64]
+
+SHARES = (0.15, 0.75, 0.10)  # of the estimate by the model, the cautious one, the last seen front
+CLEARLY = 0.5  # the estimate by the model counts if its mean square error is smaller by this factor
+SHARPNESS = 4.0
+AGAIN_S = 120.0  # a bearing counts if it has been out of view for this time
+KEPT = 0.9975  # of the weight of earlier bearings, at each bearing
+FIRST_SQUARES = 20.0  # sum of the mixture's square errors in cells before the first prediction
+
+
+class FrontMixture:
+    """The estimated front, with the interface of its estimates; arrays are (360)."""
+
+    def __init__(
+        self,
+        shape: tuple[int, int],
+        centre: tuple[float, float],
+        model: FrontModel | None,
+        front: Floats,
+        at_s: float,
+    ) -> None:
+        self.modelled = FrontEstimate(shape, centre, model, front, at_s)
+        other = (
+            None if model is None else FrontEstimate(shape, centre, cautious(model), front, at_s)
+        )
+        self._cautious = other
+        self._begin()
+
+    def _begin(self) -> None:
+        self._last_seen = np.full(BEARINGS, np.nan)
+        self._squares = FIRST_SQUARES * np.array([CLEARLY, 1.0])
+        self.front = self._mixed()
+
+    @property
+    def model_share(self) -> float:
+        """The share of the estimate by the model, from 0 to 1; the rest is the mixture."""
+        ratio = float(self._squares[0] / (CLEARLY * max(self._squares[1], 1e-9)))
+        return float(1.0 / (1.0 + min(ratio, 1e3) ** SHARPNESS))
+
+    def _cautious_mixture(self) -> Floats:
+        """Return the mixture that counts if the model is not clearly better."""
+        modelled = self.modelled.front
+        if self._cautious is None:
+            return modelled
+        seen = np.where(np.isnan(self._last_seen), modelled, self._last_seen)
+        return SHARES[0] * modelled + SHARES[1] * self._cautious.front + SHARES[2] * seen
+
+    def _mixed(self) -> Floats:
+        if self._cautious is None:
+            return self.modelled.front
+        share = self.model_share
+        front = share * self.modelled.front + (1.0 - share) * self._cautious_mixture()
+        return np.maximum(front, self.modelled.burned - 0.5)
+
+    def reset_around(
+        self, centre: tuple[float, float], front: Floats, at_s: float
+    ) -> "FrontMixture":
+        """Return a mixture around another centre that keeps models and wind, but no views."""
+        found = object.__new__(FrontMixture)
+        found.modelled = self.modelled.reset_around(centre, front, at_s)
+        own = self._cautious
+        found._cautious = None if own is None else own.reset_around(centre, front, at_s)
+        found._begin()
+        return found
+
+    def add_wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
+        """Add a measured wind, as ``FrontEstimate.add_wind``."""
+        for estimate in self._estimates():
+            estimate.add_wind(speed_m_s, from_deg, at_s)
+
+    def advance(self, to_s: float) -> None:
+        """Advance the front to the time ``to_s``."""
+        for estimate in self._estimates():
+            estimate.advance(to_s)
+        self.front = self._mixed()
+
+    def observe(self, row: int, col: int, window: NDArray[np.uint8], at_s: float) -> None:
+        """Update the front from one camera window, as ``FrontEstimate.observe``."""
+        self.advance(at_s)
+        predicted = np.stack([self.modelled.front, self._cautious_mixture()])
+        unseen_s = at_s - self.modelled.seen_at_s
+        in_view = self.modelled.observe(row, col, window, at_s)
+        if self._cautious is not None:
+            self._cautious.observe(row, col, window, at_s)
+        seen = self.modelled.front[in_view]
+        again = ((unseen_s > AGAIN_S) & np.isfinite(unseen_s))[in_view]
+        self._last_seen[in_view] = seen
+        off = predicted[:, in_view][:, again] - seen[again]
+        self._squares = KEPT ** np.count_nonzero(again) * self._squares + (off**2).sum(axis=1)
+        self.front = self._mixed()
+
+    def correct(self, row: int, col: int, window: NDArray[np.uint8], at_s: float) -> None:
+        """Apply an operator's correction of a window."""
+        for estimate in self._estimates():
+            estimate.correct(row, col, window, at_s)
+        self._last_seen = np.where(
+            self.modelled.seen_at_s == at_s, self.modelled.front, self._last_seen
+        )
+        self.front = self._mixed()
+
+    def _estimates(self) -> tuple[FrontEstimate, ...]:
+        return (self.modelled,) if self._cautious is None else (self.modelled, self._cautious)
