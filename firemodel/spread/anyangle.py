@@ -61,6 +61,7 @@ from firemodel.spread.labels import (
     replace_labels,
     settle,
     tips_with,
+    without_unused,
 )
 from firemodel.spread.local_spread import perturbed
 from firemodel.spread.rerate_kernels import (
@@ -71,6 +72,8 @@ from firemodel.spread.rerate_kernels import (
     start_paths,
 )
 from firemodel.spread.travel_time import Ground, clear_slowness, ground_of, with_tables
+
+SOME_POINTS = 10_000
 
 
 class AnyAngleFire(Fire):
@@ -104,6 +107,7 @@ class AnyAngleFire(Fire):
         self.arrival_time_s = np.full(shape, np.inf)
         self._queue, self._size, self._waits = _empty_queue(1024), 0, 0
         self._points, self._used = empty_points(64), 0
+        self._used_before = 0  # number of points when those without use were dropped last
         self._paths = empty_paths(0)
         self._entry = bisect.bisect_right(self._changes_s, self.time_s)
         self._since_s = self.time_s  # time of the last change of weather
@@ -201,8 +205,18 @@ class AnyAngleFire(Fire):
         first = found._add_front(at_s, paths, tips)
         found._since_s = at_s
         found._start_paths(paths, tips, first)
+        found._drop_unused_points()
         found.advance(at_s)
         return found
+
+    def _drop_unused_points(self) -> None:
+        """Drop points without use if there may be many; otherwise each change would add some."""
+        if self._used <= 2 * self._used_before + SOME_POINTS:
+            return
+        at, beside = self._points
+        points = Points(at[: self._used], beside[: self._used])
+        self._points, self._labels = without_unused(points, self._labels, self._since_s)
+        self._used = self._used_before = len(self._points.at)
 
     @property
     def _state(self) -> tuple[Points, int, Labels, Ground, Lattice, int]:

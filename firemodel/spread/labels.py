@@ -10,6 +10,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import connected_components
 
 from firemodel.arrays import Floats
 from firemodel.compiled import kernel
@@ -245,3 +247,30 @@ def paths_to_centres(found, arrival_s, cell_m, points, labels, lattice):  # type
                 y, x, _ = place_of(source, points, labels, lattice)
                 found[0, row, col] = (y - (row + 0.5)) * cell_m
                 found[1, row, col] = (col + 0.5 - x) * cell_m
+
+
+def without_unused(points: Points, labels: Labels, since_s: float) -> tuple[Points, Labels]:
+    """Return the points that are still needed, and the labels with their new numbers.
+
+    A node that was reached before the last change of weather at ``since_s`` needs the position of
+    its source only. Other nodes also need all points of the front on which their source lies.
+    """
+    count, keys = len(points.at), labels.best_s.size
+    at_point = np.flatnonzero(labels.source >= keys)
+    source = labels.source[at_point] - keys
+    one, side = np.nonzero(points.beside >= 0)
+    links = (np.ones(one.size, dtype=bool), (one, points.beside[one, side]))
+    _, front_of = connected_components(csr_matrix(links, shape=(count, count)), directed=False)
+    is_active = np.zeros(count, dtype=bool)
+    is_active[front_of[source[labels.best_s[at_point] >= since_s]]] = True
+    linked = is_active[front_of]
+    kept = linked.copy()
+    kept[source] = True
+    number = np.cumsum(kept) - 1
+    beside = np.where(linked[:, None] & (points.beside >= 0), number[points.beside], -1)
+    new_source = labels.source.copy()
+    new_source[at_point] = keys + number[source]
+    return (
+        Points(points.at[kept], beside[kept].astype(np.int32)),
+        labels._replace(source=new_source),
+    )

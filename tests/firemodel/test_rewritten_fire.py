@@ -10,6 +10,7 @@ from firemodel.errors import FireModelError
 from firemodel.landscape.default import jacksboro
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.weather import WeatherStream
+from firemodel.spread import anyangle
 from firemodel.spread.anyangle import AnyAngleFire
 from firemodel.spread.burning import burning_from_arrival
 from tests.firemodel.grids import weather
@@ -125,3 +126,32 @@ def test_cells_that_were_not_seen_or_cannot_burn_keep_their_times() -> None:
     assert np.isinf(found[0][:50]).all()
     assert np.isinf(found[0][:, 2]).all()
     assert (found[0][50:, [0, 1, 3, 4]] <= 1000.0).all()
+
+
+def test_points_without_use_are_dropped_and_the_fire_burns_on_equally(
+    burning: AnyAngleFire, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Many images change a cell at the front; with and without dropping, all times are equal."""
+
+    def rewritten_often(some_points: int) -> AnyAngleFire:
+        monkeypatch.setattr(anyangle, "SOME_POINTS", some_points)
+        fire = burning.copy()
+        rng = np.random.default_rng(5)
+        for step in range(40):
+            arrival_s, changed = fire.expected_s(), np.zeros(LAND.shape, dtype=bool)
+            rows, cols = np.nonzero(np.isfinite(arrival_s) & (arrival_s > fire.time_s - 600.0))
+            chosen = rng.integers(rows.size)
+            changed[rows[chosen], cols[chosen]] = True
+            other_s = fire.time_s + (30.0 if step % 2 else -30.0)
+            fire = fire.rewritten(np.where(changed, other_s, arrival_s), changed)
+            fire.advance(fire.time_s + 30.0)
+        return fire
+
+    kept, dropped = rewritten_often(10**9), rewritten_often(0)
+    assert dropped._used < 0.5 * kept._used
+    assert np.array_equal(kept.arrival_time_s, dropped.arrival_time_s)
+    np.testing.assert_array_equal(kept.arrival_vectors(), dropped.arrival_vectors())
+    for fire in (kept, dropped):
+        fire.advance(fire.time_s + 1800.0)
+    assert np.array_equal(kept.arrival_time_s, dropped.arrival_time_s)
+    assert np.array_equal(kept.expected_s(), dropped.expected_s())
