@@ -226,7 +226,7 @@ class SimulatedFireSection(Section):
 
 
 class SimulatedCameraSection(Section):
-    """The simulated cameras; ``kind`` is a sensor of ``simulated_cameras.KINDS``.
+    """The simulated cameras.
 
     The other keys do not apply to ``ideal`` cameras. ``gps_sd_m`` and ``gimbal_sd_deg`` are
     standard deviations of the position and of the camera's direction. ``missed`` is the share of

@@ -8,10 +8,10 @@ of another time or source nearby.
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from scipy.ndimage import binary_dilation
+from scipy.ndimage import maximum_filter
 from shapely.geometry.base import BaseGeometry
 
-from firemodel.arrays import Floats, Mask, bounds_of
+from firemodel.arrays import Floats, Mask, Place, bounds_of, window_at
 from firemodel.assimilation.observation import BURNED, UNBURNED, UNSEEN, Observation
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
@@ -19,11 +19,10 @@ from firemodel.landscape.rasterise import cells_of
 from mission_service.events import FireObserved
 
 MAX_AGE_S = 6 * 3600.0
-MAX_CONTRADICTED = 0.5  # share of the burned cells that cameras saw
+MAX_CONTRADICTED = 0.5  # share of the cells that images or other reports show
 SHORTLY_S, SEVERAL_CELLS = 120.0, 5
 WITHIN_SD = 2.0  # standard deviations of the position
 CONFIRMED_WITHIN_S, APART_S = 1800.0, 10.0
-SQUARE = np.ones((3, 3), dtype=bool)
 
 
 def observation_of(event: FireObserved, landscape: Landscape) -> Observation:
@@ -58,25 +57,27 @@ def observation_of(event: FireObserved, landscape: Landscape) -> Observation:
 
 
 def refuse_contradicted(seen: Observation, state: NDArray[np.uint8], seen_s: Floats) -> None:
-    """Raise FireModelError for burned cells that cameras saw as unburned at a later time.
+    """Raise FireModelError for a report that contradicts most of the sightings of its cells.
 
-    Sightings shortly before also count against a report of several cells.
+    Burned cells must not have been seen as unburned at a later time; for several cells, sightings
+    shortly before count too. Unburned cells must not have been seen as burned before.
 
     Args:
         seen: The reported observation.
         state: (y, x) the last sighting of each cell of the grid.
         seen_s: (y, x) the times of these sightings.
     """
-    burned = seen.state == BURNED
-    count = np.count_nonzero(burned)
-    since_s = seen.at_s - (SHORTLY_S if count >= SEVERAL_CELLS else 0.0)
-    unburned = (state[seen.where] == UNBURNED) & (seen_s[seen.where] > since_s)
-    wrong = np.count_nonzero(burned & unburned)
-    agreed = np.count_nonzero(burned & (state[seen.where] == BURNED))
-    if wrong > MAX_CONTRADICTED * (wrong + agreed):
+    state, seen_s = state[seen.where], seen_s[seen.where]
+    burned, unburned = seen.state == BURNED, seen.state == UNBURNED
+    since_s = seen.at_s - (SHORTLY_S if np.count_nonzero(burned) >= SEVERAL_CELLS else 0.0)
+    wrong = burned & (state == UNBURNED) & (seen_s > since_s)
+    wrong |= unburned & (state == BURNED) & (seen_s <= seen.at_s)
+    agreed = (burned & (state == BURNED)) | (unburned & (state == UNBURNED))
+    contradict, agree = np.count_nonzero(wrong), np.count_nonzero(agreed)
+    if contradict > MAX_CONTRADICTED * (contradict + agree):
         raise FireModelError(
-            f"observe: of its {count} burned cells cameras saw {wrong} unburned then or later, and "
-            f"{agreed} burned; check its place and age"
+            f"observe: images or other reports contradict it in {contradict} of "
+            f"{contradict + agree} cells that they show; check its place and age, or use correct"
         )
 
 
@@ -99,34 +100,42 @@ class Confirmation:
         """
         reach = int(WITHIN_SD * seen.position_sd_m / cell_m)
         state = seen.state.copy()
-        state[(state == BURNED) & _widened(burned, reach)[seen.where]] = UNSEEN
-        state[(state == UNBURNED) & _widened(~burned, reach)[seen.where]] = UNSEEN
+        state[(state == BURNED) & _near(burned, seen.where, reach)] = UNSEEN
+        state[(state == UNBURNED) & _near(~burned, seen.where, reach)] = UNSEEN
         if seen.false_alarms:
             state[(state == BURNED) & ~self._confirmed(seen, reach + 1)] = UNSEEN
-        return seen._replace(state=state)
+        return seen._replace(state=state, missed=0.0, false_alarms=0.0)
 
     def _confirmed(self, seen: Observation, reach: int) -> Mask:
         """Return the window's cells (y, x) near another report, and store this report."""
         number = self._numbers.setdefault(seen.source, len(self._numbers))
         apart_s = np.abs(self._at_s - seen.at_s)
         other = (self._source != number) | (apart_s >= APART_S)
-        near = _widened(other & (apart_s <= CONFIRMED_WITHIN_S), reach)[seen.where]
-        burned = seen.state == BURNED
-        self._at_s[seen.where][burned] = seen.at_s
-        self._source[seen.where][burned] = number
+        near = _near(other & (apart_s <= CONFIRMED_WITHIN_S), seen.where, reach)
+        waits = ~other & (apart_s <= CONFIRMED_WITHIN_S)  # for a later report of this source
+        new = (seen.state == BURNED) & ~waits[seen.where]
+        self._at_s[seen.where][new] = seen.at_s
+        self._source[seen.where][new] = number
         return near
 
 
-def _widened(cells: Mask, reach: int) -> Mask:
-    return np.asarray(binary_dilation(cells, SQUARE, iterations=reach)) if reach else cells
+def _near(cells: Mask, where: Place, reach: int) -> Mask:
+    """Return the cells (y, x) of a window that have one of ``cells`` within some cells."""
+    rows, cols = (slice(max(each.start - reach, 0), each.stop + reach) for each in where)
+    part = cells[rows, cols]
+    if reach:
+        part = maximum_filter(part, 2 * reach + 1, mode="constant")
+    top, left = where[0].start - rows.start, where[1].start - cols.start
+    shape = (where[0].stop - where[0].start, where[1].stop - where[1].start)
+    return np.asarray(part[window_at(top, left, shape)])
 
 
 def _shape_of(event: FireObserved, landscape: Landscape) -> BaseGeometry:
     places_m = landscape.xy_of_places(event.points)
     match event.shape:
-        case "points":
-            return shapely.MultiPoint(places_m)
-        case "line":
+        case "line" if len(set(event.points)) > 1:
             return shapely.LineString(places_m)
-        case _:
+        case "polygon":
             return shapely.Polygon(places_m)
+        case _:
+            return shapely.MultiPoint(places_m)

@@ -118,9 +118,8 @@ class RunEnsemble:
         if new.at_s >= self._last_s:
             self.add(new)
             return
-        place = next(
-            number for number, each in enumerate(self._inputs) if _time_of(each) > new.at_s
-        )
+        later = (number for number, each in enumerate(self._inputs) if _time_of(each) > new.at_s)
+        place = next(later, len(self._inputs))
         self._inputs.insert(place, new)
         if self._mark is not None and place < self._mark.inputs:
             self._mark = self._mark._replace(inputs=self._mark.inputs + 1)
@@ -231,4 +230,4 @@ def _see(estimate: FireEstimate, seen: Observation) -> None:
     row, col = np.nonzero(seen.state == BURNED)
     if row.size:
         cells = zip((row + seen.top).tolist(), (col + seen.left).tolist(), strict=True)
-        estimate.light(list(cells), seen.at_s)
+        estimate.light(list(cells), max(seen.at_s, 0.0))

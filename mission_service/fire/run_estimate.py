@@ -219,6 +219,7 @@ class RunEstimate:
         reported = observation_of(event, self.landscape)
         state = np.where(self._later_drawn(reported), UNSEEN, reported.state)
         reported = reported._replace(state=state.astype(np.uint8))
+        self._advance_until(self._latest_us)  # images of past periods become sightings
         refuse_contradicted(reported, self._sightings.state, self._sightings.seen_s)
         self._advance_to_event(event)
         burned = self._fire.expected_s() <= reported.at_s

@@ -56,7 +56,7 @@ class Sensors:
                 seen = sensor.observe(fix)
                 if seen is not None:
                     found.append(self._checked(name, seen, fix))
-            except Exception as error:  # code of another package may raise anything
+            except (Exception, SystemExit) as error:  # another package may raise anything
                 self._fail(name, error)
         return found
 
@@ -65,24 +65,35 @@ class Sensors:
         for name, sensor in list(self._sensors.items()):
             try:
                 sensor.on_event(event)
-            except Exception as error:  # code of another package may raise anything
+            except (Exception, SystemExit) as error:  # another package may raise anything
                 self._fail(name, error)
 
     def _checked(self, name: str, seen: Observed, fix: Telemetry) -> Observed:
         """Return an observation with its source. Raises ValueError if it cannot be used."""
+        if not isinstance(seen, Observed):
+            raise ValueError(f"it returned {type(seen).__name__} instead of Observed")
+        seen = msgspec.convert(msgspec.to_builtins(seen), Observed)  # checks types and limits
         widths = {len(row) for row in seen.cells}
         rows, cols = self._shape
-        if len(widths) != 1 or not "".join(seen.cells).strip("."):
+        letters = set("".join(seen.cells))
+        if len(widths) != 1 or not letters - {"."}:
             raise ValueError("its window has rows of different lengths, or no observed cell")
+        if not letters <= set(".ub"):
+            raise ValueError("its cells have other letters than b, u and .")
         if not (0 <= seen.row <= rows - len(seen.cells) and 0 <= seen.col <= cols - widths.pop()):
             raise ValueError(f"its window exceeds the landscape's grid of {rows} x {cols} cells")
         if seen.vehicle != fix.vehicle or seen.at_us > fix.at_us:
             raise ValueError("its vehicle is not that of the position, or its time is later")
-        return msgspec.structs.replace(seen, source=name)
+        return msgspec.structs.replace(
+            seen, source=name, corrects=False, estimated=False, distrusted=False
+        )
 
-    def _fail(self, name: str, error: Exception) -> None:
+    def _fail(self, name: str, error: BaseException) -> None:
         del self._sensors[name]
-        words = " ".join(f"{type(error).__name__}: {error}".split())
+        try:
+            words = " ".join(f"{type(error).__name__}: {error}".split())
+        except Exception:  # of the error's own text
+            words = type(error).__name__
         self.failed[name] = f"sensor {name} failed and is not used until a restart: {words}"
 
 
@@ -101,6 +112,6 @@ def sensors_of(scenario: Scenario, landscape: Landscape) -> Sensors:
         try:
             make: MakeSensor = points[0].load()
             found[name] = make(scenario, landscape)
-        except Exception as error:  # code of another package may raise anything
+        except (Exception, SystemExit) as error:  # another package may raise anything
             raise ScenarioError(f"{where}: {type(error).__name__}: {error}") from error
     return Sensors(found, landscape.shape)

@@ -15,6 +15,7 @@ from firemodel.arrays import Mask
 from firemodel.assimilation.observation import BURNED, UNBURNED, UNSEEN, Observation, despeckled
 
 COMPARED_EVERY_S = 5.0  # each source
+REMEMBERED_S = 900.0  # age up to which sightings are compared
 FORGOTTEN_S = 600.0  # time in which the weight of a comparison falls to 1/e
 MIN_CELLS = 30.0  # weight of the cells that two sources must have in common
 CONTRADICTORY = 0.1  # share of these cells
@@ -37,11 +38,11 @@ class Comparison(NamedTuple):
             max(at_s, self.at_s), kept * self.agree + agree, kept * self.contradict + contradict
         )
 
-    @property
-    def at_odds(self) -> bool | None:
-        """Whether the sources contradict each other; None with too few cells in common."""
-        count = self.agree + self.contradict
-        return self.contradict > CONTRADICTORY * count if count >= MIN_CELLS else None
+    def at_odds(self, at_s: float) -> bool | None:
+        """Return whether the sources contradict each other; None with too few cells in common."""
+        agree, contradict = self.with_cells(at_s, 0, 0)[1:]
+        count = agree + contradict
+        return contradict > CONTRADICTORY * count if count >= MIN_CELLS else None
 
 
 class SourceAgreement:
@@ -50,9 +51,12 @@ class SourceAgreement:
     def __init__(self, shape: tuple[int, int], cell_m: float) -> None:
         """Begin without sources on a grid of this shape."""
         self._shape, self._cell_m = shape, cell_m
-        self._state: dict[str, NDArray[np.uint8]] = {}  # (y, x) by source
+        # (y, x) the last sightings and their times, by source
+        self._state: dict[str, NDArray[np.uint8]] = {}
+        self._seen_s: dict[str, NDArray[np.float32]] = {}
         self._compared: dict[tuple[str, str], Comparison] = {}
         self._due_s: dict[str, float] = {}  # of the next comparison of each source
+        self._at_s = -math.inf  # of the last comparison
         self.distrusted: frozenset[str] = frozenset()
 
     def add(self, image: Observation) -> None:
@@ -60,20 +64,24 @@ class SourceAgreement:
         state, source = despeckled(image), image.source
         if source not in self._state:
             self._state[source] = np.full(self._shape, UNSEEN, dtype=np.uint8)
+            self._seen_s[source] = np.full(self._shape, -np.inf, dtype=np.float32)
             self._due_s[source] = image.at_s
         if image.at_s >= self._due_s[source]:
             self._due_s[source] = image.at_s + COMPARED_EVERY_S
             self._compare(image, state)
+            self._at_s = max(self._at_s, image.at_s)
             self.distrusted = self._contradicting_most()
         seen = state != UNSEEN
         self._state[source][image.where][seen] = state[seen]
+        self._seen_s[source][image.where][seen] = image.at_s
 
     def _compare(self, image: Observation, state: NDArray[np.uint8]) -> None:
         """Compare the filtered states (y, x) of an image with the sightings of other sources."""
         reach = math.ceil(WITHIN_SD * image.position_sd_m / self._cell_m)
         unburned = (state == UNBURNED) & ~_widened(state == BURNED, reach)
         for other, its_state in self._state.items():
-            before = its_state[image.where]
+            recent = self._seen_s[other][image.where] >= image.at_s - REMEMBERED_S
+            before = np.where(recent, its_state[image.where], UNSEEN)
             burned = before == BURNED
             if other == image.source or not burned.any():
                 continue
@@ -87,25 +95,31 @@ class SourceAgreement:
                 self._compared[pair] = known.with_cells(image.at_s, agree, contradict)
 
     def _contradicting_most(self) -> frozenset[str]:
-        """Return the sources that contradict most of the others.
+        """Return the sources that contradict most of the others, if a majority agrees.
 
-        At least three sources are needed: of two that contradict each other either may be wrong.
+        The sources that remain must be more than those, and must not contradict each other:
+        otherwise it is unknown which are wrong.
         """
         odds: dict[str, list[bool]] = {name: [] for name in self._state}
         for pair, compared in self._compared.items():
-            if compared.at_odds is not None:
+            at_odds = compared.at_odds(self._at_s)
+            if at_odds is not None:
                 for name in pair:
-                    odds[name].append(compared.at_odds)
-        return frozenset(
-            name for name, found in odds.items() if sum(found) > max(1, len(found) / 2)
+                    odds[name].append(at_odds)
+        found = {name for name, each in odds.items() if sum(each) > max(1, len(each) / 2)}
+        others = {name for name, each in odds.items() if each} - found
+        disagree = any(
+            compared.at_odds(self._at_s) and others.issuperset(pair)
+            for pair, compared in self._compared.items()
         )
+        return frozenset() if disagree or len(others) <= len(found) else frozenset(found)
 
     def contradictions(self) -> dict[str, str]:
         """Return a text on each source that contradicts others, by the name of the source."""
         found = {
             one: f"the images of {one} and {other} contradict each other; check both cameras"
             for (one, other), compared in sorted(self._compared.items())
-            if compared.at_odds and self.distrusted.isdisjoint((one, other))
+            if compared.at_odds(self._at_s) and self.distrusted.isdisjoint((one, other))
         }
         return found | {name: self._words_on(name) for name in sorted(self.distrusted)}
 

@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 
 from firemodel.assimilation.observation import BURNED, UNBURNED, Observation
+from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import load_scenario
-from mission_service.events import Observed, WindSet
+from mission_service.events import FireObserved, Observed, WindSet
 from mission_service.fire.late_observation import with_observation
 from mission_service.fire.observed_window import in_letters
-from mission_service.fire.run_ensemble import Images
+from mission_service.fire.run_ensemble import Images, processed
 from mission_service.fire.run_estimate import RunEstimate
 from mission_service.fire.setup import begun_again, fire_of, landscape_of
 from mission_service.journal.journal_file import SegmentReader
@@ -144,6 +145,79 @@ def test_a_false_alarm_needs_a_second_report(world: World) -> None:
     assert burned(world)[near]
 
 
+def test_a_confirmed_place_reaches_the_ensemble_too(world: World) -> None:
+    place = far_cell(world)
+    for source in ("satellite", "tower"):
+        assert observe(world, [place], false_alarms_pct=5.0, source=source)["ok"]
+    ensemble = world.simulation.estimate.ensemble
+    inputs = ensemble.inputs_until(world.now_s)
+    assert processed(ensemble.processed, inputs).burned()[place]
+
+
+def test_a_detector_that_repeats_its_report_confirms_it(world: World) -> None:
+    place = far_cell(world)
+    for _ in range(3):
+        assert observe(world, [place], false_alarms_pct=5.0, source="tower")["ok"]
+        assert not burned(world)[place]
+        world.fly(world.now_s + 4.0)
+    assert observe(world, [place], false_alarms_pct=5.0, source="tower")["ok"]
+    assert burned(world)[place]
+
+
+def test_a_line_without_length_is_a_point(world: World) -> None:
+    place = far_cell(world)
+    assert observe(world, [place, place], shape="line")["ok"]
+    assert burned(world)[place]
+
+
+@pytest.mark.parametrize("age_s", [0, 700, 3600])
+def test_the_first_report_of_a_fire_may_be_of_any_age(age_s: int) -> None:
+    empty = {"simulation": type(SCENARIO.simulation)(), "ignition": ()}
+    land = landscape_of(SCENARIO)
+    estimate = RunEstimate(SCENARIO.model_copy(update=empty), land)
+    lat, lon = land.lat_lon_of(*land.xy_of(100.0, 100.0))
+    seen_at_us = (700 - age_s) * 1_000_000
+    estimate.apply_report(
+        FireObserved(
+            *(700_000_000, "ann", "", "burning", "points", ((float(lat), float(lon)),)),
+            *(seen_at_us, 10.0, 0.0, ""),
+        )
+    )
+    estimate.advance(700_000_000)
+    assert estimate.fire.burned()[100, 100]
+    inputs = estimate.ensemble.inputs_until(700.0)
+    assert processed(estimate.ensemble.processed, inputs).burned()[100, 100]
+
+
+def test_ground_that_a_camera_saw_burned_is_not_reported_as_unburned(tmp_path: Path) -> None:
+    world = world_in(tmp_path, SCENARIO)
+    world.fly(2500.0)
+    before = burned(world)
+    cells = [(each[0], each[1]) for each in np.argwhere(before).tolist()]
+    reply = observe(world, cells, state="unburned")
+    assert not reply["ok"]
+    assert "contradict it in" in str(reply["error"])
+    assert np.array_equal(burned(world), before)
+
+
+def test_a_refusal_does_not_depend_on_earlier_reads() -> None:
+    """Images that wait to be written contradict a report, whether the estimate was read or not."""
+    land = landscape_of(SCENARIO)
+    lat, lon = land.lat_lon_of(*land.xy_of(25.0, 35.0))
+    place = ((float(lat), float(lon)),)
+    for reads in (True, False):
+        estimate = RunEstimate(SCENARIO, land)
+        estimate.on_event(Observed(100_000_000, "hawk", 20, 30, ("u" * 12,) * 12))
+        estimate.on_event(Observed(200_000_000, "hawk", 20, 30, ("u" * 12,) * 12))
+        if reads:
+            estimate.advance(200_000_000)
+        report = FireObserved(
+            200_000_000, "ann", "", "burned", "points", place, 50_000_000, 5.0, 0.0, ""
+        )
+        with pytest.raises(FireModelError, match="contradict it in 1 of 1 cells"):
+            estimate.apply_report(report)
+
+
 def test_places_within_the_error_of_the_front_change_nothing(world: World) -> None:
     before = burned(world)
     row, col = np.argwhere(before).min(axis=0)
@@ -181,7 +255,7 @@ def test_a_mirrored_perimeter_that_cameras_contradict_is_refused(tmp_path: Path)
     mirrored = cells * (-1, 1) + (2 * cells[:, 0].min() - 1, 0)
     reply = observe(world, [(each[0], each[1]) for each in mirrored.tolist()], state="burned")
     assert not reply["ok"]
-    assert "cells cameras saw" in str(reply["error"])
+    assert "contradict it in" in str(reply["error"])
     assert np.array_equal(burned(world), before)
 
 

@@ -10,7 +10,9 @@ import pytest
 
 from mission_service.config.scenario import Scenario, load_scenario
 from mission_service.errors import ScenarioError
+from mission_service.events import AnyEvent, Observed, Telemetry
 from mission_service.fire.scenario_check import check
+from mission_service.fire.sensors import Sensors
 from mission_service.replay.verification import verify
 from tests.api.worlds import World, world_in
 
@@ -73,6 +75,8 @@ def test_its_images_reach_planners_and_estimate_and_a_replay_is_equal(tmp_path: 
         ({"row": 20, "col": 30, "cells": ["uub", "u"]}, "rows of different lengths"),
         ({"row": 20, "col": 30, "cells": ["..."]}, "no observed cell"),
         ({"row": 20}, "KeyError: 'col'"),
+        ({"row": 20, "col": 30, "cells": ["uüu"]}, "other letters than b, u and ."),
+        ({"row": "20", "col": 30, "cells": ["uub"]}, "ValidationError: Expected `int`"),
     ],
 )
 def test_a_sensor_that_fails_is_named_and_not_used_again(
@@ -83,6 +87,29 @@ def test_a_sensor_that_fails_is_named_and_not_used_again(
     assert "sensor detector failed" in alarm.text
     assert reason in alarm.text
     assert world.simulation.service.statistics.observations  # of the estimate
+
+
+class UnprintableError(Exception):
+    """An exception without a text."""
+
+    def __str__(self) -> str:
+        raise ValueError
+
+
+@pytest.mark.parametrize("error", [UnprintableError(), SystemExit(3)])
+def test_any_exception_of_a_sensor_is_caught(error: BaseException) -> None:
+    class Broken:
+        def observe(self, fix: Telemetry) -> Observed | None:
+            raise error
+
+        def on_event(self, event: AnyEvent) -> None:
+            """Do nothing."""
+
+    sensors = Sensors({"broken": Broken()}, (10, 10))
+    fix = Telemetry(0, "hawk", 36.0, -84.0, 500.0, 100.0, 0.0, 0.0, 0.0)
+    assert sensors.observe(fix) == []
+    assert "sensor broken failed" in sensors.failed["broken"]
+    assert sensors.observe(fix) == []
 
 
 def test_an_unknown_sensor_and_one_that_cannot_be_created_are_refused(

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import msgspec
 import numpy as np
+import pytest
 
 from firemodel.assimilation.observation import BURNED, UNBURNED, Observation
 from mission_service.config.scenario import load_scenario
@@ -66,6 +67,27 @@ def test_a_source_is_trusted_again_after_it_agreed_for_some_time() -> None:
     for at_s in np.arange(30.0, 4000.0, 30.0):
         for source in "abc":
             agreement.add(image(source, float(at_s), 22))
+    assert not agreement.distrusted
+
+
+@pytest.mark.parametrize("cols", [(5, 20, 40), (5, 5, 30, 30), (5, 20, 20, 40)])
+def test_without_a_majority_no_source_is_distrusted(cols: tuple[int, ...]) -> None:
+    agreement = SourceAgreement((SIZE, SIZE), 30.0)
+    for at in range(10):
+        for number, each in enumerate(cols):
+            agreement.add(image("abcd"[number], 40.0 * at + 10.0 * number, each))
+    assert not agreement.distrusted
+    assert agreement.contradictions()
+
+
+def test_old_sightings_are_not_compared() -> None:
+    """A source that was wrong and then sees another part of the ground is trusted again."""
+    agreement = compared(image("a", 0.0, 20), image("b", 10.0, 20), image("c", 20.0, 50))
+    east = np.full((SIZE, 5), UNBURNED, dtype=np.uint8)
+    for at_s in np.arange(30.0, 6000.0, 10.0):
+        for source in "ab":
+            agreement.add(image(source, float(at_s), 21))
+        agreement.add(Observation(float(at_s), 0, SIZE - 5, east, 5.0, source="c"))
     assert not agreement.distrusted
 
 
