@@ -19,3 +19,12 @@ def bounds_of(mask: Mask) -> Place:
 def window_at(top: int, left: int, shape: tuple[int, ...]) -> Place:
     """Return the window of a shape (rows, columns) with the north-west cell (top, left)."""
     return np.s_[top : top + shape[0], left : left + shape[1]]
+
+
+def widened(cells: Mask, reach: int) -> Mask:
+    """Return the cells (y, x) with one of ``cells`` within ``reach`` rows and columns."""
+    from scipy.ndimage import maximum_filter  # SciPy takes a while
+
+    if not reach:
+        return cells
+    return np.asarray(maximum_filter(cells, 2 * reach + 1, mode="constant"))

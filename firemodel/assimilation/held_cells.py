@@ -4,9 +4,9 @@ import copy
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import binary_closing, binary_dilation, distance_transform_edt, uniform_filter
+from scipy.ndimage import binary_closing, distance_transform_edt, uniform_filter
 
-from firemodel.arrays import Floats, Mask, Place
+from firemodel.arrays import Floats, Mask, Place, widened
 from firemodel.assimilation.observation import BURNED, UNBURNED, UNSEEN
 
 HELD_S = 400.0  # evidence from which a cell counts as held in forecasts
@@ -55,7 +55,7 @@ class HeldCells:
         cells = self._evidence_s > HELD_S
         closed = binary_closing(cells, SQUARE, iterations=CLOSING_CELLS)
         held = (closed | cells) & ~self._burned
-        front = binary_dilation(self._burned, SQUARE) & ~self._burned & ~np.isnan(self._seen_s)
+        front = widened(self._burned, 1) & ~self._burned & ~np.isnan(self._seen_s)
         return np.asarray(held | (ground_behind(held, front) & ~self._burned), dtype=bool)
 
 

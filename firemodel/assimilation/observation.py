@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
-from firemodel.arrays import Mask, Place, window_at
+from firemodel.arrays import Place, window_at
 from firemodel.landscape.landscape import Landscape
-from firemodel.landscape.rasterise import cells_of
+from firemodel.landscape.rasterise import mask_of
 
 UNSEEN, UNBURNED, BURNED = 0, 1, 2
 FILTER_CELLS = 3  # side of the window of the majority filter
@@ -47,15 +47,8 @@ def mapped_perimeter(
         source: The source, for messages.
     """
     state = np.full(landscape.shape, UNBURNED, dtype=np.uint8)
-    state[burned_cells(area, landscape)] = BURNED
+    state[mask_of([area], landscape)] = BURNED
     return Observation(at_s, 0, 0, state, position_sd_m, source=source, area=area)
-
-
-def burned_cells(area: Any, landscape: Landscape) -> Mask:
-    """Return the mask (y, x) of the cells with their centres in an area (landscape's CRS)."""
-    mask = np.zeros(landscape.shape, dtype=bool)
-    mask[tuple(cells_of([area], landscape).T)] = True
-    return mask
 
 
 def despeckled(observation: Observation) -> NDArray[np.uint8]:

@@ -2,9 +2,8 @@
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import binary_dilation
 
-from firemodel.arrays import Floats, Mask, Place, bounds_of
+from firemodel.arrays import Floats, Mask, Place, bounds_of, widened
 from firemodel.assimilation.camera_window import signed_distance_m
 from firemodel.assimilation.observation import BURNED, UNSEEN
 
@@ -12,7 +11,6 @@ from firemodel.assimilation.observation import BURNED, UNSEEN
 # front: a faster one moves an ensemble's members too far, and they learn rates that are too low.
 WRITE_M_S = 0.05
 WRITE_WITHIN_M = 60.0  # of the observed front
-SQUARE = np.ones((3, 3), dtype=bool)
 
 
 def with_image(
@@ -45,10 +43,10 @@ def with_image(
     wrong = seen & ((state == BURNED) != (arrival_s[here] <= seen_s))
     if not wrong.any():
         return None
-    part = bounds_of(binary_dilation(wrong, SQUARE, iterations=_margin_cells(cell_m)))
+    part = bounds_of(widened(wrong, _margin_cells(cell_m)))
     times_s = np.broadcast_to(np.asarray(seen_s, dtype=np.float64), state.shape)[part]
     distance_m = signed_distance_m(np.where(seen, state, UNSEEN)[part], cell_m)
-    near = binary_dilation(wrong[part], SQUARE) & seen[part]
+    near = widened(wrong[part], 1) & seen[part]
     change = wrong[part] | (near & (np.abs(distance_m) < WRITE_WITHIN_M))
     found, changed = arrival_s.copy(), np.zeros(arrival_s.shape, dtype=bool)
     found[here][part][change] = (times_s - distance_m / WRITE_M_S)[change]

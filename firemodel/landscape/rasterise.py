@@ -8,7 +8,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
-from firemodel.arrays import Floats
+from firemodel.arrays import Floats, Mask
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.fuels import NON_BURNABLE
@@ -24,6 +24,11 @@ def cells_of(geometries: Iterable[BaseGeometry], landscape: Landscape) -> NDArra
     consecutive cells have a common side. A polygon touches the cells whose centre is inside, or one
     cell if it contains no centre. Parts off the grid are ignored.
     """
+    return np.argwhere(mask_of(geometries, landscape)).astype(np.int32)
+
+
+def mask_of(geometries: Iterable[BaseGeometry], landscape: Landscape) -> Mask:
+    """Return the mask (y, x) of the cells that geometries touch (``cells_of``)."""
     touched = np.zeros(landscape.shape, dtype=np.bool_)
     for part in _parts(geometries):
         if part.geom_type == "Polygon":
@@ -32,7 +37,7 @@ def cells_of(geometries: Iterable[BaseGeometry], landscape: Landscape) -> NDArra
             _mark(_col_row(part, landscape), touched)
         else:
             _mark_line(part, landscape, touched)
-    return np.argwhere(touched).astype(np.int32)
+    return touched
 
 
 def burnable_cells(
@@ -70,7 +75,7 @@ def with_barriers(
     shapes = list(geometries)
     outlines = [part.boundary for part in _parts(shapes) if part.geom_type == "Polygon"]
     fuel = landscape.fuel_model.copy()
-    fuel[tuple(cells_of([*shapes, *outlines], landscape).T)] = code
+    fuel[mask_of([*shapes, *outlines], landscape)] = code
     return replace(landscape, fuel_model=fuel)
 
 
@@ -124,6 +129,9 @@ def _mark_polygon(polygon: BaseGeometry, landscape: Landscape, touched: NDArray[
 
 def _mark_line(line: BaseGeometry, landscape: Landscape, touched: NDArray[np.bool_]) -> None:
     """Mark the cells of every segment, and a cell that joins two which touch only at a corner."""
+    if line.length == 0.0:  # an intersection would be empty
+        _mark(_col_row(line, landscape)[:1], touched)
+        return
     rows, cols = touched.shape
     near = shapely.box(-1.0, -1.0, cols + 1.0, rows + 1.0)  # leaves out parts far off the grid
     for part in _parts([shapely.LineString(_col_row(line, landscape)).intersection(near)]):

@@ -9,7 +9,7 @@ from shapely.geometry.base import BaseGeometry
 from firemodel.arrays import Floats
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
-from firemodel.landscape.rasterise import cells_of
+from firemodel.landscape.rasterise import mask_of
 from firemodel.spread.fire_scheme import Burning, check_shape
 from firemodel.spread.front import front_polygons
 
@@ -36,7 +36,7 @@ def burning_from_perimeter(
             "larger landscape"
         )
     arrival_s = np.full(landscape.shape, np.inf)
-    arrival_s[tuple(cells_of([area], landscape).T)] = at_s
+    arrival_s[mask_of([area], landscape)] = at_s
     return Burning(at_s, arrival_s, front, area)
 
 

@@ -14,6 +14,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
+from firemodel.arrays import Floats
 from firemodel.landscape.landscape import Landscape
 from firemodel.landscape.rasterise import cells_of
 from firemodel.physics.weather import WeatherStream
@@ -24,19 +25,17 @@ from mission_service.events import AnyOperatorEvent, Corrected, Erased, Redone, 
 from mission_service.fire.correction_log import (
     CorrectionLog,
     Held,
+    drawn_shape,
     not_erased,
     observations_held,
     observations_of_correction,
 )
-
-Floats = NDArray[np.float64]
+from mission_service.fire.late_observation import Begin
 
 AHEAD_S = 3600.0  # forecast of the fire before the fit, for observations ahead of its front
 OBSERVATION_SPACING_CELLS = 1.0
 MAX_STEPS = 256  # the time of a correction grows with the number of observations
 MAX_OBSERVATIONS = 150  # the time of a fit grows with the cube of their number
-
-Begin = Callable[[Burning | None, WeatherStream, float], Fire]
 
 
 class CorrectedFire:
@@ -150,7 +149,7 @@ def drawn_at_s(held: Sequence[Held], landscape: Landscape) -> Floats:
     """Return the latest time (y, x) for which each cell was drawn; -infinity if it was not."""
     found = np.full(landscape.shape, -np.inf)
     for each in held:
-        index = _cells_drawn(_drawn(each.correction, landscape), each, landscape)
+        index = _cells_drawn(drawn_shape(each.correction, landscape), each, landscape)
         found[index] = np.maximum(found[index], each.correction.marked_at_us / 1e6)
     return found
 
@@ -164,7 +163,7 @@ def as_drawn(arrival_s: Floats, held: Sequence[Held], landscape: Landscape) -> F
     """
     found = arrival_s.copy()
     for each in held:
-        shape, at_s = _drawn(each.correction, landscape), each.correction.marked_at_us / 1e6
+        shape, at_s = drawn_shape(each.correction, landscape), each.correction.marked_at_us / 1e6
         index = _cells_drawn(shape, each, landscape)
         match each.correction.state:
             case "unburned":
@@ -176,16 +175,6 @@ def as_drawn(arrival_s: Floats, held: Sequence[Held], landscape: Landscape) -> F
                 front = shape.exterior if isinstance(shape, shapely.Polygon) else shape
                 found[_cells_drawn(front, each, landscape)] = at_s
     return found
-
-
-def _drawn(correction: Corrected, landscape: Landscape) -> BaseGeometry:
-    """Return the shape of a stroke in the landscape's CRS."""
-    places = landscape.xy_of_places(correction.points)
-    if correction.shape == "line":
-        return shapely.LineString(places)
-    if correction.shape == "polygon":
-        return shapely.Polygon(places)
-    return shapely.Point(places[0])
 
 
 def _cells_drawn(

@@ -4,13 +4,15 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
+from shapely.geometry.base import BaseGeometry
 
 from firemodel.assimilation.map_drawing import observations_of
 from firemodel.ellipses.observations import BURNED, BURNING, UNBURNED
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
-from mission_service.events import AnyEvent, Corrected, Erased, Redone, Undone
+from mission_service.events import AnyEvent, Corrected, Erased, FireObserved, Redone, Undone
 from mission_service.ground_distance import distance_m
 
 Step = Corrected | Erased
@@ -96,6 +98,18 @@ class CorrectionLog:
             }
             for held in self.held()
         ]
+
+
+def drawn_shape(report: Corrected | FireObserved, landscape: Landscape) -> BaseGeometry:
+    """Return the points, the line or the polygon of a report in the landscape's CRS."""
+    places_m = landscape.xy_of_places(report.points)
+    match report.shape:
+        case "line":
+            return shapely.LineString(places_m)
+        case "polygon":
+            return shapely.Polygon(places_m)
+        case "point" | "points":
+            return shapely.MultiPoint(places_m)
 
 
 def observations_of_correction(

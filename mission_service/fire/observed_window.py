@@ -50,8 +50,11 @@ def window_around(cells: Mask, fire: Fire) -> Window:
 
 
 def observation_in(image: Observed) -> Observation:
-    """Return the observation in a camera's image."""
-    return Observation(
+    """Return the observation in a camera's image, without its errors of detection.
+
+    A majority filter removes them, if the sensor makes any.
+    """
+    seen = Observation(
         image.at_us / 1e6,
         image.row,
         image.col,
@@ -61,13 +64,14 @@ def observation_in(image: Observed) -> Observation:
         image.false_alarms,
         image.source or image.vehicle,
     )
+    return seen._replace(state=despeckled(seen), missed=0.0, false_alarms=0.0)
 
 
 def without_speckles(image: Observed) -> Observed:
     """Return an image after a majority filter, if its sensor makes errors of detection."""
     if not (image.missed or image.false_alarms):
         return image
-    codes = LETTERS[despeckled(observation_in(image))]
+    codes = LETTERS[observation_in(image).state]
     return msgspec.structs.replace(image, cells=in_letters(codes), missed=0.0, false_alarms=0.0)
 
 

@@ -6,17 +6,15 @@ of another time or source nearby.
 """
 
 import numpy as np
-import shapely
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter
-from shapely.geometry.base import BaseGeometry
 
-from firemodel.arrays import Floats, Mask, Place, bounds_of, window_at
+from firemodel.arrays import Floats, Mask, Place, bounds_of, widened, window_at
 from firemodel.assimilation.observation import BURNED, UNBURNED, UNSEEN, Observation
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
-from firemodel.landscape.rasterise import cells_of
+from firemodel.landscape.rasterise import mask_of
 from mission_service.events import FireObserved
+from mission_service.fire.correction_log import drawn_shape
 
 MAX_AGE_S = 6 * 3600.0
 MAX_CONTRADICTED = 0.5  # share of the cells that images or other reports show
@@ -36,11 +34,9 @@ def observation_of(event: FireObserved, landscape: Landscape) -> Observation:
         raise FireModelError(
             f"observe: age_s = {age_s:g}: observations older than {MAX_AGE_S:g} s are not used"
         )
-    cells = cells_of([_shape_of(event, landscape)], landscape)
-    if not len(cells):
+    mask = mask_of([drawn_shape(event, landscape)], landscape)
+    if not mask.any():
         raise FireModelError("observe: contains no cell of the landscape; check its place")
-    mask = np.zeros(landscape.shape, dtype=bool)
-    mask[tuple(cells.T)] = True
     here = bounds_of(mask)
     code = UNBURNED if event.state == "unburned" else BURNED
     state = np.where(mask[here], code, UNSEEN).astype(np.uint8)
@@ -122,20 +118,7 @@ class Confirmation:
 def _near(cells: Mask, where: Place, reach: int) -> Mask:
     """Return the cells (y, x) of a window that have one of ``cells`` within some cells."""
     rows, cols = (slice(max(each.start - reach, 0), each.stop + reach) for each in where)
-    part = cells[rows, cols]
-    if reach:
-        part = maximum_filter(part, 2 * reach + 1, mode="constant")
+    part = widened(cells[rows, cols], reach)
     top, left = where[0].start - rows.start, where[1].start - cols.start
     shape = (where[0].stop - where[0].start, where[1].stop - where[1].start)
-    return np.asarray(part[window_at(top, left, shape)])
-
-
-def _shape_of(event: FireObserved, landscape: Landscape) -> BaseGeometry:
-    places_m = landscape.xy_of_places(event.points)
-    match event.shape:
-        case "line" if len(set(event.points)) > 1:
-            return shapely.LineString(places_m)
-        case "polygon":
-            return shapely.Polygon(places_m)
-        case _:
-            return shapely.MultiPoint(places_m)
+    return part[window_at(top, left, shape)]

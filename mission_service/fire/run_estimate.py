@@ -19,9 +19,10 @@ from typing import Any
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
-from firemodel.arrays import Mask, window_at
-from firemodel.assimilation.observation import BURNED, UNSEEN, Observation, despeckled
+from firemodel.arrays import Floats, Mask, Place, window_at
+from firemodel.assimilation.observation import BURNED, UNSEEN, Observation
 from firemodel.assimilation.written_image import with_image
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
@@ -43,7 +44,6 @@ from mission_service.events import (
 from mission_service.fire.camera_views import CameraViews, arrival_at
 from mission_service.fire.corrected_fire import CorrectedFire, burning_now, drawn_at_s
 from mission_service.fire.ignition_reports import ignition_reports_of
-from mission_service.fire.image_mosaic import ImageMosaic, Mosaic
 from mission_service.fire.late_observation import rewritten, with_observation
 from mission_service.fire.observed_window import (
     Window,
@@ -59,6 +59,7 @@ from mission_service.fire.reported_observations import (
 )
 from mission_service.fire.run_ensemble import Lit, RunEnsemble, WeatherSet
 from mission_service.fire.setup import begun_again, cells_lit, reported_fire
+from mission_service.fire.sightings import Mosaic, Sightings
 from mission_service.fire.source_agreement import SourceAgreement
 
 PERIOD_US = 30_000_000  # images are written into the estimate at multiples of this mission time
@@ -88,13 +89,13 @@ class RunEstimate:
         self._views = CameraViews(scenario)
         self._gives_views = scenario.simulation.fire is None and self._accepts_reports
         self._unburnable = np.isin(landscape.fuel_model, list(NON_BURNABLE))
-        self._images = ImageMosaic(landscape.shape)
+        self._images = Sightings(landscape.shape)  # of the present period
         self._due_us: int | None = None  # end of the period of these images
         self._latest_us = round(scenario.start_s * 1e6)  # of the events so far
         self._written_us = -(2**63)  # end of the last period with images
         self._ahead: Fire | None = None  # a copy at a time after the latest event
         self._waiting: deque[Mosaic] = deque()  # of past periods, not written yet
-        self._sightings = ImageMosaic(landscape.shape)  # of the whole run
+        self._sightings = Sightings(landscape.shape)  # of the whole run
         # Cells that planners received as burned in corrections; images may have removed them since.
         self._reported = np.zeros(landscape.shape, dtype=bool)
         self._contradicted: Window | None = None
@@ -120,8 +121,7 @@ class RunEstimate:
             self._ahead.advance(at_us / 1e6)
 
     def _advance_until(self, at_us: int) -> None:
-        """Write the images of past periods and burn until a time, which is that of an event."""
-        self._end_period(at_us)
+        """Write the images of past periods and burn until a time, at most ``_latest_us``."""
         while self._waiting:
             self._write(self._waiting.popleft())
         self._burn_until(at_us / 1e6)
@@ -141,7 +141,8 @@ class RunEstimate:
 
         ``wider_cells`` is added to the footprint of the camera on each side.
         """
-        self.advance(fix.at_us)
+        self._on_time(fix)
+        self._advance_until(fix.at_us)
         found = self._views.seen_from(fix, self._fire, wider_cells)
         return None if found is None else msgspec.structs.replace(found, estimated=True)
 
@@ -168,11 +169,12 @@ class RunEstimate:
             if event.corrects:
                 self._contradicted = None
             elif not event.estimated:
-                self.agreement.add(observation_in(event))
+                seen = observation_in(event)
+                self.agreement.add(seen)
                 if not event.distrusted:
-                    self._on_image(event)
+                    self._on_image(seen, event.at_us)
         elif (reported := self._ignitions.reported_in(event)) is not None:
-            self._advance_to_event(event)
+            self._advance_to_latest()
             cells = cells_lit(reported.points, self.landscape)
             self._corrected.changed(self._fire, partial(_lit, cells=cells, at_s=reported.at_s))
             self.ensemble.add(Lit(event.at_us / 1e6, reported.at_s, cells))
@@ -193,7 +195,7 @@ class RunEstimate:
         if not (self._accepts_reports and isinstance(event, OF_FIRE)):
             return None
         self._corrected.check(event)  # first: a refused report must not end the images' period
-        self._advance_to_event(event)
+        self._advance_to_latest()
         before = self._fire
         found = self._corrected.apply_report(event, before)
         if found is before:
@@ -221,7 +223,7 @@ class RunEstimate:
         reported = reported._replace(state=state.astype(np.uint8))
         self._advance_until(self._latest_us)  # images of past periods become sightings
         refuse_contradicted(reported, self._sightings.state, self._sightings.seen_s)
-        self._advance_to_event(event)
+        self._advance_to_latest()
         burned = self._fire.expected_s() <= reported.at_s
         seen = self._confirmation.surprising(reported, burned, self.landscape.cell_size_m)
         if not (seen.state != UNSEEN).any():
@@ -237,8 +239,7 @@ class RunEstimate:
         )
         self._fire = self._corrected.changed(self._fire, change)
         self._fire = self._with_sightings(self._fire, seen.at_s)
-        times_s = np.full(seen.state.shape, seen.at_s)
-        self._sightings.add_sightings(seen.where, seen.state, times_s)
+        self._sightings.add(seen)
         self.ensemble.add_late(seen)
         self._limit_ensemble()
 
@@ -269,24 +270,19 @@ class RunEstimate:
     def _on_time(self, event: AnyEvent) -> None:
         """End the period of the images if an event is later."""
         self._latest_us, self._ahead = max(self._latest_us, event.at_us), None
-        self._end_period(self._latest_us)
-
-    def _on_image(self, image: Observed) -> None:
-        if image.at_us < self._written_us - LATE_US:
-            self._advance_until(self._latest_us)
-            seen = observation_in(image)
-            self._place_in_time(seen._replace(state=despeckled(seen)))
-            return
-        self._images.add(image)
-        if self._due_us is None:
-            self._due_us = image.at_us - image.at_us % PERIOD_US + PERIOD_US
-        if len(self._waiting) > MAX_WAITING:
-            self._advance_until(image.at_us)
-
-    def _end_period(self, at_us: int) -> None:
-        """Store the images of a period that has ended by a time."""
-        if self._due_us is not None and at_us >= self._due_us:
+        if self._due_us is not None and self._latest_us >= self._due_us:
             self._store_images(self._due_us)
+
+    def _on_image(self, seen: Observation, at_us: int) -> None:
+        if at_us < self._written_us - LATE_US:
+            self._advance_until(self._latest_us)
+            self._place_in_time(seen)
+            return
+        self._images.add(seen)
+        if self._due_us is None:
+            self._due_us = self._latest_us - self._latest_us % PERIOD_US + PERIOD_US
+        if len(self._waiting) > MAX_WAITING:
+            self._advance_until(self._latest_us)
 
     def _store_images(self, at_us: int) -> None:
         mosaic = self._images.taken(at_us / 1e6)
@@ -294,11 +290,10 @@ class RunEstimate:
         if mosaic is not None:
             self._waiting.append(mosaic)
 
-    def _advance_to_event(self, event: AnyEvent) -> None:
+    def _advance_to_latest(self) -> None:
         """Advance to an event that changes the fire; the images before it are written first."""
-        self._end_period(event.at_us)
-        self._store_images(event.at_us)
-        self._advance_until(event.at_us)
+        self._store_images(self._latest_us)
+        self._advance_until(self._latest_us)
 
     def _limit_ensemble(self) -> None:
         if self.ensemble.is_long():
@@ -313,9 +308,10 @@ class RunEstimate:
         self._burn_until(mosaic.at_s)
         self.ensemble.add_image(mosaic.observation())
         self._limit_ensemble()
-        self._sightings.add_sightings(*mosaic[1:4])
-        before = self._fire
-        self._fire = self._corrected.changed(before, partial(self._rewritten, mosaic=mosaic))
+        self._sightings.add_mosaic(mosaic)
+        before, (_, here, state, seen_s, _) = self._fire, mosaic
+        change = partial(self._rewritten, here=here, state=state, seen_s=seen_s)
+        self._fire = self._corrected.changed(before, change)
         if self._fire is before or not self._reported.any():
             return
         removed = self._reported & before.burned() & ~self._fire.burned()
@@ -323,10 +319,13 @@ class RunEstimate:
             self._reported &= ~removed
             self._contradicted = window_around(removed, self._fire)
 
-    def _rewritten(self, fire: Fire, mosaic: Mosaic) -> Fire:
-        """Return the fire after an image, which is ``fire`` itself if both agree."""
+    def _rewritten(self, fire: Fire, here: Place, state: NDArray[np.uint8], seen_s: Floats) -> Fire:
+        """Return the fire after sightings in a window, ``fire`` itself if both agree.
+
+        ``state`` and ``seen_s`` (y, x) are those of the window's cells.
+        """
         cell_m = self.landscape.cell_size_m
-        found = with_image(fire.expected_s(), *mosaic[1:4], cell_m, self._unburnable)
+        found = with_image(fire.expected_s(), here, state, seen_s, cell_m, self._unburnable)
         if found is None:
             return fire
         return rewritten(fire, *found, self._begin)
@@ -340,8 +339,7 @@ class RunEstimate:
         seen = self._sightings
         drawn_s = np.maximum(drawn_at_s(held, self.landscape), after_s)
         state = np.where(seen.seen_s > drawn_s, seen.state, UNSEEN)
-        whole = window_at(0, 0, state.shape)
-        return self._rewritten(fire, Mosaic(fire.time_s, whole, state, seen.seen_s, 0.0))
+        return self._rewritten(fire, window_at(0, 0, state.shape), state, seen.seen_s)
 
 
 def _lit(fire: Fire, cells: Sequence[tuple[int, int]], at_s: float) -> Fire:

@@ -45,9 +45,11 @@ class SimulatedCameras:
         """
         self.fire.advance(fix.at_us)
         settings = self._errors.settings
-        shown = self._views.footprint(fix, self.fire.fire.landscape, wider_cells)
-        if shown is None or settings.kind == "ideal":
+        if settings.kind == "ideal":
             return self._views.seen_from(fix, self.fire.fire, wider_cells)
+        shown = self._views.footprint(fix, self.fire.fire.landscape, wider_cells)
+        if shown is None:
+            return None
         image = self._errors.shown(self.fire.fire, fix, shown)
         return msgspec.structs.replace(
             image_of(fix, shown, image.burned, image.unseen),

@@ -8,11 +8,10 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.ndimage import binary_dilation
 
-from firemodel.arrays import Mask
-from firemodel.assimilation.observation import BURNED, UNBURNED, UNSEEN, Observation, despeckled
+from firemodel.arrays import widened
+from firemodel.assimilation.observation import BURNED, UNBURNED, UNSEEN, Observation
+from mission_service.fire.sightings import Sightings
 
 COMPARED_EVERY_S = 5.0  # each source
 REMEMBERED_S = 900.0  # age up to which sightings are compared
@@ -21,7 +20,6 @@ MIN_CELLS = 30.0  # weight of the cells that two sources must have in common
 CONTRADICTORY = 0.1  # share of these cells
 BESIDE_CELLS = 3  # only burned cells this near to unburned ones count: all agree on the others
 WITHIN_SD = 2.0  # cells within this many standard deviations of a front are not compared
-SQUARE = np.ones((3, 3), dtype=bool)
 
 
 class Comparison(NamedTuple):
@@ -51,43 +49,39 @@ class SourceAgreement:
     def __init__(self, shape: tuple[int, int], cell_m: float) -> None:
         """Begin without sources on a grid of this shape."""
         self._shape, self._cell_m = shape, cell_m
-        # (y, x) the last sightings and their times, by source
-        self._state: dict[str, NDArray[np.uint8]] = {}
-        self._seen_s: dict[str, NDArray[np.float32]] = {}
+        self._sightings: dict[str, Sightings] = {}  # by source
         self._compared: dict[tuple[str, str], Comparison] = {}
         self._due_s: dict[str, float] = {}  # of the next comparison of each source
         self._at_s = -math.inf  # of the last comparison
         self.distrusted: frozenset[str] = frozenset()
 
     def add(self, image: Observation) -> None:
-        """Add an image, which must not be earlier than the one before."""
-        state, source = despeckled(image), image.source
-        if source not in self._state:
-            self._state[source] = np.full(self._shape, UNSEEN, dtype=np.uint8)
-            self._seen_s[source] = np.full(self._shape, -np.inf, dtype=np.float32)
+        """Add an image without errors of detection (``observation_in``)."""
+        source = image.source
+        if source not in self._sightings:
+            self._sightings[source] = Sightings(self._shape)
             self._due_s[source] = image.at_s
         if image.at_s >= self._due_s[source]:
             self._due_s[source] = image.at_s + COMPARED_EVERY_S
-            self._compare(image, state)
+            self._compare(image)
             self._at_s = max(self._at_s, image.at_s)
             self.distrusted = self._contradicting_most()
-        seen = state != UNSEEN
-        self._state[source][image.where][seen] = state[seen]
-        self._seen_s[source][image.where][seen] = image.at_s
+        self._sightings[source].add(image)
 
-    def _compare(self, image: Observation, state: NDArray[np.uint8]) -> None:
-        """Compare the filtered states (y, x) of an image with the sightings of other sources."""
+    def _compare(self, image: Observation) -> None:
+        """Compare an image with the sightings of other sources."""
         reach = math.ceil(WITHIN_SD * image.position_sd_m / self._cell_m)
-        unburned = (state == UNBURNED) & ~_widened(state == BURNED, reach)
-        for other, its_state in self._state.items():
-            recent = self._seen_s[other][image.where] >= image.at_s - REMEMBERED_S
-            before = np.where(recent, its_state[image.where], UNSEEN)
+        state = image.state
+        unburned = (state == UNBURNED) & ~widened(state == BURNED, reach)
+        for other, seen in self._sightings.items():
+            recent = seen.seen_s[image.where] >= image.at_s - REMEMBERED_S
+            before = np.where(recent, seen.state[image.where], UNSEEN)
             burned = before == BURNED
             if other == image.source or not burned.any():
                 continue
-            inside = burned & ~_widened(before == UNBURNED, reach)
+            inside = burned & ~widened(before == UNBURNED, reach)
             contradict = int(np.count_nonzero(inside & unburned))
-            beside = _widened((before == UNBURNED) | (state == UNBURNED), BESIDE_CELLS)
+            beside = widened((before == UNBURNED) | (state == UNBURNED), BESIDE_CELLS)
             agree = int(np.count_nonzero(burned & (state == BURNED) & beside))
             if contradict or agree:
                 pair = (min(other, image.source), max(other, image.source))
@@ -100,7 +94,7 @@ class SourceAgreement:
         The sources that remain must be more than those, and must not contradict each other:
         otherwise it is unknown which are wrong.
         """
-        odds: dict[str, list[bool]] = {name: [] for name in self._state}
+        odds: dict[str, list[bool]] = {name: [] for name in self._sightings}
         for pair, compared in self._compared.items():
             at_odds = compared.at_odds(self._at_s)
             if at_odds is not None:
@@ -131,7 +125,3 @@ class SourceAgreement:
             f"the images of {source} are not used: in {share:.0%} of the burned cells they "
             "contradict those of the others; check the camera and its position"
         )
-
-
-def _widened(cells: Mask, reach: int) -> Mask:
-    return binary_dilation(cells, SQUARE, iterations=reach) if reach else cells

@@ -96,6 +96,11 @@ def test_a_fire_inside_a_ring_stays_there() -> None:
     assert np.hypot(rows + 0.5 - 20.1, cols + 0.5 - 25.3).max() < 8.4
 
 
+def test_a_line_without_length_touches_its_cell() -> None:
+    line = LineString([at((3.2, 5.7))[0]] * 2)
+    assert cells_of([line], LAND).tolist() == cells_of([Point(line.coords[0])], LAND).tolist() != []
+
+
 def test_polygons_touch_the_cells_whose_centre_is_inside() -> None:
     rng = np.random.default_rng(5)
     rows, cols = np.indices(LAND.shape)

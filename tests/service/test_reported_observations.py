@@ -301,6 +301,26 @@ def test_reads_after_the_latest_event_do_not_change_the_estimate(tmp_path: Path)
     assert np.array_equal(one, other)
 
 
+def test_images_that_are_a_few_seconds_late_do_not_depend_on_reads() -> None:
+    """The period of some of these images has ended by the latest event."""
+    land = landscape_of(SCENARIO)
+    estimates = [RunEstimate(SCENARIO, land) for _ in range(2)]
+    for at_us in range(11_000_000, 400_000_000, 7_000_000):
+        state = np.full((30, 30), ord("u"), dtype=np.uint8)
+        state[10:20, 10 : 12 + at_us // 25_000_000] = ord("b")
+        image = Observed(at_us - 8_000_000, "hawk", 20, 30, in_letters(state))
+        other = Observed(at_us, "kite", 100, 100, ("uu", "uu"))
+        for number, estimate in enumerate(estimates):
+            for event in (other, image):
+                estimate.on_event(event)
+                if not number:
+                    estimate.advance(at_us)
+    for estimate in estimates:
+        estimate.advance(395_000_000)
+    one, other_s = (estimate.fire.expected_s() for estimate in estimates)
+    assert np.array_equal(one, other_s)
+
+
 def test_reports_of_the_same_wind_lose_no_growth() -> None:
     land = landscape_of(SCENARIO)
     plain, reported = (RunEstimate(SCENARIO, land) for _ in range(2))

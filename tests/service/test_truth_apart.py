@@ -149,7 +149,7 @@ def test_without_a_simulated_fire_the_estimate_is_flown(tmp_path: Path) -> None:
     scenario = load_scenario("default", ("deploy_at_s=600", "planner.rule=circling"))
     scenario = scenario.model_copy(update={"simulation": SimulationSection()})
     world = world_in(tmp_path, scenario)
-    world.fly(1800.0)
+    world.fly(3600.0)  # long enough for a fire that crosses several cells between two images
     engine = world.simulation.service
     engine.advance_fire(world.simulation.clock.now_us)
     assert engine.cameras is None
@@ -164,6 +164,7 @@ def test_without_a_simulated_fire_the_estimate_is_flown(tmp_path: Path) -> None:
     assert verification.difference is None
     stage = next(each for each in verification.stages if each.name == "fire")
     assert stage.counts["observations"] > 100
+    assert stage.counts["within tolerance"] == 0
     images = [
         entry.content
         for entry in SegmentReader(tmp_path / "journal.jsonl")
