@@ -7,14 +7,14 @@ import pytest
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from mission_service.guidance.burn.ignition_lines import (
+from mission_service.guidance.burn.lines.ignition_lines import (
     alignment_m,
     drop_points,
     extent_across,
     line_across,
     upwind_of,
 )
-from mission_service.guidance.burn.visibility_graph import VisibilityGraph
+from mission_service.guidance.burn.lines.visibility_graph import VisibilityGraph
 
 SOUTH = -math.pi / 2
 BOX = shapely.box(0.0, 0.0, 100.0, 80.0)

@@ -63,7 +63,7 @@ from mission_service.guidance.burn.approved_plan import (
 from mission_service.guidance.burn.burn_state import BurnState
 from mission_service.guidance.burn.checklist import Checklist
 from mission_service.guidance.burn.due_drops import due_drops
-from mission_service.guidance.burn.line_planner import LinePlan, NoPlan
+from mission_service.guidance.burn.lines.line_planner import LinePlan, NoPlan
 from mission_service.guidance.burn.plan_approval import ApprovalTracker
 from mission_service.guidance.burn.plan_mission import mission_items
 from mission_service.guidance.burn.plan_validity import (

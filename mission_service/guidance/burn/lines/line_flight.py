@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from firemodel.ellipses.observations import Simulation
 from mission_service.config.sections import BurnSection
 from mission_service.guidance.burn.burn_unit import BurnUnit
-from mission_service.guidance.burn.hazard import Box, Hazard, hazard_of
-from mission_service.guidance.burn.visibility_graph import VisibilityGraph
+from mission_service.guidance.burn.lines.hazard import Box, Hazard, hazard_of
+from mission_service.guidance.burn.lines.visibility_graph import VisibilityGraph
 
 Floats = NDArray[np.float64]
 FireOfSources = Callable[[Floats], Simulation]  # returns the fire of sources (n, 3) x, y, at_s only
