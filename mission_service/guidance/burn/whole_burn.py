@@ -11,7 +11,7 @@ from shapely.geometry.base import BaseGeometry
 
 from firemodel.ellipses.observations import Simulation
 from mission_service.config.sections import BurnSection
-from mission_service.guidance.burn.lines.line_flight import FlightPoint
+from mission_service.guidance.burn.lines.flight_constraints import FlightPoint
 from mission_service.guidance.burn.lines.line_planner import (
     LinePlan,
     NoPlan,
