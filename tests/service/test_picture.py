@@ -24,8 +24,9 @@ from mission_service.events import (
 )
 from mission_service.fire.setup import landscape_of
 from mission_service.runtime.health_monitor import HealthMonitor, near_pairs
+from mission_service.runtime.notices import MAX_ANNOUNCEMENTS
 from mission_service.runtime.published_states import TelemetryState
-from mission_service.runtime.state_view import MAX_ANNOUNCEMENTS, StateView
+from mission_service.runtime.state_view import StateView
 
 
 @pytest.fixture
