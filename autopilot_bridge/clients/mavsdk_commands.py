@@ -58,7 +58,7 @@ class MavsdkCommands:
         for step in steps:
             if len(self.overrides) > overrides:
                 return False, self.overrides[-1]
-            self._modes.add(modes_of_step(step, stack), self._clock())
+            self._modes.expect(modes_of_step(step, stack), self._clock())
             command, request = step.command, command_message(self._target, step, 0)
             try:
                 ack = await self._system.call(

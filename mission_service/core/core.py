@@ -80,7 +80,11 @@ class Core:
             self._way.prescribed, self.decision_engine, self.guidance, self._results
         )
         self._orders = OperatorOrders(
-            scenario, self.decision_engine, self.vehicles, self._starts.start, self._approvals
+            scenario,
+            self.decision_engine,
+            self.vehicles,
+            self._starts.start_mission,
+            self._approvals,
         )
 
     @property
@@ -97,7 +101,7 @@ class Core:
         if self._approvals is not None and not isinstance(event, events.MissionAccepted):
             commands = self._approvals.held_back(commands, self.vehicles, at_s)
         commands = [command for command in commands if not self._withheld(command)]
-        commands += self.guidance.after(event, commands, self.vehicles)
+        commands += self.guidance.further_commands(event, commands, self.vehicles)
         for command in commands:
             self.decision_engine.on_command(command, at_s)
             if isinstance(command, StartMission):
@@ -229,7 +233,7 @@ class Core:
         if not availability.airborne:
             return [*commands, *self._on_the_ground(vehicle, fix)]
         if self._starts.is_due(vehicle, at_s):
-            return [*commands, *self._starts.start(vehicle, at_s)]
+            return [*commands, *self._starts.start_mission(vehicle, at_s)]
         if vehicle.pending is None and _must_return(vehicle, fix):
             led_home = self.guidance.way_home(vehicle, fix)
             return [*commands, *(self._send_home(vehicle, fix) if led_home is None else led_home)]
@@ -256,7 +260,7 @@ class Core:
     def _on_the_ground(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand]:
         """Repeat a refused start, or upload a mission to a vehicle that has none."""
         if self._starts.is_due(vehicle, fix.at_s):
-            return self._starts.start(vehicle, fix.at_s)
+            return self._starts.start_mission(vehicle, fix.at_s)
         idle = not vehicle.awaits_mission and vehicle.flown_line is None
         if idle and fix.at_s >= vehicle.not_before_s:
             return self._deploy(vehicle, fix)

@@ -25,7 +25,7 @@ class MissionStarts:
         again_at_s = vehicle.start_again_at_s
         return again_at_s is not None and at_s >= again_at_s and vehicle.flown_line is not None
 
-    def start(self, vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
+    def start_mission(self, vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
         """Start the mission. A takeoff requires separation and, after a landing, also an order."""
         vehicle.start_again_at_s = None
         if vehicle.availability.taken_over:

@@ -51,10 +51,10 @@ class RequestResults:
             return []
         if not vehicle.started and vehicle.section.autostart and not vehicle.availability.recalled:
             vehicle.started = True
-            return self._starts.start(vehicle, at_s)
+            return self._starts.start_mission(vehicle, at_s)
         if vehicle.holding:
             vehicle.holding = False
-            return self._starts.start(vehicle, at_s)
+            return self._starts.start_mission(vehicle, at_s)
         return []
 
     def command_finished(self, vehicle: Vehicle, event: events.CommandFinished) -> list[AnyCommand]:

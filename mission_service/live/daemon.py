@@ -103,7 +103,14 @@ async def serve(
             run.settings, run.out, scenario.name, stack, address, run.logs
         )
         links = await open_links(
-            stack, scenario, landscape, clock, clock_us, wall_us, run.tlog_path, announcements.add
+            stack,
+            scenario,
+            landscape,
+            clock,
+            clock_us,
+            wall_us,
+            run.tlog_path,
+            announcements.show,
         )
         gateways = {name: link.gateway for name, link in links.items()}
         exchange = None
@@ -120,7 +127,7 @@ async def serve(
             *(partial(_fly, on_it) for on_it in connected(links)),
             lambda context: serve_control(listening, context.request_handler),
             *run_interfaces,
-            lambda context: retention.run(clock),
+            lambda context: retention.maintain(clock),
         ]
         is_over = await _run_tasks(context, tasks, exchange, check, stop, latest_us)
         # After SIGTERM, sent by a supervisor, the next start resumes the run.
@@ -173,7 +180,7 @@ class _Announcements:
         self.engine: Engine | None = None
         self._early: list[tuple[str, str]] = []
 
-    def add(self, vehicle: str, text: str) -> None:
+    def show(self, vehicle: str, text: str) -> None:
         """Announce a text about a vehicle, or buffer it."""
         if self.engine is None:
             self._early.append((vehicle, text))
@@ -183,7 +190,7 @@ class _Announcements:
     def add_early(self) -> None:
         """Announce the buffered texts."""
         for vehicle, text in self._early:
-            self.add(vehicle, text)
+            self.show(vehicle, text)
 
 
 async def _engine_of(
@@ -202,7 +209,7 @@ async def _engine_of(
     if run.resume:
         interrupted = unfinished(run.journal_path, references, run.scenario, run.skip_unreadable)
     down_from_s = last_written_s(run.journal_path) if interrupted else 0.0
-    journal = _journal_of(run, references, interrupted, announcements.add)
+    journal = _journal_of(run, references, interrupted, announcements.show)
     stack.callback(journal.close)
     broadcast = no_broadcast if exchange is None else exchange.broadcast
     core, cameras, estimate, state_view = _initial_state(
@@ -345,8 +352,8 @@ def _check_state(context: RunContext, health: HealthMonitor, link_monitor: LinkM
     """Check for silent links, refused frames and other alarms, and advance the fires."""
     now_us = clock_us()
     context.service.clock_read(now_us)
-    health.check(now_us)
-    for name, line in link_monitor.announcements(now_us):
+    health.run_checks(now_us)
+    for name, line in link_monitor.silent_vehicles(now_us):
         context.service.announce(name, line)
         context.state_view.alarm(f"silent/{name}", f"{name}: {line}", "warning", name)
     for name, kind, words in alarms(context.links):
@@ -354,10 +361,10 @@ def _check_state(context: RunContext, health: HealthMonitor, link_monitor: LinkM
             context.service.announce(name, words)
             context.state_view.alarm(f"{kind}/{name}", f"{name}: {words}", SEVERITIES[kind], name)
         else:
-            context.state_view.clear(f"{kind}/{name}")
+            context.state_view.clear_alarm(f"{kind}/{name}")
     for name, link in context.links.items():
         connection = link.connection
-        for line in link.refusals.announcements(connection.counts, connection.receives_signed):
+        for line in link.refusals.new_reports(connection.counts, connection.receives_signed):
             context.service.announce(name, line)
     context.clock.wall_passed(now_us)
     context.service.advance_fire(context.clock.now_us)

@@ -51,7 +51,7 @@ class HealthMonitor:
         self._near_due_us = 0
         self._near: set[str] = set()
 
-    def check(self, now_us: int) -> None:
+    def run_checks(self, now_us: int) -> None:
         """Run all checks; ``now_us`` is the machine's clock."""
         if self._checked_us is not None:
             late_us = now_us - self._checked_us - self._every_us
@@ -60,7 +60,7 @@ class HealthMonitor:
                 text = f"the event loop was blocked for {late_us / 1e6:.1f} s"
                 self._state_view.alarm("late", text, severity)
             else:
-                self._state_view.clear("late")
+                self._state_view.clear_alarm("late")
         self._checked_us = now_us
         if now_us >= self._near_due_us:
             self._near_due_us = now_us + NEAR_EVERY_US
@@ -77,5 +77,5 @@ class HealthMonitor:
                 text = f"{one} and {other} are {apart_m:.0f} m apart"
                 view.alarm(key, text, "severe", one)
         for key in self._near - found:
-            view.clear(key)
+            view.clear_alarm(key)
         self._near = found

@@ -41,11 +41,11 @@ class Notices:
         """Raise ``prefix/NAME`` for each name with a text, and clear all others of the prefix."""
         for key in [key for key in self.alarms if key.startswith(f"{prefix}/")]:
             if key.partition("/")[2] not in texts:
-                self.clear(key)
+                self.clear_alarm(key)
         for name, text in texts.items():
             self.alarm(f"{prefix}/{name}", text, severity)
 
-    def clear(self, key: str) -> None:
+    def clear_alarm(self, key: str) -> None:
         """Clear an alarm."""
         alarm = self.alarms.pop(key, None)
         if alarm is not None:
@@ -56,7 +56,7 @@ class Notices:
     def clear_all_but(self, *prefixes: str) -> None:
         """Clear all other alarms; their sources raise them again if the cause persists."""
         for key in [key for key in self.alarms if key.partition("/")[0] not in prefixes]:
-            self.clear(key)
+            self.clear_alarm(key)
 
     def announce(self, vehicle: str, text: str, level: str = "info") -> None:
         """Add an announcement to the operators."""

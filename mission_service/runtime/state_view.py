@@ -230,7 +230,7 @@ class StateView(Notices):
             if event.vehicle in ("", name) and name not in not_ordered:
                 self._order(vehicle, order)
         if event.order in ("resume", "start") and not not_ordered:
-            self.clear("abort")
+            self.clear_alarm("abort")
 
     def _order(self, vehicle: VehicleState, order: str) -> None:
         vehicle.order = order
@@ -264,10 +264,10 @@ class StateView(Notices):
             self.alarm(f"link/{name}", f"{name}: link lost", "severe", name)
             return
         vehicle.link = "online"
-        self.clear(f"link/{name}")
+        self.clear_alarm(f"link/{name}")
         if isinstance(event, VehicleConnected):
             vehicle.detected_stack = event.stack
-            self.clear(f"silent/{name}")
+            self.clear_alarm(f"silent/{name}")
 
     def _rebooted(self, vehicle: VehicleState, event: VehicleRebooted) -> None:
         self.missions[vehicle.vehicle] = MissionState(event.at_us, vehicle.vehicle)
@@ -283,7 +283,7 @@ class StateView(Notices):
         name = vehicle.vehicle
         vehicle.position_good, vehicle.position_fix = event.good, event.fix
         if event.good:
-            self.clear(f"position/{name}")
+            self.clear_alarm(f"position/{name}")
         else:
             self.alarm(f"position/{name}", f"{name}: no position fix", "severe", name)
 
@@ -320,7 +320,7 @@ class StateView(Notices):
         if event.percent < LOW_BATTERY_PCT:
             self.alarm(f"battery/{name}", f"{name}: battery low", "warning", name)
         elif event.percent >= GOOD_BATTERY_PCT:
-            self.clear(f"battery/{name}")
+            self.clear_alarm(f"battery/{name}")
 
     def _uploaded(self, vehicle: VehicleState, event: UploadFinished) -> None:
         name = vehicle.vehicle
@@ -335,7 +335,7 @@ class StateView(Notices):
         mission.at_us = event.at_us
         if event.outcome == "accepted":
             mission.on_board, mission.sending = sent, None
-            self.clear(f"mission/{name}")
+            self.clear_alarm(f"mission/{name}")
         else:
             text = f"{name}: mission {event.outcome}: {event.reason}"
             self.alarm(f"mission/{name}", text, "warning", name)
@@ -345,7 +345,7 @@ class StateView(Notices):
         name = vehicle.vehicle
         key = f"order/{name}/{event.command}"
         if event.accepted:
-            self.clear(key)
+            self.clear_alarm(key)
         else:
             text = f"{name}: {event.command} refused: {event.reason}"
             self.alarm(key, text, "warning", name)
@@ -373,7 +373,7 @@ class StateView(Notices):
                 text = f"{name}: {command.text}"
                 self.alarm(f"{command.alarm}/{name}", text, command.severity, name)
             case ClearAlarm():
-                self.clear(f"{command.alarm}/{name}")
+                self.clear_alarm(f"{command.alarm}/{name}")
             case WithdrawMission():
                 proposed = self.missions[name].proposed
                 if proposed and proposed.mission_id == command.mission_id:

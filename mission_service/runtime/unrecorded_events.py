@@ -34,7 +34,7 @@ class UnrecordedEvents:
         if self._refusals:
             key = _alarm_of(event)
             self._refusals.discard(key)
-            view.clear(key)
+            view.clear_alarm(key)
         return body
 
     def _refuse(self, event: AnyEvent, why: str, view: StateView) -> None:
@@ -73,7 +73,7 @@ class UnrecordedEvents:
     def forget_modes(self, view: StateView) -> None:
         """Clear the modes and their alarms; a restart reports each vehicle's mode again."""
         for name in self._modes:
-            view.clear(f"unrecorded/{name}")
+            view.clear_alarm(f"unrecorded/{name}")
         self._modes.clear()
 
 

@@ -109,12 +109,12 @@ def test_pairs_too_near_are_found() -> None:
 def test_the_health_monitor_reports_pairs_and_lateness(state_view: StateView) -> None:
     health_monitor = HealthMonitor(state_view, 30.0, 200_000)
     state_view.telemetry = {"a": at("a", 36.0, 100.0), "b": at("b", 36.0, 110.0)}
-    health_monitor.check(0)
+    health_monitor.run_checks(0)
     assert set(state_view.alarms) == {"near/a/b"}
     state_view.telemetry["b"] = at("b", 36.1, 110.0)
-    health_monitor.check(1_200_000)
+    health_monitor.run_checks(1_200_000)
     assert set(state_view.alarms) == {"late"}
-    health_monitor.check(1_400_000)
+    health_monitor.run_checks(1_400_000)
     assert not state_view.alarms
 
 

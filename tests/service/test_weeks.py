@@ -157,10 +157,10 @@ def test_what_a_service_holds_does_not_grow_with_what_has_passed(
     for rig in simulation.rigs:
         if rig.mock.stack.name == "px4":  # these missions have no landing
             rig.mock.parameters.change("MIS_TKO_LAND_REQ", 0.0)
-    simulation.run(START_S + 240.0)
+    simulation.run_until(START_S + 240.0)
     samples, counts = [], []
     for number in range(1, 2 * SAMPLES + 1):
-        simulation.run(START_S + 240.0 + number * EVERY_S)
+        simulation.run_until(START_S + 240.0 + number * EVERY_S)
         service = simulation.service
         clients = [rig.client for rig in simulation.rigs]
         samples.append(contents([service, clients], [scenario, landscape, header]))

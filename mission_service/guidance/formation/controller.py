@@ -235,9 +235,13 @@ class FormationFlight(Guidance):
         circle = Circle(float(path_m[-1, 0]), float(path_m[-1, 1]), -section.loiter_radius_m)
         state.sending = circle
         if not vehicle.availability.airborne:
-            return first_mission(self.landscape, circle, section, vehicle.landing.at(fix.at_s))
+            return first_mission(
+                self.landscape, circle, section, vehicle.landing.items_at(fix.at_s)
+            )
         altitude_m = self._altitude(vehicle, circle, fix)
-        return loiter_mission(self.landscape, circle, altitude_m, vehicle.landing.at(fix.at_s))
+        return loiter_mission(
+            self.landscape, circle, altitude_m, vehicle.landing.items_at(fix.at_s)
+        )
 
     def _resend_first(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand]:
         """Send the first mission again to an airborne vehicle that rejected it."""
@@ -260,7 +264,7 @@ class FormationFlight(Guidance):
             if near or fix.at_s - vehicle.uploaded_at_s < RENEW_EVERY_S:
                 return []
         state.sending = circle
-        landing = vehicle.landing.at(fix.at_s)
+        landing = vehicle.landing.items_at(fix.at_s)
         items = loiter_mission(self.landscape, circle, state.altitude_m, landing)
         why = "settled: loiter on this circle" if settled else "loiter on a circle nearby"
         path_m = np.array([circle.centre_m])
@@ -281,7 +285,7 @@ class FormationFlight(Guidance):
             return []
         if not self._in_contact:
             return []
-        intention = self.formation.step(vehicle.name, fix)
+        intention = self.formation.step_agent(vehicle.name, fix)
         centre_m, radius_m = (intention.orbit_x_m, intention.orbit_y_m), intention.orbit_radius_m
         desired = Circle(*centre_m, radius_m, intention.climb_m)
         near = not intention.settled and self.formation.is_near_others(vehicle.name)

@@ -35,5 +35,5 @@ def mission_to_place(
     """Return a vehicle's first mission, from the ground to its place at the fire's edge."""
     home_m = landscape.xy_of_lat_lon(section.home_lat_deg, section.home_lon_deg)
     place_m = waits_at(scenario, Formation(scenario, landscape), section, home_m)
-    landing = Landing(scenario, section, landscape).at(scenario.first_flight_s)
+    landing = Landing(scenario, section, landscape).items_at(scenario.first_flight_s)
     return first_mission(landscape, Circle(*place_m, -section.loiter_radius_m), section, landing)

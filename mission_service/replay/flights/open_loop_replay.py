@@ -98,7 +98,7 @@ class OpenLoopReplay:
             return
         self.vehicles[entry.vehicle].apply(entry.event)
         self.service.handle_events(self.gateways[entry.vehicle].events(entry.at_us), entry.at_us)
-        self._health_monitor.check(entry.at_us)
+        self._health_monitor.run_checks(entry.at_us)
 
 
 def _initial_state(pairing: Pairing) -> dict[str, Any]:
