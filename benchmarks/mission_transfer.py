@@ -15,7 +15,7 @@ import click
 
 from autopilot_bridge.items import MissionItem, loiter_unlimited, waypoint
 from autopilot_bridge.links.codec import Codec, Message
-from autopilot_bridge.links.link import MemoryLink
+from autopilot_bridge.links.memory_link import MemoryLink
 from autopilot_bridge.missions.download import MissionDownload
 from autopilot_bridge.missions.ftp import FtpDownload, FtpUpload, next_session
 from autopilot_bridge.missions.read_back import same_mission
@@ -23,7 +23,7 @@ from autopilot_bridge.missions.transfer import Address, TransferResult, Transfer
 from autopilot_bridge.missions.upload import MissionUpload
 from autopilot_bridge.mock.autopilot import MockAutopilot
 from autopilot_bridge.mock.local_frame import LocalFrame
-from autopilot_bridge.stacks.stacks import stack_named
+from autopilot_bridge.stacks.stack_limits import stack_named
 from benchmarks.link_shared import clock_us
 
 STATION = (255, 190)

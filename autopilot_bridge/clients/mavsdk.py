@@ -29,15 +29,15 @@ from autopilot_bridge.clients.mavsdk_library import (
 from autopilot_bridge.clients.shared_link import HEARTBEAT_TIMEOUT_US, is_of_autopilot
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.items import Items, jumps_moved
+from autopilot_bridge.links.asyncio_connection import Connection
 from autopilot_bridge.links.codec import Codec, Message, item_of
-from autopilot_bridge.links.connection import Connection
 from autopilot_bridge.links.framing import frames_of, source_of
 from autopilot_bridge.links.signing import Counts, Signing
 from autopilot_bridge.links.tlog_writer import Tlog
 from autopilot_bridge.missions.check import check
 from autopilot_bridge.missions.plan_id import mission_id_of
 from autopilot_bridge.missions.transfer import Address, TransferResult, TransferTiming
-from autopilot_bridge.stacks.stacks import Stack, Step
+from autopilot_bridge.stacks.stack_limits import Stack, Step
 from autopilot_bridge.vehicle.client_events import (
     ClientEvent,
     CommandFinished,

@@ -24,7 +24,7 @@ from autopilot_bridge.mock.mission_sequencer import (
 )
 from autopilot_bridge.mock.payload import Payload
 from autopilot_bridge.mock.stack_constants import stack_constants_of
-from autopilot_bridge.stacks.rules import TERRAIN_FRAMES
+from autopilot_bridge.stacks.item_treatment import TERRAIN_FRAMES
 
 Mode = Literal["idle", "mission", "hold", "rtl", "guided", "takeoff", "land", "orbit"]
 

@@ -5,13 +5,13 @@ from typing import Any, Protocol
 
 from autopilot_bridge.items import MissionItem
 from autopilot_bridge.links.codec import Codec, Message
-from autopilot_bridge.links.link import MemoryLink
+from autopilot_bridge.links.memory_link import MemoryLink
 from autopilot_bridge.missions import ftp_packet as ftp
 from autopilot_bridge.missions.ftp import FtpDownload, FtpUpload
 from autopilot_bridge.missions.ftp_packet import Packet, packet_of
 from autopilot_bridge.missions.transfer import Address, TransferResult, TransferTiming
 from autopilot_bridge.mock.autopilot import MockAutopilot
-from autopilot_bridge.stacks.stacks import stack_named
+from autopilot_bridge.stacks.stack_limits import stack_named
 from tests.bridge.helpers import SECOND, line_of, mock_of
 
 ARDUPILOT = stack_named("ardupilot", "plane")

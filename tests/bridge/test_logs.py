@@ -14,7 +14,7 @@ from pymavlink import DFReader, mavutil
 from pyulog import ULog
 
 from autopilot_bridge.errors import BridgeError
-from autopilot_bridge.links.link import MemoryLink
+from autopilot_bridge.links.memory_link import MemoryLink
 from autopilot_bridge.links.tlog_writer import Tlog
 from autopilot_bridge.logs import record_scanner
 from autopilot_bridge.logs.dataflash import DataFlashLog
@@ -29,7 +29,7 @@ from autopilot_bridge.logs.entries import (
 from autopilot_bridge.logs.reading import merged, open_log
 from autopilot_bridge.logs.tlog import TlogLog
 from autopilot_bridge.logs.ulog import UlogLog
-from autopilot_bridge.stacks.stacks import stack_named
+from autopilot_bridge.stacks.stack_limits import stack_named
 from autopilot_bridge.vehicle.client_events import (
     Attitude,
     Connected,

@@ -12,8 +12,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.clients.native import NativeClient
 from autopilot_bridge.errors import BridgeError
+from autopilot_bridge.links.asyncio_connection import Connection
 from autopilot_bridge.links.codec import Codec
-from autopilot_bridge.links.connection import Connection
 from autopilot_bridge.links.framing import frames_of, message_id_of
 from autopilot_bridge.links.signing import (
     EPOCH_US,
@@ -29,7 +29,7 @@ from autopilot_bridge.links.signing import (
     ticks_of,
 )
 from autopilot_bridge.links.tlog_writer import Tlog
-from autopilot_bridge.stacks.stacks import stack_named
+from autopilot_bridge.stacks.stack_limits import stack_named
 from autopilot_bridge.vehicle.client_events import TransferFinished
 from tests.bridge.helpers import line_of, mock_of
 from tests.bridge.transport_helpers import (

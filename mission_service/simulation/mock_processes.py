@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-from autopilot_bridge.links.link import LinkAddress, other_end, parse_link
+from autopilot_bridge.links.link_address import LinkAddress, other_end, parse_link
 from autopilot_bridge.links.signing import Key, Signing, Timestamps, read_key
 from autopilot_bridge.mock.autopilot import MockAutopilot
 from autopilot_bridge.mock.fault_injection import FaultyMock
@@ -17,12 +17,12 @@ from autopilot_bridge.mock.fault_kinds import parse_faults
 from autopilot_bridge.mock.kinematics import CALM, Wind
 from autopilot_bridge.mock.local_frame import LocalFrame
 from autopilot_bridge.mock.serving import MockGroup, serve
-from autopilot_bridge.stacks.stacks import stack_named
+from autopilot_bridge.stacks.stack_limits import stack_named
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import flying, load_scenario
 from mission_service.config.sections import VehicleSection
 from mission_service.errors import MissionServiceError
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 from mission_service.runtime.clocks import clock_us, wall_us
 from mission_service.simulation.demo import vehicle_of
 from mission_service.simulation.sim import mock_of
