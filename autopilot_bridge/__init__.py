@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from autopilot_bridge.missions.plan_file import read_any, write_any
     from autopilot_bridge.mock.autopilot import MockAutopilot
     from autopilot_bridge.mock.local_frame import LocalFrame
-    from autopilot_bridge.stacks.stack_limits import Stack, stack_named
+    from autopilot_bridge.stacks.stacks import Stack, stack_named
 
 __all__ = [
     "BridgeError",
@@ -56,7 +56,7 @@ _MODULES = {
     "clients.native": ("NativeClient",),
     "errors": ("BridgeError",),
     "items": ("MissionItem", "Plan", "loiter_unlimited", "takeoff", "waypoint"),
-    "links.connection": ("Connection",),
+    "links.asyncio_connection": ("Connection",),
     "logs.reading": ("open_log",),
     "missions.check": ("adapted", "check"),
     "missions.plan_file": ("read_any", "write_any"),

@@ -21,7 +21,7 @@ from autopilot_bridge.links.asyncio_connection import Connection
 from autopilot_bridge.mock.autopilot import MockAutopilot
 from autopilot_bridge.mock.local_frame import LocalFrame
 from autopilot_bridge.mock.serving import serve
-from autopilot_bridge.stacks.stack_limits import stack_named
+from autopilot_bridge.stacks.stacks import stack_named
 from autopilot_bridge.vehicle.client_events import TransferFinished
 from benchmarks.link_shared import clock_us, free_ports, mission_of
 

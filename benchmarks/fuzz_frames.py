@@ -33,7 +33,7 @@ from autopilot_bridge.links.framing import V2, Framer, checksum, field_at, messa
 from autopilot_bridge.links.signing import Key, Signing, Timestamps
 from autopilot_bridge.mock.autopilot import MockAutopilot
 from autopilot_bridge.mock.local_frame import LocalFrame
-from autopilot_bridge.stacks.stack_limits import Stack, stack_named
+from autopilot_bridge.stacks.stacks import Stack, stack_named
 from autopilot_bridge.vehicle.client_events import Connected, TransferFinished
 
 RADIO = mavlink.MAVLINK_MSG_ID_RADIO_STATUS

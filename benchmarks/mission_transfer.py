@@ -23,7 +23,7 @@ from autopilot_bridge.missions.transfer import Address, TransferResult, Transfer
 from autopilot_bridge.missions.upload import MissionUpload
 from autopilot_bridge.mock.autopilot import MockAutopilot
 from autopilot_bridge.mock.local_frame import LocalFrame
-from autopilot_bridge.stacks.stack_limits import stack_named
+from autopilot_bridge.stacks.stacks import stack_named
 from benchmarks.link_shared import clock_us
 
 STATION = (255, 190)

@@ -3,7 +3,7 @@
 from typing import Protocol
 
 from autopilot_bridge.items import Items
-from autopilot_bridge.stacks.stack_limits import Stack
+from autopilot_bridge.stacks.stacks import Stack
 from autopilot_bridge.vehicle.client_events import ClientEvent
 from autopilot_bridge.vehicle.orders import Dropper
 from autopilot_bridge.vehicle.transfer_states import StartItem

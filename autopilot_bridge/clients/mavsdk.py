@@ -37,7 +37,7 @@ from autopilot_bridge.links.tlog_writer import Tlog
 from autopilot_bridge.missions.check import check
 from autopilot_bridge.missions.plan_id import mission_id_of
 from autopilot_bridge.missions.transfer import Address, TransferResult, TransferTiming
-from autopilot_bridge.stacks.stack_limits import Stack, Step
+from autopilot_bridge.stacks.stacks import Stack, Step
 from autopilot_bridge.vehicle.client_events import (
     ClientEvent,
     CommandFinished,

@@ -9,7 +9,7 @@ from autopilot_bridge.items import Items, jumps_moved
 from autopilot_bridge.links.codec import Message
 from autopilot_bridge.missions.read_back import same_as_sent
 from autopilot_bridge.missions.transfer import Holds, TransferResult
-from autopilot_bridge.stacks.stack_limits import Stack
+from autopilot_bridge.stacks.stacks import Stack
 
 MAVSDK_IDS = (245, 190)  # system and component ids of its ground stations
 ACCEPTED = TransferResult("accepted", "accepted", 0, holds="the new one")

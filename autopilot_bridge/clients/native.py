@@ -14,7 +14,7 @@ from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.items import MissionItem
 from autopilot_bridge.links.codec import Codec, Message
 from autopilot_bridge.missions.transfer import Kind, TransferResult, TransferTiming
-from autopilot_bridge.stacks.stack_limits import Stack
+from autopilot_bridge.stacks.stacks import Stack
 from autopilot_bridge.vehicle import orders
 from autopilot_bridge.vehicle.client_events import (
     ClientEvent,

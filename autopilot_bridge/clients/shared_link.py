@@ -14,7 +14,7 @@ from autopilot_bridge.clients.native import HEARTBEAT_EVERY_US, NativeClient, gc
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.links.codec import Codec, Message
 from autopilot_bridge.missions.transfer import TransferTiming
-from autopilot_bridge.stacks.stack_limits import stack_of
+from autopilot_bridge.stacks.stacks import stack_of
 from autopilot_bridge.vehicle.client_events import ClientEvent
 from autopilot_bridge.vehicle.message_rates import ALL_RATES_HZ, RatesHz
 from autopilot_bridge.vehicle.monitor import AUTOPILOT

@@ -22,7 +22,7 @@ from autopilot_bridge.logs.entries import (
 )
 from autopilot_bridge.logs.record_scanner import Values, events_of, records, steady
 from autopilot_bridge.stacks.modes import PX4
-from autopilot_bridge.stacks.stack_limits import Stack, stack_named
+from autopilot_bridge.stacks.stacks import Stack, stack_named
 from autopilot_bridge.vehicle.client_events import (
     Attitude,
     Battery,

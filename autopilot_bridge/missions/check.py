@@ -32,7 +32,7 @@ from autopilot_bridge.stacks.item_treatment import (
     Rules,
     rules_of,
 )
-from autopilot_bridge.stacks.stack_limits import Stack
+from autopilot_bridge.stacks.stacks import Stack
 
 _JUMP = mavlink.MAV_CMD_DO_JUMP
 _PARAMS = ("param1", "param2", "param3", "param4")

@@ -25,7 +25,7 @@ from autopilot_bridge.items import (
 from autopilot_bridge.missions import fence_file, wpl_file
 from autopilot_bridge.missions.plan_values import array, null_or_number, number, whole
 from autopilot_bridge.missions.text_file import read_text, write_text
-from autopilot_bridge.stacks.stack_limits import Stack
+from autopilot_bridge.stacks.stacks import Stack
 
 # QGroundControl's AltitudeMode for each frame. The numbers of the modes differ between versions, so
 # the reader uses only the frame.

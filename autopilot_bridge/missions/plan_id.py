@@ -15,7 +15,7 @@ import struct
 from collections.abc import Sequence
 
 from autopilot_bridge.items import MissionItem
-from autopilot_bridge.stacks.stack_limits import Stack
+from autopilot_bridge.stacks.stacks import Stack
 
 _ITEM = struct.Struct("<BHB4fiif")
 _INVERTED = 0xFFFFFFFF  # binascii inverts before and after, but PX4 does not

@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.items import MissionItem, has_position, params_of
 from autopilot_bridge.stacks.item_treatment import SAME_AS, TWIN, Rules, rules_of
-from autopilot_bridge.stacks.stack_limits import Stack, stack_named
+from autopilot_bridge.stacks.stacks import Stack, stack_named
 
 MISSION, FENCE, RALLY = (
     mavlink.MAV_MISSION_TYPE_MISSION,

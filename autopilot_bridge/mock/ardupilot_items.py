@@ -8,7 +8,7 @@ from autopilot_bridge.items import MissionItem
 from autopilot_bridge.missions.read_back import takes_position
 from autopilot_bridge.mock.mission_server import ACCEPTED, CIRCLES, FENCE, MISSION, RALLY, VERTICES
 from autopilot_bridge.stacks.item_treatment import FENCE_COMMANDS, RALLY_POINT, rules_of
-from autopilot_bridge.stacks.stack_limits import Stack
+from autopilot_bridge.stacks.stacks import Stack
 
 
 def judge(item: MissionItem, mission_type: int, stack: Stack) -> int:

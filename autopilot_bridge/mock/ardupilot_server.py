@@ -27,7 +27,7 @@ from autopilot_bridge.mock.mission_server import (
     item_out,
     text,
 )
-from autopilot_bridge.stacks.stack_limits import Stack
+from autopilot_bridge.stacks.stacks import Stack
 
 DENIED = int(mavlink.MAV_MISSION_DENIED)
 INFO, WARNING, DEBUG = 6, 4, 7

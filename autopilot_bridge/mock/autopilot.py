@@ -23,7 +23,7 @@ from autopilot_bridge.mock.parameter_server import ParameterServer
 from autopilot_bridge.mock.payload import Answer, Output, Px4Gripper
 from autopilot_bridge.mock.px4_server import Px4Server
 from autopilot_bridge.mock.telemetry_sender import TelemetrySender
-from autopilot_bridge.stacks.stack_limits import Stack
+from autopilot_bridge.stacks.stacks import Stack
 
 COMPONENT = mavlink.MAV_COMP_ID_AUTOPILOT1
 # Default values of WPNAV_SPEED_UP and _DN; MPC_Z_V_AUTO_UP and _DN.

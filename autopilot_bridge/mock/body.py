@@ -16,7 +16,7 @@ from autopilot_bridge.mock.kinematics import (
     step_plane,
 )
 from autopilot_bridge.mock.local_frame import LocalFrame, Terrain
-from autopilot_bridge.stacks.stack_limits import Stack
+from autopilot_bridge.stacks.stacks import Stack
 
 Place = tuple[float, float]  # metres north and east of home
 

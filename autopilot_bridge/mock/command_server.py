@@ -18,7 +18,7 @@ from autopilot_bridge.mock.mission_server import MissionServer, text
 from autopilot_bridge.mock.parameter_server import ParameterServer
 from autopilot_bridge.mock.payload import ACCEPTED, DENIED, REJECTED
 from autopilot_bridge.stacks.item_treatment import rules_of
-from autopilot_bridge.stacks.stack_limits import Stack
+from autopilot_bridge.stacks.stacks import Stack
 
 UNSUPPORTED = int(mavlink.MAV_RESULT_UNSUPPORTED)
 FAILED = int(mavlink.MAV_RESULT_FAILED)

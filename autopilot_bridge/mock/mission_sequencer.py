@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.items import MissionItem
-from autopilot_bridge.stacks.stack_limits import Stack
+from autopilot_bridge.stacks.stacks import Stack
 
 DEFAULT_RADIUS_M = 80.0  # WP_LOITER_RAD is 60, NAV_LOITER_RAD 80
 MAX_JUMPS = 255  # consecutive jumps without a NAV item, as in ArduPilot

@@ -13,7 +13,7 @@ from autopilot_bridge.items import NO_POSITION, MissionItem
 from autopilot_bridge.links.codec import Message, item_message, item_of
 from autopilot_bridge.mock.fault_kinds import Faults
 from autopilot_bridge.mock.stack_constants import stack_constants_of
-from autopilot_bridge.stacks.stack_limits import Stack
+from autopilot_bridge.stacks.stacks import Stack
 
 MISSION = int(mavlink.MAV_MISSION_TYPE_MISSION)
 FENCE = int(mavlink.MAV_MISSION_TYPE_FENCE)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.stacks.stack_limits import Stack
+from autopilot_bridge.stacks.stacks import Stack
 
 # Number of outputs that the airframe uses; DO_SET_SERVO does not change these outputs.
 _TAKEN = {"plane": 4, "copter": 4}

@@ -17,7 +17,7 @@ from autopilot_bridge.mock.mission_server import (
     VERTICES,
 )
 from autopilot_bridge.stacks.item_treatment import FENCE_COMMANDS, RALLY_POINT, rules_of
-from autopilot_bridge.stacks.stack_limits import Stack
+from autopilot_bridge.stacks.stacks import Stack
 
 FRAME_MISSION = int(mavlink.MAV_FRAME_MISSION)
 FLOAT_FRAMES = {5: 0, 6: 3}

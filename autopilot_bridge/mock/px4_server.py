@@ -40,7 +40,7 @@ from autopilot_bridge.mock.px4_items import (
     shapes_of,
     usable_shapes,
 )
-from autopilot_bridge.stacks.stack_limits import Stack
+from autopilot_bridge.stacks.stacks import Stack
 
 COMPONENTS = (0, 1, 190)  # all components, the autopilot, the "mission planner"
 CRITICAL = 2

@@ -5,7 +5,7 @@ Observed on ArduPilot 4.6.2 and PX4 1.17.0 in simulation unless a comment names 
 
 from dataclasses import dataclass
 
-from autopilot_bridge.stacks.stack_limits import Stack
+from autopilot_bridge.stacks.stacks import Stack
 
 
 @dataclass(frozen=True, slots=True)

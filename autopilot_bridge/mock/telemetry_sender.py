@@ -27,7 +27,7 @@ from autopilot_bridge.mock.message_intervals import (
     Intervals,
 )
 from autopilot_bridge.mock.mission_server import MissionServer, text
-from autopilot_bridge.stacks.stack_limits import Stack
+from autopilot_bridge.stacks.stacks import Stack
 
 HEARTBEAT_EVERY_STEPS = 8  # 1 Hz
 HOME_EVERY_STEPS = 80

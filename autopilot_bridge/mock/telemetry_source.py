@@ -7,7 +7,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from autopilot_bridge.links.codec import Message
 from autopilot_bridge.mock.flight_model import FlightModel
 from autopilot_bridge.mock.mission_sequencer import LANDINGS
-from autopilot_bridge.stacks.stack_limits import Stack
+from autopilot_bridge.stacks.stacks import Stack
 
 # Enabled sensors: gyro, accelerometer, compass, barometer, GPS, motors, AHRS.
 SENSORS = (

@@ -20,7 +20,7 @@ from dataclasses import dataclass, field, replace
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.stacks.stack_limits import Stack
+from autopilot_bridge.stacks.stacks import Stack
 
 GLOBAL_FRAMES = frozenset((0, 3, 5, 6))
 TERRAIN_FRAMES = frozenset((10, 11))

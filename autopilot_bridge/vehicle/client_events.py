@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import ClassVar, Literal
 
 from autopilot_bridge.missions.transfer import Kind, TransferResult
-from autopilot_bridge.stacks.stack_limits import Stack
+from autopilot_bridge.stacks.stacks import Stack
 from autopilot_bridge.vehicle.parameters import ParametersResult
 
 DropOutcome = Literal["done", "refused", "unknown"]

@@ -5,7 +5,7 @@ from typing import Generic, TypeVar
 
 from autopilot_bridge.links.codec import Message
 from autopilot_bridge.missions.transfer import TransferTiming
-from autopilot_bridge.stacks.stack_limits import ARM, Stack
+from autopilot_bridge.stacks.stacks import ARM, Stack
 from autopilot_bridge.vehicle.client_events import CommandFinished, ParametersFinished
 from autopilot_bridge.vehicle.command_sequence import AnyStep, CommandSequence
 from autopilot_bridge.vehicle.commanded_modes import CommandedModes, modes_of_step

@@ -12,7 +12,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from autopilot_bridge.items import command_name
 from autopilot_bridge.links.codec import Message
 from autopilot_bridge.missions.transfer import TransferTiming, is_for
-from autopilot_bridge.stacks.stack_limits import Step
+from autopilot_bridge.stacks.stacks import Step
 from autopilot_bridge.vehicle.parameters import ParameterSet
 
 RESULTS = {

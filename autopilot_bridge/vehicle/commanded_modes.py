@@ -6,7 +6,7 @@ override such a mode: it repeats no command, and no transfer changes the mode.
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.stacks.stack_limits import Stack, Step
+from autopilot_bridge.stacks.stacks import Stack, Step
 from autopilot_bridge.vehicle.command_sequence import AnyStep
 
 REPORTED_WITHIN_US = 10_000_000  # until heartbeats show a commanded mode; some are lost

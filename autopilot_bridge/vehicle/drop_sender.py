@@ -17,7 +17,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from autopilot_bridge.items import command_name
 from autopilot_bridge.links.codec import Message
 from autopilot_bridge.missions.transfer import TransferTiming
-from autopilot_bridge.stacks.stack_limits import Stack, Step
+from autopilot_bridge.stacks.stacks import Stack, Step
 from autopilot_bridge.vehicle.client_events import DropFinished, DropOutcome
 from autopilot_bridge.vehicle.command_sequence import TAKEN, command_message, result_words
 from autopilot_bridge.vehicle.orders import Dropper, drop

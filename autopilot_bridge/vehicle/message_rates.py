@@ -15,7 +15,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.links.codec import Message
 from autopilot_bridge.missions.transfer import is_for
-from autopilot_bridge.stacks.stack_limits import Stack, Step
+from autopilot_bridge.stacks.stacks import Stack, Step
 from autopilot_bridge.vehicle.command_sequence import command_message
 
 RatesHz = Mapping[int, float]

@@ -32,7 +32,7 @@ from autopilot_bridge.missions.transfer import (
     TransferTiming,
     is_for,
 )
-from autopilot_bridge.stacks.stack_limits import Step
+from autopilot_bridge.stacks.stacks import Step
 from autopilot_bridge.vehicle.command_sequence import command_message, result_words
 
 SETTLED_US = 300_000  # PX4 checks a new mission after it acknowledges it (observed: 60 ms)

@@ -11,7 +11,7 @@ overridden.
 
 from autopilot_bridge.links.codec import Message
 from autopilot_bridge.missions.transfer import Address, Exchange, TransferResult, TransferTiming
-from autopilot_bridge.stacks.stack_limits import Stack
+from autopilot_bridge.stacks.stacks import Stack
 from autopilot_bridge.vehicle.command_sequence import TAKEN, command_message, result_words
 
 

@@ -4,7 +4,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.links.codec import Message
 from autopilot_bridge.links.message_bounds import out_of_bounds
-from autopilot_bridge.stacks.stack_limits import Stack, stack_of
+from autopilot_bridge.stacks.stacks import Stack, stack_of
 from autopilot_bridge.vehicle.client_events import (
     AlarmEnded,
     AlarmKind,

@@ -14,7 +14,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.items import speed_type
 from autopilot_bridge.missions.transfer import TransferTiming
-from autopilot_bridge.stacks.stack_limits import ARM, Place, Stack, Step
+from autopilot_bridge.stacks.stacks import ARM, Place, Stack, Step
 from autopilot_bridge.vehicle.command_sequence import AnyStep, SetParameter
 
 NAN = math.nan

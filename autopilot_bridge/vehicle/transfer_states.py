@@ -17,7 +17,7 @@ from autopilot_bridge.missions.ftp import FtpDownload, FtpUpload
 from autopilot_bridge.missions.transfer import Kind, TransferResult
 from autopilot_bridge.missions.truncate import Truncate
 from autopilot_bridge.missions.upload import MissionUpload
-from autopilot_bridge.stacks.stack_limits import Stack
+from autopilot_bridge.stacks.stacks import Stack
 from autopilot_bridge.transitions import enter
 from autopilot_bridge.vehicle.mission_activation import MissionActivation, Onboard
 from autopilot_bridge.vehicle.mode_change import ModeChange

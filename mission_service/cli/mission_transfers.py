@@ -16,7 +16,7 @@ from autopilot_bridge.links.tlog_writer import Tlog
 from autopilot_bridge.missions.check import adapted, check
 from autopilot_bridge.missions.plan_file import WPL_SUFFIXES, write_any
 from autopilot_bridge.missions.transfer import MISSION_TYPES, Kind, TransferResult
-from autopilot_bridge.stacks.stack_limits import Stack
+from autopilot_bridge.stacks.stacks import Stack
 from autopilot_bridge.vehicle.client_events import Connected, TransferFinished
 from mission_service.errors import MissionServiceError
 from mission_service.runtime.clocks import clock_us, wall_us

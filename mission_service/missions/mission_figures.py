@@ -5,7 +5,7 @@ import numpy as np
 
 from autopilot_bridge.items import Items
 from autopilot_bridge.missions.check import check
-from autopilot_bridge.stacks.stack_limits import stack_named
+from autopilot_bridge.stacks.stacks import stack_named
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.sections import VehicleSection
 from mission_service.missions.separation import track_of

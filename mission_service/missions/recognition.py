@@ -4,7 +4,7 @@ from collections.abc import Iterable
 
 from autopilot_bridge.items import MissionItem, yaw_left_open
 from autopilot_bridge.missions.read_back import same_as_sent
-from autopilot_bridge.stacks.stack_limits import Stack
+from autopilot_bridge.stacks.stacks import Stack
 from mission_service.commands import AnyCommand, UploadMission
 from mission_service.events import AnyEvent, MissionReadBack, UploadFinished
 

@@ -10,7 +10,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from autopilot_bridge.clients.client_protocol import VehicleClient
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.items import MissionItem
-from autopilot_bridge.stacks.stack_limits import Stack
+from autopilot_bridge.stacks.stacks import Stack
 from autopilot_bridge.vehicle import client_events as bridge
 from autopilot_bridge.vehicle.message_rates import RATES_HZ, RatesHz
 from autopilot_bridge.vehicle.orders import Dropper

@@ -11,7 +11,7 @@ from typing import Any
 from autopilot_bridge.items import Plan
 from autopilot_bridge.links.link_address import other_end
 from autopilot_bridge.missions.plan_file import write_any
-from autopilot_bridge.stacks.stack_limits import stack_named
+from autopilot_bridge.stacks.stacks import stack_named
 from mission_service.config.scenario import Scenario, flying, load_scenario, scenario_path
 from mission_service.config.sections import VehicleSection
 from mission_service.errors import MissionServiceError, ScenarioError

@@ -17,7 +17,7 @@ from autopilot_bridge.mock.fault_kinds import parse_faults
 from autopilot_bridge.mock.kinematics import CALM, Wind
 from autopilot_bridge.mock.local_frame import LocalFrame
 from autopilot_bridge.mock.serving import MockGroup, serve
-from autopilot_bridge.stacks.stack_limits import stack_named
+from autopilot_bridge.stacks.stacks import stack_named
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import flying, load_scenario
 from mission_service.config.sections import VehicleSection

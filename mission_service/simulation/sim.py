@@ -10,7 +10,7 @@ from autopilot_bridge.links.memory_link import MemoryLink
 from autopilot_bridge.mock.autopilot import MockAutopilot
 from autopilot_bridge.mock.kinematics import Wind
 from autopilot_bridge.mock.local_frame import LocalFrame
-from autopilot_bridge.stacks.stack_limits import stack_named
+from autopilot_bridge.stacks.stacks import stack_named
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.weather import Weather

@@ -11,7 +11,7 @@ from autopilot_bridge.missions.ftp import FtpDownload, FtpUpload
 from autopilot_bridge.missions.ftp_packet import Packet, packet_of
 from autopilot_bridge.missions.transfer import Address, TransferResult, TransferTiming
 from autopilot_bridge.mock.autopilot import MockAutopilot
-from autopilot_bridge.stacks.stack_limits import stack_named
+from autopilot_bridge.stacks.stacks import stack_named
 from tests.bridge.helpers import SECOND, line_of, mock_of
 
 ARDUPILOT = stack_named("ardupilot", "plane")

@@ -7,7 +7,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.items import MissionItem, waypoint
 from autopilot_bridge.links.codec import item_message
-from autopilot_bridge.stacks.stack_limits import STACKS, Stack, stack_named
+from autopilot_bridge.stacks.stacks import STACKS, Stack, stack_named
 from tests.bridge.helpers import mock_of
 from tests.bridge.transcript_diff import EXCHANGE, Line
 from tests.bridge.transcripts import Player

@@ -12,7 +12,7 @@ from autopilot_bridge.items import NO_POSITION, Items, MissionItem, jumps_moved
 from autopilot_bridge.missions.check import adapted, check
 from autopilot_bridge.missions.read_back import FENCE, RALLY
 from autopilot_bridge.stacks.item_treatment import rules_of
-from autopilot_bridge.stacks.stack_limits import STACKS, Stack
+from autopilot_bridge.stacks.stacks import STACKS, Stack
 from tests.bridge.helpers import flight_of, line_of
 
 PX4, PX4_COPTER, PLANE, COPTER = STACKS

@@ -17,7 +17,7 @@ from autopilot_bridge.items import Items
 from autopilot_bridge.links.asyncio_connection import Connection
 from autopilot_bridge.missions.read_back import as_read_back
 from autopilot_bridge.missions.transfer import TransferResult
-from autopilot_bridge.stacks.stack_limits import stack_named
+from autopilot_bridge.stacks.stacks import stack_named
 from autopilot_bridge.vehicle import client_events as events
 from tests.bridge.mock_process import free_port, mock_process, short_mission
 from tests.patience import PATIENCE_S

@@ -15,7 +15,7 @@ from autopilot_bridge.items import MissionItem
 from autopilot_bridge.links.codec import Codec, Message, item_message
 from autopilot_bridge.missions.plan_id import mission_id_of
 from autopilot_bridge.mock.extension_fields import with_extension
-from autopilot_bridge.stacks.stack_limits import stack_named
+from autopilot_bridge.stacks.stacks import stack_named
 from tests.bridge.helpers import SECOND, line_of, mock_of
 from tests.bridge.transcripts import FOLDER
 

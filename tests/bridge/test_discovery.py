@@ -14,7 +14,7 @@ from autopilot_bridge.links.memory_link import MemoryLink
 from autopilot_bridge.mock.autopilot import MockAutopilot
 from autopilot_bridge.mock.local_frame import LocalFrame
 from autopilot_bridge.mock.serving import MockGroup
-from autopilot_bridge.stacks.stack_limits import STACKS, stack_named, stack_of
+from autopilot_bridge.stacks.stacks import STACKS, stack_named, stack_of
 from autopilot_bridge.vehicle.client_events import (
     CommandFinished,
     Connected,

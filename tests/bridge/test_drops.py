@@ -12,7 +12,7 @@ from autopilot_bridge.items import loiter_unlimited, takeoff, waypoint
 from autopilot_bridge.links.codec import Codec
 from autopilot_bridge.links.memory_link import MemoryLink
 from autopilot_bridge.mock.autopilot import MockAutopilot
-from autopilot_bridge.stacks.stack_limits import Stack, stack_named
+from autopilot_bridge.stacks.stacks import Stack, stack_named
 from autopilot_bridge.vehicle import orders
 from autopilot_bridge.vehicle.client_events import (
     CommandFinished,

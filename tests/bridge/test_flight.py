@@ -9,7 +9,7 @@ from autopilot_bridge.links.memory_link import MemoryLink
 from autopilot_bridge.missions.read_back import as_read_back
 from autopilot_bridge.mock.body import wider_m
 from autopilot_bridge.mock.kinematics import Limits, Motion, course_around, step_plane
-from autopilot_bridge.stacks.stack_limits import STACKS, Stack, stack_named
+from autopilot_bridge.stacks.stacks import STACKS, Stack, stack_named
 from autopilot_bridge.vehicle.client_events import (
     CommandFinished,
     Connected,

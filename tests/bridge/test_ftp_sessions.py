@@ -10,7 +10,7 @@ from autopilot_bridge.missions import ftp_packet as ftp
 from autopilot_bridge.missions.ftp import leaves_old_tail, next_session
 from autopilot_bridge.missions.ftp_packet import Packet, packet_of
 from autopilot_bridge.missions.transfer import TransferTiming
-from autopilot_bridge.stacks.stack_limits import stack_named
+from autopilot_bridge.stacks.stacks import stack_named
 from tests.bridge.ftp_helpers import (
     NEW,
     OLD,

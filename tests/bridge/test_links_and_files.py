@@ -20,7 +20,7 @@ from autopilot_bridge.links.memory_link import MemoryLink
 from autopilot_bridge.links.reconnection import reconnect_wait_s
 from autopilot_bridge.missions.transfer import TransferResult
 from autopilot_bridge.mock.serving import serve
-from autopilot_bridge.stacks.stack_limits import stack_named
+from autopilot_bridge.stacks.stacks import stack_named
 from autopilot_bridge.vehicle.client_events import Connected, TransferFinished
 from tests.bridge.helpers import line_of, mock_of
 

@@ -29,7 +29,7 @@ from autopilot_bridge.logs.entries import (
 from autopilot_bridge.logs.reading import merged, open_log
 from autopilot_bridge.logs.tlog import TlogLog
 from autopilot_bridge.logs.ulog import UlogLog
-from autopilot_bridge.stacks.stack_limits import stack_named
+from autopilot_bridge.stacks.stacks import stack_named
 from autopilot_bridge.vehicle.client_events import (
     Attitude,
     Connected,

@@ -9,7 +9,7 @@ import pytest
 
 from autopilot_bridge.items import MissionItem
 from autopilot_bridge.missions.read_back import same_as_sent
-from autopilot_bridge.stacks.stack_limits import stack_named
+from autopilot_bridge.stacks.stacks import stack_named
 from tests.bridge.mock_process import free_port, mock_process, short_mission
 
 STACKS = [("px4", "plane"), ("ardupilot", "plane"), ("ardupilot", "copter")]

@@ -8,7 +8,7 @@ from autopilot_bridge.clients.mavsdk import MavsdkClient
 from autopilot_bridge.clients.mavsdk_library import upload_result
 from autopilot_bridge.items import MissionItem
 from autopilot_bridge.missions.read_back import as_read_back
-from autopilot_bridge.stacks.stack_limits import stack_named
+from autopilot_bridge.stacks.stacks import stack_named
 from autopilot_bridge.vehicle import client_events as events
 from tests.bridge.mock_process import free_port, mock_process, short_mission
 from tests.bridge.test_client_contract import clock_us, read_back, run, station

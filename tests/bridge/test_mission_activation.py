@@ -10,7 +10,7 @@ from autopilot_bridge.items import MissionItem, takeoff, waypoint
 from autopilot_bridge.links.codec import Codec, Message
 from autopilot_bridge.missions.read_back import as_read_back
 from autopilot_bridge.missions.transfer import Address, TransferTiming
-from autopilot_bridge.stacks.stack_limits import Stack, stack_named
+from autopilot_bridge.stacks.stacks import Stack, stack_named
 from autopilot_bridge.vehicle.mission_activation import MissionActivation, Onboard
 from tests.bridge.helpers import HOME, SECOND, Noting, Pair, line_of, mock_of
 

@@ -6,7 +6,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from autopilot_bridge.clients.native import NativeClient
 from autopilot_bridge.links.codec import Codec
 from autopilot_bridge.mock.serving import MockGroup
-from autopilot_bridge.stacks.stack_limits import Stack
+from autopilot_bridge.stacks.stacks import Stack
 from autopilot_bridge.vehicle.client_events import Position, Rebooted, TransferFinished
 from tests.bridge.helpers import Pair, line_of, mock_of
 from tests.bridge.mock_exchange import (

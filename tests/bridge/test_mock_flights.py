@@ -2,7 +2,7 @@
 
 from autopilot_bridge.items import MissionItem, takeoff
 from autopilot_bridge.mock.autopilot import MockAutopilot
-from autopilot_bridge.stacks.stack_limits import Stack
+from autopilot_bridge.stacks.stacks import Stack
 from tests.bridge.helpers import HOME, line_of
 from tests.bridge.mock_exchange import (
     COPTER,

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from autopilot_bridge.items import MissionItem, waypoint
-from autopilot_bridge.stacks.stack_limits import Stack
+from autopilot_bridge.stacks.stacks import Stack
 from tests.bridge.helpers import line_of
 from tests.bridge.mock_exchange import (
     PLANE,

@@ -5,7 +5,7 @@ import math
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.stacks.stack_limits import Stack
+from autopilot_bridge.stacks.stacks import Stack
 from autopilot_bridge.vehicle.client_events import ModeChanged, Position
 from tests.bridge.helpers import Pair
 from tests.bridge.mock_exchange import PLANE, PX4

@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from autopilot_bridge.items import MissionItem, takeoff, waypoint
 from autopilot_bridge.links.codec import Codec
 from autopilot_bridge.mock.body import wider_m
-from autopilot_bridge.stacks.stack_limits import Stack
+from autopilot_bridge.stacks.stacks import Stack
 from tests.bridge.helpers import HOME
 from tests.bridge.mock_exchange import (
     COPTER,

@@ -19,7 +19,7 @@ from autopilot_bridge.mock.kinematics import (
     step_copter,
     step_plane,
 )
-from autopilot_bridge.stacks.stack_limits import STACKS, Stack, stack_named
+from autopilot_bridge.stacks.stacks import STACKS, Stack, stack_named
 from tests.bridge.helpers import HOME, mock_of
 from tests.bridge.mock_exchange import COPTER, PLANE, PX4, each_stack
 

@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.items import MissionItem
 from autopilot_bridge.mock.kinematics import CALM, Wind
-from autopilot_bridge.stacks.stack_limits import Stack
+from autopilot_bridge.stacks.stacks import Stack
 from tests.bridge.helpers import mock_of
 from tests.bridge.mock_exchange import COPTER, PLANE, PX4
 from tests.bridge.test_mock_physics import Flown

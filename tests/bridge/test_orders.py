@@ -10,7 +10,7 @@ from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.links.memory_link import MemoryLink
 from autopilot_bridge.missions.transfer import TransferTiming
 from autopilot_bridge.mock.body import wider_m
-from autopilot_bridge.stacks.stack_limits import STACKS, Stack, Step, stack_named
+from autopilot_bridge.stacks.stacks import STACKS, Stack, Step, stack_named
 from autopilot_bridge.vehicle import orders
 from autopilot_bridge.vehicle.client_events import CommandFinished, ModeChanged, Position, Rebooted
 from autopilot_bridge.vehicle.command_sequence import CommandSequence

@@ -14,7 +14,7 @@ from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.items import NO_POSITION, Items, MissionItem, Plan, jumps_moved, params_of
 from autopilot_bridge.missions.plan_file import read_any, write_any, write_plan
 from autopilot_bridge.missions.wpl_file import write_wpl
-from autopilot_bridge.stacks.stack_limits import stack_named
+from autopilot_bridge.stacks.stacks import stack_named
 from tests.bridge.helpers import HOME, flight_of
 
 # From the plan file format page of QGroundControl's developer guide.

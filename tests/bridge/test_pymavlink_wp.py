@@ -13,7 +13,7 @@ from pymavlink import mavftp, mavutil, mavwp
 from autopilot_bridge.items import Items
 from autopilot_bridge.missions.mission_file import encode_mission_file
 from autopilot_bridge.missions.read_back import as_read_back
-from autopilot_bridge.stacks.stack_limits import Stack, stack_named
+from autopilot_bridge.stacks.stacks import Stack, stack_named
 from tests.bridge.mock_process import mock_process, short_mission
 
 mavlink = mavutil.mavlink

@@ -12,7 +12,7 @@ import pytest
 from autopilot_bridge.items import Items, MissionItem
 from autopilot_bridge.missions.check import check
 from autopilot_bridge.missions.read_back import FENCE, MISSION, RALLY, as_read_back, same_as_sent
-from autopilot_bridge.stacks.stack_limits import STACKS, Stack
+from autopilot_bridge.stacks.stacks import STACKS, Stack
 
 PX4, PX4_COPTER, PLANE, COPTER = STACKS
 X, Y = 363000000, -842000000

@@ -29,7 +29,7 @@ from autopilot_bridge.links.signing import (
     ticks_of,
 )
 from autopilot_bridge.links.tlog_writer import Tlog
-from autopilot_bridge.stacks.stack_limits import stack_named
+from autopilot_bridge.stacks.stacks import stack_named
 from autopilot_bridge.vehicle.client_events import TransferFinished
 from tests.bridge.helpers import line_of, mock_of
 from tests.bridge.transport_helpers import (

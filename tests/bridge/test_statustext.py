@@ -6,7 +6,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.links.codec import Codec
-from autopilot_bridge.stacks.stack_limits import stack_named
+from autopilot_bridge.stacks.stacks import stack_named
 from autopilot_bridge.vehicle.client_events import MissionProgress, Text
 from autopilot_bridge.vehicle.monitor import VehicleMonitor
 from tests.bridge.helpers import Pair, mock_of

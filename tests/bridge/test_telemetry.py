@@ -11,7 +11,7 @@ from autopilot_bridge.links.codec import Codec
 from autopilot_bridge.links.memory_link import MemoryLink
 from autopilot_bridge.mock import telemetry_source
 from autopilot_bridge.mock.kinematics import Wind as Breeze
-from autopilot_bridge.stacks.stack_limits import STACKS, Stack, stack_named
+from autopilot_bridge.stacks.stacks import STACKS, Stack, stack_named
 from autopilot_bridge.vehicle.client_events import (
     Attitude,
     Battery,

@@ -20,7 +20,7 @@ from autopilot_bridge.links.codec import Codec
 from autopilot_bridge.links.link_address import other_end
 from autopilot_bridge.links.tlog_writer import Tlog
 from autopilot_bridge.mock.serving import serve
-from autopilot_bridge.stacks.stack_limits import stack_named
+from autopilot_bridge.stacks.stacks import stack_named
 from mission_service.cli.mission_transfers import Line, download, upload
 from tests.bridge.helpers import line_of, mock_of
 from tests.bridge.transport_helpers import (

@@ -4,7 +4,7 @@ from functools import cache
 
 import pytest
 
-from autopilot_bridge.stacks.stack_limits import Stack, stack_named
+from autopilot_bridge.stacks.stacks import Stack, stack_named
 from tests.bridge.helpers import mock_of
 from tests.bridge.transcripts import FLIGHTS, FOLDER, GROUND, play_flights, play_ground
 

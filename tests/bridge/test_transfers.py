@@ -15,7 +15,7 @@ from autopilot_bridge.links.memory_link import MemoryLink
 from autopilot_bridge.missions.read_back import as_read_back
 from autopilot_bridge.missions.transfer import Address, TransferResult, TransferTiming
 from autopilot_bridge.missions.upload import MissionUpload
-from autopilot_bridge.stacks.stack_limits import STACKS, Stack, stack_named
+from autopilot_bridge.stacks.stacks import STACKS, Stack, stack_named
 from autopilot_bridge.vehicle.client_events import MissionProgress
 from tests.bridge.helpers import SECOND, Pair, line_of, mock_of
 

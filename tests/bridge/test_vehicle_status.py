@@ -7,7 +7,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.mock.fault_injection import FaultyMock
 from autopilot_bridge.mock.fault_kinds import parse_faults
-from autopilot_bridge.stacks.stack_limits import stack_named
+from autopilot_bridge.stacks.stacks import stack_named
 from autopilot_bridge.vehicle.client_events import (
     EstimatorStatus,
     FenceStatus,

@@ -10,7 +10,7 @@ from autopilot_bridge.clients.native import NativeClient
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.mock.fault_injection import FaultyMock
 from autopilot_bridge.mock.fault_kinds import parse_faults
-from autopilot_bridge.stacks.stack_limits import stack_named
+from autopilot_bridge.stacks.stacks import stack_named
 from autopilot_bridge.vehicle import client_events as bridge
 from autopilot_bridge.vehicle.message_rates import RATES_HZ
 from autopilot_bridge.vehicle.orders import Dropper

@@ -12,7 +12,7 @@ from autopilot_bridge.items import MissionItem
 from autopilot_bridge.missions.check import check
 from autopilot_bridge.mock.autopilot import MockAutopilot
 from autopilot_bridge.mock.local_frame import LocalFrame
-from autopilot_bridge.stacks.stack_limits import stack_named
+from autopilot_bridge.stacks.stacks import stack_named
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import load_scenario
 from mission_service.config.sections import BurnSection, PlannerSection, VehicleSection

@@ -10,7 +10,7 @@ from autopilot_bridge.clients.native import NativeClient
 from autopilot_bridge.items import takeoff, waypoint
 from autopilot_bridge.links.memory_link import MemoryLink
 from autopilot_bridge.mock.kinematics import Wind
-from autopilot_bridge.stacks.stack_limits import stack_named
+from autopilot_bridge.stacks.stacks import stack_named
 from autopilot_bridge.vehicle.client_events import Position
 from autopilot_bridge.vehicle.message_rates import DROP_RATES_HZ
 from autopilot_bridge.vehicle.orders import Dropper

@@ -9,7 +9,7 @@ import pytest
 
 from autopilot_bridge.missions.check import adapted, check
 from autopilot_bridge.missions.read_back import as_read_back, same_as_sent
-from autopilot_bridge.stacks.stack_limits import stack_named
+from autopilot_bridge.stacks.stacks import stack_named
 from firemodel.spread.fire_scheme import Fire
 from mission_service.commands import UploadMission
 from mission_service.config.scenario import load_scenario

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from autopilot_bridge.stacks.stack_limits import stack_named
+from autopilot_bridge.stacks.stacks import stack_named
 from firemodel.landscape.landscape import Landscape
 from mission_service.commands import (
     Announce,

@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.stacks.stack_limits import Stack, stack_named
+from autopilot_bridge.stacks.stacks import Stack, stack_named
 from autopilot_bridge.vehicle import client_events as bridge
 from autopilot_bridge.vehicle.message_rates import RATES_HZ, rates_for
 from mission_service.commands import ChangeSpeed, Hold, Orbit, Return

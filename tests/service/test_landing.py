@@ -10,7 +10,7 @@ import pytest
 from autopilot_bridge.items import MissionItem
 from autopilot_bridge.missions.check import check
 from autopilot_bridge.missions.plan_file import read_any
-from autopilot_bridge.stacks.stack_limits import stack_named
+from autopilot_bridge.stacks.stacks import stack_named
 from firemodel.landscape.landscape import Landscape
 from mission_service.commands import UploadMission
 from mission_service.config.scenario import Scenario, load_scenario

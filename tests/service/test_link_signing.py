@@ -14,7 +14,7 @@ from autopilot_bridge.links.link_address import other_end
 from autopilot_bridge.links.signing import Counts, Key, Signing, Timestamps, key_of
 from autopilot_bridge.missions.plan_file import write_plan
 from autopilot_bridge.missions.transfer import TransferTiming
-from autopilot_bridge.stacks.stack_limits import stack_named
+from autopilot_bridge.stacks.stacks import stack_named
 from mission_service.config.scenario import SHIPPED, load_scenario, with_signing_key
 from mission_service.errors import ScenarioError
 from mission_service.fire.scenario_check import check

@@ -1,7 +1,7 @@
 """The way of flying in a burn: a copter ignites lines that operators approve one by one."""
 
 from autopilot_bridge.errors import BridgeError
-from autopilot_bridge.stacks.stack_limits import stack_named
+from autopilot_bridge.stacks.stacks import stack_named
 from autopilot_bridge.vehicle.message_rates import DROP_RATES_HZ
 from autopilot_bridge.vehicle.orders import Dropper, drop
 from mission_service.config.scenario import Scenario

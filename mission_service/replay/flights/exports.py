@@ -11,7 +11,7 @@ from xml.sax.saxutils import escape
 from autopilot_bridge.items import Plan
 from autopilot_bridge.logs.entries import Log, LogEvent
 from autopilot_bridge.missions.plan_file import write_plan
-from autopilot_bridge.stacks.stack_limits import stack_named
+from autopilot_bridge.stacks.stacks import stack_named
 from mission_service.errors import RequestError
 from mission_service.replay.flights.flight_tables import Rows
 from mission_service.replay.flights.flown_vehicle import Flown, file_of, flown_in

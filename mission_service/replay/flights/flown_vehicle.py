@@ -13,7 +13,7 @@ from autopilot_bridge.logs.entries import (
     MissionReplaced,
     Outputs,
 )
-from autopilot_bridge.stacks.stack_limits import Stack
+from autopilot_bridge.stacks.stacks import Stack
 from autopilot_bridge.vehicle.client_events import (
     Connected,
     ItemReached,

@@ -9,7 +9,7 @@ from pathlib import Path
 from autopilot_bridge.items import Items
 from autopilot_bridge.logs.entries import Damage, Entry, Log, LogEvent, MissionLoaded
 from autopilot_bridge.logs.reading import open_log
-from autopilot_bridge.stacks.stack_limits import stack_named
+from autopilot_bridge.stacks.stacks import stack_named
 from autopilot_bridge.vehicle import client_events as bridge
 from mission_service.commands import Announce, AnyCommand, UploadMission
 from mission_service.config.rule_lookup import rules

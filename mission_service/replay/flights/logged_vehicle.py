@@ -5,7 +5,7 @@ from collections import deque
 from autopilot_bridge.items import Items
 from autopilot_bridge.logs.entries import LogEvent
 from autopilot_bridge.missions.transfer import TransferResult
-from autopilot_bridge.stacks.stack_limits import Stack
+from autopilot_bridge.stacks.stacks import Stack
 from autopilot_bridge.vehicle import client_events as bridge
 from autopilot_bridge.vehicle.client_events import ClientEvent
 from autopilot_bridge.vehicle.orders import Dropper
