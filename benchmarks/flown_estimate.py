@@ -69,7 +69,7 @@ async def _flown(flight: Simulation, scenario: Scenario) -> Floats:
     assert flight.cameras is not None
     errors = []
     for at_s in TIMES_S:
-        flight.run(at_s)
+        flight.run_until(at_s)
         flight.service.advance_fire(flight.clock.now_us)
         now_s, seen = flight.estimate.fire.time_s, flight.estimate.fire.burned()
         true, free = flight.cameras.fire.fire.copy(), model.copy()

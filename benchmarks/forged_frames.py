@@ -246,7 +246,7 @@ class ForgedRig(SimulatedVehicle):
     def advance(self, now_us: int, service: Engine) -> None:
         """Process all due work, with forged frames before and after the vehicle's frames."""
         if self._weather is not None:
-            self._blow(self._weather.at(self._clock.now_us / 1e6))
+            self._blow(self._weather.weather_at(self._clock.now_us / 1e6))
         for datagram in self._up.receive(now_us):
             self.mock.receive_data(datagram, now_us)
         self.mock.handle_timer(now_us)

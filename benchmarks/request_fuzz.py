@@ -283,7 +283,7 @@ class FuzzedEngine:
 
     def run(self, seconds: float) -> None:
         """Continue the flight."""
-        self.simulation.run(self.simulation.clock.now_us / 1e6 + seconds)
+        self.simulation.run_until(self.simulation.clock.now_us / 1e6 + seconds)
 
     def keep(self) -> None:
         """Begin a journal segment with a snapshot, as the daemon does regularly."""

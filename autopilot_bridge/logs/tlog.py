@@ -97,7 +97,7 @@ class TlogLog:
                 continue
             message, (system_id, component_id) = decoded[0], source_of(frame)
             own = component_id == AUTOPILOT
-            at_us = time.at(stamp_us, system_id, _boot_us(message) if own else None)
+            at_us = time.flight_us(stamp_us, system_id, _boot_us(message) if own else None)
             yield from missions.receive(message, at_us, vehicles)
             if own:
                 if system_id not in vehicles:

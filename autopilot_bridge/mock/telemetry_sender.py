@@ -51,7 +51,7 @@ class TelemetrySender:
         self._sent_current: object = None
         self._reached = self._reached_again = 0
 
-    def forget(self) -> None:
+    def stop_repeats(self) -> None:
         """Stop repeating MISSION_ITEM_REACHED, after a new mission or a reboot."""
         self._reached_again = 0
 
@@ -64,7 +64,7 @@ class TelemetrySender:
             self.send_current(flight)
         elif self._sent_current != (flight.current, *self._missions.progress()):
             self.send_current(flight)
-        due = self._intervals.due(steps)
+        due = self._intervals.due_in(steps)
         if flight.gps and POSITION in due:
             self._position(flight, steps)
         if due:

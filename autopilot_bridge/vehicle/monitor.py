@@ -147,7 +147,7 @@ class VehicleMonitor:
         if verdict in ("kept", "ahead"):
             words = f"its time since boot jumped {jump}; {NOT_USED}"
             return self._alarm("clock", words, now_us)
-        self._telemetry.forget()
+        self._telemetry.reset()
         self._reach.forget_times()
         if verdict == "rebooted":
             self.current = self._reached = None
@@ -228,4 +228,4 @@ class VehicleMonitor:
             self.armed, self.custom_mode = armed, message.custom_mode
             name = self.stack.mode_name(message.custom_mode)
             events.append(ModeChanged(now_us, message.custom_mode, armed, name))
-        return [*events, *self._telemetry.changed(system_state(message, now_us))]
+        return [*events, *self._telemetry.if_changed(system_state(message, now_us))]

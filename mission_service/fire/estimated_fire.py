@@ -165,7 +165,7 @@ class EstimatedFire:
 
     def weather_at(self, at_s: float) -> Weather:
         """Return the weather entry in effect at a time."""
-        return WeatherStream(tuple(self._entries)).at(at_s)
+        return WeatherStream(tuple(self._entries)).weather_at(at_s)
 
     def _collect_observations(self) -> None:
         """Collect the observations from corrections and cameras."""

@@ -104,7 +104,14 @@ async def serve(
             run.settings, run.out, scenario.name, stack, address, run.logs
         )
         links = await open_links(
-            stack, scenario, landscape, clock, clock_us, wall_us, run.tlog_path, announcements.add
+            stack,
+            scenario,
+            landscape,
+            clock,
+            clock_us,
+            wall_us,
+            run.tlog_path,
+            announcements.show,
         )
         gateways = {name: link.gateway for name, link in links.items()}
         exchange = None
@@ -121,7 +128,7 @@ async def serve(
             *(partial(_fly, on_it) for on_it in connected(links)),
             lambda context: serve_control(listening, context.request_handler),
             *run_interfaces,
-            lambda context: retention.run(clock),
+            lambda context: retention.maintain(clock),
         ]
         is_over = await _run_tasks(context, tasks, exchange, check, stop, latest_us)
         # After SIGTERM, sent by a supervisor, the next start resumes the run.
@@ -174,7 +181,7 @@ class _Announcements:
         self.engine: Engine | None = None
         self._early: list[tuple[str, str]] = []
 
-    def add(self, vehicle: str, text: str) -> None:
+    def show(self, vehicle: str, text: str) -> None:
         """Announce a text about a vehicle, or buffer it."""
         if self.engine is None:
             self._early.append((vehicle, text))
@@ -184,7 +191,7 @@ class _Announcements:
     def add_early(self) -> None:
         """Announce the buffered texts."""
         for vehicle, text in self._early:
-            self.add(vehicle, text)
+            self.show(vehicle, text)
 
 
 async def _engine_of(
@@ -203,7 +210,7 @@ async def _engine_of(
     if run.resume:
         interrupted = unfinished(run.journal_path, references, run.scenario, run.skip_unreadable)
     down_from_s = last_written_s(run.journal_path) if interrupted else 0.0
-    journal = _journal_of(run, references, interrupted, announcements.add)
+    journal = _journal_of(run, references, interrupted, announcements.show)
     stack.callback(journal.close)
     broadcast = no_broadcast if exchange is None else exchange.broadcast
     core, cameras, estimate, state_view = _initial_state(
@@ -259,8 +266,8 @@ class _Check:
             raise context.service.defect
         now_us = clock_us()
         context.service.clock_read(now_us)
-        self._health.check(now_us)
-        self._proximity.check(now_us)
+        self._health.check_delay(now_us)
+        self._proximity.check_pairs(now_us)
         _check_links(context, self._links, now_us)
         self._progress(context.state_view, context.estimate.fire)
         context.ring()
@@ -349,7 +356,7 @@ def replay(interrupted: InterruptedRun, service: Engine) -> None:
 
 def _check_links(context: RunContext, link_monitor: LinkMonitor, now_us: int) -> None:
     """Announce silent links and refused frames, and raise or clear their alarms."""
-    for name, line in link_monitor.announcements(now_us):
+    for name, line in link_monitor.silent_vehicles(now_us):
         context.service.announce(name, line)
         context.state_view.alarm(f"silent/{name}", f"{name}: {line}", "warning", name)
     for name, kind, words in alarms(context.links):
@@ -357,10 +364,10 @@ def _check_links(context: RunContext, link_monitor: LinkMonitor, now_us: int) ->
             context.service.announce(name, words)
             context.state_view.alarm(f"{kind}/{name}", f"{name}: {words}", SEVERITIES[kind], name)
         else:
-            context.state_view.clear(f"{kind}/{name}")
+            context.state_view.clear_alarm(f"{kind}/{name}")
     for name, link in context.links.items():
         connection = link.connection
-        for line in link.refusals.announcements(connection.counts, connection.receives_signed):
+        for line in link.refusals.new_reports(connection.counts, connection.receives_signed):
             context.service.announce(name, line)
     context.clock.wall_passed(now_us)
     context.service.advance_fire(context.clock.now_us)

@@ -30,5 +30,5 @@ def approach_mission(
         section,
         landscape,
         from_ground=True,
-        landing=Landing(scenario, section, landscape).at(scenario.first_flight_s),
+        landing=Landing(scenario, section, landscape).items_at(scenario.first_flight_s),
     )

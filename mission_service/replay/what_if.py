@@ -58,7 +58,7 @@ class PastRun:
         """The figures of the run."""
         return self.state_view.statistics
 
-    def add(self, event: AnyEvent, commands: list[AnyCommand]) -> None:
+    def apply(self, event: AnyEvent, commands: list[AnyCommand]) -> None:
         """Add an event and its commands."""
         self.estimate.apply_history(event)
         for command in commands:
@@ -85,10 +85,10 @@ def past_run(journal: JournalReader) -> PastRun:
             commands.append(entry.content)  # type: ignore[arg-type]
             continue
         if event is not None:
-            run.add(event, commands)
+            run.apply(event, commands)
         event, commands = entry.content, []  # type: ignore[assignment]
     if event is not None:
-        run.add(event, commands)
+        run.apply(event, commands)
     run.estimate.advance(run.record.at_us)
     return run
 

@@ -10,12 +10,12 @@ class HealthMonitor:
     """A monitor that compares the intervals of its calls with the intended interval."""
 
     def __init__(self, state_view: StateView, every_us: int) -> None:
-        """Raise alarms in ``state_view``; ``every_us`` is the interval of calls to ``check``."""
+        """Raise alarms in ``state_view``; ``check_delay`` is called every ``every_us``."""
         self._state_view = state_view
         self._every_us = every_us
         self._checked_us: int | None = None
 
-    def check(self, now_us: int) -> None:
+    def check_delay(self, now_us: int) -> None:
         """Check the delay since the last call; ``now_us`` is the machine's clock."""
         if self._checked_us is not None:
             late_us = now_us - self._checked_us - self._every_us
@@ -24,5 +24,5 @@ class HealthMonitor:
                 text = f"the event loop was blocked for {late_us / 1e6:.1f} s"
                 self._state_view.alarm("late", text, severity)
             else:
-                self._state_view.clear("late")
+                self._state_view.clear_alarm("late")
         self._checked_us = now_us

@@ -47,7 +47,7 @@ class ProximityAlarms:
         self._due_us = 0
         self._near: set[str] = set()
 
-    def check(self, now_us: int) -> None:
+    def check_pairs(self, now_us: int) -> None:
         """Check all pairs, at most once per second; ``now_us`` is the machine's clock."""
         if now_us < self._due_us:
             return
@@ -62,5 +62,5 @@ class ProximityAlarms:
                 text = f"{one} and {other} are {apart_m:.0f} m apart"
                 view.alarm(key, text, "severe", one)
         for key in self._near - found:
-            view.clear(key)
+            view.clear_alarm(key)
         self._near = found

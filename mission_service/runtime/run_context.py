@@ -103,7 +103,11 @@ class RunContext:
     def weather(self) -> Weather:
         """Return the present weather: that of the scenario, or as operators have set it."""
         at_s, of_burn = self.clock.now_us / 1e6, self.estimated_fire
-        return self.estimate.fire.weather.at(at_s) if of_burn is None else of_burn.weather_at(at_s)
+        return (
+            self.estimate.fire.weather.weather_at(at_s)
+            if of_burn is None
+            else of_burn.weather_at(at_s)
+        )
 
     def preview(self, vehicle: str) -> Items | None:
         """Return the mission that the service would send to the vehicle now, without sending it.

@@ -171,7 +171,7 @@ class LinkMonitor:
         self._unreported = dict(links)
         self._report_at_us = now_us + REPORT_SILENCE_AFTER_US
 
-    def announcements(self, now_us: int) -> list[tuple[str, str]]:
+    def silent_vehicles(self, now_us: int) -> list[tuple[str, str]]:
         """When the report is due, return the vehicles without a heartbeat, with possible causes."""
         if now_us < self._report_at_us:
             return []

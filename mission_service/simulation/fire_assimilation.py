@@ -213,7 +213,7 @@ def _steps(
             probability = forecast.burn_probability(after.at_s)
             step = Step(before, after, probability, likely_area(probability), free.burned())
         try:
-            estimate.observe(after, each)
+            estimate.assimilate(after, each)
         except FireModelError as error:
             warnings.append(f"{error}; it is left out")
             warn(warnings[-1])

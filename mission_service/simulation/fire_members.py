@@ -75,7 +75,7 @@ class Job:
     until_s: float
 
     @cached_property
-    def start(self) -> Start:
+    def start_state(self) -> Start:
         """The common state at the start; each member then adds its moved ignitions."""
         fire = new_fire(
             self.scheme,
@@ -91,7 +91,7 @@ class Job:
     @cached_property
     def draws(self) -> list[Draw]:
         """The draws of all members."""
-        return latin_draws(self.uncertainty, self.seed, self.count, self.start.fuels)
+        return latin_draws(self.uncertainty, self.seed, self.count, self.start_state.fuels)
 
 
 def job_of(scenario: Scenario, count: int) -> Job:
@@ -120,7 +120,7 @@ def job_of(scenario: Scenario, count: int) -> Job:
 
 def burned_member(number: int, job: Job) -> Window:
     """Return the result of one member of a job (a worker's task)."""
-    return next(burned_windows(job.start, job.draws, [number], job.until_s, job.seed))
+    return next(burned_windows(job.start_state, job.draws, [number], job.until_s, job.seed))
 
 
 def run_members(

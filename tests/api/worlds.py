@@ -42,7 +42,7 @@ class World:
 
     def fly(self, until_s: float) -> None:
         """Go on until mission time has come so far, and signal the announcements."""
-        self.simulation.run(until_s)
+        self.simulation.run_until(until_s)
         self.simulation.estimate.advance(self.simulation.clock.now_us)
         self.context.ring()
 

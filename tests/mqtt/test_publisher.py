@@ -67,7 +67,7 @@ def test_a_late_subscriber_gets_all_states_and_a_present_one_the_end(broker: Mos
                 ]
                 front = late.last("fire/front")
                 assert (front["at_us"], front["geometry"]["type"]) == (300_000_000, "MultiPolygon")
-                state_view.clear("x")
+                state_view.clear_alarm("x")
                 stage.context.ring()
                 await until(lambda: late.last("alarm")["alarms"] == [])
                 stage.task.cancel()

@@ -26,7 +26,7 @@ def context_after_a_flight(out: Path) -> Iterator[RunContext]:
     header = header_of(scenario, landscape.digest(), "2026-11-21T00:00:00+00:00")
     journal = Journal(out / "journal.jsonl", header, durable=True)
     simulation = Simulation(scenario, journal, landscape, lambda at, core: [])
-    simulation.run(scenario.start_s + FLIGHT_S)
+    simulation.run_until(scenario.start_s + FLIGHT_S)
     simulation.estimate.advance(simulation.clock.now_us)
     service, clock = simulation.service, simulation.clock
     request_handler = RequestHandler(lambda event: [], service.status, lambda: clock.now_us)

@@ -58,8 +58,8 @@ def test_alarms_are_counted_by_kind_until_they_are_cleared(context: RunContext) 
     context.state_view.alarm("link/hawk", "gone", "severe", "hawk")
     context.state_view.alarm("link/kite", "gone", "severe", "kite")
     assert figures(context)[kinds]["link",] == before.get(("link",), 0) + 2
-    context.state_view.clear("link/hawk")
-    context.state_view.clear("link/kite")
+    context.state_view.clear_alarm("link/hawk")
+    context.state_view.clear_alarm("link/kite")
     assert figures(context).get(kinds, {}) == before
 
 

@@ -37,7 +37,7 @@ class Flight:
         self.path = path
 
     def run(self, seconds: float) -> None:
-        self.sim.run(self.now_s + seconds)
+        self.sim.run_until(self.now_s + seconds)
 
     @property
     def now_s(self) -> float:

@@ -74,7 +74,7 @@ class Burn:
         return self.guidance.state.height_m(fix)
 
     def run(self, for_s: float) -> None:
-        self.simulation.run(self.at_s + for_s)
+        self.simulation.run_until(self.at_s + for_s)
 
     def until_dropping(self) -> None:
         """Until the third sphere of the first line has fallen."""

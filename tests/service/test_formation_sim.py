@@ -132,9 +132,9 @@ def test_a_held_vehicle_is_kept_clear_of_for_as_long_as_the_hold_takes(
     with contextlib.closing(Journal(tmp_path / "journal.jsonl", header, durable=False)) as journal:
         simulation = Simulation(scenario, journal, landscape, hold)
         record = simulation.service.statistics
-        simulation.run(450.0)
+        simulation.run_until(450.0)
         record.closest = None
-        simulation.run(800.0)
+        simulation.run_until(800.0)
     announced = simulation.service.state_view.announcements
     words = [line.text for line in announced if line.vehicle == "crane"]
     assert any("hold ordered" in text for text in words)

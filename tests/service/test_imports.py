@@ -19,6 +19,7 @@ SHELL = {
     "autopilot_bridge/links/asyncio_connection.py",
     "autopilot_bridge/links/memory_link.py",  # a seeded random.Random, given as a seed
     "autopilot_bridge/clients/mavsdk.py",
+    "autopilot_bridge/clients/mavsdk_system.py",
     "autopilot_bridge/mock/serving.py",
     "autopilot_bridge/links/sockets.py",
     "autopilot_bridge/links/reconnection.py",

@@ -9,7 +9,8 @@ from click.testing import CliRunner
 from mission_service.cli.main import main
 from mission_service.commands import Announce, BroadcastMessage, Hold, StartMission, UploadMission
 from mission_service.config.scenario import Scenario, load_scenario, one_of_many
-from mission_service.core.core import TAKEOFF_EVERY_S, Core
+from mission_service.core.core import Core
+from mission_service.core.mission_starts import TAKEOFF_EVERY_S
 from mission_service.errors import ScenarioError
 from mission_service.events import (
     Aborted,

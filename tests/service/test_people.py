@@ -153,7 +153,7 @@ def test_ground_reported_unburned_and_erasures_and_wind(fly: Fly) -> None:
     flight.submit(Erased(now, *ANN, float(lat), float(lon), 400.0))
     assert np.array_equal(np.argwhere(flight.sim.estimate.fire.burned()), burned)
     flight.submit(WindSet(now, *ANN, 12.0, 270.0))
-    weather = flight.sim.estimate.fire.weather.at(flight.now_s)
+    weather = flight.sim.estimate.fire.weather.weather_at(flight.now_s)
     assert (weather.wind_speed_m_s, weather.wind_from_deg) == (12.0, 270.0)
     # The wind does not drive the simulated fire, so images delay the growth of the estimate.
     flight.run(900.0)

@@ -55,7 +55,7 @@ class Flight:
         return Simulation(self.scenario, journal, self.landscape)
 
     def fly(self, seconds: float) -> None:
-        self.simulation.run(self.simulation.clock.now_us / 1e6 + seconds)
+        self.simulation.run_until(self.simulation.clock.now_us / 1e6 + seconds)
 
     def fly_until(self, kind: type, number: int = 1) -> None:
         """Fly until the so-and-so-many-th order of a kind is to be carried out; killed there."""

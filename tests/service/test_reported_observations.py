@@ -328,7 +328,7 @@ def test_reports_of_the_same_wind_lose_no_growth() -> None:
         for estimate in (plain, reported):
             estimate.on_event(Observed(at_us, "hawk", 0, 0, (".",)))
             estimate.advance(at_us)
-        wind = reported.fire.weather.at(at_us / 1e6)
+        wind = reported.fire.weather.weather_at(at_us / 1e6)
         report = WindSet(at_us, "ann", "", wind.wind_speed_m_s, wind.wind_from_deg)
         reported.apply_report(report)
     differ = np.count_nonzero(plain.fire.burned() ^ reported.fire.burned())

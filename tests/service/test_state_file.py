@@ -49,7 +49,7 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Flown]:
         path = folder / f"{name}.jsonl"
         journal = Journal(path, header_of(scenario, landscape.digest(), ""), durable=False)
         simulation = Simulation(scenario, journal, landscape)
-        simulation.run(max(scenario.start_s, scenario.deploy_at_s) + seconds)
+        simulation.run_until(max(scenario.start_s, scenario.deploy_at_s) + seconds)
         journal.close()
         events: list[Any] = [entry.content for entry in SegmentReader(path) if entry.is_event]
         found[name] = Flown(scenario, landscape, events, simulation)

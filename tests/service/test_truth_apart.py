@@ -135,9 +135,9 @@ def test_how_often_the_estimate_is_read_does_not_change_it(tmp_path: Path) -> No
         folder.mkdir()
         world = world_in(folder, scenario)
         for until_s in np.arange(every_s, 1200.0, every_s):
-            world.simulation.run(float(until_s))
+            world.simulation.run_until(float(until_s))
             world.simulation.estimate.advance(world.simulation.clock.now_us)
-        world.simulation.run(1200.0)
+        world.simulation.run_until(1200.0)
         world.simulation.estimate.advance(1_200_000_000)
         flights.append(world.simulation.estimate.fire.expected_s())
     often, once = flights

@@ -65,7 +65,7 @@ class Flown:
     withdrawn: list[str] = field(default_factory=list)
 
     @property
-    def lines(self) -> list[IgnitionPlan]:
+    def lit_lines(self) -> list[IgnitionPlan]:
         """The plans from which at least one sphere was dropped, in order."""
         flown = {sphere.plan_hash for sphere in self.spheres}
         return [plan for name, plan in self.plans.items() if name in flown]
@@ -179,7 +179,7 @@ def min_time_margin_s(flown: Flown, safe_height_m: float) -> float:
 
 def row_of(flown: Flown) -> dict[str, Any]:
     """Return the row of the table for a scenario."""
-    lines = flown.lines
+    lines = flown.lit_lines
     safe_height_m = lines[0].safe_height_m if lines else 60.0
     outside = sum(not flown.area.covers(shapely.Point(sphere.falls_m)) for sphere in flown.spheres)
     return {

@@ -112,11 +112,11 @@ class FormationMember:
         self.wind_m_s = self._formation.on_grid(*true_m_s)
 
     def at(self, row: float, col: float, at_s: float) -> Decision | None:
-        """Do nothing: ``Formation.step`` receives the positions."""
+        """Do nothing: ``Formation.step_agent`` receives the positions."""
         return None
 
     def left(self, at_s: float) -> None:
-        """Leave the formation until the next ``Formation.step``."""
+        """Leave the formation until the next ``Formation.step_agent``."""
         if self.flies:
             self.flies = False
             self._formation.leave(self.agent.name, at_s)
@@ -167,7 +167,7 @@ class Formation:
             east_m_s * self._sin + north_m_s * self._cos,
         )
 
-    def step(self, name: str, fix: PositionFix) -> Intention:
+    def step_agent(self, name: str, fix: PositionFix) -> Intention:
         """Advance a vehicle's agent, and send the agent's messages; return its intention."""
         member = self.members[name]
         member.fix, member.flies, member.manual_control = fix, True, False

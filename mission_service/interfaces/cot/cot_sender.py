@@ -149,7 +149,7 @@ class CotSender:
             if number % FIRE_EVERY == 0:
                 await self._send_fire(transport, FIRE_EVERY * stale_us)
             await self._send_vehicles(transport, stale_us)
-            self._context.state_view.clear(ALARM)
+            self._context.state_view.clear_alarm(ALARM)
             await asyncio.sleep(self._settings.every_s)
 
     async def _send_vehicles(self, transport: CotTransport, stale_us: int) -> None:

@@ -65,7 +65,7 @@ def export(logs: list[Log], out: Path, formats: Collection[str]) -> list[str]:
 
 def _add_rows(tables: TableFiles, rows: Rows, system_id: int, event: LogEvent) -> None:
     for table, row in rows.of(system_id, event):
-        tables.add(table, row)
+        tables.add_row(table, row)
 
 
 def _unique(name: str, suffix: str, used: Collection[str]) -> str:

@@ -97,7 +97,7 @@ class OpenLoopReplay:
             return
         self.vehicles[entry.vehicle].apply(entry.event)
         self.service.handle_events(self.gateways[entry.vehicle].events(entry.at_us), entry.at_us)
-        self._proximity.check(entry.at_us)
+        self._proximity.check_pairs(entry.at_us)
 
 
 def _initial_state(pairing: Pairing) -> dict[str, Any]:

@@ -168,7 +168,7 @@ def _draw_drops(axes: Any, run: RunAnalysis, vehicle: VehicleAnalysis, places: P
     done = [each.done[1:3] for each in vehicle.drops if each.done is not None]
     record = None if run.fire is None else run.fire.record.vehicles[vehicle.name]
     if record is not None and record.drops:
-        done = [each.place for each in record.drops if each.outcome == "done"]
+        done = [each.lat_lon for each in record.drops if each.outcome == "done"]
         flown = {each.plan_hash for each in record.drops}
         planned = [
             (drop.lat_deg, drop.lon_deg)
