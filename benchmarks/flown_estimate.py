@@ -23,7 +23,7 @@ from firemodel.assimilation.estimate_forecast import likely_area
 from mission_service.config.fire_sections import SimulatedFireSection, SimulationSection
 from mission_service.config.scenario import Scenario, load_scenario
 from mission_service.fire.forecast import Forecasts
-from mission_service.fire.setup import fire_of, landscape_of
+from mission_service.fire.scenario_fire import fire_of, landscape_of
 from mission_service.journal.journal_file import Journal, header_of
 from mission_service.simulation.sim import Simulation
 

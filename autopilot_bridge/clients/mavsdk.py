@@ -21,8 +21,8 @@ from autopilot_bridge.clients.mavsdk_transfers import Job, MavsdkTransfers
 from autopilot_bridge.clients.shared_link import HEARTBEAT_TIMEOUT_US, is_of_autopilot
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.items import Items
+from autopilot_bridge.links.asyncio_connection import Connection
 from autopilot_bridge.links.codec import Codec, Message
-from autopilot_bridge.links.connection import Connection
 from autopilot_bridge.links.framing import frames_of, source_of
 from autopilot_bridge.links.signing import Counts, Signing
 from autopilot_bridge.links.tlog_writer import Tlog

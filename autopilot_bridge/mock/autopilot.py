@@ -15,9 +15,9 @@ from autopilot_bridge.mock.battery import Battery
 from autopilot_bridge.mock.command_server import CommandServer, command_request_of
 from autopilot_bridge.mock.flight_model import FlightModel
 from autopilot_bridge.mock.ftp_server import FtpServer
-from autopilot_bridge.mock.intervals import Intervals
 from autopilot_bridge.mock.kinematics import CALM, STEP_US, Limits, Wind
 from autopilot_bridge.mock.local_frame import LocalFrame, Terrain
+from autopilot_bridge.mock.message_intervals import Intervals
 from autopilot_bridge.mock.mission_server import MissionServer, client_of, text
 from autopilot_bridge.mock.parameter_server import ParameterServer
 from autopilot_bridge.mock.payload import Answer, Output, Px4Gripper

@@ -8,7 +8,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from autopilot_bridge.items import MissionItem
 from autopilot_bridge.mock.body import Body, Place, wider_m
 from autopilot_bridge.mock.mission_sequencer import DEFAULT_RADIUS_M, acceptance_m, loiter_radius_m
-from autopilot_bridge.stacks.rules import TERRAIN_FRAMES
+from autopilot_bridge.stacks.item_treatment import TERRAIN_FRAMES
 
 NEAR_M = 5.0  # acceptance radius of a copter that does not stop
 STOP_WITHIN_M = 2.0  # acceptance radius of a copter that stops

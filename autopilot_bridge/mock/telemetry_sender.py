@@ -9,7 +9,8 @@ from autopilot_bridge.mock import telemetry_source
 from autopilot_bridge.mock.command_server import custom_mode_of
 from autopilot_bridge.mock.extension_fields import with_extension
 from autopilot_bridge.mock.flight_model import FlightModel
-from autopilot_bridge.mock.intervals import (
+from autopilot_bridge.mock.kinematics import STEP_US
+from autopilot_bridge.mock.message_intervals import (
     ATTITUDE,
     BATTERY_STATUS,
     EKF,
@@ -25,7 +26,6 @@ from autopilot_bridge.mock.intervals import (
     WIND_COV,
     Intervals,
 )
-from autopilot_bridge.mock.kinematics import STEP_US
 from autopilot_bridge.mock.mission_server import MissionServer, text
 from autopilot_bridge.stacks.stacks import Stack
 

@@ -21,7 +21,7 @@ from autopilot_bridge.vehicle.client_events import (
     TelemetryEvent,
     Wind,
 )
-from autopilot_bridge.vehicle.status import Estimator, fence_status, landed_state
+from autopilot_bridge.vehicle.failure_states import Estimator, fence_status, landed_state
 
 NO_PLACE_DEG_E7 = 1_000_000  # an area of sea, 500 km from any land
 UNKNOWN_VOLTAGE_MV = 65535

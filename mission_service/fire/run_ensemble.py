@@ -17,7 +17,7 @@ from firemodel.landscape.landscape import Landscape
 from firemodel.physics.weather import WeatherStream
 from firemodel.spread.fire_scheme import Burning
 from mission_service.config.scenario import Scenario
-from mission_service.fire.setup import burning_of, estimate_errors, ignitions_of, weather_of
+from mission_service.fire.scenario_fire import burning_of, estimate_errors, ignitions_of, weather_of
 
 IMAGES_PERIOD_S = 120.0
 INPUTS_PER_MARK = 60  # two hours of images

@@ -58,7 +58,7 @@ from mission_service.fire.reported_observations import (
     refuse_contradicted,
 )
 from mission_service.fire.run_ensemble import Lit, RunEnsemble, WeatherSet
-from mission_service.fire.setup import begun_again, cells_lit, reported_fire
+from mission_service.fire.scenario_fire import begun_again, cells_lit, reported_fire
 from mission_service.fire.sightings import Mosaic, Sightings
 from mission_service.fire.source_agreement import SourceAgreement
 

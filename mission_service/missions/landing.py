@@ -15,7 +15,7 @@ from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario
 from mission_service.config.sections import VehicleSection
 from mission_service.errors import ScenarioError
-from mission_service.fire.setup import weather_of
+from mission_service.fire.scenario_fire import weather_of
 
 Floats = NDArray[np.float64]
 

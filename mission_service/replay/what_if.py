@@ -33,11 +33,11 @@ from mission_service.events import (
 from mission_service.fire.run_estimate import RunEstimate
 from mission_service.journal.reader import JournalReader
 from mission_service.runtime.engine import Progress, unshown
-from mission_service.runtime.outputs import summary_of, write_outputs
+from mission_service.runtime.run_outputs import summary_of, write_outputs
 from mission_service.runtime.run_statistics import RunStatistics
 from mission_service.runtime.state_view import StateView
-from mission_service.simulation.crew import SimulatedCrew
 from mission_service.simulation.sim import simulate
+from mission_service.simulation.simulated_crew import SimulatedCrew
 
 SHORT = {"planner": "rule"}
 NOT_REPEATED = (Approved, Rejected, MissionAccepted, MissionRefused, Resumed)

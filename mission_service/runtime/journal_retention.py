@@ -8,7 +8,7 @@ import asyncio
 from collections.abc import Callable
 from pathlib import Path
 
-from mission_service.config.service import JournalSection
+from mission_service.config.service_section import JournalSection
 from mission_service.journal.journal_file import Rest
 from mission_service.journal.segments import (
     begin_state,

@@ -9,7 +9,7 @@ from autopilot_bridge.items import Items
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.weather import Weather
 from mission_service.config.scenario import Scenario
-from mission_service.config.service import ServiceSection
+from mission_service.config.service_section import ServiceSection
 from mission_service.core.core import Core
 from mission_service.fire.run_estimate import RunEstimate
 from mission_service.missions.mission_figures import Figures, figures_of

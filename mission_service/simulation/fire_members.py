@@ -20,7 +20,7 @@ from firemodel.ensemble.uncertainty import Uncertainty
 from firemodel.landscape.landscape import Landscape
 from firemodel.outputs.arrival_map import area_in_words, draw_arrival, time_in_words
 from firemodel.outputs.geotiff import write_raster
-from firemodel.outputs.raster_layers import (
+from firemodel.outputs.layer_legends import (
     FLAME_LENGTH_LAYER,
     PROBABILITY_LAYER,
     arrival_layer,
@@ -31,7 +31,7 @@ from firemodel.spread.edge import BEYOND_EDGE, reaches_edge
 from firemodel.spread.fire_scheme import Burning, Ignition, check_ignitions
 from firemodel.spread.schemes import SchemeName, new_fire
 from mission_service.config.scenario import Scenario
-from mission_service.fire.setup import (
+from mission_service.fire.scenario_fire import (
     burning_of,
     ignitions_of,
     landscape_of,

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from autopilot_bridge.clients.native import NativeClient
-from autopilot_bridge.links.link import MemoryLink
+from autopilot_bridge.links.memory_link import MemoryLink
 from autopilot_bridge.mock.autopilot import MockAutopilot
 from autopilot_bridge.mock.kinematics import Wind
 from autopilot_bridge.mock.local_frame import LocalFrame
@@ -21,7 +21,7 @@ from mission_service.config.sections import LinkSection, VehicleSection
 from mission_service.core.core import Core
 from mission_service.events import AnyOperatorEvent
 from mission_service.fire.run_estimate import RunEstimate
-from mission_service.fire.setup import home_of, landscape_of, warnings_on
+from mission_service.fire.scenario_fire import home_of, landscape_of, warnings_on
 from mission_service.fire.simulated_cameras import cameras_of
 from mission_service.fire.simulated_fire import simulated_weather
 from mission_service.guidance.registry import way_of
@@ -127,7 +127,7 @@ class Simulation:
     ) -> None:
         """Set up the run; a burn has a simulated crew unless ``crew`` is given."""
         if crew is None and scenario.burn_flown is not None:
-            from mission_service.simulation.crew import SimulatedCrew
+            from mission_service.simulation.simulated_crew import SimulatedCrew
 
             crew = SimulatedCrew(scenario.burn_flown).due
         self.clock = MissionClock(round(scenario.start_s * 1e6), wall=False)

@@ -8,7 +8,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.items import takeoff
 from autopilot_bridge.links.codec import Codec
-from autopilot_bridge.links.link import MemoryLink
+from autopilot_bridge.links.memory_link import MemoryLink
 from autopilot_bridge.stacks.stacks import Stack, stack_named
 from autopilot_bridge.vehicle.client_events import CommandFinished, Rebooted, TransferFinished
 from autopilot_bridge.vehicle.commanded_modes import CommandedModes

@@ -19,7 +19,7 @@ import pytest
 from benchmarks.mosquitto import MOSQUITTO, Mosquitto
 from mission_service.commands import Level
 from mission_service.config.mqtt_names import Broker
-from mission_service.config.service import MqttSection
+from mission_service.config.service_section import MqttSection
 from mission_service.errors import MissionServiceError
 from mission_service.interfaces.mqtt import broker_connection, publisher
 from mission_service.interfaces.mqtt.broker_connection import OPEN, BrokerAccess, tls_of

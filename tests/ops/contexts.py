@@ -7,9 +7,9 @@ from pathlib import Path
 import msgspec
 
 from mission_service.config.scenario import load_scenario
-from mission_service.config.service import ServiceSection
+from mission_service.config.service_section import ServiceSection
 from mission_service.events import UploadFinished
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 from mission_service.journal.journal_file import Journal, header_of
 from mission_service.runtime.request_handler import RequestHandler
 from mission_service.runtime.run_context import RunContext

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
-from mission_service.config.service import JournalSection
+from mission_service.config.service_section import JournalSection
 from mission_service.interfaces.metrics import FIGURES, PREFIX, metrics_of
 from mission_service.journal.snapshot import Known
 from mission_service.runtime.journal_retention import JournalRetention

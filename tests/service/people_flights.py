@@ -11,7 +11,7 @@ from mission_service.events import (
     AnyEvent,
     AnyOperatorEvent,
 )
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 from mission_service.journal.journal_file import Journal, SegmentReader, header_of
 from mission_service.replay.verification import verify
 from mission_service.simulation.sim import Simulation

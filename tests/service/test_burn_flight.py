@@ -26,8 +26,8 @@ from mission_service.events import (
 from mission_service.guidance.burn.controller import burn_flight
 from mission_service.journal.journal_file import Journal, header_of
 from mission_service.replay.verification import verify
-from mission_service.simulation.crew import SimulatedCrew
 from mission_service.simulation.sim import Simulation
+from mission_service.simulation.simulated_crew import SimulatedCrew
 
 START_S = 10.0
 

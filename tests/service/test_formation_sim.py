@@ -12,7 +12,7 @@ from mission_service.config.scenario import Scenario, load_scenario
 from mission_service.core.core import Core
 from mission_service.errors import MissionServiceError
 from mission_service.events import AnyOperatorEvent, OrderGiven
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 from mission_service.journal.journal_file import Journal, header_of
 from mission_service.replay.decisions import decide
 from mission_service.replay.verification import verify

@@ -22,7 +22,7 @@ from mission_service.events import (
     Telemetry,
     VehicleConnected,
 )
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 from mission_service.journal.journal_file import Journal, SegmentReader, header_of
 from mission_service.replay.verification import verify
 from mission_service.simulation.sim import Simulation

@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 
 from autopilot_bridge.items import Plan
-from autopilot_bridge.links.link import other_end
+from autopilot_bridge.links.link_address import other_end
 from autopilot_bridge.links.signing import Counts, Key, Signing, Timestamps, key_of
-from autopilot_bridge.missions.planfile import write_plan
+from autopilot_bridge.missions.plan_file import write_plan
 from autopilot_bridge.missions.transfer import TransferTiming
 from autopilot_bridge.stacks.stacks import stack_named
 from mission_service.config.scenario import SHIPPED, load_scenario, with_signing_key

@@ -25,7 +25,7 @@ from mission_service.events import (
     UploadFinished,
     VehicleConnected,
 )
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 from mission_service.guidance.formation.controller import FormationFlight
 from mission_service.journal.journal_file import Journal, SegmentReader, header_of
 from mission_service.peer_messages import AnyMessage, Digest, FireUpdate, Leaving, State

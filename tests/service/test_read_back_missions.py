@@ -22,7 +22,7 @@ from mission_service.commands import (
 )
 from mission_service.config.scenario import Scenario, flying, load_scenario
 from mission_service.events import MissionReadBack, OrderGiven, Resumed, UploadFinished
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 from mission_service.journal.journal_file import Journal, SegmentReader, header_of
 from mission_service.journal.recovery import resumed, unfinished
 from mission_service.journal.segments import newest_state

@@ -26,14 +26,14 @@ from mission_service.events import (
     WindMeasured,
 )
 from mission_service.fire.run_estimate import RunEstimate
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 from mission_service.fire.simulated_cameras import cameras_of
 from mission_service.journal.journal_file import Journal, SegmentReader, event_body, header_of
 from mission_service.journal.recovery import resumed, unfinished
 from mission_service.journal.segments import newest_state
 from mission_service.journal.snapshot import Frozen, Known, copied, write
 from mission_service.live.daemon import replay
-from mission_service.live.interfaces import request_handler_of
+from mission_service.live.interface_setup import request_handler_of
 from mission_service.replay.verification import in_text, verify
 from mission_service.runtime.engine import TRIED, Engine
 from mission_service.runtime.gateway import Gateway

@@ -25,7 +25,7 @@ from mission_service.events import (
     SettingsChanged,
     WindSet,
 )
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 from mission_service.journal.differences import compare, fields_that_differ
 from mission_service.journal.journal_file import Journal, SegmentReader, header_of
 from mission_service.replay.decisions import decide

@@ -15,7 +15,7 @@ from mission_service.fire.late_observation import with_observation
 from mission_service.fire.observed_window import in_letters
 from mission_service.fire.run_ensemble import Images, processed
 from mission_service.fire.run_estimate import RunEstimate
-from mission_service.fire.setup import begun_again, fire_of, landscape_of
+from mission_service.fire.scenario_fire import begun_again, fire_of, landscape_of
 from mission_service.journal.journal_file import SegmentReader
 from mission_service.replay.verification import verify
 from tests.api.worlds import World, world_in

@@ -11,7 +11,7 @@ import pytest
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario, flying, load_scenario
 from mission_service.errors import JournalError, StateError
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 from mission_service.journal.journal_file import (
     Journal,
     Rest,

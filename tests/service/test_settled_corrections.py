@@ -12,7 +12,7 @@ from mission_service.events import AnyOperatorEvent, Corrected, Erased, Undone, 
 from mission_service.fire import corrected_fire as corrected_fire
 from mission_service.fire.correction_log import CorrectionLog
 from mission_service.fire.run_estimate import RunEstimate
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 
 AT_US = 3_600_000_000
 ANN = ("ann", "desk")

@@ -11,7 +11,7 @@ from mission_service.config.rule_lookup import own_ways
 from mission_service.config.scenario import Scenario, flying, load_scenario
 from mission_service.core.core import Core
 from mission_service.events import AnyEvent
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 from mission_service.guidance.front.way import PLANNERS
 from mission_service.journal.journal_file import Journal, SegmentReader, header_of
 from mission_service.journal.snapshot import Frozen, Known, restore

@@ -15,7 +15,7 @@ from mission_service.guidance.team.front_ring import ActiveFleet, FrontRing
 from mission_service.guidance.team.team import TeamMember
 from mission_service.replay.decisions import decide
 from mission_service.replay.verification import verify
-from mission_service.runtime.outputs import summary_of
+from mission_service.runtime.run_outputs import summary_of
 from mission_service.runtime.run_statistics import RunStatistics
 from mission_service.simulation import sim
 from tests.announced import Announced

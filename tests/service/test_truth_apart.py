@@ -18,13 +18,13 @@ from mission_service.events import Corrected, Observed, Undone, WindSet
 from mission_service.fire.observed_window import states_in
 from mission_service.fire.run_ensemble import Images
 from mission_service.fire.run_estimate import RunEstimate
-from mission_service.fire.setup import fire_of, landscape_of
+from mission_service.fire.scenario_fire import fire_of, landscape_of
 from mission_service.fire.simulated_cameras import SimulatedCameras
 from mission_service.fire.simulated_fire import SimulatedFire, simulated_fire_of
 from mission_service.interfaces.maps.run_forecasts import forecasts_of
 from mission_service.journal.journal_file import SegmentReader
 from mission_service.replay.verification import verify
-from mission_service.simulation.crew import SimulatedCrew
+from mission_service.simulation.simulated_crew import SimulatedCrew
 from tests.api.worlds import world_in
 
 SENSORS = tuple(

@@ -30,7 +30,7 @@ from mission_service.events import (
     WindSet,
 )
 from mission_service.fire import corrected_fire, run_ensemble
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 from mission_service.journal.journal_file import Journal, header_of
 from mission_service.runtime import notices, run_statistics, track
 from mission_service.simulation.sim import Simulation

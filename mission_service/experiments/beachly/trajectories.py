@@ -16,19 +16,19 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from firemodel.ellipses.observations import Simulation
+from firemodel.ellipses.point_observations import Simulation
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario, load_scenario
 from mission_service.config.sections import LitLine
 from mission_service.core.core import Core
 from mission_service.events import AnyOperatorEvent, IgnitionReported
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 from mission_service.ground_distance import M_PER_DEG
 from mission_service.guidance.burn.controller import BurnFlight, burn_flight
 from mission_service.guidance.burn.sphere_account import Sphere
 from mission_service.ignition_plan import IgnitionPlan
-from mission_service.simulation.crew import SimulatedCrew
 from mission_service.simulation.sim import simulate
+from mission_service.simulation.simulated_crew import SimulatedCrew
 
 Floats = NDArray[np.float64]
 Place = tuple[float, float]

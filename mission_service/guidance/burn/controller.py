@@ -52,7 +52,7 @@ from mission_service.events import (
     WindMeasured,
 )
 from mission_service.fire.estimated_fire import EstimatedFire
-from mission_service.fire.setup import weather_of
+from mission_service.fire.scenario_fire import weather_of
 from mission_service.guidance.burn.approved_plan import (
     ApprovedPlan,
     approved_plan_of,

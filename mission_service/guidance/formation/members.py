@@ -17,7 +17,7 @@ from mission_service.config.scenario import Scenario
 from mission_service.config.sections import VehicleSection
 from mission_service.events import Observed
 from mission_service.fire.camera import camera_of
-from mission_service.fire.setup import burning_of, fire_position
+from mission_service.fire.scenario_fire import burning_of, fire_position
 from mission_service.guidance.formation.agent import STATE_EVERY_US, Agent, Intention, OwnState
 from mission_service.guidance.formation.manual_control import (
     MEASURED_OVER_S,

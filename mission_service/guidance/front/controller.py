@@ -33,7 +33,7 @@ from mission_service.guidance.protocol import (
 )
 from mission_service.guidance.team.team import TeamMember
 from mission_service.guidance.team.team_size import CoverageTargets, TeamSizeAdviser
-from mission_service.missions.approach import approach_path
+from mission_service.missions.first_mission import approach_path
 from mission_service.missions.from_path import mission_along
 from mission_service.position_fix import PositionFix
 from mission_service.vehicles.missions_sent import MissionsSent

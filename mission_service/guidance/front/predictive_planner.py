@@ -23,7 +23,7 @@ from firemodel.spread.front_rates import FrontRates
 from mission_service.config.scenario import Scenario
 from mission_service.config.sections import VehicleSection
 from mission_service.events import Observed
-from mission_service.fire.setup import weather_of
+from mission_service.fire.scenario_fire import weather_of
 from mission_service.guidance.fire_map import BEARINGS, FireMap
 from mission_service.guidance.front.cell_importance import window_importance
 from mission_service.guidance.front.first_lap import (

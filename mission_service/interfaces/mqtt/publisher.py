@@ -16,7 +16,7 @@ import msgspec
 from paho.mqtt.reasoncodes import ReasonCode
 from paho.mqtt.subscribeoptions import SubscribeOptions
 
-from mission_service.config.service import MqttSection
+from mission_service.config.service_section import MqttSection
 from mission_service.core.request_events import ABORT
 from mission_service.interfaces.maps.run_forecasts import forecasts_of, front_now
 from mission_service.interfaces.mqtt.broker_connection import (

@@ -23,7 +23,7 @@ from mission_service.events import (
     UploadFinished,
 )
 from mission_service.fire.observed_window import states_in, without_speckles
-from mission_service.fire.setup import fire_position, warnings_on
+from mission_service.fire.scenario_fire import fire_position, warnings_on
 from mission_service.fire.simulated_cameras import fires_of_run
 from mission_service.guidance.fire_map import BEARINGS, FireMap
 from mission_service.guidance.registry import way_of

@@ -17,7 +17,7 @@ from firemodel.outputs.graticule import km_of
 from mission_service.ground_distance import M_PER_DEG
 from mission_service.replay.flights.run_analysis import RunAnalysis, VehicleAnalysis, places_of
 from mission_service.replay.flights.run_figures import above_terrain_m
-from mission_service.runtime.outputs import VEHICLE_COLOURS
+from mission_service.runtime.run_outputs import VEHICLE_COLOURS
 
 Floats = NDArray[np.float64]
 Places = Callable[[Any, Any], tuple[Any, Any]]  # from lat, lon to km on the axes

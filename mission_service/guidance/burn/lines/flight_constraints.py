@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from firemodel.ellipses.observations import Simulation
+from firemodel.ellipses.point_observations import Simulation
 from mission_service.config.sections import BurnSection
 from mission_service.guidance.burn.burn_unit import BurnUnit
 from mission_service.guidance.burn.lines.hazard import Hazard

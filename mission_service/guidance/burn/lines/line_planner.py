@@ -19,7 +19,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
-from firemodel.ellipses.observations import Simulation
+from firemodel.ellipses.point_observations import Simulation
 from mission_service.config.sections import BurnSection
 from mission_service.errors import MissionServiceError
 from mission_service.guidance.burn.burn_unit import BurnUnit
