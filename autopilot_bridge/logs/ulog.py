@@ -13,9 +13,9 @@ from pathlib import Path
 from autopilot_bridge.logs.entries import (
     LATEST_US,
     Acknowledged,
-    Damage,
     Entry,
     GripperMoved,
+    Log,
     LogEvent,
     MissionReplaced,
     Outputs,
@@ -89,14 +89,11 @@ NAV_STATES = {
 }
 
 
-class UlogLog:
+class UlogLog(Log):
     """The reader of a .ulg file; the system id is the parameter MAV_SYS_ID, or 1 without it."""
 
     def __init__(self, path: Path) -> None:
-        self.path = path
-        self.messages = 0
-        self.damage: list[Damage] = []
-        self.names: dict[int, str] = {}
+        super().__init__(path)
         self._system_id = 1
         self._boot_unix_us: int | None = None
 

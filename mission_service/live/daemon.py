@@ -30,14 +30,14 @@ from mission_service.journal.private_files import refuse_links, writable_by_othe
 from mission_service.journal.recovery import InterruptedRun, rename_old, resumed, unfinished
 from mission_service.journal.snapshot import Frozen, Known, restore
 from mission_service.live.interface_setup import RunInterface, interfaces_of, request_handler_of
+from mission_service.runtime.alarms.health_monitor import HealthMonitor
+from mission_service.runtime.alarms.proximity_alarms import ProximityAlarms
 from mission_service.runtime.clocks import clock_us, last_written_s, wall_us
 from mission_service.runtime.engine import Engine, Progress, no_broadcast, unshown
 from mission_service.runtime.freed_memory import give_back_freed
 from mission_service.runtime.gateway import Gateway, MissionClock
-from mission_service.runtime.health_monitor import HealthMonitor
 from mission_service.runtime.journal_retention import JournalRetention
 from mission_service.runtime.peer_listener import PeerListener
-from mission_service.runtime.proximity_alarms import ProximityAlarms
 from mission_service.runtime.run_context import RunContext
 from mission_service.runtime.run_statistics import RunStatistics
 from mission_service.runtime.state_view import OF_FIRE, StateView

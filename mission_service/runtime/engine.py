@@ -66,10 +66,10 @@ from mission_service.journal.journal_file import Journal, command_body
 from mission_service.journal.snapshot import Known, copied
 from mission_service.missions.recognition import MissionsHeld
 from mission_service.peer_messages import AnyMessage
+from mission_service.runtime.alarms.unrecorded_events import UnrecordedEvents
 from mission_service.runtime.gateway import Gateway
 from mission_service.runtime.run_statistics import RunStatistics
 from mission_service.runtime.state_view import StateView
-from mission_service.runtime.unrecorded_events import UnrecordedEvents
 
 NO_BURN = "the scenario has no burn"
 HOST_TIME_EVERY_US = 1_000_000

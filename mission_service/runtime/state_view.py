@@ -61,7 +61,7 @@ from mission_service.events import (
 from mission_service.fire.camera import camera_of
 from mission_service.ignition_plan import IgnitionPlan
 from mission_service.missions.mission_hash import mission_hash
-from mission_service.runtime.notices import Notices
+from mission_service.runtime.alarms.notices import Notices
 from mission_service.runtime.published_states import (
     Mission,
     MissionState,

@@ -32,7 +32,8 @@ from mission_service.events import (
 from mission_service.fire import corrected_fire, run_ensemble
 from mission_service.fire.scenario_fire import landscape_of
 from mission_service.journal.journal_file import Journal, header_of
-from mission_service.runtime import notices, run_statistics, track
+from mission_service.runtime import run_statistics, track
+from mission_service.runtime.alarms import notices
 from mission_service.simulation.sim import Simulation
 
 START_S = 12 * 3600.0  # a slow fire, large enough for two

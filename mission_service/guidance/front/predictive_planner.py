@@ -27,10 +27,6 @@ from mission_service.fire.scenario_fire import weather_of
 from mission_service.guidance.fire_map import BEARINGS, FireMap
 from mission_service.guidance.front.cell_importance import window_importance
 from mission_service.guidance.front.first_lap import (
-    CameraView,
-    LapProgress,
-    append_view,
-    recentred_map,
     view_of,
 )
 from mission_service.guidance.front.front_estimate import FrontEstimate, FrontModel
@@ -41,10 +37,11 @@ from mission_service.guidance.front.front_path import (
     extrapolated_front,
     path_along,
 )
+from mission_service.guidance.front.lap_planner import LapPlanner
 from mission_service.guidance.front.planners import path_settings
 from mission_service.guidance.front.robust_front import robust_front
 from mission_service.guidance.front.sweeps import NODES, PLANS, CoarseRing, costs_of, fill_ring
-from mission_service.guidance.protocol import Compared, Decision, Ground, Phase
+from mission_service.guidance.protocol import Compared, Decision, Ground
 
 Floats = NDArray[np.float64]
 
@@ -81,7 +78,7 @@ def model_of(landscape: Landscape, weather: Weather) -> FrontModel:
     return FrontModel(FrontRates(landscape, weather_stream), landscape, weather_stream)
 
 
-class PredictivePlanner:
+class PredictivePlanner(LapPlanner):
     """A predictive ``Planner``; positions are rows and columns of the landscape's grid."""
 
     def __init__(
@@ -94,17 +91,10 @@ class PredictivePlanner:
         model: FrontModel | None,
     ) -> None:
         self.settings = settings
+        fire_map = FireMap(shape, *centre, ignited_at_s, RECENTRED_BASELINE_S)
+        super().__init__(fire_map, settings.clockwise_first, settings.ignition_known)
         self._cell_m = cell_m
-        self.phase: Phase = "approach"
-        self.clockwise = settings.clockwise_first
-        self.reversals = 0
-        self.map = FireMap(shape, *centre, ignited_at_s, RECENTRED_BASELINE_S)
         self.fronts = FrontMixture(shape, centre, model, np.full(BEARINGS, 0.5), ignited_at_s)
-        self._observations: list[CameraView] = []
-        self._in_view = np.zeros(BEARINGS, dtype=bool)
-        self._cell: tuple[int, int] | None = None
-        self._lap = LapProgress()
-        self._turned_at_s = -np.inf
         self._ring = CoarseRing(*(np.zeros(NODES) for _ in range(5)))
         self._node_of = np.zeros(BEARINGS, dtype=np.int64)
         self._costs = np.zeros(len(PLANS))
@@ -118,12 +108,8 @@ class PredictivePlanner:
         """Update the map and the estimate from a camera window."""
         seen = view_of(observed)
         if self.phase != "monitor":
-            self._in_view = self.map.add_window(*seen)
-            if self.phase == "approach" and self._in_view.any():
-                self.phase = "initial circle"
+            self._survey(seen)
             if not self.settings.ignition_known:
-                if self.phase == "initial circle":
-                    append_view(self._observations, seen)
                 return
         self.fronts.add_window(*seen)
 
@@ -137,36 +123,18 @@ class PredictivePlanner:
         """Add a wind measured in the air; ``from_deg`` is clockwise from true north."""
         self.fronts.add_wind(speed_m_s * self.settings.wind_20ft_share, from_deg, at_s)
 
-    def left(self, at_s: float) -> None:
-        """Do nothing: the planner has only one vehicle."""
+    def _recentre(self) -> None:
+        """Apply all views of the lap to a map and an estimate around the fire's centre."""
+        super()._recentre()
+        centre = (self.map.centre_row, self.map.centre_col)
+        outer, _ = self.map.filled_outer()
+        self.fronts = self.fronts.reset_around(centre, outer, self._observations[0][3])
+        for seen in self._observations:
+            self.fronts.add_window(*seen)
 
-    def at(self, row: float, col: float, at_s: float) -> Decision | None:
-        """Set the vehicle's position; return a decision if it is in a new cell of the grid."""
-        bearing, circling = bearing_deg(self.map, row, col), self.phase == "initial circle"
-        if self._lap.update(bearing, self.clockwise, counts=circling):
-            self._finish_initial_circle()
-            bearing = bearing_deg(self.map, row, col)
-        cell = (round(row), round(col))
-        new = cell != self._cell
-        self._cell = cell
-        if self.phase != "monitor" or not new:
-            return None
+    def _decide(self, row: float, col: float, at_s: float) -> Decision:
         self.fronts.advance(at_s)
-        return self._decide(round(bearing) % BEARINGS, at_s)
-
-    def _finish_initial_circle(self) -> None:
-        """Replace an unknown ignition point by the fire's centre, and apply all views again."""
-        self.phase = "monitor"
-        if not self.settings.ignition_known:
-            self.map, self._in_view = recentred_map(self.map, self._observations)
-            centre = (self.map.centre_row, self.map.centre_col)
-            outer, _ = self.map.filled_outer()
-            self.fronts = self.fronts.reset_around(centre, outer, self._observations[0][3])
-            for seen in self._observations:
-                self.fronts.add_window(*seen)
-            self._observations.clear()
-
-    def _decide(self, bearing: int, at_s: float) -> Decision:
+        bearing = round(bearing_deg(self.map, row, col)) % BEARINGS
         settings = self.settings
         length = self._fill_ring()
         node, ring = int(self._node_of[bearing]), self._ring
@@ -181,9 +149,7 @@ class PredictivePlanner:
         rested = at_s - self._turned_at_s >= max(REST_LAPS * lap_s, 2.0 * turn_s)
         turns = rested and back < on * (1.0 - MIN_GAIN)
         if turns:
-            self.clockwise = not self.clockwise
-            self.reversals += 1
-            self._turned_at_s = at_s
+            self._turn_back(at_s)
         # The importance of turning back is the cost of keeping the direction.
         return Decision(self.clockwise, turns, on, back, round(length))
 

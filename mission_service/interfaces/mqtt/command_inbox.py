@@ -21,7 +21,6 @@ class Inbox(asyncio.Queue[aiomqtt.Message]):
         For each topic with an ending in ``newest``, the queue stores only the newest message.
         """
         super().__init__(size)
-        self.dropped = 0
         self._urgent_ending, self._newest = urgent, newest
 
     def _init(self, maxsize: int) -> None:
@@ -51,7 +50,6 @@ class Inbox(asyncio.Queue[aiomqtt.Message]):
     def put_nowait(self, item: aiomqtt.Message) -> None:
         """Add a message; drop it or another one if the queue is full."""
         if self.full():
-            self.dropped += 1
             if not self._urgent_ending:
                 self.get_nowait()
             elif self._others and self._is_urgent(item):

@@ -20,9 +20,9 @@ from mission_service.replay.flights.flight_logs import VehicleLog
 from mission_service.replay.flights.journal_log import JournalLog
 from mission_service.replay.flights.logged_vehicle import LoggedVehicle
 from mission_service.replay.flights.scenario_pairing import Pairing
+from mission_service.runtime.alarms.proximity_alarms import ProximityAlarms
 from mission_service.runtime.engine import Engine
 from mission_service.runtime.gateway import Gateway, MissionClock
-from mission_service.runtime.proximity_alarms import ProximityAlarms
 from mission_service.runtime.state_view import StateView
 
 FlightEntry = VehicleLog | AnyOperatorEvent

@@ -25,7 +25,7 @@ Places = Callable[[Any, Any], tuple[Any, Any]]  # from lat, lon to km on the axe
 MAX_MISSIONS = 6  # with more missions none is drawn, because they would hide the map
 GAP_US = 10_000_000
 MAX_LABELS = 8  # with more reversals, their positions have no labels
-DIFFERS, PLANNED = "#d500f9", "#004d40"
+DIFFERS = "#d500f9"
 CLOCKWISE, ANTICLOCKWISE = "#0b6fb8", "#c75000"
 MODE_COLOURS = (
     "#8dd3c7", "#ffffb3", "#bebada", "#fb8072", "#80b1d3", "#fdb462", "#b3de69", "#fccde5",
