@@ -364,7 +364,7 @@ class Rejected(OperatorEvent, frozen=True, tag=True):
 
 
 class Aborted(OperatorEvent, frozen=True, tag=True):
-    """An operator gave an abort: drops end, and vehicles climb to the safe height and hold."""
+    """An operator ordered an abort: drops end, and vehicles climb to the safe height and hold."""
 
 
 class OperatorHeartbeat(OperatorEvent, frozen=True, tag=True):
@@ -388,7 +388,7 @@ class LinesSkipped(OperatorEvent, frozen=True, tag=True):
 
 
 class FireReachedEdge(OperatorEvent, frozen=True, tag=True):
-    """The event that the simulated fire has reached the edge of the landscape.
+    """The simulated fire has reached the edge of the landscape.
 
     The position is that of the first burned cell at the edge, which ignited at ``arrived_at_us``.
     """

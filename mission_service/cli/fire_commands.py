@@ -174,9 +174,9 @@ def fire_assimilate(
 ) -> None:
     """Forecast each mapped perimeter of a fire from the earlier ones, and score the forecasts.
 
-    Beside each score are those of persistence (the last perimeter does not change) and of the model
-    alone. SCENARIO has landscape and weather; without an ignition the first perimeter starts the
-    fire, at mission time 0 unless time_zero is given.
+    The output also has the scores of two simpler forecasts: persistence (the last perimeter does
+    not change) and the model alone. SCENARIO has landscape and weather; without an ignition the
+    first perimeter starts the fire, at mission time 0 unless time_zero is given.
     """
     from mission_service.config.scenario import load_scenario
     from mission_service.simulation.fire_assimilation import assimilate

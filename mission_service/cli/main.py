@@ -277,8 +277,8 @@ def config_check(file: str, overrides: tuple[str, ...], as_json: bool) -> None:
     try:
         summary = check(loaded)
         if loaded.vehicles and loaded.planner.rule not in own_ways():
-            Core(loaded, landscape_of(loaded))  # makes the planners of another package
-    except (FireModelError, MissionServiceError) as error:  # they do not name the file
+            Core(loaded, landscape_of(loaded))  # also creates the planners of other packages
+    except (FireModelError, MissionServiceError) as error:  # without the file's name
         raise ScenarioError(f"{scenario_path(file)}: {error}") from None
     for line in summary["warnings"]:
         echo_warning(line)

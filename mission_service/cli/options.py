@@ -38,7 +38,7 @@ def scheduler_address(
 class Interrupted(click.ClickException):
     """Ctrl-C ended the command."""
 
-    exit_code = 130  # as usual after this signal
+    exit_code = 130  # 128 + 2, the number of SIGINT
 
 
 class Folder(click.Path):
@@ -48,7 +48,7 @@ class Folder(click.Path):
         super().__init__(file_okay=False, path_type=Path)
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return the path. Empty text, which would be the working folder, is refused."""
+        """Return the path; refuse empty text, which ``Path`` reads as the working folder."""
         if value == "":
             self.fail("is empty; give a folder, or . for the working folder", param, ctx)
         return super().convert(value, param, ctx)
@@ -128,9 +128,9 @@ def report_options(command: Command) -> Command:
 
 
 class Cores(NamedTuple):
-    """Where a command computes: the address of a Dask scheduler or None, and a number of workers.
+    """The workers of a command: those of a Dask scheduler at an address, or some on this machine.
 
-    The number of threads or processes on this machine is used only without a scheduler.
+    ``workers`` is the number of threads or processes; it applies only without a scheduler.
     """
 
     scheduler: str | None
@@ -199,7 +199,7 @@ def results_in(out: Path, after_interrupt: str) -> Iterator[Path]:
     except KeyboardInterrupt:
         raise Interrupted(f"interrupted; {after_interrupt}") from None
     finally:
-        with suppress(OSError):  # it is not empty
+        with suppress(OSError):  # a folder that is not empty remains
             for each in created:
                 each.rmdir()
 
@@ -219,7 +219,7 @@ def echo_warning(text: str) -> None:
 
 
 def report_address(out: Path, address: str) -> None:
-    """Print the address of the map, and its token only on a terminal, never to a log."""
+    """Print the address of the map; its token is printed only on a terminal, never to a log."""
     if sys.stderr.isatty():
         click.echo(f"map: {address}", err=True)
     else:

@@ -23,8 +23,9 @@ from mission_service.runtime.clocks import clock_us, wall_us
 from mission_service.runtime.link_signing import COMMAND_LINK_ID, key_missing, refusal, signings
 
 Result = TypeVar("Result")
-Request = Callable[[NativeClient, int], int]  # starts a transfer at a time in us
-KINDS: tuple[Kind, ...] = ("fence", "rally", "mission")  # PX4 checks a mission against its fence
+Request = Callable[[NativeClient, int], int]  # starts a transfer; the number is the time in us
+# In this order: PX4 checks a mission against the fence on board.
+KINDS: tuple[Kind, ...] = ("fence", "rally", "mission")
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,7 +115,8 @@ def connected(
 ) -> Iterator[tuple[Connection, dict[str | None, Signing]]]:
     """Prepare a connection signed with ``signing_key``, and the signing for each given key.
 
-    The caller opens the connection. On exit, the .tlog and the file of timestamps are closed.
+    The caller opens the connection. On exit, the .tlog and the file of signing timestamps are
+    closed.
     """
     with contextlib.ExitStack() as stack:
         tlog = stack.enter_context(Tlog(line.tlog, wall_us)) if line.tlog else None

@@ -149,7 +149,7 @@ class Ignition(Section):
 class FireSection(Section):
     """The scheme of fire spread, and the area that has already burned at the start.
 
-    ``precise`` lets the paths of the any-angle scheme bend in the middles of edges too.
+    With ``precise``, paths of the any-angle scheme may also bend in the middle of a cell's edge.
     ``perimeter`` is a file with polygons of the area that has burned by ``burning_at_s``. If only
     one of its features is used, ``perimeter_feature`` is its number. With ``repair_perimeter``,
     closed lines and invalid polygons become valid polygons. ``arrival`` is a raster of arrival
@@ -204,7 +204,7 @@ class EstimateSection(Section):
     """The ensemble that estimates a fire from observations.
 
     ``perimeter_error_m`` is the standard deviation of the outlines of mapped perimeters.
-    ``sensors`` are the names of other packages' sensors (``fire/sensors.py``) that are used.
+    ``sensors`` names the sensors of other packages (``fire/sensors.py``) to use.
     """
 
     members: Annotated[int, Field(ge=2, le=1000)] = 24
@@ -243,7 +243,7 @@ class SimulatedCameraSection(Section):
 
 
 class SimulationSection(Section):
-    """What is simulated; without ``fire`` no fire is simulated and no simulated camera observes."""
+    """The simulated fire and its cameras; without ``fire`` neither is simulated."""
 
     fire: SimulatedFireSection | None = None
     camera: SimulatedCameraSection = SimulatedCameraSection()

@@ -107,7 +107,7 @@ def _described(point: EntryPoint) -> str:
 
 
 def blamed(rule: str) -> str | None:
-    """Return the end of an error's text that names a rule of another package as the cause."""
+    """Return text that names a rule of another package as the probable cause of an error."""
     if rule in own_ways():
         return None
     where = ", ".join(_described(point) for point in entry_points(group=GROUP, name=rule))

@@ -19,7 +19,7 @@ from mission_service.config.section import (
 
 Share = Annotated[float, Field(ge=0, lt=1)]
 
-ALL = "all"  # instead of a vehicle's name, in requests that are possible for all vehicles
+ALL = "all"  # in requests, instead of a vehicle's name: all vehicles
 KEY_SOURCE = r"file:.+|env:[A-Za-z_]\w*"
 
 
@@ -30,8 +30,9 @@ class PlannerSection(Section):
     """
 
     rule: str = "predictive"
-    importance: Literal["linear", "exponential"] = "linear"  # of teams
-    negotiation: Literal["importance", "centre", "arrival"] = "importance"  # of Bent's teams
+    importance: Literal["linear", "exponential"] = "linear"  # used by teams only
+    # Used by Bent's teams only.
+    negotiation: Literal["importance", "centre", "arrival"] = "importance"
     # The targets of a team. The team announces how many vehicles it needs to meet them.
     max_revisit_s: Positive | None = None
     max_unseen_advance_m: Positive | None = None
@@ -88,7 +89,7 @@ GO_ITEMS = (
     "firing plan approved by the burn boss",
     "two remote pilots, or one as the burn plan allows",
     "communication with the burn boss tested",
-    "launch place, altitudes and the way home agreed",
+    "launch site, altitudes and return route agreed",
     "people and equipment are out of the unit",
     "weather is within the prescription",
     "payload checked: spheres, fluid, dropper",
@@ -130,7 +131,8 @@ class Dropper(Section):
     hold_s: Annotated[float, Field(gt=0, le=5)] = 0.2
     # For a sphere of 32 mm and 5 g with a drag coefficient of 0.47.
     terminal_speed_m_s: Positive = 15.0
-    delay_s: NotNegative = 0.2  # from the order until the sphere falls, in link and dropper
+    # Delay in link and dropper between the order and the fall of the sphere.
+    delay_s: NotNegative = 0.2
 
     @property
     def output(self) -> tuple[Literal["servo", "gripper", "actuator"], int, float, float, float]:
@@ -155,7 +157,7 @@ class BurnSection(Section):
     stations: Annotated[tuple[Station, ...], Field(min_length=1)]
     go_items: tuple[str, ...] = GO_ITEMS
     lit: tuple[LitLine, ...] = ()
-    fuel_model: int = 1  # of the fire simulation; moistures are those of the weather
+    fuel_model: int = 1  # fuel of the simulated fire; moistures are those of the weather
     corrections: Literal["paper", "gaussian"] = "gaussian"
     camera_corrects: bool = True
     line_spacing_m: Positive = 20.0
@@ -237,7 +239,8 @@ class VehicleSection(Section):
     system_id: Annotated[int, Field(ge=1, le=250)] = 1
     backend: Literal["native", "mavsdk"] = "native"
     signing_key: str | None = None  # source of the key; the journal would contain the key itself
-    signing_link_id: Annotated[int, Field(ge=0, le=255)] | None = None  # default: index from 0
+    # Default: the vehicle's index, from 0.
+    signing_link_id: Annotated[int, Field(ge=0, le=255)] | None = None
     home_lat_deg: Latitude
     home_lon_deg: Longitude
     airspeed_m_s: Positive = 18.0

@@ -34,7 +34,7 @@ def _place_of(link: str) -> str:
     address = parse_link(link)
     if isinstance(address, SerialAddress):
         return f"serial:{address.device}"
-    if address.kind in ("udpin", "tcpin"):  # one port for all addresses of this machine
+    if address.kind in ("udpin", "tcpin"):  # a port is open at all addresses of this machine
         return f"{address.kind}:{address.port}"
     return link
 

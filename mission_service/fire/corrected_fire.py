@@ -1,4 +1,4 @@
-"""Correct a cellular fire by operators' pens, eraser, undo and wind reports.
+"""Correct a cellular fire by operators' drawings, erasures, undo and wind reports.
 
 The fire without corrections is simulated in parallel, so that an undo restores it. After each
 correction, the corrected fire is restarted from corrected arrival times at that time. If there are
@@ -32,7 +32,7 @@ from mission_service.fire.correction_log import (
 )
 from mission_service.fire.late_observation import Begin
 
-AHEAD_S = 3600.0  # forecast of the fire before the fit, for observations ahead of its front
+AHEAD_S = 3600.0  # before a fit, the fire is forecast this far, for observations ahead of its front
 OBSERVATION_SPACING_CELLS = 1.0
 MAX_STEPS = 256  # the time of a correction grows with the number of observations
 MAX_OBSERVATIONS = 150  # the time of a fit grows with the cube of their number
@@ -116,7 +116,8 @@ class CorrectedFire:
             return base
         ahead = copy.deepcopy(base)
         ahead.advance(base.time_s + AHEAD_S)
-        from firemodel.assimilation.corrected_cells import corrected_arrival  # SciPy takes a while
+        # The import of SciPy is slow.
+        from firemodel.assimilation.corrected_cells import corrected_arrival
 
         arrival_s = ahead.arrival_time_s
         if np.isfinite(arrival_s).any():

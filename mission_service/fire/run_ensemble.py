@@ -21,11 +21,11 @@ from mission_service.fire.setup import burning_of, estimate_errors, ignitions_of
 
 IMAGES_PERIOD_S = 120.0
 INPUTS_PER_MARK = 60  # two hours of images
-ADVANCED_EVERY_S = 600.0  # without other inputs, so that a forecast need not begin long ago
+ADVANCED_EVERY_S = 600.0  # maximum time between inputs, so that a forecast has little to compute
 
 
 class Lit(NamedTuple):
-    """Cells (row, column) that were lit at a time; known at ``known_s``."""
+    """Cells (row, column) that were lit at ``at_s``, as reported at ``known_s``."""
 
     known_s: float
     at_s: float
@@ -40,7 +40,7 @@ class WeatherSet(NamedTuple):
 
 
 class Images(NamedTuple):
-    """What cameras saw in a period, in order of time; the ensemble is advanced once for all."""
+    """The images of a period in order of time; the ensemble is advanced once for all of them."""
 
     at_s: float
     seen: Sequence[Observation]
@@ -58,7 +58,7 @@ Input = Images | Observation | Lit | WeatherSet
 
 
 def _time_of(each: Input) -> float:
-    """Return the time at which an input takes its place among the others."""
+    """Return the time by which inputs are ordered."""
     return each.known_s if isinstance(each, Lit) else each.at_s
 
 
@@ -69,7 +69,7 @@ class RunEnsemble:
     """
 
     def __init__(self, scenario: Scenario, landscape: Landscape) -> None:
-        """Begin with the fire that the scenario names; its later ignitions are inputs."""
+        """Begin with the initial fire of the scenario; its later ignitions are inputs."""
         self._scenario, self._landscape = scenario, landscape
         self._begun_from: _Mark | None = None  # None for the beginning of the run
         self._mark: _Mark | None = None
@@ -77,7 +77,7 @@ class RunEnsemble:
         self._count = 0  # number of processed inputs
         lit = sorted(ignitions_of(scenario, landscape), key=lambda each: each[2])
         self._inputs: list[Input] = []
-        self._images: list[Observation] = []  # of the present period
+        self._images: list[Observation] = []  # images of the present period
         self._last_s = 0.0  # time of the last input
         self._scheduled = [Lit(at_s, at_s, [(row, col)]) for row, col, at_s in lit]
 
@@ -127,7 +127,7 @@ class RunEnsemble:
             self._processed, self._count = None, 0
 
     def inputs_until(self, at_s: float) -> list[Input]:
-        """Return the inputs until a time that wait.
+        """Return the unprocessed inputs until a time.
 
         The images of the present period and later ignitions of the scenario are not among them.
         """
@@ -178,7 +178,7 @@ class RunEnsemble:
         self._mark = _Mark(len(self._inputs), weather, burning)
 
     def replace(self, before: FireEstimate, after: FireEstimate, count: int) -> None:
-        """Replace the ensemble by the result of ``count`` inputs; if it has changed, do nothing."""
+        """Replace the ensemble ``before`` by ``after``, unless it was replaced already."""
         if self.processed is before:
             self._processed = after
             self._count += count

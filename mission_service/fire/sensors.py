@@ -92,7 +92,7 @@ class Sensors:
         del self._sensors[name]
         try:
             words = " ".join(f"{type(error).__name__}: {error}".split())
-        except Exception:  # of the error's own text
+        except Exception:  # the error's own ``__str__`` may fail
             words = type(error).__name__
         self.failed[name] = f"sensor {name} failed and is not used until a restart: {words}"
 

@@ -187,7 +187,7 @@ def _grown(scenario: Scenario, landscape: Landscape, cells: int) -> Burning:
                 "reduce the number, or move the ignition"
             )
         before = burned
-        fire.advance(fire.time_s + 1.0)  # an update
+        fire.advance(fire.time_s + 1.0)  # one update of the automaton
     at_s = scenario.fire.burning_at_s
     return burning_from_arrival(np.where(fire.burned(), at_s, np.inf), landscape, at_s)
 

@@ -16,7 +16,7 @@ class Mosaic(NamedTuple):
     here: Place  # the window
     state: NDArray[np.uint8]  # (y, x) UNSEEN, UNBURNED or BURNED
     seen_s: Floats  # (y, x) the time of the sighting
-    position_sd_m: float  # the largest of its observations
+    position_sd_m: float  # the largest value of its observations
 
     def observation(self) -> Observation:
         """Return the sightings as one observation at ``at_s``."""

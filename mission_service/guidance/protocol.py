@@ -135,7 +135,7 @@ class Awaited(NamedTuple):
     """The operator input that the guidance awaits.
 
     ``plan_hash`` identifies the plan to approve ("" if there is none). ``answers`` is whether
-    answers to the GO list are awaited.
+    answers to the GO/NO-GO checklist are awaited.
     """
 
     plan_hash: str

@@ -28,7 +28,8 @@ def later(address: str) -> Callable[..., Any]:
     return lambda *given: resolve_name(address)(*given)
 
 
-FIRST_MISSION = later("mission_service.missions.approach:approach_mission")  # to the fire
+# The mission to the fire.
+FIRST_MISSION = later("mission_service.missions.approach:approach_mission")
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +56,7 @@ class WayOfFlying:
         rates_hz: The message rates that differ from the defaults, by message id.
         return_height_m: Computes the safe height above home for a return. None leaves the
             autopilot's setting.
-        lock: Makes the lock, which checks commands last, if the scenario's tables need one.
+        lock: Makes the lock, the last check of commands, if the scenario's tables need one.
     """
 
     rules: tuple[str, ...]

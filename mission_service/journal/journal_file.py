@@ -7,7 +7,7 @@ detected. The checksum of the header covers only the header.
 
 An event is written before it is handled. Each line that is written can be read back. It is decoded
 before it is written, and refused if the result differs (msgspec writes NaN as null) or a value
-exceeds the limits of its type. Only their user can read a journal and its states. A symbolic link
+exceeds the limits of its type. Only their owner can read a journal and its states. A symbolic link
 in their place is refused.
 """
 
@@ -348,7 +348,7 @@ class SegmentReader:
         for number, body, intact in self.lines(place):
             if not intact:
                 why = "was altered: its checksum does not match"
-                if number == altered + 1:  # the checksum before it may be lost
+                if number == altered + 1:  # the checksum of the line before may be lost
                     why = (
                         f"was altered or cannot be checked: its checksum depends on line {altered}"
                     )

@@ -215,7 +215,7 @@ class InterruptedRun:
                 if not skipped:
                     raise JournalError(f"{entry.why}{SKIP}{FRESH}")
                 hole = hole or turn is None
-                if turn is not None:  # the line is one of its commands or an event after it
+                if turn is not None:  # the line is a command of this event, or a later event
                     turn.commands.append(None)
             elif entry.is_event:
                 if turn is not None:

@@ -20,7 +20,7 @@ EDGE_WITHIN_CELLS = 1e-6
 UNSEEN = "."
 
 Cell = tuple[int, int]  # row, col
-Source = SimulatedCameras | RunEstimate  # of images
+Source = SimulatedCameras | RunEstimate  # sources of images
 
 
 def fire_stage(recorded: JournalReader) -> Stage:
@@ -129,7 +129,7 @@ class _Comparison:
 def _cells(
     recorded: Observed, again: Observed | None, fix: Telemetry, source: Source
 ) -> Iterator[dict[str, Any]]:
-    """Yield the cells in which two observations differ, and whether the tolerance excuses each."""
+    """Yield the cells in which two observations differ, and whether the tolerance allows it."""
     before, after = _letters(recorded), _letters(again)
     at_s = recorded.at_us / 1e6
     edge: set[Cell] | None = None

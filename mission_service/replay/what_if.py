@@ -130,7 +130,9 @@ def what_if(
         scenario = scenario.model_copy(update={"mission": section})
     script = repeatable_requests(past.requests, changed)
     if scenario.burn_flown is not None:
-        notes.append("a simulated crew confirms the GO list, is present and approves the plans")
+        notes.append(
+            "a simulated crew confirms the GO/NO-GO checklist, is present and approves the plans"
+        )
         script = [event for event in script if not isinstance(event, CREW_EVENTS)]
         due = SimulatedCrew(scenario.burn_flown, script=script).due
     else:

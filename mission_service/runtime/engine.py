@@ -89,7 +89,7 @@ SNAPSHOT_FIELDS = (
     "_interlock",
     "_acknowledged",
 )
-# The fields on copies of which a request is tried.
+# The fields that are copied to try a request.
 TRIED = tuple(name for name in SNAPSHOT_FIELDS if name not in ("cameras", "estimate"))
 
 Progress = Callable[[StateView, Fire], None]
@@ -131,17 +131,17 @@ class Engine:
         self._missions = MissionsHeld()
         # Corrected windows that a vehicle's planner has not received yet.
         self._undelivered: dict[str, Window] = {}
-        self._estimate_due_us = 0  # of the next check of the estimate
+        self._estimate_due_us = 0  # time of the next check of the estimate
         self._down_since_us = 0
         self._host_time_due_us = -(2**63)
         self._gateways = gateways
         self._broadcast = broadcast
         self._acknowledged: dict[tuple[str, str], int] = {}
-        self._unrecorded_modes: dict[str, str] = {}  # selected while the journal fails
+        self._unrecorded_modes: dict[str, str] = {}  # modes selected while the journal fails
         self._held_back: deque[DropFinished | UploadFinished] = deque()
         self._interlock = lock_of(scenario, estimate.landscape)
         self._refusals: set[str] = set()  # alarms about refused events
-        self.defect: RefusedEventError | None = None  # memory and journal differ
+        self.defect: RefusedEventError | None = None  # set when memory and journal differ
 
     @property
     def statistics(self) -> RunStatistics:
@@ -160,7 +160,8 @@ class Engine:
             if not isinstance(event, Telemetry):
                 if not self._handle(event, now_us):
                     self._show_unrecorded(event)
-            elif (body := self._body_of(event)) is not None:  # before the image is taken
+            # Check the position before an image is taken there.
+            elif (body := self._body_of(event)) is not None:
                 for image in self._images(event):
                     self._handle(self._with_trust(image), now_us)
                 if self._written(event, body):
@@ -431,7 +432,7 @@ class Engine:
             commands = self._apply(event)
             self._apply_event_to_fire(event)
             may_act = self.recording.write_commands(commands)
-        except OSError:  # the journal of a simulation
+        except OSError:  # a simulation cannot write its journal
             raise
         except Exception as error:
             self.recording.remove_last()

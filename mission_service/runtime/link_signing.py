@@ -9,8 +9,8 @@ from autopilot_bridge.links.signing import Counts, Key, Signing, Timestamps, key
 from mission_service.errors import MissionServiceError
 from mission_service.runtime.redaction import hide
 
-COMMAND_LINK_ID = 255  # of CLI commands; a service running at the same time uses other link ids
-REPORT_FROM_FRAMES = 10  # fewer may be transmission errors, or frames of another station nearby
+COMMAND_LINK_ID = 255  # link id of CLI commands; a service that runs at the same time uses others
+REPORT_FROM_FRAMES = 10  # fewer refused frames may be transmission errors or from another station
 LEAD_REPORTED_S = 60.0
 CHECK_CLOCKS = "check the clocks of this machine and the vehicle"
 WORDS = {  # by the verdict on a frame: its description and the remedy

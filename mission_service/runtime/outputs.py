@@ -32,7 +32,7 @@ DROP_COLUMNS = (
 VEHICLE_COLOURS = (
     "#0b3c8c", "#7a0177", "#00695c", "#4e342e", "#6a1b9a", "#01579b", "#33691e", "#ad1457",
 )  # fmt: skip
-LEGEND_INSIDE = 4  # vehicles; a longer legend is drawn below the map
+LEGEND_INSIDE = 4  # with more vehicles, the legend is drawn below the map
 
 
 def front_times_s(end_s: float) -> list[float]:

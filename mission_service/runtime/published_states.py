@@ -27,7 +27,7 @@ class TelemetryState(msgspec.Struct, tag="telemetry/1", tag_field="schema"):
 class OrbitState(msgspec.Struct):
     """The ordered circle around a virtual agent, anticlockwise with a negative radius.
 
-    The camera covers a ring along it, ``view_width_m`` wide from the vehicle's height over ground.
+    The camera covers a ring along the circle, ``view_width_m`` wide from the vehicle's height.
     """
 
     lat_deg: float

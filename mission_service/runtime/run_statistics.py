@@ -50,7 +50,7 @@ class VehicleStatistics:
     direction: str = ""
     uploads: Counter[str] = field(default_factory=Counter)
     upload_reasons: Counter[str] = field(default_factory=Counter)
-    orders: Counter[str] = field(default_factory=Counter)  # of orbits and speeds, by kind
+    orders: Counter[str] = field(default_factory=Counter)  # orders of orbits and speeds, by kind
     fix: tuple[int, float, float, float] | None = None
     plans: dict[str, IgnitionPlan] = field(default_factory=dict)  # proposed plans by hash
     drops: list[DropState] = field(default_factory=list)
@@ -76,9 +76,9 @@ class RunStatistics:
         self.observations = 0
         self.closest: ClosestPair | None = None
         self._in_air: dict[str, Telemetry] = {}
-        self.requests: Counter[str] = Counter()  # of operators, by the event's name
-        self.restarts = 0  # of the service
-        self.alarms: Counter[str] = Counter()  # raised, by kind; counted by the state view
+        self.requests: Counter[str] = Counter()  # requests of operators, by the event's name
+        self.restarts = 0  # restarts of the service
+        self.alarms: Counter[str] = Counter()  # alarms raised, by kind; the state view counts them
 
     def apply(self, event: AnyEvent, commands: list[AnyCommand]) -> None:
         """Process an event and its commands."""

@@ -139,7 +139,7 @@ class StateView:
         self.fire_version = 1  # grows when operators change the fire
         self.wind_set: WindSet | None = None
         self.reached_edge: FireReachedEdge | None = None
-        self.telemetry_count = 0  # with positions that could not be journalled
+        self.telemetry_count = 0  # includes positions that could not be journalled
         self.statistics = RunStatistics(tuple(self.vehicles), at_us)
         self._landscape = landscape
         self._view_width_m = {

@@ -31,7 +31,7 @@ REPORT_SILENCE_AFTER_US = 4_000_000
 # Vehicles exceed the commanded airspeed: ArduPlane flew at 23 instead of 15 m/s, and faster in a
 # dive.
 FASTER = 2.0
-STRONGEST_WIND_M_S = 30.0  # assumed for flights, unless the scenario has stronger wind
+STRONGEST_WIND_M_S = 30.0  # wind assumed for flights, unless the scenario has stronger wind
 SEVERITIES: dict[str, Severity] = {
     "source": "severe",
     "clock": "severe",

@@ -62,7 +62,7 @@ def run_fire(
     with writing(folder):
         remove_parts(folder)
         path = folder / "fire.nc"
-        path.unlink(missing_ok=True)  # of an earlier run
+        path.unlink(missing_ok=True)  # files of an earlier run
         if netcdf:
             write_netcdf(path, fire, times_s, scenario.name, scenario.time_zero)
         return _write(scenario, fire, folder, times_s, lines)

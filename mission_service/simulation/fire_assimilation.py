@@ -134,7 +134,7 @@ def assimilate(
             _draw(steps, landscape, scenario.name, zero, part)
             _write_ahead(ahead, landscape, part)
             write_whole(part / "assimilation.json", json.dumps(summary, indent=2) + "\n")
-            for picture in folder.glob("forecast_*.png"):  # of an earlier run
+            for picture in folder.glob("forecast_*.png"):  # pictures of an earlier run
                 if not (part / picture.name).exists():
                     picture.unlink()
     return summary
@@ -201,7 +201,7 @@ def _steps(
     warnings: list[str],
     warn: Callable[[str], None],
 ) -> Iterator[Step]:
-    """Forecast and process all observations; one that cannot be of the fire is left out."""
+    """Forecast and process all observations; one that does not fit the fire is left out."""
     before: Observation | None = None
     for after in observed:
         step = None
@@ -230,7 +230,8 @@ def _scores(step: Step, landscape: Landscape, zero: datetime) -> dict[str, Any]:
     cell_ha = landscape.cell_size_m**2 / 1e4
 
     def distance(mask: Mask) -> float:
-        area = front_polygons(np.where(mask, 0.0, 1.0), 0.5, landscape)  # along sides of cells
+        # Outline along the sides of cells.
+        area = front_polygons(np.where(mask, 0.0, 1.0), 0.5, landscape)
         return round(mean_distance_m(area, after.area), 1)
 
     return {

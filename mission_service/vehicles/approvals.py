@@ -24,7 +24,8 @@ from mission_service.vehicles.vehicle_state import (
 
 SAMPLED_EVERY_M = 20.0
 GOOD_FOR_S = 60.0  # validity of a proposal; then a new one is planned, because the front moves
-AHEAD_SHARE = 0.5  # of the horizon; a mission that extends farther beyond a refused one differs
+# A mission differs if it extends by this share of the horizon beyond a refused one.
+AHEAD_SHARE = 0.5
 
 
 @dataclass(frozen=True)
@@ -72,7 +73,7 @@ class MissionApprovals:
         self, command: UploadMission, vehicle: Vehicle, at_s: float
     ) -> list[ProposeMission | Announce]:
         pending, earlier = vehicle.pending, self._proposals.get(vehicle.name)
-        assert pending is not None  # by ``MissionsSent``
+        assert pending is not None  # set by ``MissionsSent``
         why = command.why
         if vehicle.refusal is not None:
             if not self._differs(vehicle.refusal, pending):
@@ -131,7 +132,7 @@ class MissionApprovals:
         vehicle.due = vehicle.due or proposal.pending.due
         why = f"no answer for {GOOD_FOR_S:.0f} s: a new one is planned"
         withdrawn = self.withdraw(vehicle, why)
-        self._announced.add(vehicle.name)  # the new one is not announced
+        self._announced.add(vehicle.name)  # the new proposal is not announced
         return withdrawn
 
     def withdraw(self, vehicle: Vehicle, why: str) -> list[WithdrawMission]:
@@ -140,7 +141,7 @@ class MissionApprovals:
         proposal = self._proposals.pop(vehicle.name, None)
         if proposal is None:
             return []
-        if vehicle.proposed is not None:  # else another proposal replaces it
+        if vehicle.proposed is not None:  # unless another proposal has replaced it
             vehicle.enter(MissionPhase.WITHDRAWN)
         return [WithdrawMission(vehicle.name, proposal.command.mission_id, why)]
 

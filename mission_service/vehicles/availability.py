@@ -33,8 +33,8 @@ LEADS_TO: dict[type[AnyCommand], tuple[str, ...]] = {
     ClimbAndHold: ("guided", "hold"),
 }
 ANSWERS = {name: kind for kind, name in ORDER_NAMES.items() if kind in LEADS_TO}
-UNANSWERED_S = 60.0  # in which a command without acknowledgement may change the mode
-TAKES_EFFECT_S = 5.0  # in which an acknowledged command may change the mode
+UNANSWERED_S = 60.0  # time in which a command without acknowledgement may change the mode
+TAKES_EFFECT_S = 5.0  # time in which an acknowledged command may change the mode
 FAILSAFE_STATES = ("critical", "emergency", "flight termination")  # HEARTBEAT.system_status
 
 

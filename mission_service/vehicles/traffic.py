@@ -32,7 +32,7 @@ Floats = NDArray[np.float64]
 
 TAKEOFF_CLEAR_M = 300.0
 TAKES_OFF_WITHIN_S = 60.0
-LEAVES_M, LEAVES_WITHIN_S = 400.0, 30.0  # for a vehicle that flies to its waiting position
+LEAVES_M, LEAVES_WITHIN_S = 400.0, 30.0  # distance and time of the flight to a waiting position
 WAITS_AT_MOST_S = 120.0
 STALE_S = 5.0  # an older position is not used
 
@@ -45,7 +45,7 @@ class Flown:
     availability: VehicleAvailability
     home_m: tuple[float, float]
     track: Track | None = None
-    sent: int = 0  # number of missions
+    sent: int = 0  # number of missions sent
     compared: tuple[int, ...] = ()  # ``sent`` of the vehicles below at the last comparison
     gave_way_to: str | None = None
     waits_since_s: float = 0.0

@@ -16,20 +16,21 @@ from mission_service.missions.landing import Landing
 from mission_service.vehicles.availability import VehicleAvailability
 
 Floats = NDArray[np.float64]
-HISTORY_LENGTH = 20  # of phases, for the error of an invalid transition
+HISTORY_LENGTH = 20  # number of phases in the error of an invalid transition
 
 
 class MissionPhase(Enum):
     """The phases of a vehicle's next mission, up to its outcome."""
 
     NONE = "none"
-    PROPOSED = "proposed"  # to the operators
+    PROPOSED = "proposed"  # proposed to the operators
     UPLOADING = "uploading"
-    ACCEPTED = "accepted"  # by the autopilot
+    ACCEPTED = "accepted"  # accepted by the autopilot
     FAILED = "failed"
-    REFUSED = "refused"  # by an operator, or similar to a refused mission
+    REFUSED = "refused"  # refused by an operator, or similar to a refused mission
     WITHDRAWN = "withdrawn"
-    DROPPED = "dropped"  # during its upload, by a restart or because it is not needed any more
+    # Dropped during its upload, by a restart or because it is not needed any more.
+    DROPPED = "dropped"
 
 
 _NEXT = (MissionPhase.UPLOADING,)
@@ -70,7 +71,7 @@ class UnconfirmedState:
     pending: Pending | None
     recalled: bool  # ordered home
     starting: bool
-    resumed: bool = False  # by an operator since then; the start follows the read-back
+    resumed: bool = False  # an operator has ordered resume since; the start follows the read-back
 
 
 @dataclass
@@ -80,26 +81,27 @@ class Vehicle:
     section: VehicleSection
     availability: VehicleAvailability
     home_m: tuple[float, float]
-    landing: Landing  # of its missions
+    landing: Landing  # the landing of its missions
     atomic_upload: bool = False
     deployed: bool = False
     started: bool = False
     holding: bool = False
-    ordered: Literal["", "hold"] = ""  # by an operator
-    hold_under_way_s: float | None = None  # when a hold without acknowledgement was sent
-    hold_again_at_s: float | None = None  # until the autopilot accepts it
+    ordered: Literal["", "hold"] = ""  # order of an operator
+    hold_under_way_s: float | None = None  # time at which a hold without acknowledgement was sent
+    hold_again_at_s: float | None = None  # time of the next hold, until the autopilot accepts it
     waits_for_operator: bool = False  # has flown; its next start requires an operator's order
     start_again_at_s: float | None = None
     return_again_at_s: float | None = None
     going_home: bool = False  # its endurance is nearly exhausted
     sent_home: bool = False
-    next_mission: Pending | None = None  # while it is proposed or being uploaded
+    next_mission: Pending | None = None  # the mission that is proposed or being uploaded
     mission_phases: deque[MissionPhase] = field(
         default_factory=lambda: deque([MissionPhase.NONE], HISTORY_LENGTH)
     )
     refusal: Refusal | None = None
-    airspeed_m_s: float | None = None  # a mean of measurements
-    airspeed_differs_since_s: float | None = None  # from the commanded airspeed
+    airspeed_m_s: float | None = None  # mean of measured airspeeds
+    # Time since which it differs from the commanded airspeed.
+    airspeed_differs_since_s: float | None = None
     airspeed_alarm: bool = False
     text_at_s: float | None = None  # time of the last text that raised an alarm
     flown_line: shapely.LineString | None = None  # path of the confirmed mission on board

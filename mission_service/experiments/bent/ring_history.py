@@ -30,7 +30,7 @@ class RingStep:
     at_s: float
     cells: Integers  # (n, 2) row, column; no cell twice
     step_m: Floats  # (n) from each cell to the next one
-    spread_rate_m_s: Floats  # (n) outwards
+    spread_rate_m_s: Floats  # (n) rate of spread outwards
     came_from: Integers  # (n) index in the previous ring of the cell whose visit is inherited
     place_of: Integers  # (m) new index of each cell of the previous ring, in order around the ring
 
@@ -74,7 +74,7 @@ def facing(cells: Integers) -> tuple[Floats, Floats]:
     """Return the outward unit vectors of a clockwise ring (n, 2), as north (n) and east (n)."""
     along = np.roll(cells, -TANGENT_CELLS, axis=0) - np.roll(cells, TANGENT_CELLS, axis=0)
     length = np.maximum(np.hypot(*along.T), 1e-9)
-    # Clockwise on a north-up map has the outside on its left.
+    # Along a clockwise ring on a north-up map, the outside is on the left.
     return along[:, 1] / length, along[:, 0] / length
 
 

@@ -34,8 +34,8 @@ class Flight:
 
     ``track`` (n, 3) contains the time in s, the row and the column of each step, and ``reversals``
     (k, 3) those of each turn. ``windows`` (d, 3) contains the time of each decision, and the
-    importance behind and ahead. From the end of the first lap on, the errors (m) in cells are
-    evaluated at each step, at the times ``at_s`` (m).
+    importance behind and ahead. The errors, in cells, are evaluated at each step from the end of
+    the first lap on; ``at_s`` has the times of these steps.
     """
 
     track: Floats

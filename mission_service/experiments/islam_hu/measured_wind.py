@@ -6,9 +6,9 @@ import numpy as np
 
 from firemodel.physics.weather import WeatherStream
 
-# Of estimates from airspeed and ground speed: standard deviations, and correlation time of errors.
+# Errors of wind estimates from airspeed and ground speed: standard deviations, correlation time.
 SPEED_ERROR_M_S, DIRECTION_ERROR_DEG, LASTING_S = 0.8, 8.0, 120.0
-# Wind 20 ft above the vegetation over the wind at the vehicle's height.
+# Ratio of the wind 20 ft above the vegetation to the wind at the vehicle's height.
 WIND_20FT_SHARE = 0.75
 
 

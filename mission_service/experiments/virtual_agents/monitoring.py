@@ -19,7 +19,7 @@ Cells = NDArray[np.int64]
 Floats = NDArray[np.float64]
 
 NEAR, FAR = 1.0, 0.2  # priorities (section 3.4)
-SEEN_WITHIN_S = 60.0  # interval of UAV coverage
+SEEN_WITHIN_S = 60.0  # a cell is covered for this time after a UAV has seen it
 
 
 class MonitoringArea:

@@ -23,7 +23,7 @@ from mission_service.guidance.burn.visibility_graph import VisibilityGraph
 Floats = NDArray[np.float64]
 Corners = tuple[tuple[float, float], ...]  # lat_deg, lon_deg
 
-ARC = 16  # segments of a quarter circle
+ARC = 16  # number of segments of a quarter circle
 MIN_AREA_M2 = 1.0
 CLEAR_M = 0.01  # added to margins for rounding errors
 

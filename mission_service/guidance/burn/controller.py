@@ -83,9 +83,10 @@ from mission_service.vehicles.vehicle_state import Vehicle, announce
 Floats = NDArray[np.float64]
 Phase = Literal["waiting", "planning", "proposed", "approved", "flying", "climbing"]
 
-REPEAT_CLIMB_S, CLIMB_SHARE = 5.0, 1.05  # interval of climb commands; share of the safe height
+# Interval of climb commands; altitude as a share of the safe height.
+REPEAT_CLIMB_S, CLIMB_SHARE = 5.0, 1.05
 CHECK_EVERY_S, CHECK_PROPOSED_EVERY_S = 1.0, 5.0
-BEGINS_ON_GROUND_S, BEGINS_IN_AIR_S = 30.0, 15.0  # planned begin after the proposal
+BEGINS_ON_GROUND_S, BEGINS_IN_AIR_S = 30.0, 15.0  # planned start after the proposal
 OFF_PATH_M = 12.0
 AT_END_M = 3.0
 WIND_COUNT = 3  # successive measurements that must differ from the planned wind

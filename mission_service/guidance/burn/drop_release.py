@@ -121,8 +121,8 @@ def release_decision(
     target, within half a telemetry step (``step_s``). Then the decision is ``release``, or
     ``missed`` if the impact point is farther than ``max_miss_m`` from the target.
 
-    The decision is also ``wait`` in two other cases. Farther from the target than ``max_miss_m``
-    plus ``NEAR_S`` of flight, the vehicle may still pass the target on another leg. A vehicle too
+    The decision is also ``wait`` in two other cases. A vehicle farther from the target than
+    ``max_miss_m`` plus ``NEAR_S`` of flight may still pass the target on another leg. A vehicle too
     slow to have a course waits while the impact point is farther than ``max_miss_m``.
     """
     east, north = target_m[0] - impact.x_m, target_m[1] - impact.y_m

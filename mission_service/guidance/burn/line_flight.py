@@ -16,13 +16,14 @@ from mission_service.guidance.burn.hazard import Box, Hazard, hazard_of
 from mission_service.guidance.burn.visibility_graph import VisibilityGraph
 
 Floats = NDArray[np.float64]
-FireOfSources = Callable[[Floats], Simulation]  # returns the fire of sources (n, 3) x, y, at_s only
+# Returns a fire that has only these sources (n, 3): x, y, at_s.
+FireOfSources = Callable[[Floats], Simulation]
 
 HIGH_M = 1e-6  # tolerance of the safe height
-TOWARDS_M2 = 1e-3  # a leg that approaches a drop by less (times the leg's length) leads away
+TOWARDS_M2 = 1e-3  # a smaller approach to a drop, times the leg's length, is none
 CLIMB_EVERY_M, CLIMBS = 5.0, 12  # minimum spacing and maximum number of climbs tried on a leg
 OUT_M = (0.0, 15.0, 30.0, 45.0)  # distances from a drop at which a climb is tried
-DOWN_SPARE_M = 1.0  # added to the distance margin of descents; more than the error of a raster
+DOWN_SPARE_M = 1.0  # added to the distance margin of descents; more than a raster's error
 ROUNDED_S = 1e-6
 
 
@@ -36,7 +37,7 @@ class FlightPoint(NamedTuple):
 
 
 Leg = tuple[FlightPoint, FlightPoint]
-Route = list[FlightPoint]  # from the vehicle's position, with straight legs
+Route = list[FlightPoint]  # points joined by straight legs, from the vehicle's position on
 
 
 def point_on_leg(leg: Leg, part: float) -> FlightPoint:
@@ -251,7 +252,7 @@ class LineFlight:
 
     @property
     def duration_s(self) -> float:
-        """Return the duration from the flight's begin to its end."""
+        """Return the duration from the flight's start to its end."""
         return self.route[-1].at_s - self.route[0].at_s
 
 
@@ -266,7 +267,7 @@ def fly_line(
     ``battery_s`` is the maximum flight time, including the return.
     """
     trip = _flight(air, start, places_m, spheres, battery_s, careful=False)
-    # One check of all drops: whether the fire of one drop reaches another before that one ignites.
+    # Check all drops at once: whether the fire of one drop reaches another before it ignites.
     lit = trip.drops + np.array([0.0, 0.0, air.settings.ignition_delay_s])
     if (air.lights(lit).ignition_time_s(lit[:, :2]) < lit[:, 2] - ROUNDED_S).any():
         return _flight(air, start, places_m, spheres, battery_s, careful=True)

@@ -47,15 +47,15 @@ def plan_problem(
         after_s = rest[0].at_s - begin_s
         problem = _airspace_problem(air, rest, places[0])
         if problem:
-            return f"{problem} {after_s:.0f} s after the begin"
-        # The margin is that of the whole leg, as in planning, or of the leg's rest if larger.
+            return f"{problem} {after_s:.0f} s after the start"
+        # Use the margin of the whole leg, as in planning, or that of the rest of the leg if larger.
         margin_s = max(
             min(air.margin_s(part), own.margin_s(part)) for part in dict.fromkeys((leg, rest))
         )
         first = plan.climbs_first and leg[0] == places[0]
         if margin_s < settings.time_margin_s and not first:
             near = f"comes within {margin_s:.0f} s" if margin_s > 0.0 else "burns within reach"
-            return f"fire {near} of the path {after_s:.0f} s after the begin"
+            return f"fire {near} of the path {after_s:.0f} s after the start"
     return _drop_problem(plan, air, begin_s, flown_s) or _load_problem(
         plan, situation, settings, flown_s
     )
@@ -137,7 +137,7 @@ def mean_wind(winds: Sequence[WindFrom]) -> WindFrom:
 def drift_compensated(plan: LinePlan, situation: Situation, burn: BurnSection) -> LinePlan:
     """Return the plan with its path moved upwind by the drift of a falling sphere.
 
-    The drift is that from the drop height. Points above the path's begin are not moved. If the
+    The drift is that from the drop height. Points above the path's start are not moved. If the
     moved path is invalid, for example outside the unit or too near to fire, the plan is returned
     unchanged; its spheres then miss their targets or are skipped.
     """

@@ -1,4 +1,4 @@
-"""Simulates a burn from begin to end, with all lines in order, loads, times, and the fire."""
+"""Simulates a burn from start to end, with all lines in order, loads, times, and the fire."""
 
 import math
 from collections.abc import Sequence
@@ -41,7 +41,7 @@ class Assumptions:
     battery_s: float
     battery_reserve_s: float
     reload_s: float
-    pause_s: float  # between the end of a line and the begin of the next
+    pause_s: float  # time between the end of a line and the start of the next
     time_margin_s: float
     distance_margin_m: float
     wind_m_s: float  # constant for lines and margins; in the simulation the wind may change
@@ -89,7 +89,7 @@ class CombinedFires:
 
 
 def whole_burn(situation: Situation, settings: BurnSection, pause_s: float = 0.0) -> WholeBurn:
-    """Plan all lines from a situation until none is left, each ``pause_s`` after the last one.
+    """Plan all lines from a situation until none is left, each ``pause_s`` after the previous one.
 
     If the spheres or the battery do not suffice for the rest of a line, and are not full, the
     vehicle reloads before it begins that line. For a reload it returns home at the safe height,

@@ -165,7 +165,7 @@ class AgentMover:
         self._constants = constants_array(settings.constants)
         self._tie_rad = tie_rad
         self._due_s: float | None = None
-        self._others_m: Floats = np.empty((0, 2))  # at the last decision
+        self._others_m: Floats = np.empty((0, 2))  # goals of the others at the last decision
 
     @property
     def goal_m(self) -> tuple[float, float] | None:
@@ -219,7 +219,7 @@ class AgentMover:
         before_m, self._others_m = self._others_m, others_m
         goal = self._next(at_s, x_m, y_m, others_m, maps)
         if self.goal and goal and goal.since_s == at_s and self._is_at(x_m, y_m, self.goal):
-            away_m = np.hypot(*(others_m[:, None] - before_m).T)  # (before, now)
+            away_m = np.hypot(*(others_m[:, None] - before_m).T)  # (others before, others now)
             still_m = others_m[(away_m < STILL_M).any(axis=0)]
             without = self._next(at_s, x_m, y_m, still_m, maps)
             goal = goal if without is None or without.since_s == at_s else self.goal

@@ -32,8 +32,8 @@ from mission_service.position_fix import PositionFix
 
 Cells = NDArray[np.int64]
 BURNING = ord("b")
-ASPECT_RATIO = 0.75  # of the image (4:3), for a camera without an angle along the track
-HOT_FOR_S = 1.5  # duration of heat after the last view of fire straight below
+ASPECT_RATIO = 0.75  # height of the image by its width, without an angle along the track
+HOT_FOR_S = 1.5  # heat lasts this long after the last view of fire straight below
 
 
 def settings_of(scenario: Scenario, section: VehicleSection) -> Settings:
@@ -59,7 +59,7 @@ def settings_of(scenario: Scenario, section: VehicleSection) -> Settings:
 
 
 def first_fire(scenario: Scenario, landscape: Landscape) -> Cells:
-    """Return the numbers, in rising order, of the burning cells that all agents initially know.
+    """Return the numbers, in rising order, of the burning cells on all agents' maps at the start.
 
     They are the fire at the start if the scenario defines one, or else the cell where the fire was
     reported.
@@ -72,17 +72,17 @@ def first_fire(scenario: Scenario, landscape: Landscape) -> Cells:
 
 
 class FormationMember:
-    """One vehicle of the formation: its agent, and the vehicle's state as known from events."""
+    """One vehicle of the formation: its agent, and the vehicle's state as events report it."""
 
     def __init__(self, agent: Agent, formation: "Formation") -> None:
         self.agent = agent
-        self.wind_m_s = (0.0, 0.0)  # towards (x, y)
+        self.wind_m_s = (0.0, 0.0)  # wind towards (x, y)
         self.hot_until_s = -math.inf
         self.fix: PositionFix | None = None
         self.flies = False
-        self.state: State | None = None  # the last one sent
+        self.state: State | None = None  # last state sent
         self.manual_control = False  # in the air, but not controlled by its agent
-        self.recent: deque[ObservedMotion] = deque()  # over the last ``MEASURED_OVER_S``
+        self.recent: deque[ObservedMotion] = deque()  # of the last ``MEASURED_OVER_S``
         self._formation = formation
 
     def observe(self, observed: Observed) -> None:

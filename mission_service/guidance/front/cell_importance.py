@@ -12,7 +12,7 @@ Floats = NDArray[np.float64]
 
 def adjusted_spread_rate(spread_rate: Floats, alpha: float) -> Floats:
     """Return the spread rates after scaling their heterogeneity by ``alpha`` >= 0 (eq. 7)."""
-    if not spread_rate.size:  # a front within one cell
+    if not spread_rate.size:  # the front is within one cell
         return spread_rate
     lowest = spread_rate.min()
     adjusted: Floats = lowest + alpha * (spread_rate - lowest)

@@ -76,8 +76,9 @@ class FactorPrior(NamedTuple):
 
 MODELLED = FactorPrior(0.25, 0.25, 20.0, 0.15, 0.15, 0.3, 2.5)
 UNMODELLED = FactorPrior(1.0, 1.0, 20.0, 0.15, 0.15, 0.05, 10.0)  # the rate of spread is unknown
-# Of a model that may be wrong: chosen on the fires 200 to 229 of ``benchmarks.random_fires
-# --wrong``; a smaller error of advances or a shorter correlation length is worse.
+# The prior for a model that may be wrong, chosen on the fires 200 to 229 of
+# ``benchmarks.random_fires --wrong``; a smaller error of advances or a shorter correlation length
+# is worse.
 CAUTIOUS = FactorPrior(0.8, 0.4, 40.0, 0.5, 0.4, 0.05, 10.0)
 
 
@@ -97,7 +98,7 @@ class FrontModel:
 
 
 def cautious(model: FrontModel) -> FrontModel:
-    """Return a model that follows wind and slope less, and no map of fuels.
+    """Return a model that depends less on wind and slope, and not on the map of fuels.
 
     All burnable ground has the fuel that is most frequent in the landscape.
     """
@@ -136,10 +137,10 @@ class FrontEstimate:
         self._shape = shape
         self.at_s = at_s
         self.front = front.copy()
-        self.speed_cells_s = np.zeros(BEARINGS)  # outwards, estimated
+        self.speed_cells_s = np.zeros(BEARINGS)  # estimated speed outwards
         self.seen_at_s = np.full(BEARINGS, -np.inf)
         self.burned = np.zeros(BEARINGS)  # outermost ground seen burned
-        self.wind_m_s: Floats | None = None  # towards north and east
+        self.wind_m_s: Floats | None = None  # wind towards north and east
         self._short_wind = self._long_wind = np.zeros(2)
         self._wind_at_s = -np.inf
         self._reset_factors()
@@ -172,7 +173,7 @@ class FrontEstimate:
         alike = np.exp(-np.minimum(apart, BEARINGS - apart) / prior.alike_deg)
         self.factor = np.ones(SECTORS)
         self._covariance = prior.common**2 + prior.local**2 * alike
-        self._drift = prior.drift**2 * (0.5 + 0.5 * alike)  # of the covariance, in an hour
+        self._drift = prior.drift**2 * (0.5 + 0.5 * alike)  # increase of the covariance in an hour
 
     def _fuel_at(self, front: Floats) -> NDArray[np.int16]:
         """Return the fuel model under a front on each bearing; 0 without a landscape."""

@@ -24,7 +24,7 @@ Integers = NDArray[np.int64]
 NODES = 72
 NEVER = 1 << 40
 MIN_GROWTH_CELLS_S = 1e-6
-SLOWEST = 0.2  # over the ground, as a share of the airspeed
+SLOWEST = 0.2  # minimum ground speed, as a share of the airspeed
 
 
 class CoarseRing(NamedTuple):
@@ -32,7 +32,7 @@ class CoarseRing(NamedTuple):
 
     ahead_s: Floats  # flight time from each node to the next one
     back_s: Floats  # flight time from each node to the previous one
-    error: Floats  # expected now, in cells
+    error: Floats  # error expected now, in cells
     growth: Floats  # growth of the error while the node is not in view, in cells/s
     left: Floats  # error of a node in view, in cells
 

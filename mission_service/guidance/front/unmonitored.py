@@ -75,7 +75,7 @@ class FrontMonitor:
         self._planners = planners
         self._cell_m = cell_m
         self._watching: set[str] = set()
-        self._alarm: RaiseAlarm | None = None  # of the last vehicle that left the front
+        self._alarm: RaiseAlarm | None = None  # about the last vehicle that left the front
 
     def standing_alarms(self) -> list[AnyCommand]:
         """Return the active alarm, if any, to be sent again after a restart of the service."""

@@ -37,7 +37,7 @@ class StartState(NamedTuple):
 
     node: Integers  # next node of each vehicle
     arrival_s: Floats  # time of arrival there
-    heading: Integers  # 1 clockwise, -1 the other way
+    heading: Integers  # 1: clockwise, -1: anticlockwise
     speed_m_s: Floats
     turn_s: float  # duration of a turn back
 

@@ -59,7 +59,7 @@ class Regions:
     """The regions of a team, clockwise; the region of ``members[i]`` begins at ``borders[i]``.
 
     Places ascend from border to border, by at most ``cells`` in one lap. ``epoch`` counts how often
-    the ring has grown or the team has changed; all vehicles learn of these events.
+    the ring has grown or the team has changed; all vehicles receive these events.
     """
 
     members: tuple[int, ...]
@@ -82,7 +82,7 @@ def equal_regions(members: Sequence[int], cells_of: Sequence[int], cells: int) -
 
 
 def served(regions: Regions, index: int) -> tuple[int, int]:
-    """Return the begin and the end (lifted, excluded) of the cells that a vehicle serves.
+    """Return the start and the end (lifted, excluded) of the cells that a vehicle serves.
 
     They follow from the vehicle's own sides of its two borders.
     """
@@ -92,7 +92,7 @@ def served(regions: Regions, index: int) -> tuple[int, int]:
 
 
 def retained(regions: Regions, index: int) -> tuple[int, int]:
-    """Return the begin and the end of the cells that a vehicle serves and has not offered.
+    """Return the start and the end of the cells that a vehicle serves and has not offered.
 
     Both are lifted; the end is excluded.
     """
@@ -106,7 +106,7 @@ def retained(regions: Regions, index: int) -> tuple[int, int]:
 
 
 def ledger(regions: Regions) -> tuple[int, ...]:
-    """Return the lifted begin of each region, by the newer side of its border."""
+    """Return the lifted start of each region, by the newer side of its border."""
     return tuple(
         (right if right.version > left.version else left).place for left, right in regions.borders
     )

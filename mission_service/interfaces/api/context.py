@@ -17,7 +17,7 @@ from mission_service.interfaces.maps.terrain import TerrainTiles
 from mission_service.runtime.published_states import VehicleState
 from mission_service.runtime.run_context import RunContext
 
-MAX_THREADS = 2  # in use at once, because requests must not delay the flight
+MAX_THREADS = 2  # threads in use at once; requests must not delay the flight
 
 Result = TypeVar("Result")
 

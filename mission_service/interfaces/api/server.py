@@ -33,7 +33,7 @@ from mission_service.interfaces.api.responses import error_body
 REQUEST_WITHIN_S = 10.0  # time limit for headers, from the first byte or the connection's start
 KEEP_ALIVE_S = 30
 HANDSHAKE_WITHIN_S = 5.0
-NO_ROOM_S = 0.05  # until the next attempt to accept a connection
+NO_ROOM_S = 0.05  # time until the next attempt to accept a connection
 STOP_WITHIN_S = 1  # after this time of a shutdown, open connections are closed
 MAX_HEADER_BYTES = 16 * 1024
 SEND_BUFFER_BYTES = 128 * 1024  # a larger buffer of the kernel would store outdated states

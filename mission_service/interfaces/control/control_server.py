@@ -20,7 +20,7 @@ from mission_service.runtime.request_handler import Answer, RequestHandler, wron
 
 MAX_LINE_BYTES = 64 * 1024
 MAX_CLIENTS = 16
-MAX_WAITING = 64  # clients after the first MAX_CLIENTS may only abort; one of them makes room
+MAX_WAITING = 64  # further clients may only abort; beyond this number the oldest is closed
 IDLE_S = 60.0
 LATE_CLIENT_S = 2.0
 MAX_QUEUED = 100  # queued lines at which reading pauses

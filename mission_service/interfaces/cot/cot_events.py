@@ -24,7 +24,7 @@ DRAWN = "u-d-f"
 MACHINE_GPS, MADE_UP = "m-g", "m-s"  # source: measured; simulated or computed
 UNKNOWN_M = "9999999.0"
 POSITION_ERROR_M = "10.0"
-MAX_CORNERS = 250  # an event is one datagram
+MAX_CORNERS = 250  # an event must fit into one datagram
 MAX_AREAS = 20
 RED, FAINT_RED = "-65536", "1090453504"  # ARGB as a signed integer
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)

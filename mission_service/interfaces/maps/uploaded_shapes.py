@@ -22,9 +22,9 @@ from shapely.geometry.base import BaseGeometry
 from firemodel.errors import FireModelError
 from firemodel.landscape.readers.shapes import into_crs, records_of
 
-LARGEST_BYTES = 8_000_000  # of an upload
+LARGEST_BYTES = 8_000_000  # size of an upload
 MAX_UNPACKED_BYTES = 32_000_000
-MAX_MEMBERS = 1000  # of an archive
+MAX_MEMBERS = 1000  # files in an archive
 MAX_FEATURES = 5000
 MAX_VERTICES = 200_000
 DEEPEST = 64  # nested elements of KML

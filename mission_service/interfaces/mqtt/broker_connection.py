@@ -24,7 +24,7 @@ from paho.mqtt.reasoncodes import ReasonCode
 from mission_service.config.mqtt_names import Broker
 from mission_service.errors import MissionServiceError
 
-MIN_WAIT_S, MAX_WAIT_S = 0.25, 2.0  # before the next attempt to connect
+MIN_WAIT_S, MAX_WAIT_S = 0.25, 2.0  # waiting time before the next attempt to connect
 KEEPALIVE_S = 5  # the connection counts as lost after twice this time without a packet
 ANSWER_S = 3.0  # time limit for a response of the broker
 TAKE_S = 15.0  # time limit for publishing: longer than the detection of a lost broker

@@ -36,7 +36,7 @@ from mission_service.peer_messages import AnyMessage, Difference, Digest, State
 if TYPE_CHECKING:
     from mission_service.runtime.peer_listener import PeerListener
 
-MAX_WAITING = 200  # queued messages, besides states and digests
+MAX_WAITING = 200  # maximum number of queued messages, besides states and digests
 MAX_UNREAD = 2000
 READ_S = 0.02  # pause between two reads of the inbox
 TIME = "time"  # kind of the messages with the mission time of a process, in microseconds
@@ -156,8 +156,8 @@ class PeerExchange:
     def __init__(self, channel: Channel, own: Collection[str], latest_us: int) -> None:
         self.channel = channel
         self.connected, self._loss_reported = False, False
-        self.sent: Counter[str] = Counter()  # by kind
-        self.refused: Counter[str] = Counter()  # by vehicle
+        self.sent: Counter[str] = Counter()  # number of messages by kind
+        self.refused: Counter[str] = Counter()  # number of messages by vehicle
         self._own = frozenset(own)
         self._latest_us = latest_us
         self._outbox, self._inbox = Outbox(), Inbox(MAX_UNREAD, newest=OVERTAKEN)

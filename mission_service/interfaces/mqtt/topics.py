@@ -30,8 +30,8 @@ class Topic(NamedTuple):
     carries: type[msgspec.Struct] | str  # the Struct of its messages, or the name of a schema
     qos: int
     retained: bool
-    when: str  # for docs/mqtt.md
-    part: str = ""  # of the state view
+    when: str  # time of publication, for docs/mqtt.md
+    part: str = ""  # name of a part of the state view
     # Returns the current message for the name of a vehicle.
     build: Callable[["RunContext", str], Any] | None = None
 

@@ -39,7 +39,7 @@ Columns = dict[str, type]  # the value of a datetime is in microseconds since 19
 Row = tuple[Any, ...]
 
 SERVOS = 16
-WORDS = {0: "accepted", 5: "in progress", **RESULTS}  # of MAV_RESULT
+WORDS = {0: "accepted", 5: "in progress", **RESULTS}  # words for MAV_RESULT
 
 HEAD: Columns = {"log": str, "vehicle": int, "at_us": int, "utc": datetime}
 OWN: dict[str, Columns] = {

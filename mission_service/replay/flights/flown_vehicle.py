@@ -41,7 +41,8 @@ class Flown:
         self.stack: Stack | None = None
         self.track = Track()
         self.missions: list[tuple[int, Items]] = []
-        self.replaced_us: list[int] = []  # replacements by missions whose items are not in the log
+        # Times of replacements by missions whose items are not in the log.
+        self.replaced_us: list[int] = []
         self.home: tuple[float, float, float] | None = None
         self.offset_us = offset_us or 0
         self.dated = offset_us is not None
@@ -51,15 +52,15 @@ class Flown:
         self._fix_us: int | None = None
         self.longest_gap_s = 0.0
         self.flown_m = self._max_m_s = 0.0
-        self.highest_m: float | None = None  # above its first position
+        self.highest_m: float | None = None  # height above its first position
         self.modes: list[tuple[int, str, bool]] = []  # at_us, name, armed
-        self.turned_back_us: list[int] = []  # to an earlier item of the same mission
+        self.turned_back_us: list[int] = []  # times of jumps to an earlier item of the same mission
         self._current: int | None = None
         self.positions = self.items_reached = 0
         self._pulses: tuple[int, ...] = ()
         self.servo_steps: list[tuple[int, int, int]] = []  # at_us, servo, pulse_us
         self._dropping: set[int] = set()
-        self.releases_us: list[int] = []  # by a gripper
+        self.releases_us: list[int] = []  # times of releases by a gripper
         self.silences: list[tuple[int, int]] = []  # at_us, silent_us
 
     def apply(self, event: LogEvent, at_us: int) -> None:

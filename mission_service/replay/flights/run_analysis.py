@@ -51,10 +51,11 @@ class VehicleAnalysis:
 
     flown: Flown
     track: Floats  # (n, 4): at_us, lat_deg, lon_deg, altitude_amsl_m
-    terrain_amsl_m: Floats | None = None  # under the track; NaN off the landscape
+    terrain_amsl_m: Floats | None = None  # terrain under the track; NaN off the landscape
     directions: list[tuple[int, bool]] = field(default_factory=list)  # (time, is clockwise)
     turned_back: list[TurnedBack] = field(default_factory=list)
-    decided: list[tuple[int, bool | None]] = field(default_factory=list)  # by its planner
+    # Directions that its planner decided.
+    decided: list[tuple[int, bool | None]] = field(default_factory=list)
     differs: list[Span] = field(default_factory=list)
     drops: list[Compared] = field(default_factory=list)
 

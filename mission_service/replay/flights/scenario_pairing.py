@@ -89,7 +89,7 @@ def pair(flight: Flight, found: Survey, scenario: Scenario, at_s: float | None =
 class Mission(NamedTuple):
     """The relation between the log's clock and mission time."""
 
-    begin_us: int  # on the log's clock
+    begin_us: int  # start of the flight on the log's clock
     start_us: int  # the same instant in mission time
 
     def of(self, log_us: int) -> int:
@@ -121,7 +121,7 @@ def mission_time(
     if not 0 <= start_us < round(scenario.duration_s * 1e6):
         raise FlightError(
             f"the flight begins {start_us / 3.6e9:+.1f} h after time_zero of {scenario.name}, "
-            f"which lasts {scenario.duration_s / 3600:.1f} h; give the flight's begin with --at, "
+            f"which lasts {scenario.duration_s / 3600:.1f} h; give the flight's start with --at, "
             "in seconds of mission time"
         )
     return Mission(begin_us, start_us)

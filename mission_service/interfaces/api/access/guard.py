@@ -107,7 +107,7 @@ class AccessGuard:
             await self._app(scope, receive, bounded)
         except _DisconnectedError:
             return
-        except ApiError as error:  # raised for the body
+        except ApiError as error:  # of the body
             await _refuse(bounded, error)
         except TooSlowError:
             await _cut(scope)
@@ -254,7 +254,7 @@ def _origin(scope: Scope, host: str) -> str:
 
 
 def _refuse_other_sites(headers: dict[bytes, list[bytes]], own: Collection[str]) -> None:
-    """Refuse requests from pages of other sites, which the headers of browsers reveal."""
+    """Refuse requests from pages of other sites, by the headers that browsers send."""
     for origin in headers.get(b"origin", []):
         if origin.decode("latin-1").lower() not in own:
             raise ApiError(403, "pages of other origins may not use the service")
@@ -286,4 +286,4 @@ async def _refuse(send: Send, error: ApiError) -> None:
 async def _cut(scope: dict[str, Any] | Scope) -> None:
     """Close a connection even if its buffer is not empty, if the server supports that."""
     scope.get("state", {}).get("cut", _nothing)()
-    await asyncio.sleep(0)  # the server processes the end of the connection
+    await asyncio.sleep(0)  # lets the server process the end of the connection
