@@ -34,7 +34,7 @@ class LandscapeSection(Section):
 
     Level ground ("flat") is centred on ``lat_deg``, ``lon_deg`` and has one fuel and the elevation
     ``elevation_m``. Rasters are given as one file per layer, or as one ``file`` with all layers.
-    Such a file is an .lcp, or a stack with bands that are described in the file or named in
+    This one file is an .lcp, or a stack whose bands are described in the file or named in
     ``bands``. ``fuel_codes`` replaces codes of the fuel raster. ``custom_fuels`` is a .fmd file
     with further fuel models, and ``rate_factors`` an .adj file with factors of the spread rate.
     """

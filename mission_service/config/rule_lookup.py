@@ -1,8 +1,8 @@
 """Finds the way of flying for a ``planner.rule`` when a scenario is checked.
 
-Ways of flying are plug-ins. Those of this package are listed in ``guidance/registry.py``; those of
-other packages are entry points of ``GROUP``, each named like its rule. Both are loaded by the text
-``module:object``, so this module imports no planner.
+Ways of flying are plug-ins. ``guidance/registry.py`` lists the ways of flying of this package.
+Other packages register theirs as entry points of ``GROUP``, each with the name of its rule. A way
+of flying is loaded by its address ``module:object``, so this module imports no planner.
 """
 
 import re

@@ -23,7 +23,7 @@ def sharing(sections: Sequence[VehicleSection]) -> list[list[VehicleSection]]:
                 if other.system_id == section.system_id:
                     raise ScenarioError(
                         f"{other.name} and {section.name} have the system id {section.system_id} "
-                        f"on one link, {section.link}: give them different ones (system_id, and "
+                        f"on one link, {section.link}: give them different ids (system_id, and "
                         "MAV_SYS_ID or SYSID_THISMAV of the autopilot), or separate links"
                     )
     return list(of_link.values())

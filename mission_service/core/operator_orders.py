@@ -218,7 +218,7 @@ class OperatorOrders:
                 words = f"mission {mission.mission_id} accepted by {event.by}"
                 return [announce(vehicle, words), mission]
         elif self._approvals.refused(vehicle, event.mission_hash, event.by):
-            words = "no similar one is proposed until the front or the reason changes"
+            words = "no similar mission is proposed until the front or the reason changes"
             return [announce(vehicle, f"mission refused by {event.by}: {words}")]
         words = f"{REJECTED} no such mission is proposed; load the proposal again"
         return [announce(vehicle, words, warning=True)]

@@ -39,7 +39,7 @@ def _table(*kinds: type[Request]) -> dict[str, type[Request]]:
 
 
 REQUESTS = _table(*OF_EVERY_RUN, *(kind for way in WAYS for kind in way.requests))
-# All requests, including that of replays, which makes no event.
+# All requests, with the request of replays, which makes no event.
 ALL_REQUESTS = REQUESTS | _table(Replay)
 
 

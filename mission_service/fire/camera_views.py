@@ -91,7 +91,7 @@ def observed(
 def image_of(
     fix: events.Telemetry, shown: Footprint, burned: Mask, unseen: Mask | None = None
 ) -> events.Observed:
-    """Return the image of the burned cells (y, x) in a footprint, without the ``unseen`` ones."""
+    """Return the image of the burned cells (y, x) in a footprint, without ``unseen`` cells."""
     codes = np.where(burned, ord("b"), ord("u")).astype(np.uint8)
     codes[shown.beyond if unseen is None else shown.beyond | unseen] = ord(".")
     return events.Observed(fix.at_us, fix.vehicle, shown.top, shown.left, in_letters(codes))

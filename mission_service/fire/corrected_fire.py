@@ -49,7 +49,8 @@ class CorrectedFire:
         self._landscape = landscape
         self._begin = begin
         self._spacing_m = OBSERVATION_SPACING_CELLS * landscape.cell_size_m
-        self._base: Fire | None = None  # the fire without corrections; None if there are none
+        # The fire without corrections; None while there are no corrections.
+        self._base: Fire | None = None
 
     def check(self, event: AnyOperatorEvent) -> None:
         """Raise FireModelError for a report that has no effect or an unusable shape."""
@@ -181,7 +182,7 @@ def as_drawn(arrival_s: Floats, held: Sequence[Held], landscape: Landscape) -> F
 def _cells_drawn(
     shape: BaseGeometry, held: Held, landscape: Landscape
 ) -> tuple[NDArray[np.int32], ...]:
-    """Return the rows and columns of the cells of a shape without the erased ones."""
+    """Return the rows and columns of the cells of a shape that are not erased."""
     cells = cells_of([shape], landscape)
     centres_m = np.column_stack(landscape.xy_of(*cells.T.astype(float)))
     return tuple(cells[not_erased(centres_m, held.erasures, landscape)].T)

@@ -1,7 +1,7 @@
 """Follow the fire of a run by an ensemble, which learns wind and spread rates from observations.
 
-The ensemble (``firemodel.assimilation.fire_estimate``) is expensive. It therefore receives its
-inputs as a list, which a thread processes when a forecast is requested. Equal inputs give equal
+The ensemble (``firemodel.assimilation.fire_estimate``) is expensive. Its inputs are therefore
+collected in a list, which a thread processes when a forecast is requested. Equal inputs give equal
 ensembles, however they are divided among the requests.
 """
 

@@ -113,7 +113,7 @@ class RunEstimate:
         """Advance the fire to this mission time; never back.
 
         Long after the latest event only a copy advances, because events of earlier times may
-        follow. So the estimate does not depend on the times at which it is read.
+        follow. Therefore the estimate does not depend on the times at which it is read.
         """
         self._advance_until(min(at_us, self._latest_us))
         self._ahead = None
@@ -130,8 +130,8 @@ class RunEstimate:
     def view(self, fix: Telemetry) -> Observed | None:
         """Return the part of the estimate that a vehicle's camera would show, if an image is due.
 
-        The result is None off the landscape. It is also None in a run with a simulated fire, which
-        cameras observe, and in a burn, which has an estimate of its own.
+        The result is None off the landscape. The result is also None in a run with a simulated
+        fire, which cameras observe, and in a burn, which has an estimate of its own.
         """
         if not (self._gives_views and self._views.is_due(fix)):
             return None

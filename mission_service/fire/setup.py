@@ -206,9 +206,9 @@ def _check_polygons(path: Path, shapes: list[BaseGeometry]) -> None:
 def warnings_on(scenario: Scenario, landscape: Landscape) -> list[str]:
     """Return the warnings about inputs that are valid but probably unintended.
 
-    They concern repaired perimeters, keys of an inputs file that have no effect, and a
-    ``time_zero`` with another date than the weather, and include the ``input_warnings`` of the fire
-    model.
+    The warnings concern repaired perimeters, keys of an inputs file that have no effect, and a
+    ``time_zero`` with another date than the weather. The ``input_warnings`` of the fire model are
+    included.
     """
     lines = []
     if scenario.fire.perimeter is not None and scenario.fire.repair_perimeter:
@@ -326,7 +326,7 @@ def uncertainty_of(scenario: Scenario) -> Uncertainty:
 
 
 def estimate_errors(scenario: Scenario) -> Uncertainty:
-    """Return the distributions of [ensemble], or those of estimates if it has only defaults."""
+    """Return the distributions of [ensemble], or ``UNMEASURED`` if that table has only defaults."""
     given = uncertainty_of(scenario)
     return UNMEASURED if given == Uncertainty() else given
 

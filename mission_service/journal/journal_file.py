@@ -5,10 +5,10 @@ event or one command; a last line marks the regular end of the run. Every line e
 that depends on all lines between it and the header, so that a changed, lost, added or moved line is
 detected. The checksum of the header covers only the header.
 
-An event is written before it is handled. Each line that is written can be read back. It is decoded
-before it is written, and refused if the result differs (msgspec writes NaN as null) or a value
-exceeds the limits of its type. Only their owner can read a journal and its states. A symbolic link
-in their place is refused.
+An event is written before it is handled. Each line that is written can be read back. A line is
+decoded before it is written, and refused if the result differs (msgspec writes NaN as null) or a
+value exceeds the limits of its type. Only their owner can read a journal and its states. A symbolic
+link in their place is refused.
 """
 
 import contextlib

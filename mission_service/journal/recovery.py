@@ -140,7 +140,8 @@ class InterruptedRun:
         Raises JournalError if the core's commands differ from the journal's, and UnhandledLineError
         if ``handle`` fails (``skip_line`` can then skip the line). Afterwards ``last_us`` is the
         latest mission time, and ``missing`` are commands of the last event that the journal lacks.
-        They were not executed, because commands are journalled before they are executed.
+        The missing commands were not executed, because commands are journalled before they are
+        executed.
         """
         sure, self.missing = True, ()
         for turn in self._turns():

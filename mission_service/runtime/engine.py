@@ -7,12 +7,12 @@ commands and executes them. At each position a simulated camera, if there is one
 content. The engine first applies each request to a copy of all projections (core, state view,
 interlock, missions), as a restart does, and journals it only if none of them raises an exception.
 The copy takes milliseconds, or tens of milliseconds with the maps of a formation. The estimated
-fire is too large to be copied. It is therefore the first projection to apply a request, and it
-applies it completely or not at all. Events of vehicles are too frequent for a copy. Their types
-limit their values (``events.py``), and the journal refuses other values. An event of a vehicle that
-still raises an exception is a defect. The engine removes it from the journal and executes none of
-its commands. The run then ends with an error of one line, because memory and journal differ. A
-restart resumes the run.
+fire is too large to be copied. The estimated fire is therefore the first projection to apply a
+request, and applies the request completely or not at all. Events of vehicles are too frequent for a
+copy. Their types limit their values (``events.py``), and the journal refuses other values. An event
+of a vehicle that still raises an exception is a defect. The engine removes it from the journal and
+executes none of its commands. The run then ends with an error of one line, because memory and
+journal differ. A restart resumes the run.
 """
 
 import copy

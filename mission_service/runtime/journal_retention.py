@@ -1,7 +1,7 @@
 """Writes states periodically, divides the journal into segments and deletes old segments.
 
-It also handles a full disk. A state is pickled on the event loop between two events; a thread
-compresses and writes it.
+This module also handles a full disk. A state is pickled on the event loop between two events; a
+thread compresses and writes it.
 """
 
 import asyncio

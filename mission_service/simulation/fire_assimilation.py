@@ -165,8 +165,8 @@ def _observations(
     """Yield the perimeters at their mission times, and before them the ignition if there is one."""
     if scenario.ignition and scenario.time_zero is None:
         raise ScenarioError(
-            f"{scenario.name}: an ignition needs time_zero, the date of mission time 0, which "
-            "relates it to the perimeters; give time_zero, or leave the ignition out"
+            f"{scenario.name}: without time_zero (the date of mission time 0) the ignition has no "
+            f"date; give time_zero, or leave the ignition out"
         )
     error_m = scenario.estimate.perimeter_error_m
     if scenario.ignition:

@@ -23,7 +23,8 @@ from mission_service.vehicles.vehicle_state import (
 )
 
 SAMPLED_EVERY_M = 20.0
-GOOD_FOR_S = 60.0  # validity of a proposal; then a new one is planned, because the front moves
+# Validity of a proposal; afterwards a new mission is planned, because the front moves.
+GOOD_FOR_S = 60.0
 # A mission differs if it extends by this share of the horizon beyond a refused one.
 AHEAD_SHARE = 0.5
 
@@ -130,7 +131,7 @@ class MissionApprovals:
         if proposal is None or at_s - proposal.at_s < GOOD_FOR_S:
             return []
         vehicle.due = vehicle.due or proposal.pending.due
-        why = f"no answer for {GOOD_FOR_S:.0f} s: a new one is planned"
+        why = f"no answer for {GOOD_FOR_S:.0f} s: a new mission is planned"
         withdrawn = self.withdraw(vehicle, why)
         self._announced.add(vehicle.name)  # the new proposal is not announced
         return withdrawn

@@ -118,7 +118,8 @@ def case_of(perimeters: list[Perimeter]) -> Case:
 def random_observations(rng: np.random.Generator, count: int, case: Case) -> Floats:
     """Return noisy observations (n, 4) on all perimeters except the last, in order of time.
 
-    They are 1 s later than their perimeter, so that they do not affect the error measured there.
+    An observation is 1 s later than its perimeter, so that it does not affect the error measured
+    there.
     """
     found = []
     for at_s, front, number in zip(

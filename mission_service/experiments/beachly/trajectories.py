@@ -166,8 +166,8 @@ def fly(number: int, out: Path | None = None) -> Flown:
 def min_time_margin_s(flown: Flown, safe_height_m: float) -> float:
     """Return the shortest time until fire reaches the vehicle, of all samples at low height.
 
-    The time follows from the estimate of the fire at the time of the sample. It is negative on
-    burned ground.
+    The time follows from the estimate of the fire at the time of the sample. On burned ground this
+    time is negative.
     """
     margins = [
         sample.fire.ignition_time_s(np.array([[sample.x_m, sample.y_m]]))[0] - sample.at_s

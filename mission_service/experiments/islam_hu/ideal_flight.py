@@ -1,7 +1,7 @@
 """Simulate an ideal flight of one vehicle over a fire, without autopilot, wind or MAVLink.
 
 As in Islam & Hu, the vehicle flies from cell to cell of the true front at constant speed, in the
-direction that the planner decides. It turns on the spot and observes the cells around it.
+direction that the planner decides. The vehicle turns on the spot and observes the cells around it.
 """
 
 import math

@@ -86,9 +86,9 @@ class MonitoringArea:
     def efficiency(self, footprints: Sequence[Footprint]) -> float:
         """Return the efficiency of the footprints (section 6.2).
 
-        It is the sum of the priorities in the union of the footprints, divided by the sum over all
-        footprints. A cell in two footprints counts twice in the second sum. The result is 1 if no
-        footprint contains a priority.
+        The efficiency is the sum of the priorities in the union of the footprints, divided by the
+        sum over all footprints. A cell in two footprints counts twice in the second sum. The result
+        is 1 if no footprint contains a priority.
         """
         union = total = 0.0
         self._view += 1

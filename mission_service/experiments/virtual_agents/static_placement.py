@@ -1,9 +1,9 @@
 """Search offline for the best positions of n discs around a static fire.
 
 These positions are a reference for those of virtual agents. One disc at a time moves to the allowed
-cell where it adds most to the others; sums along rows give this exactly. The search runs from many
-starts, and then from the best result with some discs moved at random. Finally, discs are shifted by
-parts of a cell.
+cell where it adds most to the weight that the others cover; sums along rows give this exactly. The
+search runs from many starts, and then from the best result with some discs moved at random.
+Finally, discs are shifted by parts of a cell.
 """
 
 import math
@@ -246,7 +246,7 @@ def maps_of(fire: NDArray[np.int64], grid: MapGrid, settings: Settings) -> Agent
 def weights_of(maps: AgentMaps) -> Floats:
     """Return the monitoring-area map (y, x) of section 3.4.
 
-    It is 1 near fire, 0.2 farther away but within d_mon, and 0 elsewhere and on fire.
+    A weight is 1 near fire, 0.2 farther away but within d_mon, and 0 elsewhere and on fire.
     """
     weights = np.where(maps.augmentation > 0, 1.0, np.where(maps.monitored > 0, 0.2, 0.0))
     return np.where(maps.fire, 0.0, weights)

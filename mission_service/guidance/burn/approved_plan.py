@@ -138,8 +138,8 @@ def first_danger_s(path: Floats, air: FlightConstraints, own_sources: Floats) ->
 def _own_margin_s(leg: Leg, air: FlightConstraints, own_sources: Floats) -> float:
     """Return the smallest time by which a leg is ahead of the fire of the vehicle's own spheres.
 
-    The fire of a sphere within reach counts from its ignition. The fire of a sphere farther away
-    counts from the time at which it comes within reach.
+    The fire of a sphere within reach is tested from its ignition on. The fire of a sphere farther
+    away is tested from the time at which it comes within reach.
     """
     begin, end = np.array(leg[0]), np.array(leg[1])
     count = max(math.ceil(math.dist(begin[:2], end[:2]) / OWN_SAMPLES_M), 1) + 1

@@ -1,7 +1,7 @@
 """The geometry of ignition lines across the wind (algorithm 1 of Beachly et al.).
 
-The coordinate ``along`` points downwind, and ``across`` to the left of it. Both are in metres from
-the origin of the landscape's CRS.
+The coordinate ``along`` points downwind, and ``across`` to the left of it. Both coordinates are in
+metres from the origin of the landscape's CRS.
 """
 
 import math
@@ -103,9 +103,9 @@ def alignment_m(
 ) -> float:
     """Return the across coordinate with which one drop of a new line is aligned (algorithm line 5).
 
-    It is that of the earlier drop closest to the line's centre. Of the earlier drops (n, 2), only
-    the one nearest to ``area`` counts, and those up to ``near_m`` farther away. Without earlier
-    drops the result is the centre.
+    The result is the across coordinate of the earlier drop closest to the line's centre. Of the
+    earlier drops (n, 2), only the drop nearest to ``area`` is considered, and drops up to
+    ``near_m`` farther away. Without earlier drops the result is the centre.
     """
     centre = (ends_m[0] + ends_m[1]) / 2.0
     if len(earlier_m):

@@ -60,8 +60,8 @@ POSITION_GOOD_US = 1_500_000
 MINUTE_US = 60_000_000
 GOING_HOME = ("return", "land")  # modes, in the bridge's names
 AIRBORNE_M = 2.0
-# Tolerances for the position and height of a drop. They exclude gross errors only, since the
-# controller computes the exact impact point (drop_release.py).
+# Tolerances for the position and height of a drop. The tolerances exclude gross errors only, since
+# the controller computes the exact impact point (drop_release.py).
 LATE_S = 1.0
 OFF_PATH_M = 5.0
 HEIGHT_SHARE, MIN_BAND_M = 0.5, 5.0
@@ -100,11 +100,11 @@ class _Plan:
 class Interlock:
     """The interlock, which checks each drop immediately before it is sent.
 
-    It must receive all events and commands in order. An approval is accepted only if the plan was
-    proposed, the station is in the scenario, and the GO/NO-GO checklist is complete. The approval
-    remains valid while its operator, or another operator with the role approve, gives input at that
-    station. Time limits apply both to mission time and to the host's clock. A NO-GO ends the
-    approval.
+    The interlock must receive all events and commands in order. An approval is accepted only if the
+    plan was proposed, the station is in the scenario, and the GO/NO-GO checklist is complete. The
+    approval remains valid while its operator, or another operator with the role approve, gives
+    input at that station. Time limits apply both to mission time and to the host's clock. A NO-GO
+    ends the approval.
 
     An abort, a restart of service or autopilot, a return home, and a landing also end the approval,
     and reset every item of the GO/NO-GO checklist. Drops are then refused until all items are GO

@@ -132,8 +132,8 @@ class FlightConstraints:
     def margin_s(self, leg: Leg) -> float:
         """Return the time by which a leg is ahead of fire.
 
-        If the raster gives no clear result, a finer raster is used. There a descent has a larger
-        distance margin, because the next leg must be safe as well.
+        If the result on the raster is unclear, a finer raster is used. On the finer raster a
+        descent has a larger distance margin, because the next leg must be safe as well.
         """
         if self.is_high(leg):
             return math.inf
@@ -166,10 +166,10 @@ class FlightConstraints:
 class SphereFires:
     """The fires that a flight's own spheres light.
 
-    On a leg that approaches any of the drops, or descends from the safe height, these fires count
-    like other fire, with the time margin. On a leg away from all drops, only fire that burns within
-    reach is a danger. An example is the leg directly after a drop, whose sphere ignites within the
-    time margin.
+    On a leg that approaches any of the drops, or descends from the safe height, these fires are
+    tested with the time margin, like other fire. On a leg away from all drops, only fire that burns
+    within reach is a danger. An example is the leg directly after a drop, whose sphere ignites
+    within the time margin.
     """
 
     def __init__(self, air: FlightConstraints) -> None:
@@ -182,9 +182,9 @@ class SphereFires:
         self.sources = np.concatenate([self.sources, [[x_m, y_m, ignites_s]]])
 
     def approaches(self, leg: Leg) -> bool:
-        """Return whether a leg approaches any drop, so that fires count with the time margin.
+        """Return whether a leg approaches any drop, so that the time margin applies.
 
-        A vertical leg counts as such if it descends.
+        A vertical leg counts as an approach if it descends.
         """
         begin, end = leg
         if begin[:2] == end[:2]:
@@ -380,7 +380,8 @@ class LineFlightBuilder:
     def _up(self, start: FlightPoint, x_m: float, y_m: float) -> Route | None:
         """Return a safe route to the safe height, or None.
 
-        It climbs at once, follows the escape route, or climbs on the straight line to (x, y).
+        The route climbs at once, follows the escape route, or climbs on the straight line to (x,
+        y).
         """
         for route in (self.air.straight_up(start), self.out):
             if route and route[0] == start and self.checked(route) is not None:
@@ -404,8 +405,8 @@ class LineFlightBuilder:
     def escape(self, approach: Route, dropped_s: float) -> tuple[Route, float] | None:
         """Return a safe route from a drop to the safe height, with its margin, or None.
 
-        The route is also safe from the drop's own fire. It leads straight up, or first a short
-        distance ahead or upwind.
+        The route is also safe from the drop's own fire. The route leads straight up, or first a
+        short distance ahead or upwind.
         """
         drop = approach[-1]
         own = SphereFires(self.air)

@@ -79,8 +79,8 @@ def mission_items(
 def return_height_m(scenario: Scenario, landscape: Landscape) -> float | None:
     """Return the height above home at which a return is safe; None without a burn.
 
-    It is the safe height above the highest ground in the rectangle around home and the unit.
-    Raises FireModelError if the landscape has no elevation.
+    The return is at the safe height above the highest ground in the rectangle around home and the
+    unit. Raises FireModelError if the landscape has no elevation.
     """
     burn = scenario.burn_flown
     if burn is None:

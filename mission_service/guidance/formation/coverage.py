@@ -7,9 +7,9 @@ rest. In measurements, the total was then at most 3 % below that of the best pla
 forces cancel, between the fire's centre and a neighbour.
 
 An agent compares all places of a lattice in its area, by their gain minus the cost of the path to
-them around the augmented fire. It moves only for a gain of ``WORTH``, or if fire reaches its place.
-Therefore a loiter item can fly the orbit of a settled agent. Among places without a gain, an agent
-prefers those far from other agents.
+them around the augmented fire. An agent moves only for a gain of ``WORTH``, or if fire reaches its
+place. Therefore a loiter item can fly the orbit of a settled agent. Among places without a gain, an
+agent prefers places far from other agents.
 
 Weights are in fifths: 5 for a cell within the augmentation (priority 1), and 1 for a cell within
 d_mon (priority 0.2).

@@ -5,9 +5,9 @@ The vehicles in the paper use only velocities. Here each vehicle sends the orbit
 
 A vehicle keeps its orbit, which was clear of all others when adopted, until another orbit is clear
 over the horizon. This is the desired orbit, or else the best of some detours, waiting circles and
-other airspeeds. So each orbit was checked against all orbits adopted before it. Conflicts could
-arise only if two vehicles adopted orbits at the same time, so nearby vehicles take turns. If no
-orbit is clear over the horizon, the vehicle flies the one that is clear for longest.
+other airspeeds. Each orbit was therefore checked against all orbits adopted before it. Conflicts
+could arise only if two vehicles adopted orbits at the same time, so nearby vehicles take turns. If
+no orbit is clear over the horizon, the vehicle flies the orbit that is clear for longest.
 """
 
 from dataclasses import dataclass

@@ -52,7 +52,7 @@ class LostPeers:
     def states(self, at_us: int) -> list[State]:
         """Return the dead-reckoned states of lost UAVs.
 
-        They are returned at most twice a second; further calls return an empty list.
+        States are returned at most twice a second; further calls return an empty list.
         """
         if at_us < self._due_us:
             return []

@@ -61,8 +61,8 @@ def settings_of(scenario: Scenario, section: VehicleSection) -> Settings:
 def first_fire(scenario: Scenario, landscape: Landscape) -> Cells:
     """Return the numbers, in rising order, of the burning cells on all agents' maps at the start.
 
-    They are the fire at the start if the scenario defines one, or else the cell where the fire was
-    reported.
+    These cells are the initial fire if the scenario defines one, or else the cell where the fire
+    was reported.
     """
     burning = burning_of(scenario, landscape)
     if burning is not None:

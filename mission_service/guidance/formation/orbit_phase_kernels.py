@@ -74,7 +74,7 @@ def ahead_of_others_rad(  # type: ignore[no-untyped-def]
 
     The mean is circular, over the vehicles in range that are on an orbit of this radius. ``peers``
     (n, COLUMNS) is the result of ``PeerTable.rows``; old states are advanced on their circles. The
-    angle is positive if the vehicle is ahead, whichever way it turns. It is 0 without other
+    angle is positive if the vehicle is ahead, whichever way it turns. The angle is 0 without other
     vehicles, or if the vehicle is not on its orbit.
     """
     if not is_on_orbit(x_m, y_m, orbit_x_m, orbit_y_m, radius_m):

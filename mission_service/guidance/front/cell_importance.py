@@ -43,7 +43,7 @@ def time_to_cells_s(step_m: Floats, speed_m_s: float) -> Floats:
 def window_importance(importance: Floats) -> tuple[float, float]:
     """Return the importance of the back window (eq. 5) and of the front window (eq. 6).
 
-    They are the sums over the first and the second half of the ring.
+    The back window is the first half of the ring, the front window the second half.
     """
     half = importance.size // 2
     return float(importance[:half].sum()), float(importance[half:].sum())

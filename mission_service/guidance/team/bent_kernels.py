@@ -83,9 +83,9 @@ def total(rate, visited, begin, end, at_s, exponential):  # type: ignore[no-unty
 def chunk(  # type: ignore[no-untyped-def]
     rate, visited, first, direction, max_cells, offer, at_s, exponential
 ):
-    """Return the largest number of cells, from ``first`` inwards, worth no more than ``offer``.
+    """Return how many cells, from ``first`` inwards, have a total importance of at most ``offer``.
 
-    It is at most ``max_cells``; the worth is the sum of the cells' importance.
+    The result is the largest such number up to ``max_cells``.
     """
     n = rate.size
     worth = 0.0
@@ -103,9 +103,8 @@ def max_centred(  # type: ignore[no-untyped-def]
 ):
     """Return the numbers of cells to give away at the beginning and at the end of a region.
 
-    The numbers are at most ``max_first`` and ``max_last``. They are chosen so that the importance
-    that remains is best centred in the remaining region (4.2.2). The result is (0, 0) unless
-    another pair is better.
+    The numbers are at most ``max_first`` and ``max_last``. The remaining importance is then best
+    centred in the remaining region (4.2.2). The result is (0, 0) unless another pair is better.
     """
     n = rate.size
     worth, moment = 0.0, 0.0

@@ -17,7 +17,7 @@ def back_and_forth(region: Region, course: Course) -> Course:
 
 
 def highest_dynamic(region: Region, course: Course) -> Course:
-    """Return the course to the cell with the highest importance, chosen anew each time (4.1.2)."""
+    """Return the course to the cell with the highest importance, chosen again each time (4.1.2)."""
     ring, cells = region.ring, (region.begin, region.end, region.own_cell)
     target = highest(
         ring.spread_rate_m_s, ring.visited_at_s, *cells, region.at_s, region.exponential

@@ -73,7 +73,7 @@ class Moves(NamedTuple):
 def workspace_for(nodes: int, vehicles: int) -> Workspace:
     """Return work arrays for roll-outs of this size.
 
-    They are zero, because they are part of a recorded state.
+    The arrays are zero, because they are part of a recorded state.
     """
     return Workspace(
         np.zeros(nodes),
@@ -219,7 +219,8 @@ def _shift_turn(plan, kept, turn, shift):  # type: ignore[no-untyped-def]
 def _leave_out_turns(plan, kept):  # type: ignore[no-untyped-def]
     """Remove the next two turns; return whether this is possible.
 
-    It is not possible if a plan has no two turns, or if the vehicle would end up behind its start.
+    This is not possible if a plan has no two turns, or if the vehicle would end up behind its
+    start.
     """
     if kept[0] >= NEVER or kept[1] >= NEVER or (kept[2] < NEVER and kept[0] + kept[2] < kept[1]):
         return False

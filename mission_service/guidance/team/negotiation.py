@@ -66,7 +66,7 @@ def offers(own: float, left: float, right: float, alone: bool) -> tuple[float, f
 def on_importance(
     ring: FrontRing, left: Party, own: Party, right: Party, at_s: float, exponential: bool
 ) -> tuple[int, int]:
-    """Return how many cells at each end are together worth no more than the offer (4.2.1)."""
+    """Return how many cells at each end have a total importance within the offer (4.2.1)."""
     rate, visited = ring.spread_rate_m_s, ring.visited_at_s
 
     def worth(part: Party) -> float:
@@ -85,10 +85,10 @@ def on_centre(
 ) -> tuple[int, int]:
     """Return the numbers of cells, within the offers, that best centre what remains (4.2.2).
 
-    The pseudocode is inconsistent with the text of the thesis. It compares signed differences,
-    never refills an emptied chunk, and tries the first chunk alone only if there is no second one.
-    This function follows the text: it tries every combination, and chooses the one with the
-    smallest distance between the centre of importance and the middle of the region.
+    The pseudocode is inconsistent with the text of the thesis. The pseudocode compares signed
+    differences, never refills an emptied chunk, and tries the first chunk alone only if there is no
+    second one. This function follows the text: it tries every combination, and chooses the one with
+    the smallest distance between the centre of importance and the middle of the region.
     """
     first, last = on_importance(ring, left, own, right, at_s, exponential)
     if not first and not last:

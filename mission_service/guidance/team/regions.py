@@ -36,7 +36,7 @@ class Side(NamedTuple):
 
 
 class Border(NamedTuple):
-    """Both sides of a border."""
+    """A border, with the states that its two vehicles store."""
 
     left: Side
     right: Side
@@ -84,7 +84,7 @@ def equal_regions(members: Sequence[int], cells_of: Sequence[int], cells: int) -
 def served(regions: Regions, index: int) -> tuple[int, int]:
     """Return the start and the end (lifted, excluded) of the cells that a vehicle serves.
 
-    They follow from the vehicle's own sides of its two borders.
+    The cells follow from the vehicle's own sides of its two borders.
     """
     after = (index + 1) % len(regions.borders)
     end = regions.borders[after].left.place + (0 if after else regions.cells)
@@ -94,7 +94,7 @@ def served(regions: Regions, index: int) -> tuple[int, int]:
 def retained(regions: Regions, index: int) -> tuple[int, int]:
     """Return the start and the end of the cells that a vehicle serves and has not offered.
 
-    Both are lifted; the end is excluded.
+    Start and end are lifted; the end is excluded.
     """
     after = (index + 1) % len(regions.borders)
     begin, end = regions.borders[index].right, regions.borders[after].left

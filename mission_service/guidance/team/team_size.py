@@ -1,4 +1,4 @@
-"""Computes how many vehicles a front needs, how many of them lap and sweep, and advice.
+"""Computes how many vehicles a front needs, and how many of them lap or sweep; gives advice.
 
 On a ring of length L, n vehicles with speed v that lap with even spacing see every point at
 intervals of L/(n v). If k vehicles sweep an arc of length l, they see its ends at intervals of

@@ -2,7 +2,7 @@
 
 uvicorn contributes the HTTP protocol (h11) and the main loop. This module adds the listening
 socket, TLS, timeouts, the limits of connections (``access/client_connections.py``) and the
-shutdown. It depends on uvicorn's internals, so pyproject.toml restricts uvicorn's version.
+shutdown. This module depends on uvicorn's internals, so pyproject.toml restricts uvicorn's version.
 """
 
 import asyncio

@@ -52,8 +52,8 @@ class TerrainTiles:
         """Return a PNG (256 x 256), or None outside the landscape or the range of zoom levels.
 
         Elevation is 256 R + G + B / 256 - 32768 m. Beyond the landscape a tile continues the
-        heights of its edge. They are smoothed more with increasing distance, so that the hillshade
-        shows no ridges there.
+        heights of its edge. These heights are smoothed more with increasing distance, so that the
+        hillshade shows no ridges there.
         """
         if not (self._halved and self._minzoom <= z <= self._maxzoom and self._meets(z, x, y)):
             return None

@@ -1,7 +1,7 @@
 """Reads shapes and their attributes from the bytes of an uploaded, untrusted file.
 
 This module parses GeoJSON and KML and does not pass them to GDAL, which would also follow
-references to other files. It reads only a few members of an archive and ignores their paths.
+references to other files. Only a few members of an archive are read, and their paths are ignored.
 """
 
 import io

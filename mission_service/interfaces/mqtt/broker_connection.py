@@ -190,8 +190,8 @@ async def together(*coroutines: Coroutine[Any, Any, None]) -> None:
 def _handle_loop_exception(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
     """Pass exceptions to the loop's default handler, except two kinds that aiomqtt causes.
 
-    aiomqtt may register a writer for a socket that is being closed (EBADF). It may also store the
-    cause of a lost connection in a future that is not awaited; ``keep_connected`` reports that
+    aiomqtt may register a writer for a socket that is being closed (EBADF). aiomqtt may also store
+    the cause of a lost connection in a future that is not awaited; ``keep_connected`` reports that
     cause.
     """
     error = context.get("exception")

@@ -111,7 +111,7 @@ class Rows:
             yield table, (self._log, system_id, at_us, unix_us, *own)
 
     def _own(self, system_id: int, event: LogEvent) -> Iterator[tuple[str, Row]]:
-        """Yield the tables for an event, with the values of those columns that only they have."""
+        """Yield the tables for an event, with the values of the columns that no other table has."""
         table = SAME_FIELDS.get(type(event))
         if table is not None:
             yield table, tuple(getattr(event, column) for column in OWN[table])

@@ -117,7 +117,7 @@ def _vehicle(run: RunAnalysis, vehicle: VehicleAnalysis) -> dict[str, Any]:
 def above_terrain_m(vehicle: VehicleAnalysis) -> Any:
     """Return the height above terrain along the track, or None without a landscape.
 
-    It is NaN for points off the landscape.
+    The height is NaN for points off the landscape.
     """
     if vehicle.terrain_amsl_m is None:
         return None

@@ -106,8 +106,8 @@ def mission_time(
 ) -> Mission:
     """Return the mission time at which a flight begins.
 
-    It is ``at_s`` if given, else computed from UTC if log and scenario have it, else the time at
-    which the scenario's vehicles take off. The times of journals are mission times. Raises
+    This time is ``at_s`` if given, else computed from UTC if log and scenario have it, else the
+    time at which the scenario's vehicles take off. The times of journals are mission times. Raises
     FlightError for a flight outside the time of the scenario.
     """
     begin_us, zero = found.zero_us, scenario.time_zero

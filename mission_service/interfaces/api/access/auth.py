@@ -114,7 +114,7 @@ def own_token(out: Path) -> str:
 
 
 class Tokens:
-    """The valid tokens: those in a file that is read again after each change, or the one of a run.
+    """The valid tokens: all tokens in a file, read again after each change, or the token of a run.
 
     With ``named`` each token is personal and determines the name in requests; the token of a run is
     not personal. If the file becomes invalid, the tokens stay valid and a warning is logged,

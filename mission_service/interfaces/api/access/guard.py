@@ -1,7 +1,7 @@
 """Guards all routes: checks the origin, token, rate, size and speed of each request.
 
-The guard is a plain ASGI application, so that it covers all routes. It checks host and origin
-first, then token, rate and the number of concurrent requests. Clients without a token have a
+The guard is a plain ASGI application, so that it covers all routes. The guard checks host and
+origin first, then token, rate and the number of concurrent requests. Clients without a token have a
 separate limit. No limit applies to an abort with a valid token, which the guard carries out as soon
 as its headers have arrived, nor to health routes. The guard reads bodies before it awaits anything
 else, so that a complete request is carried out even if its client has closed the connection
