@@ -463,7 +463,7 @@ class SettingsChanged(OperatorEvent, frozen=True, tag=True):
         return {name: value for name, value in values.items() if value is not None}
 
 
-TUNED: dict[str, Any] = dict(SettingsChanged.__annotations__)  # their types with bounds, by name
+TUNED: dict[str, Any] = dict(SettingsChanged.__annotations__)  # types with bounds, by setting
 
 
 AnyOperatorEvent = (

@@ -52,7 +52,7 @@ def status(out: Path, as_json: bool) -> None:
 def watch(out: Path, by: str, station: str | None, as_json: bool, every_s: float) -> None:
     """Show the state every second and report the user's presence to the service, until Ctrl-C.
 
-    An approval is valid only while a user is present at its station.
+    An approval is valid only while a user is present at the station of the approval.
     """
     from mission_service.guidance.burn.plan_summary import describe_status
     from mission_service.interfaces.control.control_client import ControlClient

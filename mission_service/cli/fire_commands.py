@@ -159,7 +159,7 @@ def fire_sweep(
     "--out",
     type=Folder(),
     metavar="DIR",
-    help="Write a picture of each forecast, the forecast from the last perimeter, all scores.",
+    help="Write pictures of the forecasts, the forecast from the last perimeter, and all scores.",
 )
 @click.option("--workers", type=click.IntRange(1), help="Threads; by default one for each core.")
 @OVERRIDE

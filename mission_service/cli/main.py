@@ -278,7 +278,7 @@ def config_check(file: str, overrides: tuple[str, ...], as_json: bool) -> None:
         summary = check(loaded)
         if loaded.vehicles and loaded.planner.rule not in own_ways():
             Core(loaded, landscape_of(loaded))  # also creates the planners of other packages
-    except (FireModelError, MissionServiceError) as error:  # without the file's name
+    except (FireModelError, MissionServiceError) as error:  # the message lacks the file
         raise ScenarioError(f"{scenario_path(file)}: {error}") from None
     for line in summary["warnings"]:
         echo_warning(line)

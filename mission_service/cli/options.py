@@ -29,7 +29,7 @@ def seconds(
 def scheduler_address(
     context: click.Context, parameter: click.Parameter, value: str | None
 ) -> str | None:
-    """Return an option's value if it is the address of a Dask scheduler; else BadParameter."""
+    """Return an option's value, the address of a Dask scheduler. Raises BadParameter."""
     if value is not None and SCHEDULER.fullmatch(value) is None:
         raise click.BadParameter(f"{value!r}: give HOST:PORT, as in tcp://10.0.0.1:8786")
     return value
@@ -38,7 +38,7 @@ def scheduler_address(
 class Interrupted(click.ClickException):
     """Ctrl-C ended the command."""
 
-    exit_code = 130  # 128 + 2, the number of SIGINT
+    exit_code = 130  # 128 plus the number of SIGINT
 
 
 class Folder(click.Path):
@@ -128,9 +128,10 @@ def report_options(command: Command) -> Command:
 
 
 class Cores(NamedTuple):
-    """The workers of a command: those of a Dask scheduler at an address, or some on this machine.
+    """The workers of a command, on a Dask cluster or on this machine.
 
-    ``workers`` is the number of threads or processes; it applies only without a scheduler.
+    ``scheduler`` is the address of the Dask scheduler. Without it, ``workers`` threads or processes
+    run on this machine.
     """
 
     scheduler: str | None
@@ -180,7 +181,7 @@ def folder(out: Path) -> Path:
     except OSError as error:
         raise MissionServiceError(f"{out}: cannot be created: {error.strerror}") from None
     try:
-        with TemporaryFile(dir=out):  # fails now, not after an hour of simulation
+        with TemporaryFile(dir=out):  # raises an error now, not after an hour of simulation
             pass
     except OSError as error:
         raise MissionServiceError(f"{out}: cannot be written to: {error.strerror}") from None

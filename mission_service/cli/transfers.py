@@ -30,7 +30,7 @@ KINDS: tuple[Kind, ...] = ("fence", "rally", "mission")
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """Link to an autopilot. ``signing_key`` is the source of its key; ``warn`` prints."""
+    """Link to an autopilot. ``signing_key`` is the source of its key; ``warn`` prints a warning."""
 
     link: str
     timeout_s: float

@@ -39,7 +39,7 @@ def renamed_keys(data: Mapping[str, Any]) -> Iterator[str]:
         data: The scenario as parsed from TOML.
 
     Yields:
-        ``TABLE.OLD: was renamed in version 0.2; write NEW``, or the same of a value.
+        ``TABLE.OLD: was renamed in version 0.2; write NEW``, or the same for a value.
     """
     for table, names in RENAMED.items():
         found = data.get(table)

@@ -19,7 +19,7 @@ from mission_service.config.section import (
 
 Share = Annotated[float, Field(ge=0, lt=1)]
 
-ALL = "all"  # in requests, instead of a vehicle's name: all vehicles
+ALL = "all"  # stands for all vehicles in requests of operators
 KEY_SOURCE = r"file:.+|env:[A-Za-z_]\w*"
 
 
@@ -79,7 +79,7 @@ class FormationSection(Section):
     avoidance: Literal["intent", "none"] = "intent"
     vertical_separation_m: Positive | None = None  # height difference that needs no avoidance
     synchronises: bool = True
-    peer_messaging: bool = False  # with UAVs of other processes
+    peer_messaging: bool = False  # exchange messages with UAVs of other processes
 
 
 LatLon = tuple[Latitude, Longitude]
@@ -175,9 +175,9 @@ class BurnSection(Section):
     spheres: Annotated[int, Field(ge=0)] = 450
     max_drops_per_min: Positive = 120.0
     ignition_delay_s: NotNegative = 30.0
-    battery_s: Positive = 1500.0  # flight time per load
+    battery_s: Positive = 1500.0  # flight time with one load of spheres
     battery_reserve_s: NotNegative = 240.0
-    reload_s: NotNegative = 300.0  # on the ground between two loads
+    reload_s: NotNegative = 300.0  # time on the ground between two loads
     dropper: Dropper = Dropper()
     max_miss_m: Positive = 4.0  # a sphere with a larger predicted miss is not dropped
     approval_s: Positive = 600.0  # validity of an approval
@@ -238,13 +238,13 @@ class VehicleSection(Section):
     link: str = "udpin:127.0.0.1:14550"
     system_id: Annotated[int, Field(ge=1, le=250)] = 1
     backend: Literal["native", "mavsdk"] = "native"
-    signing_key: str | None = None  # source of the key; the journal would contain the key itself
+    signing_key: str | None = None  # source of the key; journals must not contain the key itself
     # Default: the vehicle's index, from 0.
     signing_link_id: Annotated[int, Field(ge=0, le=255)] | None = None
     home_lat_deg: Latitude
     home_lon_deg: Longitude
     airspeed_m_s: Positive = 18.0
-    min_airspeed_m_s: Positive = 10.0  # for planes in a formation, like ``max_airspeed_m_s``
+    min_airspeed_m_s: Positive = 10.0  # used for planes in a formation, like ``max_airspeed_m_s``
     max_airspeed_m_s: Positive = 25.0
     altitude_agl_m: Positive = 150.0
     turn_radius_m: Positive = 60.0

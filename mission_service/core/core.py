@@ -48,7 +48,7 @@ RETRY_S = 5.0
 START_AGAIN_S = 10.0
 CHECK_EVERY_S = 2.0
 TAKEOFF_EVERY_S = 20.0
-BEFORE_MODES = ("", "initialising")  # before the first report, and while ArduPlane boots
+BEFORE_MODES = ("", "initialising")  # modes before the first report, and while ArduPlane boots
 WAITS = "on the ground: it waits for an operator's order to start"
 # Commands that are sent often: only their refusal is announced.
 UNANNOUNCED = ("orbit", "change speed")
@@ -137,7 +137,7 @@ class Core:
         return [*commands, *self.guidance.on_vehicle(vehicle, event)]
 
     def _on_operator(self, event: events.AnyOperatorEvent) -> list[AnyCommand]:
-        if isinstance(event, events.Resumed):  # their links and commands are unconfirmed
+        if isinstance(event, events.Resumed):  # links and commands are unconfirmed
             for vehicle in self.vehicles.values():
                 if self._approvals is not None and vehicle.proposed is not None:
                     vehicle.due = vehicle.due or vehicle.proposed.due
@@ -162,7 +162,8 @@ class Core:
                 return [each for each in reported(vehicle, event) if not isinstance(each, Announce)]
             case events.SystemStateChanged() | events.FenceStatusChanged():
                 commands = reported(vehicle, event)
-                if vehicle.availability.taken_over and not was.taken_over:  # hold by a failsafe
+                # A failsafe caused the hold.
+                if vehicle.availability.taken_over and not was.taken_over:
                     commands += self._taken_over(vehicle)
                 return commands
             case _:
@@ -233,7 +234,7 @@ class Core:
         return [*commands, *self.guidance.lead(vehicle, fix)]
 
     def _takes_no_decision(self, vehicle: Vehicle) -> bool:
-        """Return whether decisions are suspended for a vehicle without an operator's order."""
+        """Return whether decisions for a vehicle are suspended, apart from operators' orders."""
         availability = vehicle.availability
         if vehicle.unconfirmed is not None and not self._way.prescribed:
             return True  # wait until its mission is read back
@@ -370,7 +371,7 @@ class Core:
         return changed and not vehicle.availability.airborne
 
     def _start_ended(self, vehicle: Vehicle) -> list[AnyCommand]:
-        """End a start that has not taken effect; the next one requires an order or an approval."""
+        """End a start without effect; the next start requires an order or an approval."""
         vehicle.waits_for_operator |= not self._way.prescribed
         why = f"{named_mode(vehicle.availability.mode)} was not ordered"
         chosen = f"start ended: {why}, selected by its autopilot or pilot"

@@ -185,7 +185,7 @@ class DecisionEngine:
         availability: VehicleAvailability,
         event: events.GpsFixChanged | events.EstimatorStatusChanged,
     ) -> None:
-        """Record whether positions are reliable; if not, the vehicle leaves its planner."""
+        """Record whether positions are reliable; if not, remove the vehicle from its planner."""
         was_good = availability.position_good
         if isinstance(event, events.GpsFixChanged):
             availability.fix_good = event.good

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from mission_service.config.scenario import Scenario
 
 ELSEWHERE = "mqtt"  # as in "mqtt:west": MQTT users have no station and never count as present
-STATUS = "status"  # a query for the state, which makes no event
+STATUS = "status"  # a query for the state, without an event
 ABORT, REPLAY = name_of(Abort), name_of(Replay)
 
 
@@ -39,7 +39,7 @@ def _table(*kinds: type[Request]) -> dict[str, type[Request]]:
 
 
 REQUESTS = _table(*OF_EVERY_RUN, *(kind for way in WAYS for kind in way.requests))
-# All requests, with the request of replays, which makes no event.
+# All requests, including the request of replays, which makes no event.
 ALL_REQUESTS = REQUESTS | _table(Replay)
 
 

@@ -37,8 +37,8 @@ class CameraViews:
     def is_due(self, fix: events.Telemetry) -> bool:
         """Return whether an image is due; if so, the next image becomes due one period later.
 
-        No image is due while the vehicle's position is unreliable, because its place would be
-        wrong.
+        No image is due while the vehicle's position is unreliable, because the image would be
+        misplaced.
         """
         if self._faults[fix.vehicle] or fix.at_us < self._due_us[fix.vehicle]:
             return False

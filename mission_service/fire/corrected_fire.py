@@ -59,7 +59,7 @@ class CorrectedFire:
             observations_of_correction(event, self._landscape, self._spacing_m)
 
     def changed(self, fire: Fire, change: Callable[[Fire], Fire]) -> Fire:
-        """Apply a change to the fire and to the fire without corrections; return the first.
+        """Apply a change to the fire and to the fire without corrections; return the changed fire.
 
         Each ignition and each image is such a change.
         """
@@ -70,7 +70,7 @@ class CorrectedFire:
     def apply_report(self, event: AnyOperatorEvent, fire: Fire) -> Fire:
         """Apply a report and return the fire from now on, which is ``fire`` itself if unchanged.
 
-        Raises FireModelError for a report that is invalid or has no effect, which changes nothing.
+        Raises FireModelError, and changes nothing, for a report that is invalid or has no effect.
         """
         match event:
             case WindSet():
@@ -111,7 +111,7 @@ class CorrectedFire:
         return self._base
 
     def _set_right(self, base: Fire, held: Sequence[Held]) -> Fire:
-        """Return the corrected fire, or ``base`` itself if the corrections give no observation."""
+        """Return the corrected fire, or ``base`` itself if the corrections have no observation."""
         observations = thinned(observations_held(held, self._landscape, self._spacing_m))
         if not len(observations):
             return base

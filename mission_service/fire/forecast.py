@@ -19,9 +19,10 @@ from mission_service.fire.run_estimate import RunEstimate
 
 __all__ = ["LONGEST_S", "Arrival", "Forecasts"]
 
-LENGTHS_S = (3600.0, 3 * 3600.0, 6 * 3600.0)  # lengths of forecasts; requests are rounded up to one
+# Lengths of forecasts; a request is rounded up to one of them.
+LENGTHS_S = (3600.0, 3 * 3600.0, 6 * 3600.0)
 LONGEST_S = LENGTHS_S[-1]
-# Added to the length, so that later requests for "now plus three hours" use the same forecast.
+# Forecasts are longer by this, so that later requests for "now plus three hours" can use them.
 FURTHER_S = 1200.0
 PRESENT_S = 10.0  # times up to this far ahead count as now: the estimate lags the clock
 OLD_S = 180.0  # a forecast is computed again at this age in mission time

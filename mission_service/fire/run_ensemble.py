@@ -1,4 +1,4 @@
-"""Follow the fire of a run by an ensemble, which learns wind and spread rates from observations.
+"""Track the fire of a run by an ensemble, which estimates wind and spread rates as well.
 
 The ensemble (``firemodel.assimilation.fire_estimate``) is expensive. Its inputs are therefore
 collected in a list, which a thread processes when a forecast is requested. Equal inputs give equal
@@ -63,7 +63,7 @@ def _time_of(each: Input) -> float:
 
 
 class RunEnsemble:
-    """The inputs of the ensemble, and the ensemble after those processed so far.
+    """The inputs of the ensemble, and the ensemble after the processed inputs.
 
     A snapshot of a run contains only the inputs, which are then processed again.
     """
@@ -104,14 +104,14 @@ class RunEnsemble:
         self._end_period_by(new.at_s)
 
     def add(self, new: Observation | Lit | WeatherSet) -> None:
-        """Add another input, which must not be earlier than the one before."""
+        """Add another input, which must not be earlier than the input before."""
         at_s = _time_of(new)
         self._end_period_by(at_s)
         self._end_period(at_s)
         self._inputs.append(new)
 
     def add_late(self, new: Observation) -> None:
-        """Add an observation that may be earlier than inputs before it, at its place in time.
+        """Insert an observation by its time, which may be earlier than that of other inputs.
 
         If later inputs were processed, the ensemble processes all inputs again.
         """
@@ -166,8 +166,8 @@ class RunEnsemble:
     def forget(self, weather: WeatherStream, burning: Burning | None) -> None:
         """Forget the inputs before the last mark, and set a mark with this state of the fire.
 
-        Without this, the inputs of a long run would fill the memory. The ensemble keeps what it has
-        learned from them, but only until a restart of the service.
+        Without this, the inputs of a long run would fill the memory. The effect of these inputs on
+        the ensemble remains, but only until a restart of the service.
         """
         mark = self._mark
         if mark is not None:
@@ -204,7 +204,7 @@ def new_estimate(
 
 
 def processed(estimate: FireEstimate, inputs: Sequence[Input]) -> FireEstimate:
-    """Return an ensemble after inputs, which are in order of time; the given one is unchanged."""
+    """Return an ensemble after inputs, which are in order of time; ``estimate`` is unchanged."""
     found = estimate.copy()
     for each in inputs:
         match each:

@@ -63,9 +63,10 @@ from mission_service.fire.sightings import Mosaic, Sightings
 from mission_service.fire.source_agreement import SourceAgreement
 
 PERIOD_US = 30_000_000  # images are written into the estimate at multiples of this mission time
-LATE_US = 10_000_000  # images older than a written period by this are inserted at their time
+# Images older than the last written period by this are inserted at their own time.
+LATE_US = 10_000_000
 AHEAD_US = 5_000_000
-MAX_WAITING = 20  # periods; more are written even if the estimate is not read
+MAX_WAITING = 20  # more unwritten periods are written even if the estimate is not read
 CORRECTION_SD_M = 1.0  # standard deviation of drawn positions
 OWN_DRAWS = 2  # the estimate of a random scheme must not predict the simulated fire's draws
 # Events that change the estimate.
@@ -91,7 +92,7 @@ class RunEstimate:
         self._gives_views = scenario.simulation.fire is None and self._accepts_reports
         self._unburnable = np.isin(landscape.fuel_model, list(NON_BURNABLE))
         self._images = Sightings(landscape.shape)  # sightings of the present period
-        self._due_us: int | None = None  # end of the period of these images
+        self._due_us: int | None = None  # end of the present period
         self._latest_us = round(scenario.start_s * 1e6)  # latest time of the events so far
         self._written_us = -(2**63)  # end of the last period with images
         self._ahead: Fire | None = None  # a copy for times after the latest event
@@ -110,7 +111,7 @@ class RunEstimate:
         return self._fire if self._ahead is None else self._ahead
 
     def advance(self, at_us: int) -> None:
-        """Advance the fire to this mission time; never back.
+        """Advance the fire to this mission time, never backwards.
 
         Long after the latest event only a copy advances, because events of earlier times may
         follow. Therefore the estimate does not depend on the times at which it is read.
@@ -122,7 +123,7 @@ class RunEstimate:
             self._ahead.advance(at_us / 1e6)
 
     def _advance_until(self, at_us: int) -> None:
-        """Write the images of past periods and burn until a time, at most ``_latest_us``."""
+        """Write the images of past periods and advance the fire, at most to ``_latest_us``."""
         while self._waiting:
             self._write(self._waiting.popleft())
         self._burn_until(at_us / 1e6)
@@ -188,14 +189,15 @@ class RunEstimate:
     def apply_report(self, event: AnyEvent) -> Window | None:
         """Apply an operator's report, and return a window around the changed cells or None.
 
-        Raises FireModelError for an invalid report, which changes nothing.
+        Raises FireModelError, and changes nothing, for an invalid report.
         """
         self._on_time(event)
         if isinstance(event, FireObserved):
             return self._apply_observation(event)
         if not (self._accepts_reports and isinstance(event, OF_FIRE)):
             return None
-        self._corrected.check(event)  # first: a refused report must not end the images' period
+        # Checked first: a refused report must not end the present period.
+        self._corrected.check(event)
         self._advance_to_latest()
         before = self._fire
         found = self._corrected.apply_report(event, before)

@@ -21,16 +21,17 @@ GROUP = "mission_service.sensors"
 class Sensor(Protocol):
     """A source of observations of the fire.
 
-    Its methods are called on the event loop and must return at once. A sensor that waits for files
-    or sockets does so in a thread and returns from ``observe`` what has arrived since.
+    The methods of a sensor are called on the event loop and must return at once. A sensor that
+    waits for files or sockets does so in a thread and returns from ``observe`` what has arrived
+    since.
     """
 
     def observe(self, fix: Telemetry) -> Observed | None:
         """Return a new observation, or None.
 
         The method is called with each position of a vehicle, before the position is processed. The
-        window of the observation lies on the landscape's grid. Its time is that of the position or
-        earlier, and its vehicle that of the position.
+        window of the observation lies on the landscape's grid. The time of the observation is that
+        of the position or earlier, and the vehicle is the same.
         """
 
     def on_event(self, event: AnyEvent) -> None:
@@ -49,7 +50,7 @@ class Sensors:
         self.failed: dict[str, str] = {}
 
     def observe(self, fix: Telemetry) -> list[Observed]:
-        """Return what the sensors observed until a vehicle's position."""
+        """Return the observations of all sensors up to a vehicle's position."""
         found = []
         for name, sensor in list(self._sensors.items()):
             try:

@@ -244,7 +244,7 @@ def fire_of(scenario: Scenario, landscape: Landscape, weather: WeatherStream | N
 def reported_fire(
     scenario: Scenario, landscape: Landscape, weather: WeatherStream | None = None
 ) -> Fire:
-    """Return what ``fire_of`` returns; without any reported fire, a fire that does not burn."""
+    """Return the fire of ``fire_of``, or a fire without burning cells if none is reported."""
     ignitions = ignitions_of(scenario, landscape)
     burning = burning_of(scenario, landscape)
     return _fire(scenario, landscape, weather or weather_of(scenario), ignitions, burning)
@@ -293,7 +293,7 @@ def ignitions_of(scenario: Scenario, landscape: Landscape) -> list[CellIgnition]
         (row, col, ignition.at_s)
         for ignition in scenario.ignition
         for row, col in cells_of_ignition(ignition, landscape)
-        if section.initial_cells is None  # else they are part of the initial fire
+        if section.initial_cells is None  # with ``initial_cells`` they are part of the initial fire
     ]
     if scenario.burn is not None:
         ignitions += [

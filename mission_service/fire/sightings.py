@@ -49,7 +49,7 @@ class Sightings:
         self._position_sd_m = max(self._position_sd_m, seen.position_sd_m)
 
     def _add_cells(self, here: Place, state: NDArray[np.uint8], seen_s: Floats) -> None:
-        """Add states (y, x) of a window with their times; later sightings of a cell replace it."""
+        """Add the states (y, x) of a window; a later sighting of a cell replaces an earlier one."""
         new = (state != UNSEEN) & (self.seen_s[here] <= seen_s)
         self.state[here][new] = state[new]
         self.seen_s[here][new] = seen_s[new]

@@ -30,7 +30,7 @@ class Comparison(NamedTuple):
     contradict: float = 0.0
 
     def with_cells(self, at_s: float, agree: int, contradict: int) -> "Comparison":
-        """Return the comparison with further cells at a time."""
+        """Return the comparison after adding cells that were compared at a time."""
         kept = math.exp(-max(at_s - self.at_s, 0.0) / FORGOTTEN_S)
         return Comparison(
             max(at_s, self.at_s), kept * self.agree + agree, kept * self.contradict + contradict

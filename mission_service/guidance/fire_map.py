@@ -254,7 +254,7 @@ def _rate(outer, outer_at_s, inner, inner_at_s):  # type: ignore[no-untyped-def]
 
 @compiled
 def _fill_gaps(seen, in_view):  # type: ignore[no-untyped-def]
-    """Mark the bearings between two neighbouring front cells as seen, on the line between them."""
+    """Fill the bearings between two neighbouring front cells by the line between these cells."""
     seen_at = np.flatnonzero(in_view)
     for place in range(seen_at.size if seen_at.size > 1 else 0):
         start, end = seen_at[place], seen_at[(place + 1) % seen_at.size]

@@ -162,7 +162,7 @@ class Script:
 def with_settings(journal: JournalReader, words: Sequence[str]) -> tuple[Scenario, dict[str, Any]]:
     """Return the journal's scenario with ``KEY=VALUE`` settings of [planner], and these settings.
 
-    A word may contain several settings. Raises ScenarioError for an unknown setting.
+    An argument may contain several settings. Raises ScenarioError for an unknown setting.
     """
     data = msgspec.to_builtins(journal.readers[0].header["scenario"])
     keys = list[str]()

@@ -96,7 +96,7 @@ class MissionClock:
         self._began_us: int | None = None
 
     def go_on(self, mission_us: int, wall_us: int) -> None:
-        """Set mission time at a time of the machine's clock, before any vehicle is connected."""
+        """Set mission time for the machine's time ``wall_us``, before any vehicle is connected."""
         self.now_us = self.latest_us = self._start_us = mission_us
         self._began_us = wall_us if self.wall else None
 
@@ -175,7 +175,7 @@ class Gateway:
         stack = self.client.stack
         if stack is not None and self._connected and not self._lost:
             at_us = self._clock.now_us
-            if self._mode is not None:  # reported before any command
+            if self._mode is not None:  # the mode is reported before any command
                 self._queued.append(ModeChanged(at_us, self.name, *self._mode))
             self._queued.append(_connected(at_us, self.name, stack))
             for status in self._status.values():

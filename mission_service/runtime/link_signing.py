@@ -13,7 +13,7 @@ COMMAND_LINK_ID = 255  # link id of CLI commands; a service that runs at the sam
 REPORT_FROM_FRAMES = 10  # fewer refused frames may be transmission errors or from another station
 LEAD_REPORTED_S = 60.0
 CHECK_CLOCKS = "check the clocks of this machine and the vehicle"
-WORDS = {  # by the verdict on a frame: its description and the remedy
+WORDS = {  # description and remedy for each verdict on a frame
     "unsigned": ("without a signature", "set the vehicle's key (mission-service signing set-up)"),
     "wrong": ("with a wrong signature", "check that the vehicle has this key"),
     "repeated": ("with repeated timestamps", "check whether frames arrive twice"),

@@ -39,7 +39,7 @@ class SpeedReports:
         return [each for each in found if each is not None]
 
     def _airspeed(self, speed: Speed, name: str, now_us: int) -> AirspeedMeasured | None:
-        """Return the mean of ``AIRSPEED_OVER_US`` if it has changed."""
+        """Return the mean airspeed over ``AIRSPEED_OVER_US``, if it has changed."""
         if speed.airspeed_m_s is None:
             return None
         if not self._airspeeds_m_s:

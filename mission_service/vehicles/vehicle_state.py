@@ -52,7 +52,7 @@ class Pending:
     mission_id: int
     line: shapely.LineString
     takes_off: bool = False  # its first item is a takeoff
-    due: str = ""  # the reason why it was due at once
+    due: str = ""  # the reason why the mission was due at once
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class Refusal:
     """A proposed mission that an operator refused; similar missions are not proposed again."""
 
     by: str
-    due: str  # the reason why it was due at once; else empty
+    due: str  # the reason why the mission was due at once; else empty
     line: shapely.LineString
 
 
@@ -71,7 +71,7 @@ class UnconfirmedState:
     pending: Pending | None
     recalled: bool  # ordered home
     starting: bool
-    resumed: bool = False  # an operator has ordered resume since; the start follows the read-back
+    resumed: bool = False  # an operator has ordered resume; the start follows the read-back
 
 
 @dataclass

@@ -1,7 +1,7 @@
 """Simulate the ideal flight of a team around the growing ring of a fire, as Bent does.
 
 Each vehicle flies from cell to cell at its speed, turns on the spot and observes the cell that it
-is in. At each cell that it reaches, the rule takes one decision. When the ring grows, cells,
+is in. At each cell that a vehicle reaches, the rule takes one decision. When the ring grows, cells,
 vehicles and regions move.
 """
 
@@ -33,7 +33,7 @@ class TeamFlight:
     at_s: Floats
     linear: Floats  # spread rate * age, m
     exponential: Floats  # age ** (1 + spread rate)
-    worst_linear: Floats  # linear importance of the cell where it is highest, m
+    worst_linear: Floats  # highest linear importance of a cell, m
     tracks: dict[int, Floats]  # by member: (n, 3) time in s, row, column
     decisions: int
     min_separation_m: float  # between any two vehicles, each in its own layer

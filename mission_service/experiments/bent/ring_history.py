@@ -1,8 +1,8 @@
 """Represent the true front of a fire as a growing ring of cells, as in Bent's experiments.
 
-At each time step, the ring has its cells in clockwise order. For each cell, it also has the cell of
-the previous ring whose last visit is inherited. A new front cell inherits the age of the front
-behind it, because importance measures unseen growth.
+The ring of each time step lists its cells in clockwise order. It also lists, for each cell, the
+cell of the previous ring whose last visit is inherited. A new front cell inherits the age of the
+front behind it, because importance measures unseen growth.
 """
 
 from collections.abc import Iterator
@@ -29,7 +29,7 @@ class RingStep:
 
     at_s: float
     cells: Integers  # (n, 2) row, column; no cell twice
-    step_m: Floats  # (n) from each cell to the next one
+    step_m: Floats  # (n) distance from each cell to the next one
     spread_rate_m_s: Floats  # (n) rate of spread outwards
     came_from: Integers  # (n) index in the previous ring of the cell whose visit is inherited
     place_of: Integers  # (m) new index of each cell of the previous ring, in order around the ring
@@ -79,7 +79,7 @@ def facing(cells: Integers) -> tuple[Floats, Floats]:
 
 
 def in_order(places: Integers, count: int) -> Integers:
-    """Return places on a ring of ``count`` cells, made monotonic and at most once around it."""
+    """Return places on a ring of ``count`` cells, made monotonic and limited to one lap."""
     onward = (np.diff(places, append=places[:1]) + count // 2) % count - count // 2
     lifted = places[0] + np.concatenate([[0], np.cumsum(onward[:-1])])
     rising = np.minimum(np.maximum.accumulate(lifted), places[0] + count - 1)

@@ -71,8 +71,8 @@ def fly(
 
     If ``hull`` is True, the error is that of the convex hull of the planner's estimate, as in the
     paper; otherwise it is that of the estimate itself. ``measured`` gives the planner the wind at
-    each step; None gives no wind. ``before`` is called at each step before the decision, with the
-    time, the row and the column.
+    each step; with None the planner receives no wind. ``before`` is called at each step before the
+    decision, with the time, the row and the column.
     """
     truth = TrueShape(burn.arrival_s, burn.ignition)
     cell_s = burn.landscape.cell_size_m / burn.speed_m_s

@@ -1,4 +1,4 @@
-"""Simulate wind measurements of a small vehicle: the fire's wind at its height, with errors."""
+"""Simulate wind measurements of a small vehicle: the fire's wind at flight height, with errors."""
 
 import math
 
@@ -24,7 +24,7 @@ class MeasuredWind:
     def at(self, at_s: float) -> tuple[float, float]:
         """Return the wind speed in m/s at the vehicle's height, and the wind direction.
 
-        The direction is the one from which the wind blows, in degrees clockwise from north.
+        The direction is that from which the wind blows, in degrees clockwise from north.
         """
         if self._at_s is not None:
             kept = math.exp(-(at_s - self._at_s) / LASTING_S)

@@ -52,11 +52,11 @@ class FireScenario:
 
 
 ISLAM_HU_END_S = 6 * HOUR_S
-# Figs. 9, 11 and 14a; 13a and 14b; 13b; 13c; 12a; 12b. The paper does not state its weather: these
-# values were tuned until the error of circling and the behaviour of the damped rule were as in the
-# paper. In "wind-turns" the later wind is stronger; with equal winds the rule hardly turned in the
-# south. "slow-even" is tall grass in a light wind; without wind, no real vehicle would be slow
-# enough for the fire.
+# The fires are, in order, those of figs. 9, 11 and 14a; 13a and 14b; 13b; 13c; 12a; 12b. The paper
+# does not state its weather: these values were tuned until the error of circling and the behaviour
+# of the damped rule were as in the paper. In "wind-turns" the later wind is stronger; with equal
+# winds the rule hardly turned in the south. "slow-even" is tall grass in a light wind; without
+# wind, no real vehicle would be slow enough for the fire.
 ISLAM_HU: dict[str, FireScenario] = {
     "slow-then-fast": FireScenario(
         of_one_fuel(BRUSH), (wind(0.0, 4.0, 45.0), wind(3 * HOUR_S, 11.0, 45.0)), (35, 165), 4.2

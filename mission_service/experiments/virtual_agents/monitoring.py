@@ -1,8 +1,8 @@
 """Compute the area to monitor around the true fire, and the metrics of section 6.2.
 
-The UAVs do not receive this area. Like the agents' maps, it counts the burning cells within reach
-of each cell; a cell that begins to burn adds a disc. The cells with a priority are also stored in a
-list, because the metrics are computed far more often than the fire grows.
+The UAVs do not receive this area. Like the agents' maps, the map of this area counts the burning
+cells within reach of each cell; a cell that begins to burn adds a disc. The cells with a priority
+are also stored in a list, because the metrics are computed far more often than the fire grows.
 """
 
 from collections.abc import Sequence

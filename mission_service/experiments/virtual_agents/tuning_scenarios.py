@@ -33,7 +33,7 @@ CELL_M = 50.0
 STEP_S = 1.0
 P_SPREAD = 0.2
 ABREAST_M = 150.0  # spacing of agents at the start
-PENALTY = 10.0  # times the share of time in which virtual agents lead UAVs over fire
+PENALTY = 10.0  # for the share of time in which virtual agents lead UAVs over fire
 
 
 @dataclass(frozen=True, slots=True)

@@ -34,7 +34,7 @@ class PathProgress:
         steps = np.diff(points_m, axis=0)
         self._lengths_m = np.sqrt((steps * steps).sum(axis=1))
         self._along_m = np.concatenate([[0.0], np.cumsum(self._lengths_m)])
-        self.progress_m = 0.0  # along the path; never decreases
+        self.progress_m = 0.0  # progress along the path; never decreases
 
     @property
     def length_m(self) -> float:

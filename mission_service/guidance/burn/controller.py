@@ -503,10 +503,10 @@ class BurnFlight(Guidance):
         self.state.fire.let_go()
 
     def _stop(self, why: str, then: Phase = "planning", always: bool = False) -> list[AnyCommand]:
-        """Withdraw the plan; an airborne vehicle under it climbs to the safe height and holds.
+        """Withdraw the plan; an airborne vehicle that flies it climbs to the safe height and holds.
 
         If ``always``, an airborne vehicle climbs and holds even without a plan. When the climb has
-        ended, or if there is none, the phase ``then`` begins.
+        ended, or if no climb is needed, the phase ``then`` begins.
         """
         vehicle, flew = self._vehicle, self.phase in ("approved", "flying", "climbing")
         commands = self._withdraw(why)
@@ -577,7 +577,10 @@ class BurnFlight(Guidance):
 
 
 def burn_flight(guidance: Guidance) -> BurnFlight:
-    """Return a run's guidance as a ``BurnFlight``. Raises MissionServiceError if it is none."""
+    """Return a run's guidance as a ``BurnFlight``.
+
+    Raises MissionServiceError for another guidance.
+    """
     if not isinstance(guidance, BurnFlight):
         raise MissionServiceError("this run is not a burn")
     return guidance

@@ -5,8 +5,8 @@ t + time_margin_s. The reach is ``distance_margin_m``. If x is downwind of y, th
 the distance that the wind travels towards x in ``wind_margin_s``.
 
 The raster must not miss any fire of the simulation. Therefore each cell holds bounds of the
-ignition times inside it, and distances to a cell count to its nearest point. Each sample of a leg
-covers the part of the leg around it, in space and time.
+ignition times inside it, and distances to a cell are measured to its nearest point. Each sample of
+a leg covers the part of the leg around it, in space and time.
 """
 
 import math

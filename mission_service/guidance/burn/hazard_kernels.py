@@ -4,7 +4,7 @@ Lengths are in metres and times in seconds. ``west`` and ``north`` are the coord
 corner of cell (0, 0). Arrays are (y, x), with row 0 in the north. ``first`` and ``last`` bound the
 ignition times inside each cell. ``at_s`` holds the ignition times at the corners of the cells, and
 has one more row and column. ``reach`` is the distance margin, and the vector (``wx``, ``wy``) is
-what the wind adds to it downwind.
+the distance that the wind adds downwind.
 """
 
 import math

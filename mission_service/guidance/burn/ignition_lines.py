@@ -38,7 +38,7 @@ class IgnitionLine:
         return np.array([-math.sin(self.toward_rad), math.cos(self.toward_rad)])
 
     def place(self, across_m: Floats) -> Floats:
-        """Return the places (n, 2) on the line that have given across coordinates (n,)."""
+        """Return the places (n, 2) on the line at across coordinates (n,)."""
         found: Floats = self.along_m * self.downwind + np.outer(across_m, self.left_unit)
         return found
 
@@ -120,7 +120,7 @@ def drop_points(
 ) -> Floats:
     """Return places (n, 2) every ``spacing_m`` on a line between its ends, from right to left.
 
-    One place would be at the across coordinate ``through_m`` (algorithm line 6).
+    The places are aligned with the across coordinate ``through_m`` (algorithm line 6).
     """
     first = math.ceil((ends_m[0] - through_m) / spacing_m - 1e-9)
     last = math.floor((ends_m[1] - through_m) / spacing_m + 1e-9)

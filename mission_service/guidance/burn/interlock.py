@@ -417,7 +417,7 @@ class Interlock:
     def _payload_refuses(self, name: str, at_us: int) -> str | None:
         burn = self._burn
         if self._vehicles[name].used >= burn.spheres:
-            return f"{name}: all {burn.spheres} spheres of the load were ordered"
+            return f"{name}: all {burn.spheres} spheres of the load are used"
         in_minute = sum(at_us - dropped_us < MINUTE_US for dropped_us in self._dropped_us)
         if in_minute >= burn.max_drops_per_min:
             return f"{in_minute} drops in a minute; at most {burn.max_drops_per_min:g} are allowed"

@@ -20,7 +20,7 @@ Floats = NDArray[np.float64]
 FireOfSources = Callable[[Floats], Simulation]
 
 HIGH_M = 1e-6  # tolerance of the safe height
-TOWARDS_M2 = 1e-3  # a smaller approach to a drop, times the leg's length, is none
+TOWARDS_M2 = 1e-3  # minimum approach of a leg to a drop, times the leg's length
 CLIMB_EVERY_M, CLIMBS = 5.0, 12  # minimum spacing and maximum number of climbs tried on a leg
 OUT_M = (0.0, 15.0, 30.0, 45.0)  # distances from a drop at which a climb is tried
 DOWN_SPARE_M = 1.0  # added to the distance margin of descents; more than a raster's error
@@ -204,7 +204,7 @@ class SphereFires:
         begin, end = leg
         if approaches or begin[:2] == end[:2]:
             parts = 1
-        else:  # a sphere that ignites at the end of a long leg is no danger at its begin
+        else:  # a sphere that ignites at the end of a long leg is no danger at its start
             part_s = max(self.air.settings.ignition_delay_s / 4.0, 1.0)
             parts = max(math.ceil((end.at_s - begin.at_s) / part_s), 1)
         ends = [begin, *(point_on_leg(leg, number / parts) for number in range(1, parts)), end]

@@ -188,8 +188,8 @@ def drop_orders(
 def fastest_flight(trips: list[LineFlight]) -> LineFlight | None:
     """Return the fastest flight with enough drops, or None if no flight has a drop.
 
-    A flight to the line's end is preferred to one that the spheres or the battery end early. Among
-    equal flights the first one is returned.
+    A flight to the line's end is preferred to a flight that the spheres or the battery end early.
+    Among equal flights the first one is returned.
     """
     max_drops = max((len(trip.drops) for trip in trips), default=0)
     enough = [trip for trip in trips if len(trip.drops) >= max(MIN_DROPS_SHARE * max_drops, 1)]

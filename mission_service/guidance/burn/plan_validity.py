@@ -66,7 +66,7 @@ def _dropped_by(plan: LinePlan, number: int, after_s: float) -> bool:
 
 
 def _later(leg: Leg, at_s: float) -> FlightPoint:
-    """Return the point on a leg at the time ``at_s``, or its begin if that is later."""
+    """Return the point on a leg at the time ``at_s``, or its start if that is later."""
     begin, end = leg
     if at_s <= begin.at_s:
         return begin
@@ -114,7 +114,7 @@ WindFrom = tuple[float, float]  # speed in m/s; direction it blows from, degrees
 
 
 def wind_differs(plan: IgnitionPlan, wind: WindFrom, burn: BurnSection) -> str | None:
-    """Return how a wind differs too much from the planned wind, or None if it does not."""
+    """Return how a wind differs from the planned wind, or None if the difference is small."""
     speed_m_s, from_deg = wind
     turned_deg = abs((from_deg - plan.wind_from_deg + 180.0) % 360.0 - 180.0)
     faster = abs(speed_m_s - plan.wind_speed_m_s) > burn.wind_changes_m_s

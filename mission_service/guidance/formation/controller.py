@@ -80,7 +80,7 @@ RENEW_EVERY_S, RENEW_BEYOND_M = 60.0, 300.0
 RETRY_AFTER_S = 5.0
 HOME_WITHIN_M = 500.0  # within this distance of home the autopilot flies the return
 ORDER_TIMEOUT_S = 30.0
-TAKES_EFFECT_S = 15.0  # a mode change within this time after an orbit command is its effect
+TAKES_EFFECT_S = 15.0  # mode changes within this time are attributed to the last orbit command
 # Modes in which the stacks fly commanded orbits.
 ORBITS_IN = {"px4": ("hold", "guided", "orbit"), "ardupilot": ("guided",)}
 
@@ -89,12 +89,12 @@ ORBITS_IN = {"px4": ("hold", "guided", "orbit"), "ardupilot": ("guided",)}
 class OrderState:
     """The state of one vehicle, and the orders sent to it."""
 
-    guided: bool = False  # it flies its mission or commanded orbits, and is not flown manually
+    guided: bool = False  # whether the vehicle flies its mission or commanded orbits
     taken_over: bool = False
     mode: str = ""
     order: str = ""  # pending order
     ordered_at_s: float = -math.inf
-    circle: Circle | None = None  # last ordered, or flown by the mission
+    circle: Circle | None = None  # circle last ordered, or flown by the mission
     altitude_m: float = 0.0
     orbit_at_s: float = -math.inf
     check_ground_at_s: float = -math.inf
@@ -102,7 +102,7 @@ class OrderState:
     speed_at_s: float = -math.inf
     settled_since_s: float | None = None
     start_not_before_s: float = -math.inf
-    goes_home_until_s: float = math.inf  # when the agent's guidance home ends
+    goes_home_until_s: float = math.inf  # time at which the agent's guidance home ends
     sending: Circle | None = None  # final circle of a mission being uploaded
     loiter: Circle | None = None  # final circle of the mission on board
 

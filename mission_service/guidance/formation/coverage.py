@@ -100,7 +100,7 @@ def next_goal(
 ) -> Goal | None:
     """Return the goal of the agent at (x, y); None if forces must move the agent.
 
-    This is the case outside the agent's area. ``goal`` is the previous result (None at first).
+    Forces must move an agent outside its area. ``goal`` is the previous result (None at first).
     ``others_m`` (n, 2) holds x and y of the other agents' goals, or of their positions if they have
     no goal. ``AgentMover`` calls this function every few seconds.
     """
@@ -185,8 +185,8 @@ class AgentMover:
     ) -> tuple[float, float]:
         """Return the velocity (east, north) in m/s for the next ``step_s``; 0 without fire.
 
-        ``others_x_m`` and ``others_y_m`` (n) hold the goals of the virtual agents in range. An
-        agent without a goal has its position there, and a UAV without an agent has NaN. ``at_s``
+        ``others_x_m`` and ``others_y_m`` (n) hold the goals of the virtual agents in range. For an
+        agent without a goal they hold its position, and for a UAV without an agent NaN. ``at_s``
         must not decrease between calls.
         """
         settings, grid = self.settings, self.grid

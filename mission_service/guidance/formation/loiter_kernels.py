@@ -20,7 +20,8 @@ from firemodel.compiled import kernel
 GRAVITY_M_S2 = 9.80665
 ACCELERATION_M_S2 = 1.5  # maximum change of the airspeed, up and down
 ABOUT = -0.7  # cosine of the smallest course change that counts as a reversal
-FORK = 0.15  # if the cosine of a course change is this close to ABOUT, the turn may be to any side
+# If the cosine of a course change is this close to ABOUT, the turn may be to either side.
+FORK = 0.15
 
 
 @kernel
@@ -86,7 +87,7 @@ def _turned(head_x, head_y, aim_x, aim_y, sense, cos, sin):  # type: ignore[no-u
     """Return the heading, as a unit vector, after a turn towards the heading ``aim``.
 
     The turn is at most the angle that has the given ``cos`` and ``sin``. A reversal turns in the
-    direction ``sense``; if ``sense`` is 0, every turn is the shorter one.
+    direction ``sense``; if ``sense`` is 0, every turn takes the shorter way.
     """
     along = head_x * aim_x + head_y * aim_y
     if along >= cos:

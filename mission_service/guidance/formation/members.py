@@ -32,7 +32,7 @@ from mission_service.position_fix import PositionFix
 
 Cells = NDArray[np.int64]
 BURNING = ord("b")
-ASPECT_RATIO = 0.75  # height of the image by its width, without an angle along the track
+ASPECT_RATIO = 0.75  # height-to-width ratio of images, if the angle along the track is unknown
 HOT_FOR_S = 1.5  # heat lasts this long after the last view of fire straight below
 
 
@@ -82,7 +82,7 @@ class FormationMember:
         self.flies = False
         self.state: State | None = None  # last state sent
         self.manual_control = False  # in the air, but not controlled by its agent
-        self.recent: deque[ObservedMotion] = deque()  # of the last ``MEASURED_OVER_S``
+        self.recent: deque[ObservedMotion] = deque()  # motion during the last ``MEASURED_OVER_S``
         self._formation = formation
 
     def observe(self, observed: Observed) -> None:

@@ -1,9 +1,10 @@
 """Synchronises phases on orbits: a vehicle ahead of the others flies slower (section 5.3.2).
 
-Unlike in the paper, all vehicles within radio range count, not only the neighbours. Otherwise a
-ring of vehicles that each follow their neighbours could settle with phases spread over a full turn.
-If the phases are spread so evenly that they have no mean, all vehicles follow the one with the
-lowest key. A vehicle off its orbit does not count. Angles are in radians, anticlockwise.
+Unlike in the paper, all vehicles within radio range are included, not only the neighbours.
+Otherwise a ring of vehicles that each follow their neighbours could settle with phases spread over
+a full turn. If the phases are spread so evenly that they have no mean, all vehicles follow the
+vehicle with the lowest key. A vehicle off its orbit is not included. Angles are in radians,
+anticlockwise.
 """
 
 import math

@@ -69,7 +69,7 @@ class Settings:
         NEVER_M  # no avoidance between altitudes that differ by this or more
     )
     placement: Literal["coverage", "forces"] = (
-        "coverage"  # rule of ``coverage.py``, or of the paper
+        "coverage"  # rule of ``coverage.py``, or "forces", the rule of the paper
     )
     camera: Camera = PAPER_CAMERA
     airframe: Airframe = Airframe()

@@ -27,7 +27,7 @@ class LapProgress:
     def update(self, bearing_deg: float, clockwise: bool, counts: bool) -> bool:
         """Set the bearing; return whether the lap is complete.
 
-        The angle since the last bearing is added to the lap only if ``counts``.
+        The angle since the last bearing is added to the lap only if ``counts`` is True.
         """
         if counts and self.bearing_deg is not None:
             self.swept_deg += turned_deg(self.bearing_deg, bearing_deg, clockwise)

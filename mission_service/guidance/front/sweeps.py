@@ -4,8 +4,8 @@ A plan is a sequence of legs with turns between them. Legs are measured in nodes
 the last leg does not end. The cost of a plan is the cube of the expected error, integrated over
 time and summed over the ring. The cost approximates the largest error, but also distinguishes
 between plans with the same largest error. The error of a node out of view grows linearly, so a
-roll-out computes only the visits. Its time is proportional to the number of nodes plus the number
-of steps.
+roll-out computes only the visits. The time of a roll-out is proportional to the number of nodes
+plus the number of steps.
 
 Lengths are in cells, times in seconds, and speeds in cells per second.
 """

@@ -1,9 +1,9 @@
 """The team rule that divides the front at the minimum mean cost (``team.balanced``).
 
-The rule searches twice, by roll-outs. With ``patterns`` it searches the long-term division of the
-ring: all vehicles lap, all lap and pass a hot arc three times, or some sweep the arc. With
-``lookahead`` it searches the next turns of each vehicle, so that the team reaches that pattern with
-even gaps and visits the cells that have not been seen for long.
+The rule searches twice, by roll-outs. With ``patterns`` the rule searches the long-term division of
+the ring: all vehicles lap, all lap and pass an arc of fast spread three times, or some sweep the
+arc. With ``lookahead`` the rule searches the next turns of each vehicle, so that the team reaches
+that pattern with even gaps and visits the cells that have not been seen for long.
 
 Each decision tries only a few plans, and keeps the present plan unless another is better by a
 margin. Therefore a decision takes the same short time, however long the search lasts.

@@ -20,8 +20,8 @@ def _importance(rate, age, exponential):  # type: ignore[no-untyped-def]
 def highest(rate, visited, begin, end, own_cell, at_s, exponential):  # type: ignore[no-untyped-def]
     """Return the lifted cell with the highest importance, or ``own_cell`` in a region of one cell.
 
-    The vehicle's own cell has no importance (4.1.3). Among equally important cells the nearest is
-    returned; among two at the same distance, the one that lies clockwise.
+    The vehicle's own cell has no importance (4.1.3). Among equally important cells the nearest cell
+    is returned; among two cells at the same distance, the clockwise cell.
     """
     n = rate.size
     best, best_worth = own_cell, -1.0
@@ -44,8 +44,8 @@ def best_path(  # type: ignore[no-untyped-def]
 ):
     """Return the lifted end of the path whose cells have the highest mean importance (4.1.4).
 
-    The importance of each cell is that at the time of its visit. Among equal paths the one to
-    ``target`` is preferred, then the one with the nearer end, then the clockwise one.
+    The importance of each cell is that at the time of its visit. Among equal paths the path to
+    ``target`` is preferred, then the path with the nearer end, then the clockwise path.
     """
     n = rate.size
     best, best_worth, before = own_cell, -1.0, -1.0

@@ -107,7 +107,7 @@ def _standing(nodes, visited_s, at_s):  # type: ignore[no-untyped-def]
 def _fly(nodes, start, legs, room, until_s):  # type: ignore[no-untyped-def]
     """Fly all vehicles until ``until_s``; return the importance of the visited nodes.
 
-    For each visit it is integrated over the time since the node's previous visit.
+    For each visit the importance is integrated over the time since the node's previous visit.
     """
     ended = 0.0
     count = room.node.size
@@ -182,7 +182,7 @@ def late_mean(nodes, start, legs, span, room):  # type: ignore[no-untyped-def]
 
 @kernel
 def _tried(nodes, start, legs, span, room, vehicle, best, best_cost):  # type: ignore[no-untyped-def]
-    """Roll out the plans; if they cost less, copy this vehicle's plan to ``best`` (LEGS).
+    """Roll out the plans; if they cost less than ``best_cost``, copy this vehicle's to ``best``.
 
     Returns the lower of the two costs.
     """

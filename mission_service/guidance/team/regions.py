@@ -8,7 +8,7 @@ the cells as soon as it receives the offer, and has the next turn.
 
 A message consists of a place and a version. Messages may be lost, duplicated or late, so a receiver
 applies only newer versions, and no version number is used twice. The served cells always cover the
-ring. By the newer side of every border (``ledger``), each cell has exactly one owner.
+ring. Each cell has exactly one owner according to the newer side of every border (``ledger``).
 
 Places are *lifted*: the count of cells continues around the ring. A region is therefore
 ``range(begin, end)``, modulo the number of cells, and may be empty or the whole ring.

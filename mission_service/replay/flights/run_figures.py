@@ -32,7 +32,7 @@ VEHICLE_ROWS: tuple[Row, ...] = (
     ("distance error, mean", "m", lambda of: of["distance_error_mean_m"]),
     ("distance error, maximum over bearings", "m", lambda of: of["distance_error_worst_m"]),
     ("missions loaded", "", lambda of: len(of["missions"])),
-    ("missions replaced without items in the log", "", lambda of: of["missions_replaced"] or None),
+    ("missions replaced, items not in the log", "", lambda of: of["missions_replaced"] or None),
     ("missions sent, accepted", "", lambda of: _of_two(of, "missions_sent", "accepted")),
     ("time from upload to acceptance, median", "s", lambda of: of["mission_latency_median_s"]),
     ("time from upload to acceptance, maximum", "s", lambda of: of["mission_latency_worst_s"]),
