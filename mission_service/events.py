@@ -443,7 +443,7 @@ class SettingsChanged(OperatorEvent, frozen=True, tag=True):
 
     alpha: Annotated[
         Annotated[float, Meta(ge=0, le=100)] | None,
-        Meta(description="Weight of the unevenness of the fire's spread; 0: the vehicle circles."),
+        Meta(description="Weight of uneven spread in decisions; 0: the vehicle circles."),
     ] = None
     reversal_margin: Annotated[
         Annotated[float, Meta(ge=0, le=100)] | None,

@@ -7,8 +7,9 @@ role, the HTTP path, whether MQTT accepts it, an example, and the resulting even
 their description, MQTT commands and their schemas, the control socket and the command line are
 generated from these structs.
 
-This module contains the requests that every way of flying accepts (``OF_EVERY_RUN``) and those for
-ways of flying by missions (``OF_VEHICLES``). Requests for a single way of flying are in its folder.
+This module contains the requests that every way of flying accepts (``OF_EVERY_RUN``) and the
+requests for ways of flying by missions (``OF_VEHICLES``). Requests for a single way of flying are
+in its folder.
 """
 
 from collections.abc import Callable
@@ -23,7 +24,7 @@ from mission_service.errors import RequestError
 MIN_SPEED, MAX_SPEED = 0.1, 100.0  # speeds of a replay
 MAX_DURATION_S = 1e7  # longer durations are refused as mistakes
 MAX_LENGTH_M = 10_000.0  # larger circles and longer lines are refused as mistakes
-MAX_FIRE_LENGTH_M = 500_000.0  # the same limit for outlines of fires from other sources
+MAX_FIRE_LENGTH_M = 500_000.0  # larger, for outlines of fires from other sources
 
 OPERATOR_FIELDS = ("by", "station")  # keys of all requests
 Role = Literal["look", "correct", "fly", "approve"]
@@ -78,7 +79,7 @@ class Request(
 ):
     """A request of an operator.
 
-    Keys with these names are checked against the run: ``vehicle``; ``item`` (of the GO/NO-GO
+    The values of these keys are checked against the run: ``vehicle``; ``item`` (of the GO/NO-GO
     checklist); ``points``, and ``lat_deg`` with ``lon_deg`` (on the landscape).
     """
 
@@ -160,7 +161,7 @@ class Correct(FireRequest, frozen=True):
 
 
 class Observe(FireRequest, frozen=True):
-    """Report where a person, a detector or a satellite observed fire; it may be wrong."""
+    """Report where a person, a detector or a satellite observed fire. Observations may be wrong."""
 
     path = "/fire/observations"
     operation = "observe"
@@ -211,16 +212,14 @@ class Observe(FireRequest, frozen=True):
 
 
 class Lit(FireRequest, frozen=True):
-    """Report that a point, or a line through several, was lit."""
+    """Report that a point, or a line through several points, was lit."""
 
     path = "/burn/{do}"
     operation = "burn_{do}"
     example: ClassVar = {"points": LINE, "ago_s": 20.0}
 
     points: Places
-    ago_s: Annotated[float, Meta(ge=0, le=MAX_DURATION_S, description="Time since it was lit.")] = (
-        0.0
-    )
+    ago_s: Annotated[float, Meta(ge=0, le=MAX_DURATION_S, description="Time since ignition.")] = 0.0
 
     def event(self, at_us: int) -> events.AnyOperatorEvent:
         """Return the event ``IgnitionReported``."""

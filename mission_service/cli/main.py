@@ -243,8 +243,8 @@ def plan(scenario: str, output: Path, vehicle: str | None, overrides: tuple[str,
 def decide_alone(journal: Path, rule: str | None, as_json: bool) -> None:
     """Run only the planners, on the positions and observations in a journal.
 
-    If the rule is that of the journal, each decision is compared with the recorded one, and the
-    exit code is 1 if one of them differs.
+    If the rule is that of the journal, each decision is compared with the recorded decision, and
+    the exit code is 1 if they differ.
     """
     from mission_service.replay.decisions import decide, in_text, summary_of
 

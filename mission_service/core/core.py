@@ -371,7 +371,7 @@ class Core:
         return changed and not vehicle.availability.airborne
 
     def _start_ended(self, vehicle: Vehicle) -> list[AnyCommand]:
-        """End a start without effect; the next start requires an order or an approval."""
+        """End a start that has not taken effect; the next requires an order or an approval."""
         vehicle.waits_for_operator |= not self._way.prescribed
         why = f"{named_mode(vehicle.availability.mode)} was not ordered"
         chosen = f"start ended: {why}, selected by its autopilot or pilot"

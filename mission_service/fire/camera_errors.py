@@ -20,7 +20,7 @@ from mission_service.fire.camera_views import Footprint
 STREAM = 3  # random numbers of this module; other modules use other streams of the same seed
 GPS_PERIOD_US = 60_000_000  # the error of a position changes over this time
 SMOKING_S = 1200.0  # time for which a burning cell emits smoke
-CALM_M_S = 0.5  # in less wind, smoke rises and does not cover the ground
+CALM_M_S = 0.5  # in a weaker wind, smoke rises and does not cover the ground
 
 
 class Shown(NamedTuple):

@@ -37,7 +37,7 @@ class Arrival(NamedTuple):
     """The arrival times of a fire: estimated in the past, forecast in the future."""
 
     at_s: float  # time of the forecast
-    until_s: float  # at least the requested time
+    until_s: float  # end of the forecast, at least the requested time
     arrival_s: Floats  # (y, x); after until_s finite only next to the fire
     version: int
     start_area: StartArea | None = None  # area of the initial fire, used for fronts

@@ -49,7 +49,7 @@ class Sightings:
         self._position_sd_m = max(self._position_sd_m, seen.position_sd_m)
 
     def _add_cells(self, here: Place, state: NDArray[np.uint8], seen_s: Floats) -> None:
-        """Add the states (y, x) of a window; a later sighting of a cell replaces an earlier one."""
+        """Add the states (y, x) of a window; of two sightings of a cell the later remains."""
         new = (state != UNSEEN) & (self.seen_s[here] <= seen_s)
         self.state[here][new] = state[new]
         self.seen_s[here][new] = seen_s[new]

@@ -46,9 +46,9 @@ class WayOfFlying:
         along_front: Whether planners decide the direction, and missions are renewed as the front
             moves.
         prescribed: Whether vehicles ignite the unit in the table ``[burn]``. Operators then approve
-            each plan, and their corrections change the estimated fire, not the simulated one.
+            each plan, and their corrections change the estimated fire, not the simulated fire.
         resumes_mission: Whether a vehicle that is ordered to resume flies the mission on board
-            instead of a new one.
+            instead of a new mission.
         messages_peers: Whether vehicles exchange messages with vehicles of other processes.
         changes_airspeed: Whether guidance commands airspeeds up to a vehicle's
             ``max_airspeed_m_s``.

@@ -7,8 +7,8 @@ detected. The checksum of the header covers only the header.
 
 An event is written before it is handled. Each line that is written can be read back. A line is
 decoded before it is written, and refused if the result differs (msgspec writes NaN as null) or a
-value exceeds the limits of its type. Only their owner can read a journal and its states. A symbolic
-link in their place is refused.
+value exceeds the limits of its type. Only the owner of a journal and its states can read these
+files. A symbolic link in their place is refused.
 """
 
 import contextlib
@@ -287,7 +287,8 @@ def _line(body: bytes, crc: int) -> tuple[bytes, int]:
 class Entry:
     """One line of a journal: an event or a command, and whether its checksum matches.
 
-    ``sure`` is False after a skipped line: the commands of a replay may then differ from these.
+    ``sure`` is False after a skipped line: the commands of a replay may then differ from the
+    recorded commands.
     """
 
     line: int

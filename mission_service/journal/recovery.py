@@ -56,7 +56,7 @@ class _Turn:
         return list(found)  # type: ignore[arg-type]
 
     def gives(self, commands: list[AnyCommand]) -> bool:
-        """Return whether ``commands`` equal the recorded commands, as far as those are readable."""
+        """Return whether ``commands`` equal the recorded commands, as far as these are readable."""
         return len(commands) == len(self.commands) and all(
             each is None or each[1].content == command
             for each, command in zip(self.commands, commands, strict=True)
@@ -250,7 +250,7 @@ def unfinished(
     except JournalError as error:
         is_burn = scenario.burn_flown is not None
         if not (is_burn or closed_segments(path) or begins_journal(path)):
-            return None  # not a journal; ``rename_old`` renames it
+            return None  # the file is not a journal; ``rename_old`` renames it
         raise JournalError(f"{error}{FRESH}") from None
     same = (
         header["scenario"] == scenario.model_dump(mode="json")
@@ -262,7 +262,7 @@ def unfinished(
 
 
 def rename_old(path: Path) -> Path | None:
-    """Rename the journal at ``path`` to make room for a new one, and return its new path.
+    """Rename the journal at ``path`` to make room for a new journal, and return the new path.
 
     Journals are deleted only because of ``keep_mb``. However, a file without a complete header
     contains no entry and is deleted; closed segments without a current segment are renamed too.

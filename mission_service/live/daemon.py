@@ -266,7 +266,7 @@ def _journal_of(
     interrupted: InterruptedRun | None,
     report: Callable[[str, str], None],
 ) -> Journal:
-    """Return the journal of the resumed run, or a new one; an earlier run's journal is renamed."""
+    """Return the journal of the resumed run, or a new journal; an earlier journal is renamed."""
     renamed = None if interrupted else rename_old(run.journal_path)
     if renamed is not None:
         report("service", f"begins a new run; the earlier journal was renamed to {renamed.name}")

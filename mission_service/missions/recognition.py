@@ -44,7 +44,7 @@ class MissionsHeld:
                 del held[1 : len(held) + 1 - MAX_HELD]  # the first of them may be on board
 
     def recognised(self, vehicle: str, read: Items, stack: Stack) -> int:
-        """Return the number of the newest sent mission that equals the one read back, or 0."""
+        """Return the number of the newest sent mission that equals the mission read back, or 0."""
         for sent in reversed(self._may_hold.get(vehicle, [])):
             due = as_uploaded(sent.items, stack)
             if len(due) == len(read) and all(

@@ -1,11 +1,11 @@
 """Separation of vehicles: altitude layers, and the rule by which one of two vehicles gives way.
 
 Layers are heights above the terrain under each leg, and the legs of two vehicles end at different
-points, so that a higher layer may be close to a lower one over a slope. A mission is therefore also
-placed above the missions of vehicles in lower layers (``Track``, ``heights_below``). Two vehicles
-may fly at nearly the same altitude, because the scenario places them in one layer, or during a
-climb or a return. If they approach each other, one moves away from the fire and loiters until the
-other has passed. Coordinates are in metres, x east, y north.
+points, so that a higher layer may be close to a lower layer over a slope. A mission is therefore
+also placed above the missions of vehicles in lower layers (``Track``, ``heights_below``). Two
+vehicles may fly at nearly the same altitude, because the scenario places them in one layer, or
+during a climb or a return. If they approach each other, one moves away from the fire and loiters
+until the other has passed. Coordinates are in metres, x east, y north.
 """
 
 import math

@@ -42,7 +42,8 @@ class _Comparison:
         self._counts = dict.fromkeys(kinds, 0)
         self._without_position = 0
         self._unsure = 0  # observations between a skipped line and the restart
-        self._pending: tuple[str, Observed] | None = None  # with its line number as text
+        # Waits for its position; with its line number as text.
+        self._pending: tuple[str, Observed] | None = None
         self._difference: str | None = None  # the first difference
         self._details: list[dict[str, Any]] = []
 
@@ -69,7 +70,7 @@ class _Comparison:
                     self._compare(place, recorded, content)
             case FireReachedEdge() if entry.sure and entry.intact:
                 self._compare_edge(self._recorded.place(reader, entry), content)
-            case Resumed() | Aborted() if self._pending:  # its position was not journalled
+            case Resumed() | Aborted() if self._pending:  # the position was not journalled
                 self._without_position, self._pending = self._without_position + 1, None
             case _:
                 pass

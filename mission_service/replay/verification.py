@@ -40,7 +40,7 @@ class Verification:
 
     @property
     def difference(self) -> str | None:
-        """The difference of the first stage that found one; None if all stages agree."""
+        """The difference that the first differing stage found; None if all stages agree."""
         return next((each.difference for each in self.stages if each.difference), None)
 
     @property

@@ -118,7 +118,7 @@ def what_if(
     if any(each.path.resolve().parent == out.resolve() for each in journal.readers):
         raise ScenarioError(f"{out}: is the folder of the journal; choose another with --out")
     if scenario.only is not None:
-        raise JournalError(f"{path}: is the journal of one process of several; use all of them")
+        raise JournalError(f"{path}: one of several processes wrote it; fly its scenario with sim")
     past = past_run(journal)
     until_s = past.record.at_us / 1e6
     if until_s <= scenario.start_s:

@@ -10,9 +10,9 @@ The copy takes milliseconds, or tens of milliseconds with the maps of a formatio
 fire is too large to be copied. The estimated fire is therefore the first projection to apply a
 request, and applies the request completely or not at all. Events of vehicles are too frequent for a
 copy. Their types limit their values (``events.py``), and the journal refuses other values. An event
-of a vehicle that still raises an exception is a defect. The engine removes it from the journal and
-executes none of its commands. The run then ends with an error of one line, because memory and
-journal differ. A restart resumes the run.
+of a vehicle that still raises an exception is a defect. The engine removes such an event from the
+journal and executes none of its commands. The run then ends with an error of one line, because
+memory and journal differ. A restart resumes the run.
 """
 
 import copy
@@ -231,7 +231,7 @@ class Engine:
             self.announce(name, f"autopilot: {event.text}")
 
     def _keeps_mode(self, command: AnyCommand) -> bool:
-        """Return whether an abort must not end the vehicle's mode, which was not journalled."""
+        """Return whether a command of an abort is left out because of a mode not journalled."""
         mode = self._unrecorded_modes.get(command.vehicle, MISSION)
         if not isinstance(command, Hold | ClimbAndHold) or mode == MISSION:
             return False
@@ -247,7 +247,7 @@ class Engine:
             self._handle(HostTime(self.statistics.at_us, name, now_us), now_us)
 
     def on_peer_message(self, message: AnyMessage, at_us: int, now_us: int) -> None:
-        """Handle a message from a vehicle of another process, for each vehicle of this one."""
+        """Handle a message from a vehicle of another process, for each vehicle of this process."""
         for name in self._gateways:
             self._handle(PeerMessage(at_us, name, message), now_us)
 
@@ -286,7 +286,7 @@ class Engine:
                 if trial._interlock is not None:
                     trial._interlock.on_commands([command])
         except Exception as error:
-            if isinstance(event, Aborted):  # the core cannot handle it
+            if isinstance(event, Aborted):  # an abort that the core cannot handle
                 for name, gateway in self._gateways.items():
                     gateway.execute(Hold(name), now_us)
             raise _defect(event, error, self._scenario.planner.rule) from error
@@ -299,7 +299,7 @@ class Engine:
         return found
 
     def on_peer_link(self, connected: bool, at_us: int, now_us: int) -> None:
-        """Handle a lost or restored link to other processes, for each vehicle of this one."""
+        """Handle a lost or restored link to other processes, for each vehicle of this process."""
         for name in self._gateways:
             self._handle(PeerLinkChanged(at_us, name, connected), now_us)
 

@@ -10,7 +10,8 @@ from mission_service.errors import MissionServiceError
 from mission_service.runtime.redaction import hide
 
 COMMAND_LINK_ID = 255  # link id of CLI commands; a service that runs at the same time uses others
-REPORT_FROM_FRAMES = 10  # fewer refused frames may be transmission errors or from another station
+# Fewer refused frames may be transmission errors or frames of another station.
+REPORT_FROM_FRAMES = 10
 LEAD_REPORTED_S = 60.0
 CHECK_CLOCKS = "check the clocks of this machine and the vehicle"
 WORDS = {  # description and remedy for each verdict on a frame
@@ -69,12 +70,12 @@ def refusal(counts: Counts, link: str, from_frames: int = 1) -> str | None:
 
 
 def key_missing(link: str) -> str:
-    """Return one line on a link whose vehicle signs its frames while this program has no key."""
+    """Return one line on a link whose vehicle signs frames while this program has no key."""
     return f"frames on {link} are signed, and no signing key is given; the vehicle may not answer"
 
 
 class SigningRefusals:
-    """The reports on the signing of one vehicle's link; each is returned only once."""
+    """The reports on the signing of one vehicle's link; each report is returned only once."""
 
     def __init__(self, link: str, system_id: int, signing: Signing | None) -> None:
         self._link = link
@@ -93,7 +94,7 @@ class SigningRefusals:
             if lead_s > LEAD_REPORTED_S:
                 lines["lead"] = (
                     f"its frames on {self._link} are signed {lead_s:.0f} s ahead of this machine's "
-                    "clock; it may refuse frames of the service: set the clock"
+                    "clock; the vehicle may refuse frames of the service: set the clock"
                 )
         new = {key: line for key, line in lines.items() if line and key not in self._reported}
         self._reported |= new.keys()

@@ -177,7 +177,8 @@ def draw_map(path: Path, scenario: Scenario, record: RunStatistics, fire: Fire) 
 def _draw_vehicle(axes: Any, vehicle: VehicleStatistics, land: Landscape, colour: str) -> None:
     from matplotlib.patheffects import withStroke
 
-    halo = withStroke(linewidth=2.0, foreground="white", alpha=0.5)  # visible on dark red too
+    # Makes lines visible on dark red too.
+    halo = withStroke(linewidth=2.0, foreground="white", alpha=0.5)
     dots = {"linestyle": "", "marker": "o"}
     for points, style in (
         ([point[1:3] for point in vehicle.track], {"linewidth": 0.8, "path_effects": [halo]}),

@@ -111,7 +111,7 @@ class MissionState(msgspec.Struct, tag="mission/1", tag_field="schema"):
 class Alarm(msgspec.Struct, tag="alarm/1", tag_field="schema"):
     """A fault, active until it is cleared."""
 
-    alarm: str  # its key: link/hawk, broker, journal
+    alarm: str  # key of the alarm: link/hawk, broker, journal
     at_us: int
     vehicle: str
     severity: Severity

@@ -31,8 +31,9 @@ from mission_service.runtime.sortie import Sortie
 from mission_service.runtime.track import Track
 from mission_service.vehicles.availability import AIRBORNE_M
 
-MAX_REVERSALS = 5_000  # latest positions kept for each vehicle; the journal has all
-MAX_REASONS = 100  # distinct reasons of missions (they may name users); others count as OTHER
+MAX_REVERSALS = 5_000  # latest positions stored for each vehicle; the journal has all positions
+# Distinct reasons of missions (they may name users); further reasons count as OTHER.
+MAX_REASONS = 100
 OTHER = "other"
 RECEIVED_WITHIN_US = 2_000_000  # older positions are not used for the closest pair
 
@@ -86,7 +87,7 @@ class RunStatistics:
         if isinstance(event, Resumed):
             self.restarts += 1
         elif isinstance(event, FireReachedEdge):
-            pass  # not a request; its alarm is counted
+            pass  # not a request of an operator; the alarm is counted instead
         elif isinstance(event, OperatorEvent):
             self.requests[type(event).__name__] += 1
         else:

@@ -72,7 +72,7 @@ class SpeedReports:
         sinks = full_throttle and climb_m_s <= -SINKING_M_S
         if self._thrust_sufficient and not slower:
             sinks = False
-        if sinks != self._thrust_sufficient:  # the last report is still correct
+        if sinks != self._thrust_sufficient:  # the last reported status is still correct
             self._otherwise_since_us = None
             return None
         if self._otherwise_since_us is None:
@@ -86,7 +86,7 @@ class SpeedReports:
 
 
 def _add(values: deque[tuple[int, float]], value: float, now_us: int, over_us: int) -> None:
-    """Append a value and remove those that are older than ``over_us``."""
+    """Append a value and remove the values that are older than ``over_us``."""
     values.append((now_us, value))
     while values[0][0] < now_us - over_us:
         values.popleft()

@@ -49,7 +49,7 @@ def status_of(context: RunContext) -> str:
 
 
 async def pulse(context: RunContext, notify: Callable[[str], bool] = notify_systemd) -> None:
-    """Notify systemd from the event loop until cancelled, so that it detects a blocked loop."""
+    """Notify systemd from the event loop until cancelled; systemd then detects a blocked loop."""
     loop = asyncio.get_running_loop()
     lags_s = deque([0.0], maxlen=LAG_OF_BEATS)
     context.gauges["event_loop_lag_seconds"] = lambda: max(lags_s)

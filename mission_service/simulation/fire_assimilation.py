@@ -47,7 +47,7 @@ MAX_PICTURES = 40
 
 
 class Step(NamedTuple):
-    """One forecast from a perimeter to the next, with what was observed."""
+    """One forecast from a perimeter to the next, with the next perimeter as observed."""
 
     before: Observation
     after: Observation
@@ -201,7 +201,7 @@ def _steps(
     warnings: list[str],
     warn: Callable[[str], None],
 ) -> Iterator[Step]:
-    """Forecast and process all observations; one that does not fit the fire is left out."""
+    """Forecast and process all observations, without observations that do not fit the fire."""
     before: Observation | None = None
     for after in observed:
         step = None
@@ -224,7 +224,7 @@ def _steps(
 
 
 def _scores(step: Step, landscape: Landscape, zero: datetime) -> dict[str, Any]:
-    """Return the scores of one forecast, and those of persistence and of the model alone."""
+    """Return the scores of one forecast, of persistence and of the model alone."""
     before, after, probability, likely, free = step
     burned, observed = before.state == BURNED, after.state == BURNED
     cell_ha = landscape.cell_size_m**2 / 1e4

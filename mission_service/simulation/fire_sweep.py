@@ -1,4 +1,4 @@
-"""Simulates the fire of a scenario for all combinations of values of some of its keys."""
+"""Simulates the fire of a scenario for all combinations of values that some keys may have."""
 
 import csv
 import json
@@ -134,7 +134,7 @@ def run_sweep(sweep: Sweep, folder: Path, run: Run, warn: Callable[[str], None])
 
     Each run is stored in a file in the folder ``runs``: the front at the end, with the results. If
     the command is stopped and repeated with the same scenario and values, only the missing runs are
-    simulated. The inputs of all runs are checked before the first one.
+    simulated. The inputs of all runs are checked before the first run.
 
     Args:
         sweep: The scenario and the values of its keys.

@@ -1,7 +1,7 @@
 """Stores the results of many runs in a folder, so that a stopped command can be resumed.
 
-Each result is one file, and never an incomplete file. The file ``recipe.json`` has the inputs of
-the computation (the recipe); a folder is used again only for the same recipe.
+Each result is one file, which is written completely or not at all. The file ``recipe.json`` has the
+inputs of the computation (the recipe); a folder is used again only for the same recipe.
 """
 
 import hashlib
@@ -92,7 +92,7 @@ def check_command(folder: Path, command: str) -> None:
 
 
 def results_folder(folder: Path, recipe: Recipe) -> Path:
-    """Create a folder for the results of a recipe, or check that an existing one has this recipe.
+    """Create a folder for the results of a recipe, or check the recipe of an existing folder.
 
     Raises MissionServiceError for a folder with the results of another recipe.
     """

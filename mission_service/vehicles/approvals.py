@@ -25,7 +25,7 @@ from mission_service.vehicles.vehicle_state import (
 SAMPLED_EVERY_M = 20.0
 # Validity of a proposal; afterwards a new mission is planned, because the front moves.
 GOOD_FOR_S = 60.0
-# A mission differs if it extends by this share of the horizon beyond a refused one.
+# A mission differs if it extends by this share of the horizon beyond a refused mission.
 AHEAD_SHARE = 0.5
 
 
@@ -47,8 +47,8 @@ class MissionApprovals:
     def __init__(self, path_tolerance_m: float, horizon_m: float) -> None:
         """Set the distances at which a mission differs from a refused mission.
 
-        These are ``path_tolerance_m`` beside the refused mission, and a share of the horizon
-        beyond its end.
+        The distances are ``path_tolerance_m`` beside the refused mission, and a share of the
+        horizon beyond its end.
         """
         self._proposals: dict[str, Proposal] = {}
         self._announced: set[str] = set()  # vehicles with a proposal that waits for an answer
@@ -96,7 +96,7 @@ class MissionApprovals:
         return [proposed, announce(vehicle, words)]
 
     def _differs(self, refusal: Refusal, pending: Pending) -> bool:
-        """Return whether a mission differs from a refused one in its path or its reason."""
+        """Return whether a mission differs from a refused mission in its path or its reason."""
         if pending.due not in ("", refusal.due):
             return True
         line = shapely.segmentize(pending.line, SAMPLED_EVERY_M)
@@ -117,7 +117,7 @@ class MissionApprovals:
         return proposal.command
 
     def refused(self, vehicle: Vehicle, named: str, by: str) -> bool:
-        """Refuse the mission with this hash and similar ones; False if it is not proposed."""
+        """Refuse the mission with this hash and similar missions; False if it is not proposed."""
         proposal = self._take_proposal(vehicle, named)
         if proposal is None:
             return False

@@ -53,11 +53,11 @@ class VehicleAvailability:
     recalled_on_ground: bool = False  # ordered home before takeoff
     took_off_at_s: float = np.inf
     wind_m_s: float = 0.0
-    mode: str = ""  # by the last report
+    mode: str = ""  # mode in the last report
     armed: bool = False
-    mode_is_ordered: bool = True  # False: autopilot or pilot selected it
-    on_ground: bool = False  # by EXTENDED_SYS_STATE; a crashed vehicle may remain armed
-    held_by_upload: bool = False  # it holds, and nothing but an upload can be the cause
+    mode_is_ordered: bool = True  # False if the autopilot or the pilot selected the mode
+    on_ground: bool = False  # as EXTENDED_SYS_STATE reports; a crashed vehicle may remain armed
+    held_by_upload: bool = False  # the vehicle holds, and only an upload can be the cause
     system_state: str = ""  # HEARTBEAT.system_status
     fence_breached: bool = False
     fix_good: bool = True

@@ -51,7 +51,7 @@ class Pending:
 
     mission_id: int
     line: shapely.LineString
-    takes_off: bool = False  # its first item is a takeoff
+    takes_off: bool = False  # whether the first item is a takeoff
     due: str = ""  # the reason why the mission was due at once
 
 
@@ -89,10 +89,11 @@ class Vehicle:
     ordered: Literal["", "hold"] = ""  # order of an operator
     hold_under_way_s: float | None = None  # time at which a hold without acknowledgement was sent
     hold_again_at_s: float | None = None  # time of the next hold, until the autopilot accepts it
-    waits_for_operator: bool = False  # has flown; its next start requires an operator's order
+    # The vehicle has flown; the next start requires an operator's order.
+    waits_for_operator: bool = False
     start_again_at_s: float | None = None
     return_again_at_s: float | None = None
-    going_home: bool = False  # its endurance is nearly exhausted
+    going_home: bool = False  # whether the endurance is nearly exhausted
     sent_home: bool = False
     next_mission: Pending | None = None  # the mission that is proposed or being uploaded
     mission_phases: deque[MissionPhase] = field(
@@ -105,16 +106,16 @@ class Vehicle:
     airspeed_alarm: bool = False
     text_at_s: float | None = None  # time of the last text that raised an alarm
     flown_line: shapely.LineString | None = None  # path of the confirmed mission on board
-    takes_off: bool = False  # flies the takeoff item of its mission
+    takes_off: bool = False  # whether the vehicle flies the takeoff item of its mission
     uploaded_at_s: float = -1e9
     upload_ended_at_s: float = -1e9
     not_before_s: float = -1e9
     due: str = ""  # the reason why a new mission is due at once
-    mode: str = ""  # by the last report
+    mode: str = ""  # mode in the last report
     accepted: Pending | None = None  # the last mission that the autopilot accepted
     start_under_way: bool = False
-    start_confirmed: bool = False  # its mission was started, and not ended since
-    unconfirmed: UnconfirmedState | None = None  # after a restart, until its mission is read back
+    start_confirmed: bool = False  # the mission was started, and has not ended since
+    unconfirmed: UnconfirmedState | None = None  # set by a restart until the mission is read back
     read_back: Literal["", "same", "new", "unknown"] = ""
 
     @property

@@ -16,7 +16,7 @@ Box = tuple[float, float, float, float]  # west, south, east, north in metres
 
 APART_M = 1.0  # spacing of points on a front, as in the paper's grid
 FARTHEST_M = 150.0
-NEVER_S = 1e6  # added for unburned cells: contours then pass close to burned cells
+NEVER_S = 1e6  # time after ``at_s`` that is set for unburned cells to draw contours
 
 
 class Watching(NamedTuple):

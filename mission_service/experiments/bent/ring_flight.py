@@ -34,9 +34,9 @@ class TeamFlight:
     linear: Floats  # spread rate * age, m
     exponential: Floats  # age ** (1 + spread rate)
     worst_linear: Floats  # highest linear importance of a cell, m
-    tracks: dict[int, Floats]  # by member: (n, 3) time in s, row, column
+    tracks: dict[int, Floats]  # tracks by member: (n, 3) time in s, row, column
     decisions: int
-    min_separation_m: float  # between any two vehicles, each in its own layer
+    min_separation_m: float  # smallest distance of two vehicles, each in its own layer
 
     def mean_std(self, importance: str) -> tuple[float, float]:
         """Return the mean and the standard deviation over time of one of the two costs."""

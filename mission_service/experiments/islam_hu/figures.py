@@ -110,7 +110,8 @@ def draw_errors(path: Path, burn: Burn, flights: dict[str, Flight]) -> None:
         xlabel="time since ignition (h)",
         ylabel="maximum distance error (cells)",
         xlim=(burn.deploy_s / HOUR_S, burn.end_s / HOUR_S),
-        ylim=(0.0, 1.3 * max_error),  # without ``islam_hu``, which may lose a part of the fire
+        # ``islam_hu`` may lose a part of the fire and exceed this limit.
+        ylim=(0.0, 1.3 * max_error),
     )
     axes.set_title(f"{burn.name}, {burn.scheme}; thick lines: mean so far", fontsize=10)
     axes.legend(loc="upper left", fontsize=8)

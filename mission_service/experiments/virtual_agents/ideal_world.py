@@ -52,9 +52,9 @@ class Rules:
     delay_s: float = TICK_S
     wind_m_s: tuple[float, float] = (0.0, 0.0)  # velocity of the air towards (east, north)
     duration_s: float = 1200.0
-    # By UAV: start and end of its absence.
+    # Start and end of the absence of each UAV.
     away_s: dict[int, tuple[float, float]] = field(default_factory=dict)
-    # By UAV: time at which its agent fails.
+    # Time at which the agent of each UAV fails.
     dead_from_s: dict[int, float] = field(default_factory=dict)
 
 

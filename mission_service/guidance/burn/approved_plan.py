@@ -89,7 +89,7 @@ class ApprovedPlan:
     """An approved plan and its progress."""
 
     plan: IgnitionPlan
-    progress: PathProgress  # in x, y and height above the ground
+    progress: PathProgress  # progress along the path in x, y and height above the ground
     targets_m: Floats  # (m, 2) targets of its drops
     next_drop: int = 0
     sent: bool = False

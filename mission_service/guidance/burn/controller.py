@@ -265,7 +265,8 @@ class BurnFlight(Guidance):
         fix = vehicle.availability.fix
         if fix is None:
             return []
-        if not (vehicle.availability.airborne or self._armed or vehicle.deployed):  # on the ground
+        # The vehicle is on the ground.
+        if not (vehicle.availability.airborne or self._armed or vehicle.deployed):
             self.state.calibrate_altitude(fix)
         why = self._why_expired(round(at_s * 1e6))
         if why is None and self.phase in ("proposed", "approved"):

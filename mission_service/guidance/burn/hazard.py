@@ -86,7 +86,7 @@ class Hazard:
         self.west_m, self.north_m = box[0] - border_m, box[3] + border_m
         cols = math.ceil((box[2] + border_m - self.west_m) / cell_m)
         rows = math.ceil((self.north_m - box[1] + border_m) / cell_m)
-        self.at_s = np.full((rows + 1, cols + 1), np.nan)  # at the corners of cells
+        self.at_s = np.full((rows + 1, cols + 1), np.nan)  # ignition times at the corners of cells
         self.first_s, self.last_s = np.full((rows, cols), -np.inf), np.full((rows, cols), np.inf)
         self._evaluated = np.zeros((-(-rows // BLOCK), -(-cols // BLOCK)), np.bool_)
         self._fire, self._sources, self._begins_s = fire, sources, begins_s

@@ -52,8 +52,8 @@ class Assumptions:
 class BurnLine:
     """A line, or a part of a line that is ignited with one load."""
 
-    number: int  # from 1
-    load: int  # from 1
+    number: int  # number from 1
+    load: int  # number from 1
     plan: LinePlan
 
     @property

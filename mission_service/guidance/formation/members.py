@@ -81,7 +81,7 @@ class FormationMember:
         self.fix: PositionFix | None = None
         self.flies = False
         self.state: State | None = None  # last state sent
-        self.manual_control = False  # in the air, but not controlled by its agent
+        self.manual_control = False  # whether the vehicle flies without control by its agent
         self.recent: deque[ObservedMotion] = deque()  # motion during the last ``MEASURED_OVER_S``
         self._formation = formation
 

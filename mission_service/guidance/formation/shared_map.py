@@ -71,9 +71,7 @@ class SharedMap:
         # Earliest times of the next messages.
         self._digest_at_us = self._request_at_us = self._difference_at_us = 0
         self._next_tile = 0
-        self._map = (
-            f"the map of {shape[0]} x {shape[1]} cells; all vehicles need the same landscape"
-        )
+        self._map = f"the map of {shape[0]} x {shape[1]} cells; use one landscape for all vehicles"
         # Arrays that kernels fill.
         self._found: Cells = np.empty(max(tiles, TILE * TILE), dtype=np.int64)
         self._shares: Cells = np.empty(TILE * TILE, dtype=np.int64)

@@ -190,7 +190,8 @@ class PredictivePlanner:
     def compared(self, row: float, col: float, at_s: float) -> Compared:
         """Return the expected error in cells and the position of each of 360 bearings."""
         first, step = round(bearing_deg(self.map, row, col)), -1 if self.clockwise else 1
-        places = (first + step * np.arange(BEARINGS)) % BEARINGS  # from the vehicle backwards
+        # Bearings from the vehicle backwards.
+        places = (first + step * np.arange(BEARINGS)) % BEARINGS
         estimate = self.estimate
         values = self._error(estimate.factor_sd())[places]
         front, bearing_rad = self.fronts.front[places], np.radians(places)

@@ -115,7 +115,7 @@ class FrontMonitor:
     def _left(
         self, name: str, fire: FireMap, availability: Mapping[str, VehicleAvailability]
     ) -> NDArray[np.int64]:
-        """Return the bearings to which no other vehicle on the same map is nearer than this one."""
+        """Return the bearings to which no other vehicle on the same map is nearer than ``name``."""
         places = {
             each: fix
             for each in (name, *sorted(self._watching))

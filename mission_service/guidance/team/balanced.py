@@ -241,7 +241,7 @@ class Balanced:
         """Try other plans for one vehicle; keep the best one."""
         assert self._ring is not None
         unreported = self._due_s < at_s - SEARCH_S
-        if unreported.any():  # their positions are dead reckoned
+        if unreported.any():  # the positions of these vehicles are dead reckoned
             self._goal[unreported] = fleet.cell[unreported]
             self._due_s[unreported] = at_s
             self._heading[unreported] = np.where(fleet.clockwise[unreported], 1, -1)

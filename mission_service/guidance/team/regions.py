@@ -2,8 +2,8 @@
 
 The vehicles left (counter-clockwise) and right of a border each store a state of it, called a side,
 with a place and a version. A side moves the border only by giving cells away, and only in its turn:
-the left side after even versions, the right side after odd versions. A side that offers version
-v + 1 serves the offered cells until it receives version v + 1 or a later one. The other side owns
+the left side after even versions, the right side after odd versions. A side that offers version v +
+1 serves the offered cells until it receives version v + 1 or a later version. The other side owns
 the cells as soon as it receives the offer, and has the next turn.
 
 A message consists of a place and a version. Messages may be lost, duplicated or late, so a receiver

@@ -107,7 +107,7 @@ class ApiContext:
         return {"by": by, "station": station}
 
     def _only_station(self) -> str:
-        """Return the only station of a burn, "" for several stations, or ``http`` for none."""
+        """Return the only station of a burn; "" for several stations, ``http`` for no station."""
         burn = self.context.scenario.burn
         stations = [] if burn is None else [station.name for station in burn.stations]
         return stations[0] if len(stations) == 1 else "http" if not stations else ""

@@ -28,8 +28,8 @@ class RequestResult(msgspec.Struct):
     """The result of a request: mission time, event type and the resulting announcements.
 
     For a correction of the fire (correct, erase, undo, redo), the result also contains the areas
-    burned before and after the correction. In a burn it does not, because there a correction
-    changes the estimated fire.
+    burned before and after the correction. In a burn these areas are missing, because a correction
+    changes the estimated fire there.
     """
 
     ok: bool
@@ -106,8 +106,8 @@ class Preview(msgspec.Struct):
 class Importance(msgspec.Struct):
     """The importances that the planner compares.
 
-    ``cells`` lie along the estimated front, from the vehicle backwards. Each is (lat_deg, lon_deg,
-    importance), in the planner's unit.
+    ``cells`` lie along the estimated front, from the vehicle backwards. Each cell is (lat_deg,
+    lon_deg, importance), in the planner's unit.
     """
 
     at_us: int

@@ -54,7 +54,7 @@ def bound(section: HttpSection) -> Iterator[socket.socket]:
         listening.close()
         why = error.strerror or str(error)
         if error.errno == errno.EADDRINUSE:
-            why = "the port is in use, perhaps by another service; choose another in [service.http]"
+            why = "the port is in use, perhaps by another service; change it in [service.http]"
         raise MissionServiceError(f"HTTP on {section.listen}: {why}") from None
     with listening:
         yield listening

@@ -53,8 +53,8 @@ def corrections_of(perimeter: Perimeter, extent: BaseGeometry) -> list[dict[str,
     """Return a correction request for each outline: burning now, or unburned for an island.
 
     Only the part in ``extent``, the landscape (lon, lat), has corrections. Later corrections
-    override earlier ones, so each polygon is followed by its islands, and a polygon in an island
-    comes after that island. Raises FireModelError for more than ``MAX_RINGS`` polygons.
+    override earlier corrections, so each polygon is followed by its islands, and a polygon in an
+    island comes after that island. Raises FireModelError for more than ``MAX_RINGS`` polygons.
     """
     on_it = multipolygon(perimeter.area.intersection(extent.buffer(-EDGE_DEG)))
     polygons = sorted(on_it.geoms, key=_area_within, reverse=True)

@@ -41,7 +41,7 @@ class TerrainTiles:
         self._box = mercator_box(landscape)
         self._halved = [] if landscape.elevation_m is None else halved(landscape.elevation_m)
         west, south, east, north = self._box
-        # Width of the world in widths of the landscape.
+        # The world is this many times as wide as the landscape.
         across = WORLD_M / max(east - west, north - south)
         cells = WORLD_M / cell_mercator_m(landscape)
         self._maxzoom = min(max(math.ceil(math.log2(cells / TILE)), 0), HIGHEST_ZOOM)

@@ -216,4 +216,4 @@ async def _end(tasks: set[asyncio.Task[None]]) -> None:
         _, running = await asyncio.wait(running, timeout=0.1)
     for task in tasks:
         if not task.cancelled():
-            task.exception()  # marks it as retrieved; ``together`` raises the first one
+            task.exception()  # marks the exception as retrieved; ``together`` raises the first

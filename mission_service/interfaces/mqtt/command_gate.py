@@ -114,7 +114,7 @@ class CommandGate:
     def _abort(
         self, payload: bytes, retained: bool, at_us: int, now_s: float, unix_us: int
     ) -> Reply:
-        """Handle an abort; refuse an old retained one, which would stop the run at each start."""
+        """Handle an abort; refuse an old retained abort, which would stop the run at each start."""
         command_id = _id_in(payload)
         try:
             command, request = _read(payload)

@@ -1,8 +1,9 @@
 """Lists all topics of a site: names after ``PREFIX/v1/SITE/``, payloads, QoS and times. Pure.
 
 A topic with ``part`` is published when that part of the state view changes. A topic with only
-``build`` is published when its message differs from the last one. The publisher builds the messages
-of all other topics. The schemas and the table of ``docs/mqtt.md`` are generated from this table.
+``build`` is published when its message differs from the last message. The publisher builds the
+messages of all other topics. The schemas and the table of ``docs/mqtt.md`` are generated from this
+table.
 """
 
 from collections.abc import Callable

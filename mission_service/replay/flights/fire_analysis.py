@@ -149,7 +149,7 @@ class _Analyser:
                 each.on_command(command)
 
     def _fire_at(self, at_us: int) -> Fire:
-        """Return the fire for the evaluation: the simulated one or, without it, the estimate."""
+        """Return the fire for the evaluation: the simulated fire or, without it, the estimate."""
         if self._cameras is not None:
             self._cameras.advance(at_us)
             return self._cameras.fire.fire

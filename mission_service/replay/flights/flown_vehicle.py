@@ -27,7 +27,7 @@ from mission_service.replay.flights.drop_comparison import planned_in
 from mission_service.replay.flights.utc_time import utc
 from mission_service.runtime.track import Track
 
-MOVES_M_S = 1.0  # a slower vehicle stands still, and its positions drift
+MOVES_M_S = 1.0  # a slower vehicle is taken as standing, with drifting positions
 SETTLES_US = 3_000_000
 FIRST_AUXILIARY, STEP_US = 5, 300  # servos 1 to 4 control the flight
 
@@ -97,7 +97,7 @@ class Flown:
                 pass
 
     def _begin_mission(self, at_us: int) -> None:
-        """Begin a new mission; remove a jump back shortly before, which was to its first item."""
+        """Begin a new mission; remove a jump shortly before, which led to the first item."""
         self._current = None
         if self.turned_back_us and at_us - self.turned_back_us[-1] <= SETTLES_US:
             self.turned_back_us.pop()
@@ -119,7 +119,7 @@ class Flown:
         speed_m_s = math.hypot(fix.velocity_north_m_s, fix.velocity_east_m_s, down_m_s)
         self._max_m_s = max(self._max_m_s, speed_m_s)
         if self.home is None or self._max_m_s < MOVES_M_S:
-            # The last position on the ground, because the first ones may lack the altitude.
+            # The last position on the ground, because the first positions may lack the altitude.
             self.home = (fix.lat_deg, fix.lon_deg, fix.altitude_amsl_m)
             self.highest_m = None
         above_m = fix.altitude_amsl_m - self.home[2]
@@ -171,7 +171,7 @@ class Flown:
 
 
 def file_of(log: Log) -> str:
-    """Return a log's file name; that of a journal contains its folder."""
+    """Return a log's file name; for a journal, the name contains the folder."""
     return f"{log.path.resolve().parent.name}/{log.path.name}" if log.names else log.path.name
 
 

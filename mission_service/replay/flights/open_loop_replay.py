@@ -26,7 +26,7 @@ from mission_service.runtime.health_monitor import HealthMonitor
 from mission_service.runtime.state_view import StateView
 
 FlightEntry = VehicleLog | AnyOperatorEvent
-EVERY_US = 50_000  # minimum interval between positions of a vehicle
+EVERY_US = 50_000  # minimum interval between replayed positions of a vehicle
 NEVER_LATE_US = 1 << 62  # disables the alarm for delays of the event loop
 
 

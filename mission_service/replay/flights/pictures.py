@@ -20,9 +20,9 @@ from mission_service.replay.flights.run_figures import above_terrain_m
 from mission_service.runtime.outputs import VEHICLE_COLOURS
 
 Floats = NDArray[np.float64]
-Places = Callable[[Any, Any], tuple[Any, Any]]  # from lat, lon to km on the axes
+Places = Callable[[Any, Any], tuple[Any, Any]]  # converts lat, lon to km on the axes
 
-MAX_MISSIONS = 6  # with more missions none is drawn, because they would hide the map
+MAX_MISSIONS = 6  # with more missions no mission is drawn, because they would hide the map
 GAP_US = 10_000_000
 MAX_LABELS = 8  # with more reversals, their positions have no labels
 DIFFERS, PLANNED = "#d500f9", "#004d40"

@@ -31,8 +31,10 @@ from mission_service.vehicles.availability import AIRBORNE_M
 
 Floats = NDArray[np.float64]
 
-FOLLOWS_US = 20_000_000  # a reversal in the track within this time after one in the mission
-NEAR_CELLS, NEAR_SHARE = 2.0, 0.25  # radius around the middle in which bearings are uncertain
+# A reversal in the track this soon after a reversal in the mission is left out.
+FOLLOWS_US = 20_000_000
+# Radius around the middle in which bearings are uncertain, in cells or as a share.
+NEAR_CELLS, NEAR_SHARE = 2.0, 0.25
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,7 +152,7 @@ def _vehicle(flown: Flown, run: RunAnalysis) -> VehicleAnalysis:
 def _merged(
     by_mission: list[TurnedBack], by_track: list[TurnedBack], run: RunAnalysis
 ) -> list[TurnedBack]:
-    """Return all reversals by time, without those in the track soon after one in a mission."""
+    """Return all reversals by time, without reversals of the track soon after one of a mission."""
     found = list(by_track)
     for turn in by_mission:
         after = [each for each in found if 0 <= each.at_us - turn.at_us <= FOLLOWS_US]

@@ -157,7 +157,7 @@ def _missions(fire: FireAnalysis | None, name: str) -> dict[str, Any]:
 
 
 def _drops(fire: FireAnalysis | None, vehicle: VehicleAnalysis) -> dict[str, Any]:
-    """Count a burn's drops by its plans, and those of other flights by missions and outputs."""
+    """Count the drops of a burn by its plans, and of other flights by missions and outputs."""
     record = None if fire is None else fire.record.vehicles[vehicle.name]
     if record is not None and record.plans:
         flown = {drop.plan_hash for drop in record.drops}

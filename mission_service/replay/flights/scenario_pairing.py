@@ -17,7 +17,7 @@ from mission_service.replay.flights.flown_vehicle import Flown, file_of
 from mission_service.replay.flights.journal_log import JournalLog
 from mission_service.replay.flights.utc_time import EPOCH, unix_us
 
-# The landscape that is made for a flight without a scenario; AROUND_M is its margin around the
+# The landscape that is made for a flight without a scenario; AROUND_M is the margin around the
 # tracks.
 AROUND_M = 2000.0
 CELL_M, MAX_CELLS = 30.0, 600
@@ -90,7 +90,7 @@ class Mission(NamedTuple):
     """The relation between the log's clock and mission time."""
 
     begin_us: int  # start of the flight on the log's clock
-    start_us: int  # the same instant in mission time
+    start_us: int  # start of the flight in mission time
 
     def of(self, log_us: int) -> int:
         """Convert a time of the log's clock to mission time."""

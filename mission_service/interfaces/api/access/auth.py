@@ -22,7 +22,7 @@ from mission_service.runtime.redaction import hide
 from mission_service.value_errors import in_words
 
 ROLES: tuple[Role, ...] = get_args(Role)
-TOKEN_FILE = "token"  # in the folder of a run
+TOKEN_FILE = "token"  # name of the file in the folder of a run
 LONGEST_TOKEN = 200
 _TOKEN = re.compile(rf"[A-Za-z0-9_-]{{20,{LONGEST_TOKEN}}}")
 

@@ -31,8 +31,8 @@ ABORT, PERIMETER = "/api/v1/abort", "/api/v1/fire/perimeter"
 BODY_WITHIN_S = 20.0
 PREFIXES_WITH_TOKEN = ("/api/", "/metrics")
 HEALTH = ("/healthz", "/readyz")
-# Limits of concurrent requests with a token: for those that read (including live streams), and for
-# those that change something.
+# Limits of concurrent requests with a token: for requests that read (including live streams), and
+# for requests that change something.
 MAX_READING, MAX_CHANGING = 64 + MAX_STREAMS, 64
 # Limits of concurrent requests without a token (for the page): for all clients together, and for
 # each client.
@@ -107,7 +107,7 @@ class AccessGuard:
             await self._app(scope, receive, bounded)
         except _DisconnectedError:
             return
-        except ApiError as error:  # of the body
+        except ApiError as error:  # an error of the body
             await _refuse(bounded, error)
         except TooSlowError:
             await _cut(scope)
