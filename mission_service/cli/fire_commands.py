@@ -227,7 +227,7 @@ def fire_info(
     units: tuple[str, ...],
     as_json: bool,
 ) -> None:
-    """Describe a landscape or a file of shapes. The exit code is 1 if it has problems.
+    """Describe a landscape or a file of shapes. The exit code is 1 if problems are found.
 
     FILE is a raster or a file of shapes. For the layers of a landscape, give LAYER=FILE for each of
     them: fuel, elevation, slope, aspect, canopy_cover, canopy_height, canopy_base.

@@ -132,7 +132,7 @@ class Forecasts:
     async def follow(self) -> None:
         """Let the ensemble process its inputs as they come until cancelled.
 
-        Without this coroutine the first forecast has to process all of them.
+        Without this coroutine the first forecast has to process all inputs.
         """
         while True:
             await asyncio.sleep(FOLLOW_EVERY_S)

@@ -1,10 +1,10 @@
 """Estimate the fire of a run from camera images, operators' reports and the reported weather.
 
 The estimate begins with the initial fire of the scenario, or without any fire, and is simulated by
-the fire model. Camera images replace it where they differ: all images of a period are written into
-it at once at the end of that period. Reports of operators correct it (``corrected_fire``).
-Interfaces and forecasts read this fire, and planners receive its corrections; nothing here reads
-the simulated fire.
+the fire model. Camera images replace the estimate where they differ: all images of a period are
+written into the estimate at once at the end of that period. Reports of operators correct the
+estimate (``corrected_fire``). Interfaces and forecasts read this fire, and planners receive its
+corrections; nothing here reads the simulated fire.
 
 Equal events give equal estimates, bit for bit: images are written at fixed mission times, however
 often the estimate is read.

@@ -1,6 +1,6 @@
 """Sensors of other packages: sources of observations of the fire, found by entry points.
 
-A scenario names them in ``estimate.sensors``. The service's own simulated cameras
+A scenario names its sensors in ``estimate.sensors``. The service's own simulated cameras
 (``simulated_cameras``) have the same method ``observe``.
 """
 

@@ -1,7 +1,7 @@
 """Runs only the planners on a journal's positions and observations; missions are not planned.
 
 With the journal's own rule, the decisions must equal the recorded decisions. With another rule, the
-decisions are those that it would make at the recorded positions.
+decisions are made by that rule at the recorded positions.
 """
 
 from collections.abc import Iterable, Mapping

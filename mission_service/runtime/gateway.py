@@ -148,7 +148,8 @@ class Gateway:
         self._drops: dict[int, Drop] = {}  # unfinished drops by the number that the client assigned
         self._queued: deque[VehicleEvent] = deque()  # events that the gateway itself creates
         self._battery_pct: dict[int, float] = {}
-        self._last: dict[type, VehicleEvent] = {}  # the last event of each kind sent on change
+        # Last event of each kind that is sent only on a change.
+        self._last: dict[type, VehicleEvent] = {}
         self._status: dict[type, StatusChanged] = {}  # the newest event of each kind
         self._speed_reports = SpeedReports()
         self._texts: dict[str, int] = {}  # time of each text's last report on the link's clock

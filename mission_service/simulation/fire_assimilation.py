@@ -111,7 +111,7 @@ def assimilate(
         if not intervals and len(perimeters) > 1:
             warnings.append(
                 f"{observations}: no perimeter agrees with the first, {perimeters[0].source}; if "
-                "that is wrong, remove it"
+                f"the first is wrong, remove it"
             )
             warn(warnings[-1])
         forecast = estimate.forecast(estimate.time_s + AHEAD_H[-1] * 3600.0, pool.map)

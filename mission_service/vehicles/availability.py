@@ -67,12 +67,12 @@ class VehicleAvailability:
 
     @property
     def position_good(self) -> bool:
-        """Whether its position is reliable, with a 3-D fix and a healthy estimator."""
+        """Whether the vehicle's position is reliable: a 3-D fix and a healthy estimator."""
         return self.fix_good and self.estimator_healthy
 
     @property
     def in_failsafe(self) -> bool:
-        """Whether its autopilot reports a failsafe or a breached fence."""
+        """Whether the autopilot reports a failsafe or a breached fence."""
         return self.system_state in FAILSAFE_STATES or self.fence_breached
 
     @property
@@ -82,7 +82,7 @@ class VehicleAvailability:
 
     @property
     def flies(self) -> bool:
-        """Whether planners may use it: online, airborne, position reliable, under control."""
+        """Whether planners may use the vehicle: online, airborne, under control, position good."""
         counted_on = self.online and self.airborne and not self.recalled
         return counted_on and self.position_good and not self.taken_over
 

@@ -35,7 +35,7 @@ Place = tuple[float, float]
 
 STARTS_S = 240.0  # time of takeoff, after the ignition of the backing fire
 ENDS_S = 1100.0
-SECOND_FRONT_S = 15.0  # report of the second front after the first drop, in scenario 4
+SECOND_FRONT_S = 15.0  # from the first drop to the report of the second front, in scenario 4
 LOW_SHARE = 0.9  # up to this share of the safe height, a vehicle is at low height
 # (m north of the edge, time of ignition in s)
 BULGE = ((6.0, 20.0), (12.0, 55.0), (18.0, 90.0), (24.0, 125.0), (30.0, 160.0), (36.0, 195.0))

@@ -52,10 +52,10 @@ def linear_importance(spread_rate_m_s: Floats, age_s: Floats) -> Floats:
 def exponential_importance(spread_rate_m_s: Floats, age_s: Floats) -> Floats:
     """Return Bent's exponential importance (3.2), with the spread rate in m/s in the exponent.
 
-    The tables of the thesis fit no other unit. A linear cost of 64 and an exponential cost of 3,000
-    fit ages of 5 minutes at 0.2 m/s (300 * 0.2 = 60) with fast parts at 0.5 m/s (300 ** 1.5 =
-    5,200). If rates were in m/min, a linear cost of 64 would mean ages of 5 s, and the exponential
-    cost would be 5 ** 13 = 10 ** 9.
+    The tables of the thesis fit no other unit. Its linear cost of 64 is near the importance at an
+    age of 5 minutes and 0.2 m/s (300 * 0.2 = 60). Its exponential cost of 3,000 is explained by
+    fast parts with 0.5 m/s (300 ** 1.5 = 5,200). If rates were in m/min, a linear cost of 64 would
+    mean ages of 5 s, and the exponential cost would be 5 ** 13 = 10 ** 9.
     """
     importance: Floats = age_s ** (1.0 + spread_rate_m_s)
     return importance

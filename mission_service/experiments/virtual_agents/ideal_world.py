@@ -114,9 +114,9 @@ class Radio:
 class Safety:
     """The counts of conflicts and collisions between pairs of UAVs (section 5.3.3).
 
-    Each is counted when it begins. In a conflict, the velocity with which one UAV follows its
-    virtual agent is inside the reciprocal velocity obstacle of the other UAV. In a collision, the
-    distance between the two UAVs is less than twice the safety radius.
+    A conflict or a collision is counted when it begins. In a conflict, the velocity with which one
+    UAV follows its virtual agent is inside the reciprocal velocity obstacle of the other UAV. In a
+    collision, the distance between the two UAVs is less than twice the safety radius.
     """
 
     def __init__(self, uavs: int, settings: Settings) -> None:

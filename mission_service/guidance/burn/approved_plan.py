@@ -116,8 +116,8 @@ def first_danger_s(path: Floats, air: FlightConstraints, own_sources: Floats) ->
     height exactly. The result is None if the whole path is safe.
 
     ``own_sources`` (m, 3) holds the spheres that the vehicle has dropped on this path. The plan
-    ensures that the vehicle leaves them in time. Their fire is therefore too near only if it is
-    within reach, or will be within a few seconds.
+    ensures that the vehicle leaves these spheres in time. The fire of a sphere is therefore too
+    near only if it is within reach, or will be within a few seconds.
     """
     safe_m = air.settings.safe_height_m
     places = [

@@ -74,8 +74,8 @@ def fastest_m_s(fire: Simulation) -> float:
 class FlightConstraints:
     """The area, the fire and the settings against which flights are checked.
 
-    ``low`` is the graph for paths below the safe height, and ``high`` the graph for paths at it.
-    The vehicle lands at ``home_m``.
+    ``low`` is the graph for paths below the safe height, and ``high`` the graph for paths at this
+    height. The vehicle lands at ``home_m``.
     """
 
     unit: BurnUnit

@@ -185,9 +185,9 @@ class AgentMover:
     ) -> tuple[float, float]:
         """Return the velocity (east, north) in m/s for the next ``step_s``; 0 without fire.
 
-        ``others_x_m`` and ``others_y_m`` (n) hold the goals of the virtual agents in range. For an
-        agent without a goal they hold its position, and for a UAV without an agent NaN. ``at_s``
-        must not decrease between calls.
+        ``others_x_m`` and ``others_y_m`` (n) hold the goals of the virtual agents in range. The
+        arrays hold the position of an agent without a goal, and NaN for a UAV without an agent.
+        ``at_s`` must not decrease between calls.
         """
         settings, grid = self.settings, self.grid
         centre = maps.centre_row_col

@@ -23,7 +23,7 @@ WIDEST_GAP_DEG = 3
 
 @dataclass(frozen=True, slots=True)
 class PathSettings:
-    """The length of a path, and the distance from the vehicle to its start ahead, in cells."""
+    """The length of a path, and the distance from the vehicle ahead to its start, in cells."""
 
     horizon_cells: float
     lookahead_cells: float

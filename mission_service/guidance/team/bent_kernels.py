@@ -117,7 +117,7 @@ def max_centred(  # type: ignore[no-untyped-def]
         return 0, 0
     best_first, best_last = 0, 0
     best_off = abs(moment / worth - (begin + end - 1) / 2.0)
-    # Sums without the given cells: the whole first chunk is removed, then added cell by cell.
+    # Sums over the cells that remain: the whole first chunk is removed, then added cell by cell.
     worth_first, moment_first = worth, moment
     for cell in range(begin, begin + max_first):
         place = cell % n

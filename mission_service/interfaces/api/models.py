@@ -42,7 +42,7 @@ class RequestResult(msgspec.Struct):
 
 
 class StatusState(msgspec.Struct, tag="run/1", tag_field="schema"):
-    """The run's status. ``not_ready`` lists the conditions that the service still waits for."""
+    """The run's status. ``not_ready`` lists the conditions that are not met yet."""
 
     at_us: int
     time_unix_us: int
@@ -119,7 +119,7 @@ class Importance(msgspec.Struct):
 
 
 class Health(msgspec.Struct):
-    """The health of the service. ``not_ready`` lists the conditions that it still waits for."""
+    """The health of the service. ``not_ready`` lists the conditions that are not met yet."""
 
     ok: bool
     not_ready: list[str] = []

@@ -104,7 +104,7 @@ class Playback:
         self._cache.close()
 
     def turn(self, now_us: int, is_over: Callable[[], bool]) -> bool:
-        """Play due entries until ``is_over`` returns True; return whether further ones are due."""
+        """Play due entries until ``is_over`` returns True; return whether more entries are due."""
         head = self.head
         due_us = head.due_us(now_us)
         if head.seek_to_us is None:
