@@ -20,7 +20,7 @@ from mission_service.config.section import (
 
 Bearing = Annotated[float, Field(ge=0, le=360)]
 Percent = Annotated[float, Field(ge=0, le=400)]
-LogSd = Annotated[float, Field(ge=0, le=1)]  # standard deviation of a logarithm
+LogSd = Annotated[float, Field(ge=0, le=1)]  # the standard deviation of a logarithm
 
 DEFAULT_ERRORS = Uncertainty()
 RASTER_KEYS = (
@@ -43,7 +43,7 @@ class LandscapeSection(Section):
     rows: Annotated[int, Field(ge=20, le=4000)] = 200
     cols: Annotated[int, Field(ge=20, le=4000)] = 200
     cell_size_m: Positive = 30.0
-    lat_deg: Annotated[float, Field(ge=-80, le=84)] | None = None  # the range of UTM zones
+    lat_deg: Annotated[float, Field(ge=-80, le=84)] | None = None  # latitudes that UTM zones cover
     lon_deg: Longitude | None = None
     elevation_m: Annotated[float, Field(ge=-500, le=9000)] = 0.0
     fuel_model: int = 1

@@ -427,7 +427,7 @@ class Core:
             vehicle.start_again_at_s = at_s
         elif not waits and not on_board and (was.starting or vehicle.start_again_at_s):
             vehicle.holding, vehicle.start_again_at_s = True, None
-        else:  # the vehicle landed or rebooted meanwhile
+        else:  # the vehicle has landed or rebooted meanwhile
             waits = waits or (vehicle.started and not vehicle.start_again_at_s)
         return [announce(vehicle, WAITS, warning=True)] if waits else []
 

@@ -71,7 +71,7 @@ class BoundaryFollower:
             if fire[row, col] <= at_s:
                 break
         else:
-            return  # a single cell
+            return  # the fire is a single cell
         before_row, before_col = AROUND[(side - turn) % 8]
         empty = (before_row - step_row, before_col - step_col)
         self._outside = AROUND.index(empty)

@@ -67,7 +67,7 @@ class Forecasts:
         self.took_s = 0.0  # computing time of the last forecast
         self._newest: _Made | None = None
         self._begun_s = -math.inf  # start of the newest forecast's computation, in real time
-        self._length_s = 0.0  # longest requested so far
+        self._length_s = 0.0  # longest length requested so far
         self._work: asyncio.Task[None] | None = None
         self._processing = asyncio.Lock()
 

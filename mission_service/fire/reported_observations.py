@@ -82,7 +82,7 @@ class Confirmation:
 
     def __init__(self, shape: tuple[int, int]) -> None:
         """Begin without reports on a grid of this shape."""
-        self._at_s = np.full(shape, -np.inf)  # (y, x)
+        self._at_s = np.full(shape, -np.inf)  # (y, x) times of the reports
         self._source = np.full(shape, -1, dtype=np.int64)  # (y, x) numbers of the sources
         self._numbers: dict[str, int] = {}
 

@@ -20,7 +20,7 @@ from mission_service.config.scenario import Scenario
 from mission_service.fire.setup import burning_of, estimate_errors, ignitions_of, weather_of
 
 IMAGES_PERIOD_S = 120.0
-INPUTS_PER_MARK = 60  # two hours of images
+INPUTS_PER_MARK = 60  # the number of periods in two hours
 ADVANCED_EVERY_S = 600.0  # maximum time between inputs, so that a forecast has little to compute
 
 
@@ -73,7 +73,7 @@ class RunEnsemble:
         self._scenario, self._landscape = scenario, landscape
         self._begun_from: _Mark | None = None  # None for the beginning of the run
         self._mark: _Mark | None = None
-        self._processed: FireEstimate | None = None  # made when it is first needed
+        self._processed: FireEstimate | None = None  # created when first needed
         self._count = 0  # number of processed inputs
         lit = sorted(ignitions_of(scenario, landscape), key=lambda each: each[2])
         self._inputs: list[Input] = []

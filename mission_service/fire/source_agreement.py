@@ -1,7 +1,7 @@
 """Compare what several sources of images see, and find sources that contradict the others. Pure.
 
 A burned cell stays burned. If one source sees a cell as burned and another sees it as unburned at a
-later time, one of them is wrong. This holds for any fire and needs no model of its spread.
+later time, one of them is wrong. This rule holds for any fire and needs no model of its spread.
 """
 
 import math

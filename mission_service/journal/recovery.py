@@ -275,7 +275,7 @@ def rename_old(path: Path) -> Path | None:
         path.unlink()
     if not path.exists() and not closed_segments(path):
         for state in states(path):
-            state.unlink()  # a state without a journal
+            state.unlink()  # the state has no journal
         return None
     number = 1
     while (to := path.with_name(f"{path.stem}-{number}{path.suffix}")).exists() or closed_segments(

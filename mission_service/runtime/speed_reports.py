@@ -26,8 +26,8 @@ class SpeedReports:
         self._airspeeds_m_s: list[float] = []  # measured since the last mean
         self._airspeeds_from_us = 0
         self._reported_m_s = math.nan
-        self._before: deque[tuple[int, float]] = deque()  # mission time, airspeed
-        self._climbs: deque[tuple[int, float]] = deque()  # mission time, climb
+        self._before: deque[tuple[int, float]] = deque()  # mission time and airspeed
+        self._climbs: deque[tuple[int, float]] = deque()  # mission time and climb rate
         self._thrust_sufficient = True
         self._otherwise_since_us: int | None = None  # time since which the thrust status differs
 

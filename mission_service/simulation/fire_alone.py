@@ -22,7 +22,7 @@ from mission_service.fire.setup import fire_of, landscape_of, warnings_on
 from mission_service.runtime.progress import fire_progress
 from mission_service.simulation.result_files import check_command
 
-STEPS = 200  # progress reports of a run
+STEPS = 200  # number of progress reports of a run
 MAX_FRONTS = 10_000
 
 

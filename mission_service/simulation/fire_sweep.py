@@ -248,7 +248,7 @@ def _write(folder: Path, features: list[dict[str, Any]]) -> None:
     (folder / "fronts.geojson").write_text(json.dumps(collection) + "\n", encoding="utf-8")
     hidden = {"IncidentName", "FeatureCategory", "MapMethod", "FeatureStatus", "PolygonDateTime"}
     names = [name for name in features[0]["properties"] if name not in hidden]
-    names.sort(key=lambda name: name != "run")  # the first column
+    names.sort(key=lambda name: name != "run")  # makes ``run`` the first column
     with (folder / "sweep.csv").open("w", encoding="utf-8", newline="") as file:
         table = csv.DictWriter(file, names, extrasaction="ignore", lineterminator="\n")
         table.writeheader()

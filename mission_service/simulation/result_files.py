@@ -98,7 +98,8 @@ def results_folder(folder: Path, recipe: Recipe) -> Path:
     """
     folder.mkdir(exist_ok=True)
     path, recipe = folder / RECIPE, json.loads(json.dumps(recipe))
-    if not any(each.name[0].isdigit() for each in folder.iterdir()):  # no results yet
+    # The folder has no results yet.
+    if not any(each.name[0].isdigit() for each in folder.iterdir()):
         write_whole(path, json.dumps(recipe, indent=1) + "\n")
         return folder
     try:

@@ -19,7 +19,7 @@ from mission_service.events import Order
 from mission_service.position_fix import PositionFix
 
 AIRBORNE_M = 15.0
-GOING_HOME = ("return", "land")  # modes, by the bridge's names
+GOING_HOME = ("return", "land")  # modes, as the bridge names them
 MISSION = "mission"
 # The modes, by the bridge's names, that each command of the service causes. The autopilot or the
 # pilot selected any other mode. During an upload ArduPilot is commanded to hold, and PX4 holds if
@@ -49,8 +49,8 @@ class VehicleAvailability:
 
     online: bool = False
     airborne: bool = False
-    recalled: bool = False  # flies home, or is ordered home
-    recalled_on_ground: bool = False  # ordered home before takeoff
+    recalled: bool = False  # whether the vehicle flies home, or is ordered home
+    recalled_on_ground: bool = False  # whether the vehicle was ordered home before takeoff
     took_off_at_s: float = np.inf
     wind_m_s: float = 0.0
     mode: str = ""  # mode in the last report

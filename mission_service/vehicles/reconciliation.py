@@ -11,7 +11,7 @@ def unconfirmed(vehicle: Vehicle) -> None:
 
     Operators' orders remain valid.
     """
-    was = vehicle.unconfirmed  # another restart before the first read-back
+    was = vehicle.unconfirmed  # the service restarted again before the read-back
     pending = vehicle.pending or (was.pending if was else None)
     sent_home = vehicle.availability.recalled and vehicle.sent_home
     recalled = sent_home or bool(was and was.recalled)

@@ -49,7 +49,7 @@ class Flown:
     compared: tuple[int, ...] = ()  # ``sent`` of the vehicles below at the last comparison
     gave_way_to: str | None = None
     waits_since_s: float = 0.0
-    waits_at: Floats | None = None  # (1, 2)
+    waits_at: Floats | None = None  # (1, 2) waiting position
     started_at_s: float = -1e9
 
 

@@ -69,7 +69,7 @@ class UnconfirmedState:
     """The state at the end of the last run, which the vehicle has not confirmed yet."""
 
     pending: Pending | None
-    recalled: bool  # ordered home
+    recalled: bool  # whether the vehicle was ordered home
     starting: bool
     resumed: bool = False  # an operator has ordered resume; the start follows the read-back
 

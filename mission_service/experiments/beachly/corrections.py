@@ -40,7 +40,7 @@ FIRES = tuple(range(100, 120))  # seeds; constants were chosen on seeds 0 to 19 
 PARTICIPANTS = 3  # participants of each fire
 MIN_CORRECTIONS, MAX_CORRECTIONS = 77, 175  # corrections of a participant in the paper
 WATCHING = Watching(tuple(minute * MINUTE_S for minute in (20, 33, 46, 59, 72)), 3 * MINUTE_S)
-PAPER_LENGTH_M = 20.0  # chosen in advance, see benchmarks/beachly_lengths.py
+PAPER_LENGTH_M = 20.0  # kernel length chosen in advance, see benchmarks/beachly_lengths.py
 BEYOND_M = 150.0  # margin around the unit in which simulated fronts are included
 METHODS: dict[str, Method] = {
     "paper": lambda fire, observations: PaperCorrected(fire, observations, PAPER_LENGTH_M),

@@ -31,8 +31,8 @@ class TeamFlight:
     """
 
     at_s: Floats
-    linear: Floats  # spread rate * age, m
-    exponential: Floats  # age ** (1 + spread rate)
+    linear: Floats  # cost by spread rate * age, m
+    exponential: Floats  # cost by age ** (1 + spread rate)
     worst_linear: Floats  # highest linear importance of a cell, m
     tracks: dict[int, Floats]  # tracks by member: (n, 3) time in s, row, column
     decisions: int
@@ -82,7 +82,7 @@ class _Vehicle:
     speed_m_s: float
     goal: int
     goal_place: tuple[float, float]
-    left: tuple[float, float, float]  # time, row, col
+    left: tuple[float, float, float]  # time, row and column at which the vehicle left the last cell
     arrival_s: float
     track: list[tuple[float, float, float]]
 

@@ -62,8 +62,8 @@ def _steps(burn: Burn, rates: FrontRates, every_s: float) -> Iterator[RingStep]:
 def outer_cells(burned: NDArray[np.bool_]) -> Integers:
     """Return the front (n, 2) of a burned area (y, x): row, column, clockwise, no cell twice.
 
-    A walk along the edge passes a tail one cell wide twice. The cells of the tail are counted only
-    on the way out.
+    Where the burned area is only one cell wide, a walk along the edge passes each cell twice. Such
+    cells are counted only on the first pass.
     """
     loop = perimeter(burned)[::-1].astype(np.int64)
     _, first = np.unique(loop, axis=0, return_index=True)

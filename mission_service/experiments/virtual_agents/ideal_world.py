@@ -38,7 +38,7 @@ MEASURE_EVERY_S = 5.0
 TRACK_EVERY_S = 1.0
 BASE_M = (-1400.0, -1400.0)  # start of the first UAV, from the centre of the map
 QUEUE_M = 70.0  # spacing of UAVs in a queue, and of queues
-QUEUE = 8  # UAVs in a queue
+QUEUE = 8  # number of UAVs in a queue
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,7 +18,7 @@ from mission_service.guidance.formation.map_grid import MapGrid
 Cells = NDArray[np.int64]
 Floats = NDArray[np.float64]
 
-NEAR, FAR = 1.0, 0.2  # priorities (section 3.4)
+NEAR, FAR = 1.0, 0.2  # priorities near fire and farther away (section 3.4)
 SEEN_WITHIN_S = 60.0  # a cell is covered for this time after a UAV has seen it
 
 

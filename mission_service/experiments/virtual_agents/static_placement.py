@@ -194,7 +194,7 @@ def best_placement(
     best, best_places = -1.0, np.empty((0, 2))
     for attempt in range(starts + kicks):
         if attempt == 0:
-            places = np.full((count, 2), -1.0)  # placed one after the other
+            places = np.full((count, 2), -1.0)  # -1: the disc is not placed yet
         elif attempt < starts:
             places = (cells[rng.integers(len(cells), size=count)] - corner).astype(np.float64)
         else:

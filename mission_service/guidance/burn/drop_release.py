@@ -48,7 +48,7 @@ def impact_point(
     """
     drag_per_m = GRAVITY_M_S2 / terminal_speed_m_s**2
     east, north = vehicle.east_m_s - wind_m_s[0], vehicle.north_m_s - wind_m_s[1]
-    velocity = (east, north, vehicle.climb_m_s)  # relative to the wind
+    velocity = (east, north, vehicle.climb_m_s)  # velocity relative to the wind
     x = vehicle.x_m + delay_s * vehicle.east_m_s
     y = vehicle.y_m + delay_s * vehicle.north_m_s
     z = vehicle.height_m + delay_s * vehicle.climb_m_s

@@ -58,7 +58,7 @@ from mission_service.vehicles.availability import named_mode
 
 POSITION_GOOD_US = 1_500_000
 MINUTE_US = 60_000_000
-GOING_HOME = ("return", "land")  # modes, in the bridge's names
+GOING_HOME = ("return", "land")  # modes, as the bridge names them
 AIRBORNE_M = 2.0
 # Tolerances for the position and height of a drop. The tolerances exclude gross errors only, since
 # the controller computes the exact impact point (drop_release.py).
@@ -88,7 +88,7 @@ class _Plan:
     """A proposed plan and its approval."""
 
     plan: IgnitionPlan
-    proposed_host_us: int | None = None  # time on the host's clock
+    proposed_host_us: int | None = None  # time of the proposal on the host's clock
     approved: Approved | None = None
     approved_host_us: int | None = None
     attended_us: int = 0  # time of the last input that shows an approver's presence

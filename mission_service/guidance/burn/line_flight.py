@@ -19,7 +19,7 @@ Floats = NDArray[np.float64]
 # Returns a fire that has only these sources (n, 3): x, y, at_s.
 FireOfSources = Callable[[Floats], Simulation]
 
-HIGH_M = 1e-6  # tolerance of the safe height
+HIGH_M = 1e-6  # tolerance when heights are compared with the safe height
 TOWARDS_M2 = 1e-3  # minimum approach of a leg to a drop, times the leg's length
 CLIMB_EVERY_M, CLIMBS = 5.0, 12  # minimum spacing and maximum number of climbs tried on a leg
 OUT_M = (0.0, 15.0, 30.0, 45.0)  # distances from a drop at which a climb is tried
@@ -84,7 +84,7 @@ class FlightConstraints:
     lights: FireOfSources
     hazard: Hazard
     low: VisibilityGraph
-    high: VisibilityGraph | None  # inside the fence
+    high: VisibilityGraph | None  # graph inside the fence
     home_m: tuple[float, float]
     places: dict[tuple[float, float], Hazard] = field(default_factory=dict)
 
@@ -244,7 +244,7 @@ class LineFlight:
 
     route: tuple[FlightPoint, ...]
     drops: Floats  # (m, 3) x, y, at_s
-    skipped: Floats  # (k, 2)
+    skipped: Floats  # (k, 2) places without a drop
     min_margin_s: float
     climbs_first: bool
     home_s: float  # duration of the return from the flight's end to the ground at home

@@ -35,7 +35,7 @@ class PlanApproval:
     by: str
     station: str
     at_us: int
-    host_us: int  # time on the host's clock
+    host_us: int  # time of the approval on the host's clock
 
 
 class ApprovalTracker:

@@ -193,7 +193,7 @@ class AgentMover:
         centre = maps.centre_row_col
         if centre is None:
             return 0.0, 0.0
-        if self._due_s is None:  # agents decide at different times
+        if self._due_s is None:  # so that agents decide at different times
             self._due_s = at_s + DECIDE_EVERY_S * self._tie_rad / (2.0 * math.pi)
         if settings.placement == "coverage" and (
             at_s >= self._due_s or (self.goal and self._is_at_via(x_m, y_m, self.goal))
@@ -219,7 +219,8 @@ class AgentMover:
         before_m, self._others_m = self._others_m, others_m
         goal = self._next(at_s, x_m, y_m, others_m, maps)
         if self.goal and goal and goal.since_s == at_s and self._is_at(x_m, y_m, self.goal):
-            away_m = np.hypot(*(others_m[:, None] - before_m).T)  # (others before, others now)
+            # Distances (others before, others now).
+            away_m = np.hypot(*(others_m[:, None] - before_m).T)
             still_m = others_m[(away_m < STILL_M).any(axis=0)]
             without = self._next(at_s, x_m, y_m, still_m, maps)
             goal = goal if without is None or without.since_s == at_s else self.goal

@@ -88,7 +88,7 @@ class FormationMember:
     def observe(self, observed: Observed) -> None:
         """Update the agent's map from a camera window; fire straight below counts as heat.
 
-        This replaces the outside temperature, which autopilots do not report.
+        The view replaces the outside temperature, which autopilots do not report.
         """
         self.correct(observed)
         below = observed.cells[len(observed.cells) // 2][len(observed.cells[0]) // 2]

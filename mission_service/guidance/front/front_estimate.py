@@ -297,7 +297,7 @@ class FrontEstimate:
         return in_view
 
     def correct(self, row: int, col: int, window: NDArray[np.uint8], at_s: float) -> None:
-        """Apply an operator's correction of a window. This does not change the factors."""
+        """Apply an operator's correction of a window. The factors do not change."""
         self.advance(at_s)
         centre = (self.centre_row, self.centre_col)
         not_burned, still_burned = taken_back(row, col, window, centre, self.burned)

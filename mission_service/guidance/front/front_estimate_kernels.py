@@ -84,7 +84,7 @@ def front_normals(  # type: ignore[no-untyped-def]
 def speed_along_bearings(bearing, rate, stretch, max_advance, step_s, unit):  # type: ignore[no-untyped-def]
     """Compute the front's speed along each bearing; in a hollow the fire of the faster side counts.
 
-    This is Godunov's scheme, which treats the front as a Hamilton-Jacobi equation.
+    The method is Godunov's scheme, which treats the front as a Hamilton-Jacobi equation.
     """
     for place in range(rate.size):
         speed = min(rate[place] * stretch[place], max_advance[place] / step_s)

@@ -219,8 +219,8 @@ def _shift_turn(plan, kept, turn, shift):  # type: ignore[no-untyped-def]
 def _leave_out_turns(plan, kept):  # type: ignore[no-untyped-def]
     """Remove the next two turns; return whether this is possible.
 
-    This is not possible if a plan has no two turns, or if the vehicle would end up behind its
-    start.
+    The removal is not possible if a plan has no two turns, or if the vehicle would end up behind
+    its start.
     """
     if kept[0] >= NEVER or kept[1] >= NEVER or (kept[2] < NEVER and kept[0] + kept[2] < kept[1]):
         return False

@@ -87,8 +87,9 @@ def on_centre(
 
     The pseudocode is inconsistent with the text of the thesis. The pseudocode compares signed
     differences, never refills an emptied chunk, and tries the first chunk alone only if there is no
-    second one. This function follows the text: it tries every combination, and chooses the one with
-    the smallest distance between the centre of importance and the middle of the region.
+    second one. This function follows the text: it tries every combination, and chooses the
+    combination with the smallest distance between the centre of importance and the middle of the
+    region.
     """
     first, last = on_importance(ring, left, own, right, at_s, exponential)
     if not first and not last:
@@ -104,8 +105,8 @@ def on_arrival(
 ) -> tuple[int, int]:
     """Return the numbers of cells that the neighbours would reach first (6.1; Ahmadi & Stone).
 
-    Each neighbour is assumed to fly there at once. All vehicles have the same speed, so the nearer
-    vehicle arrives first. Distances are in cells, because steps are nearly equal.
+    Each neighbour is assumed to fly to these cells at once. All vehicles have the same speed, so
+    the nearer vehicle arrives first. Distances are in cells, because steps are nearly equal.
     """
     cells = ring.step_m.size
     behind = lifted(left.own_cell, own.own_cell - cells, cells)

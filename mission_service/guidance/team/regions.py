@@ -71,7 +71,7 @@ class Regions:
 def equal_regions(members: Sequence[int], cells_of: Sequence[int], cells: int) -> Regions:
     """Return regions of equal size, in the vehicles' order along the ring.
 
-    These are Bent's initial regions (section 4.2). The first region begins at the cell of the first
+    Bent starts with such regions (section 4.2). The first region begins at the cell of the first
     vehicle. The positions of the other vehicles only set the order of the regions.
     """
     order = sorted(range(len(members)), key=lambda which: (cells_of[which], members[which]))

@@ -74,7 +74,7 @@ def probability_geojson(
     levels: Sequence[float] = LEVELS,
     **props: Any,
 ) -> dict[str, Any]:
-    """Return a FeatureCollection of the areas burned with at least the probability of each level.
+    """Return a FeatureCollection: for each level, the area burned with at least this probability.
 
     The lowest level (the largest area) comes first, which is the order for drawing. ``probability``
     (y, x), from 0 to 1, is that of being burned at ``at_s``.

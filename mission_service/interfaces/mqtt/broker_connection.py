@@ -61,7 +61,7 @@ def tls_of(
     """
     try:
         context = ssl.create_default_context(cafile=authority)
-    except OSError as error:  # includes ssl.SSLError
+    except OSError as error:  # ssl.SSLError is an OSError
         raise MissionServiceError(f"{authority}: no certificates to trust: {_why(error)}") from None
     if certificate is not None:
         try:
@@ -137,9 +137,9 @@ async def keep_connected(
                 try:
                     await use(client)
                 except asyncio.CancelledError:
-                    ends = True  # even if disconnecting fails
+                    ends = True  # set first, because disconnecting may fail
                     raise
-        except (aiomqtt.MqttError, OSError) as error:  # OSError: from disconnecting over TLS
+        except (aiomqtt.MqttError, OSError) as error:  # disconnecting over TLS may raise OSError
             lost(cause_of(error, last_error.text))
             # asyncio.wait_for (3.11) drops a cancellation that arrives as an attempt ends.
             ends = ends or (task is not None and task.cancelling() > 0)

@@ -267,7 +267,7 @@ def draw_heights(run: RunAnalysis) -> Figure:
     for axes, (colour, vehicle) in zip(panels, coloured(run), strict=True):
         since = (vehicle.track[:, 0] - run.zero_us) / 1e6 / scale
         altitude = vehicle.track[:, 3].copy()
-        altitude[1:][np.diff(vehicle.track[:, 0]) > GAP_US] = np.nan  # interrupts the line
+        altitude[1:][np.diff(vehicle.track[:, 0]) > GAP_US] = np.nan  # interrupts the drawn line
         axes.plot(since, altitude, color=colour, linewidth=1.2, label="altitude")
         if vehicle.terrain_amsl_m is not None and np.isfinite(vehicle.terrain_amsl_m).any():
             low = float(np.nanmin(vehicle.terrain_amsl_m)) - 20.0

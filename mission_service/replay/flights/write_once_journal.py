@@ -40,7 +40,7 @@ class WriteOnceJournal(Journal):
         self.close()
 
     def _put(self, lines: list[bytes], crc: int, to_disk: bool = False) -> None:
-        if not hasattr(self, "_farthest"):  # the header
+        if not hasattr(self, "_farthest"):  # the line is the header
             super()._put(lines, crc, to_disk)
             return
         if self.rest.at_byte < self._farthest.at_byte:
