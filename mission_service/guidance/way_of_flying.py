@@ -29,7 +29,7 @@ def later(address: str) -> Callable[..., Any]:
 
 
 # The mission to the fire.
-FIRST_MISSION = later("mission_service.missions.approach:approach_mission")
+FIRST_MISSION = later("mission_service.missions.first_mission:approach_mission")
 
 
 @dataclass(frozen=True, slots=True)
