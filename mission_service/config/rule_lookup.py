@@ -65,7 +65,7 @@ def versions_of_others() -> dict[str, str]:
 
 @cache
 def way_named(rule: str) -> Way:
-    """Return the way of flying of a rule. Raises ValueError if it cannot be found or loaded."""
+    """Return the way of flying of a rule. Raises ValueError if no such rule can be loaded."""
     own = own_ways().get(rule)
     found = list(entry_points(group=GROUP, name=rule))
     if own is not None and found:

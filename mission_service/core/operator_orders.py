@@ -90,7 +90,7 @@ class OperatorOrders:
         return [announce(vehicle, words, warning=True)]
 
     def _obstacle(self, vehicle: Vehicle, order: events.Order) -> str:
-        """Return why an order cannot be carried out even if it is confirmed; "" if it can."""
+        """Return why an order cannot be carried out even if confirmed, or ""."""
         availability, on_board = vehicle.availability, self._resumes_mission
         if order == "start" and vehicle.ordered:
             return "a hold is ordered: order resume first"

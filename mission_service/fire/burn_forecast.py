@@ -55,7 +55,7 @@ class EstimatedForecasts:
         await asyncio.Event().wait()
 
     def close(self) -> None:
-        """Do nothing; the method exists as in ``Forecasts``."""
+        """Do nothing; a caller may close ``Forecasts`` or this object."""
 
     async def _arrivals(self) -> tuple[int, Simulation, Floats]:
         estimate = self._estimate_of()

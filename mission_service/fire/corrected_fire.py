@@ -149,7 +149,7 @@ def burning_now(fire: Fire) -> Burning | None:
 
 
 def drawn_at_s(held: Sequence[Held], landscape: Landscape) -> Floats:
-    """Return the latest time (y, x) for which each cell was drawn; -infinity if it was not."""
+    """Return the latest time (y, x) for which each cell was drawn; -infinity if never."""
     found = np.full(landscape.shape, -np.inf)
     for each in held:
         index = _cells_drawn(drawn_shape(each.correction, landscape), each, landscape)

@@ -70,7 +70,7 @@ class Sensors:
                 self._fail(name, error)
 
     def _checked(self, name: str, seen: Observed, fix: Telemetry) -> Observed:
-        """Return an observation with its source. Raises ValueError if it cannot be used."""
+        """Return an observation with its source. Raises ValueError for an unusable observation."""
         if not isinstance(seen, Observed):
             raise ValueError(f"it returned {type(seen).__name__} instead of Observed")
         seen = msgspec.convert(msgspec.to_builtins(seen), Observed)  # checks types and limits

@@ -381,7 +381,7 @@ class SegmentReader:
                     yield number, body, intact
 
     def entry(self, number: int, body: bytes, intact: bool) -> Entry:
-        """Decode a line. Raises JournalError if it is neither an event nor a command."""
+        """Decode an event or a command. Raises JournalError for any other line."""
         try:
             if body.startswith(_EVENT):
                 return Entry(number, _decode_event(body[len(_EVENT) :]), True, intact)

@@ -255,7 +255,7 @@ def header_of(path: Path, shared: Known) -> Header:
 
 
 def read(path: Path, shared: Known) -> dict[str, Any]:
-    """Return a state's objects. Raises StateError if it is damaged or belongs to another run."""
+    """Return a state's objects. Raises StateError for a damaged state or another run's state."""
     header = header_of(path, shared)
     with path.open("rb") as file:
         file.readline()

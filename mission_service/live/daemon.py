@@ -259,7 +259,7 @@ class _Check:
         self._proximity = ProximityAlarms(view, separation_m)
 
     def __call__(self) -> None:
-        """Check links and alarms, and show progress. Raises the engine's defect if it has one."""
+        """Check links and alarms, and show progress. Raises the engine's defect, if any."""
         context = self._context
         self._watch()
         if context.service.defect is not None:

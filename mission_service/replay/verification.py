@@ -40,7 +40,7 @@ class Verification:
 
     @property
     def difference(self) -> str | None:
-        """The difference that the first differing stage found; None if all stages agree."""
+        """The first difference that a stage found; None if all stages agree."""
         return next((each.difference for each in self.stages if each.difference), None)
 
     @property

@@ -9,10 +9,10 @@ interlock, missions), as a restart does, and journals it only if none of them ra
 The copy takes milliseconds, or tens of milliseconds with the maps of a formation. The estimated
 fire is too large to be copied. The estimated fire is therefore the first projection to apply a
 request, and applies the request completely or not at all. Events of vehicles are too frequent for a
-copy. Their types limit their values (``events.py``), and the journal refuses other values. An event
-of a vehicle that still raises an exception is a defect. The engine removes such an event from the
-journal and executes none of its commands. The run then ends with an error of one line, because
-memory and journal differ. A restart resumes the run.
+copy of the projections. The types of these events limit their values (``events.py``), and the
+journal refuses other values. An event of a vehicle that still raises an exception is a defect. The
+engine removes such an event from the journal and executes none of its commands. The run then ends
+with an error of one line, because memory and journal differ. A restart resumes the run.
 """
 
 import copy

@@ -170,9 +170,9 @@ def complete(
         folder: The folder of the results.
         count: The number of all results.
         suffix: The suffix of the results' files.
-        compute: Returns the results of some numbers, in their order.
+        compute: Takes numbers of results, and returns these results in the same order.
         save: Writes a result to a file.
-        progress: Is called with the number of the results in the folder after each new one.
+        progress: Is called after each new result with the number of results in the folder.
 
     Returns:
         The number of the results that were missing.

@@ -108,7 +108,7 @@ class MissionApprovals:
         return bool((apart_m > max_m).any())
 
     def accepted(self, vehicle: Vehicle, named: str) -> UploadMission | None:
-        """Return the proposed mission with this hash, to be sent; None if it is not proposed."""
+        """Return the proposed mission with this hash, to be sent; None if there is none."""
         proposal = self._take_proposal(vehicle, named)
         if proposal is None:
             return None

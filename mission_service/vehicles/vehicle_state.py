@@ -164,7 +164,7 @@ class Vehicle:
         assert self.ordered or self.hold_again_at_s is None, f"{self.name}: holds without an order"
 
     def end_intentions(self) -> None:
-        """Cancel commands that are to be repeated or to follow another command."""
+        """Cancel commands that would be repeated or would follow another command."""
         self.start_again_at_s = self.return_again_at_s = None
         self.holding = self.start_under_way = False
 

@@ -114,7 +114,7 @@ def settle(weights, counts, allowed, places, order, radius, sums):  # type: igno
 
 @kernel
 def refine(weights, counts, allowed, places, radius):  # type: ignore[no-untyped-def]
-    """Shift discs by parts of a cell while that adds weight, and return the covered weight."""
+    """Shift discs by parts of a cell as long as the covered weight grows; return this weight."""
     rows, cols = weights.shape
     total = 0.0
     for place in places:

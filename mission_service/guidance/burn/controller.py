@@ -369,7 +369,7 @@ class BurnFlight(Guidance):
     # In the air -------------------------------------------------------------------------------
 
     def first_path(self, vehicle: Vehicle, fix: PositionFix) -> Floats | None:
-        """Return the approved plan's path (n, 2), x and y in metres; None if it has been sent."""
+        """Return the approved plan's path (n, 2), x and y in metres; None once sent."""
         flown = self._flown
         if self.phase != "approved" or flown is None or flown.sent:
             return None
@@ -402,7 +402,7 @@ class BurnFlight(Guidance):
         return self._climb(vehicle, fix)
 
     def way_home(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand] | None:
-        """Return the climb to the safe height before a return home; None if it is reached."""
+        """Return the climb to the safe height before a return home; None at that height."""
         return None if self._safe_climb.is_high(fix) else self._climb(vehicle, fix)
 
     def _fly(self, vehicle: Vehicle, flown: ApprovedPlan, fix: PositionFix) -> list[AnyCommand]:

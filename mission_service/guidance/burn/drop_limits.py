@@ -33,7 +33,7 @@ def planned_drop(plan: IgnitionPlan, drop: Drop) -> PlannedDrop:
 
 
 def target_problem(burn: BurnSection, plan: IgnitionPlan, drop: Drop, fix: Telemetry) -> str | None:
-    """Return why a vehicle at ``fix`` is not where a drop hits its target; None if it is."""
+    """Return why a drop from ``fix`` would miss its target; None if it would hit."""
     planned = planned_drop(plan, drop)
     place = (planned.lat_deg, planned.lon_deg)
     ground_m = ground_amsl_m(plan, planned.after_s)
@@ -55,7 +55,7 @@ def target_problem(burn: BurnSection, plan: IgnitionPlan, drop: Drop, fix: Telem
 def place_problem(
     planned: PlannedDrop, areas: Mapping[str, BaseGeometry], people: Mapping[str, Circle]
 ) -> str | None:
-    """Return why a planned drop is outside an area (lon, lat) or near people; None if it is not."""
+    """Return why a planned drop is not allowed in the areas (lon, lat) or near people, or None."""
     place = (planned.lat_deg, planned.lon_deg)
     for name, area in areas.items():
         if not shapely.contains_xy(area, place[1], place[0]):

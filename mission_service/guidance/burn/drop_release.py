@@ -10,7 +10,7 @@ from typing import Literal, NamedTuple
 GRAVITY_M_S2 = 9.80665
 STEP_S = 0.05
 SLOW_M_S = 0.5  # at a lower speed the course is undefined
-NEAR_S = 1.0  # a release is considered within this flight time of the target
+NEAR_S = 1.0  # from farther away, the target may still be passed on another leg
 
 ReleaseDecision = Literal["release", "wait", "missed"]
 

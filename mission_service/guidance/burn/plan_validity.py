@@ -27,8 +27,8 @@ def plan_problem(
 ) -> str:
     """Return why the rest of a plan after ``flown_s`` must not be flown; "" if it is valid.
 
-    The rest begins at ``situation.at_s``, in the situation's wind and unit. The situation's fire
-    must not contain the drops of this plan; they are added at their times in the plan.
+    The rest of the plan begins at ``situation.at_s``, in the situation's wind and unit. The
+    situation's fire must not contain the drops of this plan; they are added at their times.
     """
     air = constraints_of(situation, settings)
     begin_s = situation.at_s - flown_s

@@ -233,8 +233,8 @@ class PredictivePlanner:
     def path(self, row: float, col: float) -> Floats:
         """Return the path to fly along the front ahead: an array (n, 2) with row and column.
 
-        The path follows the estimated front. Before the phase ``monitor`` it follows the visible
-        front, extended by a straight line.
+        The path follows the estimated front. Before the phase ``monitor`` the path follows the
+        visible front, extended by a straight line.
         """
         settings = self.settings.path
         # Not smoothed, so that the tip of a narrow fire comes into view.

@@ -87,7 +87,7 @@ def on_centre(
 
     The pseudocode is inconsistent with the text of the thesis. The pseudocode compares signed
     differences, never refills an emptied chunk, and tries the first chunk alone only if there is no
-    second one. This function follows the text: it tries every combination, and chooses the
+    second one. This function follows the thesis: it tries every combination and chooses the
     combination with the smallest distance between the centre of importance and the middle of the
     region.
     """

@@ -81,7 +81,7 @@ class ApiContext:
         return found
 
     def handle(self, user: User, request: dict[str, Any]) -> dict[str, Any]:
-        """Handle a request of ``user``; return the reply. Raises ApiError if it is refused."""
+        """Handle a request of ``user``; return the reply. Raises ApiError for a refused request."""
         request = {**request, **self._requesting_operator(user, request)}
         may_approve = user.may("approve") if self.tokens.named else None
         found = self.context.request_handler.ask(request, may_approve)

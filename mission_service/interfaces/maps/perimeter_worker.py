@@ -22,7 +22,7 @@ from mission_service.interfaces.maps.thinning import thinned
 
 MAX_RINGS = 50  # polygons and islands together
 EDGE_DEG = 1e-5  # a metre: corners on the edge of the landscape may be rounded to the outside
-MAX_POINTS = 900  # points in a correction; below the limit of requests
+MAX_POINTS = 900  # maximum in a correction; less than the limit for requests
 MAX_MEMORY_BYTES = 2 * 1024**3
 MAX_CPU_S = 25
 NICENESS = 5  # lower priority than the service

@@ -107,7 +107,7 @@ def decoded(vehicle: str, payload: bytes, latest_us: int) -> AnyMessage:
 
 
 def decoded_time(payload: bytes, latest_us: int) -> int:
-    """Decode the mission time of another process. Raises UnfitError if it is invalid."""
+    """Decode the mission time of another process. Raises UnfitError for an invalid time."""
     if re.fullmatch(rb"[0-9]{1,16}", payload) is None or int(payload) > latest_us:
         raise UnfitError("the mission time is outside this mission")
     return int(payload)

@@ -1,6 +1,7 @@
 """Publishes the state view's states to a broker, and handles commands if configured.
 
-The run never waits for the broker, and memory does not grow without one (``publish_schedule.py``).
+The run never waits for the broker. Memory does not grow without a broker
+(``publish_schedule.py``).
 """
 
 import asyncio

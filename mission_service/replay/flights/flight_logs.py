@@ -167,7 +167,7 @@ class Survey(NamedTuple):
 
 
 def survey(flight: Flight) -> Survey:
-    """Read a flight to its end. Raises FlightError if it contains no vehicle."""
+    """Read a flight to its end. Raises FlightError for a flight without a vehicle."""
     zero_us, offset_us = flight.zero_us(), flight.offset_us
     flown: dict[str, Flown] = {}
     begin_us = end_us = 0

@@ -183,7 +183,7 @@ def name_of(log: Log, system_id: int) -> str:
 def flown_in(
     log: Log, on_event: Callable[[int, LogEvent], None] = lambda system_id, event: None
 ) -> dict[int, Flown]:
-    """Return all vehicles of a log by system id. Raises BridgeError if it cannot be read.
+    """Return all vehicles of a log by system id. Raises BridgeError for an unreadable log.
 
     ``on_event`` receives the system id and the event of each entry.
     """

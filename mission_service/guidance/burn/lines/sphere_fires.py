@@ -16,7 +16,7 @@ from mission_service.guidance.burn.lines.hazard import Box, hazard_of
 
 Floats = NDArray[np.float64]
 
-TOWARDS_M2 = 1e-3  # minimum approach of a leg to a drop, times the leg's length
+TOWARDS_M2 = 1e-3  # a leg approaches only drops that are ahead of its start by 1 mm or more
 
 
 def _box(leg: Leg) -> Box:

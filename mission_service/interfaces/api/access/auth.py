@@ -141,7 +141,7 @@ class Tokens:
     def user_of(self, token: str) -> User | None:
         """Return the user of a token, or None.
 
-        The comparison takes the same time for all tokens, because it always covers all stored sums.
+        The comparison takes the same time for all tokens, because it covers all users.
         """
         self._read_again()
         digest, found = sum_of(token), None
@@ -168,7 +168,7 @@ class Tokens:
 
 
 def _stamp(path: Path | None) -> tuple[int, ...]:
-    """Return a value that differs once the file was changed or replaced; empty without a file."""
+    """Return a value that changes when the file is changed or replaced; () without a file."""
     if path is None:
         return ()
     try:
