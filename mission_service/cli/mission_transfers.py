@@ -101,7 +101,7 @@ def _run(
 ) -> tuple[NativeClient, list[TransferResult]]:
     """Run transfers one after another with the first autopilot found.
 
-    Raises MissionServiceError if the autopilot does not accept all of them.
+    Raises MissionServiceError if the autopilot does not accept all transfers.
     """
     client = NativeClient(target_system=None)
     with connected(client, line, line.signing_key) as (connection, _):

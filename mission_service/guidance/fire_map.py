@@ -219,7 +219,7 @@ def _seen(window, bearings, distances, spans, burned):  # type: ignore[no-untype
     """Return the front's distance on each bearing and whether it is in view; update ``burned``."""
     front = front_in_window(window)
     seen = np.full(BEARINGS, -np.inf)
-    spanned = np.full(BEARINGS, -np.inf)  # as ``seen``, on all bearings that a front cell spans
+    spanned = np.full(BEARINGS, -np.inf)  # ``seen``, but on all bearings that a cell spans
     for row in range(window.shape[0]):
         for col in range(window.shape[1]):
             if window[row, col] != BURNED:

@@ -16,7 +16,7 @@ from mission_service.missions.landing import Landing
 from mission_service.vehicles.availability import VehicleAvailability
 
 Floats = NDArray[np.float64]
-HISTORY_LENGTH = 20  # number of phases in the error of an invalid transition
+HISTORY_LENGTH = 20  # number of phases that the error about an invalid transition lists
 
 
 class MissionPhase(Enum):

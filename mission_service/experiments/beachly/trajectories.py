@@ -1,7 +1,7 @@
 """Fly the four scenarios of Beachly's section VI on a mock copter with a simulated crew.
 
 All scenarios have a burn unit of 20 acres, wind of 2 m/s towards the south and a backing fire along
-the southern edge. Scenario 1 has nothing else. In scenario 2 the centre has burned farther. In
+the southern edge. Scenario 1 has no other fire. In scenario 2 the centre has burned farther. In
 scenario 3 there is a second front, at 45 degrees to the southern edge. In scenario 4 this front is
 reported to the planner during the flight.
 """

@@ -1,9 +1,9 @@
 """Search offline for the best positions of n discs around a static fire.
 
 These positions are a reference for those of virtual agents. One disc at a time moves to the allowed
-cell where it adds most to the weight that the others cover; sums along rows give this exactly. The
-search runs from many starts, and then from the best result with some discs moved at random.
-Finally, discs are shifted by parts of a cell.
+cell where the covered weight grows most, computed exactly from sums along rows. The search runs
+from many starts, and then from the best result with some discs moved at random. Finally, discs are
+shifted by parts of a cell.
 """
 
 import math

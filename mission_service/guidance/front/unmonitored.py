@@ -90,8 +90,8 @@ class FrontMonitor:
     ) -> list[AnyCommand]:
         """Return reports that a part of the front is no longer monitored, or is monitored again.
 
-        A vehicle monitors the front from its first observation of it (``observes``) for as long as
-        it follows its planner (``available``).
+        A vehicle monitors the front from its first observation of the front (``observes``) for as
+        long as the vehicle follows its planner (``available``).
         """
         watches = available and (observes or name in self._watching)
         if watches == (name in self._watching):
