@@ -286,8 +286,8 @@ class FireObserved(OperatorEvent, frozen=True, tag=True):
     """A person, detector or satellite observed the fire at places at ``seen_at_us``.
 
     Unlike a correction, an observation may be wrong: the estimate weighs it. ``source`` names the
-    sensor and is empty for a person. ``position_sd_m`` and ``false_alarms`` are those of
-    ``Observed``.
+    sensor and is empty for a person. ``Observed`` describes ``position_sd_m``
+    and ``false_alarms``.
     """
 
     state: Literal["burned", "burning", "unburned"]
@@ -390,7 +390,7 @@ class LinesSkipped(OperatorEvent, frozen=True, tag=True):
 class FireReachedEdge(OperatorEvent, frozen=True, tag=True):
     """The simulated fire has reached the edge of the landscape.
 
-    The position is that of the first burned cell at the edge, which ignited at ``arrived_at_us``.
+    The position is the first burned cell at the edge, which ignited at ``arrived_at_us``.
     """
 
     arrived_at_us: MissionUs

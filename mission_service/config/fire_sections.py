@@ -107,7 +107,7 @@ class FuelMoisture(Section):
 
 
 class WeatherEntry(FuelMoisture):
-    """The weather from ``at_s`` on; the wind is that at 6.1 m (20 ft) above the vegetation."""
+    """The weather from ``at_s`` on; the wind applies 6.1 m (20 ft) above the vegetation."""
 
     at_s: NotNegative
     wind_speed_m_s: Annotated[float, Field(ge=0, le=100)]

@@ -22,7 +22,7 @@ UNCORRECTED_SD = 0.37
 class EstimatedForecasts:
     """The forecasts of an estimate that includes future arrival times.
 
-    The interface is that of ``Forecasts``.
+    The interface is the same as the interface of ``Forecasts``.
     """
 
     def __init__(

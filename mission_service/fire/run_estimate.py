@@ -327,7 +327,7 @@ class RunEstimate:
     def _rewritten(self, fire: Fire, here: Place, state: NDArray[np.uint8], seen_s: Floats) -> Fire:
         """Return the fire with sightings of a window in it; ``fire`` itself if they agree.
 
-        ``state`` and ``seen_s`` (y, x) are those of the window's cells.
+        ``state`` and ``seen_s`` (y, x) have a value for each cell of the window.
         """
         cell_m = self.landscape.cell_size_m
         found = with_image(fire.expected_s(), here, state, seen_s, cell_m, self._unburnable)

@@ -1,9 +1,9 @@
 """Measure how participants' corrections improve a simulated fire (Beachly et al., section VII).
 
-The front error is that of VII.B, computed every minute: the mean distance from the true front
+The front error of section VII.B is computed every minute: the mean distance from the true front
 inside the unit to the closest point of the simulated front. Each minute uses only the observations
-made by then. The result has two means over time, both from the start of the first segment on. One
-ends at the end of the second segment, as in the paper; the other includes all minutes.
+made by then. The result has two means over time, both from the start of the first segment on: one
+mean up to the end of the second segment, as in the paper, and one mean over all minutes.
 
 The error that remains after corrections hardly depends on the error of the uncorrected model. The
 relative reduction therefore depends on the error of the uncorrected model. On fires 0 to 19 with a

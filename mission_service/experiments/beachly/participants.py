@@ -58,8 +58,8 @@ def inside(points: Floats, box: Box) -> NDArray[np.bool_]:
 def front_error_m(true_front: Floats, found_front: Floats, max_m: float = FARTHEST_M) -> float:
     """Return the mean distance from the true front to the closest point of the found front.
 
-    The error is that of section VII.B, with each distance limited to ``max_m``. If there is no
-    found front, the result is ``max_m``; if there is no true front, it is NaN.
+    The error is defined as in section VII.B, with each distance limited to ``max_m``. If there is
+    no found front, the result is ``max_m``; if there is no true front, it is NaN.
     """
     if not true_front.size:
         return float("nan")

@@ -34,7 +34,7 @@ GUST_S = 240.0  # interval of the wind's entries
 # paper's error of 24.8 m without corrections.
 WRONG_SPEED, WRONG_DEG, WRONG_RATE = 0.5, 45.0, 0.7
 MIN_BURNED, MAX_EARLY, MAX_BURNED = 0.55, 0.35, 0.97  # shares of the unit, see ``random_burn``
-MAX_UNEVEN = 4.0  # rate of the fastest fuel over that of the slowest
+MAX_UNEVEN = 4.0  # ratio of the spread rates of the fastest and the slowest fuel
 EARLY_S = 15.0 * MINUTE_S
 
 

@@ -69,8 +69,8 @@ def fly(
 ) -> Flight:
     """Fly a planner from deployment to the end, and evaluate the error at each new cell.
 
-    If ``hull`` is True, the error is that of the convex hull of the planner's estimate, as in the
-    paper; otherwise it is that of the estimate itself. ``measured`` gives the planner the wind at
+    If ``hull`` is True, the error of the estimate's convex hull is evaluated, as in the paper;
+    otherwise the error of the planner's estimate itself. ``measured`` gives the planner the wind at
     each step; with None the planner receives no wind. ``before`` is called at each step before the
     decision, with the time, the row and the column.
     """

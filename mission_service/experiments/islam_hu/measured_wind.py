@@ -24,7 +24,7 @@ class MeasuredWind:
     def wind_at(self, at_s: float) -> tuple[float, float]:
         """Return the wind speed in m/s at the vehicle's height, and the wind direction.
 
-        The direction is that from which the wind blows, in degrees clockwise from north.
+        The wind blows from this direction, in degrees clockwise from north.
         """
         if self._at_s is not None:
             kept = math.exp(-(at_s - self._at_s) / LASTING_S)

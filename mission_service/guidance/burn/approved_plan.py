@@ -115,7 +115,7 @@ def _xy(points: Sequence[PathPoint | PlannedDrop], landscape: Landscape) -> Floa
 def first_danger_s(path: Floats, air: FlightConstraints, own_sources: Floats) -> float | None:
     """Return the start of the first leg that comes too near to fire, in mission time, or None.
 
-    The columns of ``path`` (n, 4) are x, y, height and mission time. The rules are those of
+    The columns of ``path`` (n, 4) are x, y, height and mission time. The rules are the same as in
     planning, except that ``HIGH_SHARE`` of the safe height suffices, because no vehicle holds its
     height exactly. The result is None if the whole path is safe.
 

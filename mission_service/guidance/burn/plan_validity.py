@@ -48,7 +48,7 @@ def plan_problem(
         problem = _airspace_problem(air, rest, places[0])
         if problem:
             return f"{problem} {after_s:.0f} s after the start"
-        # Use the margin of the whole leg, as in planning, or that of the rest of the leg if larger.
+        # Use the margin of the whole leg, as in planning, or of its remaining part if larger.
         margin_s = max(
             min(air.margin_s(part), own.margin_s(part)) for part in dict.fromkeys((leg, rest))
         )
@@ -137,7 +137,7 @@ def mean_wind(winds: Sequence[WindFrom]) -> WindFrom:
 def drift_compensated(plan: LinePlan, situation: Situation, burn: BurnSection) -> LinePlan:
     """Return the plan with its path moved upwind by the drift of a falling sphere.
 
-    The drift is that from the drop height. Points above the path's start are not moved. If the
+    The sphere falls from the drop height. Points above the path's start are not moved. If the
     moved path is invalid, for example outside the unit or too near to fire, the plan is returned
     unchanged; its spheres then miss their targets or are skipped.
     """

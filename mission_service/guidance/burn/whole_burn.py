@@ -107,7 +107,7 @@ def whole_burn(situation: Situation, settings: BurnSection, pause_s: float = 0.0
             now, load, fresh = _reloaded(now, settings), load + 1, True
             continue
         if isinstance(plan, NoPlan):
-            # Wait until fire near home, for example that of the burn's own spheres, burns out.
+            # Wait until fire near home, for example from the burn's own spheres, burns out.
             if plan.why == "danger" and waits < MAX_WAITS:
                 now, waits = replace(now, at_s=now.at_s + WAIT_S), waits + 1
                 continue

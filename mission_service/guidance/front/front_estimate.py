@@ -62,7 +62,8 @@ class FactorPrior(NamedTuple):
     """The distribution of the factors before the first view, and their changes.
 
     ``common`` and ``local`` are the standard deviations of the part of the factor that all sectors
-    share, and of each sector's own part. ``drift`` is that of the random walk of both in an hour.
+    share, and of each sector's own part. ``drift`` is the standard deviation of both parts' random
+    walk in an hour.
     """
 
     common: float
@@ -198,9 +199,9 @@ class FrontEstimate:
     def add_wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
         """Add a measured wind to the mean over a quarter of an hour.
 
-        The wind is that at 20 ft. ``from_deg`` is the direction from which it blows, clockwise from
-        true north. If the wind shifts by more than gusts and errors explain, the mean follows
-        within one or two minutes.
+        The wind is measured at 20 ft and blows from ``from_deg``, clockwise from true north. If the
+        wind shifts by more than gusts and errors explain, the mean follows within one or two
+        minutes.
         """
         toward = math.radians(from_deg + 180.0)
         new = speed_m_s * np.array([math.cos(toward), math.sin(toward)])

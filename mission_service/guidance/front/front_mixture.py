@@ -1,11 +1,11 @@
 """Mixes two estimates of the front, by how well each of them has predicted the views so far.
 
-The first estimate follows the fire model. Where fuel map or wind are wrong, the first estimate is
-far off between two views. The second estimate is ``cautious``: it follows measured rates more than
-the model. The second estimate is mixed with small shares of the first estimate and of the front as
-last seen; the largest error of this mixture is smaller than that of each part. The result is the
-first estimate if its errors are clearly smaller than those of the mixture, and otherwise the
-mixture. Errors are measured where the front comes into view again.
+The first estimate follows the fire model. Where the fuel map or the wind is wrong, the first
+estimate is far off between two views. The second estimate is ``cautious``: it follows measured
+rates more than the model. The second estimate is mixed with small shares of the first estimate and
+of the front as last seen; the largest error of this mixture is smaller than the largest error of
+each part. The result is the first estimate if its errors are clearly smaller than those of the
+mixture, and otherwise the mixture. Errors are measured where the front comes into view again.
 
 The constants were chosen on the fires 200 to 229 of ``benchmarks.random_fires --wrong``. Without a
 model there is only one estimate.

@@ -44,7 +44,7 @@ def best_path(  # type: ignore[no-untyped-def]
 ):
     """Return the lifted end of the path whose cells have the highest mean importance (4.1.4).
 
-    The importance of each cell is that at the time of its visit. Among equal paths the path to
+    The importance of each cell is computed for the time of its visit. Among equal paths the path to
     ``target`` is preferred, then the path with the nearer end, then the clockwise path.
     """
     n = rate.size

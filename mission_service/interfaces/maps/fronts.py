@@ -77,7 +77,7 @@ def probability_geojson(
     """Return a FeatureCollection: for each level, the area burned with at least this probability.
 
     The lowest level (the largest area) comes first, which is the order for drawing. ``probability``
-    (y, x), from 0 to 1, is that of being burned at ``at_s``.
+    (y, x) is the probability, from 0 to 1, that a cell is burned at ``at_s``.
     """
     features = []
     for level in sorted(set(levels)):

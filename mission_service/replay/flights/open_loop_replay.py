@@ -1,7 +1,7 @@
 """Replays a logged flight in an open loop: the core's commands do not change the flight.
 
 The log's vehicles replace the vehicles on links (``logged_vehicle.py``). The simulated camera, the
-core, the journal and the state view are those of a live run. The replay of a flight therefore
+core, the journal and the state view are the same as in a live run. The replay of a flight therefore
 writes a journal that can be verified, and the interfaces show it like a run.
 """
 

@@ -33,7 +33,7 @@ Floats = NDArray[np.float64]
 
 # A reversal in the track this soon after a reversal in the mission is left out.
 FOLLOWS_US = 20_000_000
-# Within this radius of the middle bearings are uncertain: in cells, or as a share of the track.
+# Bearings are uncertain within this radius of the middle: in cells, or as a share of the track.
 NEAR_CELLS, NEAR_SHARE = 2.0, 0.25
 
 
@@ -77,7 +77,7 @@ class VehicleAnalysis:
 class RunAnalysis:
     """A run. ``mission.of(at_us)`` converts a time on the log's clock to mission time.
 
-    ``zero_us`` is the time at which the flight begins, ``begin_us`` that of the analysed part.
+    The flight begins at ``zero_us``, and the analysed part at ``begin_us``.
     """
 
     name: str
