@@ -111,7 +111,7 @@ class RunEnsemble:
         self._inputs.append(new)
 
     def add_late(self, new: Observation) -> None:
-        """Insert an observation by its time, which may be earlier than that of other inputs.
+        """Insert an observation by its time, which may be earlier than the times of other inputs.
 
         If later inputs were processed, the ensemble processes all inputs again.
         """

@@ -348,7 +348,7 @@ class RunEstimate:
 
 
 def _lit(fire: Fire, cells: Sequence[tuple[int, int]], at_s: float) -> Fire:
-    """Light cells (row, column) of a fire at a time or, if past, at its present time."""
+    """Light cells (row, column) of a fire at a time, or at the fire's present time if later."""
     for row, col in cells:
         fire.light(row, col, max(at_s, fire.time_s))
     return fire

@@ -145,7 +145,7 @@ def is_near(
 
 
 def gives_way(own: PositionFix, other: PositionFix, own_comes_later: bool) -> bool:
-    """Return whether ``own`` gives way: the vehicle behind does, or else the later in order."""
+    """Return whether ``own`` gives way: the rear vehicle, or the later one if neither is behind."""
     east_m, north_m = other.x_m - own.x_m, other.y_m - own.y_m
     towards = own.east_m_s * east_m + own.north_m_s * north_m > 0.0
     comes = other.east_m_s * east_m + other.north_m_s * north_m < 0.0

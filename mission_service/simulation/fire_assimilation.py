@@ -53,7 +53,7 @@ class Step(NamedTuple):
     after: Observation
     probability: Floats  # (y, x) the forecast probability of burned cells
     likely: Mask  # (y, x) the forecast burned area
-    free: Mask  # (y, x) the area that the model alone burns
+    free: Mask  # (y, x) the area burned in the model without assimilation
 
 
 def assimilate(

@@ -24,7 +24,7 @@ SHARES = (0.15, 0.75, 0.10)
 CLEARLY = 0.5  # the model's estimate is used if its mean square error is smaller by this factor
 SHARPNESS = 4.0
 AGAIN_S = 120.0  # a bearing counts if it has been out of view for this time
-KEPT = 0.9975  # factor on the weight of earlier bearings, at each bearing
+KEPT = 0.9975  # at each bearing the weights of earlier bearings are multiplied by this
 FIRST_SQUARES = 20.0  # sum of the mixture's square errors in cells before the first prediction
 
 

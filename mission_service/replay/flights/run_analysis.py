@@ -107,7 +107,7 @@ def run_analysis(
     journal: JournalLog | None = None,
     mission: Mission | None = None,
 ) -> RunAnalysis:
-    """Analyse a flight, and the fire in its own journal or in that of its open-loop replay."""
+    """Analyse a flight, and the fire in its own journal or in its open-loop replay's journal."""
     fire = None if journal is None else fire_analysis(journal)
     mission = mission or Mission(found.zero_us, found.zero_us)
     times_us = (found.zero_us, found.begin_us, found.end_us, found.offset_us)
