@@ -179,7 +179,7 @@ def test_an_open_list_comes_before_an_approval(run: Run) -> None:
     run.lock.apply(ChecklistAnswered(AT_US, "bob", "bravo", "weather", False))
     result = run.call("approve", HASH[:8], *OPERATOR_FIELDS, "--yes")
     assert (result.exit_code, run.submitted) == (1, [])
-    assert "the GO list must be complete first; open: weather" in result.stderr
+    assert "the GO/NO-GO checklist must be complete first; open: weather" in result.stderr
 
 
 @pytest.mark.parametrize(

@@ -97,8 +97,8 @@ def test_a_burn_that_was_killed_goes_on_and_one_that_has_ended_is_kept(tmp_path:
     def first(client: ControlClient) -> None:
         item = client.ask(do="status")["status"]["items"][0]
         assert client.ask(do="go", item=item, **OPERATOR_FIELDS)["messages"] == [
-            'GO list: GO for "firing plan approved by the burn boss" by ann at firing-boss; '
-            "7 of 8 open"
+            'GO/NO-GO checklist: GO for "firing plan approved by the burn boss" by ann at '
+            "firing-boss; 7 of 8 open"
         ]
         with pytest.raises(RequestError, match="unknown station"):
             client.ask(do="present", by="ann", station="moon")

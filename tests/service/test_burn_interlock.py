@@ -95,7 +95,7 @@ NORTH_DEG = 40.0 * DEG_PER_M
         ((Rejected(AT_US, "bob", "nowhere", HASH),), "rejected by bob"),
         ((Rejected(AT_US, "bob", "bravo", HASH), APPROVED), "rejected by bob"),
         ((Aborted(AT_US, "bob", "nowhere"),), "the burn was aborted by bob;"),
-        ((Aborted(AT_US, "bob", "bravo"), APPROVED), "before the GO list was complete"),
+        ((Aborted(AT_US, "bob", "bravo"), APPROVED), "before the GO/NO-GO checklist was complete"),
         ((Aborted(AT_US, "bob", "bravo"), *AGAIN), "approve a plan again"),
         ((Sent((Return(NAME),)),), "the vehicle was sent home"),
         ((Sent((Return(NAME),)), *AGAIN), "approve a plan again"),

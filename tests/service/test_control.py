@@ -162,7 +162,7 @@ NAN = float("nan")
         ({"do": "present", "by": "service"}, "is reserved for the service; give your name"),
         ({"do": "resume", "by": " Service"}, "is reserved for the service; give your name"),
         ({"do": "present", "by": 3}, "present: by: give one line of printable characters"),
-        ({"do": "go", "item": "all"}, "no item 'all' on the GO list: weather; payload"),
+        ({"do": "go", "item": "all"}, "no item 'all' on the GO/NO-GO checklist: weather; payload"),
         ({"do": "go", "item": True}, "go: item: give a text of 1 to 200 characters (got True)"),
         ({"do": "wind", "speed_m_s": NAN, "from_deg": 0}, "wind: speed_m_s: give a number from 0"),
         (

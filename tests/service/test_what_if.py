@@ -142,7 +142,10 @@ def test_a_burn_is_flown_again_by_simulated_operators(tmp_path: Path) -> None:
     out.mkdir()
     found = what_if(path, ["alpha=2"], out, "")
     assert lines(out / "journal.jsonl") == lines(path)
-    assert "a simulated crew confirms the GO list, is present and approves the plans" in found.notes
+    assert (
+        "a simulated crew confirms the GO/NO-GO checklist, is present and approves the plans"
+        in found.notes
+    )
 
 
 def test_approvals_and_restarts_are_not_submitted_again() -> None:
