@@ -3,10 +3,10 @@
 MAVSDK (a C library in this process) receives the bytes from our link. It detects the vehicle,
 transfers missions and repeats commands. This module adds three steps that real autopilots require.
 A mission is checked before its upload, because ArduPilot keeps a truncated mission after a rejected
-item. It is read back after its upload, because MAVSDK's result alone does not prove the upload. It
-is then started by an item number, because ArduPlane flies to its old target until an item is
-commanded. MAVSDK's ``set_current_mission_item`` is not used: if the autopilot reports another
-number, the function repeats its request without end and without delay.
+item. After the upload the mission is read back, because MAVSDK's result does not prove the upload.
+The mission is then started by an item number, because ArduPlane flies to its old target until an
+item is commanded. MAVSDK's ``set_current_mission_item`` is not used: if the autopilot reports
+another number, the function repeats its request without end and without delay.
 """
 
 import asyncio
@@ -63,10 +63,10 @@ POLL_INTERVAL_S = 0.05
 REPLY_TIMEOUT_S = 1.5
 DETECTION_TIMEOUT_S = 10.0
 NOT_FOUND = "MAVSDK has not detected the vehicle"
-CALL_TIMEOUT_S = 120.0  # transferring the longest mission by a slow radio takes less
-NO_ANSWER = "NO_ANSWER"  # used instead of MAVSDK's result if a call does not return
+CALL_TIMEOUT_S = 120.0  # longer than the transfer of the longest mission by a slow radio
+NO_ANSWER = "NO_ANSWER"  # the result of a call that does not return
 NOT_SUPPORTED = "MAVSDK supports only missions; use backend native"
-CLOSE_TIMEOUT_S = 5.0  # when the service ends, active transfers have this time to end
+CLOSE_TIMEOUT_S = 5.0  # time for active transfers to end when the service stops
 Result = TypeVar("Result")
 
 
@@ -125,9 +125,9 @@ class MavsdkClient:
         self._last_command = 0
         self._transfer_added = asyncio.Event()
         self._commands: asyncio.Queue[tuple[int, str, tuple[Step, ...]]] = asyncio.Queue()
-        self._begin: MissionActivation | None = None  # the active start
+        self._begin: MissionActivation | None = None  # the start that is in progress
         self._commanded_modes = CommandedModes()
-        self._overrides: list[str] = []  # mode changes by the autopilot or a pilot
+        self._overrides: list[str] = []  # descriptions of mode changes by the autopilot or a pilot
         self._heartbeats = 0
         self._mavsdk: Any = None
         self._missions: Any = None
@@ -158,7 +158,7 @@ class MavsdkClient:
         """Replace the mission; see ``NativeClient.upload``."""
         for waiting in [job for job in self._waiting if job.action == "upload"]:
             self._waiting.remove(waiting)
-            ended = TransferResult("superseded", "a newer one replaced it", holds="the old one")
+            ended = TransferResult("superseded", "a newer upload replaced it", holds="the old one")
             self._events.append(TransferFinished(now_us, waiting.transfer_id, "upload", ended))
         return self._add(Job(0, "upload", tuple(items), begin, holds_first))
 
@@ -363,7 +363,8 @@ class MavsdkClient:
 
     def _returned(self, task: asyncio.Task[Any]) -> None:
         self._calls.discard(task)
-        task.cancelled() or task.exception()  # read here, because perhaps no task waits for it
+        # Read the result here, because perhaps no task waits for it.
+        task.cancelled() or task.exception()
 
     async def _until(self, condition: Callable[[], bool], within_s: float) -> bool:
         """Return whether ``condition()`` is true; wait up to ``within_s`` for this."""

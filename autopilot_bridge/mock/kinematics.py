@@ -198,7 +198,7 @@ def step_copter(
     if wind.speed_m_s > 0.0:
         air_north, air_east = north_m_s - wind.north_m_s, east_m_s - wind.east_m_s
         motion.airspeed_m_s = math.hypot(air_north, air_east)
-        if motion.airspeed_m_s > limits.max_airspeed_m_s:  # blown off
+        if motion.airspeed_m_s > limits.max_airspeed_m_s:  # the wind exceeds the airspeed
             share = limits.max_airspeed_m_s / motion.airspeed_m_s
             north_m_s = air_north * share + wind.north_m_s
             east_m_s = air_east * share + wind.east_m_s

@@ -20,8 +20,8 @@ from autopilot_bridge.vehicle.command_sequence import command_message
 
 RatesHz = Mapping[int, float]
 
-# All messages that a client reports. Used by transfers from the command line, by MAVSDK, and when
-# the bridge is used without the service.
+# All messages that a client reports. They are used by transfers from the command line, by MAVSDK,
+# and without the service.
 ALL_RATES_HZ: RatesHz = {
     mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 4.0,
     mavlink.MAVLINK_MSG_ID_MISSION_CURRENT: 1.0,

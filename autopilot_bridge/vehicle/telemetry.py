@@ -23,7 +23,7 @@ from autopilot_bridge.vehicle.client_events import (
 )
 from autopilot_bridge.vehicle.status import Estimator, fence_status, landed_state
 
-NO_PLACE_DEG_E7 = 1_000_000  # an area of sea, 500 km from any land
+NO_PLACE_DEG_E7 = 1_000_000  # an area of the sea, 500 km from any land
 UNKNOWN_VOLTAGE_MV = 65535
 FIXES = ("no gps", "no fix", "2d", "3d", "dgps", "rtk float", "rtk fixed", "static", "ppp")
 

@@ -28,7 +28,7 @@ _eccentricity = kernel(rothermel.eccentricity)
 class Terrain(NamedTuple):
     """The inputs of a cell's spread that do not change with time; cells are flattened (n)."""
 
-    fuel: NDArray[np.int16]  # (n) index in the tables, -1 where nothing burns
+    fuel: NDArray[np.int16]  # (n) index of the fuel in the tables; -1 if it does not burn
     gradient: NDArray[np.float32]  # (2, n) rise per metre towards north and east
     midflame: NDArray[np.float32]  # (n) midflame wind over wind 20 ft above the vegetation
 
@@ -110,7 +110,7 @@ def tables_of(landscape: Landscape, entries: Sequence[Weather], wind_limit: bool
 def perturbed(
     tables: Tables, entry: int, wind_factor: float, turn_deg: float, spread_factor: float | Floats
 ) -> Tables:
-    """Return tables with an entry split into two, of which the second part is changed.
+    """Return tables with one entry split into two parts and the second part changed.
 
     All later entries are changed too. In these entries the wind speed is multiplied by
     ``wind_factor``, the wind direction is turned clockwise by ``turn_deg``, and the spread rate is
