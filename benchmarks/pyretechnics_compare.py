@@ -1,4 +1,4 @@
-"""Cells a second, and pyretechnics': ``python -m benchmarks.pyretechnics_compare [--json]``.
+"""Speed compared with pyretechnics: ``python -m benchmarks.pyretechnics_compare [--json]``.
 
 Both packages simulate the same fire in one run: 1000 x 1000 cells of 30 m, wind of 5 m/s at 20 ft
 from 250 degrees, one ignition cell, until about half of the cells have burned. The times contain

@@ -105,8 +105,7 @@ class _FtpTransfer:
         raise NotImplementedError
 
     def _ended(self, closed: bool) -> TransferResult:
-        """Return the result after all blocks (with ``closed``, also the closing) were
-        acknowledged."""
+        """Return the result after all blocks (if ``closed``, also the end) were acknowledged."""
         raise NotImplementedError
 
     def _aborted(self, reason: str) -> TransferResult:
