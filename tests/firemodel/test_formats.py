@@ -1,4 +1,4 @@
-"""Files are identified by their content, and none makes the fire model fetch anything."""
+"""Files are identified by their content, and no file makes the fire model fetch data."""
 
 import http.server
 import json
@@ -17,7 +17,7 @@ KML = '<kml xmlns="http://www.opengis.net/kml/2.2"><Document>{}</Document></kml>
 
 
 class Counted(http.server.ThreadingHTTPServer):
-    """Counts what is asked of it."""
+    """A server that counts its requests."""
 
     asked = 0
 

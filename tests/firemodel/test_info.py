@@ -1,4 +1,4 @@
-"""A description lists the contents of a file and all its problems at once."""
+"""Descriptions of files list their contents and all problems."""
 
 import json
 from pathlib import Path
@@ -57,7 +57,7 @@ def broken_files(tmp_path: Path) -> dict[str, Path]:
 
 
 def test_all_problems_are_reported_and_not_only_the_first(tmp_path: Path) -> None:
-    """Each is a line, and mending one after the other ends in a landscape."""
+    """Each problem is one line; after correcting all of them the landscape can be read."""
     files = broken_files(tmp_path)
     problems = describe_rasters(files)["problems"]
     expected = [
@@ -239,7 +239,7 @@ def test_damaged_tables_are_problems(tmp_path: Path, name: str, text: str, probl
 
 
 def test_a_huge_raster_is_refused_before_it_is_read(tmp_path: Path) -> None:
-    """200,000 x 200,000 cells, none of which the file contains."""
+    """The file declares 200,000 x 200,000 cells, but contains none."""
     path = tmp_path / "huge.tif"
     size = {"width": 200_000, "height": 200_000, "count": 1, "dtype": "uint8"}
     blocks = {"tiled": True, "blockxsize": 8192, "blockysize": 8192, "sparse_ok": True}

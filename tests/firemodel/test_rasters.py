@@ -1,4 +1,4 @@
-"""Landscapes and arrival times come out of files as they went in, or are refused in clear words."""
+"""Landscapes and arrival times are read as written, or refused with a clear error."""
 
 import re
 from collections.abc import Callable, Mapping
@@ -150,7 +150,7 @@ NAMES = ("LC22_F40_230", "LC20_Elev_220", "LC20_SlpD_220", "LC20_Asp_220", "LC22
 
 
 def test_slope_and_aspect_make_the_gradient(tmp_path: Path) -> None:
-    """The ground falls towards its aspect: north of a slope facing south it rises."""
+    """The ground falls towards its aspect: on a slope facing south it rises to the north."""
     files = {
         "fuel": write_raster(tmp_path / "fuel.tif", FUEL),
         "elevation": write_raster(tmp_path / "dem.tif", HEIGHTS),
@@ -172,7 +172,7 @@ def test_slope_and_aspect_make_the_gradient(tmp_path: Path) -> None:
 
 
 def test_a_stack_is_read_by_its_band_descriptions_or_by_numbers(tmp_path: Path) -> None:
-    """LANDFIRE's layer names stand for units; with plain numbers the units have to be given."""
+    """LANDFIRE's layer names imply units; with band numbers the units must be given."""
     named = read_landscape(write_raster(tmp_path / "named.tif", STACK, NAMES))
     assert named.canopy_cover is not None
     assert named.canopy_height_m is not None
@@ -213,7 +213,8 @@ def test_band_descriptions_name_layers(description: str, found: tuple[str, str])
 
 
 def lcp(tmp_path: Path, fuel: NDArray[np.int16] = FUEL, **options: str) -> Path:
-    """A small .lcp as GDAL writes it: elevation, slope, aspect, fuel, cover, and canopy bands."""
+    """Return a small .lcp as GDAL writes it: elevation, slope, aspect, fuel, cover and canopy
+    bands."""
     base = write_raster(
         tmp_path / "stack.tif",
         np.stack([HEIGHTS, SLOPE_DEG, ASPECT_DEG, fuel, COVER_PCT, *(FUEL * 0 + 30,) * 3]).astype(
@@ -338,7 +339,7 @@ def test_cells_without_a_value_can_be_taken_as_bare_ground(tmp_path: Path) -> No
 
 
 def test_gentle_ground_without_an_aspect_stays_fuel(tmp_path: Path) -> None:
-    """Level ground has no aspect; where it is steeper than 5 degrees a value is missing."""
+    """Level ground has no aspect; on slopes steeper than 5 degrees the aspect is a missing value."""
     slope = np.array([[0, 5, 20], [5, 0, 6]], dtype=np.int16)
     aspect = np.array([[-9999, -9999, 90], [-1, 45, 180]], dtype=np.int16)
     codes = np.array([[1, 2, 99], [4, 5, 8]], dtype=np.int16)
@@ -488,7 +489,7 @@ def test_arrival_times_that_cannot_be_used_are_refused(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(not DATA.is_dir(), reason="no real data")
 def test_real_slope_and_aspect_agree_with_real_elevation() -> None:
-    """LANDFIRE's slope and aspect bands of the Maria fire against Horn's from its elevation."""
+    """LANDFIRE's slope and aspect of the Maria fire, compared with Horn's from its elevation."""
     names = ("fuel", "elevation", "slope", "aspect")
     files = {name: DATA / f"maria_2019/Maria2019-{name}.tif" for name in names}
     given = read_landscape(files, units={"slope": "degrees"})
@@ -500,7 +501,7 @@ def test_real_slope_and_aspect_agree_with_real_elevation() -> None:
 
 @pytest.mark.skipif(not DATA.is_dir(), reason="no real data")
 def test_a_real_lcp_and_its_arrival_times() -> None:
-    """FARSITE's flat land; its last cell burns at 419.9 minutes of seven hours."""
+    """FARSITE's flat landscape; its last cell burns after 419.9 minutes of seven hours."""
     flat = DATA / "farsite_flatland"
     land = read_landscape(flat / "Inputs/a_lcpFiles/flatland.lcp")
     assert land.shape == (100, 100)

@@ -1,4 +1,4 @@
-"""Weather files: units and directions made one, moistures held or conditioned, bad lines named."""
+"""Weather files: units, directions, constant or conditioned moistures, errors with line numbers."""
 
 from datetime import UTC, datetime
 from pathlib import Path
@@ -35,7 +35,7 @@ CSV = """time, wind_speed_mph, wind_from_deg, temperature_f, humidity_pct, rain_
 
 
 def start(text: str) -> datetime:
-    """A local time without offset, as in the files."""
+    """Return a local time without a UTC offset, as in the files."""
     return datetime.fromisoformat(text)
 
 
@@ -58,7 +58,7 @@ def test_raws_speeds_are_mph_at_20_feet_and_times_count_from_the_first(tmp_path:
 def test_metric_raws_and_csv_give_the_same_as_english_raws(
     tmp_path: Path, conditioned: bool
 ) -> None:
-    """Metric winds are km/h at 10 m: 18.507456 = 10 mph times 1.609344 times 1.15."""
+    """Metric winds are in km/h at 10 m: 18.507456 = 10 mph times 1.609344 times 1.15."""
     read = [
         read_weather(written(tmp_path, text, name), moisture=MOISTURE, conditioned=conditioned)
         for text, name in ((ENGLISH, "a.raws"), (METRIC, "b.WXS"), (CSV, "c.csv"))
@@ -77,7 +77,7 @@ def test_conditioned_moistures_follow_the_weather_and_the_live_ones_stay(tmp_pat
     assert first.dead_1h_pct == pytest.approx(3.0)
     tends_to = float(equilibrium_moisture_pct(25.0, 25.0))
     assert second.dead_1h_pct == pytest.approx(tends_to + (3.0 - tends_to) * 0.36788, rel=1e-4)
-    assert 20.0 < third.dead_1h_pct < 35.0  # the rain
+    assert 20.0 < third.dead_1h_pct < 35.0  # the hour of rain
     assert third.dead_10h_pct < 10.0
     assert third.live_herb_pct == pytest.approx(70.0)
 

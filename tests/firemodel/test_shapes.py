@@ -1,4 +1,4 @@
-"""Drawn points, lines and polygons come onto the landscape, or are refused in clear words."""
+"""Points, lines and polygons are placed on the landscape, or refused with a clear error."""
 
 import json
 import zipfile
@@ -59,7 +59,7 @@ def same(area: BaseGeometry) -> bool:
 
 
 def test_geojson_comes_from_longitude_and_latitude(tmp_path: Path) -> None:
-    """All kinds, one with a height, which is dropped."""
+    """All kinds of geometries; one has a height, which is dropped."""
     line = {"type": "LineString", "coordinates": [[LON, LAT, 300.0], [LON + 0.001, LAT, 310.0]]}
     path = geojson(tmp_path / "a.geojson", mapping(Point(LON, LAT)), line)
     point, drawn = read_shapes(path, LAND)
@@ -184,7 +184,7 @@ def test_a_line_that_leaves_the_landscape_is_kept_whole(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(not DATA.is_dir(), reason="no real data")
 def test_real_perimeters_have_the_areas_that_were_measured() -> None:
-    """The Maria fire: 21 infrared perimeters from 3 to 42 km²; then one more."""
+    """The Maria fire: 21 infrared perimeters from 3 to 42 km², and one further perimeter."""
     files = {name: DATA / f"maria_2019/Maria2019-{name}.tif" for name in ("fuel", "elevation")}
     land = read_landscape(files)
     shapes = read_shapes(DATA / "maria_2019/firis_perimeters.shp", land)
@@ -196,7 +196,7 @@ def test_real_perimeters_have_the_areas_that_were_measured() -> None:
 
 
 def test_a_field_name_cut_in_a_character_does_not_matter(tmp_path: Path) -> None:
-    """Writers cut names to ten bytes; the eleventh was the second byte of a character."""
+    """Writers truncate names to ten bytes; the eleventh was the second byte of a character."""
     path = shapefile(tmp_path / "a.shp", AREA)
     table = path.with_suffix(".dbf")
     content = table.read_bytes()

@@ -57,9 +57,9 @@ def test_wind_adjustment_factors_are_the_published_unsheltered_ones() -> None:
         (1.0, 0.6, 60.0, 0.4, 0.1513293006),
         (6.0, 0.7, 20.0, 0.9, 0.1153518902),
         (0.3, 1.0, 120.0, 1.0, 0.06272416791),
-        (1.0, 0.3, 60.0, 0.4, 0.3621042636),  # crowns fill 4 % only
-        (1.0, 0.375, 40.0, 0.4, 0.2077086333),  # just 5 %
-        (1.0, 0.9, 5.9, 1.0, 0.3621042636),  # canopy too low
+        (1.0, 0.3, 60.0, 0.4, 0.3621042636),  # crowns fill only 4 %
+        (1.0, 0.375, 40.0, 0.4, 0.2077086333),  # exactly 5 %
+        (1.0, 0.9, 5.9, 1.0, 0.3621042636),  # the canopy is too low
     ],
 )
 def test_trees_shelter_the_fuel_as_in_behave(

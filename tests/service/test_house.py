@@ -1,4 +1,4 @@
-"""The rules of the house that a reader relies on: names, folder sizes, faces, docstrings."""
+"""Rules of the repository for readers: names, sizes of folders, faces, docstrings."""
 
 import ast
 import importlib
@@ -11,7 +11,7 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("firemodel", "autopilot_bridge", "mission_service")
-MAX_MODULES = 25  # in a folder
+MAX_MODULES = 25  # maximum number of modules in a folder
 # Roles that repeat by design: each way of flying has the same files, each package its own base.
 ROLES = {
     "__init__.py",
@@ -22,8 +22,8 @@ ROLES = {
     "controller.py",
     "requests.py",
     "warm_up.py",
-    "way.py",  # of flying: what the registry asks
-    # of an experiment
+    "way.py",  # modules of a way of flying that the registry uses
+    # modules of an experiment
     "run.py",
     "scenarios.py",
     "tables.py",
@@ -64,7 +64,8 @@ def test_each_package_states_its_purpose(name: str) -> None:
 
 @pytest.mark.parametrize("name", FACES)
 def test_what_a_face_exports_is_documented(name: str) -> None:
-    """Arguments, results and errors of each exported function; a docstring of all else."""
+    """Check arguments, results and errors of each exported function, and docstrings of other
+    exports."""
     face = importlib.import_module(name)
     missing = []
     for export in getattr(face, "__all__", ()):
@@ -85,7 +86,7 @@ def test_what_a_face_exports_is_documented(name: str) -> None:
 
 
 def _raises(function: object) -> bool:
-    """Whether the function itself has a ``raise`` statement."""
+    """Return whether the function itself contains a ``raise`` statement."""
     source = inspect.getsource(function)  # type: ignore[arg-type]
     tree = ast.parse(inspect.cleandoc(source) if source.startswith(" ") else source)
     return any(isinstance(node, ast.Raise) for node in ast.walk(tree))

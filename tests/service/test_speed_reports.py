@@ -56,9 +56,9 @@ def test_a_vehicle_without_a_measured_airspeed_is_reported_too() -> None:
 def test_a_plane_that_levels_off_or_dives_is_not_reported() -> None:
     levels_off: list[Flown] = [(11.0 + 0.3 * n, -1.3, 86) for n in range(10)]
     assert thrust([*[(11.0, 3.0, 100)] * 40, *levels_off]) == []
-    assert thrust([*CRUISE, *[(19.0, -2.3, 100)] * 60]) == []  # a descent, PX4 as flown
+    assert thrust([*CRUISE, *[(19.0, -2.3, 100)] * 60]) == []  # a descent, as flown by PX4
     assert thrust([*CRUISE, *[(15.0, -3.0, 0)] * 20]) == []  # a glide that was ordered
-    assert thrust([*CRUISE, (15.0, -3.0, 100), *CRUISE]) == []  # one gust
+    assert thrust([*CRUISE, (15.0, -3.0, 100), *CRUISE]) == []  # a single gust
 
 
 def test_a_mean_airspeed_is_reported_when_it_has_changed() -> None:
