@@ -1,4 +1,4 @@
-"""Fixtures: a run with vehicles in the air, shared by tests that do not depend on its exact state."""
+"""Fixtures: a run with vehicles in the air, for tests that do not depend on its exact state."""
 
 import subprocess
 from pathlib import Path

@@ -20,8 +20,7 @@ SECOND = 1_000_000
 
 
 def mock_of(stack: Stack, landing_required: int = 0, **more: Any) -> MockAutopilot:
-    """Return a mock whose PX4 planes require no landing, because the missions of these tests have
-    none."""
+    """Return a mock that, as a PX4 plane, requires no landing (these missions have none)."""
     mock = MockAutopilot(
         stack,
         LocalFrame(HOME[0], HOME[1], HOME[2]),

@@ -95,7 +95,7 @@ C_TYPES = {
 
 
 def ulog(messages: Iterable[tuple[Any, ...]], system_id: int = 3) -> bytes:
-    """Return a .ulg file; each message is a topic with values, or ``L`` with level, time and text."""
+    """Return a .ulg file; a message is a topic with values, or ``L`` with level, time, text."""
     parts = [b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 1000), _record("B", bytes(40))]
     parts += [_record("F", f"{name}:{fields};".encode()) for name, fields in TOPICS.items()]
     key = b"int32_t MAV_SYS_ID"

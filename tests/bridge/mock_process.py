@@ -42,7 +42,7 @@ def mock_process(
 
 
 def short_mission(legs: int = 3) -> tuple[MissionItem, ...]:
-    """Return a takeoff, waypoints 111 m apart to the north, and an endless loiter at the last one."""
+    """Return a takeoff, waypoints 111 m apart to the north, and an endless loiter at the last."""
     lat, lon, altitude_m = HOME
     points = [waypoint(lat + 0.001 * leg, lon, altitude_m + 20.0) for leg in range(1, legs + 1)]
     last = loiter_unlimited(lat + 0.001 * legs, lon, altitude_m + 20.0, 80.0)

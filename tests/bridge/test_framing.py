@@ -10,7 +10,7 @@ from autopilot_bridge.links.framing import Framer
 
 
 def text(words: str) -> bytes:
-    """Return a frame that contains this text; its length is 13 bytes plus one for each character."""
+    """Return a frame that contains this text; its length is 13 bytes plus one for a character."""
     return Codec(1, 1).encode(mavlink.MAVLink_statustext_message(6, words.encode()))
 
 

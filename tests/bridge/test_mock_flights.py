@@ -22,7 +22,7 @@ DROP = MissionItem(211, 2, 0, 0, 0.0, 1.0, 0.0)
 
 
 def flown(stack: Stack, seconds: float) -> tuple[Player, list[Line]]:
-    """Fly a takeoff, a waypoint, a release, two waypoints and a loiter; return the sent messages."""
+    """Fly a takeoff, a waypoint, a release, two waypoints, a loiter; return the sent messages."""
     player = player_of(stack)
     first, second, *rest = line_of(4)
     home = (first,) if stack.item_0_is_home else ()

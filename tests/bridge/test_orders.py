@@ -388,7 +388,7 @@ def test_repeats_are_counted_and_a_refusal_after_one_is_reported_with_that() -> 
     sequence.handle_timer(1_400_000)
     assert sequence.outcome == (
         False,
-        "NAV_TAKEOFF failed when repeated; it may have been accepted before",
+        "NAV_TAKEOFF failed when it was repeated; it may have been accepted before",
     )
     silent = begun()
     for second in (1, 2, 3):

@@ -54,8 +54,7 @@ def wind_for(length_to_width: float) -> float:
 
 
 def ellipse_200_cells_long(land: Landscape, entry: Weather) -> tuple[Floats, float]:
-    """Return the exact arrival times from the middle, and the time at which the ellipse is 200
-    cells long."""
+    """Return exact arrival times, and the time at which the ellipse is 200 cells long."""
     exact_s = ellipse_s(land, entry, *(size // 2 for size in land.shape))
     rate, _, e = (float(field[0, 0]) for field in spread_fields(land, entry))
     return exact_s, 200 * CELL_M / (rate + rate * (1.0 - e) / (1.0 + e))

@@ -1,4 +1,4 @@
-"""A fire that starts from a perimeter or from arrival times continues like an uninterrupted fire."""
+"""A fire from a perimeter or from arrival times continues like an uninterrupted fire."""
 
 import math
 

@@ -56,8 +56,7 @@ def arrays_in(thing: Any) -> Iterator[NDArray[Any]]:
 @pytest.mark.parametrize("taken_over", [False, True])
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_a_copy_goes_on_alike_and_apart(scheme: str, taken_over: bool) -> None:
-    """The period includes a change of weather and a later ignition; only one copy is lit and
-    perturbed."""
+    """Weather changes and an ignition follows; only one copy is lit and perturbed."""
     burning = None
     if taken_over:
         arrival_s = np.full(LAND.shape, np.inf)
@@ -90,7 +89,7 @@ def test_a_copy_goes_on_alike_and_apart(scheme: str, taken_over: bool) -> None:
 
 @pytest.mark.parametrize("scheme", ["anyangle", "devs8"])
 def test_perturbed_is_as_if_the_weather_were_so(scheme: str) -> None:
-    """Compare with a fire that was created with the changed wind in the present and later entries."""
+    """Compare with a fire that was created with the changed wind in these entries."""
     fire = SCHEMES[scheme](CHANGING, None)
     fire.advance(NOW_S)
     fire.perturb(1.3, 25.0, 1.0)

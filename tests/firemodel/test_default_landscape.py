@@ -16,9 +16,9 @@ from firemodel.spread.front import perimeter
 @pytest.mark.parametrize(
     ("lat_deg", "lon_deg", "expected_m"),
     [
-        (36.3301, -84.1838, 327.0),  # places: Jacksboro, LaFollette, Rocky Top
-        (36.3828, -84.1197, 325.0),
-        (36.2187, -84.1549, 262.0),
+        (36.3301, -84.1838, 327.0),  # Jacksboro
+        (36.3828, -84.1197, 325.0),  # LaFollette
+        (36.2187, -84.1549, 262.0),  # Rocky Top
         (36.1983, -84.2306, 1077.0),  # Cross Mountain
     ],
 )
@@ -58,7 +58,7 @@ def test_the_landscape_is_always_the_same() -> None:
 
 
 def test_six_hours_of_fire_stay_on_the_grid_and_are_uneven() -> None:
-    """The wind comes from the north-east, and is light for three hours, as in the default scenario."""
+    """The wind is from the north-east, and light for three hours, as in the default scenario."""
     land = jacksboro()
     winds = [(3, 40), (3, 45), (4, 50), (7, 45), (7.5, 40), (7, 50)]
     hours = [

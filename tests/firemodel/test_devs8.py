@@ -76,8 +76,7 @@ def test_fire_runs_uphill() -> None:
 
 
 def test_rates_are_projected_to_the_map() -> None:
-    """Up a slope of 3 in 4 the path is 5/4 as long as on the map; the slope also increases the
-    rate."""
+    """Up a slope of 3 in 4 a path is 5/4 as long as on the map; the slope raises the rate."""
     east_is_up = np.tile(np.arange(41) * 0.75 * CELL_M, (41, 1))
     land = landscape(1, east_is_up)
     found = arrivals(Devs8Fire(land, steady(), [MIDDLE]), 600.0)
@@ -251,8 +250,7 @@ def test_states_are_available_for_the_past_only() -> None:
 
 
 def test_the_front_lies_where_the_fire_was_at_that_time() -> None:
-    """The front may lie between two cells, on paths that are not completed; later events do not
-    matter."""
+    """The front may lie between two cells, on incomplete paths; later events have no effect."""
     still = float(spread_fields(landscape(), weather())[0][0, 0])
     fire = Devs8Fire(landscape(), steady(), [MIDDLE, (2, 2, 9.75 * CELL_M / still)])
     fire.advance(6.75 * CELL_M / still)

@@ -30,8 +30,7 @@ ACROSS = np.array([-math.sin(TOWARD), math.cos(TOWARD)])
 
 
 def support(spread: Spread, normals: Floats) -> Floats:
-    """Return the distance that an ellipse reaches in a second in each direction (k, 2), by eqs. 1
-    and 2."""
+    """Return the reach of an ellipse in a second in each direction (k, 2), by eqs. 1 and 2."""
     wind = np.array([math.cos(spread.toward_rad), math.sin(spread.toward_rad)])
     along, across = normals @ wind, normals @ np.array([-wind[1], wind[0]])
     centre, major = (
@@ -127,7 +126,7 @@ def test_too_wet_to_burn_it_never_comes() -> None:
 
 @pytest.mark.parametrize("at_s", [-50.0, 0.0, 380.0, 400.0, 750.0, 2000.0])
 def test_a_change_of_wind_is_exact(at_s: float) -> None:
-    """The greatest time over 30,000 directions is slightly less than the result, and never greater."""
+    """The greatest time over 30,000 directions is at most the result, and hardly less."""
     random = np.random.default_rng(1)
     fire = EllipseFire(CHANGING, np.array([[0.0, 0.0, at_s]]))
     points = random.uniform(-1.0, 1.0, (40, 2)) * random.choice([10.0, 100.0, 1000.0], (40, 1))
@@ -138,7 +137,7 @@ def test_a_change_of_wind_is_exact(at_s: float) -> None:
 
 
 def test_it_agrees_with_huygens() -> None:
-    """Each point on the edge of the first ellipse is a source of the second, at most 0.05 m apart."""
+    """Points on the edge of the first ellipse, at most 0.05 m apart, are sources of the second."""
     change_s = CHANGING[1].from_s
     angles = np.linspace(0.0, 2.0 * math.pi, 8000)[:, None]
     middle, major = ALONG * (HEAD - BACK) / 2.0, (HEAD + BACK) / 2.0
@@ -158,7 +157,7 @@ def test_it_agrees_with_huygens() -> None:
 def test_it_agrees_with_the_cells_of_the_same_rates(
     turned_deg: float | None, tolerance: float
 ) -> None:
-    """The any-angle scheme receives Anderson's ellipses, which are wider than those of section IV."""
+    """The ellipses are Anderson's, as in the any-angle scheme; they are wider than section IV's."""
     entries = [weather(2.0, 200.0)]
     if turned_deg is not None:
         entries.append(weather(2.0, 200.0 + turned_deg, 3000.0))

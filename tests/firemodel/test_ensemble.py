@@ -236,7 +236,7 @@ def test_an_ensemble_advances_copies_perturbs_and_resamples() -> None:
     for wrong in ([], [3], [-1]):
         with pytest.raises(FireModelError, match="give numbers from 0 to 2"):
             many.resample(wrong)
-    with pytest.raises(FireModelError, match="one time"):
+    with pytest.raises(FireModelError, match="same time"):
         Ensemble([many.fires[0], twin.fires[0]])
 
 

@@ -187,7 +187,7 @@ def test_an_image_sets_the_cells_that_it_shows() -> None:
 
 
 def test_an_image_before_any_fire_is_refused() -> None:
-    with pytest.raises(FireModelError, match="no fire is known yet"):
+    with pytest.raises(FireModelError, match="there is no fire yet"):
         FireEstimate(LAND, WIND).observe(image(np.full(LAND.shape, np.inf), 10.0, 40, 40))
 
 

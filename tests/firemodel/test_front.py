@@ -26,8 +26,7 @@ def signed_area(loop: NDArray[np.int32]) -> float:
 
 
 def outer_boundary(burned: Mask) -> set[tuple[int, int]]:
-    """Return the cells of the largest region with a side on unburned ground connected to the
-    outside."""
+    """Return the cells of the largest region with a side on ground connected to the outside."""
     region = np.pad(largest_region(burned), 1)
     outside = ndimage.label(~region)[0] == 1  # the corner of the padding is labelled first
     touches = region & ndimage.binary_dilation(outside)

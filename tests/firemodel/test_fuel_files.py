@@ -142,7 +142,7 @@ def test_a_lookup_table_beside_the_raster_shows_another_system(tmp_path: Path) -
     written(tmp_path, "not, a table\n", "other_lookup_table.csv")
     assert (read_landscape(files).fuel_model == 1).all()
     written(tmp_path, FBP, "fbp_lookup_table.csv")
-    with pytest.raises(FireModelError, match=r"Canadian FBP: there code 1 is C-1, here short"):
+    with pytest.raises(FireModelError, match=r"Canadian FBP: there, code 1 is C-1, here short"):
         read_landscape(files)
     assert (read_landscape(files, fuel_codes={1: 10}).fuel_model == 10).all()
 

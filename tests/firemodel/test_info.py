@@ -88,7 +88,10 @@ def test_a_good_landscape_has_no_problems_and_is_read(tmp_path: Path) -> None:
     assert describe_rasters(files)["problems"] == []
     assert read_landscape(files).shape == (2, 4)
     only_fuel = describe_rasters({"fuel": files["fuel"]})["problems"]
-    assert only_fuel == ["landscape: no elevation, nor slope and aspect; give them"]
+    assert only_fuel == [
+        "landscape: elevation, slope and aspect are missing; give the elevation, or slope and "
+        "aspect"
+    ]
 
 
 def stack(path: Path, names: tuple[str, ...]) -> Path:

@@ -124,7 +124,7 @@ def test_daily_weather_in_the_rows_of_an_inputs_file(tmp_path: Path) -> None:
         (WTR.replace("1500", "2500"), WND, "a.wtr line 2: '7 15 2500' is not a time"),
         (WTR, WND.replace("7 16", "7 15 x"), "a.wnd line 3: 7 fields"),
         (WTR, WND.replace(" 20 90", " 20 500"), "a.wnd line 3: wind direction is '500'"),
-        (WTR, WND.replace("7 1", "9 1"), "no wind on the days of"),
+        (WTR, WND.replace("7 1", "9 1"), "contains no wind on the days of"),
     ],
 )
 def test_bad_daily_files_are_refused(
@@ -170,7 +170,7 @@ def test_farsites_own_inputs_file_names_a_missing_weather_file() -> None:
     [
         ("yesterday", "7/15/2019 15:00", "line 2: time = 'yesterday' is not a date"),
         ("7/15/2019 14:00", "7/15/2019 13:00", "line 4: datetime = 7/15/2019 13:00 is earlier"),
-        ("2019-07-15 14:00", "2019-07-14 15:00", "line 4: .* keep those of one scenario"),
+        ("2019-07-15 14:00", "2019-07-14 15:00", "line 4: .* keep only those of one scenario"),
     ],
 )
 def test_times_of_cell2fires_weather_must_not_decrease(

@@ -149,7 +149,7 @@ def test_impossible_landscapes_are_refused() -> None:
         ((CRS, 0.0, 0.0, 30.0, wrong, heights), "unknown fuel code 14 at row 1, column 2"),
         ((CRS, 0.0, 0.0, 30.0, codes, heights + np.inf), "elevation is inf at row 0, column 0"),
         ((CRS, 0.0, 0.0, 30.0, codes[0], heights), r"fuel is \(3,\) cells; it must be"),
-        ((CRS, 0.0, 0.0, 30.0, codes, None), "neither elevation nor gradient"),
+        ((CRS, 0.0, 0.0, 30.0, codes, None), "elevation and gradient are both missing"),
         ((*flat, heights), r"gradient is \(3, 3\), must be \(2, 3, 3\)"),
         ((*flat, hole), "gradient towards east is nan at row 2, column 1"),
         ((*flat, None, heights[:2]), r"fuel is \(3, 3\) cells, canopy cover \(2, 3\)"),

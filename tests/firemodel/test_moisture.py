@@ -49,7 +49,7 @@ def test_equilibrium_has_three_pieces_by_humidity(
 
 
 def test_equilibrium_is_near_that_measured_on_wood() -> None:
-    """Values of the Wood Handbook at 70 °F (Simpson 1998, FPL-RN-0268), which has another formula."""
+    """Values of the Wood Handbook at 70 °F (Simpson 1998, FPL-RN-0268), by another formula."""
     found = equilibrium_moisture_pct(21.11, np.array([25.0, 60.0, 84.0]))
     assert found == pytest.approx(np.array([5.3, 11.1, 17.6]), abs=0.5)
 
@@ -72,8 +72,7 @@ def test_records_more_often_of_the_same_weather_change_nothing() -> None:
 
 
 def test_a_record_holds_until_the_next() -> None:
-    """Humidity or rain in the second hour changes the moisture at the third record, not at the
-    second."""
+    """Humidity or rain in the second hour changes the moisture only at the third record."""
     at_s, dry, humidity_pct = (
         np.array([0.0, 3600.0, 7200.0]),
         np.zeros(3),

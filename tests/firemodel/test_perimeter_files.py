@@ -112,7 +112,7 @@ def test_shapefiles_zipped_or_not(tmp_path: Path) -> None:
                 archive.write(part, part.name)
     both(tmp_path / "a.zip")
     (tmp_path / "a.prj").unlink()
-    with pytest.raises(FireModelError, match=r"a.shp: has no .prj file; add the projection it was"):
+    with pytest.raises(FireModelError, match=r"a.shp: has no .prj file; add its projection"):
         read_perimeters(path, LAND)
 
 
@@ -360,7 +360,7 @@ def test_files_that_cannot_be_used(tmp_path: Path) -> None:
         read_perimeters(path, LAND)
     geojson(path, (SMALL, {"name": "x", "ALARM_DATE": NOON}))
     with pytest.raises(
-        FireModelError, match=r"no field has the times .* \(fields: name, ALARM_DAT"
+        FireModelError, match=r"no field contains the times .* \(fields: name, ALARM_DAT"
     ):
         read_perimeters(path, LAND)
     geojson(path, (SMALL, {}))
@@ -404,11 +404,11 @@ def test_views_in_a_geopackage_open_no_files(tmp_path: Path) -> None:
 
 @pytest.mark.filterwarnings("ignore:'crs' was not provided")
 def test_databases_that_are_no_geopackages(tmp_path: Path) -> None:
-    """SpatiaLite and a truncated GeoPackage are refused; the extension of the file does not matter."""
+    """SpatiaLite and a truncated GeoPackage are refused, whatever the extension of the file."""
     other = written(tmp_path / "a.sqlite", SMALL, driver="SQLite", time=texts(NOON))
     path = tmp_path / "b.gpkg"
     shutil.copy(other, path)
-    with pytest.raises(FireModelError, match=r"b.gpkg: .* SQLite database but no GeoPackage"):
+    with pytest.raises(FireModelError, match=r"b.gpkg: .* SQLite database, but not a GeoPackage"):
         read_perimeters(path, LAND)
     whole = written(tmp_path / "c.gpkg", SMALL, driver="GPKG", time=texts(NOON))
     assert len(read_perimeters(whole.rename(tmp_path / "c.dat"), LAND)[0]) == 1
@@ -425,8 +425,7 @@ def test_databases_that_are_no_geopackages(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(not DATA.is_dir(), reason="no real data")
 def test_real_perimeters_of_maria() -> None:
-    """The file contains perimeters of 21 flights, two of them at the same time, and one mark on the
-    map."""
+    """The file has perimeters of 21 flights, two of them at the same time, and one mark."""
     files = {name: DATA / f"maria_2019/Maria2019-{name}.tif" for name in ("fuel", "elevation")}
     found, warnings = read_perimeters(DATA / "maria_2019", read_landscape(files), PDT)
     assert len(found) == 20

@@ -213,8 +213,7 @@ def test_band_descriptions_name_layers(description: str, found: tuple[str, str])
 
 
 def lcp(tmp_path: Path, fuel: NDArray[np.int16] = FUEL, **options: str) -> Path:
-    """Return a small .lcp as GDAL writes it: elevation, slope, aspect, fuel, cover and canopy
-    bands."""
+    """Return a small .lcp as GDAL writes it: elevation, slope, aspect, fuel and canopy."""
     base = write_raster(
         tmp_path / "stack.tif",
         np.stack([HEIGHTS, SLOPE_DEG, ASPECT_DEG, fuel, COVER_PCT, *(FUEL * 0 + 30,) * 3]).astype(
@@ -285,7 +284,9 @@ def ascii_grid(path: Path, values: NDArray[Any], nodata: float = -9999.0) -> Pat
 def test_ascii_grids_are_read_with_a_crs_file_or_a_given_crs(tmp_path: Path) -> None:
     fuel = ascii_grid(tmp_path / "fuel.asc", FUEL)
     dem = ascii_grid(tmp_path / "dem.asc", HEIGHTS)
-    with pytest.raises(FireModelError, match=r"fuel.asc: has no CRS; .* or give it as crs"):
+    with pytest.raises(
+        FireModelError, match=r"fuel.asc: has no CRS; .* or give the projection as crs"
+    ):
         read_two(fuel, dem)
     expected = landscape(FUEL, HEIGHTS).digest()
     files = {"fuel": fuel, "elevation": dem}
@@ -339,7 +340,7 @@ def test_cells_without_a_value_can_be_taken_as_bare_ground(tmp_path: Path) -> No
 
 
 def test_gentle_ground_without_an_aspect_stays_fuel(tmp_path: Path) -> None:
-    """Level ground has no aspect; on slopes steeper than 5 degrees the aspect is a missing value."""
+    """Level ground has no aspect; above 5 degrees a cell without one has a missing value."""
     slope = np.array([[0, 5, 20], [5, 0, 6]], dtype=np.int16)
     aspect = np.array([[-9999, -9999, 90], [-1, 45, 180]], dtype=np.int16)
     codes = np.array([[1, 2, 99], [4, 5, 8]], dtype=np.int16)
@@ -434,7 +435,7 @@ def test_what_is_asked_for_wrongly_is_refused(tmp_path: Path) -> None:
     cases: list[tuple[Mapping[str, Any], str]] = [
         ({"fuel": fuel, "dem": dem}, "layer 'dem' is unknown; the layers are fuel, elevation"),
         ({"elevation": dem}, "no fuel layer"),
-        ({"fuel": fuel}, "no elevation, nor slope and aspect"),
+        ({"fuel": fuel}, "elevation, slope and aspect are missing"),
         ({"fuel": fuel, "slope": dem}, "only one of slope and aspect"),
         ({"fuel": (fuel, 2), "elevation": dem}, "fuel.tif: has no band 2; its bands are 1 to 1"),
         ({"fuel": fuel, "elevation": scaled}, "scaled.tif: values have scale 0.1 and offset 0.0"),

@@ -148,17 +148,17 @@ DATED = "time,wind_speed_m_s,wind_from_deg\n"
         (HEAD + "0,nan,0\n", r"line 2: wind_speed_m_s = nan must be 0 to 100"),
         (HEAD + "0,,0\n", r"line 2: wind_speed_m_s = '' is not a number"),
         (HEAD + "0,1\n", r"line 2: 2 cells, but 3 columns"),
-        (HEAD + "nan,1,0\n", r"line 2: at_s = nan is not a time"),
+        (HEAD + "nan,1,0\n", r"line 2: at_s = nan is not a number of seconds"),
         (HEAD + "0,1,0\n0,2,0\n", r"line 3: at_s = 0 is not later than the previous record \(0\)"),
         (HEAD + "60,1,0\n", r"from at_s = 60 to 60, the start 0 s is outside"),
-        ("at_s,wind_from_deg\n0,0\n", r"no column of wind speed, such as wind_speed_m_s"),
-        ("at_s,wind_speed_m_s\n0,0\n", r"no column of wind_from_deg or wind_toward_deg"),
-        ("wind_from_deg,wind_speed_m_s\n0,0\n", r"no column of time or at_s"),
+        ("at_s,wind_from_deg\n0,0\n", r"no column for wind speed, such as wind_speed_m_s"),
+        ("at_s,wind_speed_m_s\n0,0\n", r"no column for wind_from_deg or wind_toward_deg"),
+        ("wind_from_deg,wind_speed_m_s\n0,0\n", r"no column for time or at_s"),
         ("at_s,wind_dir\n0,0\n", r"column 'wind_dir' is unknown; columns are at_s, time, wind_"),
-        ("at_s,at_s\n0,0\n", r"column is named twice"),
+        ("at_s,at_s\n0,0\n", r"two columns have the same name"),
         (
             "at_s,wind_speed_mph,wind_10m_kmh,wind_from_deg\n0,1,1,0\n",
-            r"wind_speed_mph and wind_10m_kmh both given; remove one",
+            r"wind_speed_mph and wind_10m_kmh have the same meaning; remove one",
         ),
         (
             DATED + "2016-07-15T22:00,1,0\n2016-07-32,1,0\n",
@@ -188,7 +188,11 @@ def test_a_bad_csv_is_refused_with_line_field_and_value(
         ("0.10", "0,10", r"line 5: rain_in = '0,10' is not a number"),
         ("7 15 2300", "7 15 2360", r"line 5: time = '2016-07-15T23:60' is not a date"),
         ("7 16 0 ", "7 15 2300 ", r"line 6: time = 2016-07-15T23:00 is not later"),
-        ("2016 7 16", "O2016 7 16", r"line 6: 'O2016' begins neither a header line nor a record"),
+        (
+            "2016 7 16",
+            "O2016 7 16",
+            r"line 6: 'O2016' is not the first field of a header line or a record",
+        ),
     ],
 )
 def test_a_bad_raws_is_refused_with_line_field_and_value(

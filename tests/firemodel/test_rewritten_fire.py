@@ -131,7 +131,7 @@ def test_cells_that_were_not_seen_or_cannot_burn_keep_their_times() -> None:
 def test_points_without_use_are_dropped_and_the_fire_burns_on_equally(
     burning: AnyAngleFire, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Many images change a cell at the front; all times are equal with and without dropping points."""
+    """Many images change a cell at the front; times are equal with and without dropping points."""
 
     def rewritten_often(some_points: int) -> AnyAngleFire:
         monkeypatch.setattr(anyangle, "SOME_POINTS", some_points)

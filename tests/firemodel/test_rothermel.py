@@ -1,4 +1,4 @@
-"""Each equation is compared with a published or hand-computed value, and the whole with `behave`."""
+"""Each equation is compared with a published or hand-computed value, and all with `behave`."""
 
 import csv
 import math
@@ -23,8 +23,7 @@ DRY = Moisture(0.06, 0.07, 0.08, 0.60, 0.90)
 def rate_towards(
     largest_rate: float | Floats, eccentricity: float | Floats, off_heading_rad: float
 ) -> float | Floats:
-    """Return R(γ) = R_max (1 - e)/(1 - e cos γ); γ is the angle from the direction of fastest
-    spread."""
+    """Return R(γ) = R_max (1 - e)/(1 - e cos γ); γ is the angle from the fastest spread."""
     return largest_rate * (1.0 - eccentricity) / (1.0 - eccentricity * math.cos(off_heading_rad))
 
 
@@ -41,8 +40,7 @@ def spread(
     slope_tan: float,
     wind_off_upslope_deg: float = 0.0,
 ) -> dict[str, float]:
-    """Return the results that `behave` reports, in its units; directions are clockwise from
-    upslope."""
+    """Return the results of `behave` in its units; directions are clockwise from upslope."""
     bed = fuel_bed(FUEL_MODELS[code], moisture)
     wind_m_s = midflame_mph * M_S_PER_MPH
     rates, towards_deg, winds = fastest_spread(
@@ -358,7 +356,7 @@ def test_wind_and_slope_add_as_vectors() -> None:
 
 
 def test_every_row_of_behave_is_matched() -> None:
-    """Computed with the Forest Service's C++ program; the names of the columns contain the units."""
+    """Computed with the Forest Service's C++ program; the names of columns contain the units."""
     with shared_file("behave_reference.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 82
@@ -392,8 +390,7 @@ BEHAVE_RUNS = """
 
 @pytest.mark.parametrize("run", BEHAVE_RUNS.strip().splitlines())
 def test_eleven_runs_of_behave_are_matched(run: str) -> None:
-    """Results of `behave` (firelab/behave, commit d963287, compiled unchanged), printed to 6
-    digits.
+    """Results of `behave` (firelab/behave, commit d963287, unchanged), printed to 6 digits.
 
     The wind limit is off and the midflame wind is given. Some winds blow across or down the slope.
     """

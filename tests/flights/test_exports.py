@@ -58,7 +58,7 @@ def csv_rows(path: Path) -> list[dict[str, str]]:
 
 
 def messages(path: Path) -> list[tuple[str, str, int, dict[str, Any]]]:
-    """Yield topic, schema, time and content of each message, validated by the schema in the file."""
+    """Yield topic, schema, time and content of each message, validated by its schema."""
     found = []
     with path.open("rb") as file:
         for schema, channel, message in make_reader(file, validate_crcs=True).iter_messages():

@@ -51,7 +51,7 @@ def lit(lat_deg: float, lon_deg: float) -> list[tuple[float, float]]:
 
 
 def scenario(lat_deg: float = 36.35, lon_deg: float = -84.16, **changes: Any) -> Scenario:
-    """Return the scenario of a grass fire on level ground, an hour old at the start of the flight."""
+    """Return a scenario: a grass fire on level ground, an hour old at the start of the flight."""
     settings: dict[str, Any] = {
         "name": "level",
         "duration_s": 7200.0,
@@ -99,7 +99,7 @@ def telemetry(journal: JournalLog) -> list[Telemetry]:
 
 
 def same_track(flown: list[Position], reported: list[Telemetry], first_us: int) -> None:
-    """Check that each position has its exact time; above 20 positions a second, some are omitted."""
+    """Check that each position has its exact time; above 20 a second, some are omitted."""
     at = {fix.at_us - flown[0].at_us + first_us: fix for fix in flown}
     assert reported[0].at_us == first_us
     assert 0.99 * len(flown) <= len(reported) <= len(flown)

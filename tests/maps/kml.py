@@ -7,7 +7,7 @@ import numpy as np
 
 
 def perimeter_kml(collection: dict[str, Any]) -> bytes:
-    """Return the result of ``perimeter_geojson`` as KML 2.2 with the same fields as extended data."""
+    """Return the result of ``perimeter_geojson`` as KML 2.2, with its fields as extended data."""
     placemarks = "".join(_placemark(feature) for feature in collection["features"])
     return (
         '<?xml version="1.0" encoding="UTF-8"?>\n'

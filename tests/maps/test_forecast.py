@@ -112,8 +112,7 @@ def test_members_agree_on_the_present_and_spread_in_the_future() -> None:
 
 
 def test_all_callers_wait_for_the_same_forecast(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Nothing is computed without a request or for an equal one; once if it is old or was
-    corrected."""
+    """A forecast is computed once if it is requested and is old or was corrected."""
     computed = []
     whole = forecast._forecast
 

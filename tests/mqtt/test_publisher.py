@@ -134,8 +134,7 @@ def test_a_killed_process_is_published_as_offline_by_the_broker(broker: Mosquitt
 
 
 async def longest_gap_s(stage: Stage, seconds: float) -> float:
-    """Return the longest time in which the loop ran no other task while many messages were
-    published."""
+    """Return the longest time without another task while many messages were published."""
     longest_s, last_s = 0.0, time.monotonic()
     end_s, at_us = last_s + seconds, 0
     while last_s < end_s:
@@ -356,8 +355,8 @@ STRANGE = (
     b"",
     b"HTTP/1.1 400 Bad Request\r\n\r\n",
     bytes(range(256)),
-    b"\x20\x03\x00\x87\x00",  # not authorised; then the start of a packet of 256 MB
-    b"\x20\xff\xff\xff\x7f",
+    b"\x20\x03\x00\x87\x00",  # not authorised
+    b"\x20\xff\xff\xff\x7f",  # the start of a packet of 256 MB
     CONNECTED + b"\x90\x04\x00\x09\x00\x01",  # a reply without a request
     SUBSCRIBED + b"\x30\x04\x00\x02\xff\xfe",  # a topic that is not valid UTF-8
     SUBSCRIBED + b"\x30\x03\x00\x09a",  # a topic that is longer than its packet

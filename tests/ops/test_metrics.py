@@ -29,7 +29,7 @@ def context(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunContext]:
 
 
 def figures(context: RunContext) -> dict[str, dict[tuple[str, ...], float]]:
-    """Return the values by name and labels (in the order of their names), as Prometheus reads them."""
+    """Return the values by name and labels (ordered by their names), as Prometheus reads them."""
     content, media_type = metrics_of(context)
     assert media_type.startswith("text/plain")
     found: dict[str, dict[tuple[str, ...], float]] = {}

@@ -230,7 +230,7 @@ class Bridge:
             self.pauses = True
 
     def finish(self, outcome: str, on_board: bool) -> UploadMission | None:
-        """End the oldest upload; with ``on_board`` the vehicle has the mission despite the report."""
+        """End the oldest upload; with ``on_board`` the vehicle has the mission anyway."""
         if not self.uploads:
             return None
         upload, flown = self.uploads.pop(0), self.autopilot

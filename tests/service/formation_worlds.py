@@ -30,8 +30,7 @@ STEP_S = 0.25
 def orbit_step(
     x: float, y: float, heading: float, airspeed: float, *orbit_wind_step_bank: float
 ) -> tuple[float, float, float, float]:
-    """Advance one step to or along an orbit (x, y, radius, airspeed); return x, y, heading,
-    airspeed."""
+    """Fly one step to or along an orbit (x, y, radius, airspeed): x, y, heading, airspeed."""
     *orbit, new_airspeed, wind_x, wind_y, step_s, bank = orbit_wind_step_bank
     after = (wind_x, wind_y, step_s, bank)
     aim = loiter.wanted_heading_rad(x, y, heading, airspeed, *orbit, *after)

@@ -22,8 +22,7 @@ FIRST_GUESS_M_S, MAX_GUESSES = 3.0, 6
 
 
 def random_fire(seed: int) -> Burn:
-    """Return fire number ``seed``, which is the same on every machine; even numbers burn with
-    devs8.
+    """Return fire number ``seed``, equal on every machine; even numbers burn with devs8.
 
     Fires that are out at deployment or reach the edge before the end are drawn again.
     """
@@ -65,8 +64,7 @@ def circling_error(fire: Burn) -> float:
 
 
 def _landscape(rng: np.random.Generator) -> Landscape:
-    """Return two or three fuels in patches of about a kilometre, on hills of up to some hundred
-    metres."""
+    """Return two or three fuels in patches of about a kilometre, on hills."""
     rough = gaussian_filter(rng.standard_normal((CELLS, CELLS)), 15.0)
     fuels = rng.choice(FUELS, size=int(rng.integers(1, 4)), replace=False)
     share = np.argsort(np.argsort(rough, axis=None)).reshape(rough.shape) / rough.size

@@ -1,4 +1,4 @@
-"""Advice to a team's operators: the revisit time it can reach, and the required number of vehicles."""
+"""Advice to a team's operators: possible revisit times, and the required number of vehicles."""
 
 import numpy as np
 

@@ -99,8 +99,7 @@ def test_highest_static_keeps_its_target_until_it_is_there() -> None:
 
 
 def slow_best_path(region: Region) -> int:
-    """Implement Bent 4.1.4 literally: the mean importance of each path's cells when they are
-    reached."""
+    """Implement Bent 4.1.4 literally: the mean importance of a path's cells when reached."""
     ring, cells, means = region.ring, region.ring.step_m.size, {}
     for goal in range(region.begin, region.end):
         way = 1 if goal > region.own_cell else -1

@@ -1,4 +1,4 @@
-"""Burns at the gateway: drops and climbs as commands of the client, battery and GPS fix as events."""
+"""Burns at the gateway: drops and climbs as client commands, battery and GPS fix as events."""
 
 from pathlib import Path
 from typing import Any

@@ -124,7 +124,7 @@ def test_a_leg_is_in_danger_where_any_of_its_samples_is() -> None:
 
 @pytest.mark.parametrize("wrap", [lambda fire: fire, lambda fire: CombinedFires([fire])])
 def test_a_fire_smaller_than_a_cell_is_represented_by_its_source(wrap: Callable[..., Any]) -> None:
-    """The fire is very small for 200 s; then the wind drives it to the corners of its cell at once."""
+    """The fire is very small for 200 s; then wind drives it to the corners of its cell."""
     slow, fast = Spread(0.0, 1e-4, 1e-4, 1e-4, 0.0), Spread(200.0, 5.0, 5.0, 5.0, 0.0)
     hazard = hazard_of(wrap(EllipseFire([slow, fast], np.array([[30.4, 30.9, 0.0]]))), BOX, CALM)
     assert in_danger(hazard, 30.0, 40.0, 5.0)

@@ -443,8 +443,7 @@ def permitted(history: list[Happening], drop: Drop, at_us: int, section: BurnSec
 def host_allows(
     flat: list[object], proposed: int, approved: int, attended: int, section: BurnSection
 ) -> bool:
-    """Check the limits on the host's clock; times before a restart are not comparable with later
-    ones."""
+    """Check limits on the host's clock; times before a restart are not comparable."""
     began = max([0, *(p for p, thing in enumerate(flat) if isinstance(thing, Resumed))])
 
     def passed_us(since: int) -> float:

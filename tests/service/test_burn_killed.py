@@ -53,7 +53,7 @@ class Burn(NamedTuple):
 
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory: pytest.TempPathFactory) -> Burn:
-    """Return the first minutes of the shipped burn, as a live service would have journalled them."""
+    """Return the first minutes of the shipped burn, as a live service would journal them."""
     changes = (
         'burn.corrections="paper"',
         "deploy_at_s=5",

@@ -34,7 +34,7 @@ BURN = BurnSection(
 
 
 def land(seed: int | None) -> Landscape:
-    """Return hills with cells of 10 m and slopes of up to 30 degrees; flat at 300 m without a seed."""
+    """Return hills (10 m cells, slopes up to 30 degrees); without a seed flat ground at 300 m."""
     elevation = np.full((60, 60), 300.0)
     if seed is not None:
         rng = np.random.default_rng(seed)
@@ -170,10 +170,9 @@ def test_a_mock_flies_it_over_the_ground_at_its_heights_and_speed(stack: str) ->
     assert max(speeds) < 5.5
     assert float(np.median(speeds[len(speeds) // 2 :])) == pytest.approx(5.0, abs=0.1)
     assert min(climbs) == pytest.approx(-BURN.sink_m_s if stack == "ardupilot" else -1.5, abs=0.01)
-    # Corners are cut by 5 m, outside the ground for which they were planned; the vehicle sank in
-    # place before it flew the line.
+    # Corners are cut by 5 m, over ground for which they were not planned.
     assert min(low) > 13.0
-    assert max(low) < 20.0
+    assert max(low) < 20.0  # it sank in place before it flew the line
     assert mock.outputs == []
 
 

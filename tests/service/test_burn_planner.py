@@ -152,8 +152,7 @@ def test_scenario_3_lines_between_two_converging_fronts() -> None:
 
 
 def test_scenario_4_a_front_added_in_mid_flight() -> None:
-    """The first line is interrupted west of a new front in the south-east; the faster side is
-    chosen."""
+    """The first line is interrupted west of a new front; the faster side is chosen."""
     now = situation(fire=BACKING)
     first = planned(now, sources=backing_line())
     half = len(first.drops) // 2

@@ -1,4 +1,4 @@
-"""A burn resumes after a kill from a journal that is truncated anywhere, or reports a clear error."""
+"""A burn resumes after a kill from a journal truncated anywhere, or reports a clear error."""
 
 from collections.abc import Callable
 from pathlib import Path

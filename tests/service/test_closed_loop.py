@@ -115,8 +115,7 @@ def test_a_replay_reproduces_every_decision(run: Run) -> None:
 def altered(
     run: Run, tmp_path: Path, marker: str, before: str, after: str
 ) -> tuple[Verification, int]:
-    """Change the first matching place after the middle of the journal; return its line and the
-    result."""
+    """Change the first match after the middle of the journal; return its line and the result."""
     lines = run.journal.read_text(encoding="utf-8").splitlines(keepends=True)
     half = len(lines) // 2
     index = next(i for i in range(half, len(lines)) if marker in lines[i] and before in lines[i])

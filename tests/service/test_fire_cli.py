@@ -313,8 +313,8 @@ def refused(scenario: Path, *options: str) -> str:
     [
         ("rows = 50", 'landscape: rows has no effect with source = "files"'),
         ('units = {slop = "percent"}', "units: layer 'slop' is unknown"),
-        ('units = {slope = "percent"}', "units: slope has one, but no band is that layer"),
-        ('units = {fuel = "m"}', "units: fuel has none"),
+        ('units = {slope = "percent"}', "units: slope has a unit, but no band is this layer"),
+        ('units = {fuel = "m"}', "units: the layer fuel has no units"),
         ("nodata = inf", "landscape.nodata"),
         ('fuel = "."', "landscape.fuel: is a folder, not a file"),
     ],
@@ -400,7 +400,7 @@ def test_info_refuses_words_it_would_not_use(tmp_path: Path) -> None:
     assert "none.geojson: has no features" in empty.stdout
     assert "is a folder; give a file" in call("fire", "info", str(tmp_path)).stdout
     write_raster(tmp_path / "c.tif", HEIGHTS.astype(np.complex64))
-    assert "c.tif: holds complex numbers" in call("fire", "info", str(tmp_path / "c.tif")).stdout
+    assert "c.tif: contains complex numbers" in call("fire", "info", str(tmp_path / "c.tif")).stdout
 
 
 def test_netcdf_is_written_on_request(tmp_path: Path) -> None:

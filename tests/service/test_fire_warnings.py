@@ -58,8 +58,7 @@ def scenario(folder: Path, dead_1h_pct: float = 6.0, lat_deg: float = 36.353) ->
 
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
-    """Return the folder of a short flight in which the fire reaches the edge, and the
-    announcements."""
+    """Return the folder and announcements of a flight in which the fire reaches the edge."""
     folder = tmp_path_factory.mktemp("edge")
     found = call("sim", str(scenario(folder, dead_1h_pct=0.06)), "--out", str(folder), "--json")
     assert found.exit_code == 0, found.output

@@ -111,7 +111,7 @@ class Forger:
 
 
 class Relay:
-    """A relay between a vehicle and the daemon; forged frames come from the vehicle's own remote."""
+    """A relay between a vehicle and the daemon; forged frames have the vehicle's own remote."""
 
     def __init__(self, port: int) -> None:
         self._to = ("127.0.0.1", port)
@@ -231,7 +231,7 @@ def test_a_takeover_of_a_silent_vehicle_raises_an_alarm(tmp_path: Path) -> None:
                 return run.logged("link restored")()
 
             run.wait_for(restored)  # when the vehicle has been silent for long enough
-            run.wait_for(run.logged(f"messages arrive from {forger.address} now"))
+            run.wait_for(run.logged(f"messages now arrive from {forger.address}"))
             assert "source/hawk" in run.alarms()
             forger.send(position(DAYS_30_MS))
             run.wait_for(run.logged("jumped"))

@@ -1,4 +1,4 @@
-"""Messages of UAVs over MQTT with a real Mosquitto: nothing blocks, invalid messages are rejected."""
+"""Messages of UAVs over MQTT with a real Mosquitto: no blocking, invalid messages are rejected."""
 
 import asyncio
 import time

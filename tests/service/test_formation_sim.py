@@ -20,9 +20,8 @@ from mission_service.runtime.run_statistics import RunStatistics
 from mission_service.simulation.sim import Simulation, simulate
 from tests.announced import Announced
 
-# Spacing of homes, so that all may take off at once; distance of homes from the fire.
-APART_M = 340.0
-AWAY_M = 1100.0
+APART_M = 340.0  # spacing of homes, so that all may take off at once
+AWAY_M = 1100.0  # distance of homes from the fire
 SETTLED_BY_S = 290.0
 ENDS_S = 360.0
 

@@ -124,8 +124,7 @@ def at(boot_s: float) -> bridge.Position:
 
 
 def behind_s(rates: dict[str, float], seconds: int, delay: range = range(0)) -> list[float]:
-    """Return the delay of swift behind hawk each second; a link holds data back and delivers it at
-    once."""
+    """Return the delay of swift behind hawk each second, over a link that delivers in bursts."""
     clock = MissionClock(0, wall=False)
     clients = {name: Client() for name in rates}
     gateways = {name: Gateway(name, client, clock) for name, client in clients.items()}

@@ -64,8 +64,7 @@ def test_each_package_states_its_purpose(name: str) -> None:
 
 @pytest.mark.parametrize("name", FACES)
 def test_what_a_face_exports_is_documented(name: str) -> None:
-    """Check arguments, results and errors of each exported function, and docstrings of other
-    exports."""
+    """Check the docstrings of exports, with arguments, results and errors of functions."""
     face = importlib.import_module(name)
     missing = []
     for export in getattr(face, "__all__", ()):

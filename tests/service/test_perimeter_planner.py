@@ -28,8 +28,7 @@ ROWS, COLS = np.indices((SIZE, SIZE)).astype(float)
 
 
 class Ellipse:
-    """A fire that spreads as an ellipse with its ignition in the rear focus and its head to the
-    south."""
+    """A fire that spreads as an ellipse, with its ignition in the rear focus, to the south."""
 
     def __init__(self, head_cells_s: float, eccentricity: float) -> None:
         self.head_cells_s = head_cells_s
@@ -53,8 +52,7 @@ class Ellipse:
 def fly(
     fire: Ellipse, settings: PerimeterSettings, from_s: float, to_s: float
 ) -> tuple[PerimeterPlanner, list[float], list[float]]:
-    """Fly the planner's paths exactly; return planner, times of reversals, and distances to the
-    front."""
+    """Fly the planner's paths; return planner, times of reversals, distances to the front."""
     planner = PerimeterPlanner(settings, (SIZE, SIZE), CENTRE, ignited_at_s=0.0)
     row, col = CENTRE[0] - 30.0, CENTRE[1] + 3.0
     reversals, off_front = [], []

@@ -23,7 +23,7 @@ def row(
     age_s: float = 0.0,
     at_m: float = 150.0,
 ) -> NDArray[np.float64]:
-    """Return one row: a peer on (or off) an anticlockwise orbit around a place, at 15 m/s along it."""
+    """Return one row: a peer on (or off) an anticlockwise orbit around a place, at 15 m/s."""
     numbers = np.zeros(peers.COLUMNS)
     numbers[[peers.X, peers.Y]] = x_m + at_m * math.cos(angle_rad), y_m + at_m * math.sin(angle_rad)
     numbers[[peers.VX, peers.VY]] = -15.0 * math.sin(angle_rad), 15.0 * math.cos(angle_rad)
@@ -94,7 +94,7 @@ def synchronised_rad(
     wind: tuple[float, float] = (0.0, 0.0),
     until_s: float = 240.0,
 ) -> float:
-    """Return the largest distance from the mean phase at the end, for vehicles on a ring of orbits."""
+    """Return the largest final distance from the mean phase, for vehicles on a ring of orbits."""
     count = len(angles)
     turn = 2.0 * np.pi * np.arange(count) / count
     size_m = 300.0 / (2.0 * math.sin(math.pi / count))

@@ -60,7 +60,7 @@ def turning() -> Burn:
 
 
 def estimated(fire: Burn, wind_given: bool = True) -> FrontEstimate:
-    """Return the front estimated from the ignition on, with the exact wind or only the first one."""
+    """Return the front estimated from the ignition on, with the exact wind or only the first."""
     model = model_of(fire.landscape, fire.weather.entries[0])
     estimate = FrontEstimate(SHAPE, CENTRE, model, np.full(BEARINGS, 0.5), 0.0)
     for at_s in range(0, int(END_S), 60):

@@ -18,7 +18,7 @@ SPEED_M_S = 15.0
 
 
 def still(cells: int, steps: int, rate: float = 1.0) -> list[RingStep]:
-    """Return a square ring that does not change, read every 20 s; linear cost is then the mean age."""
+    """Return a constant square ring, read every 20 s; linear cost is then the mean age."""
     side = cells // 4
     along = np.arange(side)
     rows = np.concatenate([0 * along, along, 0 * along + side, side - along])

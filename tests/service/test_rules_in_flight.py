@@ -46,7 +46,7 @@ def look(
 def fly(
     site: Site, rule: str
 ) -> tuple[dict[str, Planner], list[tuple[float, str, bool]], list[float]]:
-    """Fly all vehicles along their paths; return planners, decisions, and distances to the front."""
+    """Fly all vehicles on their paths; return planners, decisions, and distances to the front."""
     scenario, landscape, arrival_s = site
     settings = scenario.planner.model_copy(update={"rule": rule})
     core = Core(scenario.model_copy(update={"planner": settings}), landscape)

@@ -38,7 +38,7 @@ Files = dict[str, bytes]
 
 
 class Kept:
-    """A flight of some minutes as a live service stores it: three segments, and a newer snapshot."""
+    """A flight of some minutes as a live service stores it: three segments, a newer snapshot."""
 
     def __init__(self, folder: Path) -> None:
         self.scenario: Scenario = flying(load_scenario("default", ("start_s=3590",)))

@@ -92,7 +92,7 @@ def test_a_scenario_gives_each_vehicle_a_layer_unless_it_sets_an_altitude() -> N
 
 
 def test_a_higher_mission_is_laid_over_a_lower_one_where_they_cross(land: Landscape) -> None:
-    """Their legs end at different places, so that a hill may lift the lower layer above the higher."""
+    """Legs end at different places, so that a hill may lift the lower layer above the higher."""
     scenario = load_scenario("team")
     low, high = scenario.vehicles[:2]
     rng = np.random.default_rng(2)

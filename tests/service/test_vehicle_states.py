@@ -79,8 +79,7 @@ class SeesNoFailsafe(Core):
 
 
 class StartsAfterARestart(Core):
-    """A defect: after an autopilot's restart on the ground, it is started as before the first
-    flight."""
+    """A defect: after its restart on the ground, an autopilot is started without an order."""
 
     def _rebooted(self, vehicle: Vehicle, at_s: float, was: Any) -> list[AnyCommand]:
         commands = super()._rebooted(vehicle, at_s, was)

@@ -149,8 +149,7 @@ class Flights(Turns):
         self.step()
 
     def upload_ends(self, name: str, outcome: str, on_board: bool) -> None:
-        """End the oldest upload with this outcome; with ``on_board`` the vehicle has the mission
-        anyway."""
+        """End the oldest upload; with ``on_board`` the vehicle has the mission anyway."""
         bridge = self.bridges[name]
         upload = bridge.finish(outcome, on_board)
         if upload is not None:
@@ -173,7 +172,7 @@ class Flights(Turns):
             self.fly(1.0)
 
     def operators_fly_on(self) -> None:
-        """Let operators order all vehicles to fly; without faults all must soon fly missions again."""
+        """Let operators order all vehicles to fly; all must then soon fly missions again."""
         if self.operators is not None:
             self.operators_present = True
             self.renew("")

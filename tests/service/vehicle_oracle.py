@@ -52,7 +52,7 @@ QUESTION = "confirm:"
 
 @dataclass
 class Effect:
-    """A command that may change the mode, from its sending until it can no longer have an effect."""
+    """A command that may change the mode, from its sending until the end of its effect."""
 
     name: str
     mission_id: int
@@ -77,7 +77,7 @@ class VehicleRecord:
     state: str = ""  # system status
     fence_breached: bool = False
     home: bool = False  # ordered home by an operator or by the service
-    held: bool = False
+    held: bool = False  # held by an operator
     licence: Licence = ""  # operators' orders since the last mode that was not ordered
     effects: list[Effect] = field(default_factory=list)
 

@@ -47,7 +47,7 @@ MIN_STEP_S = 0.01
 
 
 class Turns:
-    """The turns of a service: events to the core, and its commands to the oracle and the vehicles."""
+    """The turns of a service: events to the core, its commands to the oracle and the vehicles."""
 
     def __init__(
         self,

@@ -109,14 +109,12 @@ def pixels(page: Page) -> NDArray[np.int16]:
 
 
 def share_burned(page: Page) -> float:
-    """Return the share of the map in the colour of burned ground: much more red than green and
-    blue."""
+    """Return the share of the map in the colour of burned ground: mostly red."""
     red, green, blue = np.moveaxis(pixels(page), 2, 0)
     return float(((red - green > 40) & (abs(green - blue) < 30) & (red > 140)).mean())
 
 
 def share_expected(page: Page) -> float:
-    """Return the share of the map in the colours of the slider's fire: much red, some green, little
-    blue."""
+    """Return the share of the map in the colours of the slider's fire: red and green."""
     red, green, blue = np.moveaxis(pixels(page), 2, 0)
     return float(((red - green > 20) & (green - blue > 20)).mean())

@@ -130,7 +130,7 @@ def free_port(kind: socket.SocketKind = socket.SOCK_DGRAM) -> int:
 
 
 def wait_for(what: Callable[[], Any], within_s: float, words: str) -> Any:
-    """Wait for a condition; return its value; fail if it takes longer than PATIENCE_S or the limit."""
+    """Wait for a condition; return its value; fail if it takes too long (at least PATIENCE_S)."""
     began, within_s = time.monotonic(), max(within_s, PATIENCE_S)
     while not (found := what()):
         if time.monotonic() - began > within_s:
