@@ -56,7 +56,7 @@ CASES = (
 STEADY = CASES[0]  # towards the south
 START = datetime(2013, 4, 26, 12)  # noqa: DTZ001  # without a UTC offset, as in the files
 FIRST = Moisture(0.03, 0.04, 0.06, 0.70, 1.00)
-TEMPERATURE_C, HUMIDITY_PCT = 25.0, 25.0  # in every record
+TEMPERATURE_C, HUMIDITY_PCT = 25.0, 25.0  # conditions in every record
 STEP_S = 300.0
 HOURS = 7
 NORMALS_RAD = np.linspace(0.0, 2.0 * np.pi, 3600, endpoint=False)

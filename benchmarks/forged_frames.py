@@ -4,10 +4,10 @@ The mock flies a scenario in virtual time, once without and once with forged fra
 frames. From other addresses, systems and components the forger sends each message that the bridge
 reads, with NaN, infinities, extreme values, and times since boot far ahead or far back. From the
 vehicle's own address it sends implausible content: values out of bounds, jumps of time, positions
-that the vehicle cannot reach, and other autopilots. No frame may raise an exception, the service
-may send no frame to the forger, and the journals of both flights (events of the core, decisions,
-camera observations, mission time) must be equal byte by byte. Alarms are not part of the journal;
-the benchmark counts them.
+that the vehicle cannot reach, and heartbeats of other autopilots. No frame may raise an exception,
+the service may send no frame to the forger, and the journals of both flights (events of the core,
+decisions, camera observations, mission time) must be equal byte by byte. Alarms are not part of the
+journal; the benchmark counts them.
 """
 
 import argparse

@@ -436,7 +436,7 @@ def main() -> None:
         asyncio.run(fly(given.fly[0], tuple(given.fly[1:])))
         return
     rules, found, seed = given.rule or list(RULES), Found(), given.seed
-    folder = tempfile.mkdtemp(prefix="kills-")  # not removed, for inspection
+    folder = tempfile.mkdtemp(prefix="kills-")  # the folder is kept for inspection
     while found.kills < given.kills:
         rule = rules[seed % len(rules)]
         reported = len(found.wrong)

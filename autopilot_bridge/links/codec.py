@@ -96,7 +96,7 @@ def _encode_numeric(message: Message, sent: tuple[int, int, int]) -> bytes:
     """
     values = [getattr(message, name) for name in message.ordered_fieldnames]
     payload = message.unpacker.pack(*values).rstrip(b"\0") or b"\0"
-    message_id = message.get_msgId()  # not ``id``: some messages have a field of that name
+    message_id = message.get_msgId()  # not named ``id``, because some messages have a field ``id``
     low, high = message_id & 0xFFFF, message_id >> 16
     body = _HEADER_V2.pack(V2, len(payload), 0, 0, *sent, low, high) + payload
     crc: int = checksum(body[1:], message_id)

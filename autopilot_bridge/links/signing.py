@@ -218,7 +218,8 @@ class Counts:
     unsigned_allowed: int = 0
     unsigned: int = 0  # rejected, like the frames counted in the fields below
     wrong: int = 0  # signed with another key, or altered in transit
-    repeated: int = 0  # not later than the last frame of the stream: replayed or reordered
+    # The timestamp is not later than the last one of the stream: replayed or reordered.
+    repeated: int = 0
     old: int = 0  # first frame of a stream, too far in the past
     ahead: int = 0  # too far in the future: the sender's clock or ours is wrong
 

@@ -99,7 +99,7 @@ class Udp(asyncio.DatagramProtocol):
         self.called = ""
         self._address = address
         self._listener = listener
-        self._remotes: dict[Where, _Remote] = {}  # in the order of their last frames
+        self._remotes: dict[Where, _Remote] = {}  # ordered by the time of the last frame
         self._target: Where | None = None
         self._transport: asyncio.DatagramTransport | None = None
         self._socket: socket.socket | None = None
@@ -314,7 +314,7 @@ class StreamClient:
                 await self._stream.lost.wait()
                 if self._stream.received_frames:
                     failures = 0
-            except OSError:  # also TimeoutError: the server does not listen yet
+            except OSError:  # also TimeoutError, if the server does not listen yet
                 pass
             self._stream = None
             await asyncio.sleep(reconnect_wait_s(failures))

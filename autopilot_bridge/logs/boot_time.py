@@ -7,7 +7,7 @@ at another rate, flight time advances at that rate too.
 from collections.abc import Iterator
 from statistics import median
 
-Sample = tuple[int, int, int]  # system id, stamp and time since boot, both in microseconds
+Sample = tuple[int, int, int]  # system id, stamp, and time since boot; times in microseconds
 
 SAMPLES, MIN_PAIRS = 400, 10
 SPAN_US, APART_US = 5_000_000, 1_000_000  # minimum time from first to last stamp, and within a pair

@@ -25,7 +25,8 @@ from autopilot_bridge.missions.transfer import (
     rejected,
 )
 
-IDS = ("mission_id", "fence_id", "rally_points_id")  # of MISSION_CURRENT, by MAV_MISSION_TYPE
+# Fields of MISSION_CURRENT with the plan's id, by MAV_MISSION_TYPE.
+IDS = ("mission_id", "fence_id", "rally_points_id")
 
 
 class MissionUpload(Exchange):

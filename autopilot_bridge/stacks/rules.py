@@ -39,7 +39,7 @@ class Rules:
 
     frames: frozenset[int]  # accepted frames of items with a position
     position: dict[int, str]  # accepted commands with a position, and words for params 1 to 4
-    bare: dict[int, str]  # likewise for accepted commands without a position
+    bare: dict[int, str]  # accepted commands without a position, and words for params 1 to 4
     bare_frame: int | None  # the only accepted frame of items without a position
     bare_xyz: dict[int, str]  # which of x, y, z are stored for commands without a position
     frames_read: dict[int, int]  # the frame that is read back for each frame sent

@@ -6,7 +6,8 @@ after all requests: absent messages are requested again a few times
 Messages may stop because ArduCopter resets its rates when it restarts, and its heartbeat does not
 show a restart.
 
-An acknowledgement does not contain the message id, so the next request waits for it.
+An acknowledgement does not contain the message id, so each request is sent after the
+acknowledgement of the one before.
 """
 
 from collections.abc import Mapping

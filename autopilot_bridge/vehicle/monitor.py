@@ -65,7 +65,7 @@ class VehicleMonitor:
         # Whether the position estimate has been healthy since the autopilot's start; None before
         # its first report.
         self._settled: bool | None = None
-        self._estimate_healthy = True  # from the last report
+        self._estimate_healthy = True  # state of the fence in the last report
         self._alarms: dict[AlarmKind, int] = {}  # active alarms with their end times
         self._backward_jump_us = 0  # 0 if the time since boot did not jump back
         self.undecided_until_us = 0  # until this time a restart may still be detected

@@ -263,7 +263,8 @@ class GaussianCorrected:
         given: _Prior,
     ) -> _Prior:
         """Return the prior that gives the burning observations the highest likelihood."""
-        burning = (self._reachable[:, 3] == BURNING) & (w > 0.0)  # no weight: no constraint
+        # Observations without weight are left out.
+        burning = (self._reachable[:, 3] == BURNING) & (w > 0.0)
         if np.count_nonzero(burning) < 3:
             return given
         y, sd2 = b[burning] / w[burning], 1.0 / w[burning]

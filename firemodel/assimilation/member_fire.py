@@ -16,7 +16,7 @@ class MemberFire(NamedTuple):
 
     fire: AnyAngleFire
     arrival_s: Floats  # (y, x) expected times of the fire with all changes
-    changed: Mask | None = None  # (y, x) the cells with other times than the fire
+    changed: Mask | None = None  # (y, x) cells whose times differ from those of the fire
 
     def with_times(self, arrival_s: Floats, changed: Mask) -> "MemberFire":
         """Return this fire with new arrival times (y, x), which differ in the cells ``changed``."""

@@ -88,7 +88,7 @@ def describe_rasters(
     layer, dtype, unit, nodata, least, most and no_data_cells. A band of fuel codes also has
     ``fuels`` (code, name, percent of the cells with a value) and non_burnable_pct. ``problems`` has
     one line for each reason for which ``read_landscape`` would reject the files, and ``notes`` one
-    line for each content that may be unintended or that a run ignores.
+    line for each value that is probably unintended and for data that a run ignores.
     """
     problems: list[str] = []
     pairs = _layers_and_bands(files, problems)

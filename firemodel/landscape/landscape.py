@@ -131,7 +131,7 @@ def horn(elevation_m: NDArray[np.floating], cell_size_m: float) -> NDArray[np.fl
 def bilinear(values: NDArray[Any], row: Any, col: Any) -> Any:
     """Return values (y, x) interpolated at float rows and columns, constant beyond the edge."""
     last_row, last_col = values.shape[0] - 1, values.shape[1] - 1
-    if isinstance(row, float):  # one place: much faster without arrays
+    if isinstance(row, float):  # for one place this is much faster without arrays
         row, col = min(max(float(row), 0.0), last_row), min(max(float(col), 0.0), last_col)
         top, left = min(int(row), last_row - 1), min(int(col), last_col - 1)
         north_west, north_east = values.item(top, left), values.item(top, left + 1)

@@ -38,7 +38,8 @@ FARTHER = 1.5  # lines go this many times as far as the chord between two tips
 PIECES = 4  # number of pieces into which the front between two tips is divided
 POINTS_PER_TIP = 2 + 2 * (PIECES - 1)  # maximum; includes one point for the slide of the tip's node
 APPROACH = 0.25  # smallest cosine between the paths from two tips and the line that joins them
-NEXT_I = np.array([0, 1, 1, 1])  # each pair of neighbours on edges once, times the lattice's step
+# Steps to four neighbours on edges; with them each pair occurs once.
+NEXT_I = np.array([0, 1, 1, 1])
 NEXT_J = np.array([1, 0, 1, -1])
 
 

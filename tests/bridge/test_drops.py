@@ -118,7 +118,7 @@ def test_each_drop_lets_go_once_and_is_set_back(stack: Stack, dropper: Dropper) 
     assert outcomes(pair) == ["done"] * 3
     assert len(mock.releases(dropper)) == let_go(mock, dropper) == 3
     values = [value for _, what, _, value in mock.outputs if what == dropper.by]
-    assert len(values) == 6  # each release was reset once, because the reset was acknowledged
+    assert len(values) == 6  # each release was followed by one reset, which was acknowledged
     assert values[0] == RELEASED[dropper.by] != values[-1]
     released, back = (at_us for at_us, *_ in mock.outputs[:2])
     # One time step of the mock.

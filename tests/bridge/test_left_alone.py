@@ -78,7 +78,7 @@ def test_a_failsafe_at_any_moment_of_an_upload_is_left_alone(stack: Stack, by_fi
         assert pair.mock.flight.mode == "rtl", after_s
         (ended,) = pair.of(TransferFinished)
         by_autopilot = "its autopilot" in ended.result.reason
-        detected_us = pair.now_us - (LONG_S - 1.3) * SECOND  # by a heartbeat
+        detected_us = pair.now_us - (LONG_S - 1.3) * SECOND  # the change is reported by a heartbeat
         assert by_autopilot or ended.at_us < detected_us, (after_s, ended.result)
 
 

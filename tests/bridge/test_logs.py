@@ -129,7 +129,8 @@ def test_a_dataflash_log_reproduces_the_flight(tmp_path: Path) -> None:
     place = of(entries, Position)[7]
     assert (place.at_us, place.lat_deg, place.altitude_amsl_m) == (1_800_000, 36.3, 307.0)
     assert place.lon_deg == pytest.approx(-84.2 + 7e-4, abs=1e-7)
-    assert (place.velocity_north_m_s, place.velocity_east_m_s) == (0.5, 14.5)  # of the first EKF
+    # Value of the first EKF.
+    assert (place.velocity_north_m_s, place.velocity_east_m_s) == (0.5, 14.5)
     assert (place.altitude_relative_m, place.heading_deg) == (7.0, 271.5)
     assert of(entries, Attitude)[0].pitch_deg == 12.25
     wind = of(entries, Wind)[0]

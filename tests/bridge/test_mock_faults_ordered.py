@@ -102,7 +102,7 @@ class Listener:
 def test_a_silence_has_a_beginning_and_an_end() -> None:
     link = Listener(Faults(silence=[(5.0, 12.0)]))
     link.run(8.0)
-    link.send(count(3))  # not received
+    link.send(count(3))  # the mock did not receive the message
     link.run(20.0)
     times = [at_s for at_s, _ in link.received]
     assert [at_s for at_s in times if 5.0 <= at_s < 12.0] == []
@@ -203,7 +203,8 @@ def test_loss_delay_and_duplication_hold_both_ways() -> None:
     assert delayed.received[0][0] == pytest.approx(plain.received[0][0] + 0.4)
     delayed.send(listing())
     delayed.run(62.0)
-    assert delayed.of("MISSION_COUNT")[0][0] == pytest.approx(60.82, abs=0.03)  # in both directions
+    # The loss occurs in both directions.
+    assert delayed.of("MISSION_COUNT")[0][0] == pytest.approx(60.82, abs=0.03)
 
 
 def test_the_same_seed_gives_the_same_faults() -> None:

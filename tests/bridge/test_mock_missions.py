@@ -65,7 +65,8 @@ def test_a_silent_uploader_is_asked_again_and_given_up() -> None:
     player.send(count(3))
     replies = player.listen(12.0)
     assert len(brief(replies)) == pytest.approx(19, abs=1)
-    assert {name for name, _ in brief(replies)} == {"MISSION_REQUEST_INT"}  # and no MISSION_ACK
+    # The mock sends no MISSION_ACK.
+    assert {name for name, _ in brief(replies)} == {"MISSION_REQUEST_INT"}
     assert texts(replies) == ["Operation timeout"]
 
 

@@ -135,7 +135,7 @@ def test_climb_sink_and_yaw_have_limits() -> None:
     motion = Motion(0.0, 0.0, 100.0)
     for _ in range(8):
         step_copter(motion, (0.0, 500.0), 100.0, limits, stop=True)
-    assert motion.speed_m_s == pytest.approx(3.0)  # after a second
+    assert motion.speed_m_s == pytest.approx(3.0)  # the motion after one second
     assert math.degrees(motion.heading_rad) == pytest.approx(45.0, abs=8.0)
     assert motion.course_rad == pytest.approx(math.pi / 2)
 

@@ -69,7 +69,8 @@ def test_both_directions_are_recorded_and_pymavlink_reads_them_back(tmp_path: Pa
         port, peer = free_port(), Peer()
         link = f"udpin:127.0.0.1:{port}"
         async with Connection(link, peer, clock_us, tlog=tlog) as connection:
-            peer.outgoing = [text("without a target")]  # not sent, so not recorded
+            # The frame was not sent and therefore not recorded.
+            peer.outgoing = [text("without a target")]
             connection.flush()
             with udp_socket() as other:
                 other.sendto(b"\x00noise" + text("in") + text("and in"), ("127.0.0.1", port))

@@ -77,7 +77,7 @@ def test_bursts_of_several_remotes_arrive_whole_and_in_order() -> None:
 
 
 class Alarms(Peer):
-    """A peer whose timer records the times of its calls."""
+    """A peer that records the times at which its timer expires."""
 
     def __init__(self, first_us: int) -> None:
         super().__init__()

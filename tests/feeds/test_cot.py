@@ -122,7 +122,7 @@ def test_a_server_may_come_late_go_and_come_again(monkeypatch: pytest.MonkeyPatc
     async def take(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         writer.write(b"<event/>" * 100)  # data of the server, which the client ignores
         got.extend(await reader.readuntil(b"</event>"))
-        writer.close()  # and the connection is closed
+        writer.close()  # the connection is closed
 
     async def look() -> None:
         with socket.socket() as sock:

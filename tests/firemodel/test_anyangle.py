@@ -198,7 +198,8 @@ def test_changes_that_hardly_are_any_change_little(cells_per_change: float) -> N
     found.advance(end_s)
     expected.advance(end_s)
     differs = (found.burned() ^ expected.burned()).sum() / expected.burned().sum()
-    assert differs <= 0.025  # if progress were lost at each change, 10 to 90 %
+    # The difference would be 10 to 90 % if progress were lost at each change.
+    assert differs <= 0.025
 
 
 def mixed(seed: int, size: int = 40) -> Landscape:

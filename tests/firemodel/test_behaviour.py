@@ -42,7 +42,8 @@ def test_the_flank_runs_across_the_front_not_along_the_way() -> None:
     rate, _, e = (float(field[0, 0]) for field in spread_fields(land, entry))
     fire.advance(70 * 30.0 / rate)
     half_length = rate / (1.0 + e)
-    widest = half_length * e / (half_length * math.sqrt(1.0 - e * e))  # one of the two sides
+    # One cell on each of the two sides.
+    widest = half_length * e / (half_length * math.sqrt(1.0 - e * e))
     side = 12
     forward = round(side * widest)
     found = behaviour_of(fire)

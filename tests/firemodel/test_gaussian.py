@@ -89,7 +89,7 @@ def test_one_mark_among_many_that_is_far_off_does_little() -> None:
         observations[:, :2]
     )
     assert np.median(np.abs(also - good)) < 60.0
-    assert np.abs(also - good)[10] < 400.0  # of five thousand places
+    assert np.abs(also - good)[10] < 400.0  # out of five thousand places
 
 
 def test_a_front_stays_sensible_whatever_is_marked() -> None:

@@ -62,8 +62,8 @@ def test_all_problems_are_reported_and_not_only_the_first(tmp_path: Path) -> Non
     problems = describe_rasters(files)["problems"]
     expected = [
         "none.tif: no such file",
-        "dem.tif: CRS EPSG:32617 is not the EPSG:32616 of",
-        "slope.tif: (3, 4) cells are not the (2, 4) of",
+        "dem.tif: CRS EPSG:32617 differs from the CRS EPSG:32616 of",
+        "slope.tif: shape (3, 4) differs from the shape (2, 4) of",
         "aspect.tif: has no CRS",
         "fuel.tif: unknown fuel code 14 at row 0, column 1",
         "dem.tif: no data: value -9999.0 at row 1, column 2",

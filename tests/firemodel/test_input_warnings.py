@@ -193,7 +193,7 @@ def test_the_first_arrival_at_the_edge(row: int, col: int) -> None:
 
 def test_a_cell_at_the_edge_that_is_lit_later_has_not_burned_yet() -> None:
     fire = firemodel.burn(LAND, steady(), duration_s=1.0)
-    fire.arrival_time_s[0, 3] = 60.0  # as some schemes store a future time
+    fire.arrival_time_s[0, 3] = 60.0  # some schemes store a future time
     assert at_edge(fire) is None
     fire.time_s = 60.0
     assert at_edge(fire) is not None

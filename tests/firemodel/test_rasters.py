@@ -125,15 +125,18 @@ def test_unusable_fuel_files_are_refused(
             changed(with_value(np.nan, np.float32)),
             r"bad.tif: no data: value nan at row 1, column 0",
         ),
-        (changed(HEIGHTS, crs="EPSG:32617"), "bad.tif: CRS EPSG:32617 is not the EPSG:32616 of"),
-        (changed(HEIGHTS[:, :2]), r"bad.tif: \(2, 2\) cells are not the \(2, 3\) of"),
+        (
+            changed(HEIGHTS, crs="EPSG:32617"),
+            "bad.tif: CRS EPSG:32617 differs from the CRS EPSG:32616 of",
+        ),
+        (changed(HEIGHTS[:, :2]), r"bad.tif: shape \(2, 2\) differs from the shape \(2, 3\) of"),
         (
             changed(HEIGHTS, transform=rasterio.Affine(10, 0, WEST_M, 0, -10, NORTH_M)),
-            "bad.tif: cell size 10.0 m is not the 30.0 m of",
+            "bad.tif: cell size 10.0 m differs from the 30.0 m of",
         ),
         (
             changed(HEIGHTS, transform=rasterio.Affine(30, 0, WEST_M + 30, 0, -30, NORTH_M)),
-            r"bad.tif: corner \(500030.0, 4000000.0\) is not the \(500000.0, 4000000.0\) of",
+            r"bad.tif: corner \(500030.0, 4000000.0\) differs from the corner \(500000.0, 4000000.0\) of",
         ),
     ],
 )
@@ -294,7 +297,9 @@ def test_ascii_grids_are_read_with_a_crs_file_or_a_given_crs(tmp_path: Path) -> 
     for name in ("fuel", "dem"):
         (tmp_path / f"{name}.prj").write_text(rasterio.CRS.from_string(CRS).to_wkt())
     assert read_landscape(files).digest() == expected
-    with pytest.raises(FireModelError, match=r"CRS EPSG:32616 is not the EPSG:32633 given as crs"):
+    with pytest.raises(
+        FireModelError, match=r"CRS EPSG:32616 differs from EPSG:32633, given as crs"
+    ):
         read_landscape(files, crs="EPSG:32633")
     with pytest.raises(FireModelError, match=r"fuel.asc: given as crs: CRS 'nowhere' is invalid"):
         read_landscape(files, crs="nowhere")
@@ -482,7 +487,9 @@ def test_arrival_times_that_cannot_be_used_are_refused(tmp_path: Path) -> None:
     nothing = write_raster(tmp_path / "nothing.tif", values * np.nan)
     with pytest.raises(FireModelError, match=r"nothing.tif: no cell has a value"):
         read_arrival(nothing, land)
-    with pytest.raises(FireModelError, match=r"\(2, 3\) cells are not the \(41, 41\) of the land"):
+    with pytest.raises(
+        FireModelError, match=r"shape \(2, 3\) differs from the shape \(41, 41\) of the land"
+    ):
         read_arrival(undeclared, landscape())
     with pytest.raises(FireModelError, match=r"unit 'weeks' must be one of seconds, minutes"):
         read_arrival(undeclared, land, unit="weeks")  # type: ignore[arg-type]

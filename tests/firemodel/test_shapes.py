@@ -115,7 +115,9 @@ def test_shapefiles_whole_and_in_parts(tmp_path: Path) -> None:
             if file.suffix != ".zip":
                 archive.write(file, file.name)
     assert same(read_shapes(tmp_path / "a.zip", LAND)[0])
-    with pytest.raises(FireModelError, match=r"a.shp: CRS EPSG:32616 is not the EPSG:32617 given"):
+    with pytest.raises(
+        FireModelError, match=r"a.shp: CRS EPSG:32616 differs from EPSG:32617, given"
+    ):
         read_shapes(path, LAND, crs="EPSG:32617")
     (tmp_path / "a.prj").unlink()
     with pytest.raises(FireModelError, match=r"a.shp: has no .prj file; .* or give it as crs"):

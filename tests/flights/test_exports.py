@@ -89,7 +89,7 @@ def test_each_table_that_has_rows_is_a_csv(logs: list[Path], out: Path) -> None:
     ]
     assert (items[1]["lat_deg"], items[1]["altitude_m"]) == ("36.31", "90.0")
     pulses = [(row["servo2_us"], row["servo4_us"]) for row in csv_rows(out / "outputs.csv")]
-    assert pulses == [("1100", ""), ("1900", "")]  # of 40 items, only the new ones
+    assert pulses == [("1100", ""), ("1900", "")]  # only the new ones of 40 items
     progress = [(row["kind"], row["seq"]) for row in csv_rows(out / "progress.csv")]
     assert progress == [("begun", "0"), ("reached", "0"), ("begun", "1")]
     events = [(row["kind"], row["text"]) for row in csv_rows(out / "events.csv")]

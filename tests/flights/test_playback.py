@@ -175,7 +175,7 @@ def test_a_cache_reads_again_what_was_received() -> None:
 
     cache = EntryCache(stream())
     assert [cache.get(number) for number in range(BLOCK + 2)] == list(range(BLOCK + 2))
-    assert len(taken) == BLOCK + 2  # not more than required
+    assert len(taken) == BLOCK + 2  # it reads no more than required
     assert [cache.get(number) for number in (0, BLOCK - 1, BLOCK, BLOCK + 1)] == [
         *(0, BLOCK - 1, BLOCK, BLOCK + 1)
     ]

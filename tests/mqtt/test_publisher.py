@@ -74,7 +74,7 @@ def test_a_late_subscriber_gets_all_states_and_a_present_one_the_end(broker: Mos
                 await asyncio.wait([stage.task])
                 await until(lambda: late.last("status")["online"] is False)
                 assert late.last("status")["why"] == "the service was stopped"
-                assert len(late.of("status")) == 2  # and no last will follows
+                assert len(late.of("status")) == 2  # no last will follows
             stage.task = asyncio.create_task(stage.publisher.run())
 
     broker.start()

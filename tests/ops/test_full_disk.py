@@ -15,7 +15,7 @@ def test_what_could_not_be_written_can_be_thrown_away() -> None:
     with pytest.raises(OSError, match="No space left") as error:
         _write(full, data)
     os.close(full)
-    data.clear()  # a memory view that an error's frames keep open would prevent this
+    data.clear()  # an error's frames could keep a memory view open, which would prevent this
     assert error.value.errno == errno.ENOSPC
 
 

@@ -1,4 +1,4 @@
-"""The interlock: the commands that it permits, and that it blocks all others."""
+"""The interlock permits exactly the commands that are allowed."""
 
 import random
 

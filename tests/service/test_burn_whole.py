@@ -72,7 +72,7 @@ def test_loads_are_filled_at_home_between_lines(burn: WholeBurn) -> None:
 
 
 def test_each_line_is_planned_on_the_fire_of_those_before() -> None:
-    """The plan of the last line has no fault with a fire that is computed here from all drops."""
+    """The plan of the last line is valid for a fire that is computed here from all drops."""
     now = situation(unit=_small(), fire=NO_FIRE)
     found = whole_burn(now, SETTINGS)
     *before, last = found.lines

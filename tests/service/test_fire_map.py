@@ -111,7 +111,7 @@ def test_a_flank_that_runs_outwards_is_no_island() -> None:
     """A strip extends to the north; its flank passes many cells on one bearing.
 
     Found in flight: a cell counted as burned on its neighbours' bearings, but as front only on its
-    own. Such a flank was not updated by images, and a team's planner flew back and forth.
+    own. The map of such a flank was not updated, and a team's planner flew back and forth.
     """
     cells = np.full((60, 60), UNBURNED, np.uint8)
     cells[10:51, 28:33] = BURNED

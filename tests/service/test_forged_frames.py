@@ -224,7 +224,7 @@ def test_a_takeover_of_a_silent_vehicle_raises_an_alarm(tmp_path: Path) -> None:
             run.wait_for(run.logged("start mission: accepted"))
         run.wait_for(run.logged("link lost"))
         with closing(Forger(run.port)) as forger:
-            forger.send(position(DAYS_30_MS))  # without a heartbeat it is not accepted
+            forger.send(position(DAYS_30_MS))  # an address without a heartbeat is not accepted
 
             def restored() -> bool:
                 forger.send(heartbeat(armed=True))

@@ -136,7 +136,7 @@ class Flight:
         )
 
     def means(self, east_m: float, north_m: float, **others: Any) -> None:
-        """Let the agent plan an orbit around a place, given from home."""
+        """Let the agent plan an orbit around a place in metres from home."""
         orbit = {"orbit_x_m": self.home_m[0] + east_m, "orbit_y_m": self.home_m[1] + north_m}
         self.agent.means = replace(self.agent.means, **orbit, **others)
 
@@ -366,7 +366,7 @@ def test_where_the_agent_has_settled_the_mission_loiters_until_it_moves(land: La
     assert [type(c) for _, c in found if not isinstance(c, Announce)] == [StartMission, ChangeSpeed]
     assert found[0][0] - (flight.at_s - 30.0) == pytest.approx(20.25, abs=0.3)
     assert flight.core.guidance.in_mission(flight.name)
-    assert [type(command) for _, command in flight.for_s(60.0)] == []  # and it remains there
+    assert [type(command) for _, command in flight.for_s(60.0)] == []  # the vehicle remains there
     flight.means(-850.0, 0.0, settled=False)
     assert [type(command) for _, command in flight.for_s(2.0)] == [Orbit, ChangeSpeed]
     flight.means(-850.0, 0.0, settled=True)

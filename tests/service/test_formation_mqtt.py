@@ -209,7 +209,8 @@ def test_a_frozen_broker_stops_nothing_else(broker: Mosquitto) -> None:
                 await asyncio.sleep(0.005)
                 now_s = time.monotonic()
                 longest_s, last_s = max(longest_s, now_s - last_s), now_s
-            assert longest_s < PATIENCE_S / 2  # without end, if anything waited for the broker
+            # This would take for ever if anything waited for the broker.
+            assert longest_s < PATIENCE_S / 2
             assert hawk.exchange.sent["fireupdate"] < 200  # other messages wait or are dropped
             broker.freeze(False)
             hawk.broadcast(1000)
@@ -229,7 +230,7 @@ def test_it_ends_though_the_broker_takes_no_farewell(broker: Mosquitto) -> None:
                 for number in range(200):  # until the sockets accept no more data
                     hawk.exchange.broadcast(FireUpdate(number, "hawk", tuple(range(CELLS))))
                     await asyncio.sleep(0.005)
-        finally:  # otherwise a blocked call would not end now either
+        finally:  # otherwise a blocked call would also block here
             broker.kill()
 
     broker.start()

@@ -44,5 +44,5 @@ def kept_bytes(how: str) -> int:
 
 @pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="no glibc")
 def test_large_blocks_that_were_freed_are_given_back() -> None:
-    assert kept_bytes("leave it") > 50 * MIB  # so this case would fail
+    assert kept_bytes("leave it") > 50 * MIB  # this case would fail without the setting
     assert kept_bytes("give back") < 5 * MIB

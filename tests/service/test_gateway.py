@@ -213,7 +213,7 @@ def test_states_of_trouble_are_the_cores_events() -> None:
 
 
 def test_states_are_reported_again_with_the_mission_that_is_read_back() -> None:
-    """When writing to a full disk works again, earlier states are not reported again."""
+    """After a full disk, earlier states are not reported again when writing works again."""
     plane = stack_named("px4", "plane")
     client = Client(bridge.Connected(1, plane), bridge.SystemState(2, "critical"))
     gateway = Gateway("hawk", client, MissionClock(1000, wall=False))

@@ -195,7 +195,7 @@ def test_no_peer_sends_what_another_sent_meanwhile() -> None:
                 sent.append(message)
                 for hearer in team:
                     hearer.on_message(message)
-    assert 1 <= len(sent) <= 3  # one of eight
+    assert 1 <= len(sent) <= 3  # one of eight digests
     assert fire_of(lacks) == [*range(100), 200]
 
 

@@ -205,7 +205,8 @@ class Oracle:
             return
         record.effects = [each for each in record.effects if each.until_s > at_s]
         may_be = [each for each in record.effects if event.mode in each.modes]
-        if event.mode == "mission":  # it flies the mission on board: this mode returns control
+        # In this mode it flies the mission on board, so control is returned.
+        if event.mode == "mission":
             record.judged = "ordered"
             if chosen_by == "pilot":
                 record.home = False

@@ -40,16 +40,16 @@ class Grid:
     def difference(self, other: "Grid") -> str:
         """Return a text on how another grid differs; empty if both agree to 1/1000 of a cell."""
         if not same_crs(self.crs, other.crs):
-            return f"CRS {crs_label(other.crs)} is not the {crs_label(self.crs)}"
+            return f"CRS {crs_label(other.crs)} differs from the CRS {crs_label(self.crs)}"
         if self.shape != other.shape:
-            return f"{other.shape} cells are not the {self.shape}"
+            return f"shape {other.shape} differs from the shape {self.shape}"
         tolerance_m = 1e-3 * self.cell_size_m
         if abs(self.cell_size_m - other.cell_size_m) * max(self.shape) > tolerance_m:
-            return f"cell size {other.cell_size_m} m is not the {self.cell_size_m} m"
+            return f"cell size {other.cell_size_m} m differs from the {self.cell_size_m} m"
         offset_m = max(abs(self.west_m - other.west_m), abs(self.north_m - other.north_m))
         if offset_m > tolerance_m:
             return (
-                f"corner ({other.west_m}, {other.north_m}) is not the "
+                f"corner ({other.west_m}, {other.north_m}) differs from the corner "
                 f"({self.west_m}, {self.north_m})"
             )
         return ""
@@ -231,7 +231,7 @@ def grid_problems(band: Band, crs: str | None = None) -> Iterator[str]:
             check_crs(crs or found, f"{band.path}: given as crs")
             if crs is not None and not same_crs(found, crs):
                 yield (
-                    f"{band.path}: CRS {crs_label(found)} is not the {crs_label(crs)} given as "
+                    f"{band.path}: CRS {crs_label(found)} differs from {crs_label(crs)}, given as "
                     "crs; leave crs out, or correct the CRS in the file"
                 )
         except FireModelError as error:

@@ -238,7 +238,8 @@ def crs_problems(path: Path, found: str | None, given: str | None) -> Iterator[s
             return
     if found and given and not same_crs(found, given):
         yield (
-            f"{path}: CRS {crs_label(found)} is not the {crs_label(given)} given as crs; leave crs "
+            f"{path}: CRS {crs_label(found)} differs from {crs_label(given)}, given as crs; leave "
+            "crs "
             "out, or correct the CRS in the file"
         )
 
