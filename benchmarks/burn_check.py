@@ -17,7 +17,7 @@ from shapely.geometry.base import BaseGeometry
 
 from firemodel.arrays import Floats
 from mission_service.config.sections import BurnSection
-from mission_service.guidance.burn.line_planner import LinePlan, Situation
+from mission_service.guidance.burn.lines.line_planner import LinePlan, Situation
 
 # Spacing of samples in the surroundings, on level legs, and in climbs and descents.
 GRID_M, STEP_M, STEP_S = 0.7, 0.8, 0.5

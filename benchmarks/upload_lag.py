@@ -18,7 +18,7 @@ from typing import Any
 import click
 import httpx
 
-from mission_service.config.service import HttpSection
+from mission_service.config.service_section import HttpSection
 from mission_service.interfaces.api.server import bound, serving
 from tests.api.worlds import World, scenario_of, served, world_in
 

@@ -51,13 +51,13 @@ class CorrectedFire:
         self._spacing_m = OBSERVATION_SPACING_CELLS * landscape.cell_size_m
         self._base: Fire | None = None  # the fire without corrections; None if there are none
 
-    def check(self, event: AnyOperatorEvent) -> None:
+    def check_report(self, event: AnyOperatorEvent) -> None:
         """Raise FireModelError for a report that has no effect or an unusable shape."""
         self.log.refuse_no_effect(event)
         if isinstance(event, Corrected):
             observations_of_correction(event, self._landscape, self._spacing_m)
 
-    def changed(self, fire: Fire, change: Callable[[Fire], Fire]) -> Fire:
+    def change(self, fire: Fire, change: Callable[[Fire], Fire]) -> Fire:
         """Apply a change to the fire and to the fire without corrections; return the first.
 
         Each ignition and each image is such a change.

@@ -58,7 +58,7 @@ from mission_service.fire.reported_observations import (
     refuse_contradicted,
 )
 from mission_service.fire.run_ensemble import Lit, RunEnsemble, WeatherSet
-from mission_service.fire.setup import begun_again, cells_lit, reported_fire
+from mission_service.fire.scenario_fire import begun_again, cells_lit, reported_fire
 from mission_service.fire.sightings import Mosaic, Sightings
 from mission_service.fire.source_agreement import SourceAgreement
 
@@ -170,14 +170,14 @@ class RunEstimate:
                 self._contradicted = None
             elif not event.estimated:
                 seen = observation_in(event)
-                self.agreement.add(seen)
+                self.agreement.add_image(seen)
                 if not event.distrusted:
                     self._on_image(seen, event.at_us)
         elif (reported := self._ignitions.reported_in(event)) is not None:
             self._advance_to_latest()
             cells = cells_lit(reported.points, self.landscape)
-            self._corrected.changed(self._fire, partial(_lit, cells=cells, at_s=reported.at_s))
-            self.ensemble.add(Lit(event.at_us / 1e6, reported.at_s, cells))
+            self._corrected.change(self._fire, partial(_lit, cells=cells, at_s=reported.at_s))
+            self.ensemble.add_input(Lit(event.at_us / 1e6, reported.at_s, cells))
             self._limit_ensemble()
 
     def on_command(self, command: AnyCommand) -> None:
@@ -194,7 +194,9 @@ class RunEstimate:
             return self._apply_observation(event)
         if not (self._accepts_reports and isinstance(event, OF_FIRE)):
             return None
-        self._corrected.check(event)  # first: a refused report must not end the images' period
+        self._corrected.check_report(
+            event
+        )  # first: a refused report must not end the images' period
         self._advance_to_latest()
         before = self._fire
         found = self._corrected.apply_report(event, before)
@@ -203,14 +205,16 @@ class RunEstimate:
         at_s = event.at_us / 1e6
         if isinstance(event, WindSet):
             self._fire = found
-            self.ensemble.add(WeatherSet(at_s, found.weather))
+            self.ensemble.add_input(WeatherSet(at_s, found.weather))
             self._limit_ensemble()
             return None
         self._fire = self._with_sightings(found)
         window = self._reported_change(before)
         if window is not None:
             state = states_in(window.cells)
-            self.ensemble.add(Observation(at_s, window.row, window.col, state, CORRECTION_SD_M))
+            self.ensemble.add_input(
+                Observation(at_s, window.row, window.col, state, CORRECTION_SD_M)
+            )
             self._limit_ensemble()
         return window
 
@@ -237,7 +241,7 @@ class RunEstimate:
         change = partial(
             with_observation, seen=seen, unburnable=self._unburnable, begin=self._begin
         )
-        self._fire = self._corrected.changed(self._fire, change)
+        self._fire = self._corrected.change(self._fire, change)
         self._fire = self._with_sightings(self._fire, seen.at_s)
         self._sightings.add(seen)
         self.ensemble.add_late(seen)
@@ -297,7 +301,7 @@ class RunEstimate:
 
     def _limit_ensemble(self) -> None:
         if self.ensemble.is_long():
-            self.ensemble.forget(self._fire.weather, burning_now(self._fire))
+            self.ensemble.forget_before_mark(self._fire.weather, burning_now(self._fire))
 
     def _burn_until(self, at_s: float) -> None:
         if at_s > self._fire.time_s:
@@ -311,7 +315,7 @@ class RunEstimate:
         self._sightings.add_mosaic(mosaic)
         before, (_, here, state, seen_s, _) = self._fire, mosaic
         change = partial(self._rewritten, here=here, state=state, seen_s=seen_s)
-        self._fire = self._corrected.changed(before, change)
+        self._fire = self._corrected.change(before, change)
         if self._fire is before or not self._reported.any():
             return
         removed = self._reported & before.burned() & ~self._fire.burned()

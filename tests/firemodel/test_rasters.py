@@ -136,7 +136,8 @@ def test_unusable_fuel_files_are_refused(
         ),
         (
             changed(HEIGHTS, transform=rasterio.Affine(30, 0, WEST_M + 30, 0, -30, NORTH_M)),
-            r"bad.tif: corner \(500030.0, 4000000.0\) differs from the corner \(500000.0, 4000000.0\) of",
+            r"bad.tif: corner \(500030.0, 4000000.0\) differs from the corner "
+            r"\(500000.0, 4000000.0\) of",
         ),
     ],
 )

@@ -170,7 +170,7 @@ class Autopilot:
         self.height_m, self.armed, self.trouble = 0.0, False, ""
 
     def reboot(self, keeps_flying: bool) -> None:
-        """Restart: after a watchdog reset it stays armed in its mode, otherwise it starts disarmed."""
+        """Restart: after a watchdog reset it is armed in its mode, otherwise disarmed."""
         self.seq = 0
         if not keeps_flying:
             self.land()

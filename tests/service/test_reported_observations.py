@@ -15,7 +15,7 @@ from mission_service.fire.late_observation import with_observation
 from mission_service.fire.observed_window import in_letters
 from mission_service.fire.run_ensemble import Images, processed
 from mission_service.fire.run_estimate import RunEstimate
-from mission_service.fire.setup import begun_again, fire_of, landscape_of
+from mission_service.fire.scenario_fire import begun_again, fire_of, landscape_of
 from mission_service.journal.journal_file import SegmentReader
 from mission_service.replay.verification import verify
 from tests.api.worlds import World, world_in
@@ -328,7 +328,7 @@ def test_reports_of_the_same_wind_lose_no_growth() -> None:
         for estimate in (plain, reported):
             estimate.on_event(Observed(at_us, "hawk", 0, 0, (".",)))
             estimate.advance(at_us)
-        wind = reported.fire.weather.at(at_us / 1e6)
+        wind = reported.fire.weather.weather_at(at_us / 1e6)
         report = WindSet(at_us, "ann", "", wind.wind_speed_m_s, wind.wind_from_deg)
         reported.apply_report(report)
     differ = np.count_nonzero(plain.fire.burned() ^ reported.fire.burned())
