@@ -135,15 +135,18 @@ def measure(name: str, spreads: tuple[Spread, ...]) -> list[dict[str, Any]]:
         )
         map_ms = least(partial(corrected, fire, observations, length_m, cells, simulated_s), 10)
         add(
-            f"{MAP_SIDE} x {MAP_SIDE} map, one correction more, {length_m:g} m",
+            f"{MAP_SIDE} x {MAP_SIDE} map, one more correction, {length_m:g} m",
             map_ms,
             limit_ms=MAP_LIMIT_MS,
         )
     before = GaussianCorrected(fire, observations[:-1])
     one_more = partial(fitted, fire, observations, before, cells)
-    what = f"{MAP_SIDE} x {MAP_SIDE} map, one correction more, Gaussian"
+    what = f"{MAP_SIDE} x {MAP_SIDE} map, one more correction, Gaussian"
     add(what, least(one_more, 10), limit_ms=MAP_LIMIT_MS)
-    add(f"{what}, from nothing", least(partial(fitted, fire, observations, None, cells), 5))
+    add(
+        f"{what}, without an earlier fit",
+        least(partial(fitted, fire, observations, None, cells), 5),
+    )
     return rows
 
 

@@ -393,7 +393,7 @@ def fly(given: argparse.Namespace, folder: Path) -> list[tuple[str, bool]]:
     (kept / "samples.json").write_text(json.dumps(samples), "ascii")
     return [
         (
-            f"resident memory rises by {rss:.2f} MiB an hour after the first "
+            f"resident memory rises by {rss:.2f} MiB an hour after the first hour "
             f"(its anonymous part by {anonymous:.2f})",
             rss < MAX_SLOPE_MIB_H,
         ),

@@ -167,7 +167,7 @@ class Connection:
             return
         if self._timer is not None:
             if self._armed_us <= due_us:
-                # At its expiry it is set again; this costs less than setting it for every datagram.
+                # The timer is set again when it expires; setting it for every datagram costs more.
                 return
             self._timer.cancel()
         self._armed_us = due_us

@@ -181,7 +181,7 @@ class Changes:
 
 
 class Telemetry:
-    """The telemetry of one vehicle, without late or repeated messages and unchanged states."""
+    """The telemetry of one vehicle; late and repeated messages and unchanged states are dropped."""
 
     def __init__(self) -> None:
         self._boot_us: dict[str, int] = {}

@@ -101,7 +101,7 @@ def test_a_tlog_holds_the_events_of_the_client_and_the_missions_of_both_directio
     entries = list(log.entries())
     assert log.damage == []
     assert {entry.system_id for entry in entries} == {pair.mock.system_id}
-    # Frames of one link arrive at once, so times are the client's, apart from the link number.
+    # Times in the log equal those of the client, apart from the two bits of the link number.
     flown, reported = of(entries, Position), pair.of(Position)
     assert len(flown) == len(reported) > 100
     for mine, client in zip(flown, reported, strict=True):

@@ -440,7 +440,7 @@ def test_what_is_asked_for_wrongly_is_refused(tmp_path: Path) -> None:
         file.scales = (0.1,)
     cases: list[tuple[Mapping[str, Any], str]] = [
         ({"fuel": fuel, "dem": dem}, "layer 'dem' is unknown; the layers are fuel, elevation"),
-        ({"elevation": dem}, "no fuel layer"),
+        ({"elevation": dem}, "the fuel layer is missing"),
         ({"fuel": fuel}, "elevation, slope and aspect are missing"),
         ({"fuel": fuel, "slope": dem}, "only one of slope and aspect"),
         ({"fuel": (fuel, 2), "elevation": dem}, "fuel.tif: has no band 2; its bands are 1 to 1"),

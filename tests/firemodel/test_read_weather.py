@@ -214,7 +214,7 @@ def test_what_does_not_go_together_is_refused(tmp_path: Path) -> None:
         ("start 2016-07-15 21:59:00 is outside", raws, {"start": start("2016-07-15T21:59")}),
         ("one has a UTC offset", raws, {"start": datetime(2016, 7, 15, 22, tzinfo=UTC)}),
         ("so its 0 s is the start", plain, {"start": start("2016-07-15T22:00")}),
-        ("no column temperature_c", plain, {"moisture": MOISTURE, "conditioned": True}),
+        ("has no column temperature_c", plain, {"moisture": MOISTURE, "conditioned": True}),
         ("has a column dead_1h_pct", dead, {"moisture": MOISTURE, "conditioned": True}),
     ):
         with pytest.raises(FireModelError, match=message):

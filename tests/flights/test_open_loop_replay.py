@@ -99,7 +99,7 @@ def telemetry(journal: JournalLog) -> list[Telemetry]:
 
 
 def same_track(flown: list[Position], reported: list[Telemetry], first_us: int) -> None:
-    """Check that each position has its exact time; above 20 a second, some are omitted."""
+    """Check that positions have exact times; above 20 positions a second some are omitted."""
     at = {fix.at_us - flown[0].at_us + first_us: fix for fix in flown}
     assert reported[0].at_us == first_us
     assert 0.99 * len(flown) <= len(reported) <= len(flown)

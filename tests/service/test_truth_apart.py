@@ -113,7 +113,7 @@ def overlap_of(first: NDArray[np.bool_], second: NDArray[np.bool_]) -> float:
 
 
 def test_the_estimate_follows_a_fire_that_its_model_does_not_reproduce(tmp_path: Path) -> None:
-    """With wind turned by 40 degrees and rates 1.5 times as high, one plane is sufficient."""
+    """Wind is turned by 40 degrees, rates are 1.5 times as high; one plane corrects this."""
     changes = ("deploy_at_s=1200", 'planner.rule="circling"')
     scenario = load_scenario("default", (*changes, *WRONG))
     world = world_in(tmp_path, scenario)

@@ -63,7 +63,7 @@ class Effect:
 
 @dataclass
 class VehicleRecord:
-    """The reports of a vehicle, and the operators' orders since then."""
+    """The reports of a vehicle, and the operators' orders to it."""
 
     stack: str
     autostart: bool

@@ -60,7 +60,7 @@ class Band:
     """The unchecked header of one band of a file."""
 
     path: Path
-    number: int  # the first band has 1
+    number: int  # number of the band, from 1
     count: int  # number of bands in the file
     driver: str
     description: str

@@ -157,7 +157,7 @@ def bands_for(files: Sources) -> dict[str, Band]:
                 f"{where}: layer {layer!r} is unknown; the layers are {', '.join(LAYERS)}"
             )
     if "fuel" not in sources:
-        raise FireModelError(f"{where}: no fuel layer; give one")
+        raise FireModelError(f"{where}: the fuel layer is missing; give it")
     if ("slope" in sources) != ("aspect" in sources):
         raise FireModelError(
             f"{where}: only one of slope and aspect is given; give both, or only the elevation"

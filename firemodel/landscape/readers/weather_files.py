@@ -256,7 +256,9 @@ def _check_moistures(
             )
     for name in ("temperature_c", "humidity_pct"):
         if name not in values:
-            raise FireModelError(f"{path}: no column {name} for the conditioning; add it")
+            raise FireModelError(
+                f"{path}: has no column {name}, which conditioning requires; add it"
+            )
 
 
 def _moistures_pct(
