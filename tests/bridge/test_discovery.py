@@ -296,7 +296,10 @@ def test_what_is_for_one_vehicle_is_sent_to_its_remote_only() -> None:
 
 
 def test_each_of_250_vehicles_has_its_own_client_and_events() -> None:
-    """Ten seconds of traffic; ``benchmarks.streaming`` measures the share of a core."""
+    """The test runs ten seconds of traffic;
+
+    ``benchmarks.streaming`` measures the share of a core.
+    """
     link = SharedLink("a")
     mock = mock_of(PX4)
     traffic: list[tuple[int, Any]] = []

@@ -57,7 +57,7 @@ def near(pair: Pair, count: int) -> Items:
 def test_over_a_lossy_link_report_and_vehicle_agree_in_flight(
     stack: Stack, loiters: bool, ten: int
 ) -> None:
-    """20 % loss in each direction; 200 uploads in total."""
+    """The link loses 20 % of the frames in each direction; the test makes 200 uploads in total."""
     for seed in range(10 * ten, 10 * ten + 10):
         rng = Random(seed)
         pair = flying(stack)
@@ -86,7 +86,7 @@ def test_over_a_lossy_link_report_and_vehicle_agree_in_flight(
 
 
 def test_px4_that_passes_over_the_takeoff_is_flying_the_new_mission() -> None:
-    """As observed on PX4 1.17.
+    """PX4 1.17 behaved as in this test.
 
     It reported only item 1, item 0 was commanded six times, and the upload was reported as failed.
     """
@@ -114,7 +114,7 @@ def test_px4_is_asked_to_begin_where_it_holds_the_very_same_mission() -> None:
 
 @pytest.mark.parametrize("loiters", [False, True], ids=["in mission", "in loiter"])
 def test_what_px4_holds_and_would_not_fly_is_refused_with_the_reason(loiters: bool) -> None:
-    """Observed on PX4 1.17 in LOITER: acknowledged as accepted, "Mission rejected" in its log."""
+    """PX4 1.17 in LOITER acknowledged the mission as accepted and logged "Mission rejected"."""
     pair = flying(PX4)
     if loiters:
         pair.client.command("hold", pair.now_us)

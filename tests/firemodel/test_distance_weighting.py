@@ -96,7 +96,7 @@ def test_where_fire_never_comes_a_mark_lights_its_neighbourhood() -> None:
 def test_tiles_and_polynomials_change_nothing(
     length_m: float, count: int, wide_m: float, high_m: float
 ) -> None:
-    """Compared with the formula for scattered points, points on a line, and one place."""
+    """The formula is evaluated for scattered points, for points on a line, and for one place."""
     random = np.random.default_rng(4)
     given = np.column_stack(
         [random.uniform(-20.0, 520.0, (150, 2)), random.uniform(0, 900, 150), np.zeros(150)]

@@ -120,7 +120,7 @@ def test_a_gradient_that_is_given_wins_over_the_elevation() -> None:
 
 
 def test_the_gradient_is_the_same_whatever_is_worked_out_at_once() -> None:
-    """Rough ground of several blocks of rows, compared with Horn's weights for single cells."""
+    """Rough ground of several blocks of rows is compared with Horn's weights for single cells."""
     height = np.random.default_rng(1).normal(0.0, 30.0, (2 * ROWS_AT_ONCE + 3, 5))
     found = horn(height.astype(np.float32), 30.0)
     assert found.dtype == np.float32

@@ -49,7 +49,7 @@ def test_equilibrium_has_three_pieces_by_humidity(
 
 
 def test_equilibrium_is_near_that_measured_on_wood() -> None:
-    """Values of the Wood Handbook at 70 °F (Simpson 1998, FPL-RN-0268), by another formula."""
+    """The values are from the Wood Handbook at 70 °F (Simpson 1998), which uses another formula."""
     found = equilibrium_moisture_pct(21.11, np.array([25.0, 60.0, 84.0]))
     assert found == pytest.approx(np.array([5.3, 11.1, 17.6]), abs=0.5)
 

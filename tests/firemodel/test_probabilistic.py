@@ -52,7 +52,7 @@ def test_when_all_spreads_the_fire_is_a_diamond(burning_steps: int | None) -> No
 
 
 def test_each_burning_neighbour_is_one_chance() -> None:
-    """0.3 from one neighbour, 1 - 0.7² from two; none from a corner."""
+    """The chance is 0.3 with one burning neighbour, 1 - 0.7² with two, and 0 from a corner."""
     lit = np.zeros((5, 41))
     for seed in range(4000):
         fire = fire_of(0.3, seed, ((20, 20, 0.0), (20, 22, 0.0)))

@@ -452,7 +452,7 @@ def test_what_is_asked_for_wrongly_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_landscape_of_the_southern_hemisphere(tmp_path: Path) -> None:
-    """UTM 55 south, in the east of Australia."""
+    """The landscape is in UTM zone 55 south, in the east of Australia."""
     grid = rasterio.Affine(30, 0, 600_000.0, 0, -30, 6_100_000.0)
     files = {
         "fuel": write_raster(tmp_path / "f.tif", FUEL, crs="EPSG:32755", transform=grid),
@@ -498,7 +498,7 @@ def test_arrival_times_that_cannot_be_used_are_refused(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(not DATA.is_dir(), reason="no real data")
 def test_real_slope_and_aspect_agree_with_real_elevation() -> None:
-    """LANDFIRE's slope and aspect of the Maria fire, compared with Horn's from its elevation."""
+    """LANDFIRE's slope and aspect of the Maria fire are compared with Horn's from the elevation."""
     names = ("fuel", "elevation", "slope", "aspect")
     files = {name: DATA / f"maria_2019/Maria2019-{name}.tif" for name in names}
     given = read_landscape(files, units={"slope": "degrees"})
@@ -510,7 +510,7 @@ def test_real_slope_and_aspect_agree_with_real_elevation() -> None:
 
 @pytest.mark.skipif(not DATA.is_dir(), reason="no real data")
 def test_a_real_lcp_and_its_arrival_times() -> None:
-    """FARSITE's flat landscape; its last cell burns after 419.9 minutes of seven hours."""
+    """The files are FARSITE's flat landscape; its last cell burns after 419.9 minutes."""
     flat = DATA / "farsite_flatland"
     land = read_landscape(flat / "Inputs/a_lcpFiles/flatland.lcp")
     assert land.shape == (100, 100)

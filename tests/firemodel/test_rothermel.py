@@ -149,7 +149,7 @@ def test_flame_length_of_a_thousand_btu_per_foot_and_second() -> None:
 def test_fuel_beds_have_the_published_size_and_packing(
     code: int, sav_1_ft: float, packing_ratio: float
 ) -> None:
-    """Characteristic SAVs as tabulated for Anderson's models; load / depth / 32 lb/ft³ by hand."""
+    """SAVs are tabulated for Anderson's models; load / depth / 32 lb/ft³ is computed by hand."""
     fuel = FUEL_MODELS[code]
     assert fuel_bed(fuel, DRY).sav_1_ft == pytest.approx(sav_1_ft, abs=0.6)
     packing = sum(fuel.loads_lb_ft2) / fuel.depth_ft / rothermel.PARTICLE_DENSITY_LB_FT3
@@ -166,7 +166,7 @@ def test_fuel_beds_have_the_published_size_and_packing(
 def test_chaparral_spreads_as_andrews_1986_published(
     moisture: Moisture, rate_chains_h: float, flame_ft: float
 ) -> None:
-    """INT-194: FM 4, midflame wind 4 mph, slope 30 %; rounded as printed."""
+    """The values are from INT-194: FM 4, midflame wind 4 mph, slope 30 %, rounded as printed."""
     found = spread(4, moisture, 4.0, 0.30)
     assert round(found["ros_ch_h"]) == rate_chains_h
     assert round(found["fl_ft"], 1) == flame_ft
@@ -221,7 +221,7 @@ def test_codes_91_to_99_are_known_not_to_burn_and_no_others() -> None:
 def test_scott_burgan_beds_have_the_published_size_and_packing(
     code: int, sav_1_ft: float, packing_ratio: float
 ) -> None:
-    """As printed with each model in RMRS-GTR-153, with uncured herbaceous fuel."""
+    """The values are printed with each model in RMRS-GTR-153, for uncured herbaceous fuel."""
     fuel = FUEL_MODELS[code]
     assert fuel_bed(fuel, replace(DRY, live_herb=2.0)).sav_1_ft == pytest.approx(sav_1_ft, abs=0.6)
     packing = sum(fuel.loads_lb_ft2) / fuel.depth_ft / rothermel.PARTICLE_DENSITY_LB_FT3
@@ -277,7 +277,7 @@ def test_the_wind_limit_stops_the_effective_wind_and_the_rate_with_it() -> None:
 
 
 def test_the_slope_factor_is_never_above_the_wind_limit_when_hardly_anything_burns() -> None:
-    """As in `behave`; GR1 at a moisture of 14.9 %, near its extinction moisture of 15 %."""
+    """`behave` has the same limit; GR1 has a moisture of 14.9 %, near its extinction moisture."""
     wet = Moisture(0.149, 0.149, 0.149, 0.3, 0.9)
     bed = fuel_bed(FUEL_MODELS[101], wet)
     limit = rothermel.wind_limit_ft_min(bed.reaction_intensity_btu_ft2_min)
@@ -356,7 +356,7 @@ def test_wind_and_slope_add_as_vectors() -> None:
 
 
 def test_every_row_of_behave_is_matched() -> None:
-    """Computed with the Forest Service's C++ program; the names of columns contain the units."""
+    """The rows were computed with the Forest Service's C++ program; column names contain units."""
     with shared_file("behave_reference.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 82
@@ -390,7 +390,7 @@ BEHAVE_RUNS = """
 
 @pytest.mark.parametrize("run", BEHAVE_RUNS.strip().splitlines())
 def test_eleven_runs_of_behave_are_matched(run: str) -> None:
-    """Results of `behave` (firelab/behave, commit d963287, unchanged), printed to 6 digits.
+    """The results of `behave` (firelab/behave, commit d963287) were printed to 6 digits.
 
     The wind limit is off and the midflame wind is given. Some winds blow across or down the slope.
     """

@@ -45,7 +45,7 @@ def test_impossible_weather_is_refused(entries: list[Weather], message: str) -> 
 
 
 def test_wind_adjustment_factors_are_the_published_unsheltered_ones() -> None:
-    """The usual table, to one decimal (Andrews 2012): chaparral 0.6, tall grass 0.4, litter 0.3."""
+    """The usual table has one decimal (Andrews 2012): chaparral 0.6, tall grass 0.4, litter 0.3."""
     for depth_ft, factor in ((6.0, 0.55), (2.5, 0.44), (1.0, 0.36), (0.2, 0.27)):
         assert wind_adjustment_factor(depth_ft) == pytest.approx(factor, abs=0.006)
 
@@ -65,7 +65,7 @@ def test_wind_adjustment_factors_are_the_published_unsheltered_ones() -> None:
 def test_trees_shelter_the_fuel_as_in_behave(
     depth_ft: float, cover: float, height_ft: float, ratio: float, factor: float
 ) -> None:
-    """Values from the Forest Service's `behave` (firelab/behave, commit d963287)."""
+    """The values are from the Forest Service's `behave` (firelab/behave, commit d963287)."""
     found = wind_adjustment_factor(depth_ft, cover, height_ft * 0.3048, ratio)
     assert found == pytest.approx(factor, rel=1e-9)
 

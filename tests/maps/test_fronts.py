@@ -112,7 +112,7 @@ def test_a_fire_taken_over_keeps_its_outline() -> None:
 
 
 def test_a_fire_set_right_is_not_drawn_larger_in_its_past() -> None:
-    """As after a correction: the fire restarts from arrival times, and its past is observed."""
+    """After a correction the fire restarts from arrival times, and its past is observed."""
     old = fire()
     begun = AnyAngleFire(
         land(), WEATHER, [], burning_from_arrival(old.arrival_time_s, land(), NOW_S)

@@ -360,7 +360,7 @@ def error_text(data: bytes, name: str) -> str:
 
 
 def test_files_with_bytes_changed_are_read_or_refused(tmp_path: Path) -> None:
-    """Any change of a file gives a perimeter or one clear line."""
+    """A changed file is read as a perimeter or refused with one clear line."""
     rng = np.random.default_rng(11)
     parts = shapefile(tmp_path, poly_Incid="PINE")
     whole = {
@@ -382,7 +382,7 @@ def test_files_with_bytes_changed_are_read_or_refused(tmp_path: Path) -> None:
 
 
 def test_shapefiles_with_parts_changed_are_read_or_refused(tmp_path: Path) -> None:
-    """Changes inside the archive, with valid checksums."""
+    """The parts inside the archive are changed; its checksums are valid."""
     rng = np.random.default_rng(12)
     parts = shapefile(tmp_path, poly_Incid="PINE", poly_Polyg="2026-07-25T17:20:00Z")
     outcomes = []

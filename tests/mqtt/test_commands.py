@@ -281,7 +281,7 @@ def test_no_message_does_harm(name: str, payload: bytes, retained: bool) -> None
     st.dictionaries(st.sampled_from(["by", "station", "vehicle", "points", "hash", "x"]), JSON),
 )
 def test_what_the_desk_is_asked_it_can_answer(name: str, more: dict[str, Any]) -> None:
-    """No request raises an error other than its own kind."""
+    """A request raises only errors of the class RequestError."""
     from mission_service.errors import RequestError
 
     run_interface = RunInterface()

@@ -151,7 +151,7 @@ def test_how_many_are_needed() -> None:
     [(0.1, 6.0, 0.60, 1.50), (0.2, 4.0, 0.80, 1.00), (0.3, 2.0, 0.60, 0.50)],
 )
 def test_the_split_of_four(share: float, weight: float, mixed: float, lapping: float) -> None:
-    """The worst weighted ages in L/v, if one to three of four vehicles sweep the hot arc."""
+    """The test compares the worst weighted ages in L/v if one to three of four vehicles sweep."""
     sweeps = [max(2.0 * weight * share / k, 1.0 / (4 - k)) for k in range(1, 4)]
     assert [min(sweeps), weight / 4] == pytest.approx([mixed, lapping])
     # The arc is found from the spread along a ring of 64 x 10 cells.

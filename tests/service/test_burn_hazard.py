@@ -77,7 +77,7 @@ def test_the_margin_reaches_farther_downwind() -> None:
 
 @pytest.mark.parametrize("seed", range(8))
 def test_the_raster_never_misses_what_is_in_danger(seed: int) -> None:
-    """Small slow fires between nodes, ridges where fires meet, any wind."""
+    """The fires are small and slow, lie between nodes or meet at ridges, in any wind."""
     random = np.random.default_rng(seed)
     toward = float(random.uniform(-math.pi, math.pi))
     back = float(random.choice([0.01, 0.1]))

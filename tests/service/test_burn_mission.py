@@ -54,7 +54,8 @@ def land(seed: int | None) -> Landscape:
     )
 
 
-# From the start up, across, down to the drop height, along a line, back beside it, and up.
+# The path leads from the start up, across, down to the drop height, along a line, back beside the
+# line, and up.
 LINE = np.array(
     [
         [750_100.0, 4_020_100.0, 60.0, 0.0],

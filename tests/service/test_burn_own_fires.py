@@ -91,7 +91,7 @@ def test_no_drop_on_ground_that_an_earlier_drop_will_have_burned() -> None:
 
 
 def test_lights_are_asked_for_all_that_was_lit() -> None:
-    """Drops of an earlier plan count as fires: no drop on them or beside them."""
+    """Drops of an earlier plan count as fires, so no drop is planned on them or beside them."""
     lit = np.array([[x, 20.0, 100.0] for x in range(10, 280, 15)])
     plan = next_line(situation(fire=lights(lit)), SETTINGS)
     places = getattr(plan, "drops", np.empty((0, 3)))[:, :2]

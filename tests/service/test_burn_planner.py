@@ -86,7 +86,8 @@ def test_scenario_1_lines_parallel_to_a_backing_front_and_into_the_wind() -> Non
     now = situation(fire=BACKING)
     first = planned(now, sources=backing_line())
     assert first.drops[:, 1] == pytest.approx(np.full(len(first.drops), 20.0))
-    # From the nearer end, 15 m apart, over the whole width less the margin, never above 15 m.
+    # The line begins at the nearer end; drops are 15 m apart over the whole width less the margin,
+    # and the path stays below 15 m.
     assert first.drops[0, 0] < 20.0
     assert np.diff(first.drops[:, 0]) == pytest.approx(np.full(len(first.drops) - 1, 15.0))
     assert len(first.drops) == 19
@@ -113,7 +114,7 @@ def test_scenario_2_over_the_fire_at_the_safe_height_and_back() -> None:
     assert len(plan.skipped) >= 3
     (length,) = over_at_safe_height(plan)
     assert length > 40.0
-    # Climb before the front, cross it, descend behind it: 15, 60, 60, 15.
+    # The path climbs before the front, crosses it, and descends behind it: 15, 60, 60, 15.
     turn = int(np.argmax(plan.path[:, 2] == SAFE_M))
     assert plan.path[turn - 1 : turn + 3, 2].tolist() == [LOW_M, SAFE_M, SAFE_M, LOW_M]
     assert plan.path[turn, :2] == pytest.approx(plan.path[turn - 1, :2])
@@ -227,7 +228,8 @@ def test_a_line_that_has_burned_is_cut_off_for_the_next() -> None:
 
 
 def test_drops_stay_off_edges_holes_no_drop_areas_people_and_inside_the_fence() -> None:
-    """A concave unit with a hole; the rest of the line is dropped, each side once."""
+    """The unit is concave and has a hole; drops are planned on the rest of the line, each side
+    once."""
     made = unit(
         area=AREA.difference(shapely.box(100.0, 0.0, 130.0, 60.0)).difference(
             shapely.box(40.0, 10.0, 60.0, 30.0)

@@ -5,7 +5,7 @@ import pytest
 
 from mission_service.guidance.burn.approved_plan import PathProgress
 
-# Up 15 m, 100 m east, up to 60 m, 100 m back west over the same ground.
+# The path leads up 15 m, 100 m east, up to 60 m, and 100 m back west over the same ground.
 POINTS = np.array([(0, 0, 0), (0, 0, 15), (100, 0, 15), (100, 0, 60), (0, 0, 60)], dtype=float)
 AFTER = np.array([0.0, 5.0, 25.0, 40.0, 60.0])
 

@@ -291,7 +291,7 @@ def test_a_start_that_was_refused_is_tried_again(land: Landscape) -> None:
 def test_a_start_ends_when_a_pilot_sets_another_mode_on_the_ground(
     land: Landscape, under_way: bool
 ) -> None:
-    """Observed on ArduPlane 4.6.2: it armed and took off seconds after MANUAL was selected."""
+    """ArduPlane 4.6.2 armed and took off seconds after MANUAL was selected (observed)."""
     flight = Flight(load_scenario("default"), land)
     flight.handle(ModeChanged(flight.at_us, "hawk", 11, False, "return"))
     (mission,) = uploads(flight.at_height(0.0))

@@ -1,4 +1,5 @@
-"""Messages of UAVs over MQTT with a real Mosquitto: no blocking, invalid messages are rejected."""
+"""UAVs exchange messages over MQTT with a real Mosquitto without blocking; bad messages are
+rejected."""
 
 import asyncio
 import time

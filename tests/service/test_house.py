@@ -76,7 +76,7 @@ def test_no_more_than_three_unrelated_classes_share_a_method_name_but_protocols(
         if len(groups) > MAX_UNRELATED
     }
     assert {method: groups for method, groups in shared.items() if method not in PROTOCOLS} == {}
-    assert sorted(PROTOCOLS.keys() - shared.keys()) == []  # the list contains no name in vain
+    assert sorted(PROTOCOLS.keys() - shared.keys()) == []  # the list contains no unnecessary name
 
 
 class Classes:

@@ -122,7 +122,7 @@ def test_near_ties_between_left_and_right_are_detected() -> None:
     course_rad = wanted_course_rad(20.0, 0.0, *orbit[:3])
     about_rad = math.acos(loiter.ABOUT)
     assert loiter.at_fork(20.0, 0.0, course_rad + about_rad, 17.5, *orbit)
-    # On the left in any case.
+    # The turn is to the left in any case.
     assert not loiter.at_fork(20.0, 0.0, course_rad - about_rad, 17.5, *orbit)
     assert not loiter.at_fork(20.0, 0.0, course_rad + math.pi, 17.5, *orbit)
     assert not loiter.at_fork(20.0, 0.0, course_rad + 1.0, 17.5, *orbit)

@@ -282,7 +282,7 @@ SIGHTS = st.tuples(
 def test_after_any_loss_repetition_and_disorder_all_maps_become_the_same(
     schedule: list[tuple[int, np.ndarray, np.ndarray] | int],
 ) -> None:
-    """Observations, and between them messages to some UAVs: late, repeated, or lost."""
+    """UAVs observe cells, and messages to some UAVs are late, repeated or lost."""
     shape = (20, 20)
     team = [SharedMap(f"uav{k}", shape) for k in range(4)]
     under_way: list[MapMessage] = []
@@ -353,7 +353,7 @@ def test_with_a_third_of_messages_lost_maps_are_nearly_as_good_and_soon_as_good(
 
 @pytest.mark.parametrize(("count", "max_bytes_s"), [(8, 300), (32, 120)])
 def test_a_uav_sends_a_few_hundred_bytes_a_second(count: int, max_bytes_s: int) -> None:
-    """With the size of fires in the paper's experiments, and 30 % of messages lost."""
+    """The fire is as large as in the paper's experiments, and 30 % of the messages are lost."""
     rng = np.random.default_rng(4)
     rows, cols = np.divmod(np.arange(250_000), 500)
     order = np.argsort(np.hypot(rows - 250, cols - 250) + rng.normal(0.0, 1.0, 250_000))

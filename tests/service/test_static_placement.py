@@ -103,7 +103,7 @@ def test_coverage_is_the_share_of_weights_within_the_radius() -> None:
 
 
 def test_the_best_places_of_few_discs_are_found_exactly() -> None:
-    """Compared with all pairs of cells on a small map."""
+    """The result is compared with all pairs of cells on a small map."""
     rng = np.random.default_rng(4)
     weights = rng.random((9, 9))
     allowed = rng.random((9, 9)) < 0.5
