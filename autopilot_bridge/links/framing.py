@@ -149,7 +149,7 @@ def frame_length(data: bytes, at: int, in_step: bool) -> int | None:
     message_id = message_id_of(data[at : at + header])
     definition = _DIALECT.get(message_id)
     if definition is not None and header == 6 and payload > definition[0]:
-        return 0  # MAVLink 1 payloads are not longer; this avoids most checksums of noise
+        return 0  # too long for a MAVLink 1 payload: probably noise
     if have < length:
         return None
     if definition is None:  # another dialect, checksum unknown: accepted only right after a frame

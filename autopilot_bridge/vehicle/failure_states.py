@@ -86,9 +86,9 @@ class Estimator:
     """The problems of the position estimate, filtered over consecutive messages."""
 
     def __init__(self) -> None:
-        # Consecutive messages with each problem that is not reported yet.
+        # The number of consecutive messages with each problem that is not reported yet.
         self._present: dict[str, int] = {}
-        # Consecutive messages without each reported problem.
+        # The number of consecutive messages without each reported problem.
         self._absent: dict[str, int] = {}
 
     def receive(self, message: Message, at_us: int) -> EstimatorStatus:

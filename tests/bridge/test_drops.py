@@ -1,4 +1,4 @@
-"""DropSender: each release is sent once, at its time or not at all; and its outcomes."""
+"""DropSender sends each release once, at its time or not at all, and reports its outcome."""
 
 import math
 from dataclasses import replace

@@ -28,7 +28,7 @@ def pixel_of(landscape: Landscape, row: float, col: float) -> tuple[float, float
 
 @pytest.mark.parametrize("size", [(101, 91), (1900, 40)])
 def test_cells_are_where_they_lie_on_the_map(size: tuple[int, int]) -> None:
-    """Errors are at most a pixel, also in corners; the second image has fewer than 2 pixels a cell."""
+    """Errors are at most a pixel, also in corners; the second image has under 2 pixels a cell."""
     rows, cols = size
     codes = np.ones(size, dtype=np.int16)
     fix = Landscape(CRS, WEST_M + 150_000.0, NORTH_M, CELL_M, codes, codes.astype(np.float32))

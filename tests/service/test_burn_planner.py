@@ -228,8 +228,7 @@ def test_a_line_that_has_burned_is_cut_off_for_the_next() -> None:
 
 
 def test_drops_stay_off_edges_holes_no_drop_areas_people_and_inside_the_fence() -> None:
-    """The unit is concave and has a hole; drops are planned on the rest of the line, each side
-    once."""
+    """The unit is concave and has a hole; the rest of the line is planned, each side once."""
     made = unit(
         area=AREA.difference(shapely.box(100.0, 0.0, 130.0, 60.0)).difference(
             shapely.box(40.0, 10.0, 60.0, 30.0)

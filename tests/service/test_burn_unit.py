@@ -85,7 +85,7 @@ def test_corners_submitted_later_replace_those_configured() -> None:
 
 
 def test_droppable_is_never_more_than_may_drop_allows() -> None:
-    """The case has a concave unit, a hole, a no-drop area, a person, and a fence across the unit."""
+    """The case has a concave unit, a hole, a no-drop area, a person, and a fence across it."""
     area = shapely.Polygon([(0, 0), (100, 0), (100, 80), (50, 30), (0, 80)])
     made = BurnUnit(
         area.difference(shapely.Point(20, 20).buffer(6.0)),

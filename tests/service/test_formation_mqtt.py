@@ -1,5 +1,4 @@
-"""UAVs exchange messages over MQTT with a real Mosquitto without blocking; bad messages are
-rejected."""
+"""UAVs exchange messages over a real Mosquitto without blocking; bad ones are rejected."""
 
 import asyncio
 import time

@@ -36,7 +36,7 @@ def test_a_plane_that_sinks_at_full_throttle_and_loses_airspeed_is_reported_and_
 
 
 def test_a_slow_loss_of_airspeed_in_uneven_air_is_reported() -> None:
-    """In a flight of ArduPlane 4.6.2 with SIM_ENGINE_FAIL the mean of 10 s fell with the airspeed."""
+    """On ArduPlane 4.6.2 with SIM_ENGINE_FAIL the mean of 10 s fell with the airspeed."""
     cruise: list[Flown] = [(14.9, 0.0, 23)] * 40
     fails: list[Flown] = [
         *((14.3, -0.9, 33), (13.4, -2.0, 40), (12.7, -1.1, 50), (12.1, -1.9, 59)),
