@@ -62,7 +62,7 @@ def _of_flight(plan: LinePlan, situation: Situation, settings: BurnSection) -> I
     home_m = math.hypot(*(path[-1, :2] - np.array(situation.home_m)))
     home_s = home_m / settings.speed_m_s + path[-1, 2] / settings.sink_m_s
     if plan.duration_s + home_s > situation.battery_s - settings.battery_reserve_s + 1e-6:
-        yield f"battery: {plan.duration_s} s and {home_s} s home"
+        yield f"battery: {plan.duration_s} s and {home_s} s for the way home"
 
 
 def _of_drops(plan: LinePlan, situation: Situation, settings: BurnSection) -> Iterator[str]:

@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-PATIENCE_S = 60.0
+PATIENCE_S = 600.0  # only a test that hangs waits as long
 
 
 async def until(what: Callable[[], Any]) -> None:

@@ -19,6 +19,7 @@ from schemathesis.specs.openapi.checks import (
 
 from mission_service.interfaces.api.access.guard import AccessGuard
 from tests.api.worlds import World, client, served
+from tests.patience import PATIENCE_S
 
 CHECKS = [
     not_a_server_error,
@@ -43,7 +44,7 @@ def test_all_answers_are_as_described(flying: World, monkeypatch: pytest.MonkeyP
     schema = schemathesis.openapi.from_dict(service.app.routes.openapi())
     answers: Counter[int] = Counter()
     with asyncio.Runner() as runner:
-        http = client(service.app, headers=service.headers(), timeout=30.0)
+        http = client(service.app, headers=service.headers(), timeout=PATIENCE_S)
 
         def ask(case: Any) -> None:
             arguments = case.as_transport_kwargs(base_url="http://127.0.0.1:8765")

@@ -25,6 +25,7 @@ from mission_service.interfaces.api.journal_lines import JournalLines
 from mission_service.journal.journal_file import Journal, SegmentReader
 from mission_service.missions.mission_hash import mission_hash
 from tests.api.worlds import SMALL, Served, World, calls, client, scenario_of, served, world_in
+from tests.patience import PATIENCE_S
 
 V1 = "/api/v1"
 CENTRE = (36.364232, -84.140907)
@@ -37,7 +38,7 @@ def asked(world: World, ask: Callable[[httpx.AsyncClient], Awaitable[None]]) -> 
     service = served(world)
 
     async def go() -> None:
-        async with client(service.app, headers=service.headers(), timeout=30.0) as http:
+        async with client(service.app, headers=service.headers(), timeout=PATIENCE_S) as http:
             await ask(http)
         service.app.api.close()
 

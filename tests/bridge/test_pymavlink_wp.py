@@ -15,11 +15,12 @@ from autopilot_bridge.missions.mission_file import encode_mission_file
 from autopilot_bridge.missions.read_back import as_read_back
 from autopilot_bridge.stacks.stacks import Stack, stack_named
 from tests.bridge.mock_process import mock_process, short_mission
+from tests.patience import PATIENCE_S
 
 mavlink = mavutil.mavlink
 SPEEDUP = 20.0
 TIMEOUT_S = 15.0
-TRIES = 4
+TRIES = 40
 
 
 @contextmanager
@@ -28,7 +29,7 @@ def vehicle(name: str, kind: str = "plane", speedup: float = SPEEDUP) -> Iterato
     with closing(mavutil.mavlink_connection("udpin:127.0.0.1:0")) as connection:
         port = connection.port.getsockname()[1]
         with mock_process(port, name, kind, speedup=speedup):
-            assert connection.wait_heartbeat(timeout=TIMEOUT_S) is not None
+            assert connection.wait_heartbeat(timeout=PATIENCE_S) is not None
             yield connection
 
 
@@ -121,7 +122,7 @@ def start(connection: Any, stack: Stack) -> None:
 def until_current(connection: Any, seq: int) -> list[int]:
     """Return the items reported as current up to this one, each once."""
     seqs: list[int] = []
-    end = time.monotonic() + TRIES * TIMEOUT_S
+    end = time.monotonic() + PATIENCE_S
     while not seqs or seqs[-1] != seq:
         assert time.monotonic() < end, f"item {seq} was never current, but {seqs} were"
         current = received(connection, "MISSION_CURRENT").seq

@@ -32,7 +32,7 @@ class Replay:
         found = re.search(r"http://\S+?:\d+", line)
         assert found is not None, line + self.process.stderr.read()
         headers = {"authorization": f"Bearer {(out / 'token').read_text().strip()}"}
-        self.http = httpx.Client(base_url=found[0], headers=headers, timeout=20.0)
+        self.http = httpx.Client(base_url=found[0], headers=headers, timeout=PATIENCE_S)
 
     def get(self, path: str) -> Any:
         answer = self.http.get(V1 + path)

@@ -190,7 +190,7 @@ def test_start_up_is_quick() -> None:
         "print([name for name in heavy if name in sys.modules])"
     )
     found = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=PATIENCE_S, check=True
     )
     assert found.stdout.strip() == "[]"
 

@@ -19,6 +19,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from autopilot_bridge.links.codec import Codec, Message
 from autopilot_bridge.links.framing import V2
 from mission_service.replay.verification import verify
+from tests.patience import PATIENCE_S
 from tests.service.test_live import free_port, mock, process
 
 DAYS_30_MS = 30 * 24 * 3600 * 1000
@@ -63,7 +64,7 @@ class Run:
             f"http://127.0.0.1:{self.http}/api/v1/state",
             headers={"Authorization": f"Bearer {token}"},
         )
-        with urllib.request.urlopen(request, timeout=60) as answer:
+        with urllib.request.urlopen(request, timeout=PATIENCE_S) as answer:
             return {alarm["alarm"] for alarm in json.load(answer)["alarms"]}
 
     def events(self, kind: str) -> list[dict[str, Any]]:

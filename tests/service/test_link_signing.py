@@ -22,9 +22,9 @@ from mission_service.runtime.clocks import wall_us
 from mission_service.runtime.link_signing import SigningRefusals, refusal, signings, timestamps_file
 from tests.bridge.helpers import line_of
 from tests.bridge.test_tlog import autopilot_on
-from tests.patience import PATIENCE_S
+from tests.patience import PATIENCE_S, wait_until
 from tests.service.test_cli import call
-from tests.service.test_live import free_port, process, wait_for
+from tests.service.test_live import free_port, process
 
 PASSPHRASE, OTHER = "correct horse battery", "another horse"
 DEFAULT = (SHIPPED / "default.toml").read_text(encoding="utf-8")
@@ -47,7 +47,7 @@ def mock_on(port: int, folder: Path, *more: str) -> Iterator[None]:
     words += ["--speedup", "8"]  # so heartbeats have a rate of eight a second
     log = folder / "mock.log"
     with process(words, log):
-        wait_for(lambda: "ardupilot" in log.read_text(encoding="utf-8"), 60)
+        wait_until(lambda: "ardupilot" in log.read_text(encoding="utf-8"))
         yield
 
 
@@ -271,8 +271,8 @@ def test_the_service_signs_natively_and_through_mavsdk_and_reports_a_wrong_key(
             key = ["--signing-key", "env:OTHER_KEY" if number == 3 else "env:THE_KEY"]
             mock = ["mock", "--stack", "px4", "--speedup", "5", *link, *key]
             stack.enter_context(process(mock, tmp_path / f"mock{number}.log"))
-        wait_for(lambda: logged("v1: connected", "v2: connected", "v3: refused"), 60)
-        wait_for(lambda: accepted(tmp_path / "journal.jsonl") == {"v1", "v2"}, 60)
+        wait_until(lambda: logged("v1: connected", "v2: connected", "v3: refused"))
+        wait_until(lambda: accepted(tmp_path / "journal.jsonl") == {"v1", "v2"})
         daemon.send_signal(signal.SIGTERM)
         assert daemon.wait(timeout=PATIENCE_S) == 0
     assert logged("with a wrong signature on udpin", "check that the vehicle has this key")

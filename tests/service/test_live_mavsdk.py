@@ -11,8 +11,8 @@ import pytest
 from mission_service.config.scenario import load_scenario
 from mission_service.errors import ScenarioError
 from mission_service.replay.verification import verify
-from tests.patience import PATIENCE_S
-from tests.service.test_live import CLI, free_port, process, wait_for
+from tests.patience import PATIENCE_S, wait_until
+from tests.service.test_live import CLI, free_port, process
 
 SPEEDUP = "60"
 
@@ -39,8 +39,8 @@ def test_a_vehicle_flown_through_mavsdk_circles_the_fire_once(tmp_path: Path) ->
         )
     try:
         with process(mock, tmp_path / "mock.log"):
-            wait_for(lambda: phase("initial circle"), 60)
-            wait_for(lambda: phase("monitor"), 60)
+            wait_until(lambda: phase("initial circle"))
+            wait_until(lambda: phase("monitor"))
             daemon.send_signal(signal.SIGTERM)
             output, _ = daemon.communicate(timeout=PATIENCE_S)
     finally:

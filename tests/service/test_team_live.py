@@ -8,8 +8,8 @@ from pathlib import Path
 
 from mission_service.config.scenario import SHIPPED
 from mission_service.replay.verification import verify
-from tests.patience import PATIENCE_S
-from tests.service.test_live import free_port, process, wait_for
+from tests.patience import PATIENCE_S, wait_until
+from tests.service.test_live import free_port, process
 
 SPEEDUP = "20"
 
@@ -46,15 +46,15 @@ def test_the_daemon_flies_a_team_and_one_is_killed(tmp_path: Path) -> None:
     ):
         with process(["mock", str(whole), "--vehicle", "swift", *flags], tmp_path / "swift.log"):
             for name in ("hawk", "kite", "swift", "wren"):
-                wait_for(logged(rf"{name}: connected"), 60)
+                wait_until(logged(rf"{name}: connected"))
             for name in ("hawk", "kite", "swift", "wren"):
-                wait_for(logged(rf"{name}: start mission: accepted"), 60)
-            wait_for(logged("swift: phase: (initial circle|monitor)"), 60)
-        wait_for(logged("swift: no heartbeat"), PATIENCE_S)
+                wait_until(logged(rf"{name}: start mission: accepted"))
+            wait_until(logged("swift: phase: (initial circle|monitor)"))
+        wait_until(logged("swift: no heartbeat"))
         for name in ("hawk", "kite", "wren"):
-            wait_for(logged(f"{name}: phase: monitor"), 90)
+            wait_until(logged(f"{name}: phase: monitor"))
         uploads = uploads_of("hawk")
-        wait_for(lambda: uploads_of("hawk") > uploads, 60)
+        wait_until(lambda: uploads_of("hawk") > uploads)
         daemon.send_signal(signal.SIGTERM)
         assert daemon.wait(timeout=PATIENCE_S) == 0
     assert "Traceback" not in log.read_text(encoding="utf-8")
