@@ -43,19 +43,6 @@ def mock(port: int, log: Path) -> AbstractContextManager["subprocess.Popen[bytes
     return process(["mock", "default", "--link", link, "--speedup", str(SPEEDUP)], log)
 
 
-<<<<<<< HEAD
-def wait_for(what: Callable[[], bool], within_s: float) -> float:
-    """Wait for a condition; return the seconds; fail if it takes too long."""
-    began = time.monotonic()
-    while not what():
-        if time.monotonic() - began > within_s:
-            pytest.fail(f"nothing happened within {within_s} s")
-        time.sleep(0.05)
-    return time.monotonic() - began
-
-
-=======
->>>>>>> main
 @pytest.fixture
 def daemon_arguments(tmp_path: Path) -> tuple[int, list[str]]:
     port = free_port()

@@ -17,10 +17,6 @@ from tests.service.test_live import free_port, mock
 ROOT = Path(__file__).parents[2]
 GUIDE = (ROOT / "docs" / "planners.md").read_text(encoding="utf-8")
 CLI = [sys.executable, "-m", "mission_service.cli"]
-<<<<<<< HEAD
-STARTS_S = 10 * PATIENCE_S  # a whole simulation, even if every core is busy
-=======
->>>>>>> main
 FLOWN = ("start_s=3600", "deploy_at_s=3600", "duration_s=4050", "fire.scheme=devs8")
 RULE = ("planner.rule=pendulum", "pendulum.turn_every_s=40", "pendulum.radius_m=1200")
 
