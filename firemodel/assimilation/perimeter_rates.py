@@ -22,7 +22,7 @@ from firemodel.arrays import Floats, Mask
 HOUR_S = 3600.0
 MAX_SEGMENTS = 120  # approximate limit for one front
 MIN_SEGMENT_CELLS = 4
-MAX_SAMPLES = 900  # only the latest are used; the computing time grows with the cube
+MAX_SAMPLES = 900  # only the latest samples are used: computing time grows as n**3
 SMOOTH_CELLS = 3.0  # standard deviation of the filter that gives the direction of spread
 NORMAL_S = 1800.0  # the mean rate falls with the length of longer forecasts
 MIN_RATIO, MAX_RATIO = 0.01, 5.0
@@ -80,7 +80,7 @@ class _Samples(NamedTuple):
     outward: Floats
     at_s: Floats
     value: Floats
-    weight: Floats  # variance of ratios, or weight of counts
+    weight: Floats  # variances of the ratios, or weights of the counts
 
     def last(self, count: int) -> "_Samples":
         return _Samples(*(each[-count:] for each in self))
