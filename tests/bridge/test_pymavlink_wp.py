@@ -34,7 +34,7 @@ def vehicle(name: str, kind: str = "plane", speedup: float = SPEEDUP) -> Iterato
 
 
 def received(connection: Any, *kinds: str) -> Any:
-    message = connection.recv_match(type=list(kinds), blocking=True, timeout=TIMEOUT_S)
+    message = connection.recv_match(type=list(kinds), blocking=True, timeout=PATIENCE_S)
     assert message is not None, f"no {' or '.join(kinds)}"
     return message
 
