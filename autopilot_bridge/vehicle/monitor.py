@@ -170,7 +170,7 @@ class VehicleMonitor:
         self.position = position
         if verdict == "kept":
             return [position]
-        words = f"its position jumped by {beyond_m:.0f} m and remains; it is used from now on"
+        words = f"its position jumped by {beyond_m:.0f} m and remains there; it is used now"
         return [*self._alarm("jump", words, position.at_us, again=True), position]
 
     def _alarm(

@@ -117,7 +117,7 @@ def read_landscape(
             layers[layer] = _filled(band, layers[layer], without)
         incomplete |= without
     if incomplete.all():
-        raise FireModelError(f"{bands['fuel'].path}: no cell has values in all layers")
+        raise FireModelError(f"{bands['fuel'].path}: no cell has a value in every layer")
     _make_bare(layers, incomplete)
     gradient = None
     if "slope" in layers:
