@@ -62,7 +62,7 @@ def test_a_stop_opens_all(event: AnyEvent, words: str) -> None:
     checklist = all_go()
     assert words in str(checklist.apply(event))
     assert checklist.open_items == ITEMS
-    assert checklist.apply(event) is None  # nothing was answered since
+    assert checklist.apply(event) is None  # no item was answered since then
 
 
 def test_nothing_else_matters() -> None:

@@ -1,4 +1,4 @@
-"""The command ``mock`` as a process, and its one-line errors."""
+"""The command ``mock`` as a process, and its errors of one line."""
 
 import json
 import signal
@@ -66,7 +66,7 @@ def test_a_fleet_by_hand_has_all_it_was_ordered() -> None:
 
 
 def system_ids_received(station: socket.socket, address: tuple[str, int]) -> set[int]:
-    """The system ids that answer a ground station's heartbeats."""
+    """Return the system ids that reply to a ground station's heartbeats."""
     codec = Codec(255, 190)
     found: set[int] = set()
     beat: Any = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)

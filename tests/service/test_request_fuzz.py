@@ -1,4 +1,4 @@
-"""Requests at random moments of simulated flights; ``benchmarks.request_fuzz`` asks for more."""
+"""Requests at random times of simulated flights; ``benchmarks.request_fuzz`` sends more."""
 
 import pytest
 

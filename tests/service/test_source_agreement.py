@@ -1,4 +1,4 @@
-"""Sources of images that contradict the others are found, without a model of the fire."""
+"""Sources of images that contradict the others are found without a model of the fire."""
 
 from pathlib import Path
 
@@ -81,7 +81,7 @@ def test_without_a_majority_no_source_is_distrusted(cols: tuple[int, ...]) -> No
 
 
 def test_old_sightings_are_not_compared() -> None:
-    """A source that was wrong and then sees another part of the ground is trusted again."""
+    """A source that was wrong and then observes another part of the ground is used again."""
     agreement = compared(image("a", 0.0, 20), image("b", 10.0, 20), image("c", 20.0, 50))
     east = np.full((SIZE, 5), UNBURNED, dtype=np.uint8)
     for at_s in np.arange(30.0, 6000.0, 10.0):
@@ -98,7 +98,7 @@ def test_a_front_within_the_error_of_position_is_no_contradiction() -> None:
 
 
 def flown(folder: Path, false_image: str | None) -> tuple[float, World]:
-    """Fly four vehicles, one of them with a false camera; return the error of the estimate."""
+    """Fly four vehicles, one of them with a wrong camera; return the error of the estimate."""
     folder.mkdir()
     scenario = load_scenario("team", ("simulation.camera.kind=thermal", "deploy_at_s=3600"))
     world = world_in(folder, scenario)
