@@ -407,7 +407,9 @@ def test_columns_that_are_missing_are_reported_and_skipped(
     path.write_bytes(dataflash(messages))
     log = open_log(path)
     assert len(of(list(log.entries()), ModeChanged)) == 1
-    assert [str(each) for each in log.damage] == ["0 bytes at 0: POS has no field 'Lat' and is omitted"]
+    assert [str(each) for each in log.damage] == [
+        "0 bytes at 0: POS has no field 'Lat' and is omitted"
+    ]
 
 
 def test_a_mode_has_a_name_when_the_firmware_is_known(tmp_path: Path) -> None:
