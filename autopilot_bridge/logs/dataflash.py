@@ -180,7 +180,7 @@ class _Flight:
         self.mode: int | None = None
         self.mode_name = ""  # "" before the text that names the firmware
         self.velocity = (0.0, 0.0, 0.0)  # north, east, down
-        self.by_filter = False  # whether the velocity is from the EKF, not from GPS
+        self.by_filter = False  # True if the velocity is from the EKF, False if from GPS
         self.yaw_deg = 0.0
         self.airspeed_m_s: float | None = None
         self.throttle_percent = 0

@@ -33,7 +33,7 @@ class MissionLoaded:
 
 @dataclass(frozen=True, slots=True)
 class MissionReplaced:
-    """The replacement of the mission by one whose items are not in the log."""
+    """The replacement of the mission by a mission whose items are not in the log."""
 
     at_us: int
 

@@ -253,7 +253,7 @@ class _Missions:
                 return []
             try:
                 items = decode_mission_file(bytes(file), mavlink.MAV_MISSION_TYPE_MISSION)
-            except BridgeError:  # incomplete: the vehicle has also rejected it
+            except BridgeError:  # an incomplete file, which the vehicle has also rejected
                 return []
             if list_out_of_bounds(items):
                 return []

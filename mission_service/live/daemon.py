@@ -259,7 +259,7 @@ class _Check:
         self._proximity = ProximityAlarms(view, separation_m)
 
     def __call__(self) -> None:
-        """Check links and alarms, and show progress. Raises the engine's defect if it has one."""
+        """Check links and alarms, and show progress. Raises the engine's defect, if any."""
         context = self._context
         self._watch()
         if context.service.defect is not None:
@@ -279,7 +279,7 @@ def _journal_of(
     interrupted: InterruptedRun | None,
     report: Callable[[str, str], None],
 ) -> Journal:
-    """Return the journal of the resumed run, or a new one; an earlier run's journal is renamed."""
+    """Return the journal of the resumed run, or a new journal; an earlier journal is renamed."""
     renamed = None if interrupted else rename_old(run.journal_path)
     if renamed is not None:
         report("service", f"begins a new run; the earlier journal was renamed to {renamed.name}")

@@ -7,12 +7,12 @@ commands and executes them. At each position a simulated camera, if there is one
 content. The engine first applies each request to a copy of all projections (core, state view,
 interlock, missions), as a restart does, and journals it only if none of them raises an exception.
 The copy takes milliseconds, or tens of milliseconds with the maps of a formation. The estimated
-fire is too large to be copied. It is therefore the first projection to apply a request, and it
-applies it completely or not at all. Events of vehicles are too frequent for a copy. Their types
-limit their values (``events.py``), and the journal refuses other values. An event of a vehicle that
-still raises an exception is a defect. The engine removes it from the journal and executes none of
-its commands. The run then ends with an error of one line, because memory and journal differ. A
-restart resumes the run.
+fire is too large to be copied. The estimated fire is therefore the first projection to apply a
+request, and applies the request completely or not at all. Events of vehicles are too frequent for a
+copy of the projections. The types of these events limit their values (``events.py``), and the
+journal refuses other values. An event of a vehicle that still raises an exception is a defect. The
+engine removes such an event from the journal and executes none of its commands. The run then ends
+with an error of one line, because memory and journal differ. A restart resumes the run.
 """
 
 import copy
@@ -85,7 +85,7 @@ SNAPSHOT_FIELDS = (
     "_interlock",
     "_acknowledged",
 )
-# The fields on copies of which a request is tried.
+# The fields that are copied to try a request.
 TRIED = tuple(name for name in SNAPSHOT_FIELDS if name not in ("cameras", "estimate"))
 
 Progress = Callable[[StateView, Fire], None]
@@ -127,7 +127,7 @@ class Engine:
         self._missions = MissionsHeld()
         # Corrected windows that a vehicle's planner has not received yet.
         self._undelivered: dict[str, Window] = {}
-        self._estimate_due_us = 0  # of the next check of the estimate
+        self._estimate_due_us = 0  # time of the next check of the estimate
         self._down_since_us = 0
         self._host_time_due_us = -(2**63)
         self._gateways = gateways
@@ -136,7 +136,7 @@ class Engine:
         self._unrecorded = UnrecordedEvents()
         self._held_back: deque[DropFinished | UploadFinished] = deque()
         self._interlock = lock_of(scenario, estimate.landscape)
-        self.defect: RefusedEventError | None = None  # memory and journal differ
+        self.defect: RefusedEventError | None = None  # set when memory and journal differ
 
     @property
     def statistics(self) -> RunStatistics:
@@ -155,9 +155,8 @@ class Engine:
             if not isinstance(event, Telemetry):
                 if not self._handle(event, now_us) and self.recording.trouble:
                     self._unrecorded.show(event, self.state_view)
-            elif (
-                body := self._unrecorded.line_of(event, self.state_view)
-            ) is not None:  # before the image is taken
+            # Check the position before an image is taken there.
+            elif (body := self._unrecorded.line_of(event, self.state_view)) is not None:
                 for image in self._images(event):
                     self._handle(self._with_trust(image), now_us)
                 if self._written(event, body):
@@ -218,7 +217,7 @@ class Engine:
             self._handle(HostTime(self.statistics.at_us, name, now_us), now_us)
 
     def on_peer_message(self, message: AnyMessage, at_us: int, now_us: int) -> None:
-        """Handle a message from a vehicle of another process, for each vehicle of this one."""
+        """Handle a message from a vehicle of another process, for each vehicle of this process."""
         for name in self._gateways:
             self._handle(PeerMessage(at_us, name, message), now_us)
 
@@ -257,7 +256,7 @@ class Engine:
                 if trial._interlock is not None:
                     trial._interlock.on_commands([command])
         except Exception as error:
-            if isinstance(event, Aborted):  # the core cannot handle it
+            if isinstance(event, Aborted):  # an abort that the core cannot handle
                 for name, gateway in self._gateways.items():
                     gateway.execute(Hold(name), now_us)
             raise _defect(event, error, self._scenario.planner.rule) from error
@@ -270,7 +269,7 @@ class Engine:
         return found
 
     def on_peer_link(self, connected: bool, at_us: int, now_us: int) -> None:
-        """Handle a lost or restored link to other processes, for each vehicle of this one."""
+        """Handle a lost or restored link to other processes, for each vehicle of this process."""
         for name in self._gateways:
             self._handle(PeerLinkChanged(at_us, name, connected), now_us)
 
@@ -376,7 +375,7 @@ class Engine:
             commands = self._apply(event)
             self._apply_event_to_fire(event)
             may_act = self.recording.write_commands(commands)
-        except OSError:  # the journal of a simulation
+        except OSError:  # a simulation cannot write its journal
             raise
         except Exception as error:
             self.recording.remove_last()

@@ -1,4 +1,4 @@
-"""MAVSDK, an independent client, on the mock: it must take the mock for an autopilot."""
+"""MAVSDK, an independent client, detects the mock as an autopilot and controls it."""
 
 import json
 import subprocess
@@ -15,7 +15,7 @@ from tests.patience import PATIENCE_S
 
 STACKS = [("px4", "plane"), ("ardupilot", "plane"), ("ardupilot", "copter")]
 
-# In a process of its own: MAVSDK is a C library with threads.
+# In a separate process, because MAVSDK is a C library with threads.
 CLIENT = """
 import json, sys, time
 from mavsdk import ComponentType, Configuration, Mavsdk
@@ -99,7 +99,7 @@ def test_mavsdk_uploads_downloads_flies_and_clears_on_the_mock(name: str, kind: 
     for ours, theirs in zip(sent[hidden:], items[hidden:], strict=True):
         assert same_as_sent(ours, theirs, stack)
     assert flown[-1] == len(sent) - 1
-    assert sorted(flown) == flown  # none was flown twice
+    assert sorted(flown) == flown  # no item was flown twice
     assert height_m > 15.0
     assert back == hidden + 1
     assert left == hidden  # ArduPilot's item 0 is its home

@@ -1,4 +1,4 @@
-"""The journal of real ``run`` processes: refused requests, earlier runs, permissions, symlinks."""
+"""Journals of real ``run`` processes: refused requests, earlier runs, permissions, symlinks."""
 
 import json
 import os
@@ -23,14 +23,14 @@ from tests.service.test_live import CLI, free_port, process
 
 
 def arguments(out: Path, *sets: str) -> list[str]:
-    """A run of the default scenario whose vehicle is not there."""
+    """Return the arguments of a run of the default scenario whose vehicle does not exist."""
     changes = [f'vehicles.0.link="udpin:127.0.0.1:{free_port()}"', "start_s=3600", *sets]
     return ["run", "default", "--out", str(out), *(w for each in changes for w in ("--set", each))]
 
 
 @contextmanager
 def running(command: list[str], out: Path) -> Iterator[tuple[ControlClient, Any]]:
-    """The control socket of a run, once it answers, and its process."""
+    """Start a run; return its control socket, when it replies, and its process."""
     log = out.parent / "run.log"
     with process(command, log) as child:
 

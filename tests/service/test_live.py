@@ -98,7 +98,7 @@ def test_daemon_and_mock_do_the_job_and_survive_the_loss_of_the_mock(
     assert vehicle["announcements"]["warning"] >= 2
     assert summary["alarms"]["link"] >= 1
     assert (summary["requests"], summary["service_restarts"]) == ({"OrderGiven": 1}, 0)
-    # Started again it goes on with what it has counted.
+    # After a restart it continues with its earlier counts.
     went_on = logged("resumes the run of")
     with process(arguments, log) as daemon:
         wait_until(went_on)
@@ -144,7 +144,7 @@ def test_a_recording_in_which_vehicles_look_alike_is_reported(tmp_path: Path) ->
     log, tlog = tmp_path / "daemon.log", tmp_path / "both.tlog"
     links = [f'vehicles.{n}.link="udpin:127.0.0.1:{free_port()}"' for n in (0, 1)]
     ids = [f"vehicles.{n}.system_id=1" for n in (0, 1)]
-    http = 'service.http.listen="127.0.0.1:0"'  # another service may have the port of the scenario
+    http = 'service.http.listen="127.0.0.1:0"'  # another service may use the port of the scenario
     changes = [word for change in (*links, *ids, http) for word in ("--set", change)]
     arguments = ["run", "demo", "--out", str(tmp_path), "--tlog", str(tlog), *changes]
     with process(arguments, log) as daemon:

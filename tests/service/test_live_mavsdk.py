@@ -47,8 +47,8 @@ def test_a_vehicle_flown_through_mavsdk_circles_the_fire_once(tmp_path: Path) ->
         daemon.kill()
         daemon.wait(timeout=PATIENCE_S)
     assert daemon.returncode == 0
-    summary = json.loads(output)  # MAVSDK's own log does not get in between
-    # So sped up, the mock gives up an upload after 80 ms: on a busy machine some may fail.
+    summary = json.loads(output)  # MAVSDK's own log is not mixed with the output
+    # With this speed-up the mock aborts an upload after 80 ms: on a busy machine some may fail.
     assert summary["vehicles"][0]["uploads"]["accepted"] >= 1
     assert "Traceback" not in log.read_text(encoding="utf-8")
     assert (tmp_path / "flight.tlog").stat().st_size > 10_000

@@ -1,4 +1,4 @@
-"""The picture that all interfaces show, the health monitor's alarms, the table [service]."""
+"""The state view that all interfaces show, the health monitor's alarms, the table [service]."""
 
 import math
 from pathlib import Path

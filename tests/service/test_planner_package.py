@@ -22,14 +22,14 @@ RULE = ("planner.rule=pendulum", "pendulum.turn_every_s=40", "pendulum.radius_m=
 
 
 def block(language: str, contains: str) -> str:
-    """A block of code of the guide."""
+    """Return a block of code of the guide."""
     found = re.findall(rf"^```{language}\n(.*?)^```$", GUIDE, re.DOTALL | re.MULTILINE)
     (one,) = (text for text in found if contains in text)
     return str(one)
 
 
 def install(site: Path, module: str, entry_point: str) -> None:
-    """What ``pip install`` leaves of a package with one module."""
+    """Create the files that ``pip install`` creates for a package with one module."""
     site.mkdir(exist_ok=True)
     (site / "pendulum.py").write_text(module, encoding="utf-8")
     info = site / "pendulum-1.0.dist-info"
@@ -40,7 +40,7 @@ def install(site: Path, module: str, entry_point: str) -> None:
 
 @pytest.fixture
 def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder of packages with the guide's planner; all processes of the test have it."""
+    """Return a folder of packages with the guide's planner, which all processes of the test use."""
     folder = tmp_path / "site"
     (line,) = re.findall(r"^pendulum = .*$", block("toml", "entry-points"), re.MULTILINE)
     install(folder, block("python", "PENDULUM ="), line.replace('"', ""))

@@ -1,4 +1,4 @@
-"""The daemon flies a team over UDP: mocks of both stacks in processes of their own."""
+"""The daemon flies a team over UDP: mocks of both stacks in separate processes."""
 
 import json
 import re
@@ -15,7 +15,7 @@ SPEEDUP = "20"
 
 
 def scenario_of(folder: Path) -> tuple[Path, Path]:
-    """The shipped team on free ports: all of it, and without swift."""
+    """Write the shipped team on free ports: complete, and without swift."""
     text = (SHIPPED / "team.toml").read_text(encoding="utf-8")
     text = re.sub(r"127\.0\.0\.1:\d+", lambda _: f"127.0.0.1:{free_port()}", text)
     text = text.replace("start_s = 3500", "start_s = 3600").replace("team.balanced", "team.bumper")

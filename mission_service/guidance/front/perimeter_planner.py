@@ -4,9 +4,10 @@ By listing 1 the vehicle first circles once to fill the on-board map. Then, at e
 planner reconstructs the fire's shape, compares the importance of the two halves of the perimeter,
 and turns the vehicle back or keeps its direction.
 
-The planner has three rules. ``islam_hu`` is the rule in the paper. It oscillates if the spread is
-very uneven, for two reasons: each turn makes the other window more important, and spread rates are
-computed from two views only seconds apart. ``islam_hu_damped`` has three differences:
+The planner has three rules. ``islam_hu`` is the rule in the paper. A vehicle with this rule
+oscillates if the spread is very uneven, for two reasons: each turn makes the other window more
+important, and spread rates are computed from two views only seconds apart. ``islam_hu_damped`` has
+three differences:
 
 - Spread rates are computed from views at least ``baseline_s`` apart and averaged over neighbouring
   bearings, so that a difference of one cell does not become a high rate.

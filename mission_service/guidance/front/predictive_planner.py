@@ -1,8 +1,8 @@
 """The predictive planner, which guides one vehicle where the estimated front is most uncertain.
 
 ``front_estimate`` advances each part of the front from its last view, and ``front_mixture`` reduces
-the effect of a wrong fire model. The expected error of a part grows at its speed times the standard
-deviation of the factor in that speed. At every new cell of the grid, ``sweeps`` rolls out plans of
+the effect of a wrong fire model. The expected error of a part grows at the part's speed times the
+standard deviation of its factor. At every new cell of the grid, ``sweeps`` rolls out plans of
 sweeps and circles on the estimated front. Some plans keep the direction, and some turn back now.
 The cost of a plan measures the error. The vehicle turns if the best plan that turns back costs
 clearly less than the best plan that keeps the direction.
@@ -156,7 +156,8 @@ class PredictivePlanner(LapPlanner):
     def compared(self, row: float, col: float, at_s: float) -> Compared:
         """Return the expected error in cells and the position of each of 360 bearings."""
         first, step = round(bearing_deg(self.map, row, col)), -1 if self.clockwise else 1
-        places = (first + step * np.arange(BEARINGS)) % BEARINGS  # begins at the vehicle, backwards
+        # Bearings from the vehicle backwards.
+        places = (first + step * np.arange(BEARINGS)) % BEARINGS
         estimate = self.estimate
         values = self._error(estimate.factor_sd())[places]
         front, bearing_rad = self.fronts.front[places], np.radians(places)
@@ -192,17 +193,18 @@ class PredictivePlanner(LapPlanner):
         return length
 
     def shape(self, row: float, col: float) -> Floats:
-        """Return the estimated front, made robust: distances in cells on 360 bearings."""
+        """Return the robust shape of the estimated front: distances in cells on 360 bearings."""
         return robust_front(self.fronts.front)
 
     def path(self, row: float, col: float) -> Floats:
         """Return the path to fly along the front ahead: an array (n, 2) with row and column.
 
-        The path follows the estimated front. Before the phase ``monitor`` it follows the visible
-        front, extended by a straight line.
+        The path follows the estimated front. Before the phase ``monitor`` the path follows the
+        visible front, extended by a straight line.
         """
         settings = self.settings.path
-        if self.phase == "monitor":  # not smoothed: the tip of a narrow fire must be seen
+        # Not smoothed, so that the tip of a narrow fire comes into view.
+        if self.phase == "monitor":
             front = self.fronts.front
             return path_along(front, self.estimate, row, col, self.clockwise, settings, 0)
         front = extrapolated_front(self.map, self._in_view, row, col, self.clockwise)

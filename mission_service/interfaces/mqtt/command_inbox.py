@@ -48,7 +48,7 @@ class Inbox(asyncio.Queue[aiomqtt.Message]):
         return self._others.pop(next(iter(self._others)))
 
     def put_nowait(self, item: aiomqtt.Message) -> None:
-        """Add a message; drop it or another one if the queue is full."""
+        """Add a message; if the queue is full, drop this message or another."""
         if self.full():
             if not self._urgent_ending:
                 self.get_nowait()

@@ -38,7 +38,7 @@ from mission_service.replay.flights.write_once_journal import REPLAY
 
 SEVERITY = {"warning": 4, "info": 6}  # MAV_SEVERITY
 JOURNAL = "journal.jsonl"
-ANY_RULE = "circling"  # for a log's own data, which do not depend on the planner
+ANY_RULE = "circling"  # a rule for reading the log's own data, which do not depend on the planner
 
 
 class JournalLog(Log):
