@@ -286,8 +286,8 @@ class FireObserved(OperatorEvent, frozen=True, tag=True):
     """A person, detector or satellite observed the fire at places at ``seen_at_us``.
 
     Unlike a correction, an observation may be wrong: the estimate weighs it. ``source`` names the
-    sensor and is empty for a person. ``position_sd_m`` and ``false_alarms`` are those of
-    ``Observed``.
+    sensor and is empty for a person. ``Observed`` describes ``position_sd_m``
+    and ``false_alarms``.
     """
 
     state: Literal["burned", "burning", "unburned"]
@@ -364,7 +364,7 @@ class Rejected(OperatorEvent, frozen=True, tag=True):
 
 
 class Aborted(OperatorEvent, frozen=True, tag=True):
-    """An operator gave an abort: drops end, and vehicles climb to the safe height and hold."""
+    """An operator ordered an abort: drops end, and vehicles climb to the safe height and hold."""
 
 
 class OperatorHeartbeat(OperatorEvent, frozen=True, tag=True):
@@ -388,9 +388,9 @@ class LinesSkipped(OperatorEvent, frozen=True, tag=True):
 
 
 class FireReachedEdge(OperatorEvent, frozen=True, tag=True):
-    """The event that the simulated fire has reached the edge of the landscape.
+    """The simulated fire has reached the edge of the landscape.
 
-    The position is that of the first burned cell at the edge, which ignited at ``arrived_at_us``.
+    The position is the first burned cell at the edge, which ignited at ``arrived_at_us``.
     """
 
     arrived_at_us: MissionUs
@@ -443,7 +443,7 @@ class SettingsChanged(OperatorEvent, frozen=True, tag=True):
 
     alpha: Annotated[
         Annotated[float, Meta(ge=0, le=100)] | None,
-        Meta(description="Weight of the unevenness of the fire's spread; 0: the vehicle circles."),
+        Meta(description="Weight of uneven spread in decisions; 0: the vehicle circles."),
     ] = None
     reversal_margin: Annotated[
         Annotated[float, Meta(ge=0, le=100)] | None,
@@ -463,7 +463,7 @@ class SettingsChanged(OperatorEvent, frozen=True, tag=True):
         return {name: value for name, value in values.items() if value is not None}
 
 
-TUNED: dict[str, Any] = dict(SettingsChanged.__annotations__)  # their types with bounds, by name
+TUNED: dict[str, Any] = dict(SettingsChanged.__annotations__)  # types with bounds, by setting
 
 
 AnyOperatorEvent = (

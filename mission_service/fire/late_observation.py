@@ -17,11 +17,11 @@ EQUAL_S = 1.0  # smaller differences of arrival times are rounding
 
 
 def with_observation(fire: Fire, seen: Observation, unburnable: Mask, begin: Begin) -> Fire:
-    """Return a fire at its present time after an observation, ``fire`` itself if both agree.
+    """Return a fire at its present time with an observation in it; ``fire`` itself if they agree.
 
-    The fire at the time of the observation is changed as observed, and burns on to the present. It
-    does so twice, with and without the change; the arrival times that differ are adopted. So the
-    fire elsewhere keeps its progress within the cells, which a restart would lose.
+    The fire is simulated twice from the time of the observation to the present, with and without
+    the observed change. Only arrival times that differ are changed. Elsewhere the fire keeps its
+    progress within the cells, which a restart would lose.
 
     Args:
         fire: The fire; it is not changed.
@@ -57,7 +57,7 @@ def rewritten(fire: Fire, arrival_s: Floats, changed: Mask, begin: Begin) -> Fir
 
 
 def _burned_on(arrival_s: Floats, at_s: float, fire: AnyAngleFire) -> Floats:
-    """Return the expected arrival times (y, x) of a fire that burned so until ``at_s``."""
+    """Return arrival times (y, x) until the present, for a fire with ``arrival_s`` at ``at_s``."""
     if not (arrival_s <= at_s).any():
         return np.full(arrival_s.shape, np.inf)
     found = fire.restarted(burning_from_arrival(arrival_s, fire.landscape, at_s))

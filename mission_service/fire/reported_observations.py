@@ -1,8 +1,8 @@
 """Convert reported observations of the fire to observed cells, and check them. Pure.
 
-A report that the estimate explains within its error of position changes nothing. A burned place
-elsewhere counts at once if its source makes no false alarms, otherwise only after a second report
-of another time or source nearby.
+A report that agrees with the estimate, within the report's position error, changes nothing. Any
+other report of a burned place is used at once if its source makes no false alarms. Otherwise it is
+used only after a second report nearby, from another time or source.
 """
 
 import numpy as np
@@ -17,9 +17,9 @@ from mission_service.events import FireObserved
 from mission_service.fire.correction_log import drawn_shape
 
 MAX_AGE_S = 6 * 3600.0
-MAX_CONTRADICTED = 0.5  # share of the cells that images or other reports show
+MAX_CONTRADICTED = 0.5  # maximum share of contradicted cells, of those also seen by others
 SHORTLY_S, SEVERAL_CELLS = 120.0, 5
-WITHIN_SD = 2.0  # standard deviations of the position
+WITHIN_SD = 2.0  # tolerance, in standard deviations of the position
 CONFIRMED_WITHIN_S, APART_S = 1800.0, 10.0
 
 
@@ -82,7 +82,7 @@ class Confirmation:
 
     def __init__(self, shape: tuple[int, int]) -> None:
         """Begin without reports on a grid of this shape."""
-        self._at_s = np.full(shape, -np.inf)  # (y, x)
+        self._at_s = np.full(shape, -np.inf)  # (y, x) times of the reports
         self._source = np.full(shape, -1, dtype=np.int64)  # (y, x) numbers of the sources
         self._numbers: dict[str, int] = {}
 
@@ -91,7 +91,8 @@ class Confirmation:
 
         Args:
             seen: A reported observation.
-            burned: (y, x) the cells of the grid that the estimate has as burned at its time.
+            burned: (y, x) the cells of the grid that are burned in the estimate at the report's
+                time.
             cell_m: The size of a cell.
         """
         reach = int(WITHIN_SD * seen.position_sd_m / cell_m)
@@ -108,7 +109,7 @@ class Confirmation:
         apart_s = np.abs(self._at_s - seen.at_s)
         other = (self._source != number) | (apart_s >= APART_S)
         near = _near(other & (apart_s <= CONFIRMED_WITHIN_S), seen.where, reach)
-        waits = ~other & (apart_s <= CONFIRMED_WITHIN_S)  # for a later report of this source
+        waits = ~other & (apart_s <= CONFIRMED_WITHIN_S)  # keep the older report
         new = (seen.state == BURNED) & ~waits[seen.where]
         self._at_s[seen.where][new] = seen.at_s
         self._source[seen.where][new] = number
@@ -116,7 +117,7 @@ class Confirmation:
 
 
 def _near(cells: Mask, where: Place, reach: int) -> Mask:
-    """Return the cells (y, x) of a window that have one of ``cells`` within some cells."""
+    """Return the cells (y, x) of a window that are within ``reach`` cells of one of ``cells``."""
     rows, cols = (slice(max(each.start - reach, 0), each.stop + reach) for each in where)
     part = widened(cells[rows, cols], reach)
     top, left = where[0].start - rows.start, where[1].start - cols.start

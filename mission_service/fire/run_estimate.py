@@ -1,10 +1,10 @@
 """Estimate the fire of a run from camera images, operators' reports and the reported weather.
 
-The estimate begins with the fire that the scenario names, or without any fire, and burns on by the
-fire model. Camera images replace it where they differ: all images of a period are written into it
-at once at the end of that period. Reports of operators correct it (``corrected_fire``). Interfaces
-and forecasts read this fire, and planners receive its corrections; nothing here reads the simulated
-fire.
+The estimate begins with the initial fire of the scenario, or without any fire, and is simulated by
+the fire model. Camera images replace the estimate where they differ: all images of a period are
+written into the estimate at once at the end of that period. Reports of operators correct the
+estimate (``corrected_fire``). Interfaces and forecasts read this fire, and planners receive its
+corrections; nothing here reads the simulated fire.
 
 Equal events give equal estimates, bit for bit: images are written at fixed mission times, however
 often the estimate is read.
@@ -58,24 +58,26 @@ from mission_service.fire.reported_observations import (
     refuse_contradicted,
 )
 from mission_service.fire.run_ensemble import Lit, RunEnsemble, WeatherSet
-from mission_service.fire.setup import begun_again, cells_lit, reported_fire
+from mission_service.fire.scenario_fire import begun_again, cells_lit, reported_fire
 from mission_service.fire.sightings import Mosaic, Sightings
 from mission_service.fire.source_agreement import SourceAgreement
 
 PERIOD_US = 30_000_000  # images are written into the estimate at multiples of this mission time
-LATE_US = 10_000_000  # images that much earlier than a written period take their place in time
+# Images older than the last written period by this are inserted at their own time.
+LATE_US = 10_000_000
 AHEAD_US = 5_000_000
-MAX_WAITING = 20  # periods; their images are then written even if the estimate is not read
-CORRECTION_SD_M = 1.0  # standard deviation of positions
+MAX_WAITING = 20  # more unwritten periods are written even if the estimate is not read
+CORRECTION_SD_M = 1.0  # standard deviation of drawn positions
 OWN_DRAWS = 2  # the estimate of a random scheme must not predict the simulated fire's draws
-OF_FIRE = (Corrected, FireObserved, Erased, Undone, Redone, WindSet)  # they change the estimate
+# Events that change the estimate.
+OF_FIRE = (Corrected, FireObserved, Erased, Undone, Redone, WindSet)
 
 
 class RunEstimate:
     """The estimated fire of a run."""
 
     def __init__(self, scenario: Scenario, landscape: Landscape) -> None:
-        """Begin with the fire that the scenario names.
+        """Begin with the initial fire of the scenario.
 
         In a burn, operators' reports correct the estimate of the burn's guidance instead of this.
         """
@@ -89,13 +91,13 @@ class RunEstimate:
         self._views = CameraViews(scenario)
         self._gives_views = scenario.simulation.fire is None and self._accepts_reports
         self._unburnable = np.isin(landscape.fuel_model, list(NON_BURNABLE))
-        self._images = Sightings(landscape.shape)  # of the present period
-        self._due_us: int | None = None  # end of the period of these images
-        self._latest_us = round(scenario.start_s * 1e6)  # of the events so far
+        self._images = Sightings(landscape.shape)  # sightings of the present period
+        self._due_us: int | None = None  # end of the present period
+        self._latest_us = round(scenario.start_s * 1e6)  # latest time of the events so far
         self._written_us = -(2**63)  # end of the last period with images
-        self._ahead: Fire | None = None  # a copy at a time after the latest event
-        self._waiting: deque[Mosaic] = deque()  # of past periods, not written yet
-        self._sightings = Sightings(landscape.shape)  # of the whole run
+        self._ahead: Fire | None = None  # a copy for times after the latest event
+        self._waiting: deque[Mosaic] = deque()  # past periods that are not written yet
+        self._sightings = Sightings(landscape.shape)  # sightings of the whole run
         # Cells that planners received as burned in corrections; images may have removed them since.
         self._reported = np.zeros(landscape.shape, dtype=bool)
         self._contradicted: Window | None = None
@@ -109,10 +111,10 @@ class RunEstimate:
         return self._fire if self._ahead is None else self._ahead
 
     def advance(self, at_us: int) -> None:
-        """Advance the fire to this mission time; never back.
+        """Advance the fire to this mission time, never backwards.
 
         Long after the latest event only a copy advances, because events of earlier times may
-        follow. So the estimate does not depend on the times at which it is read.
+        follow. Therefore the estimate does not depend on the times at which it is read.
         """
         self._advance_until(min(at_us, self._latest_us))
         self._ahead = None
@@ -121,7 +123,7 @@ class RunEstimate:
             self._ahead.advance(at_us / 1e6)
 
     def _advance_until(self, at_us: int) -> None:
-        """Write the images of past periods and burn until a time, at most ``_latest_us``."""
+        """Write the images of past periods and advance the fire, at most to ``_latest_us``."""
         while self._waiting:
             self._write(self._waiting.popleft())
         self._burn_until(at_us / 1e6)
@@ -129,8 +131,8 @@ class RunEstimate:
     def view(self, fix: Telemetry) -> Observed | None:
         """Return the part of the estimate that a vehicle's camera would show, if an image is due.
 
-        The result is None off the landscape, in a run with a simulated fire, which cameras observe,
-        and in a burn, which has an estimate of its own.
+        The result is None off the landscape. The result is also None in a run with a simulated
+        fire, which cameras observe, and in a burn, which has an estimate of its own.
         """
         if not (self._gives_views and self._views.is_due(fix)):
             return None
@@ -151,9 +153,9 @@ class RunEstimate:
         return arrival_at(self._fire, row, col)
 
     def contradicted(self) -> Window | None:
-        """Return a window of corrections that images have removed since the last one; or None.
+        """Return the window around the corrections that images removed last, or None.
 
-        Planners, which received these corrections, need it.
+        Planners need it, because they received these corrections.
         """
         return self._contradicted
 
@@ -170,14 +172,14 @@ class RunEstimate:
                 self._contradicted = None
             elif not event.estimated:
                 seen = observation_in(event)
-                self.agreement.add(seen)
+                self.agreement.add_image(seen)
                 if not event.distrusted:
                     self._on_image(seen, event.at_us)
         elif (reported := self._ignitions.reported_in(event)) is not None:
             self._advance_to_latest()
             cells = cells_lit(reported.points, self.landscape)
-            self._corrected.changed(self._fire, partial(_lit, cells=cells, at_s=reported.at_s))
-            self.ensemble.add(Lit(event.at_us / 1e6, reported.at_s, cells))
+            self._corrected.change(self._fire, partial(_lit, cells=cells, at_s=reported.at_s))
+            self.ensemble.add_input(Lit(event.at_us / 1e6, reported.at_s, cells))
             self._limit_ensemble()
 
     def on_command(self, command: AnyCommand) -> None:
@@ -187,14 +189,15 @@ class RunEstimate:
     def apply_report(self, event: AnyEvent) -> Window | None:
         """Apply an operator's report, and return a window around the changed cells or None.
 
-        Raises FireModelError for an invalid report, which changes nothing.
+        Raises FireModelError, and changes nothing, for an invalid report.
         """
         self._on_time(event)
         if isinstance(event, FireObserved):
             return self._apply_observation(event)
         if not (self._accepts_reports and isinstance(event, OF_FIRE)):
             return None
-        self._corrected.check(event)  # first: a refused report must not end the images' period
+        # Checked first: a refused report must not end the present period.
+        self._corrected.check_report(event)
         self._advance_to_latest()
         before = self._fire
         found = self._corrected.apply_report(event, before)
@@ -203,14 +206,16 @@ class RunEstimate:
         at_s = event.at_us / 1e6
         if isinstance(event, WindSet):
             self._fire = found
-            self.ensemble.add(WeatherSet(at_s, found.weather))
+            self.ensemble.add_input(WeatherSet(at_s, found.weather))
             self._limit_ensemble()
             return None
         self._fire = self._with_sightings(found)
         window = self._reported_change(before)
         if window is not None:
             state = states_in(window.cells)
-            self.ensemble.add(Observation(at_s, window.row, window.col, state, CORRECTION_SD_M))
+            self.ensemble.add_input(
+                Observation(at_s, window.row, window.col, state, CORRECTION_SD_M)
+            )
             self._limit_ensemble()
         return window
 
@@ -237,7 +242,7 @@ class RunEstimate:
         change = partial(
             with_observation, seen=seen, unburnable=self._unburnable, begin=self._begin
         )
-        self._fire = self._corrected.changed(self._fire, change)
+        self._fire = self._corrected.change(self._fire, change)
         self._fire = self._with_sightings(self._fire, seen.at_s)
         self._sightings.add(seen)
         self.ensemble.add_late(seen)
@@ -259,7 +264,7 @@ class RunEstimate:
     def apply_history(self, event: AnyEvent) -> Window | None:
         """Apply an event of a journal, and return a window around the changed cells or None."""
         found = None
-        # An invalid report is in a journal if the run was killed before its reversal.
+        # A journal contains an invalid report if the run was killed before the report was removed.
         with contextlib.suppress(FireModelError):
             found = self.apply_report(event)
         if self._gives_views and isinstance(event, Telemetry):
@@ -291,13 +296,13 @@ class RunEstimate:
             self._waiting.append(mosaic)
 
     def _advance_to_latest(self) -> None:
-        """Advance to an event that changes the fire; the images before it are written first."""
+        """Advance to an event that changes the fire; write the images before the event first."""
         self._store_images(self._latest_us)
         self._advance_until(self._latest_us)
 
     def _limit_ensemble(self) -> None:
         if self.ensemble.is_long():
-            self.ensemble.forget(self._fire.weather, burning_now(self._fire))
+            self.ensemble.forget_before_mark(self._fire.weather, burning_now(self._fire))
 
     def _burn_until(self, at_s: float) -> None:
         if at_s > self._fire.time_s:
@@ -311,7 +316,7 @@ class RunEstimate:
         self._sightings.add_mosaic(mosaic)
         before, (_, here, state, seen_s, _) = self._fire, mosaic
         change = partial(self._rewritten, here=here, state=state, seen_s=seen_s)
-        self._fire = self._corrected.changed(before, change)
+        self._fire = self._corrected.change(before, change)
         if self._fire is before or not self._reported.any():
             return
         removed = self._reported & before.burned() & ~self._fire.burned()
@@ -320,9 +325,9 @@ class RunEstimate:
             self._contradicted = window_around(removed, self._fire)
 
     def _rewritten(self, fire: Fire, here: Place, state: NDArray[np.uint8], seen_s: Floats) -> Fire:
-        """Return the fire after sightings in a window, ``fire`` itself if both agree.
+        """Return the fire with sightings of a window in it; ``fire`` itself if they agree.
 
-        ``state`` and ``seen_s`` (y, x) are those of the window's cells.
+        ``state`` and ``seen_s`` (y, x) have a value for each cell of the window.
         """
         cell_m = self.landscape.cell_size_m
         found = with_image(fire.expected_s(), here, state, seen_s, cell_m, self._unburnable)
@@ -331,7 +336,7 @@ class RunEstimate:
         return rewritten(fire, *found, self._begin)
 
     def _with_sightings(self, fire: Fire, after_s: float = -math.inf) -> Fire:
-        """Return a corrected fire in which sightings that no later correction replaces hold.
+        """Return a corrected fire with the sightings in it that no later correction replaces.
 
         Sightings until ``after_s`` are ignored.
         """
@@ -343,7 +348,7 @@ class RunEstimate:
 
 
 def _lit(fire: Fire, cells: Sequence[tuple[int, int]], at_s: float) -> Fire:
-    """Light cells (row, column) of a fire at a time or, if past, at its present time."""
+    """Light cells (row, column) of a fire at a time, or at the fire's present time if later."""
     for row, col in cells:
         fire.light(row, col, max(at_s, fire.time_s))
     return fire

@@ -17,7 +17,7 @@ from mission_service.interfaces.maps.terrain import TerrainTiles
 from mission_service.runtime.published_states import VehicleState
 from mission_service.runtime.run_context import RunContext
 
-MAX_THREADS = 2  # in use at once, because requests must not delay the flight
+MAX_THREADS = 2  # threads in use at once; requests must not delay the flight
 
 Result = TypeVar("Result")
 
@@ -81,7 +81,7 @@ class ApiContext:
         return found
 
     def handle(self, user: User, request: dict[str, Any]) -> dict[str, Any]:
-        """Handle a request of ``user``; return the reply. Raises ApiError if it is refused."""
+        """Handle a request of ``user``; return the reply. Raises ApiError for a refused request."""
         request = {**request, **self._requesting_operator(user, request)}
         may_approve = user.may("approve") if self.tokens.named else None
         found = self.context.request_handler.ask(request, may_approve)
@@ -107,7 +107,7 @@ class ApiContext:
         return {"by": by, "station": station}
 
     def _only_station(self) -> str:
-        """Return the only station of a burn, "" for several stations, or ``http`` for none."""
+        """Return the only station of a burn; "" for several stations, ``http`` for no station."""
         burn = self.context.scenario.burn
         stations = [] if burn is None else [station.name for station in burn.stations]
         return stations[0] if len(stations) == 1 else "http" if not stations else ""
