@@ -51,6 +51,12 @@ class CorrectedFire:
         self._spacing_m = OBSERVATION_SPACING_CELLS * landscape.cell_size_m
         self._base: Fire | None = None  # the fire without corrections; None if there are none
 
+    def copy(self) -> "CorrectedFire":
+        """Return an independent copy."""
+        found = copy.copy(self)  # ``apply_report`` replaces the log and does not change it
+        found._base = None if self._base is None else self._base.copy()
+        return found
+
     def check(self, event: AnyOperatorEvent) -> None:
         """Raise FireModelError for a report that has no effect or an unusable shape."""
         self.log.refuse_no_effect(event)

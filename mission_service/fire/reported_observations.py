@@ -5,6 +5,8 @@ elsewhere counts at once if its source makes no false alarms, otherwise only aft
 of another time or source nearby.
 """
 
+import copy
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -85,6 +87,13 @@ class Confirmation:
         self._at_s = np.full(shape, -np.inf)  # (y, x)
         self._source = np.full(shape, -1, dtype=np.int64)  # (y, x) numbers of the sources
         self._numbers: dict[str, int] = {}
+
+    def copy(self) -> "Confirmation":
+        """Return an independent copy."""
+        found = copy.copy(self)
+        found._at_s, found._source = self._at_s.copy(), self._source.copy()
+        found._numbers = self._numbers.copy()
+        return found
 
     def surprising(self, seen: Observation, burned: Mask, cell_m: float) -> Observation:
         """Return the part of an observation that changes the estimate.
