@@ -26,7 +26,7 @@ from mission_service.events import (
     WindSet,
 )
 from mission_service.fire.corrected_fire import CorrectedFire, drawn_at_s
-from mission_service.fire.late_observation import rewritten, with_observation
+from mission_service.fire.late_observation import rewritten, with_observation, with_wind
 from mission_service.fire.observed_window import (
     Window,
     states_in,
@@ -34,7 +34,10 @@ from mission_service.fire.observed_window import (
     window_of_change,
 )
 from mission_service.fire.reported_observations import (
+    CORRECTION_SD_M,
     Confirmation,
+    Smoke,
+    behind_smoke,
     observation_of,
     refuse_contradicted,
 )
@@ -42,7 +45,6 @@ from mission_service.fire.run_ensemble import Lit, RunEnsemble, WeatherSet
 from mission_service.fire.setup import begun_again, reported_fire
 from mission_service.fire.sightings import Mosaic, Sightings
 
-CORRECTION_SD_M = 1.0  # standard deviation of positions
 OWN_DRAWS = 2  # the estimate of a random scheme must not predict the simulated fire's draws
 
 
@@ -62,10 +64,11 @@ class Ignited(NamedTuple):
 
 
 class Reported(NamedTuple):
-    """A report of an operator."""
+    """A report of an operator, and the smoke that was reported before it."""
 
     now_s: float
     event: AnyOperatorEvent
+    smoke: Sequence[Smoke] = ()
 
 
 Input = Mosaic | LateImage | Ignited | Reported
@@ -103,6 +106,7 @@ class BestFire:
         # Cells that planners received as burned in corrections; images may have removed them since.
         self._reported = np.zeros(landscape.shape, dtype=bool)
         self._confirmation = Confirmation(landscape.shape)
+        self._weather = self.fire.weather  # of the last hours
 
     @property
     def corrections(self) -> CorrectedFire:
@@ -123,10 +127,10 @@ class BestFire:
         if at_s > self.fire.time_s:
             self.fire.advance(at_s)
 
-    def check(self, event: AnyOperatorEvent) -> None:
+    def check(self, event: AnyOperatorEvent, smoke: Sequence[Smoke]) -> None:
         """Raise FireModelError for a report that is invalid, has no effect or is contradicted."""
         if isinstance(event, FireObserved):
-            self._reported_cells(event)
+            self._reported_cells(event, smoke)
         else:
             self._corrected.check(event)
 
@@ -146,8 +150,8 @@ class BestFire:
                 self.burn_until(now_s)
                 self._corrected.changed(self.fire, partial(_lit, cells=cells, at_s=at_s))
                 return Change(add=lambda ensemble: ensemble.add(Lit(now_s, at_s, cells)))
-            case Reported(now_s, FireObserved() as event):
-                return self._observe(event, now_s)
+            case Reported(now_s, FireObserved() as event, smoke):
+                return self._observe(event, now_s, smoke)
             case Reported(now_s, event):
                 return self._correct(event, now_s)
 
@@ -160,6 +164,7 @@ class BestFire:
             return NOTHING
         at_s = event.at_us / 1e6
         if isinstance(event, WindSet):
+            self._weather = with_wind(self._weather, event.speed_m_s, event.from_deg, now_s)
             self.fire, weather = found, found.weather
             return Change(add=lambda ensemble: ensemble.add(WeatherSet(at_s, weather)))
         self.fire = self._with_sightings(found)
@@ -170,20 +175,20 @@ class BestFire:
         seen = Observation(at_s, window.row, window.col, state, CORRECTION_SD_M)
         return Change(window, add=lambda ensemble: ensemble.add(seen))
 
-    def _reported_cells(self, event: FireObserved) -> Observation:
+    def _reported_cells(self, event: FireObserved, smoke: Sequence[Smoke]) -> Observation:
         """Return the cells of a report without those that operators drew at a later time.
 
-        Raises FireModelError for a report that is invalid or contradicted.
+        Raises FireModelError for a report that is contradicted.
         """
-        found = observation_of(event, self._landscape)
+        found = behind_smoke(observation_of(event, self._landscape), smoke, "")
         drawn_s = drawn_at_s(self._corrected.log.held(), self._landscape)[found.where]
         state = np.where(drawn_s > found.at_s, UNSEEN, found.state).astype(np.uint8)
         found = found._replace(state=state)
         refuse_contradicted(found, self._sightings.state, self._sightings.seen_s)
         return found
 
-    def _observe(self, event: FireObserved, now_s: float) -> Change:
-        reported = self._reported_cells(event)
+    def _observe(self, event: FireObserved, now_s: float, smoke: Sequence[Smoke]) -> Change:
+        reported = self._reported_cells(event, smoke)
         self.burn_until(now_s)
         burned = self.fire.expected_s() <= reported.at_s
         seen = self._confirmation.surprising(reported, burned, self._landscape.cell_size_m)
@@ -196,7 +201,11 @@ class BestFire:
     def _place_in_time(self, seen: Observation) -> None:
         """Change the fire by an observation of the present or of an earlier time."""
         change = partial(
-            with_observation, seen=seen, unburnable=self._unburnable, begin=self._begin
+            with_observation,
+            seen=seen,
+            unburnable=self._unburnable,
+            begin=self._begin,
+            weather=self._weather,
         )
         self.fire = self._corrected.changed(self.fire, change)
         self.fire = self._with_sightings(self.fire, seen.at_s)

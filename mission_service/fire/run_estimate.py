@@ -50,7 +50,15 @@ from mission_service.fire.best_fire import (
 )
 from mission_service.fire.camera_views import CameraViews, arrival_at
 from mission_service.fire.ignition_reports import ignition_reports_of
-from mission_service.fire.observed_window import Window, observation_in
+from mission_service.fire.observed_window import Window
+from mission_service.fire.reported_observations import (
+    MAX_SMOKE,
+    Smoke,
+    behind_smoke,
+    check_report,
+    observation_of,
+    smoke_of,
+)
 from mission_service.fire.run_ensemble import RunEnsemble
 from mission_service.fire.setup import cells_lit
 from mission_service.fire.sightings import Mosaic, Sightings
@@ -94,6 +102,7 @@ class RunEstimate:
         self._written_us = -(2**63)  # end of the last period with images
         self._ahead: Fire | None = None  # a copy at a time after the latest event
         self._contradicted: Window | None = None
+        self._smoke: tuple[Smoke, ...] = ()  # the last reports
         self.agreement = SourceAgreement(landscape.shape, landscape.cell_size_m)
         self.ensemble = RunEnsemble(scenario, landscape)
 
@@ -232,7 +241,8 @@ class RunEstimate:
             if event.corrects:
                 self._contradicted = None
             elif not event.estimated:
-                seen = observation_in(event)
+                seen = observation_of(event, self.landscape)
+                seen = behind_smoke(seen, self._smoke, seen.source)
                 self.agreement.add(seen)
                 if not event.distrusted:
                     self._on_image(seen, event.at_us)
@@ -252,13 +262,15 @@ class RunEstimate:
         """
         if not isinstance(event, OF_FIRE):
             return
-        if not self._accepts_reports:
-            if isinstance(event, FireObserved):
+        if isinstance(event, FireObserved):
+            if not self._accepts_reports:
                 raise FireModelError(
                     "observe: a burn uses cameras and corrections only; use correct"
                 )
-        elif self._catch_up(self._latest_us):  # images of past periods become sightings
-            self._best.check(event)
+            check_report(event, self.landscape)
+        # Images of past periods become sightings.
+        if self._accepts_reports and self._catch_up(self._latest_us):
+            self._best.check(event, self._smoke)
 
     def apply_report(self, event: AnyEvent) -> Window | None:
         """Apply an operator's report, and return a window around the changed cells or None.
@@ -270,8 +282,11 @@ class RunEstimate:
         self._on_time(event)
         if not (self._accepts_reports and isinstance(event, OF_FIRE)):
             return None
+        if isinstance(event, FireObserved) and event.state == "smoke":
+            self._smoke = (*self._smoke[1 - MAX_SMOKE :], smoke_of(event, self.landscape))
+            return None
         self._end_period(self._latest_us)
-        self._waiting.append(Reported(self._latest_us / 1e6, event))
+        self._waiting.append(Reported(self._latest_us / 1e6, event, self._smoke))
         if self.in_background:
             return None
         while len(self._waiting) > 1:

@@ -56,20 +56,27 @@ class RequestHandler:
         found = self._submitted(request, may_approve)
         return found if isinstance(found, dict) else self._reply(found)
 
-    async def ask_and_wait(self, request: Any, may_approve: bool | None = None) -> Answer:
-        """Handle one request as ``ask``; a report is in the estimate, or refused, in the reply."""
-        found = self._submitted(request, may_approve)
+    async def ask_and_wait(
+        self, request: Any, may_approve: bool | None = None, role: str = ""
+    ) -> Answer:
+        """Handle one request as ``ask``; the reply to a report waits until the estimate uses it.
+
+        ``role`` is the highest role of the user, if the interface identifies users.
+        """
+        found = self._submitted(request, may_approve, role)
         if isinstance(found, dict):
             return found
         unused = None if self._outcome is None else await self._outcome(found.event)
         return self._reply(found) if unused is None else wrong(str(unused))
 
-    def _submitted(self, request: Any, may_approve: bool | None) -> "_Submitted | Answer":
+    def _submitted(
+        self, request: Any, may_approve: bool | None, role: str = ""
+    ) -> "_Submitted | Answer":
         """Submit the event of a request; return the reply instead if there is no event."""
         if isinstance(request, dict) and request.get("do") == STATUS:
             return {"ok": True, "status": self._status()}
         try:
-            event = event_of(request, self._now_us(), self.scope, may_approve)
+            event = event_of(request, self._now_us(), self.scope, may_approve, role)
             burned_ha = self._burned_ha if isinstance(event, CHANGES_AREA) else None
             before_ha = None if burned_ha is None else burned_ha()
             return _Submitted(request["do"], event, before_ha, self._submit(event))

@@ -76,12 +76,12 @@ def test_a_late_observation_changes_the_fire_as_if_it_had_been_in_time(land: Lan
     seen = Observation(2000.0, row - 40, col - 1, state)
     in_time = fire_of(SCENARIO, land)
     in_time.advance(2000.0)
-    in_time = with_observation(in_time, seen, FREE, begin)
+    in_time = with_observation(in_time, seen, FREE, begin, in_time.weather)
     in_time.advance(4000.0)
     late = fire_of(SCENARIO, land)
     late.advance(4000.0)
     without = late.burned().copy()
-    late = with_observation(late, seen, FREE, begin)
+    late = with_observation(late, seen, FREE, begin, in_time.weather)
     grown = in_time.burned() & ~without
     assert np.count_nonzero(grown) > 20
     assert np.count_nonzero(late.burned() ^ in_time.burned()) < 0.1 * np.count_nonzero(grown)
@@ -100,7 +100,7 @@ def test_a_late_unburned_observation_holds_the_fire_back_until_now(land: Landsca
     rows, cols = np.nonzero(fire.arrival_time_s <= 4800.0)
     top, left = int(rows.mean()), int(cols.min())
     state = np.full((int(rows.max()) - top + 1, int(np.ptp(cols)) + 1), UNBURNED, dtype=np.uint8)
-    found = with_observation(fire, Observation(4800.0, top, left, state), FREE, begin)
+    found = with_observation(fire, Observation(4800.0, top, left, state), FREE, begin, fire.weather)
     here = Observation(4800.0, top, left, state).where
     assert (found.expected_s()[here] > 4800.0).all()
     assert 0 < np.count_nonzero(found.burned()[here]) < np.count_nonzero(fire.burned()[here])

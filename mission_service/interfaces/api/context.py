@@ -84,7 +84,8 @@ class ApiContext:
         """Handle a request of ``user``; return the reply. Raises ApiError if it is refused."""
         request = {**request, **self._requesting_operator(user, request)}
         may_approve = user.may("approve") if self.tokens.named else None
-        found = await self.context.request_handler.ask_and_wait(request, may_approve)
+        role = user.highest_role if self.tokens.named else ""
+        found = await self.context.request_handler.ask_and_wait(request, may_approve, role)
         self.context.ring()
         if not found["ok"]:
             if self.context.service.recording.trouble:
