@@ -125,7 +125,7 @@ def behind_smoke(seen: Observation, smoke: Sequence[Smoke], source: str) -> Obse
         smoke: The reports of smoke.
         source: The source of an image, "" for a report, to which all reports of smoke apply.
     """
-    hidden = np.zeros(seen.state.shape, dtype=bool)
+    hidden: Mask = np.zeros(seen.state.shape, dtype=bool)
     for each in smoke:
         if abs(each.at_s - seen.at_s) > SMOKE_S or source not in ("", each.source):
             continue
