@@ -278,17 +278,18 @@ class Engine:
             self.recording.remove_last()
             raise _defect(event, error, self._scenario.planner.rule) from error
         self._process(event, now_us)
-        self._deliver_change(window, event.at_us, now_us)
+        self._queue(window)
+        self._deliver(event.at_us, now_us)
 
-    def adopt(self, found: Folded, now_us: int) -> AnyOperatorEvent | None:
+    def adopt(self, found: Folded) -> AnyOperatorEvent | None:
         """Adopt an input of the estimate that a thread has folded; return the report, if it is one.
 
-        The vehicles' planners receive the change as an event of the present mission time.
+        ``deliver_next`` delivers the change to the vehicles' planners.
         """
         report = self.estimate.adopt(found)
         if report is not None:
             self.state_view.fire_changed()
-        self._deliver_change(found.change.window, self.statistics.at_us, now_us)
+        self._queue(found.change.window)
         return report
 
     def unused(self, event: AnyOperatorEvent, error: Exception) -> Exception:
@@ -296,10 +297,6 @@ class Engine:
         if isinstance(error, FireModelError):
             return error
         return _defect(event, error, self._scenario.planner.rule)
-
-    def _deliver_change(self, window: Window | None, at_us: int, now_us: int) -> None:
-        self._queue(window)
-        self._deliver(at_us, now_us)
 
     def _try(self, event: AnyOperatorEvent, now_us: int) -> None:
         """Apply a request to a copy of the state. Raises RefusedEventError if this fails."""
@@ -400,16 +397,30 @@ class Engine:
             self._undelivered = {name: (*waiting.get(name, ()), window) for name in self._gateways}
 
     def _received(self, vehicle: str) -> None:
-        _, *later = self._undelivered.pop(vehicle, (None,))
+        later = self._undelivered.pop(vehicle, ())[1:]
         if later:
-            self._undelivered[vehicle] = tuple(later)
+            self._undelivered[vehicle] = later
 
     def _deliver(self, at_us: int, now_us: int) -> None:
         """Deliver operators' corrections of the fire to each vehicle's planner."""
         for name, windows in list(self._undelivered.items()):
-            for window in windows:
-                if self._handle(Observed(at_us, name, *window, corrects=True), now_us):
-                    self._received(name)
+            for _ in windows:
+                self._deliver_to(name, at_us, now_us)
+
+    def deliver_next(self, now_us: int) -> bool:
+        """Deliver one change to one vehicle's planner; return whether there was one to deliver.
+
+        A planner may take a third of the time for which the event loop may be held.
+        """
+        name = next(iter(self._undelivered), None)
+        return name is not None and self._deliver_to(name, self.statistics.at_us, now_us)
+
+    def _deliver_to(self, vehicle: str, at_us: int, now_us: int) -> bool:
+        window = self._undelivered[vehicle][0]
+        delivered = self._handle(Observed(at_us, vehicle, *window, corrects=True), now_us)
+        if delivered:
+            self._received(vehicle)
+        return delivered
 
     def acknowledged_by(self, command: str, since_us: int) -> set[str]:
         """Return the vehicles that have acknowledged a command since a mission time."""

@@ -50,8 +50,10 @@ class EstimateWorker:
                 "defect, please report it"
             )
             raise self._service.defect from error
-        report = self._service.adopt(found, self._now_us())
-        self._flush()
+        report = self._service.adopt(found)
+        while self._service.deliver_next(self._now_us()):
+            self._flush()
+            await asyncio.sleep(0)
         if report is None:
             return
         unused = None if found.unused is None else self._service.unused(report, found.unused)
