@@ -22,6 +22,7 @@ from mission_service.events import (
 )
 from mission_service.fire.best_fire import Folded, after
 from mission_service.fire.observed_window import in_letters
+from mission_service.fire.run_ensemble import WeatherSet
 from mission_service.fire.run_estimate import RunEstimate
 from mission_service.fire.setup import landscape_of
 from mission_service.journal.journal_file import SegmentReader
@@ -111,7 +112,13 @@ def assert_equal(one: RunEstimate, other: RunEstimate, at_s: float) -> None:
     for each in (one, other):
         each.advance(round(at_s * 1e6))
     assert np.array_equal(one.fire.expected_s(), other.fire.expected_s())
-    assert repr(one.ensemble._inputs) == repr(other.ensemble._inputs)
+    assert inputs_of(one) == inputs_of(other)
+
+
+def inputs_of(estimate: RunEstimate) -> list[str]:
+    """The inputs of the ensemble."""
+    inputs = estimate.ensemble._inputs
+    return [repr(each.weather.entries if isinstance(each, WeatherSet) else each) for each in inputs]
 
 
 def seen_burning(at_us: int, place: Place, seen_at_us: int) -> FireObserved:
@@ -209,7 +216,7 @@ def test_reports_at_once_are_used_in_their_order_and_replay_to_the_same_fire(
     world: World, tmp_path: Path
 ) -> None:
     async def steps() -> None:
-        line = [place_of(world, *ahead(world, cells)) for cells in (20, 60)]
+        line = [place_of(world, *ahead(world, cells)) for cells in (20, 36)]
         asked = [
             spot(world, 30, age_s=600.0),
             ask(world, "wind", speed_m_s=6.0, from_deg=90.0),
@@ -219,8 +226,7 @@ def test_reports_at_once_are_used_in_their_order_and_replay_to_the_same_fire(
             spot(world, 40, age_s=900.0),
         ]
         replies = await asyncio.gather(*asked)
-        assert [reply["ok"] for reply in replies] == [True] * 4 + [False, True], replies
-        assert replies[4]["error"] == "nothing to undo"
+        assert [reply.get("error") for reply in replies] == [*[None] * 4, "nothing to undo", None]
 
     run(world, steps)
     assert not world.context.estimate.is_behind
