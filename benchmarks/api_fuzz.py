@@ -17,7 +17,7 @@ from pathlib import Path
 
 import click
 
-from mission_service.config.service import HttpSection
+from mission_service.config.service_section import HttpSection
 from mission_service.interfaces.api.access.limits import RateLimiter
 from mission_service.interfaces.api.server import bound, serving
 from tests.api.worlds import SMALL, World, scenario_of, served, world_in

@@ -9,7 +9,7 @@ import numpy as np
 
 from firemodel.assimilation.distance_weighting import PaperCorrected
 from firemodel.assimilation.gaussian import GaussianCorrected
-from firemodel.ellipses.observations import Simulation
+from firemodel.ellipses.point_observations import Simulation
 from mission_service.experiments.beachly.corrections import (
     Floats,
     Method,

@@ -16,7 +16,7 @@ from shapely.geometry.base import BaseGeometry
 
 from firemodel.arrays import Floats
 from mission_service.config.sections import BurnSection
-from mission_service.guidance.burn.line_planner import LinePlan, Situation
+from mission_service.guidance.burn.lines.line_planner import LinePlan, Situation
 
 # Spacing of samples: of the surroundings; of level legs; of climbs and descents.
 GRID_M, STEP_M, STEP_S = 0.7, 0.8, 0.5

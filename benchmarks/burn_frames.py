@@ -48,7 +48,7 @@ from mission_service.events import (
     Resumed,
     WindSet,
 )
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 from mission_service.guidance.burn.controller import burn_flight
 from mission_service.guidance.burn.plan_mission import has_drop
 from mission_service.journal.journal_file import Journal, header_of

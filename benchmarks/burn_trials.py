@@ -12,8 +12,8 @@ from firemodel.arrays import Floats
 from firemodel.ellipses.ellipse import EllipseFire, Spread, line_sources
 from mission_service.config.sections import BurnSection, Station
 from mission_service.guidance.burn.burn_unit import BurnUnit, ExclusionCircle
-from mission_service.guidance.burn.ignition_lines import only_areas
-from mission_service.guidance.burn.line_planner import LinePlan, Situation
+from mission_service.guidance.burn.lines.ignition_lines import only_areas
+from mission_service.guidance.burn.lines.line_planner import LinePlan, Situation
 
 Random = np.random.Generator
 

@@ -52,7 +52,7 @@ TEAM_RULES: dict[str, Callable[[], TeamRule]] = {
 
 
 def _with_wind(planner: Planner, burn: Burn) -> Planner:
-    now = burn.weather.at(burn.deploy_s)
+    now = burn.weather.weather_at(burn.deploy_s)
     planner.wind(now.wind_speed_m_s, now.wind_from_deg, burn.deploy_s)
     return planner
 

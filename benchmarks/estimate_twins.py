@@ -248,7 +248,7 @@ def run(seed: int, members: int, pool: ThreadPoolExecutor) -> tuple[Floats, list
         place, at_s = images[-1][1], at_s + BATCH_S
         estimate.advance(at_s, pool.map)
         for image, _ in images:
-            estimate.observe(image, pool.map)
+            estimate.assimilate(image, pool.map)
             seen[image.where] |= despeckled(image) == BURNED
         if at_s in EVALUATED_S:
             rows.append(_evaluated(truth, estimate, model, binary_fill_holes(seen), pool))

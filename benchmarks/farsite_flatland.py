@@ -134,7 +134,7 @@ def followed(stream: WeatherStream) -> WeatherStream:
         dead = after_time_lag(first, dry, middle_h, TIME_LAGS_H)
         names = ("dead_1h_pct", "dead_10h_pct", "dead_100h_pct")
         given: dict[str, Any] = dict(zip(names, map(float, dead), strict=True))
-        entries.append(replace(stream.at(float(at_s)), at_s=float(at_s), **given))
+        entries.append(replace(stream.weather_at(float(at_s)), at_s=float(at_s), **given))
     return WeatherStream(entries)
 
 
@@ -142,7 +142,7 @@ def with_moisture(stream: WeatherStream, one_hour_pct: Sequence[float]) -> Weath
     """Return the stream with given hourly moistures of 1-h fuel, the only class of fuel model 1."""
     return WeatherStream(
         [
-            replace(stream.at(hour * HOUR_S), at_s=hour * HOUR_S, dead_1h_pct=pct)
+            replace(stream.weather_at(hour * HOUR_S), at_s=hour * HOUR_S, dead_1h_pct=pct)
             for hour, pct in enumerate(one_hour_pct)
         ]
     )

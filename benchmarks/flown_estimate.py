@@ -23,7 +23,7 @@ from firemodel.assimilation.estimate_forecast import likely_area
 from mission_service.config.fire_sections import SimulatedFireSection, SimulationSection
 from mission_service.config.scenario import Scenario, load_scenario
 from mission_service.fire.forecast import Forecasts
-from mission_service.fire.setup import fire_of, landscape_of
+from mission_service.fire.scenario_fire import fire_of, landscape_of
 from mission_service.journal.journal_file import Journal, header_of
 from mission_service.simulation.sim import Simulation
 
@@ -69,7 +69,7 @@ async def _flown(flight: Simulation, scenario: Scenario) -> Floats:
     assert flight.cameras is not None
     errors = []
     for at_s in TIMES_S:
-        flight.run(at_s)
+        flight.run_until(at_s)
         flight.service.advance_fire(flight.clock.now_us)
         now_s, seen = flight.estimate.fire.time_s, flight.estimate.fire.burned()
         true, free = flight.cameras.fire.fire.copy(), model.copy()

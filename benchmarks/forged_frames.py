@@ -28,11 +28,11 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.clients.shared_link import SharedLink
 from autopilot_bridge.links.framing import frames_of
-from autopilot_bridge.missions.value_bounds import BOUNDS
+from autopilot_bridge.links.message_bounds import BOUNDS
 from autopilot_bridge.mock.autopilot import MockAutopilot
 from benchmarks.fuzz_frames import frame_of
 from mission_service.config.scenario import Scenario, load_scenario
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 from mission_service.journal.journal_file import Journal, header_of
 from mission_service.runtime.engine import Engine
 from mission_service.runtime.gateway import rates_hz
@@ -246,7 +246,7 @@ class ForgedRig(SimulatedVehicle):
     def advance(self, now_us: int, service: Engine) -> None:
         """Process all due work, with forged frames before and after the vehicle's frames."""
         if self._weather is not None:
-            self._blow(self._weather.at(self._clock.now_us / 1e6))
+            self._blow(self._weather.weather_at(self._clock.now_us / 1e6))
         for datagram in self._up.receive(now_us):
             self.mock.receive_data(datagram, now_us)
         self.mock.handle_timer(now_us)

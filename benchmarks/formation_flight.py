@@ -22,7 +22,7 @@ import numpy as np
 from mission_service.commands import ChangeSpeed, Orbit, UploadMission
 from mission_service.config.scenario import load_scenario, parse_scenario
 from mission_service.events import CommandFinished, Telemetry, UploadFinished
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 from mission_service.journal.journal_file import SegmentReader
 from mission_service.simulation.sim import simulate
 

@@ -38,7 +38,7 @@ from mission_service.config.scenario import SHIPPED, Scenario, load_scenario, pa
 from mission_service.core.core import Core
 from mission_service.experiments.virtual_agents.ideal_world import FormationWorld, Rules, fly
 from mission_service.experiments.virtual_agents.monitoring import MonitoringArea
-from mission_service.fire.setup import fire_of, landscape_of
+from mission_service.fire.scenario_fire import fire_of, landscape_of
 from mission_service.fire.simulated_fire import SimulatedFire
 from mission_service.guidance.formation.controller import FormationFlight
 from mission_service.guidance.formation.map_grid import map_grid_of

@@ -23,7 +23,7 @@ from firemodel.assimilation.distance_weighting import PaperCorrected
 from firemodel.assimilation.gaussian import GaussianCorrected
 from firemodel.ellipses import ellipse
 from firemodel.ellipses.ellipse import EllipseFire, Spread, spreads_of
-from firemodel.ellipses.observations import BURNING
+from firemodel.ellipses.point_observations import BURNING
 from firemodel.physics.weather import Weather, WeatherStream
 
 WIDE_M = 1000.0

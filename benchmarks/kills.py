@@ -33,7 +33,7 @@ from typing import Any
 
 import click
 
-from autopilot_bridge.links.link import other_end
+from autopilot_bridge.links.link_address import other_end
 from benchmarks.burn_frames import check as checked_drops
 from benchmarks.burn_frames import released
 from benchmarks.link_shared import free_ports
@@ -130,7 +130,7 @@ async def fly(name: str, changes: tuple[str, ...]) -> None:
     import asyncio
 
     from autopilot_bridge.mock.serving import MockGroup, serve
-    from mission_service.fire.setup import landscape_of
+    from mission_service.fire.scenario_fire import landscape_of
     from mission_service.runtime.clocks import clock_us
     from mission_service.simulation.sim import mock_of
 

@@ -22,7 +22,7 @@ from autopilot_bridge.mock.fault_injection import FaultyMock
 from autopilot_bridge.mock.fault_kinds import parse_faults
 from autopilot_bridge.mock.serving import MockGroup, serve
 from benchmarks.link_shared import clock_us
-from mission_service.simulation.mocks import MockEnvironment, from_scenario
+from mission_service.simulation.mock_processes import MockEnvironment, from_scenario
 
 STAMP = struct.Struct("<Biiq")
 POSITION = int(mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT)

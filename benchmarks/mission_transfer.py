@@ -15,7 +15,7 @@ import click
 
 from autopilot_bridge.items import MissionItem, loiter_unlimited, waypoint
 from autopilot_bridge.links.codec import Codec, Message
-from autopilot_bridge.links.link import MemoryLink
+from autopilot_bridge.links.memory_link import MemoryLink
 from autopilot_bridge.missions.download import MissionDownload
 from autopilot_bridge.missions.ftp import FtpDownload, FtpUpload, next_session
 from autopilot_bridge.missions.read_back import same_mission

@@ -83,7 +83,7 @@ def run(
     estimate = FireEstimate(
         truth.landscape, truth.weather, settings=EstimateSettings(members, seed, WRONG)
     )
-    estimate.observe(perimeters[0])
+    estimate.assimilate(perimeters[0])
     found = []
     for before, after in pairwise(perimeters):
         forecast = estimate.forecast(after.at_s, pool.map)
@@ -99,7 +99,7 @@ def run(
             step = Step(before, after, probability, likely, alone.burned())
             path = pictures / f"perimeters-{seed}-{len(found)}.png"
             draw_forecast(path, truth.landscape, step, f"Simulated fire {seed}", None)
-        estimate.observe(after, pool.map)
+        estimate.assimilate(after, pool.map)
     return found
 
 

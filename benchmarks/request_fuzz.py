@@ -39,7 +39,7 @@ from mission_service.core import request_events
 from mission_service.core.core import Core
 from mission_service.errors import JournalError
 from mission_service.fire.run_estimate import RunEstimate
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 from mission_service.fire.simulated_cameras import cameras_of
 from mission_service.guidance.registry import way_of
 from mission_service.interfaces.mqtt.command_gate import TAKEN, CommandGate
@@ -48,7 +48,7 @@ from mission_service.journal.recovery import unfinished
 from mission_service.journal.segments import begin_state, newest_state, synced
 from mission_service.journal.snapshot import Frozen, Known, code_digest, write
 from mission_service.live.daemon import replay
-from mission_service.live.interfaces import request_handler_of
+from mission_service.live.interface_setup import request_handler_of
 from mission_service.replay.verification import verify
 from mission_service.runtime.engine import Engine
 from mission_service.runtime.state_view import StateView
@@ -283,7 +283,7 @@ class FuzzedEngine:
 
     def run(self, seconds: float) -> None:
         """Continue the flight."""
-        self.simulation.run(self.simulation.clock.now_us / 1e6 + seconds)
+        self.simulation.run_until(self.simulation.clock.now_us / 1e6 + seconds)
 
     def keep(self) -> None:
         """Begin a journal segment with a snapshot, as the daemon does regularly."""

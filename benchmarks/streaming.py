@@ -21,8 +21,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.clients.native import NativeClient
 from autopilot_bridge.clients.shared_link import SharedLink
+from autopilot_bridge.links.asyncio_connection import Connection, Peer
 from autopilot_bridge.links.codec import Codec
-from autopilot_bridge.links.connection import Connection, Peer
 from benchmarks.link_shared import clock_us, free_ports
 
 MAX_SHARE = 0.25

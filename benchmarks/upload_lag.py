@@ -24,7 +24,7 @@ import click
 import httpx
 import numpy as np
 
-from mission_service.config.service import HttpSection
+from mission_service.config.service_section import HttpSection
 from mission_service.events import Observed
 from mission_service.interfaces.api.server import bound, serving
 from tests.api.worlds import World, scenario_of, served, world_in

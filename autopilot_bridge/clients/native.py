@@ -334,7 +334,7 @@ class NativeClient:
             *(self.stack, self._target(), monitor.current, total, self.armed, self.custom_mode),
             *(monitor.plan_id, monitor.unfit),
         )
-        self._send(*self._jobs.step(state, now_us))
+        self._send(*self._jobs.continue_jobs(state, now_us))
         self._send(*self._jobs.start_next(state, now_us))
 
     def validate_state(self) -> None:

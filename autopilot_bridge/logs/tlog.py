@@ -4,7 +4,7 @@ The time is in microseconds since 1970, as written by MAVProxy, QGroundControl, 
 pymavlink and ``links/tlog_writer.py``. MAVProxy stores the number of the link in the lowest two
 bits. Only frames with a right checksum are accepted. A message of another dialect is skipped by its
 length if another record follows. If a simulator was faster or slower than the recorder's clock, the
-time is derived from the autopilots' time since boot (``boot_time.py``).
+time is derived from the autopilots' time since boot (``entry_times.py``).
 """
 
 from collections.abc import Iterator
@@ -24,7 +24,7 @@ from autopilot_bridge.links.framing import (
     message_id_of,
     source_of,
 )
-from autopilot_bridge.logs.boot_time import FlightTime, Sample, rate_of
+from autopilot_bridge.links.message_bounds import list_out_of_bounds, out_of_bounds
 from autopilot_bridge.logs.entries import (
     LATEST_US,
     Acknowledged,
@@ -35,10 +35,10 @@ from autopilot_bridge.logs.entries import (
     MissionLoaded,
     Outputs,
 )
+from autopilot_bridge.logs.entry_times import FlightTime, Sample, rate_of
 from autopilot_bridge.logs.record_scanner import LEAP_US, records
 from autopilot_bridge.missions.ftp_packet import ACK, CREATE, TERMINATE, WRITE, packet_of
 from autopilot_bridge.missions.mission_file import PATHS, decode_mission_file
-from autopilot_bridge.missions.value_bounds import list_out_of_bounds, out_of_bounds
 from autopilot_bridge.vehicle.client_events import AlarmEnded, ClientEvent, LinkAlarm
 from autopilot_bridge.vehicle.monitor import AUTOPILOT, VehicleMonitor
 from autopilot_bridge.vehicle.statustext import StatustextAssembler
@@ -97,7 +97,7 @@ class TlogLog:
                 continue
             message, (system_id, component_id) = decoded[0], source_of(frame)
             own = component_id == AUTOPILOT
-            at_us = time.at(stamp_us, system_id, _boot_us(message) if own else None)
+            at_us = time.flight_us(stamp_us, system_id, _boot_us(message) if own else None)
             yield from missions.receive(message, at_us, vehicles)
             if own:
                 if system_id not in vehicles:

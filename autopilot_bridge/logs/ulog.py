@@ -139,7 +139,7 @@ class UlogLog:
                     name, _, fields = body.decode("utf-8", "replace").partition(":")
                     formats[name] = fields
                 case "A" if len(body) > 3:
-                    subscribed.add(body, formats)
+                    subscribed.subscribe(body, formats)
                 case "R" if len(body) == 2:
                     subscribed.topics.pop(int.from_bytes(body[:2], "little"), None)
                 case "P" | "I" as kind if len(body) > 1:
@@ -169,7 +169,7 @@ class _Subscriptions:
         self.sizes: dict[int, int] = {}
         self._names = names
 
-    def add(self, body: bytes, formats: dict[str, str]) -> None:
+    def subscribe(self, body: bytes, formats: dict[str, str]) -> None:
         """Process an ADD_LOGGED message; it is ignored as noise if it has no known format."""
         instance, number = struct.unpack_from("<BH", body)
         name = body[3:].decode("utf-8", "replace")

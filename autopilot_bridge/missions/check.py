@@ -1,7 +1,7 @@
 """Finds items of a mission that the autopilot would reject, change or fly wrongly.
 
-The functions apply the data in ``stacks/rules.py``. The items are those of a user: they do not
-contain ArduPilot's home, and DO_JUMP targets are indexes from 0.
+The functions apply the data in ``stacks/item_treatment.py``. The items are those of a user: they
+do not contain ArduPilot's home, and DO_JUMP targets are indexes from 0.
 """
 
 import math
@@ -22,7 +22,7 @@ from autopilot_bridge.missions.read_back import (
     takes_position,
     words_of,
 )
-from autopilot_bridge.stacks.rules import (
+from autopilot_bridge.stacks.item_treatment import (
     ENDLESS,
     INSTEAD,
     LAND_SEQUENCES,
@@ -36,7 +36,7 @@ from autopilot_bridge.stacks.stacks import Stack
 
 _JUMP = mavlink.MAV_CMD_DO_JUMP
 _PARAMS = ("param1", "param2", "param3", "param4")
-# Changes by these rules are not reported (see ``stacks/rules.py``).
+# Changes by these rules are not reported (see ``stacks/item_treatment.py``).
 _QUIET = ("keep", "hint", "hidden", "yaw", "side", "flag")
 _MAXIMA = {"u8": 255, "u16": 65535, "i8": 127, "i16": 32767, "cm16": 655.35, "radius": 65535}
 
@@ -52,7 +52,7 @@ def check(items: Sequence[MissionItem], stack: Stack, mission_type: int = MISSIO
     Returns:
         The problems, those of single items first; ``str`` of a problem is a line for users.
 
-    Source: see ``stacks/rules.py``.
+    Source: see ``stacks/item_treatment.py``.
     """
     rules = rules_of(stack)
     if mission_type == FENCE:

@@ -23,6 +23,7 @@ from typing import Literal
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.items import MissionItem
 from autopilot_bridge.links.codec import Message
+from autopilot_bridge.links.message_bounds import list_out_of_bounds
 from autopilot_bridge.missions import ftp_packet as ftp
 from autopilot_bridge.missions.ftp_packet import Packet, error_words, packet_of
 from autopilot_bridge.missions.mission_file import (
@@ -36,7 +37,6 @@ from autopilot_bridge.missions.mission_file import (
 )
 from autopilot_bridge.missions.read_back import MISSION, with_unheld
 from autopilot_bridge.missions.transfer import Address, TransferResult, TransferTiming, is_for
-from autopilot_bridge.missions.value_bounds import list_out_of_bounds
 
 MAX_PENDING = 5  # the autopilot discards a sixth without a reply
 FIRST_BLOCK_BYTES = HEADER.size + 6 * ITEM.size  # 238

@@ -1,4 +1,7 @@
-"""Computes which item an autopilot returns when an item is read back (see ``stacks/rules.py``)."""
+"""Computes which item an autopilot returns when an item is read back.
+
+The data are in ``stacks/item_treatment.py``.
+"""
 
 import math
 import struct
@@ -8,7 +11,7 @@ from dataclasses import replace
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.items import MissionItem, has_position, params_of
-from autopilot_bridge.stacks.rules import SAME_AS, TWIN, Rules, rules_of
+from autopilot_bridge.stacks.item_treatment import SAME_AS, TWIN, Rules, rules_of
 from autopilot_bridge.stacks.stacks import Stack, stack_named
 
 MISSION, FENCE, RALLY = (

@@ -8,7 +8,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.items import MissionItem
 from autopilot_bridge.mock.kinematics import Motion
-from autopilot_bridge.stacks.rules import TERRAIN_FRAMES
+from autopilot_bridge.stacks.item_treatment import TERRAIN_FRAMES
 
 RELATIVE_FRAMES = (
     mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT,

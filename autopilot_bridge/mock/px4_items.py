@@ -16,7 +16,7 @@ from autopilot_bridge.mock.mission_server import (
     MISSION,
     VERTICES,
 )
-from autopilot_bridge.stacks.rules import FENCE_COMMANDS, RALLY_POINT, rules_of
+from autopilot_bridge.stacks.item_treatment import FENCE_COMMANDS, RALLY_POINT, rules_of
 from autopilot_bridge.stacks.stacks import Stack
 
 FRAME_MISSION = int(mavlink.MAV_FRAME_MISSION)

@@ -131,7 +131,7 @@ class CommandQueue(_RequestQueue[CommandSequence]):
 
     def _reported(self, request_id: int, request: CommandSequence, sent: bool, now_us: int) -> bool:
         if sent:
-            self._commanded_modes.add(self._modes[request_id], now_us)
+            self._commanded_modes.expect(self._modes[request_id], now_us)
         if request.outcome is None:
             return False
         del self._modes[request_id]

@@ -41,7 +41,7 @@ class CommandedModes:
     def __init__(self) -> None:
         self._until_us: dict[int, int] = {}
 
-    def add(self, modes: tuple[int, ...], now_us: int) -> None:
+    def expect(self, modes: tuple[int, ...], now_us: int) -> None:
         """Record modes that are commanded now."""
         if not modes:
             return

@@ -3,7 +3,7 @@
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.links.codec import Message
-from autopilot_bridge.missions.value_bounds import out_of_bounds
+from autopilot_bridge.links.message_bounds import out_of_bounds
 from autopilot_bridge.stacks.stacks import Stack, stack_of
 from autopilot_bridge.vehicle.client_events import (
     AlarmEnded,
@@ -22,8 +22,8 @@ from autopilot_bridge.vehicle.client_events import (
     Rebooted,
     Text,
 )
+from autopilot_bridge.vehicle.failure_states import system_state
 from autopilot_bridge.vehicle.plausibility import BootClock, Reach, TimeVerdict
-from autopilot_bridge.vehicle.status import system_state
 from autopilot_bridge.vehicle.telemetry import Telemetry, boot_time_us
 
 AUTOPILOT = mavlink.MAV_COMP_ID_AUTOPILOT1
@@ -147,7 +147,7 @@ class VehicleMonitor:
         if verdict in ("kept", "ahead"):
             words = f"its time since boot jumped {jump}; {NOT_USED}"
             return self._alarm("clock", words, now_us)
-        self._telemetry.forget()
+        self._telemetry.reset()
         self._reach.forget_times()
         if verdict == "rebooted":
             self.current = self._reached = None
@@ -228,4 +228,4 @@ class VehicleMonitor:
             self.armed, self.custom_mode = armed, message.custom_mode
             name = self.stack.mode_name(message.custom_mode)
             events.append(ModeChanged(now_us, message.custom_mode, armed, name))
-        return [*events, *self._telemetry.changed(system_state(message, now_us))]
+        return [*events, *self._telemetry.if_changed(system_state(message, now_us))]

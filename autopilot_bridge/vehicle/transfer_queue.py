@@ -192,7 +192,7 @@ class TransferQueue:
             return []
         messages = self._job.exchange.receive(message, now_us)
         if messages and isinstance(self._job.exchange, ModeChange):
-            self._commanded_modes.add((self._job.exchange.new_mode,), now_us)
+            self._commanded_modes.expect((self._job.exchange.new_mode,), now_us)
         return messages
 
     def next_timer(self) -> int | None:
@@ -207,7 +207,7 @@ class TransferQueue:
             return []
         return self._job.exchange.handle_timer(now_us)
 
-    def step(self, state: VehicleState, now_us: int) -> list[Message]:
+    def continue_jobs(self, state: VehicleState, now_us: int) -> list[Message]:
         """Start the next phase, or report the result, if the active exchange has ended."""
         job = self._job
         if job is None or job.exchange is None or job.exchange.result is None:

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from firemodel.arrays import Floats, bounds_of
 from firemodel.assimilation.gaussian import GaussianCorrected
-from firemodel.ellipses.observations import BURNING, UNBURNED, Simulation
 from firemodel.ellipses.paths import StraightPaths
+from firemodel.ellipses.point_observations import BURNING, UNBURNED, Simulation
 from firemodel.landscape.landscape import Landscape
 from firemodel.spread.fire_scheme import check_shape
 from firemodel.spread.front import earliest_neighbour

@@ -13,7 +13,7 @@ import numpy as np
 
 from firemodel.arrays import Floats
 from firemodel.compiled import kernel
-from firemodel.ellipses.observations import BURNING, UNBURNED, Simulation, errors_s
+from firemodel.ellipses.point_observations import BURNING, UNBURNED, Simulation, errors_s
 from firemodel.ellipses.tiles import first_of, tiles_of
 from firemodel.errors import FireModelError
 

@@ -105,7 +105,7 @@ class FireEstimate:
         self._rng = np.random.default_rng((own.seed, 1))
         fuels = len(burnable_codes(landscape))
         draws = latin_draws(own.uncertainty, own.seed, own.members, fuels)
-        self.members = members_of(draws, weather.at(0.0))
+        self.members = members_of(draws, weather.weather_at(0.0))
         self._prior = own.rate_prior
         self._rates: FrontRates | None = None
         self._held = HeldCells(landscape.shape)
@@ -194,7 +194,7 @@ class FireEstimate:
         self._shared, self._rates = None, None
         self.time_s, self._forecast = to_time_s, None
 
-    def observe(self, observation: Observation, each: Each = map) -> None:
+    def assimilate(self, observation: Observation, each: Each = map) -> None:
         """Process an observation, which must not be earlier than the one before.
 
         Raises FireModelError for an observation that cannot be of this fire; nothing changes then.
@@ -243,7 +243,7 @@ class FireEstimate:
 
         ``model`` may have other fuels than the landscape.
         """
-        reported = self.weather.at(self.time_s)
+        reported = self.weather.weather_at(self.time_s)
         known = burnable_codes(self.landscape)
         place = [known.index(code) for code in burnable_codes(model.landscape)]
 
@@ -329,7 +329,7 @@ class FireEstimate:
         assert fires is not None
         state = despeckled(observation)
         windows = np.array([fire.arrival_s[here] <= at_s for fire in fires])
-        self._held.observe(here, state, at_s, windows.mean(axis=0))
+        self._held.add_observation(here, state, at_s, windows.mean(axis=0))
         self._update_members(state, windows, observation.position_sd_m)
         seen = self._observed[here]
         seen[state != UNSEEN] = np.maximum(seen, state)[state != UNSEEN]

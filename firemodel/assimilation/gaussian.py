@@ -30,8 +30,8 @@ from threadpoolctl import ThreadpoolController
 from firemodel.arrays import Floats
 from firemodel.ellipses.ellipse import EllipseFire
 from firemodel.ellipses.gaussian_kernels import Field, slopes, stretch, variances
-from firemodel.ellipses.observations import BURNED, BURNING, UNBURNED
 from firemodel.ellipses.paths import AdjustableEllipses, AdjustableFire, StraightPaths
+from firemodel.ellipses.point_observations import BURNED, BURNING, UNBURNED
 
 PLACE_SD_M = 6.0  # of an observation's position
 TIME_SD_S = 15.0  # of an observation's time

@@ -31,7 +31,9 @@ class HeldCells:
         """Return an independent copy."""
         return copy.deepcopy(self)
 
-    def observe(self, here: Place, state: NDArray[np.uint8], at_s: float, share: Floats) -> None:
+    def add_observation(
+        self, here: Place, state: NDArray[np.uint8], at_s: float, share: Floats
+    ) -> None:
         """Process an observation.
 
         Args:

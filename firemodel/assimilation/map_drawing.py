@@ -6,7 +6,7 @@ import numpy as np
 import shapely
 
 from firemodel.arrays import Floats
-from firemodel.ellipses.observations import BURNED, BURNING, UNBURNED
+from firemodel.ellipses.point_observations import BURNED, BURNING, UNBURNED
 from firemodel.errors import FireModelError
 
 Shape = Literal["point", "line", "polygon"]

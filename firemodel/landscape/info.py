@@ -25,7 +25,7 @@ from firemodel.landscape.readers.bands import (
     missing_in,
     values_of,
 )
-from firemodel.landscape.readers.code_systems import NO_FUEL, renamed_code
+from firemodel.landscape.readers.fuel_code_systems import NO_FUEL, renamed_code
 from firemodel.landscape.readers.layers import (
     LEVEL_TAN,
     layer_of,

@@ -15,7 +15,7 @@ from firemodel.arrays import Floats
 from firemodel.landscape.landscape import Landscape
 from firemodel.outputs.front_files import M2_PER_ACRE
 from firemodel.outputs.graticule import Frame, draw_graticule, draw_north
-from firemodel.outputs.raster_layers import (
+from firemodel.outputs.layer_legends import (
     Layer,
     arrival_layer,
     arrival_layer_of,

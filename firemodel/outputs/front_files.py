@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
 from firemodel.outputs.fronts_kml import fronts_kml
-from firemodel.outputs.qgis_styles import fronts_qml
-from firemodel.outputs.raster_layers import after_zero, arrival_layer_of
+from firemodel.outputs.layer_legends import after_zero, arrival_layer_of
+from firemodel.outputs.qgis_style_files import fronts_qml
 from firemodel.outputs.whole_file import write_whole
 from firemodel.spread.fire_scheme import Fire
 

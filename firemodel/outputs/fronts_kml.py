@@ -6,7 +6,7 @@ from itertools import pairwise
 from typing import Any
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
-from firemodel.outputs.raster_layers import Layer, after_zero, class_of
+from firemodel.outputs.layer_legends import Layer, after_zero, class_of
 
 NOTE = "Simulated, not approved. Not for navigation."
 

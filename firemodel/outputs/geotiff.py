@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
-from firemodel.outputs.qgis_styles import raster_qml
-from firemodel.outputs.raster_layers import (
+from firemodel.outputs.layer_legends import (
     FLAME_LENGTH_LAYER,
     INTENSITY_LAYER,
     SPREAD_RATE_LAYER,
@@ -20,6 +19,7 @@ from firemodel.outputs.raster_layers import (
     arrival_layer_of,
     fuel_layer,
 )
+from firemodel.outputs.qgis_style_files import raster_qml
 from firemodel.outputs.whole_file import whole_file, write_whole
 from firemodel.spread.behaviour import behaviour_of
 from firemodel.spread.fire_scheme import Fire

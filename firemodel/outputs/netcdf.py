@@ -12,7 +12,7 @@ from firemodel.arrays import Floats
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
 from firemodel.outputs.front_files import check_increasing
-from firemodel.outputs.raster_layers import (
+from firemodel.outputs.layer_legends import (
     FLAME_LENGTH_LAYER,
     INTENSITY_LAYER,
     SPREAD_RATE_LAYER,

@@ -99,14 +99,17 @@ class WeatherStream:
         """Return the index of the entry in effect at a time."""
         return max(bisect.bisect_right(self._times, time_s) - 1, 0)
 
-    def at(self, time_s: float) -> Weather:
+    def weather_at(self, time_s: float) -> Weather:
         """Return the entry in effect at a time."""
         return self.entries[self.index_at(time_s)]
 
     def blown(self, speed_m_s: float, from_deg: float, at_s: float) -> "WeatherStream":
         """Return the stream with a new wind from ``at_s`` on, and without later entries."""
         entry = replace(
-            self.at(at_s), at_s=at_s, wind_speed_m_s=speed_m_s, wind_from_deg=from_deg % 360.0
+            self.weather_at(at_s),
+            at_s=at_s,
+            wind_speed_m_s=speed_m_s,
+            wind_from_deg=from_deg % 360.0,
         )
         return WeatherStream((*(each for each in self.entries if each.at_s < at_s), entry))
 

@@ -23,7 +23,7 @@ class FrontRates:
         self._terrain = terrain_of(landscape)
         self._tables = tables_of(landscape, weather.entries, wind_limit)
 
-    def at(
+    def speeds_m_s(
         self, rows: Integers, cols: Integers, north: Floats, east: Floats, at_s: float
     ) -> Floats:
         """Return the speed (n,) in m/s at which the front in each cell moves along its normal.

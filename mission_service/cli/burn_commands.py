@@ -7,7 +7,13 @@ from typing import Any
 
 import click
 
-from mission_service.cli.options import JSON, OUT_REQUIRED, OVERRIDE, echo, folder
+from mission_service.cli.options import (
+    JSON,
+    OUT_REQUIRED,
+    OVERRIDE,
+    echo,
+)
+from mission_service.cli.output_folder import output_folder
 from mission_service.cli.request_commands import (
     OUT,
     RequestGroup,
@@ -110,4 +116,4 @@ def preview(config: str, out: Path, overrides: tuple[str, ...], as_json: bool) -
     from mission_service.config.scenario import load_scenario
     from mission_service.guidance.burn.preview import preview as run
 
-    echo(run(load_scenario(config, overrides), folder(out)), as_json)
+    echo(run(load_scenario(config, overrides), output_folder(out)), as_json)

@@ -22,8 +22,8 @@ from mission_service.cli.options import (
     cores_option,
     echo,
     echo_warning,
-    results_in,
 )
+from mission_service.cli.output_folder import results_in
 
 MAX_RUNS = 100_000
 SCORED = ("estimate", "free", "persistence")

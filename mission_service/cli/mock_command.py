@@ -93,7 +93,7 @@ def mock(scenario: str | None, **values: Any) -> None:
     signs its frames. The key comes from --signing-key, from SCENARIO or from a SETUP_SIGNING
     message.
     """
-    from mission_service.simulation.mocks import (
+    from mission_service.simulation.mock_processes import (
         MockEnvironment,
         MocksOnLink,
         by_hand,

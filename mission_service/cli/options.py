@@ -5,8 +5,7 @@ import math
 import os
 import re
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import wraps
 from pathlib import Path
@@ -33,12 +32,6 @@ def scheduler_address(
     if value is not None and SCHEDULER.fullmatch(value) is None:
         raise click.BadParameter(f"{value!r}: give HOST:PORT, as in tcp://10.0.0.1:8786")
     return value
-
-
-class Interrupted(click.ClickException):
-    """Ctrl-C ended the command."""
-
-    exit_code = 130  # as usual after this signal
 
 
 class Folder(click.Path):
@@ -163,45 +156,6 @@ def cores_option(workers: str) -> Callable[[Callable[..., None]], Callable[..., 
         return with_cores
 
     return decorate
-
-
-def folder(out: Path) -> Path:
-    """Create the folder ``out`` if it is missing, check that it is writable, and return it.
-
-    Raises MissionServiceError if it cannot be used.
-    """
-    from tempfile import TemporaryFile
-
-    from mission_service.errors import MissionServiceError
-    from mission_service.journal.private_files import FOLDER_MODE
-
-    try:
-        out.mkdir(FOLDER_MODE, parents=True, exist_ok=True)
-    except OSError as error:
-        raise MissionServiceError(f"{out}: cannot be created: {error.strerror}") from None
-    try:
-        with TemporaryFile(dir=out):  # fails now, not after an hour of simulation
-            pass
-    except OSError as error:
-        raise MissionServiceError(f"{out}: cannot be written to: {error.strerror}") from None
-    return out
-
-
-@contextmanager
-def results_in(out: Path, after_interrupt: str) -> Iterator[Path]:
-    """Yield the folder ``out``, which ``folder`` creates; remove it if it remains empty.
-
-    After Ctrl-C the command raises Interrupted with a line that ends in ``after_interrupt``.
-    """
-    created = [each for each in (out, *out.parents) if not each.exists()]
-    try:
-        yield folder(out)
-    except KeyboardInterrupt:
-        raise Interrupted(f"interrupted; {after_interrupt}") from None
-    finally:
-        with suppress(OSError):  # it is not empty
-            for each in created:
-                each.rmdir()
 
 
 def echo(result: dict[str, Any], as_json: bool) -> None:

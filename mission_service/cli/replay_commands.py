@@ -14,10 +14,10 @@ import click
 from mission_service.cli.options import (
     OVERRIDE,
     ReportOptions,
-    folder,
     report_options,
     seconds_option,
 )
+from mission_service.cli.output_folder import output_folder
 from mission_service.runtime.clocks import now_text
 
 if TYPE_CHECKING:
@@ -164,10 +164,10 @@ def _batch(
     if found is None and choice.at_s is not None:
         raise click.UsageError("--at is mission time of a scenario; give one with --scenario")
     if found is None:
-        analysis, made = analysis_of(name, flight), out and folder(out)
+        analysis, made = analysis_of(name, flight), out and output_folder(out)
     else:
         pairing = pair(flight, survey(flight), found[0], choice.at_s)
-        made = out and folder(out)
+        made = out and output_folder(out)
         analysis = analysis_with_fire(name, pairing, made, now_text())
     files = write_report(made, [analysis]) if made else []
     figures = figures_of(analysis)
@@ -204,7 +204,7 @@ def _what_if(journal: Path, words: tuple[str, ...], out: Path, as_json: bool) ->
 
     scenario, _ = with_settings(JournalReader(journal), words)  # checked before files are written
     with SimProgress(scenario.name, scenario.duration_s, as_json) as progress:
-        found = what_if(journal, words, folder(out), now_text(), progress)
+        found = what_if(journal, words, output_folder(out), now_text(), progress)
     runs = {"recorded": journal, "what-if": out}
     write_report(out, [analysis_of(name, flight_of([str(path)])) for name, path in runs.items()])
     if as_json:

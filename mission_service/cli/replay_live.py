@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mission_service.cli.options import folder, report_address
+from mission_service.cli.options import report_address
+from mission_service.cli.output_folder import output_folder
 
 if TYPE_CHECKING:
     from mission_service.cli.replay_commands import ReplayOptions
-    from mission_service.config.service import ServiceSection
+    from mission_service.config.service_section import ServiceSection
     from mission_service.replay.flights.flight_logs import Flight
     from mission_service.replay.flights.scenario_pairing import Pairing, ScenarioChoice
     from mission_service.runtime.play_head import Speed
@@ -72,13 +73,13 @@ def play(flight: "Flight", choice: "ScenarioChoice", speed: str, options: "Repla
 
     from mission_service.replay.flights.replay_server import ReplayRun, serve_flight
     from mission_service.runtime.clocks import now_text
-    from mission_service.runtime.outputs import summary_of, write_outputs
+    from mission_service.runtime.run_outputs import summary_of, write_outputs
 
     factor, out = speed_of(speed), options.out
     replay, settings = played(flight, choice)
     settings = _with_map(settings, options.listen)
     with contextlib.ExitStack() as stack:
-        made = folder(out or Path(stack.enter_context(TemporaryDirectory(prefix="replay-"))))
+        made = output_folder(out or Path(stack.enter_context(TemporaryDirectory(prefix="replay-"))))
         show = ReplayRun(
             replay, made, now_text(), settings, factor, options.until_end, options.logs
         )
@@ -98,7 +99,7 @@ def _with_map(settings: "ServiceSection", listen: str | None) -> "ServiceSection
     """Return the settings with a map at ``listen``, at its configured address or on a free port."""
     from pydantic import ValidationError
 
-    from mission_service.config.service import HttpSection
+    from mission_service.config.service_section import HttpSection
     from mission_service.errors import MissionServiceError
 
     section = {} if settings.http is None else settings.http.model_dump()

@@ -3,12 +3,12 @@
 from typing import Any, TypeVar
 
 from autopilot_bridge.clients.native import NativeClient
-from autopilot_bridge.links.connection import Connection
+from autopilot_bridge.links.asyncio_connection import Connection
 from autopilot_bridge.links.signing import Key, Signing, read_key
 from autopilot_bridge.missions.transfer import TransferTiming
 from autopilot_bridge.vehicle.client_events import Connected, TransferFinished
 from autopilot_bridge.vehicle.monitor import AUTOPILOT
-from mission_service.cli.transfers import Line, connected, within
+from mission_service.cli.mission_transfers import Line, connected, within
 from mission_service.errors import MissionServiceError
 from mission_service.runtime.clocks import clock_us, wall_us
 from mission_service.runtime.link_signing import refusal

@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 from firemodel.ensemble.uncertainty import Uncertainty
 from firemodel.landscape import LAYERS
 from firemodel.spread.schemes import SchemeName
-from mission_service.config.section import (
+from mission_service.config.section_base import (
     Finite,
     Latitude,
     Longitude,

@@ -18,7 +18,7 @@ from pydantic import (
 )
 
 from autopilot_bridge.errors import BridgeError
-from autopilot_bridge.links.link import parse_link
+from autopilot_bridge.links.link_address import parse_link
 from mission_service.config.fire_sections import (
     EnsembleSection,
     EstimateSection,
@@ -31,7 +31,7 @@ from mission_service.config.fire_sections import (
 )
 from mission_service.config.renamed_keys import renamed_keys
 from mission_service.config.rule_lookup import Way, own_ways, rules, way_named
-from mission_service.config.section import Line, NotNegative, Section
+from mission_service.config.section_base import Line, NotNegative, Section
 from mission_service.config.sections import (
     KEY_SOURCE,
     BurnSection,
@@ -41,7 +41,7 @@ from mission_service.config.sections import (
     PlannerSection,
     VehicleSection,
 )
-from mission_service.config.service import ServiceSection
+from mission_service.config.service_section import ServiceSection
 from mission_service.errors import OptionError, ScenarioError
 from mission_service.value_errors import got, missing_key, remedy, schema_at
 

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field, field_validator, model_validator
 
 from mission_service.config.rule_lookup import way_named
-from mission_service.config.section import (
+from mission_service.config.section_base import (
     Finite,
     Latitude,
     Line,

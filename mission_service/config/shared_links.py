@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from autopilot_bridge.links.link import SerialAddress, parse_link
+from autopilot_bridge.links.link_address import SerialAddress, parse_link
 from mission_service.config.sections import VehicleSection
 from mission_service.errors import ScenarioError
 

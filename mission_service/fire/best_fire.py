@@ -42,7 +42,7 @@ from mission_service.fire.reported_observations import (
     refuse_contradicted,
 )
 from mission_service.fire.run_ensemble import Lit, RunEnsemble, WeatherSet
-from mission_service.fire.setup import begun_again, reported_fire
+from mission_service.fire.scenario_fire import begun_again, reported_fire
 from mission_service.fire.sightings import Mosaic, Sightings
 
 OWN_DRAWS = 2  # the estimate of a random scheme must not predict the simulated fire's draws
@@ -132,7 +132,7 @@ class BestFire:
         if isinstance(event, FireObserved):
             self._reported_cells(event, smoke)
         else:
-            self._corrected.check(event)
+            self._corrected.check_report(event)
 
     def fold(self, each: Input) -> Change:
         """Apply an input, and return what it changed.
@@ -148,15 +148,15 @@ class BestFire:
                 return Change(add=lambda ensemble: ensemble.add_late(seen))
             case Ignited(now_s, at_s, cells):
                 self.burn_until(now_s)
-                self._corrected.changed(self.fire, partial(_lit, cells=cells, at_s=at_s))
-                return Change(add=lambda ensemble: ensemble.add(Lit(now_s, at_s, cells)))
+                self._corrected.change(self.fire, partial(_lit, cells=cells, at_s=at_s))
+                return Change(add=lambda ensemble: ensemble.add_input(Lit(now_s, at_s, cells)))
             case Reported(now_s, FireObserved() as event, smoke):
                 return self._observe(event, now_s, smoke)
             case Reported(now_s, event):
                 return self._correct(event, now_s)
 
     def _correct(self, event: AnyOperatorEvent, now_s: float) -> Change:
-        self._corrected.check(event)
+        self._corrected.check_report(event)
         self.burn_until(now_s)
         before = self.fire
         found = self._corrected.apply_report(event, before)
@@ -166,14 +166,14 @@ class BestFire:
         if isinstance(event, WindSet):
             self._weather = with_wind(self._weather, event.speed_m_s, event.from_deg, now_s)
             self.fire, weather = found, found.weather
-            return Change(add=lambda ensemble: ensemble.add(WeatherSet(at_s, weather)))
+            return Change(add=lambda ensemble: ensemble.add_input(WeatherSet(at_s, weather)))
         self.fire = self._with_sightings(found)
         window = self._reported_change(before)
         if window is None:
             return NOTHING
         state = states_in(window.cells)
         seen = Observation(at_s, window.row, window.col, state, CORRECTION_SD_M)
-        return Change(window, add=lambda ensemble: ensemble.add(seen))
+        return Change(window, add=lambda ensemble: ensemble.add_input(seen))
 
     def _reported_cells(self, event: FireObserved, smoke: Sequence[Smoke]) -> Observation:
         """Return the cells of a report without those that operators drew at a later time.
@@ -207,7 +207,7 @@ class BestFire:
             begin=self._begin,
             weather=self._weather,
         )
-        self.fire = self._corrected.changed(self.fire, change)
+        self.fire = self._corrected.change(self.fire, change)
         self.fire = self._with_sightings(self.fire, seen.at_s)
         self._sightings.add(seen)
 
@@ -225,7 +225,7 @@ class BestFire:
         self._sightings.add_mosaic(mosaic)
         before, (_, here, state, seen_s, _) = self.fire, mosaic
         change = partial(self._rewritten, here=here, state=state, seen_s=seen_s)
-        self.fire = self._corrected.changed(before, change)
+        self.fire = self._corrected.change(before, change)
         return Change(
             contradicted=None if self.fire is before else self._removed(before),
             add=lambda ensemble: ensemble.add_image(mosaic.observation()),

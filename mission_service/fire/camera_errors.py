@@ -61,7 +61,7 @@ class CameraErrors:
 
     def _behind_smoke(self, fire: Fire, at_s: float, footprint: Footprint) -> Mask:
         """Return the cells (y, x) of a window that lie downwind of burning cells."""
-        weather, land = fire.weather.at(at_s), fire.landscape
+        weather, land = fire.weather.weather_at(at_s), fire.landscape
         reach = math.floor(self.settings.smoke_m / land.cell_size_m)
         covered = np.zeros(footprint.beyond.shape, dtype=bool)
         if weather.wind_speed_m_s < CALM_M_S:

@@ -55,13 +55,13 @@ class CorrectedFire:
         found._base = None if self._base is None else self._base.copy()
         return found
 
-    def check(self, event: AnyOperatorEvent) -> None:
+    def check_report(self, event: AnyOperatorEvent) -> None:
         """Raise FireModelError for a report that has no effect or an unusable shape."""
         self.log.refuse_no_effect(event)
         if isinstance(event, Corrected):
             observations_of_correction(event, self._landscape, self._spacing_m)
 
-    def changed(self, fire: Fire, change: Callable[[Fire], Fire]) -> Fire:
+    def change(self, fire: Fire, change: Callable[[Fire], Fire]) -> Fire:
         """Apply a change to the fire and to the fire without corrections; return the first.
 
         Each ignition and each image is such a change.

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from firemodel.assimilation.camera_front import CameraFront
 from firemodel.assimilation.distance_weighting import PaperCorrected
 from firemodel.ellipses.ellipse import EllipseFire, Spread, line_sources, spreads_of
-from firemodel.ellipses.observations import Simulation
+from firemodel.ellipses.point_observations import Simulation
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.weather import Weather, WeatherStream
 from mission_service import events
@@ -165,7 +165,7 @@ class EstimatedFire:
 
     def weather_at(self, at_s: float) -> Weather:
         """Return the weather entry in effect at a time."""
-        return WeatherStream(tuple(self._entries)).at(at_s)
+        return WeatherStream(tuple(self._entries)).weather_at(at_s)
 
     def _collect_observations(self) -> None:
         """Collect the observations from corrections and cameras."""

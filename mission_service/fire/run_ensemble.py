@@ -19,7 +19,7 @@ from firemodel.physics.weather import WeatherStream
 from firemodel.spread.burning import burning_from_arrival
 from firemodel.spread.fire_scheme import Burning, Fire
 from mission_service.config.scenario import Scenario
-from mission_service.fire.setup import burning_of, estimate_errors, ignitions_of, weather_of
+from mission_service.fire.scenario_fire import burning_of, estimate_errors, ignitions_of, weather_of
 
 IMAGES_PERIOD_S = 120.0
 INPUTS_PER_MARK = 60  # two hours of images
@@ -112,7 +112,7 @@ class RunEnsemble:
         self._images.append(new)
         self._end_period_by(new.at_s)
 
-    def add(self, new: Observation | Lit | WeatherSet) -> None:
+    def add_input(self, new: Observation | Lit | WeatherSet) -> None:
         """Add another input, which must not be earlier than the one before."""
         at_s = _time_of(new)
         self._end_period_by(at_s)
@@ -125,7 +125,7 @@ class RunEnsemble:
         If later inputs were processed, the ensemble processes all inputs again.
         """
         if new.at_s >= self._last_s:
-            self.add(new)
+            self.add_input(new)
             return
         later = (number for number, each in enumerate(self._inputs) if _time_of(each) > new.at_s)
         place = next(later, len(self._inputs))
@@ -172,7 +172,7 @@ class RunEnsemble:
         kept = 0 if self._mark is None else self._mark.inputs
         return len(self._inputs) - kept >= INPUTS_PER_MARK
 
-    def forget(self, fire: Fire) -> None:
+    def forget_before_mark(self, fire: Fire) -> None:
         """Forget the inputs before the last mark, and set a mark with this state of the fire.
 
         Without this, the inputs of a long run would fill the memory. The ensemble keeps what it has
@@ -234,7 +234,7 @@ def processed(estimate: FireEstimate, inputs: Sequence[Input]) -> FireEstimate:
 def _see(estimate: FireEstimate, seen: Observation) -> None:
     """Process a window; the first burned cells that are seen begin the fire."""
     if estimate.begun:
-        estimate.observe(seen)
+        estimate.assimilate(seen)
         return
     row, col = np.nonzero(seen.state == BURNED)
     if row.size:

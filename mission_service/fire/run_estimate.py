@@ -60,7 +60,7 @@ from mission_service.fire.reported_observations import (
     smoke_of,
 )
 from mission_service.fire.run_ensemble import RunEnsemble
-from mission_service.fire.setup import cells_lit
+from mission_service.fire.scenario_fire import cells_lit
 from mission_service.fire.sightings import Mosaic, Sightings
 from mission_service.fire.source_agreement import SourceAgreement
 
@@ -189,7 +189,7 @@ class RunEstimate:
         if change.add is not None:
             change.add(self.ensemble)
             if self.ensemble.is_long():
-                self.ensemble.forget(self._best.fire)
+                self.ensemble.forget_before_mark(self._best.fire)
 
     def _queue(self, new: Input) -> None:
         """Add an input; images of a period are folded later, all other inputs at once."""
@@ -243,7 +243,7 @@ class RunEstimate:
             elif not event.estimated:
                 seen = observation_of(event, self.landscape)
                 seen = behind_smoke(seen, self._smoke, seen.source)
-                self.agreement.add(seen)
+                self.agreement.add_image(seen)
                 if not event.distrusted:
                     self._on_image(seen, event.at_us)
         elif (reported := self._ignitions.reported_in(event)) is not None:

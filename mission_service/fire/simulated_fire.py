@@ -12,7 +12,7 @@ from firemodel.physics.weather import Weather, WeatherStream
 from firemodel.spread.fire_scheme import Fire
 from mission_service.config.fire_sections import SimulatedFireSection
 from mission_service.config.scenario import Scenario
-from mission_service.fire.setup import cells_lit, fire_of, weather_of
+from mission_service.fire.scenario_fire import cells_lit, fire_of, weather_of
 
 
 class SimulatedFire:

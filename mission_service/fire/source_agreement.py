@@ -55,7 +55,7 @@ class SourceAgreement:
         self._at_s = -math.inf  # of the last comparison
         self.distrusted: frozenset[str] = frozenset()
 
-    def add(self, image: Observation) -> None:
+    def add_image(self, image: Observation) -> None:
         """Add an image without errors of detection (``observation_in``)."""
         source = image.source
         if source not in self._sightings:

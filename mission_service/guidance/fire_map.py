@@ -116,7 +116,7 @@ class FireMap:
         """Whether the front has been seen on every bearing."""
         return not bool(np.isnan(self.outer).any())
 
-    def observe(
+    def add_window(
         self, row: int, col: int, window: NDArray[np.uint8], at_s: float
     ) -> NDArray[np.bool_]:
         """Update the map from one camera window; return which bearings are in view (360)."""
@@ -125,7 +125,7 @@ class FireMap:
         self._visit(seen, in_view, at_s)
         return np.asarray(in_view)
 
-    def correct(self, row: int, col: int, window: NDArray[np.uint8], at_s: float) -> None:
+    def correct_window(self, row: int, col: int, window: NDArray[np.uint8], at_s: float) -> None:
         """Apply an operator's correction, a window that may set burned ground to unburned."""
         not_burned, still_burned = taken_back(
             row, col, window, (self.centre_row, self.centre_col), self.burned
@@ -133,7 +133,7 @@ class FireMap:
         self.burned[not_burned] = still_burned[not_burned]
         for front in (self.outer, self.inner, self._next_inner):
             front[not_burned] = np.fmin(front[not_burned], still_burned[not_burned])
-        self.observe(row, col, window, at_s)
+        self.add_window(row, col, window, at_s)
 
     def _visit(self, seen: Floats, in_view: NDArray[np.bool_], at_s: float) -> None:
         if self.baseline_s <= 0.0:

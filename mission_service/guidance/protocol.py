@@ -185,7 +185,7 @@ class Guidance(ABC):
         """Return whether this airborne vehicle flies the mission on board."""
         return True
 
-    def after(
+    def further_commands(
         self, event: AnyEvent, leaving: list[AnyCommand], vehicles: Mapping[str, Vehicle]
     ) -> list[AnyCommand]:
         """Return further commands after an event, given the commands ``leaving`` that it caused."""

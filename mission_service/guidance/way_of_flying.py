@@ -28,7 +28,7 @@ def later(address: str) -> Callable[..., Any]:
     return lambda *given: resolve_name(address)(*given)
 
 
-FIRST_MISSION = later("mission_service.missions.approach:approach_mission")  # to the fire
+FIRST_MISSION = later("mission_service.missions.first_mission:approach_mission")  # to the fire
 
 
 @dataclass(frozen=True, slots=True)

@@ -69,7 +69,7 @@ class GuardedJournal:
     def retry(self) -> bool:
         """Try to write the waiting lines, and return whether the journal works again."""
         try:
-            self.journal.lines(self._waiting, to_disk=True)
+            self.journal.write_lines(self._waiting, to_disk=True)
         except OSError as error:
             self._failed(error)
             return False

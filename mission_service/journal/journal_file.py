@@ -103,14 +103,14 @@ class Journal:
             OSError: The event could not be written.
         """
         body = event_body(event) if body is None else body
-        self.lines([body], to_disk=isinstance(event, OperatorEvent))
+        self.write_lines([body], to_disk=isinstance(event, OperatorEvent))
 
     def write_commands(self, commands: list[AnyCommand]) -> None:
         """Append the commands of the last event."""
         if commands:
-            self.lines([command_body(command) for command in commands])
+            self.write_lines([command_body(command) for command in commands])
 
-    def lines(self, bodies: list[bytes], to_disk: bool = False) -> None:
+    def write_lines(self, bodies: list[bytes], to_disk: bool = False) -> None:
         """Append either all or none of these lines, given without their checksums."""
         crc, lines = self.rest.crc, []
         for body in bodies:
@@ -129,7 +129,7 @@ class Journal:
 
     def end(self) -> None:
         """Write the last line, the mark of a regular end; no line may follow."""
-        self.lines([_END + b"true"], to_disk=True)
+        self.write_lines([_END + b"true"], to_disk=True)
 
     def close(self) -> None:
         """Flush the buffer and close the file; a second call has no effect."""

@@ -27,7 +27,7 @@ def fire_stage(recorded: JournalReader) -> Stage:
     """Recompute every observation from the position that follows it in the journal."""
     comparison = _Comparison(recorded)
     for reader, entry in recorded.readable():
-        comparison.read(reader, entry)
+        comparison.read_entry(reader, entry)
         comparison.burn(entry)
     return comparison.stage()
 
@@ -46,7 +46,7 @@ class _Comparison:
         self._difference: str | None = None  # the first difference
         self._details: list[dict[str, Any]] = []
 
-    def read(self, reader: SegmentReader, entry: Entry) -> None:
+    def read_entry(self, reader: SegmentReader, entry: Entry) -> None:
         """Store an observation; compare it with the fire when its position follows."""
         content = entry.content
         if not entry.sure:  # the fire of the live run may have differed

@@ -33,11 +33,11 @@ from mission_service.events import (
 from mission_service.fire.run_estimate import RunEstimate
 from mission_service.journal.reader import JournalReader
 from mission_service.runtime.engine import Progress, unshown
-from mission_service.runtime.outputs import summary_of, write_outputs
+from mission_service.runtime.run_outputs import summary_of, write_outputs
 from mission_service.runtime.run_statistics import RunStatistics
 from mission_service.runtime.state_view import StateView
-from mission_service.simulation.crew import SimulatedCrew
 from mission_service.simulation.sim import simulate
+from mission_service.simulation.simulated_crew import SimulatedCrew
 
 SHORT = {"planner": "rule"}
 NOT_REPEATED = (Approved, Rejected, MissionAccepted, MissionRefused, Resumed)
@@ -58,7 +58,7 @@ class PastRun:
         """The figures of the run."""
         return self.state_view.statistics
 
-    def add(self, event: AnyEvent, commands: list[AnyCommand]) -> None:
+    def apply(self, event: AnyEvent, commands: list[AnyCommand]) -> None:
         """Add an event and its commands."""
         self.estimate.apply_history(event)
         for command in commands:
@@ -85,10 +85,10 @@ def past_run(journal: JournalReader) -> PastRun:
             commands.append(entry.content)  # type: ignore[arg-type]
             continue
         if event is not None:
-            run.add(event, commands)
+            run.apply(event, commands)
         event, commands = entry.content, []  # type: ignore[assignment]
     if event is not None:
-        run.add(event, commands)
+        run.apply(event, commands)
     run.estimate.advance(run.record.at_us)
     return run
 

@@ -30,7 +30,6 @@ from firemodel.spread.fire_scheme import Fire
 from mission_service.commands import (
     AnyCommand,
     BroadcastMessage,
-    ClimbAndHold,
     Drop,
     Hold,
     Level,
@@ -45,15 +44,12 @@ from mission_service.events import (
     Aborted,
     AnyEvent,
     AnyOperatorEvent,
-    AutopilotText,
     CommandFinished,
     DropFinished,
     FireReachedEdge,
     HostTime,
     LinesSkipped,
-    ModeChanged,
     Observed,
-    OperatorEvent,
     PeerLinkChanged,
     PeerMessage,
     Resumed,
@@ -68,14 +64,14 @@ from mission_service.fire.sensors import sensors_of
 from mission_service.fire.simulated_cameras import SimulatedCameras, fires_of_run
 from mission_service.guidance.registry import lock_of
 from mission_service.journal.guarded_journal import GuardedJournal
-from mission_service.journal.journal_file import Journal, command_body, event_body
+from mission_service.journal.journal_file import Journal, command_body
 from mission_service.journal.snapshot import Known, copied
 from mission_service.missions.recognition import MissionsHeld
 from mission_service.peer_messages import AnyMessage
 from mission_service.runtime.gateway import Gateway
 from mission_service.runtime.run_statistics import RunStatistics
 from mission_service.runtime.state_view import StateView
-from mission_service.vehicles.availability import MISSION, named_mode
+from mission_service.runtime.unrecorded_events import UnrecordedEvents
 
 NO_BURN = "the scenario has no burn"
 HOST_TIME_EVERY_US = 1_000_000
@@ -139,10 +135,9 @@ class Engine:
         self._gateways = gateways
         self._broadcast = broadcast
         self._acknowledged: dict[tuple[str, str], int] = {}
-        self._unrecorded_modes: dict[str, str] = {}  # selected while the journal fails
+        self._unrecorded = UnrecordedEvents()
         self._held_back: deque[DropFinished | UploadFinished] = deque()
         self._interlock = lock_of(scenario, estimate.landscape)
-        self._refusals: set[str] = set()  # alarms about refused events
         self.defect: RefusedEventError | None = None  # memory and journal differ
 
     @property
@@ -160,9 +155,11 @@ class Engine:
         self.clock_read(now_us)
         for event in events:
             if not isinstance(event, Telemetry):
-                if not self._handle(event, now_us):
-                    self._show_unrecorded(event)
-            elif (body := self._body_of(event)) is not None:  # before the image is taken
+                if not self._handle(event, now_us) and self.recording.trouble:
+                    self._unrecorded.show(event, self.state_view)
+            elif (
+                body := self._unrecorded.line_of(event, self.state_view)
+            ) is not None:  # before the image is taken
                 for image in self._images(event):
                     self._handle(self._with_trust(image), now_us)
                 if self._written(event, body):
@@ -215,31 +212,6 @@ class Engine:
         """Advance the simulated fire, if there is one, and the estimate to a mission time."""
         for fire in fires_of_run(self.cameras, self.estimate):
             fire.advance(at_us)
-
-    def _show_unrecorded(self, event: VehicleEvent) -> None:
-        """Show operators an event that could not be journalled and was not handled.
-
-        Only modes, which the autopilot or the pilot selected, and texts of autopilots are shown.
-        """
-        if not self.recording.trouble:
-            return
-        name = event.vehicle
-        if isinstance(event, ModeChanged):
-            self._unrecorded_modes[name] = event.mode
-            words = (
-                f"{name}: {named_mode(event.mode)}, selected while the journal cannot be written"
-            )
-            self.state_view.alarm(f"unrecorded/{name}", words, "severe", name)
-        elif isinstance(event, AutopilotText):
-            self.announce(name, f"autopilot: {event.text}")
-
-    def _keeps_mode(self, command: AnyCommand) -> bool:
-        """Return whether an abort must not end the vehicle's mode, which was not journalled."""
-        mode = self._unrecorded_modes.get(command.vehicle, MISSION)
-        if not isinstance(command, Hold | ClimbAndHold) or mode == MISSION:
-            return False
-        self.announce(command.vehicle, f"stays in {named_mode(mode)}, which was selected meanwhile")
-        return True
 
     def clock_read(self, now_us: int) -> None:
         """In a burn, handle the host's monotonic time about once a second."""
@@ -371,9 +343,7 @@ class Engine:
         """Try to write the journal again, and return whether it can be written."""
         if not self.recording.retry():
             return False
-        for name in self._unrecorded_modes:
-            self.state_view.clear(f"unrecorded/{name}")
-        self._unrecorded_modes.clear()  # the restart reports each vehicle's mode again
+        self._unrecorded.forget_modes(self.state_view)
         down_us = max(at_us - self._down_since_us, 0)
         self._restart(Resumed(at_us, "service", "", down_us / 1e6), now_us)
         return not self.recording.trouble
@@ -433,36 +403,11 @@ class Engine:
 
     def _handle(self, event: AnyEvent, now_us: int) -> bool:
         """Journal and apply an event; if it cannot be journalled, return False instead."""
-        body = self._body_of(event)
+        body = self._unrecorded.line_of(event, self.state_view)
         if body is None or not self._written(event, body):
             return False
         self._process(event, now_us)
         return True
-
-    def _body_of(self, event: AnyEvent) -> bytes | None:
-        """Return an event's journal line; if it cannot be journalled, raise an alarm, return None.
-
-        The alarm remains until an event of the same type can be journalled.
-        """
-        try:
-            body = event_body(event)
-        except RefusedEventError as error:
-            self._refuse(event, str(error))
-            return None
-        if self._refusals:
-            key = _alarm_of(event)
-            self._refusals.discard(key)
-            self.state_view.clear(key)
-        return body
-
-    def _refuse(self, event: AnyEvent, why: str) -> None:
-        key = _alarm_of(event)
-        if key in self._refusals:
-            return
-        name = "service" if isinstance(event, OperatorEvent) else event.vehicle
-        self._refusals.add(key)
-        self.announce(name, f"event refused: {why}")
-        self.state_view.alarm(key, f"{name}: {why}", "warning", name)
 
     def _written(self, event: AnyEvent, body: bytes | None = None) -> bool:
         if self.defect is not None:
@@ -486,7 +431,7 @@ class Engine:
         for command in commands if may_act else ():
             if isinstance(command, BroadcastMessage):
                 self._broadcast(command.message)
-            elif self._keeps_mode(command):
+            elif self._unrecorded.keeps_mode(command, self.state_view):
                 pass
             elif (refused := self._refused(command)) is not None:
                 self._held_back.append(refused)
@@ -537,11 +482,6 @@ class Engine:
             why = "interlock: the mission contains an item that may drop"
             return UploadFinished(at_us, command.vehicle, command.mission_id, "refused", why)
         return None
-
-
-def _alarm_of(event: AnyEvent) -> str:
-    name = "" if isinstance(event, OperatorEvent) else event.vehicle
-    return f"refused/{name}/{type(event).__name__}"
 
 
 def _defect(event: AnyEvent, error: Exception, rule: str) -> RefusedEventError:

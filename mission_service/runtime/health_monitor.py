@@ -1,58 +1,22 @@
-"""Raises and clears the alarms about event loop delays and about near vehicles. Pure."""
-
-import math
-
-import numpy as np
+"""Raises and clears the alarm about delays of the event loop. Pure."""
 
 from mission_service.commands import Severity
-from mission_service.ground_distance import M_PER_DEG
-from mission_service.runtime.published_states import TelemetryState
 from mission_service.runtime.state_view import StateView
-from mission_service.vehicles.availability import AIRBORNE_M
 
 LATE_US, LATE_SEVERE_US = 500_000, 3_000_000
-NEAR_EVERY_US = 1_000_000
-FRESH_US = 3_000_000  # older positions are not compared
-
-
-def near_pairs(
-    telemetry: dict[str, TelemetryState], at_us: int, separation_m: float
-) -> dict[tuple[str, str], float]:
-    """Return the 3-D distances in metres of airborne pairs nearer than ``separation_m``."""
-    flying = [
-        state
-        for _, state in sorted(telemetry.items())
-        if state.altitude_relative_m >= AIRBORNE_M and at_us - state.at_us <= FRESH_US
-    ]
-    if len(flying) < 2:
-        return {}
-    lat, lon, up_m = np.array(
-        [(state.lat_deg, state.lon_deg, state.altitude_amsl_m) for state in flying]
-    ).T
-    north_m, east_m = M_PER_DEG * lat, M_PER_DEG * math.cos(math.radians(float(lat[0]))) * lon
-    places = np.column_stack([north_m, east_m, up_m])
-    apart_m = np.sqrt(((places[:, None] - places[None]) ** 2).sum(axis=2))
-    pairs = np.argwhere(np.triu(apart_m < separation_m, k=1))
-    return {
-        (flying[one].vehicle, flying[other].vehicle): float(apart_m[one, other])
-        for one, other in pairs.tolist()
-    }
 
 
 class HealthMonitor:
-    """A monitor that checks delays and distances a few times per second."""
+    """A monitor that compares the intervals of its calls with the intended interval."""
 
-    def __init__(self, state_view: StateView, separation_m: float, every_us: int) -> None:
-        """Raise alarms in ``state_view``; ``every_us`` is the interval of calls to ``check``."""
+    def __init__(self, state_view: StateView, every_us: int) -> None:
+        """Raise alarms in ``state_view``; ``check_delay`` is called every ``every_us``."""
         self._state_view = state_view
-        self._separation_m = separation_m
         self._every_us = every_us
         self._checked_us: int | None = None
-        self._near_due_us = 0
-        self._near: set[str] = set()
 
-    def check(self, now_us: int) -> None:
-        """Run all checks; ``now_us`` is the machine's clock."""
+    def check_delay(self, now_us: int) -> None:
+        """Check the delay since the last call; ``now_us`` is the machine's clock."""
         if self._checked_us is not None:
             late_us = now_us - self._checked_us - self._every_us
             if late_us >= LATE_US:
@@ -60,22 +24,5 @@ class HealthMonitor:
                 text = f"the event loop was blocked for {late_us / 1e6:.1f} s"
                 self._state_view.alarm("late", text, severity)
             else:
-                self._state_view.clear("late")
+                self._state_view.clear_alarm("late")
         self._checked_us = now_us
-        if now_us >= self._near_due_us:
-            self._near_due_us = now_us + NEAR_EVERY_US
-            self._check_pairs()
-
-    def _check_pairs(self) -> None:
-        found = set()
-        view = self._state_view
-        pairs = near_pairs(view.telemetry, view.at_us, self._separation_m)
-        for (one, other), apart_m in pairs.items():
-            key = f"near/{one}/{other}"
-            found.add(key)
-            if key not in self._near:
-                text = f"{one} and {other} are {apart_m:.0f} m apart"
-                view.alarm(key, text, "severe", one)
-        for key in self._near - found:
-            view.clear(key)
-        self._near = found

@@ -82,7 +82,7 @@ class SigningRefusals:
         self._signing = signing
         self._reported: set[str] = set()
 
-    def announcements(self, counts: Counts, receives_signed: bool) -> list[str]:
+    def new_reports(self, counts: Counts, receives_signed: bool) -> list[str]:
         """Return the new reports, one line each."""
         lines: dict[str, str | None] = {}
         if self._signing is None:

@@ -141,7 +141,7 @@ class DropState(msgspec.Struct, tag="drop/1", tag_field="schema"):
     outcome: str = "ordered"
 
     @property
-    def place(self) -> tuple[float, float]:
+    def lat_lon(self) -> tuple[float, float]:
         """The latitude and longitude in degrees."""
         return self.lat_deg, self.lon_deg
 

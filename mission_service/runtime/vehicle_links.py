@@ -14,7 +14,7 @@ from pathlib import Path
 from autopilot_bridge.clients.client_protocol import VehicleClient
 from autopilot_bridge.clients.mavsdk import MavsdkClient
 from autopilot_bridge.clients.shared_link import SharedLink
-from autopilot_bridge.links.connection import Connection
+from autopilot_bridge.links.asyncio_connection import Connection
 from autopilot_bridge.links.signing import Signing
 from autopilot_bridge.links.tlog_writer import Tlog
 from firemodel.landscape.landscape import Landscape
@@ -22,7 +22,7 @@ from mission_service.commands import Severity
 from mission_service.config.scenario import Scenario
 from mission_service.config.sections import VehicleSection
 from mission_service.config.shared_links import sharing
-from mission_service.fire.setup import weather_of
+from mission_service.fire.scenario_fire import weather_of
 from mission_service.guidance.registry import way_of
 from mission_service.runtime.gateway import Gateway, MissionClock, dropper_of, rates_hz
 from mission_service.runtime.link_signing import SigningRefusals, refusal, signings
@@ -171,7 +171,7 @@ class LinkMonitor:
         self._unreported = dict(links)
         self._report_at_us = now_us + REPORT_SILENCE_AFTER_US
 
-    def announcements(self, now_us: int) -> list[tuple[str, str]]:
+    def silent_vehicles(self, now_us: int) -> list[tuple[str, str]]:
         """When the report is due, return the vehicles without a heartbeat, with possible causes."""
         if now_us < self._report_at_us:
             return []

@@ -18,7 +18,7 @@ from firemodel.spread.edge import at_edge
 from firemodel.spread.fire_scheme import Fire
 from mission_service.config.scenario import Scenario
 from mission_service.errors import ScenarioError
-from mission_service.fire.setup import fire_of, landscape_of, warnings_on
+from mission_service.fire.scenario_fire import fire_of, landscape_of, warnings_on
 from mission_service.runtime.progress import fire_progress
 from mission_service.simulation.result_files import check_command
 

@@ -23,7 +23,7 @@ from firemodel.landscape.landscape import Landscape
 from firemodel.landscape.readers.perimeter_files import Perimeter, read_perimeters
 from firemodel.landscape.readers.shapes import box_of
 from firemodel.outputs.geotiff import write_raster
-from firemodel.outputs.raster_layers import PROBABILITY_LAYER
+from firemodel.outputs.layer_legends import PROBABILITY_LAYER
 from firemodel.outputs.whole_file import write_whole
 from firemodel.physics.weather import WeatherStream
 from firemodel.spread.burning import burning_from_perimeter
@@ -31,7 +31,7 @@ from firemodel.spread.front import front_polygons
 from mission_service.config.scenario import Scenario
 from mission_service.errors import ScenarioError
 from mission_service.fire.run_ensemble import new_estimate
-from mission_service.fire.setup import (
+from mission_service.fire.scenario_fire import (
     ignitions_of,
     landscape_of,
     weather_of,
@@ -213,7 +213,7 @@ def _steps(
             probability = forecast.burn_probability(after.at_s)
             step = Step(before, after, probability, likely_area(probability), free.burned())
         try:
-            estimate.observe(after, each)
+            estimate.assimilate(after, each)
         except FireModelError as error:
             warnings.append(f"{error}; it is left out")
             warn(warnings[-1])

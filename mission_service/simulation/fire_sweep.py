@@ -22,7 +22,13 @@ from firemodel.spread.schemes import SCHEMES
 from mission_service.config.fire_sections import LandscapeSection
 from mission_service.config.scenario import Scenario, load_scenario
 from mission_service.errors import OptionError, ScenarioError
-from mission_service.fire.setup import check_fire, fire_of, landscape_in, require_fire, warnings_on
+from mission_service.fire.scenario_fire import (
+    check_fire,
+    fire_of,
+    landscape_in,
+    require_fire,
+    warnings_on,
+)
 from mission_service.runtime.progress import fire_progress
 from mission_service.simulation.fire_alone import check_times, writing
 from mission_service.simulation.result_files import (

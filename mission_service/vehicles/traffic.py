@@ -10,7 +10,7 @@ from autopilot_bridge.items import MissionItem
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario
 from mission_service.config.sections import VehicleSection
-from mission_service.fire.setup import fire_position
+from mission_service.fire.scenario_fire import fire_position
 from mission_service.missions.from_path import LeastAltitude
 from mission_service.missions.separation import (
     MARGIN_M,

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from mission_service.config.service import HttpSection
+from mission_service.config.service_section import HttpSection
 from mission_service.events import Aborted, AnyOperatorEvent, OrderGiven
 from mission_service.interfaces.api.server import tls_of
 from tests.api.worlds import Served, World, listened_to, served

@@ -149,7 +149,7 @@ def _is_cut(opened: socket.socket) -> bool:
 def test_during_a_handshake_too_the_oldest_goes(
     flying: World, certificate: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from mission_service.config.service import HttpSection
+    from mission_service.config.service_section import HttpSection
     from mission_service.interfaces.api.server import tls_of
 
     monkeypatch.setattr(client_connections, "MAX_OF_AN_ADDRESS", 20)

@@ -16,7 +16,7 @@ import pytest
 import shapely
 from PIL import Image
 
-from autopilot_bridge.missions.planfile import read_any
+from autopilot_bridge.missions.plan_file import read_any
 from mission_service.events import Corrected, OrderGiven, SettingsChanged, WindSet
 from mission_service.guidance.protocol import Planner
 from mission_service.interfaces.api.access.guard import AccessGuard

@@ -12,7 +12,7 @@ from typing import Any
 import httpx
 import pytest
 
-from mission_service.config.service import HttpSection
+from mission_service.config.service_section import HttpSection
 from mission_service.errors import MissionServiceError
 from mission_service.interfaces.api import server
 from mission_service.interfaces.api.access import client_connections, guard

@@ -11,10 +11,10 @@ from typing import Any
 import httpx
 
 from mission_service.config.scenario import Scenario, load_scenario
-from mission_service.config.service import HttpSection, ServiceSection
+from mission_service.config.service_section import HttpSection, ServiceSection
 from mission_service.core.request_events import RequestScope, accepted_in
 from mission_service.events import AnyOperatorEvent
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 from mission_service.interfaces.api.access.auth import ROLES, Tokens, User, new_token, sum_of
 from mission_service.interfaces.api.app import Application, app_of, role_of, routes_of
 from mission_service.interfaces.api.server import bound, serving
@@ -44,7 +44,7 @@ class World:
 
     def fly(self, until_s: float) -> None:
         """Go on until mission time has come so far, and signal the announcements."""
-        self.simulation.run(until_s)
+        self.simulation.run_until(until_s)
         self.simulation.estimate.advance(self.simulation.clock.now_us)
         self.context.ring()
 

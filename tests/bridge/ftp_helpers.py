@@ -5,7 +5,7 @@ from typing import Any, Protocol
 
 from autopilot_bridge.items import MissionItem
 from autopilot_bridge.links.codec import Codec, Message
-from autopilot_bridge.links.link import MemoryLink
+from autopilot_bridge.links.memory_link import MemoryLink
 from autopilot_bridge.missions import ftp_packet as ftp
 from autopilot_bridge.missions.ftp import FtpDownload, FtpUpload
 from autopilot_bridge.missions.ftp_packet import Packet, packet_of

@@ -8,7 +8,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from autopilot_bridge.clients.native import NativeClient
 from autopilot_bridge.items import MissionItem, loiter_unlimited, takeoff, waypoint
 from autopilot_bridge.links.codec import Codec, Message
-from autopilot_bridge.links.link import MemoryLink
+from autopilot_bridge.links.memory_link import MemoryLink
 from autopilot_bridge.missions.transfer import TransferResult
 from autopilot_bridge.mock.autopilot import MockAutopilot
 from autopilot_bridge.mock.local_frame import LocalFrame

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from autopilot_bridge.items import NO_POSITION, Items, MissionItem, jumps_moved
 from autopilot_bridge.missions.check import adapted, check
 from autopilot_bridge.missions.read_back import FENCE, RALLY
-from autopilot_bridge.stacks.rules import rules_of
+from autopilot_bridge.stacks.item_treatment import rules_of
 from autopilot_bridge.stacks.stacks import STACKS, Stack
 from tests.bridge.helpers import flight_of, line_of
 

@@ -14,7 +14,7 @@ from autopilot_bridge.clients.mavsdk import MavsdkClient
 from autopilot_bridge.clients.native import NativeClient
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.items import Items
-from autopilot_bridge.links.connection import Connection
+from autopilot_bridge.links.asyncio_connection import Connection
 from autopilot_bridge.missions.read_back import as_read_back
 from autopilot_bridge.missions.transfer import TransferResult
 from autopilot_bridge.stacks.stacks import stack_named

@@ -8,9 +8,9 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.clients.native import NativeClient
 from autopilot_bridge.clients.shared_link import FleetEvent, SharedLink, VehicleKey
+from autopilot_bridge.links.asyncio_connection import Connection
 from autopilot_bridge.links.codec import Codec
-from autopilot_bridge.links.connection import Connection
-from autopilot_bridge.links.link import MemoryLink
+from autopilot_bridge.links.memory_link import MemoryLink
 from autopilot_bridge.mock.autopilot import MockAutopilot
 from autopilot_bridge.mock.local_frame import LocalFrame
 from autopilot_bridge.mock.serving import MockGroup

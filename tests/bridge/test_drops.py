@@ -10,7 +10,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.items import loiter_unlimited, takeoff, waypoint
 from autopilot_bridge.links.codec import Codec
-from autopilot_bridge.links.link import MemoryLink
+from autopilot_bridge.links.memory_link import MemoryLink
 from autopilot_bridge.mock.autopilot import MockAutopilot
 from autopilot_bridge.stacks.stacks import Stack, stack_named
 from autopilot_bridge.vehicle import orders

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from autopilot_bridge.items import Items, change_speed
-from autopilot_bridge.links.link import MemoryLink
+from autopilot_bridge.links.memory_link import MemoryLink
 from autopilot_bridge.missions.read_back import as_read_back
 from autopilot_bridge.mock.body import wider_m
 from autopilot_bridge.mock.kinematics import Limits, Motion, course_around, step_plane

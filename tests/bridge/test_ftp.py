@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from autopilot_bridge.links.link import MemoryLink
+from autopilot_bridge.links.memory_link import MemoryLink
 from autopilot_bridge.missions import ftp_packet as ftp
 from autopilot_bridge.missions.ftp_packet import Packet
 from autopilot_bridge.missions.read_back import as_read_back

@@ -8,7 +8,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.items import takeoff
 from autopilot_bridge.links.codec import Codec
-from autopilot_bridge.links.link import MemoryLink
+from autopilot_bridge.links.memory_link import MemoryLink
 from autopilot_bridge.stacks.stacks import Stack, stack_named
 from autopilot_bridge.vehicle.client_events import CommandFinished, Rebooted, TransferFinished
 from autopilot_bridge.vehicle.commanded_modes import CommandedModes
@@ -185,9 +185,9 @@ def test_a_vehicle_that_disarms_is_not_armed_by_a_start_under_way() -> None:
 
 def test_a_mode_that_was_asked_for_may_come_late_and_one_before_it_not_much_later() -> None:
     asked = CommandedModes()
-    asked.add((10,), 0)
+    asked.expect((10,), 0)
     assert asked.has(10, 9 * SECOND)
-    asked.add((12,), 1 * SECOND)
+    asked.expect((12,), 1 * SECOND)
     assert asked.has(12, 10 * SECOND)
     assert asked.has(10, 2 * SECOND)
     assert not asked.has(10, 4 * SECOND)

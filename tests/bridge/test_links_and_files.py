@@ -9,15 +9,15 @@ import pytest
 
 from autopilot_bridge.clients.native import NativeClient
 from autopilot_bridge.errors import BridgeError
-from autopilot_bridge.links.connection import Connection
-from autopilot_bridge.links.link import (
+from autopilot_bridge.links.asyncio_connection import Connection
+from autopilot_bridge.links.link_address import (
     LinkAddress,
-    MemoryLink,
     SerialAddress,
     other_end,
     parse_link,
-    reconnect_wait_s,
 )
+from autopilot_bridge.links.memory_link import MemoryLink
+from autopilot_bridge.links.reconnection import reconnect_wait_s
 from autopilot_bridge.missions.transfer import TransferResult
 from autopilot_bridge.mock.serving import serve
 from autopilot_bridge.stacks.stacks import stack_named

@@ -14,7 +14,7 @@ from pymavlink import DFReader, mavutil
 from pyulog import ULog
 
 from autopilot_bridge.errors import BridgeError
-from autopilot_bridge.links.link import MemoryLink
+from autopilot_bridge.links.memory_link import MemoryLink
 from autopilot_bridge.links.tlog_writer import Tlog
 from autopilot_bridge.logs import record_scanner
 from autopilot_bridge.logs.dataflash import DataFlashLog

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from autopilot_bridge.items import Items, Plan
-from autopilot_bridge.missions.wpl import write_wpl
+from autopilot_bridge.missions.wpl_file import write_wpl
 from tests.bridge.mock_process import HOME, free_port, mock_process, short_mission
 from tests.patience import PATIENCE_S
 

@@ -7,7 +7,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.errors import BridgeError
-from autopilot_bridge.links.link import MemoryLink
+from autopilot_bridge.links.memory_link import MemoryLink
 from autopilot_bridge.missions.transfer import TransferTiming
 from autopilot_bridge.mock.body import wider_m
 from autopilot_bridge.stacks.stacks import STACKS, Stack, Step, stack_named

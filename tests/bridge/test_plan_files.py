@@ -12,8 +12,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.items import NO_POSITION, Items, MissionItem, Plan, jumps_moved, params_of
-from autopilot_bridge.missions.planfile import read_any, write_any, write_plan
-from autopilot_bridge.missions.wpl import write_wpl
+from autopilot_bridge.missions.plan_file import read_any, write_any, write_plan
+from autopilot_bridge.missions.wpl_file import write_wpl
 from autopilot_bridge.stacks.stacks import stack_named
 from tests.bridge.helpers import HOME, flight_of
 

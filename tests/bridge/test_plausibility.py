@@ -12,7 +12,7 @@ from autopilot_bridge.clients.native import NativeClient
 from autopilot_bridge.clients.shared_link import SharedLink
 from autopilot_bridge.items import MissionItem
 from autopilot_bridge.links.codec import Codec
-from autopilot_bridge.missions.value_bounds import (
+from autopilot_bridge.links.message_bounds import (
     BOUNDS,
     UNKNOWN,
     list_out_of_bounds,

@@ -12,8 +12,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.clients.native import NativeClient
 from autopilot_bridge.errors import BridgeError
+from autopilot_bridge.links.asyncio_connection import Connection
 from autopilot_bridge.links.codec import Codec
-from autopilot_bridge.links.connection import Connection
 from autopilot_bridge.links.framing import frames_of, message_id_of
 from autopilot_bridge.links.signing import (
     EPOCH_US,

@@ -8,7 +8,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.links.codec import Codec
-from autopilot_bridge.links.link import MemoryLink
+from autopilot_bridge.links.memory_link import MemoryLink
 from autopilot_bridge.mock import telemetry_source
 from autopilot_bridge.mock.kinematics import Wind as Breeze
 from autopilot_bridge.stacks.stacks import STACKS, Stack, stack_named

@@ -15,13 +15,13 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.items import Plan
+from autopilot_bridge.links.asyncio_connection import Connection
 from autopilot_bridge.links.codec import Codec
-from autopilot_bridge.links.connection import Connection
-from autopilot_bridge.links.link import other_end
+from autopilot_bridge.links.link_address import other_end
 from autopilot_bridge.links.tlog_writer import Tlog
 from autopilot_bridge.mock.serving import serve
 from autopilot_bridge.stacks.stacks import stack_named
-from mission_service.cli.transfers import Line, download, upload
+from mission_service.cli.mission_transfers import Line, download, upload
 from tests.bridge.helpers import line_of, mock_of
 from tests.bridge.transport_helpers import (
     Peer,

@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.items import MissionItem
 from autopilot_bridge.links.codec import Codec
-from autopilot_bridge.links.link import MemoryLink
+from autopilot_bridge.links.memory_link import MemoryLink
 from autopilot_bridge.missions.read_back import as_read_back
 from autopilot_bridge.missions.transfer import Address, TransferResult, TransferTiming
 from autopilot_bridge.missions.upload import MissionUpload

@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 from autopilot_bridge.errors import BridgeError
-from autopilot_bridge.links.connection import Connection
-from autopilot_bridge.links.transports import MAX_UNSENT_BYTES
+from autopilot_bridge.links.asyncio_connection import Connection
+from autopilot_bridge.links.streams import MAX_UNSENT_BYTES
 from tests.bridge.transport_helpers import (
     Peer,
     clock_us,

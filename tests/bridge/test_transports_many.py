@@ -6,8 +6,8 @@ import time
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from autopilot_bridge.links.asyncio_connection import Connection
 from autopilot_bridge.links.codec import Codec
-from autopilot_bridge.links.connection import Connection
 from tests.bridge.transport_helpers import (
     Peer,
     clock_us,

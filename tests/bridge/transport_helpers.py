@@ -8,8 +8,8 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from autopilot_bridge.links.asyncio_connection import Connection
 from autopilot_bridge.links.codec import Codec
-from autopilot_bridge.links.connection import Connection
 from tests.patience import PATIENCE_S
 
 WITHIN_S = 2 * PATIENCE_S

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from mission_service.config.service import CotSection, MqttSection
+from mission_service.config.service_section import CotSection, MqttSection
 from mission_service.interfaces.cot import cot_sender as cot_sender
 from mission_service.interfaces.cot.cot_events import MAX_CORNERS, fire_events, vehicle_event, zulu
 from mission_service.interfaces.cot.cot_sender import cot_interface

@@ -5,7 +5,7 @@ import numpy as np
 from firemodel.assimilation.camera_front import CameraFront
 from firemodel.assimilation.gaussian import GaussianCorrected
 from firemodel.ellipses.ellipse import EllipseFire, Spread
-from firemodel.ellipses.observations import BURNED, BURNING, UNBURNED
+from firemodel.ellipses.point_observations import BURNED, BURNING, UNBURNED
 from tests.firemodel.grids import CELL_M, landscape
 
 LAND = landscape(shape=(60, 60))

@@ -11,7 +11,7 @@ from firemodel.assimilation.corrected_cells import (
 )
 from firemodel.assimilation.distance_weighting import PaperCorrected
 from firemodel.assimilation.gaussian import GaussianCorrected
-from firemodel.ellipses.observations import BURNED, BURNING, UNBURNED
+from firemodel.ellipses.point_observations import BURNED, BURNING, UNBURNED
 from firemodel.errors import FireModelError
 from firemodel.spread.anyangle import AnyAngleFire
 from firemodel.spread.burning import burning_from_arrival

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from firemodel.assimilation import distance_weighting
 from firemodel.assimilation.distance_weighting import PaperCorrected
 from firemodel.ellipses.ellipse import EllipseFire, Spread
-from firemodel.ellipses.observations import BURNED, BURNING, UNBURNED, errors_s
+from firemodel.ellipses.point_observations import BURNED, BURNING, UNBURNED, errors_s
 from firemodel.errors import FireModelError
 
 Floats = NDArray[np.float64]

@@ -14,7 +14,7 @@ from firemodel.errors import FireModelError
 from firemodel.landscape.flat import flat_landscape
 from firemodel.landscape.landscape import Landscape
 from firemodel.outputs.front_files import write_fronts
-from firemodel.outputs.raster_layers import arrival_layer
+from firemodel.outputs.layer_legends import arrival_layer
 from firemodel.spread.anyangle import AnyAngleFire
 from tests.firemodel.grids import landscape, steady
 

@@ -8,7 +8,7 @@ import pytest
 
 from firemodel.arrays import Floats
 from firemodel.errors import FireModelError
-from firemodel.landscape.readers.code_systems import advice_on
+from firemodel.landscape.readers.fuel_code_systems import advice_on
 from firemodel.landscape.readers.fuel_files import (
     read_fuels,
     with_rate_factors,

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from firemodel.assimilation.gaussian import GaussianCorrected, _curvature, _log_likelihood
 from firemodel.ellipses.ellipse import EllipseFire, Spread, line_sources
-from firemodel.ellipses.observations import BURNED, BURNING, UNBURNED
+from firemodel.ellipses.point_observations import BURNED, BURNING, UNBURNED
 
 Floats = NDArray[np.float64]
 

@@ -12,7 +12,7 @@ from rio_cogeo.cogeo import cog_validate
 
 from firemodel.errors import FireModelError
 from firemodel.outputs.geotiff import write_raster
-from firemodel.outputs.raster_layers import (
+from firemodel.outputs.layer_legends import (
     FLAME_LENGTH_LAYER,
     INTENSITY_LAYER,
     PROBABILITY_LAYER,

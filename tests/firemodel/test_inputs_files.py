@@ -96,8 +96,8 @@ def test_daily_weather_has_its_extremes_at_their_hours(tmp_path: Path) -> None:
     hours = [entry.at_s / 3600.0 for entry in stream.entries]
     assert hours[0] == 0.0
     assert 7.5 in hours  # the wind of 12:30
-    assert stream.at(7.5 * 3600.0).wind_from_deg == 180.0
-    assert stream.at(7.4 * 3600.0).wind_speed_m_s == pytest.approx(5 * M_S_PER_MPH)
+    assert stream.weather_at(7.5 * 3600.0).wind_from_deg == 180.0
+    assert stream.weather_at(7.4 * 3600.0).wind_speed_m_s == pytest.approx(5 * M_S_PER_MPH)
     dry = np.array([entry.dead_1h_pct for entry in stream.entries])
     assert dry[hours.index(11.0)] < dry[hours.index(24.0)]  # driest after the hot afternoon
 

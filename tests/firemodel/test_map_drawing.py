@@ -5,7 +5,7 @@ import pytest
 import shapely
 
 from firemodel.assimilation.map_drawing import observations_of
-from firemodel.ellipses.observations import BURNED, BURNING, UNBURNED
+from firemodel.ellipses.point_observations import BURNED, BURNING, UNBURNED
 from firemodel.errors import FireModelError
 
 CORNERS = np.array([[0.0, 0.0], [100.0, 0.0], [100.0, 60.0], [0.0, 60.0]])

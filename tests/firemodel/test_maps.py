@@ -17,7 +17,7 @@ from firemodel.outputs.arrival_map import (
     status_line,
 )
 from firemodel.outputs.graticule import draw_graticule, km_of
-from firemodel.outputs.raster_layers import arrival_layer_of
+from firemodel.outputs.layer_legends import arrival_layer_of
 from tests.firemodel.grids import landscape
 from tests.firemodel.test_front_files import fire_round_a_rock
 

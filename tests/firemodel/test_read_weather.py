@@ -87,7 +87,7 @@ def test_what_is_past_at_the_start_is_left_out_but_has_dried_the_fuel(tmp_path: 
     whole = read_weather(path, moisture=MOISTURE, conditioned=True)
     later = read_weather(path, start=start("2016-07-15T23:30"), moisture=MOISTURE, conditioned=True)
     assert [entry.at_s for entry in later.entries] == [-1800.0, 1800.0]
-    assert later.at(0.0).wind_from_deg == 270.0
+    assert later.weather_at(0.0).wind_from_deg == 270.0
     assert later.entries[0].dead_1h_pct == whole.entries[1].dead_1h_pct
 
 
@@ -106,7 +106,9 @@ def test_wind_speeds_in_csv_name_unit_and_height(
     tmp_path: Path, column: str, value: float, m_s: float
 ) -> None:
     path = written(tmp_path, f"wind_from_deg,{column},at_s\n90,{value},0\n")
-    assert read_weather(path, moisture=MOISTURE).at(0.0).wind_speed_m_s == pytest.approx(m_s)
+    assert read_weather(path, moisture=MOISTURE).weather_at(0.0).wind_speed_m_s == pytest.approx(
+        m_s
+    )
 
 
 def test_wind_towards_south_comes_from_north(tmp_path: Path) -> None:
@@ -122,7 +124,7 @@ def test_moistures_in_csv_go_before_those_given(tmp_path: Path) -> None:
     assert [entry.dead_1h_pct for entry in alone] == [5.0, 4.0]
     assert alone[1].moisture.classes == pytest.approx((0.04, 0.05, 0.06, 0.80, 0.90))
     part = "at_s,wind_speed_m_s,wind_from_deg,dead_1h_pct\n0,1,0,5\n"
-    mixed = read_weather(written(tmp_path, part), moisture=MOISTURE).at(0.0)
+    mixed = read_weather(written(tmp_path, part), moisture=MOISTURE).weather_at(0.0)
     assert mixed.moisture.classes == pytest.approx((0.05, 0.04, 0.06, 0.70, 1.00))
 
 

@@ -20,10 +20,10 @@ from tests.firemodel.grids import weather
 def test_each_entry_holds_until_the_next() -> None:
     calm, gale = weather(1.0), weather(9.0, at_s=3600.0)
     stream = WeatherStream([calm, gale])
-    assert stream.at(0.0) is calm
-    assert stream.at(3599.9) is calm
-    assert stream.at(3600.0) is gale
-    assert stream.at(1e9) is gale
+    assert stream.weather_at(0.0) is calm
+    assert stream.weather_at(3599.9) is calm
+    assert stream.weather_at(3600.0) is gale
+    assert stream.weather_at(1e9) is gale
     assert stream.change_times() == (3600.0,)
 
 

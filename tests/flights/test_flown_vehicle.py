@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from autopilot_bridge.logs.reading import open_log
-from autopilot_bridge.missions.planfile import read_any
+from autopilot_bridge.missions.plan_file import read_any
 from mission_service.replay.flights.flown_vehicle import info_of
 from tests.bridge.log_writers import bin_flight, ulg_flight
 from tests.service.test_cli import call

@@ -15,7 +15,7 @@ from firemodel.physics.weather import WeatherStream
 from firemodel.spread.anyangle import AnyAngleFire
 from mission_service.config.scenario import load_scenario
 from mission_service.fire.run_estimate import RunEstimate
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 from tests.firemodel.grids import weather
 
 NOW_S = 5400.0

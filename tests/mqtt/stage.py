@@ -15,9 +15,9 @@ import numpy as np
 
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario, load_scenario
-from mission_service.config.service import MqttSection, ServiceSection
+from mission_service.config.service_section import MqttSection, ServiceSection
 from mission_service.events import Telemetry
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 from mission_service.interfaces.mqtt.broker_site import site_in
 from mission_service.interfaces.mqtt.publisher import Publisher
 from mission_service.runtime.engine import Engine

@@ -19,7 +19,7 @@ import pytest
 from benchmarks.mosquitto import MOSQUITTO, Mosquitto
 from mission_service.commands import Level
 from mission_service.config.mqtt_names import Broker
-from mission_service.config.service import MqttSection
+from mission_service.config.service_section import MqttSection
 from mission_service.errors import MissionServiceError
 from mission_service.interfaces.mqtt import broker_connection, publisher
 from mission_service.interfaces.mqtt.broker_connection import OPEN, BrokerAccess, tls_of
@@ -67,7 +67,7 @@ def test_a_late_subscriber_gets_all_states_and_a_present_one_the_end(broker: Mos
                 ]
                 front = late.last("fire/front")
                 assert (front["at_us"], front["geometry"]["type"]) == (300_000_000, "MultiPolygon")
-                state_view.clear("x")
+                state_view.clear_alarm("x")
                 stage.context.ring()
                 await until(lambda: late.last("alarm")["alarms"] == [])
                 stage.task.cancel()

@@ -7,9 +7,9 @@ from pathlib import Path
 import msgspec
 
 from mission_service.config.scenario import load_scenario
-from mission_service.config.service import ServiceSection
+from mission_service.config.service_section import ServiceSection
 from mission_service.events import UploadFinished
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 from mission_service.journal.journal_file import Journal, header_of
 from mission_service.runtime.request_handler import RequestHandler
 from mission_service.runtime.run_context import RunContext
@@ -26,7 +26,7 @@ def context_after_a_flight(out: Path) -> Iterator[RunContext]:
     header = header_of(scenario, landscape.digest(), "2026-11-21T00:00:00+00:00")
     journal = Journal(out / "journal.jsonl", header, durable=True)
     simulation = Simulation(scenario, journal, landscape, lambda at, core: [])
-    simulation.run(scenario.start_s + FLIGHT_S)
+    simulation.run_until(scenario.start_s + FLIGHT_S)
     simulation.estimate.advance(simulation.clock.now_us)
     service, clock = simulation.service, simulation.clock
     request_handler = RequestHandler(lambda event: [], service.status, lambda: clock.now_us)

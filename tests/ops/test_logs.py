@@ -99,7 +99,7 @@ def test_announcements_and_alarms_of_a_run_are_logged_once(tmp_path: Path) -> No
         context.state_view.alarm("link/hawk", "hawk: link lost", "severe", "hawk")
         context.ring()
         await until(lambda: "link lost" in stream.getvalue())
-        context.state_view.clear("link/hawk")
+        context.state_view.clear_alarm("link/hawk")
         context.state_view.announce("hawk", "the last word")
         task.cancel()
         with contextlib.suppress(asyncio.CancelledError):

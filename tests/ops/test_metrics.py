@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
-from mission_service.config.service import JournalSection
+from mission_service.config.service_section import JournalSection
 from mission_service.interfaces.metrics import FIGURES, PREFIX, metrics_of
 from mission_service.journal.snapshot import Known
 from mission_service.runtime.journal_retention import JournalRetention
@@ -58,8 +58,8 @@ def test_alarms_are_counted_by_kind_until_they_are_cleared(context: RunContext) 
     context.state_view.alarm("link/hawk", "gone", "severe", "hawk")
     context.state_view.alarm("link/kite", "gone", "severe", "kite")
     assert figures(context)[kinds]["link",] == before.get(("link",), 0) + 2
-    context.state_view.clear("link/hawk")
-    context.state_view.clear("link/kite")
+    context.state_view.clear_alarm("link/hawk")
+    context.state_view.clear_alarm("link/kite")
     assert figures(context).get(kinds, {}) == before
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from firemodel.ellipses.ellipse import EllipseFire, Spread, line_sources
 from mission_service.config.sections import BurnSection, Station
 from mission_service.guidance.burn.burn_unit import BurnUnit
-from mission_service.guidance.burn.line_planner import Situation
+from mission_service.guidance.burn.lines.line_planner import Situation
 
 Floats = NDArray[np.float64]
 

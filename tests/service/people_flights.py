@@ -11,7 +11,7 @@ from mission_service.events import (
     AnyEvent,
     AnyOperatorEvent,
 )
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 from mission_service.journal.journal_file import Journal, SegmentReader, header_of
 from mission_service.replay.verification import verify
 from mission_service.simulation.sim import Simulation
@@ -37,7 +37,7 @@ class Flight:
         self.path = path
 
     def run(self, seconds: float) -> None:
-        self.sim.run(self.now_s + seconds)
+        self.sim.run_until(self.now_s + seconds)
 
     @property
     def now_s(self) -> float:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import shapely
 
-from firemodel.ellipses.observations import BURNED, BURNING
+from firemodel.ellipses.point_observations import BURNED, BURNING
 from mission_service.experiments.beachly import corrections as study
 from mission_service.experiments.beachly import maria
 from mission_service.experiments.beachly.participants import front_error_m, front_points

@@ -26,8 +26,8 @@ from mission_service.events import (
 from mission_service.guidance.burn.controller import burn_flight
 from mission_service.journal.journal_file import Journal, header_of
 from mission_service.replay.verification import verify
-from mission_service.simulation.crew import SimulatedCrew
 from mission_service.simulation.sim import Simulation
+from mission_service.simulation.simulated_crew import SimulatedCrew
 
 START_S = 10.0
 
@@ -74,7 +74,7 @@ class Burn:
         return self.guidance.state.height_m(fix)
 
     def run(self, for_s: float) -> None:
-        self.simulation.run(self.at_s + for_s)
+        self.simulation.run_until(self.at_s + for_s)
 
     def until_dropping(self) -> None:
         """Until the third sphere of the first line has fallen."""

@@ -9,8 +9,8 @@ import pytest
 
 from firemodel.ellipses.ellipse import EllipseFire, Spread
 from mission_service.errors import MissionServiceError
-from mission_service.guidance.burn.hazard import Floats, Hazard, Margins, cell_for, hazard_of
-from mission_service.guidance.burn.line_flight import fastest_m_s
+from mission_service.guidance.burn.lines.hazard import Floats, Hazard, Margins, cell_for, hazard_of
+from mission_service.guidance.burn.lines.sphere_fires import fastest_m_s
 from mission_service.guidance.burn.whole_burn import CombinedFires
 from tests.service.burns import Formula
 

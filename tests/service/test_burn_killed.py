@@ -25,7 +25,7 @@ from mission_service.events import (
     VehicleConnected,
 )
 from mission_service.fire.run_estimate import RunEstimate
-from mission_service.fire.setup import fire_of, landscape_of
+from mission_service.fire.scenario_fire import fire_of, landscape_of
 from mission_service.fire.simulated_cameras import cameras_of
 from mission_service.fire.simulated_fire import SimulatedFire
 from mission_service.guidance.burn.controller import BurnFlight, burn_flight
@@ -38,7 +38,7 @@ from mission_service.runtime.engine import Engine
 from mission_service.runtime.gateway import Gateway
 from mission_service.runtime.state_view import StateView
 from mission_service.simulation import sim
-from mission_service.simulation.crew import SimulatedCrew
+from mission_service.simulation.simulated_crew import SimulatedCrew
 
 NAME, STATION = "kestrel", "firing-boss"
 OPERATOR_FIELDS = ("ann", STATION)

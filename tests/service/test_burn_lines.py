@@ -7,14 +7,14 @@ import pytest
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from mission_service.guidance.burn.ignition_lines import (
+from mission_service.guidance.burn.lines.ignition_lines import (
     alignment_m,
     drop_points,
     extent_across,
     line_across,
     upwind_of,
 )
-from mission_service.guidance.burn.visibility_graph import VisibilityGraph
+from mission_service.guidance.burn.lines.visibility_graph import VisibilityGraph
 
 SOUTH = -math.pi / 2
 BOX = shapely.box(0.0, 0.0, 100.0, 80.0)
@@ -22,9 +22,9 @@ BOX = shapely.box(0.0, 0.0, 100.0, 80.0)
 
 def test_the_line_is_upwind_of_the_most_downwind_vertex_and_across_the_wind() -> None:
     line = line_across(BOX, SOUTH, 20.0)
-    assert line.place(np.array([0.0, 10.0]))[:, 1] == pytest.approx([20.0, 20.0])
+    assert line.places_at(np.array([0.0, 10.0]))[:, 1] == pytest.approx([20.0, 20.0])
     tilted = line_across(BOX, -math.pi / 4, 20.0)  # towards the south-east: vertex (100, 0)
-    places = tilted.place(np.array([-30.0, 30.0]))
+    places = tilted.places_at(np.array([-30.0, 30.0]))
     assert (places[1] - places[0]) @ tilted.downwind == pytest.approx(0.0)
     assert tilted.along_m == pytest.approx(100.0 / math.sqrt(2.0) - 20.0)
 

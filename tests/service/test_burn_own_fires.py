@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 from firemodel.ellipses.ellipse import EllipseFire, Spread
-from mission_service.guidance.burn.line_flight import FlightPoint, SphereFires, fly_line
-from mission_service.guidance.burn.line_planner import constraints_of, drop_orders, next_line
+from mission_service.guidance.burn.lines.flight_constraints import FlightPoint
+from mission_service.guidance.burn.lines.line_flight import fly_line
+from mission_service.guidance.burn.lines.line_planner import constraints_of, drop_orders, next_line
+from mission_service.guidance.burn.lines.sphere_fires import SphereFires
 from tests.service.burns import SETTINGS, lights, situation
 from tests.service.test_burn_planner import planned
 

@@ -13,8 +13,9 @@ from firemodel.ellipses.ellipse import EllipseFire, line_sources
 from mission_service.config.sections import BurnSection
 from mission_service.errors import MissionServiceError
 from mission_service.guidance.burn.burn_unit import ExclusionCircle
-from mission_service.guidance.burn.line_flight import FlightPoint, fly_line
-from mission_service.guidance.burn.line_planner import (
+from mission_service.guidance.burn.lines.flight_constraints import FlightPoint
+from mission_service.guidance.burn.lines.line_flight import fly_line
+from mission_service.guidance.burn.lines.line_planner import (
     LinePlan,
     NoPlan,
     Situation,

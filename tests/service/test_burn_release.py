@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 
 from autopilot_bridge.clients.native import NativeClient
 from autopilot_bridge.items import takeoff, waypoint
-from autopilot_bridge.links.link import MemoryLink
+from autopilot_bridge.links.memory_link import MemoryLink
 from autopilot_bridge.mock.kinematics import Wind
 from autopilot_bridge.stacks.stacks import stack_named
 from autopilot_bridge.vehicle.client_events import Position

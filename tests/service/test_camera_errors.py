@@ -7,7 +7,7 @@ from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario, load_scenario
 from mission_service.events import Observed, Telemetry
 from mission_service.fire.observed_window import states_in, without_speckles
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 from mission_service.fire.simulated_cameras import SimulatedCameras, cameras_of
 
 AT_S = 7200.0

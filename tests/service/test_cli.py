@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from autopilot_bridge.items import MissionItem, Plan
-from autopilot_bridge.missions.planfile import read_any, write_plan
+from autopilot_bridge.missions.plan_file import read_any, write_plan
 from autopilot_bridge.missions.read_back import same_as_sent
 from autopilot_bridge.stacks.stacks import stack_named
 from mission_service import __version__

@@ -15,7 +15,7 @@ from mission_service.commands import UploadMission
 from mission_service.config.scenario import load_scenario
 from mission_service.journal.journal_file import SegmentReader
 from mission_service.replay.verification import Verification, verify
-from mission_service.runtime.outputs import write_outputs
+from mission_service.runtime.run_outputs import write_outputs
 from mission_service.runtime.run_statistics import RunStatistics
 from mission_service.simulation.sim import simulate
 

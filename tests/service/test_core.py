@@ -39,7 +39,7 @@ from mission_service.events import (
 )
 from mission_service.fire.camera import camera_of
 from mission_service.fire.camera_views import observed
-from mission_service.fire.setup import fire_of, landscape_of
+from mission_service.fire.scenario_fire import fire_of, landscape_of
 from mission_service.fire.simulated_fire import SimulatedFire
 
 NAV_LOITER_UNLIM, NAV_TAKEOFF = 17, 22

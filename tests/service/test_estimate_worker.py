@@ -24,7 +24,7 @@ from mission_service.fire.best_fire import Folded, after
 from mission_service.fire.observed_window import in_letters
 from mission_service.fire.run_ensemble import WeatherSet
 from mission_service.fire.run_estimate import RunEstimate
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 from mission_service.journal.journal_file import SegmentReader
 from mission_service.journal.snapshot import Known, copied
 from mission_service.replay.verification import verify

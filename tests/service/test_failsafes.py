@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from autopilot_bridge.links.link import MemoryLink
+from autopilot_bridge.links.memory_link import MemoryLink
 from mission_service.commands import (
     AnyCommand,
     DirectionDecision,

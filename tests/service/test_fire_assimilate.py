@@ -139,11 +139,11 @@ def test_threads_and_repetition_do_not_change_the_result(tmp_path: Path) -> None
 def test_a_forecast_does_not_learn_from_later_perimeters() -> None:
     estimate = FireEstimate(LAND, WIND, settings=EstimateSettings(8, 5))
     first, second, third = (mapped_perimeter(area, LAND, at_s) for at_s, area in mapped()[:3])
-    estimate.observe(first)
-    estimate.observe(second)
+    estimate.assimilate(first)
+    estimate.assimilate(second)
     forecast = estimate.forecast(third.at_s)
     before = forecast.burn_probability(third.at_s)
-    estimate.observe(third)
+    estimate.assimilate(third)
     np.testing.assert_array_equal(forecast.burn_probability(third.at_s), before)
 
 
@@ -151,10 +151,10 @@ def test_a_refused_perimeter_changes_no_rates() -> None:
     one, other = (FireEstimate(LAND, WIND, settings=EstimateSettings(8, 5)) for _ in range(2))
     for each in (one, other):
         for at_s, area in mapped()[:2]:
-            each.observe(mapped_perimeter(area, LAND, at_s))
+            each.assimilate(mapped_perimeter(area, LAND, at_s))
     whole = mapped_perimeter(WHOLE, LAND, TIMES_S[2], source="map 3")
     with pytest.raises(FireModelError, match="map 3: burning: no outline"):
-        one.observe(whole)
+        one.assimilate(whole)
     until_s = TIMES_S[3]
     np.testing.assert_array_equal(
         one.forecast(until_s).burn_probability(until_s),

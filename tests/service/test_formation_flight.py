@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from autopilot_bridge.missions.planfile import read_any
+from autopilot_bridge.missions.plan_file import read_any
 from firemodel.landscape.landscape import Landscape
 from mission_service.commands import (
     Announce,
@@ -34,7 +34,7 @@ from mission_service.events import (
     VehicleRebooted,
     WindMeasured,
 )
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 from mission_service.guidance.formation import members as formation_seats
 from mission_service.guidance.formation.agent import Intention, OwnState
 from mission_service.guidance.formation.manual_control import ObservedMotion, expected_orbit

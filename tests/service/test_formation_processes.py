@@ -9,7 +9,7 @@ import pytest
 from benchmarks.formation_processes import Stage, formation, map_of
 from benchmarks.mosquitto import MOSQUITTO
 from mission_service.config.scenario import load_scenario
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 from mission_service.guidance.formation.members import first_fire
 from mission_service.replay.verification import verify
 

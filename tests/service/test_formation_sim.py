@@ -12,7 +12,7 @@ from mission_service.config.scenario import Scenario, load_scenario
 from mission_service.core.core import Core
 from mission_service.errors import MissionServiceError
 from mission_service.events import AnyOperatorEvent, OrderGiven
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 from mission_service.journal.journal_file import Journal, header_of
 from mission_service.replay.decisions import decide
 from mission_service.replay.verification import verify
@@ -132,9 +132,9 @@ def test_a_held_vehicle_is_kept_clear_of_for_as_long_as_the_hold_takes(
     with contextlib.closing(Journal(tmp_path / "journal.jsonl", header, durable=False)) as journal:
         simulation = Simulation(scenario, journal, landscape, hold)
         record = simulation.service.statistics
-        simulation.run(450.0)
+        simulation.run_until(450.0)
         record.closest = None
-        simulation.run(800.0)
+        simulation.run_until(800.0)
     announced = simulation.service.state_view.announcements
     words = [line.text for line in announced if line.vehicle == "crane"]
     assert any("hold ordered" in text for text in words)

@@ -22,7 +22,7 @@ from mission_service.events import (
     Telemetry,
     VehicleConnected,
 )
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 from mission_service.journal.journal_file import Journal, SegmentReader, header_of
 from mission_service.replay.verification import verify
 from mission_service.simulation.sim import Simulation
@@ -47,12 +47,12 @@ def flight(path: Path, seconds: float) -> Simulation:
     landscape = landscape_of(scenario)
     journal = Journal(path, header_of(scenario, landscape.digest(), ""), durable=True)
     simulation = Simulation(scenario, journal, landscape)
-    simulation.run(FROM_S + seconds)
+    simulation.run_until(FROM_S + seconds)
     return simulation
 
 
 def on_for(simulation: Simulation, seconds: float) -> None:
-    simulation.run(simulation.clock.now_us / 1e6 + seconds)
+    simulation.run_until(simulation.clock.now_us / 1e6 + seconds)
 
 
 def entries(path: Path) -> list[Any]:

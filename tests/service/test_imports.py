@@ -16,12 +16,15 @@ IMPURE = {"time", "random", "asyncio", "socket", "selectors", "threading"}
 CLOCKS = {"now", "utcnow", "today", "fromtimestamp"}
 # The thin shell: what touches clocks, sockets and processes.
 SHELL = {
-    "autopilot_bridge/links/connection.py",
-    "autopilot_bridge/links/link.py",  # a seeded random.Random, given as a seed
+    "autopilot_bridge/links/asyncio_connection.py",
+    "autopilot_bridge/links/memory_link.py",  # a seeded random.Random, given as a seed
     "autopilot_bridge/clients/mavsdk.py",
+    "autopilot_bridge/clients/mavsdk_system.py",
     "autopilot_bridge/mock/serving.py",
     "autopilot_bridge/links/sockets.py",
-    "autopilot_bridge/links/transports.py",
+    "autopilot_bridge/links/reconnection.py",
+    "autopilot_bridge/links/streams.py",
+    "autopilot_bridge/links/udp.py",
     "mission_service/interfaces/api/responses.py",
     "mission_service/interfaces/api/context.py",
     "mission_service/interfaces/api/listener.py",
@@ -50,15 +53,15 @@ SHELL = {
     "mission_service/runtime/journal_retention.py",
     "mission_service/runtime/vehicle_links.py",
     "mission_service/runtime/service_log.py",  # stamps lines with the time
-    "mission_service/fire/estimated_forecast.py",
+    "mission_service/fire/burn_forecast.py",
     "mission_service/fire/forecast.py",
-    "mission_service/simulation/mocks.py",
+    "mission_service/simulation/mock_processes.py",
     "mission_service/interfaces/mqtt/broker_connection.py",
     "mission_service/interfaces/maps/run_forecasts.py",  # in a thread
     "mission_service/interfaces/mqtt/command_inbox.py",
     "mission_service/interfaces/mqtt/publisher.py",
     "mission_service/runtime/systemd_notify.py",
-    "mission_service/cli/transfers.py",
+    "mission_service/cli/mission_transfers.py",
     "mission_service/experiments/tuning.py",  # DEAP draws from the global random generator
 }
 

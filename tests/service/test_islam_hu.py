@@ -73,7 +73,7 @@ def test_an_unburned_island_belongs_to_the_filled_fire_once_it_is_cut_off() -> N
 
 def test_the_true_shape_of_a_disc_is_its_radius() -> None:
     shape = TrueShape(DISC_S, CENTRE)
-    assert shape.at(1500.0) == pytest.approx(np.full(360, 15.0), abs=1.0)
+    assert shape.distances_at(1500.0) == pytest.approx(np.full(360, 15.0), abs=1.0)
 
 
 def test_the_hull_bridges_a_dent_by_a_straight_line() -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from autopilot_bridge.items import MissionItem
 from autopilot_bridge.missions.check import check
-from autopilot_bridge.missions.planfile import read_any
+from autopilot_bridge.missions.plan_file import read_any
 from autopilot_bridge.stacks.stacks import stack_named
 from firemodel.landscape.landscape import Landscape
 from mission_service.commands import UploadMission
@@ -17,7 +17,7 @@ from mission_service.config.scenario import Scenario, load_scenario
 from mission_service.config.sections import VehicleSection
 from mission_service.errors import ScenarioError
 from mission_service.events import Telemetry
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 from mission_service.journal.journal_file import SegmentReader
 from mission_service.missions.landing import APPROACH_HEIGHTS_M, landing_of, needs_landing
 from mission_service.simulation.demo import write_plan

@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 
 from autopilot_bridge.items import Plan
-from autopilot_bridge.links.link import other_end
+from autopilot_bridge.links.link_address import other_end
 from autopilot_bridge.links.signing import Counts, Key, Signing, Timestamps, key_of
-from autopilot_bridge.missions.planfile import write_plan
+from autopilot_bridge.missions.plan_file import write_plan
 from autopilot_bridge.missions.transfer import TransferTiming
 from autopilot_bridge.stacks.stacks import stack_named
 from mission_service.config.scenario import SHIPPED, load_scenario, with_signing_key
@@ -151,12 +151,12 @@ def test_the_most_frequent_refusal_is_reported_once() -> None:
     )
     assert refusal(Counts(good=9), "udpin:h:1") is None
     refusals = SigningRefusals("udpin:h:1", 1, Signing(Key(bytes(range(32))), Timestamps(wall_us)))
-    assert refusals.announcements(Counts(unsigned=3), False) == []
-    (line,) = refusals.announcements(Counts(unsigned=12), False)
+    assert refusals.new_reports(Counts(unsigned=3), False) == []
+    (line,) = refusals.new_reports(Counts(unsigned=12), False)
     assert line.startswith("refused 12 frames without a signature on udpin:h:1; set the vehicle")
-    assert refusals.announcements(Counts(unsigned=40), False) == []
+    assert refusals.new_reports(Counts(unsigned=40), False) == []
     silent = SigningRefusals("udpin:h:1", 1, None)
-    assert "no signing key is given" in silent.announcements(Counts(), True)[0]
+    assert "no signing key is given" in silent.new_reports(Counts(), True)[0]
 
 
 def test_a_vehicle_whose_clock_is_ahead_is_reported() -> None:
@@ -165,8 +165,8 @@ def test_a_vehicle_whose_clock_is_ahead_is_reported() -> None:
     theirs = Signing(key, Timestamps(lambda: 1_800_000_090_000_000))
     frame = bytes.fromhex("fd09000000030100000000000000000000000000000000")
     assert ours.accepts(theirs.sign(frame, 0))
-    assert SigningRefusals("udpin:h:1", 1, ours).announcements(ours.counts, False) == []
-    (line,) = SigningRefusals("udpin:h:1", 3, ours).announcements(ours.counts, False)
+    assert SigningRefusals("udpin:h:1", 1, ours).new_reports(ours.counts, False) == []
+    (line,) = SigningRefusals("udpin:h:1", 3, ours).new_reports(ours.counts, False)
     assert "90 s ahead" in line
 
 

@@ -12,7 +12,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.links.codec import Codec
-from mission_service.simulation.mocks import MockEnvironment, by_hand, listening, read_wind
+from mission_service.simulation.mock_processes import MockEnvironment, by_hand, listening, read_wind
 from tests.patience import PATIENCE_S
 from tests.service.test_cli import call
 from tests.service.test_live import CLI, free_port

@@ -9,7 +9,8 @@ from click.testing import CliRunner
 from mission_service.cli.main import main
 from mission_service.commands import Announce, BroadcastMessage, Hold, StartMission, UploadMission
 from mission_service.config.scenario import Scenario, load_scenario, one_of_many
-from mission_service.core.core import TAKEOFF_EVERY_S, Core
+from mission_service.core.core import Core
+from mission_service.core.mission_starts import TAKEOFF_EVERY_S
 from mission_service.errors import ScenarioError
 from mission_service.events import (
     Aborted,
@@ -24,7 +25,7 @@ from mission_service.events import (
     UploadFinished,
     VehicleConnected,
 )
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 from mission_service.guidance.formation.controller import FormationFlight
 from mission_service.journal.journal_file import Journal, SegmentReader, header_of
 from mission_service.peer_messages import AnyMessage, Digest, FireUpdate, Leaving, State

@@ -38,7 +38,7 @@ from mission_service.events import (
 )
 from mission_service.fire.corrected_fire import MAX_OBSERVATIONS, thinned
 from mission_service.fire.run_estimate import RunEstimate
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 from mission_service.guidance.front.perimeter_planner import PerimeterPlanner
 from tests.service.people_flights import ANN, Flight, Fly, flights_in
 
@@ -153,7 +153,7 @@ def test_ground_reported_unburned_and_erasures_and_wind(fly: Fly) -> None:
     flight.submit(Erased(now, *ANN, float(lat), float(lon), 400.0))
     assert np.array_equal(np.argwhere(flight.sim.estimate.fire.burned()), burned)
     flight.submit(WindSet(now, *ANN, 12.0, 270.0))
-    weather = flight.sim.estimate.fire.weather.at(flight.now_s)
+    weather = flight.sim.estimate.fire.weather.weather_at(flight.now_s)
     assert (weather.wind_speed_m_s, weather.wind_from_deg) == (12.0, 270.0)
     # The wind does not drive the simulated fire, so images delay the growth of the estimate.
     flight.run(900.0)

@@ -22,7 +22,7 @@ from mission_service.commands import (
 )
 from mission_service.config.scenario import Scenario, flying, load_scenario
 from mission_service.events import MissionReadBack, OrderGiven, Resumed, UploadFinished
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 from mission_service.journal.journal_file import Journal, SegmentReader, header_of
 from mission_service.journal.recovery import resumed, unfinished
 from mission_service.journal.segments import newest_state
@@ -55,7 +55,7 @@ class Flight:
         return Simulation(self.scenario, journal, self.landscape)
 
     def fly(self, seconds: float) -> None:
-        self.simulation.run(self.simulation.clock.now_us / 1e6 + seconds)
+        self.simulation.run_until(self.simulation.clock.now_us / 1e6 + seconds)
 
     def fly_until(self, kind: type, number: int = 1) -> None:
         """Fly until the so-and-so-many-th order of a kind is to be carried out; killed there."""

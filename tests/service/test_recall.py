@@ -25,7 +25,7 @@ from mission_service.events import (
     VehicleRebooted,
     WindMeasured,
 )
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 
 NAV_TAKEOFF = 22
 

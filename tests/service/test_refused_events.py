@@ -26,14 +26,14 @@ from mission_service.events import (
     WindMeasured,
 )
 from mission_service.fire.run_estimate import RunEstimate
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 from mission_service.fire.simulated_cameras import cameras_of
 from mission_service.journal.journal_file import Journal, SegmentReader, event_body, header_of
 from mission_service.journal.recovery import resumed, unfinished
 from mission_service.journal.segments import newest_state
 from mission_service.journal.snapshot import Frozen, Known, copied, write
 from mission_service.live.daemon import replay
-from mission_service.live.interfaces import request_handler_of
+from mission_service.live.interface_setup import request_handler_of
 from mission_service.replay.verification import in_text, verify
 from mission_service.runtime.engine import TRIED, Engine
 from mission_service.runtime.gateway import Gateway
@@ -54,7 +54,7 @@ def flight(path: Path, seconds: float) -> Simulation:
     landscape = landscape_of(scenario)
     journal = Journal(path, header_of(scenario, landscape.digest(), ""), durable=True)
     simulation = Simulation(scenario, journal, landscape)
-    simulation.run(FROM_S + seconds)
+    simulation.run_until(FROM_S + seconds)
     return simulation
 
 
@@ -143,7 +143,7 @@ def test_an_absurd_position_leaves_no_trace_but_an_alarm(
     assert difference(without_alarms(service), before) == ""
     service.handle_events([absurd] * 5, simulation.link_us)  # not announced again
     assert len(state_view.announcements) == lines + 1
-    simulation.run(FROM_S + 62.0)
+    simulation.run_until(FROM_S + 62.0)
     assert verify(path).difference is None
 
 
@@ -207,7 +207,7 @@ def test_a_request_that_a_fold_cannot_handle_is_refused_without_a_trace(
     assert path.read_bytes() == written
     assert difference(folds(service), before) == ""
     service.submit(OrderGiven(now_us, "ann", "", "hawk", "hold"), simulation.link_us)
-    simulation.run(FROM_S + 65.0)
+    simulation.run_until(FROM_S + 65.0)
     assert verify(path).difference is None
 
 
@@ -402,7 +402,7 @@ def test_a_line_is_named_by_its_number_behind_a_state_too(tmp_path: Path) -> Non
         service.recording.journal.rest,
     )
     behind = path.read_bytes().count(b"\n")
-    simulation.run(FROM_S + 150.0)
+    simulation.run_until(FROM_S + 150.0)
     service.recording.journal.close()
     damaged_byte(path, 20)
     assert continued(path)[0] == ()  # before the state: nothing is lost

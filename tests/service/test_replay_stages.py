@@ -25,7 +25,7 @@ from mission_service.events import (
     SettingsChanged,
     WindSet,
 )
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 from mission_service.journal.differences import compare, fields_that_differ
 from mission_service.journal.journal_file import Journal, SegmentReader, header_of
 from mission_service.replay.decisions import decide
@@ -45,10 +45,10 @@ def flown(path: Path, seconds: float, *overrides: str, submit: Submit | None = N
     landscape = landscape_of(scenario)
     journal = Journal(path, header_of(scenario, landscape.digest(), ""), durable=True)
     simulation = Simulation(scenario, journal, landscape)
-    simulation.run(scenario.start_s + seconds / 2)
+    simulation.run_until(scenario.start_s + seconds / 2)
     if submit is not None:
         submit(simulation)
-    simulation.run(scenario.start_s + seconds)
+    simulation.run_until(scenario.start_s + seconds)
     journal.close()
     return path
 
@@ -311,7 +311,7 @@ def test_planners_alone_receive_the_operator_events(tmp_path: Path) -> None:
             ordered = OrderGiven(now_us, *ANN, "", order)  # type: ignore[arg-type]
             event = Aborted(now_us, *ANN) if order == "abort" else ordered
             simulation.service.submit(event, simulation.link_us)
-            simulation.run(now_us / 1e6 + seconds)
+            simulation.run_until(now_us / 1e6 + seconds)
 
     path = flown(tmp_path / "journal.jsonl", 500.0, submit=submit_events)
     assert verify(path).differing == []

@@ -22,7 +22,7 @@ from mission_service.fire.observed_window import in_letters
 from mission_service.fire.reported_observations import CORRECTION_SD_M, observation_of
 from mission_service.fire.run_ensemble import Images, processed
 from mission_service.fire.run_estimate import RunEstimate
-from mission_service.fire.setup import begun_again, fire_of, landscape_of, weather_of
+from mission_service.fire.scenario_fire import begun_again, fire_of, landscape_of, weather_of
 from mission_service.journal.journal_file import SegmentReader
 from mission_service.replay.verification import verify
 from tests.api.worlds import World, world_in
@@ -335,7 +335,7 @@ def test_reports_of_the_same_wind_lose_no_growth() -> None:
         for estimate in (plain, reported):
             estimate.on_event(Observed(at_us, "hawk", 0, 0, (".",)))
             estimate.advance(at_us)
-        wind = reported.fire.weather.at(at_us / 1e6)
+        wind = reported.fire.weather.weather_at(at_us / 1e6)
         report = WindSet(at_us, "ann", "", wind.wind_speed_m_s, wind.wind_from_deg)
         reported.apply_report(report)
     differ = np.count_nonzero(plain.fire.burned() ^ reported.fire.burned())
@@ -482,8 +482,8 @@ def test_the_winds_of_many_reports_are_stored_once_a_minute_for_six_hours() -> N
     for at_s in range(0, 30_000, 10):
         weather = with_wind(weather, 5.0, float(at_s % 360), float(at_s))
     assert len(weather.entries) <= MAX_AGE_S / WINDS_APART_S + 2
-    assert weather.at(29_995.0).wind_from_deg == 29_990 % 360
-    assert weather.at(15_000.0).wind_from_deg == pytest.approx(15_000 % 360, abs=60.0)
+    assert weather.weather_at(29_995.0).wind_from_deg == 29_990 % 360
+    assert weather.weather_at(15_000.0).wind_from_deg == pytest.approx(15_000 % 360, abs=60.0)
 
 
 @pytest.mark.parametrize("scheme", ["devs8", "probabilistic"])

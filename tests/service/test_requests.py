@@ -30,7 +30,7 @@ from mission_service.events import TUNED, SettingsChanged
 from mission_service.interfaces.api.access.auth import ROLES
 from mission_service.interfaces.mqtt.command_gate import CommandGate
 from mission_service.interfaces.mqtt.payloads import Command
-from mission_service.live.interfaces import request_handler_of
+from mission_service.live.interface_setup import request_handler_of
 from mission_service.replay.verification import verify
 from mission_service.requests import HASH, PATTERNS, PLACE
 from tests.api.worlds import SMALL, World, scenario_of, served, world_in

@@ -10,7 +10,7 @@ from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario, load_scenario
 from mission_service.core.core import Core
 from mission_service.events import Observed
-from mission_service.fire.setup import fire_of, landscape_of
+from mission_service.fire.scenario_fire import fire_of, landscape_of
 from mission_service.guidance.front.way import PLANNERS
 from mission_service.guidance.protocol import Planner
 from mission_service.guidance.team.way import RULES

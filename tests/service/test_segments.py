@@ -11,7 +11,7 @@ import pytest
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario, flying, load_scenario
 from mission_service.errors import JournalError, StateError
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 from mission_service.journal.journal_file import (
     Journal,
     Rest,
@@ -49,14 +49,14 @@ class Kept:
         journal = Journal(self.path, header, durable=True)
         simulation = Simulation(self.scenario, journal, self.landscape)
         for seconds in (60, 120):
-            simulation.run(self.scenario.start_s + seconds)
+            simulation.run_until(self.scenario.start_s + seconds)
             frozen = Frozen(simulation.service.snapshot_fields(), self.shared)
             journal.begin_segment()
             write(begin_state(self.path, journal.rest.segment), frozen, journal.rest)
-        simulation.run(self.scenario.start_s + 150)
+        simulation.run_until(self.scenario.start_s + 150)
         frozen = Frozen(simulation.service.snapshot_fields(), self.shared)
         write(newest_state(self.path), frozen, journal.rest)
-        simulation.run(self.scenario.start_s + 170)
+        simulation.run_until(self.scenario.start_s + 170)
         journal.close()
         self.last: Rest = journal.rest
         self.files: Files = {each.name: each.read_bytes() for each in folder.iterdir()}

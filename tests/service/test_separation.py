@@ -16,7 +16,7 @@ from mission_service.commands import (
 from mission_service.config.scenario import Scenario, load_scenario
 from mission_service.core.core import Core
 from mission_service.events import Telemetry, UploadFinished, VehicleConnected
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 from mission_service.missions.from_path import mission_along
 from mission_service.missions.separation import (
     avoidance_position,

@@ -12,7 +12,7 @@ from mission_service.events import AnyOperatorEvent, Corrected, Erased, Undone, 
 from mission_service.fire import corrected_fire as corrected_fire
 from mission_service.fire.correction_log import CorrectionLog
 from mission_service.fire.run_estimate import RunEstimate
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 
 AT_US = 3_600_000_000
 ANN = ("ann", "desk")
@@ -85,7 +85,7 @@ def test_their_number_and_that_of_winds_is_bounded(drawn: Drawn) -> None:
         assert len(drawn.world.corrections()) <= MAX_STEPS
         weather = drawn.world.fire.weather
         assert len(weather.entries) <= 1 + len(drawn.scenario.weather)
-        now = weather.at(drawn.world.fire.time_s)
+        now = weather.weather_at(drawn.world.fire.time_s)
         assert (now.wind_speed_m_s, now.wind_from_deg) == (1.0 + 0.1 * number, 90.0)
 
 
@@ -120,4 +120,4 @@ def test_weather_since_a_time_is_the_same_from_then_on() -> None:
     since = stream.since(150.0)
     assert len(since.entries) == 2
     for at_s in np.linspace(150.0, 300.0, 7).tolist():
-        assert since.at(at_s).wind_speed_m_s == stream.at(at_s).wind_speed_m_s
+        assert since.weather_at(at_s).wind_speed_m_s == stream.weather_at(at_s).wind_speed_m_s

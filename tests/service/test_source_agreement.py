@@ -33,7 +33,7 @@ def image(source: str, at_s: float, burned_cols: int, sd_m: float = 5.0) -> Obse
 def compared(*images: Observation) -> SourceAgreement:
     agreement = SourceAgreement((SIZE, SIZE), 30.0)
     for each in images:
-        agreement.add(each)
+        agreement.add_image(each)
     return agreement
 
 
@@ -66,7 +66,7 @@ def test_a_source_is_trusted_again_after_it_agreed_for_some_time() -> None:
     agreement = compared(image("a", 0.0, 20), image("b", 10.0, 20), image("c", 20.0, 5))
     for at_s in np.arange(30.0, 4000.0, 30.0):
         for source in "abc":
-            agreement.add(image(source, float(at_s), 22))
+            agreement.add_image(image(source, float(at_s), 22))
     assert not agreement.distrusted
 
 
@@ -75,7 +75,7 @@ def test_without_a_majority_no_source_is_distrusted(cols: tuple[int, ...]) -> No
     agreement = SourceAgreement((SIZE, SIZE), 30.0)
     for at in range(10):
         for number, each in enumerate(cols):
-            agreement.add(image("abcd"[number], 40.0 * at + 10.0 * number, each))
+            agreement.add_image(image("abcd"[number], 40.0 * at + 10.0 * number, each))
     assert not agreement.distrusted
     assert agreement.contradictions()
 
@@ -86,8 +86,8 @@ def test_old_sightings_are_not_compared() -> None:
     east = np.full((SIZE, 5), UNBURNED, dtype=np.uint8)
     for at_s in np.arange(30.0, 6000.0, 10.0):
         for source in "ab":
-            agreement.add(image(source, float(at_s), 21))
-        agreement.add(Observation(float(at_s), 0, SIZE - 5, east, 5.0, source="c"))
+            agreement.add_image(image(source, float(at_s), 21))
+        agreement.add_image(Observation(float(at_s), 0, SIZE - 5, east, 5.0, source="c"))
     assert not agreement.distrusted
 
 

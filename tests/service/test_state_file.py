@@ -11,7 +11,7 @@ from mission_service.config.rule_lookup import own_ways
 from mission_service.config.scenario import Scenario, flying, load_scenario
 from mission_service.core.core import Core
 from mission_service.events import AnyEvent
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 from mission_service.guidance.front.way import PLANNERS
 from mission_service.journal.journal_file import Journal, SegmentReader, header_of
 from mission_service.journal.snapshot import Frozen, Known, restore
@@ -49,7 +49,7 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Flown]:
         path = folder / f"{name}.jsonl"
         journal = Journal(path, header_of(scenario, landscape.digest(), ""), durable=False)
         simulation = Simulation(scenario, journal, landscape)
-        simulation.run(max(scenario.start_s, scenario.deploy_at_s) + seconds)
+        simulation.run_until(max(scenario.start_s, scenario.deploy_at_s) + seconds)
         journal.close()
         events: list[Any] = [entry.content for entry in SegmentReader(path) if entry.is_event]
         found[name] = Flown(scenario, landscape, events, simulation)

@@ -15,7 +15,7 @@ from mission_service.guidance.team.front_ring import ActiveFleet, FrontRing
 from mission_service.guidance.team.team import TeamMember
 from mission_service.replay.decisions import decide
 from mission_service.replay.verification import verify
-from mission_service.runtime.outputs import summary_of
+from mission_service.runtime.run_outputs import summary_of
 from mission_service.runtime.run_statistics import RunStatistics
 from mission_service.simulation import sim
 from tests.announced import Announced
@@ -44,11 +44,11 @@ class Dead:
 class Mortal(sim.SimulatedVehicle):
     """A rig whose mock dies if it is swift."""
 
-    def advance(self, now_us: int, service: Any) -> None:
+    def handle_due(self, now_us: int, service: Any) -> None:
         if self.gateway.name == "swift" and service.statistics.at_us > DIES_S * 1e6:
             self.mock = Dead()  # type: ignore[assignment]
             self._weather = None
-        super().advance(now_us, service)
+        super().handle_due(now_us, service)
 
 
 class Noted(Bumper):

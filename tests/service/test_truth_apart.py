@@ -18,13 +18,13 @@ from mission_service.events import Corrected, Observed, Undone, WindSet
 from mission_service.fire.observed_window import states_in
 from mission_service.fire.run_ensemble import Images
 from mission_service.fire.run_estimate import RunEstimate
-from mission_service.fire.setup import fire_of, landscape_of
+from mission_service.fire.scenario_fire import fire_of, landscape_of
 from mission_service.fire.simulated_cameras import SimulatedCameras
 from mission_service.fire.simulated_fire import SimulatedFire, simulated_fire_of
 from mission_service.interfaces.maps.run_forecasts import forecasts_of
 from mission_service.journal.journal_file import SegmentReader
 from mission_service.replay.verification import verify
-from mission_service.simulation.crew import SimulatedCrew
+from mission_service.simulation.simulated_crew import SimulatedCrew
 from tests.api.worlds import world_in
 
 SENSORS = tuple(
@@ -135,9 +135,9 @@ def test_how_often_the_estimate_is_read_does_not_change_it(tmp_path: Path) -> No
         folder.mkdir()
         world = world_in(folder, scenario)
         for until_s in np.arange(every_s, 1200.0, every_s):
-            world.simulation.run(float(until_s))
+            world.simulation.run_until(float(until_s))
             world.simulation.estimate.advance(world.simulation.clock.now_us)
-        world.simulation.run(1200.0)
+        world.simulation.run_until(1200.0)
         world.simulation.estimate.advance(1_200_000_000)
         flights.append(world.simulation.estimate.fire.expected_s())
     often, once = flights

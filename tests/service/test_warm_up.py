@@ -11,7 +11,7 @@ from numba.core.dispatcher import Dispatcher
 
 from mission_service.experiments.virtual_agents.ideal_world import FormationWorld, Rules
 from mission_service.config.scenario import load_scenario
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 from mission_service.guidance.formation.settings import Settings
 from mission_service.guidance.formation.warm_up import warm_up
 

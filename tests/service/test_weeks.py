@@ -30,9 +30,9 @@ from mission_service.events import (
     WindSet,
 )
 from mission_service.fire import corrected_fire, run_ensemble
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 from mission_service.journal.journal_file import Journal, header_of
-from mission_service.runtime import run_statistics, state_view, track
+from mission_service.runtime import notices, run_statistics, track
 from mission_service.simulation.sim import Simulation
 
 START_S = 12 * 3600.0  # a slow fire, large enough for two
@@ -138,7 +138,7 @@ def grown(samples: list[Counter[str]]) -> list[str]:
 def test_what_a_service_holds_does_not_grow_with_what_has_passed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(state_view, "MAX_ANNOUNCEMENTS", 10)
+    monkeypatch.setattr(notices, "MAX_ANNOUNCEMENTS", 10)
     monkeypatch.setattr(run_statistics, "MAX_REVERSALS", 1)
     monkeypatch.setattr(run_statistics, "MAX_REASONS", 3)
     monkeypatch.setattr(track, "MAX_POINTS", 64)
@@ -157,10 +157,10 @@ def test_what_a_service_holds_does_not_grow_with_what_has_passed(
     for rig in simulation.rigs:
         if rig.mock.stack.name == "px4":  # these missions have no landing
             rig.mock.parameters.change("MIS_TKO_LAND_REQ", 0.0)
-    simulation.run(START_S + 240.0)
+    simulation.run_until(START_S + 240.0)
     samples, counts = [], []
     for number in range(1, 2 * SAMPLES + 1):
-        simulation.run(START_S + 240.0 + number * EVERY_S)
+        simulation.run_until(START_S + 240.0 + number * EVERY_S)
         service = simulation.service
         clients = [rig.client for rig in simulation.rigs]
         samples.append(contents([service, clients], [scenario, landscape, header]))

@@ -32,7 +32,7 @@ from mission_service.replay.what_if import (
     repeatable_requests,
     what_if,
 )
-from mission_service.runtime.outputs import summary_of
+from mission_service.runtime.run_outputs import summary_of
 from mission_service.simulation.sim import simulate
 
 CHANGES = ("start_s=3590", "duration_s=4200", "planner.alpha=5", "vehicles.0.airspeed_m_s=18")

@@ -6,7 +6,7 @@ from functools import cache
 from benchmarks.burn_frames import small_burn
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario, flying, load_scenario
-from mission_service.fire.setup import fire_position, landscape_of
+from mission_service.fire.scenario_fire import fire_position, landscape_of
 from mission_service.journal.snapshot import Known
 
 LEVEL = ("landscape.source=flat", "landscape.elevation_m=100", "deploy_at_s=0")

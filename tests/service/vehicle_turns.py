@@ -30,7 +30,7 @@ from mission_service.events import (
     VehicleConnected,
 )
 from mission_service.guidance.burn.controller import BurnFlight
-from mission_service.simulation.crew import SimulatedCrew
+from mission_service.simulation.simulated_crew import SimulatedCrew
 from tests.service.autopilot_model import NAMES, Autopilot, Bridge, Sent, Source
 from tests.service.vehicle_oracle import Oracle, Violation
 from tests.service.vehicle_sites import Site, site_of

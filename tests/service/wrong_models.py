@@ -65,7 +65,12 @@ def _wrong_fuel(fuel: NDArray[np.int16], rng: np.random.Generator) -> NDArray[np
 def max_error_of_model(model: Burn, fire: Burn, at_s: Floats) -> Floats:
     """Return the largest distance error in cells of a model's front at given times (n)."""
     expected, true = (TrueShape(each.arrival_s, fire.ignition) for each in (model, fire))
-    return np.array([np.abs(expected.at(time) - true.at(time)).max() for time in at_s.tolist()])
+    return np.array(
+        [
+            np.abs(expected.distances_at(time) - true.distances_at(time)).max()
+            for time in at_s.tolist()
+        ]
+    )
 
 
 def mean_max_errors_wrong(seed: int) -> tuple[float, float, float]:

@@ -13,7 +13,7 @@ from firemodel.errors import FireModelError
 from firemodel.landscape import LAYERS
 from firemodel.landscape.landscape import MAX_ELEVATION_M, MAX_SLOPE, MAX_TREE_M
 from firemodel.landscape.readers.bands import Band, bands_of, cells_with
-from firemodel.landscape.readers.code_systems import NO_FUEL, advice_on, renamed_code
+from firemodel.landscape.readers.fuel_code_systems import NO_FUEL, advice_on, renamed_code
 from firemodel.physics.fuels import FUEL_MODELS, FuelModel, check_codes
 
 # Each unit in metres, or as a fraction.

@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from firemodel.ellipses.observations import BURNED, BURNING, UNBURNED
+from firemodel.ellipses.point_observations import BURNED, BURNING, UNBURNED
 from mission_service.experiments.beachly.corrections import (
     METHODS,
     WATCHING,

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from firemodel.assimilation.distance_weighting import PaperCorrected
 from firemodel.assimilation.gaussian import GaussianCorrected
-from firemodel.ellipses.observations import Simulation
+from firemodel.ellipses.point_observations import Simulation
 from firemodel.landscape.landscape import Landscape
 from mission_service.experiments.beachly.participants import (
     APART_M,

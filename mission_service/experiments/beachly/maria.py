@@ -20,7 +20,7 @@ from shapely.geometry.base import BaseGeometry
 from firemodel.assimilation.distance_weighting import PaperCorrected
 from firemodel.assimilation.gaussian import GaussianCorrected
 from firemodel.ellipses.ellipse import EllipseFire, spreads_of
-from firemodel.ellipses.observations import BURNING
+from firemodel.ellipses.point_observations import BURNING
 from firemodel.landscape.readers.shapes import into_crs
 from firemodel.physics.rothermel import M_S_PER_MPH
 from firemodel.physics.weather import Weather, WeatherStream

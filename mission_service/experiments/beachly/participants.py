@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 from scipy.spatial import cKDTree
 
-from firemodel.ellipses.observations import BURNED, BURNING, UNBURNED, Simulation
+from firemodel.ellipses.point_observations import BURNED, BURNING, UNBURNED, Simulation
 from firemodel.landscape.landscape import Landscape
 
 Floats = NDArray[np.float64]

@@ -16,19 +16,19 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from firemodel.ellipses.observations import Simulation
+from firemodel.ellipses.point_observations import Simulation
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario, load_scenario
 from mission_service.config.sections import LitLine
 from mission_service.core.core import Core
 from mission_service.events import AnyOperatorEvent, IgnitionReported
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 from mission_service.ground_distance import M_PER_DEG
 from mission_service.guidance.burn.controller import BurnFlight, burn_flight
 from mission_service.guidance.burn.sphere_account import Sphere
 from mission_service.ignition_plan import IgnitionPlan
-from mission_service.simulation.crew import SimulatedCrew
 from mission_service.simulation.sim import simulate
+from mission_service.simulation.simulated_crew import SimulatedCrew
 
 Floats = NDArray[np.float64]
 Place = tuple[float, float]
@@ -65,7 +65,7 @@ class Flown:
     withdrawn: list[str] = field(default_factory=list)
 
     @property
-    def lines(self) -> list[IgnitionPlan]:
+    def lit_lines(self) -> list[IgnitionPlan]:
         """The plans from which at least one sphere was dropped, in order."""
         flown = {sphere.plan_hash for sphere in self.spheres}
         return [plan for name, plan in self.plans.items() if name in flown]
@@ -179,7 +179,7 @@ def min_time_margin_s(flown: Flown, safe_height_m: float) -> float:
 
 def row_of(flown: Flown) -> dict[str, Any]:
     """Return the row of the table for a scenario."""
-    lines = flown.lines
+    lines = flown.lit_lines
     safe_height_m = lines[0].safe_height_m if lines else 60.0
     outside = sum(not flown.area.covers(shapely.Point(sphere.falls_m)) for sphere in flown.spheres)
     return {

@@ -52,7 +52,7 @@ def _steps(burn: Burn, rates: FrontRates, every_s: float) -> Iterator[RingStep]:
             float(at_s),
             cells,
             burn.landscape.cell_size_m * np.hypot(*ahead.T),
-            rates.at(cells[:, 0], cells[:, 1], north, east, float(at_s)),
+            rates.speeds_m_s(cells[:, 0], cells[:, 1], north, east, float(at_s)),
             np.asarray(cKDTree(before).query(cells)[1], dtype=np.int64),
             in_order(np.asarray(cKDTree(cells).query(before)[1], dtype=np.int64), len(cells)),
         )

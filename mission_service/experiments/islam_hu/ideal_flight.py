@@ -82,7 +82,7 @@ def fly(
     track, reversals, windows, errors = [], [], [], []
     while at_s < burn.end_s:
         if measured is not None:
-            planner.wind(*measured.at(at_s), at_s)
+            planner.wind(*measured.wind_at(at_s), at_s)
         planner.observe(look(burn, row, col, at_s))
         if before is not None:
             before(at_s, row, col)
@@ -94,7 +94,7 @@ def fly(
                 reversals.append((at_s, row, col))
         if planner.phase == "monitor":
             estimated = planner.shape(row, col)
-            error = np.abs((hull_of(estimated) if hull else estimated) - truth.at(at_s))
+            error = np.abs((hull_of(estimated) if hull else estimated) - truth.distances_at(at_s))
             errors.append((at_s, error.max(), error.mean()))
         walk.onwards(planner.clockwise, at_s)
         new_row, new_col = walk.cell

@@ -21,7 +21,7 @@ class MeasuredWind:
         self._error = self._rng.standard_normal(2)
         self._at_s: float | None = None
 
-    def at(self, at_s: float) -> tuple[float, float]:
+    def wind_at(self, at_s: float) -> tuple[float, float]:
         """Return the wind speed in m/s at the vehicle's height, and the wind direction.
 
         The direction is the one from which the wind blows, in degrees clockwise from north.
@@ -31,7 +31,7 @@ class MeasuredWind:
             fresh = math.sqrt(1.0 - kept * kept)
             self._error = kept * self._error + fresh * self._rng.standard_normal(2)
         self._at_s = at_s
-        now = self._weather.at(at_s)
+        now = self._weather.weather_at(at_s)
         speed_m_s = now.wind_speed_m_s / WIND_20FT_SHARE + SPEED_ERROR_M_S * self._error[0]
         from_deg = now.wind_from_deg + DIRECTION_ERROR_DEG * self._error[1]
         return max(float(speed_m_s), 0.0), float(from_deg) % 360.0

@@ -9,7 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firemodel.landscape.landscape import Landscape
-from mission_service.guidance.burn.line_flight import FlightConstraints, FlightPoint, Leg
+from mission_service.guidance.burn.lines.flight_constraints import (
+    FlightConstraints,
+    FlightPoint,
+    Leg,
+)
 from mission_service.ignition_plan import IgnitionPlan, PathPoint, PlannedDrop
 
 Floats = NDArray[np.float64]

@@ -12,8 +12,8 @@ import shapely
 from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
-from mission_service.guidance.burn.hazard import LONG_AGO_S
-from mission_service.guidance.burn.ignition_lines import only_areas
+from mission_service.guidance.burn.lines.hazard import LONG_AGO_S
+from mission_service.guidance.burn.lines.ignition_lines import only_areas
 from mission_service.guidance.burn.plan_summary import in_feet
 from mission_service.guidance.burn.whole_burn import WholeBurn
 

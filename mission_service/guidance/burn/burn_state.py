@@ -16,9 +16,9 @@ from mission_service.errors import MissionServiceError
 from mission_service.events import BurnUnitSet, PersonReported, PlanRequested
 from mission_service.fire.estimated_fire import EstimatedFire, toward
 from mission_service.guidance.burn.burn_unit import ExclusionCircle, burn_unit_of
-from mission_service.guidance.burn.hazard import hazard_of
-from mission_service.guidance.burn.line_flight import FlightConstraints
-from mission_service.guidance.burn.line_planner import (
+from mission_service.guidance.burn.lines.flight_constraints import FlightConstraints
+from mission_service.guidance.burn.lines.hazard import hazard_of
+from mission_service.guidance.burn.lines.line_planner import (
     LinePlan,
     NoPlan,
     Situation,

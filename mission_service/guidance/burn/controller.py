@@ -24,7 +24,6 @@ from mission_service.commands import (
     REJECTED,
     Announce,
     AnyCommand,
-    ClimbAndHold,
     Drop,
     ProposePlan,
     WithdrawPlan,
@@ -53,27 +52,26 @@ from mission_service.events import (
     WindMeasured,
 )
 from mission_service.fire.estimated_fire import EstimatedFire
-from mission_service.fire.setup import weather_of
+from mission_service.fire.scenario_fire import weather_of
 from mission_service.guidance.burn.approved_plan import (
-    HIGH_SHARE,
     ApprovedPlan,
     approved_plan_of,
-    first_danger_s,
 )
 from mission_service.guidance.burn.burn_state import BurnState
 from mission_service.guidance.burn.checklist import Checklist
 from mission_service.guidance.burn.due_drops import due_drops
-from mission_service.guidance.burn.line_planner import LinePlan, NoPlan
+from mission_service.guidance.burn.lines.line_planner import LinePlan, NoPlan
 from mission_service.guidance.burn.plan_approval import ApprovalTracker
 from mission_service.guidance.burn.plan_mission import mission_items
 from mission_service.guidance.burn.plan_validity import (
     WindFrom,
     mean_wind,
-    plan_problem,
     wind_differs,
 )
+from mission_service.guidance.burn.plan_watch import invalid_reason
+from mission_service.guidance.burn.planners import Undecided
+from mission_service.guidance.burn.safe_climb import SafeClimb
 from mission_service.guidance.protocol import Awaited, Decision, Guidance
-from mission_service.ignition_plan import IgnitionPlan
 from mission_service.position_fix import PositionFix
 from mission_service.vehicles.availability import named_mode
 from mission_service.vehicles.missions_sent import MissionsSent
@@ -83,7 +81,6 @@ from mission_service.vehicles.vehicle_state import Vehicle, announce
 Floats = NDArray[np.float64]
 Phase = Literal["waiting", "planning", "proposed", "approved", "flying", "climbing"]
 
-REPEAT_CLIMB_S, CLIMB_SHARE = 5.0, 1.05  # interval of climb commands; share of the safe height
 CHECK_EVERY_S, CHECK_PROPOSED_EVERY_S = 1.0, 5.0
 BEGINS_ON_GROUND_S, BEGINS_IN_AIR_S = 30.0, 15.0  # planned begin after the proposal
 OFF_PATH_M = 12.0
@@ -118,7 +115,8 @@ class BurnFlight(Guidance):
         self._after_climb: Phase = "planning"
         self._mode, self._armed, self._fix_good, self._manual_control = "", False, True, False
         self._battery_pct: float | None = None
-        self._climbed_at_s = self._checked_at_s = -math.inf
+        self._safe_climb = SafeClimb(self.state)
+        self._checked_at_s = -math.inf
         self._reloads = False
         self._winds: list[WindFrom] = []
 
@@ -230,30 +228,10 @@ class BurnFlight(Guidance):
 
     def _why_invalid(self, at_s: float) -> str | None:
         """Return why the present plan is no longer valid; None if it is valid or there is none."""
-        plan = self.approvals.plan
+        plan, flown = self.approvals.plan, self._flown if self.phase == "flying" else None
         if plan is None:
             return None
-        if plan.digest != self.state.unit.digest(self.state.burn):
-            return "the burn unit, its people or its settings have changed since the plan"
-        differs = wind_differs(plan, self.state.wind_from(at_s), self.state.burn)
-        return differs or self._danger_ahead(plan, at_s)
-
-    def _danger_ahead(self, plan: IgnitionPlan, at_s: float) -> str | None:
-        """Return why the path that remains must not be flown; None if it is safe."""
-        flown, vehicle = self._flown, self._vehicle
-        if vehicle is None or vehicle.availability.fix is None or self._found is None:
-            return None
-        fix = vehicle.availability.fix
-        if flown is None or self.phase != "flying":
-            begins = self.state.situation(vehicle, fix, max(at_s, plan.begin_us / 1e6))
-            return plan_problem(self._found, begins, self.state.burn) or None
-        path = flown.progress.ahead(at_s)
-        path[0, :3] = fix.x_m, fix.y_m, self.state.height_m(fix)
-        air = self.state.air(vehicle, fix, at_s)
-        danger_s = first_danger_s(path, air, self.state.fire.held)
-        if danger_s is None:
-            return None
-        return f"fire would be too near to the path in {max(danger_s - at_s, 0.0):.0f} s"
+        return invalid_reason(self.state, plan, self._found, flown, self._vehicle, at_s)
 
     # Plans and approvals ----------------------------------------------------------------------
 
@@ -301,7 +279,7 @@ class BurnFlight(Guidance):
     def _may_plan(self, vehicle: Vehicle, fix: PositionFix) -> bool:
         if not self._fix_good or self._battery_low or vehicle.going_home or self.complete:
             return False
-        return not vehicle.availability.airborne or self._is_high(fix)
+        return not vehicle.availability.airborne or self._safe_climb.is_high(fix)
 
     def _plan_requested(self, event: PlanRequested) -> list[AnyCommand]:
         if self.phase in ("flying", "approved", "climbing"):
@@ -424,7 +402,7 @@ class BurnFlight(Guidance):
 
     def way_home(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand] | None:
         """Return the climb to the safe height before a return home; None if it is reached."""
-        return None if self._is_high(fix) else self._climb(vehicle, fix)
+        return None if self._safe_climb.is_high(fix) else self._climb(vehicle, fix)
 
     def _fly(self, vehicle: Vehicle, flown: ApprovedPlan, fix: PositionFix) -> list[AnyCommand]:
         off_m = flown.progress.update(np.array([fix.x_m, fix.y_m, self.state.height_m(fix)]))
@@ -519,7 +497,8 @@ class BurnFlight(Guidance):
             return commands
         vehicle.drop_upload()
         vehicle.flown_line = None
-        self.phase, self._after_climb, self._climbed_at_s = "climbing", then, -math.inf
+        self.phase, self._after_climb = "climbing", then
+        self._safe_climb.restart()
         fix = vehicle.availability.fix
         if vehicle.availability.flies and fix is not None and self._fix_good:
             commands += self._climb(vehicle, fix)
@@ -527,20 +506,11 @@ class BurnFlight(Guidance):
 
     def _climb(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand]:
         """Return a climb straight up to the safe height, unless the vehicle is flown manually."""
-        ordered = self._climbed_at_s > -math.inf
-        if self._is_high(fix) and (ordered or self.phase != "climbing"):
+        if self._safe_climb.is_high(fix) and (self._safe_climb.ordered or self.phase != "climbing"):
             if self.phase == "climbing":
                 vehicle.holding, self.phase = True, self._after_climb
             return []
-        if self._manual_control or fix.at_s - self._climbed_at_s < REPEAT_CLIMB_S:
-            return []
-        self._climbed_at_s = fix.at_s
-        safe_m = self.state.altitude_m(fix, CLIMB_SHARE * self.state.burn.safe_height_m)
-        altitude_m = round(max(safe_m, fix.altitude_m), 1)
-        return [ClimbAndHold(self._name, *self.state.lat_lon(fix.x_m, fix.y_m), altitude_m)]
-
-    def _is_high(self, fix: PositionFix) -> bool:
-        return self.state.height_m(fix) >= HIGH_SHARE * self.state.burn.safe_height_m
+        return [] if self._manual_control else self._safe_climb.order(self._name, fix)
 
     def _mode_changed(self, vehicle: Vehicle, event: ModeChanged) -> list[AnyCommand]:
         was_armed = self._armed
@@ -580,22 +550,3 @@ def burn_flight(guidance: Guidance) -> BurnFlight:
     if not isinstance(guidance, BurnFlight):
         raise MissionServiceError("this run is not a burn")
     return guidance
-
-
-class Undecided:
-    """A planner that decides nothing, because the vehicle of a burn flies approved plans."""
-
-    def observe(self, observed: Observed) -> None:
-        """Do nothing."""
-
-    def correct(self, observed: Observed) -> None:
-        """Do nothing: corrections apply to the burn's estimated fire."""
-
-    def wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
-        """Do nothing."""
-
-    def at(self, row: float, col: float, at_s: float) -> None:
-        """Do nothing."""
-
-    def left(self, at_s: float) -> None:
-        """Do nothing."""

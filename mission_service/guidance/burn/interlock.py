@@ -9,7 +9,6 @@ import math
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any
 
 import msgspec
@@ -51,7 +50,12 @@ from mission_service.events import (
     VehicleConnected,
     VehicleRebooted,
 )
-from mission_service.ground_distance import distance_m
+from mission_service.guidance.burn.drop_limits import (
+    Circle,
+    place_problem,
+    planned_drop,
+    target_problem,
+)
 from mission_service.guidance.burn.plan_mission import has_drop
 from mission_service.ignition_plan import IgnitionPlan, plan_hash
 from mission_service.vehicles.availability import named_mode
@@ -60,14 +64,6 @@ POSITION_GOOD_US = 1_500_000
 MINUTE_US = 60_000_000
 GOING_HOME = ("return", "land")  # modes, in the bridge's names
 AIRBORNE_M = 2.0
-# Tolerances for the position and height of a drop. They exclude gross errors only, since the
-# controller computes the exact impact point (drop_release.py).
-LATE_S = 1.0
-OFF_PATH_M = 5.0
-HEIGHT_SHARE, MIN_BAND_M = 0.5, 5.0
-GRAVITY_M_S2 = 9.81
-
-Circle = tuple[float, float, float]  # lat_deg, lon_deg, radius_m
 
 
 @dataclass
@@ -382,35 +378,9 @@ class Interlock:
     def _place_refuses(self, plan: IgnitionPlan, drop: Drop) -> str | None:
         fix = self._vehicles[drop.vehicle].fix
         assert fix is not None
-        planned = next(planned for planned in plan.drops if planned.number == drop.number)
-        place = (planned.lat_deg, planned.lon_deg)
-        ground_m = ground_amsl_m(plan, planned.after_s)
-        away_m = distance_m(place, (fix.lat_deg, fix.lon_deg))
-        reach_m = self._reach_m(plan)
-        if not away_m <= reach_m:
-            return f"{drop.vehicle} is {away_m:.0f} m off drop {drop.number} (max {reach_m:.0f} m)"
-        miss_m = distance_m(place, (drop.lat_deg, drop.lon_deg))
-        if not miss_m <= self._burn.max_miss_m:
-            return f"drop {drop.number} would fall {miss_m:.1f} m off its target"
-        height_m = math.nan if ground_m is None else fix.altitude_amsl_m - ground_m
-        band_m = max(MIN_BAND_M, HEIGHT_SHARE * plan.drop_height_m)
-        if not abs(height_m - plan.drop_height_m) <= band_m:
-            required = f"{plan.drop_height_m:.0f} ± {band_m:.0f} m"
-            return f"{drop.vehicle} is {height_m:.0f} m above the drop's target, not {required}"
-        for name, area in self._areas.items():
-            if not shapely.contains_xy(area, place[1], place[0]):
-                return f"drop {drop.number} lies outside the {name}"
-        for name, (lat_deg, lon_deg, radius_m) in self._people.items():
-            if radius_m > 0.0 and distance_m(place, (lat_deg, lon_deg)) <= radius_m:
-                return f"drop {drop.number} lies within {radius_m:.0f} m of {name}"
-        return None
-
-    def _reach_m(self, plan: IgnitionPlan) -> float:
-        """Return the largest horizontal distance allowed between a vehicle and its target."""
-        fall_s = math.sqrt(2.0 * plan.drop_height_m / GRAVITY_M_S2)
-        duration_s = self._burn.dropper.delay_s + fall_s + LATE_S
-        max_speed_m_s = max(plan.speed_m_s, plan.wind_speed_m_s)
-        return max_speed_m_s * duration_s + self._burn.max_miss_m + OFF_PATH_M
+        return target_problem(self._burn, plan, drop, fix) or place_problem(
+            planned_drop(plan, drop), self._areas, self._people
+        )
 
     def _payload_refuses(self, name: str, at_us: int) -> str | None:
         burn = self._burn
@@ -427,16 +397,6 @@ def _shows_presence(event: OperatorEvent, approved: Approved) -> bool:
     if isinstance(event, Resumed) or event.station != approved.station:
         return False
     return event.by == approved.by or event.may_approve
-
-
-def ground_amsl_m(plan: IgnitionPlan, after_s: float) -> float | None:
-    """Return the altitude of the ground under a plan's path at a time; None outside its times."""
-    for start, end in pairwise(plan.path):
-        if start.after_s <= after_s <= end.after_s:
-            share = (after_s - start.after_s) / max(end.after_s - start.after_s, 1e-9)
-            ground_m = [point.altitude_amsl_m - point.height_m for point in (start, end)]
-            return ground_m[0] + share * (ground_m[1] - ground_m[0])
-    return None
 
 
 def _polygon(corners: Iterable[tuple[float, float]]) -> shapely.Polygon:

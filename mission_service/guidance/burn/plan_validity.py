@@ -9,14 +9,14 @@ import numpy as np
 
 from mission_service.config.sections import BurnSection
 from mission_service.guidance.burn.drop_release import VehicleMotion, impact_point
-from mission_service.guidance.burn.line_flight import (
+from mission_service.guidance.burn.lines.flight_constraints import (
     FlightConstraints,
     FlightPoint,
     Leg,
-    SphereFires,
     point_on_leg,
 )
-from mission_service.guidance.burn.line_planner import LinePlan, Situation, constraints_of
+from mission_service.guidance.burn.lines.line_planner import LinePlan, Situation, constraints_of
+from mission_service.guidance.burn.lines.sphere_fires import SphereFires
 from mission_service.ignition_plan import IgnitionPlan
 
 ROUNDED_S = 1e-6

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
-from firemodel.ellipses.observations import Simulation
+from firemodel.ellipses.point_observations import Simulation
 from mission_service.config.sections import BurnSection
-from mission_service.guidance.burn.line_flight import FlightPoint
-from mission_service.guidance.burn.line_planner import (
+from mission_service.guidance.burn.lines.flight_constraints import FlightPoint
+from mission_service.guidance.burn.lines.line_planner import (
     LinePlan,
     NoPlan,
     Situation,

@@ -144,7 +144,7 @@ class Agent:
         match message:
             case State():
                 self.peers.apply_state(message)
-                self._lost_peers.update(message)
+                self._lost_peers.store(message)
             case Leaving():
                 self.peers.remove(message.sender)
                 self._lost_peers.remove(message.sender)

@@ -41,7 +41,7 @@ class LostPeers:
         self._last: dict[str, State] = {}
         self._due_us = 0
 
-    def update(self, state: State) -> None:
+    def store(self, state: State) -> None:
         """Store a received state as the sender's last state."""
         self._last[state.sender] = state
 

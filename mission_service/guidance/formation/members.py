@@ -17,7 +17,7 @@ from mission_service.config.scenario import Scenario
 from mission_service.config.sections import VehicleSection
 from mission_service.events import Observed
 from mission_service.fire.camera import camera_of
-from mission_service.fire.setup import burning_of, fire_position
+from mission_service.fire.scenario_fire import burning_of, fire_position
 from mission_service.guidance.formation.agent import STATE_EVERY_US, Agent, Intention, OwnState
 from mission_service.guidance.formation.manual_control import (
     MEASURED_OVER_S,
@@ -112,11 +112,11 @@ class FormationMember:
         self.wind_m_s = self._formation.on_grid(*true_m_s)
 
     def at(self, row: float, col: float, at_s: float) -> Decision | None:
-        """Do nothing: ``Formation.step`` receives the positions."""
+        """Do nothing: ``Formation.step_agent`` receives the positions."""
         return None
 
     def left(self, at_s: float) -> None:
-        """Leave the formation until the next ``Formation.step``."""
+        """Leave the formation until the next ``Formation.step_agent``."""
         if self.flies:
             self.flies = False
             self._formation.leave(self.agent.name, at_s)
@@ -167,7 +167,7 @@ class Formation:
             east_m_s * self._sin + north_m_s * self._cos,
         )
 
-    def step(self, name: str, fix: PositionFix) -> Intention:
+    def step_agent(self, name: str, fix: PositionFix) -> Intention:
         """Advance a vehicle's agent, and send the agent's messages; return its intention."""
         member = self.members[name]
         member.fix, member.flies, member.manual_control = fix, True, False

@@ -33,7 +33,7 @@ from mission_service.guidance.protocol import (
 )
 from mission_service.guidance.team.team import TeamMember
 from mission_service.guidance.team.team_size import CoverageTargets, TeamSizeAdviser
-from mission_service.missions.approach import approach_path
+from mission_service.missions.first_mission import approach_path
 from mission_service.missions.from_path import mission_along
 from mission_service.position_fix import PositionFix
 from mission_service.vehicles.missions_sent import MissionsSent
@@ -128,7 +128,7 @@ class FrontFlight(Guidance):
             return []
         return [announce(vehicle, f"team: {advice[1]}", warning=advice[0])]
 
-    def after(
+    def further_commands(
         self, event: AnyEvent, leaving: list[AnyCommand], vehicles: Mapping[str, Vehicle]
     ) -> list[AnyCommand]:
         """Record the missions sent; report parts of the front that are left or monitored again."""
@@ -221,7 +221,7 @@ class FrontFlight(Guidance):
             vehicle.section,
             self.landscape,
             from_ground=not vehicle.availability.airborne,
-            landing=vehicle.landing.at(fix.at_s),
+            landing=vehicle.landing.items_at(fix.at_s),
             min_at=self.traffic.min_altitudes(vehicle.name),
             start_m=(fix.x_m, fix.y_m) if vehicle.availability.airborne else None,
         )

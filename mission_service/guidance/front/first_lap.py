@@ -59,5 +59,5 @@ def recentred_map(
     renewed = FireMap(fire_map.shape, *centre, fire_map.ignited_at_s, fire_map.baseline_s)
     in_view = np.zeros(BEARINGS, dtype=bool)
     for window in seen:
-        in_view = renewed.observe(*window)
+        in_view = renewed.add_window(*window)
     return renewed, in_view

@@ -272,7 +272,7 @@ class FrontEstimate:
         speed_along_bearings(bearing, rate, stretch, limit, LONGEST_STEP_S, self._unit)
         return self._unit
 
-    def observe(self, row: int, col: int, window: NDArray[np.uint8], at_s: float) -> Booleans:
+    def add_window(self, row: int, col: int, window: NDArray[np.uint8], at_s: float) -> Booleans:
         """Update the front from one camera window; return which bearings show it (360).
 
         ``window`` (y, x) holds the codes of ``fire_map``; ``row`` and ``col`` are the grid cell of
@@ -295,7 +295,7 @@ class FrontEstimate:
         self._update_factors(in_view, at_s)
         return in_view
 
-    def correct(self, row: int, col: int, window: NDArray[np.uint8], at_s: float) -> None:
+    def correct_window(self, row: int, col: int, window: NDArray[np.uint8], at_s: float) -> None:
         """Apply an operator's correction of a window. This does not change the factors."""
         self.advance(at_s)
         centre = (self.centre_row, self.centre_col)

@@ -93,14 +93,14 @@ class FrontMixture:
             estimate.advance(to_s)
         self.front = self._mixed()
 
-    def observe(self, row: int, col: int, window: NDArray[np.uint8], at_s: float) -> None:
-        """Update the front from one camera window, as ``FrontEstimate.observe``."""
+    def add_window(self, row: int, col: int, window: NDArray[np.uint8], at_s: float) -> None:
+        """Update the front from one camera window, as ``FrontEstimate.add_window``."""
         self.advance(at_s)
         predicted = np.stack([self.modelled.front, self._cautious_mixture()])
         unseen_s = at_s - self.modelled.seen_at_s
-        in_view = self.modelled.observe(row, col, window, at_s)
+        in_view = self.modelled.add_window(row, col, window, at_s)
         if self._cautious is not None:
-            self._cautious.observe(row, col, window, at_s)
+            self._cautious.add_window(row, col, window, at_s)
         seen = self.modelled.front[in_view]
         again = ((unseen_s > AGAIN_S) & np.isfinite(unseen_s))[in_view]
         self._last_seen[in_view] = seen
@@ -108,10 +108,10 @@ class FrontMixture:
         self._squares = KEPT ** np.count_nonzero(again) * self._squares + (off**2).sum(axis=1)
         self.front = self._mixed()
 
-    def correct(self, row: int, col: int, window: NDArray[np.uint8], at_s: float) -> None:
+    def correct_window(self, row: int, col: int, window: NDArray[np.uint8], at_s: float) -> None:
         """Apply an operator's correction of a window."""
         for estimate in self._estimates():
-            estimate.correct(row, col, window, at_s)
+            estimate.correct_window(row, col, window, at_s)
         self._last_seen = np.where(
             self.modelled.seen_at_s == at_s, self.modelled.front, self._last_seen
         )

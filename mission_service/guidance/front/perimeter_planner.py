@@ -94,7 +94,7 @@ class PerimeterPlanner:
     def observe(self, observed: Observed) -> None:
         """Update the map from a camera window."""
         view = view_of(observed)
-        self._in_view = self.map.observe(*view)
+        self._in_view = self.map.add_window(*view)
         if self.phase == "approach" and self._in_view.any():
             self.phase = "initial circle"
         if self.phase == "initial circle" and not self.settings.ignition_known:
@@ -102,7 +102,7 @@ class PerimeterPlanner:
 
     def correct(self, observed: Observed) -> None:
         """Apply an operator's correction of a window of the fire."""
-        self.map.correct(*view_of(observed))
+        self.map.correct_window(*view_of(observed))
 
     def tune(self, event: SettingsChanged) -> None:
         """Apply changed settings to all later decisions."""

@@ -23,7 +23,7 @@ from firemodel.spread.front_rates import FrontRates
 from mission_service.config.scenario import Scenario
 from mission_service.config.sections import VehicleSection
 from mission_service.events import Observed
-from mission_service.fire.setup import weather_of
+from mission_service.fire.scenario_fire import weather_of
 from mission_service.guidance.fire_map import BEARINGS, FireMap
 from mission_service.guidance.front.cell_importance import window_importance
 from mission_service.guidance.front.first_lap import (
@@ -118,20 +118,20 @@ class PredictivePlanner:
         """Update the map and the estimate from a camera window."""
         seen = view_of(observed)
         if self.phase != "monitor":
-            self._in_view = self.map.observe(*seen)
+            self._in_view = self.map.add_window(*seen)
             if self.phase == "approach" and self._in_view.any():
                 self.phase = "initial circle"
             if not self.settings.ignition_known:
                 if self.phase == "initial circle":
                     append_view(self._observations, seen)
                 return
-        self.fronts.observe(*seen)
+        self.fronts.add_window(*seen)
 
     def correct(self, observed: Observed) -> None:
         """Apply an operator's correction of a window of the fire."""
         seen = view_of(observed)
-        self.map.correct(*seen)
-        self.fronts.correct(*seen)
+        self.map.correct_window(*seen)
+        self.fronts.correct_window(*seen)
 
     def wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
         """Add a wind measured in the air; ``from_deg`` is clockwise from true north."""
@@ -163,7 +163,7 @@ class PredictivePlanner:
             outer, _ = self.map.filled_outer()
             self.fronts = self.fronts.reset_around(centre, outer, self._observations[0][3])
             for seen in self._observations:
-                self.fronts.observe(*seen)
+                self.fronts.add_window(*seen)
             self._observations.clear()
 
     def _decide(self, bearing: int, at_s: float) -> Decision:
@@ -263,5 +263,5 @@ def predictive_planner(
         ground.centre,
         ground.burns_from_s,
         cell_m,
-        model_of(ground.landscape, weather_of(scenario).at(ground.burns_from_s)),
+        model_of(ground.landscape, weather_of(scenario).weather_at(ground.burns_from_s)),
     )

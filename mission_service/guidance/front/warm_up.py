@@ -7,7 +7,7 @@ import numpy as np
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario
 from mission_service.events import Observed
-from mission_service.fire.setup import fire_position
+from mission_service.fire.scenario_fire import fire_position
 from mission_service.guidance.front.way import Planners
 from mission_service.missions.separation import Track, heights_below
 

@@ -93,7 +93,7 @@ class Team:
         seen = view_of(observed)
         if not self.surveyed and not self.settings.ignition_known:
             append_view(self._observations, seen)
-        return self.map.observe(*seen)
+        return self.map.add_window(*seen)
 
     def end_survey(self) -> None:
         """End the first lap; the fire's centre replaces an unknown ignition point."""
@@ -179,7 +179,7 @@ class TeamMember:
 
     def correct(self, observed: Observed) -> None:
         """Apply an operator's correction of a window to the team's map."""
-        self._team.map.correct(*view_of(observed))
+        self._team.map.correct_window(*view_of(observed))
 
     def wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
         """Do nothing: team rules do not use the wind."""

@@ -20,7 +20,7 @@ from h11 import ERROR
 from starlette.types import ASGIApp, Receive, Scope, Send
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
-from mission_service.config.service import HttpSection
+from mission_service.config.service_section import HttpSection
 from mission_service.errors import MissionServiceError
 from mission_service.interfaces.api.access.client_connections import (
     ClientConnection,

@@ -19,7 +19,7 @@ import aiomqtt
 import msgspec
 
 from mission_service.config.mqtt_names import Broker, check_prefix, read_broker, site_of, site_topic
-from mission_service.config.service import MqttSection
+from mission_service.config.service_section import MqttSection
 from mission_service.interfaces.mqtt.broker_connection import (
     MAX_WAIT_S,
     OPEN,

@@ -16,7 +16,7 @@ import msgspec
 from paho.mqtt.reasoncodes import ReasonCode
 from paho.mqtt.subscribeoptions import SubscribeOptions
 
-from mission_service.config.service import MqttSection
+from mission_service.config.service_section import MqttSection
 from mission_service.core.request_events import ABORT
 from mission_service.interfaces.maps.run_forecasts import forecasts_of, front_now
 from mission_service.interfaces.mqtt.broker_connection import (
@@ -142,7 +142,7 @@ class Publisher:
 
     def _on_connected(self) -> None:
         self.connected = True
-        self._context.state_view.clear(BROKER_ALARM)
+        self._context.state_view.clear_alarm(BROKER_ALARM)
         if self._loss_reported:
             self._context.service.announce(
                 "mqtt", f"reconnected to the broker at {self.site.broker}", "info"
@@ -172,7 +172,7 @@ class Publisher:
             text = f"no commands over MQTT: the broker does not permit {user} to read {topic}"
             self._context.state_view.alarm(COMMANDS_ALARM, text)
         else:
-            self._context.state_view.clear(COMMANDS_ALARM)
+            self._context.state_view.clear_alarm(COMMANDS_ALARM)
 
     def _topic(self, rest: str) -> str:
         return f"{self.site.topic}/{rest}"

@@ -23,7 +23,7 @@ from mission_service.events import (
     UploadFinished,
 )
 from mission_service.fire.observed_window import states_in, without_speckles
-from mission_service.fire.setup import fire_position, warnings_on
+from mission_service.fire.scenario_fire import fire_position, warnings_on
 from mission_service.fire.simulated_cameras import fires_of_run
 from mission_service.guidance.fire_map import BEARINGS, FireMap
 from mission_service.guidance.registry import way_of
@@ -182,9 +182,9 @@ class _Analyser:
         assert self._map is not None
         window, at_s = states_in(without_speckles(observed).cells), observed.at_us / 1e6
         if observed.corrects:
-            self._map.correct(observed.row, observed.col, window, at_s)
+            self._map.correct_window(observed.row, observed.col, window, at_s)
             return
-        in_view = self._map.observe(observed.row, observed.col, window, at_s)
+        in_view = self._map.add_window(observed.row, observed.col, window, at_s)
         gap_s = at_s - self._seen_s[in_view]
         self._analysis.revisits_s += gap_s[gap_s >= VISIT_S].tolist()
         self._seen_s[in_view] = at_s
@@ -228,6 +228,6 @@ class _Analyser:
             return
         truth = TrueShape(analysis.arrival_s, (round(self._centre[0]), round(self._centre[1])))
         for at_us, name, shape in self._estimates:
-            off_m = np.abs(shape - truth.at(at_us / 1e6)) * self._landscape.cell_size_m
+            off_m = np.abs(shape - truth.distances_at(at_us / 1e6)) * self._landscape.cell_size_m
             error = (at_us, float(off_m.mean()), float(off_m.max()))
             analysis.errors_m.setdefault(name, []).append(error)

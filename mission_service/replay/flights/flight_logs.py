@@ -67,11 +67,11 @@ class Flight(NamedTuple):
         """Return the time at which the whole flight begins. Raises FlightError for empty logs."""
         first = next(self._whole(), None)
         if first is None:
-            raise FlightError(f"{self.paths}: no vehicle in it")
+            raise FlightError(f"{self.paths_text}: no vehicle in it")
         return first.at_us
 
     @property
-    def paths(self) -> str:
+    def paths_text(self) -> str:
         """The paths of all its logs, as text."""
         return ", ".join(str(log.path) for log in self.logs)
 
@@ -180,6 +180,6 @@ def survey(flight: Flight) -> Survey:
         end_us = max(end_us, entry.at_us)
     if not flown:
         part = "this part of it" if flight.is_part else "it"
-        raise FlightError(f"{flight.paths}: no vehicle in {part}")
+        raise FlightError(f"{flight.paths_text}: no vehicle in {part}")
     damage = tuple(f"{log.path}: {each}" for log in flight.logs for each in log.damage)
     return Survey(flown, zero_us, begin_us, end_us, offset_us, damage)

@@ -31,7 +31,7 @@ def write_mcap(path: Path, logs: Sequence[Log], names: Mapping[tuple[int, int], 
             name = names[number, system_id]
             event_rows = list(rows[number].of(system_id, event))
             for message in messages_of(name, at_ns, event, event_rows):
-                channels.add(name, at_ns, message)
+                channels.write(name, at_ns, message)
         channels.finish()
 
 
@@ -46,7 +46,7 @@ class _Channels:
         self._schemas: dict[str, int] = {}
         self._channels: dict[tuple[str, str], int] = {}
 
-    def add(self, name: str, at_ns: int, message: Message) -> None:
+    def write(self, name: str, at_ns: int, message: Message) -> None:
         channel = self._channels.get((name, message.topic))
         if channel is None:
             schema = self._schema(message.schema)

@@ -17,7 +17,7 @@ from firemodel.outputs.graticule import km_of
 from mission_service.ground_distance import M_PER_DEG
 from mission_service.replay.flights.run_analysis import RunAnalysis, VehicleAnalysis, places_of
 from mission_service.replay.flights.run_figures import above_terrain_m
-from mission_service.runtime.outputs import VEHICLE_COLOURS
+from mission_service.runtime.run_outputs import VEHICLE_COLOURS
 
 Floats = NDArray[np.float64]
 Places = Callable[[Any, Any], tuple[Any, Any]]  # from lat, lon to km on the axes
@@ -168,7 +168,7 @@ def _draw_drops(axes: Any, run: RunAnalysis, vehicle: VehicleAnalysis, places: P
     done = [each.done[1:3] for each in vehicle.drops if each.done is not None]
     record = None if run.fire is None else run.fire.record.vehicles[vehicle.name]
     if record is not None and record.drops:
-        done = [each.place for each in record.drops if each.outcome == "done"]
+        done = [each.lat_lon for each in record.drops if each.outcome == "done"]
         flown = {each.plan_hash for each in record.drops}
         planned = [
             (drop.lat_deg, drop.lon_deg)

@@ -12,7 +12,7 @@ import msgspec
 
 from firemodel.spread.fire_scheme import Fire
 from mission_service.config.rule_lookup import faults_of
-from mission_service.config.service import ServiceSection
+from mission_service.config.service_section import ServiceSection
 from mission_service.core.request_events import REPLAY, STATUS, RequestScope
 from mission_service.errors import RequestError
 from mission_service.guidance.registry import way_of
@@ -20,7 +20,7 @@ from mission_service.interfaces.control.control_client import NAME
 from mission_service.interfaces.control.control_server import claimed, serve_control
 from mission_service.journal.journal_file import header_of
 from mission_service.live.daemon import stop_on_signals
-from mission_service.live.interfaces import interfaces_of
+from mission_service.live.interface_setup import interfaces_of
 from mission_service.replay.flights.journal_log import JOURNAL
 from mission_service.replay.flights.playback import Playback
 from mission_service.replay.flights.scenario_pairing import Pairing

@@ -166,7 +166,7 @@ def _drops(fire: FireAnalysis | None, vehicle: VehicleAnalysis) -> dict[str, Any
         off_m = []
         for drop in done:
             place = record.plans[drop.plan_hash].drops[drop.number]
-            off_m.append(distance_m((place.lat_deg, place.lon_deg), drop.place))
+            off_m.append(distance_m((place.lat_deg, place.lon_deg), drop.lat_lon))
         return _counted(planned_count, len(done), off_m)
     pairs = vehicle.drops
     if not pairs:

@@ -8,9 +8,9 @@ from firemodel.landscape.landscape import Landscape
 from mission_service.config.fire_sections import Ignition, LandscapeSection, WeatherEntry
 from mission_service.config.scenario import Scenario, flying, load_run, run_of
 from mission_service.config.sections import PlannerSection, VehicleSection
-from mission_service.config.service import ServiceSection
+from mission_service.config.service_section import ServiceSection
 from mission_service.errors import FlightError
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 from mission_service.ground_distance import M_PER_DEG
 from mission_service.replay.flights.flight_logs import Flight, Survey
 from mission_service.replay.flights.flown_vehicle import Flown, file_of

@@ -17,10 +17,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from firemodel.ellipses.observations import Simulation
+from firemodel.ellipses.point_observations import Simulation
 from mission_service.config.sections import BurnSection
 from mission_service.errors import MissionServiceError
-from mission_service.guidance.burn.hazard_kernels import (
+from mission_service.guidance.burn.lines.hazard_kernels import (
     bound_times,
     is_surely_in_danger,
     mark_lit,

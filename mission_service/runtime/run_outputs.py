@@ -18,7 +18,7 @@ from firemodel.outputs.arrival_map import (
 )
 from firemodel.outputs.front_files import write_fronts
 from firemodel.outputs.graticule import km_of
-from firemodel.outputs.raster_layers import arrival_layer_of
+from firemodel.outputs.layer_legends import arrival_layer_of
 from firemodel.spread.fire_scheme import Fire
 from mission_service.config.scenario import Scenario
 from mission_service.runtime.run_statistics import RunStatistics, VehicleStatistics

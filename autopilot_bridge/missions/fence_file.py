@@ -10,7 +10,7 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.items import Items, MissionItem, command_name
-from autopilot_bridge.missions.numbers import array, number
+from autopilot_bridge.missions.plan_values import array, number
 
 POLYGONS = (
     mavlink.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_EXCLUSION,

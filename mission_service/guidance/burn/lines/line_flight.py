@@ -1,240 +1,26 @@
 """Plans a flight along an ignition line, and checks the safety of all legs and drops."""
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import pairwise
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from firemodel.ellipses.observations import Simulation
-from mission_service.config.sections import BurnSection
-from mission_service.guidance.burn.burn_unit import BurnUnit
-from mission_service.guidance.burn.hazard import Box, Hazard, hazard_of
-from mission_service.guidance.burn.visibility_graph import VisibilityGraph
+from mission_service.guidance.burn.lines.flight_constraints import (
+    HIGH_M,
+    FlightConstraints,
+    FlightPoint,
+    Route,
+)
+from mission_service.guidance.burn.lines.sphere_fires import SphereFires
 
 Floats = NDArray[np.float64]
-FireOfSources = Callable[[Floats], Simulation]  # returns the fire of sources (n, 3) x, y, at_s only
 
-HIGH_M = 1e-6  # tolerance of the safe height
-TOWARDS_M2 = 1e-3  # a leg that approaches a drop by less (times the leg's length) leads away
 CLIMB_EVERY_M, CLIMBS = 5.0, 12  # minimum spacing and maximum number of climbs tried on a leg
 OUT_M = (0.0, 15.0, 30.0, 45.0)  # distances from a drop at which a climb is tried
-DOWN_SPARE_M = 1.0  # added to the distance margin of descents; more than the error of a raster
 ROUNDED_S = 1e-6
-
-
-class FlightPoint(NamedTuple):
-    """A point of a flight: x, y and height above ground in metres, and mission time in seconds."""
-
-    x_m: float
-    y_m: float
-    height_m: float
-    at_s: float
-
-
-Leg = tuple[FlightPoint, FlightPoint]
-Route = list[FlightPoint]  # from the vehicle's position, with straight legs
-
-
-def point_on_leg(leg: Leg, part: float) -> FlightPoint:
-    """Return the point on a leg after a share (0 to 1) of its time."""
-    begin, end = leg
-    return FlightPoint(*(one + part * (other - one) for one, other in zip(begin, end, strict=True)))
-
-
-def _box(leg: Leg) -> Box:
-    (x0, y0, *_), (x1, y1, *_) = leg
-    return min(x0, x1), min(y0, y1), max(x0, x1), max(y0, y1)
-
-
-def _away_m(leg: Leg, places_m: Floats) -> Floats:
-    """Return the horizontal distances of places (n, 2) from a leg."""
-    begin, step = np.array(leg[0][:2]), np.subtract(leg[1][:2], leg[0][:2])
-    length2 = max(float(step @ step), 1e-12)
-    part = np.clip((places_m - begin) @ step / length2, 0.0, 1.0)
-    away: Floats = np.hypot(*(places_m - begin - part[:, None] * step).T)
-    return away
-
-
-def fastest_m_s(fire: Simulation) -> float:
-    """Return an upper bound on the rate of spread of an ``EllipseFire``; infinity for others."""
-    spreads = getattr(fire, "spreads", None)
-    if not spreads:
-        return math.inf
-    rates = np.array([(one.head_m_s, one.back_m_s, one.flank_m_s) for one in spreads])
-    head, back, flank = rates.T
-    return float((np.abs(head - back) / 2.0 + np.maximum((head + back) / 2.0, flank)).max())
-
-
-@dataclass(frozen=True, eq=False)
-class FlightConstraints:
-    """The area, the fire and the settings against which flights are checked.
-
-    ``low`` is the graph for paths below the safe height, and ``high`` the graph for paths at it.
-    The vehicle lands at ``home_m``.
-    """
-
-    unit: BurnUnit
-    settings: BurnSection
-    fire: Simulation
-    lights: FireOfSources
-    hazard: Hazard
-    low: VisibilityGraph
-    high: VisibilityGraph | None  # inside the fence
-    home_m: tuple[float, float]
-    places: dict[tuple[float, float], Hazard] = field(default_factory=dict)
-
-    def fly_to(self, start: FlightPoint, x_m: float, y_m: float, height_m: float) -> FlightPoint:
-        """Return the end point of a straight leg that is flown at the speeds in the settings."""
-        up_m = height_m - start.height_m
-        rate = self.settings.climb_m_s if up_m > 0.0 else self.settings.sink_m_s
-        level_m = math.hypot(x_m - start.x_m, y_m - start.y_m)
-        duration_s = level_m / self.settings.speed_m_s + abs(up_m) / rate
-        return FlightPoint(x_m, y_m, height_m, start.at_s + duration_s)
-
-    def along(self, route: Route, places: list[tuple[float, float]]) -> Route:
-        """Return a route that continues at its last height through ``places``.
-
-        The first of the places is the end of the given route.
-        """
-        for x_m, y_m in places[1:]:
-            route = [*route, self.fly_to(route[-1], x_m, y_m, route[-1].height_m)]
-        return route
-
-    def straight_up(self, start: FlightPoint) -> Route:
-        """Return the route from ``start`` straight up to the safe height."""
-        if start.height_m >= self.settings.safe_height_m:
-            return [start]
-        return [start, self.fly_to(start, start.x_m, start.y_m, self.settings.safe_height_m)]
-
-    def high_path(
-        self, start: FlightPoint, x_m: float, y_m: float
-    ) -> list[tuple[float, float]] | None:
-        """Return the path to (x, y) at the safe height and inside the fence, or None."""
-        begin, end = (start.x_m, start.y_m), (x_m, y_m)
-        return [begin, end] if self.high is None else self.high.shortest_path(begin, end)
-
-    def home_s(self, start: FlightPoint) -> float:
-        """Return the time to fly home from ``start`` and land; infinity without a path.
-
-        ``start`` is at the safe height.
-        """
-        path = self.high_path(start, *self.home_m)
-        if path is None:
-            return math.inf
-        above = self.along([start], path)[-1]
-        return self.fly_to(above, *self.home_m, 0.0).at_s - start.at_s
-
-    def margin_s(self, leg: Leg) -> float:
-        """Return the time by which a leg is ahead of fire.
-
-        If the raster gives no clear result, a finer raster is used. There a descent has a larger
-        distance margin, because the next leg must be safe as well.
-        """
-        if self.is_high(leg):
-            return math.inf
-        begin, end = leg
-        ends = (begin.x_m, begin.y_m, begin.at_s, end.x_m, end.y_m, end.at_s)
-        margin_s = self.hazard.leg_margin_s(*ends)
-        if margin_s >= self.settings.time_margin_s:
-            return margin_s
-        if margin_s == -math.inf:
-            return (
-                margin_s if begin[:2] != end[:2] else self._hazard_around(begin).leg_margin_s(*ends)
-            )
-        if self.hazard.surely_in_danger(*ends):
-            return margin_s
-        more_m = DOWN_SPARE_M if end.height_m < begin.height_m else 0.0
-        return max(margin_s, self.hazard.fine.leg_margin_s(*ends, more_m=more_m))
-
-    def _hazard_around(self, point: FlightPoint) -> Hazard:
-        """Return the hazard on a raster around a point outside the main raster, like the start."""
-        key = point[:2]
-        if key not in self.places:
-            self.places[key] = self.hazard.over((*key, *key), self.hazard.cell_m)
-        return self.places[key]
-
-    def is_high(self, leg: Leg) -> bool:
-        """Return whether the whole leg is at or above the safe height."""
-        return min(leg[0].height_m, leg[1].height_m) >= self.settings.safe_height_m - HIGH_M
-
-
-class SphereFires:
-    """The fires that a flight's own spheres light.
-
-    On a leg that approaches any of the drops, or descends from the safe height, these fires count
-    like other fire, with the time margin. On a leg away from all drops, only fire that burns within
-    reach is a danger. An example is the leg directly after a drop, whose sphere ignites within the
-    time margin.
-    """
-
-    def __init__(self, air: FlightConstraints) -> None:
-        self.air = air
-        self.sources: Floats = np.empty((0, 3))
-
-    def add_drop(self, x_m: float, y_m: float, dropped_s: float) -> None:
-        """Add the fire that a drop lights."""
-        ignites_s = dropped_s + self.air.settings.ignition_delay_s
-        self.sources = np.concatenate([self.sources, [[x_m, y_m, ignites_s]]])
-
-    def approaches(self, leg: Leg) -> bool:
-        """Return whether a leg approaches any drop, so that fires count with the time margin.
-
-        A vertical leg counts as such if it descends.
-        """
-        begin, end = leg
-        if begin[:2] == end[:2]:
-            return end.height_m < begin.height_m
-        step = np.array([end.x_m - begin.x_m, end.y_m - begin.y_m])
-        towards = (self.sources[:, :2] - (begin.x_m, begin.y_m)) @ step
-        return bool((towards > TOWARDS_M2 * math.hypot(*step)).any())
-
-    def margin_s(self, leg: Leg) -> float:
-        """Return the time margin of a leg.
-
-        If the leg leads away from all drops, the margin is negative (danger) or infinite.
-        """
-        if not len(self.sources) or self.air.is_high(leg):
-            return math.inf
-        approaches = self.approaches(leg)
-        begin, end = leg
-        if approaches or begin[:2] == end[:2]:
-            parts = 1
-        else:  # a sphere that ignites at the end of a long leg is no danger at its begin
-            part_s = max(self.air.settings.ignition_delay_s / 4.0, 1.0)
-            parts = max(math.ceil((end.at_s - begin.at_s) / part_s), 1)
-        ends = [begin, *(point_on_leg(leg, number / parts) for number in range(1, parts)), end]
-        min_margin_s = min(self._margin_s(part, approaches) for part in pairwise(ends))
-        return min_margin_s if approaches or min_margin_s < 0.0 else math.inf
-
-    def _margin_s(self, leg: Leg, approaches: bool) -> float:
-        begin, end = leg
-        later_s = self.air.settings.time_margin_s if approaches else 0.0
-        sources = self.sources[self.sources[:, 2] < end.at_s + later_s]
-        if len(sources):
-            spread_m = fastest_m_s(self.air.lights(sources)) * (end.at_s + later_s - sources[:, 2])
-            reach_m = self.air.hazard.margins.reach_m + self.air.hazard.cell_m
-            sources = sources[_away_m(leg, sources[:, :2]) <= reach_m + spread_m]
-        if not len(sources):
-            return math.inf
-        hazard = hazard_of(
-            self.air.lights(sources),
-            _box(leg),
-            self.air.hazard.margins,
-            cell_m=self.air.hazard.cell_m,
-            begins_s=float(sources[:, 2].min()),
-        )
-        return hazard.leg_margin_s(begin.x_m, begin.y_m, begin.at_s, end.x_m, end.y_m, end.at_s)
-
-    def burns_by(self, x_m: float, y_m: float, at_s: float) -> bool:
-        """Return whether any of these fires reaches a place by the time ``at_s``."""
-        if not len(self.sources) or at_s <= self.sources[:, 2].min():
-            return False
-        fire = self.air.lights(self.sources)
-        return float(fire.ignition_time_s(np.array([[x_m, y_m]]))[0]) <= at_s
 
 
 @dataclass(frozen=True, eq=False)

@@ -37,7 +37,7 @@ class IgnitionLine:
         """Return the unit vector along the line, which points left as seen looking downwind."""
         return np.array([-math.sin(self.toward_rad), math.cos(self.toward_rad)])
 
-    def place(self, across_m: Floats) -> Floats:
+    def places_at(self, across_m: Floats) -> Floats:
         """Return the places (n, 2) on the line that have given across coordinates (n,)."""
         found: Floats = self.along_m * self.downwind + np.outer(across_m, self.left_unit)
         return found
@@ -86,7 +86,7 @@ def extent_across(area: BaseGeometry, line: IgnitionLine) -> tuple[float, float]
     There may be gaps in the area between the ends.
     """
     across = line.across(shapely.get_coordinates(area))
-    ends = line.place(np.array([across.min() - 1.0, across.max() + 1.0]))
+    ends = line.places_at(np.array([across.min() - 1.0, across.max() + 1.0]))
     inside = shapely.LineString(ends).intersection(area)
     if inside.length <= 0.0:
         return None
@@ -124,4 +124,4 @@ def drop_points(
     """
     first = math.ceil((ends_m[0] - through_m) / spacing_m - 1e-9)
     last = math.floor((ends_m[1] - through_m) / spacing_m + 1e-9)
-    return line.place(through_m + spacing_m * np.arange(first, last + 1, dtype=np.float64))
+    return line.places_at(through_m + spacing_m * np.arange(first, last + 1, dtype=np.float64))

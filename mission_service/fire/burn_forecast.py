@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from firemodel.ellipses.observations import Simulation
+from firemodel.ellipses.point_observations import Simulation
 from firemodel.landscape.landscape import Landscape
 from mission_service.fire.estimated_fire import EstimatedFire
 from mission_service.fire.forecast import Arrival

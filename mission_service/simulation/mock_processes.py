@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-from autopilot_bridge.links.link import LinkAddress, other_end, parse_link
+from autopilot_bridge.links.link_address import LinkAddress, other_end, parse_link
 from autopilot_bridge.links.signing import Key, Signing, Timestamps, read_key
 from autopilot_bridge.mock.autopilot import MockAutopilot
 from autopilot_bridge.mock.fault_injection import FaultyMock
@@ -22,7 +22,7 @@ from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import flying, load_scenario
 from mission_service.config.sections import VehicleSection
 from mission_service.errors import MissionServiceError
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 from mission_service.runtime.clocks import clock_us, wall_us
 from mission_service.simulation.demo import vehicle_of
 from mission_service.simulation.sim import mock_of

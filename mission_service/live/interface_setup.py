@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from mission_service.config.scenario import Scenario
-from mission_service.config.service import ServiceSection
+from mission_service.config.service_section import ServiceSection
 from mission_service.core.request_events import RequestScope, accepted_in
 from mission_service.events import AnyOperatorEvent
 from mission_service.runtime.clocks import clock_us

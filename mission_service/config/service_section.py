@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 from pydantic import Field, field_validator, model_validator
 
 from mission_service.config.mqtt_names import is_host
-from mission_service.config.section import NotNegative, Positive, Section
+from mission_service.config.section_base import NotNegative, Positive, Section
 from mission_service.config.sections import KEY_SOURCE
 
 LOOPBACK = ("127.0.0.1", "::1", "localhost")

@@ -22,9 +22,9 @@ from autopilot_bridge.items import (
     jumps_moved,
     params_of,
 )
-from autopilot_bridge.missions import fencefile, wpl
-from autopilot_bridge.missions.numbers import array, null_or_number, number, whole
-from autopilot_bridge.missions.textfile import read_text, write_text
+from autopilot_bridge.missions import fence_file, wpl_file
+from autopilot_bridge.missions.plan_values import array, null_or_number, number, whole
+from autopilot_bridge.missions.text_file import read_text, write_text
 from autopilot_bridge.stacks.stacks import Stack
 
 # QGroundControl's AltitudeMode for each frame. The numbers of the modes differ between versions, so
@@ -48,7 +48,7 @@ def read_any(path: Path | str) -> Plan:
     """
     path = Path(path)
     text = read_text(path)
-    return wpl.parse(path, text) if text.startswith("QGC WPL") else _parse(path, text)
+    return wpl_file.parse(path, text) if text.startswith("QGC WPL") else _parse(path, text)
 
 
 def write_any(path: Path | str, plan: Plan, stack: Stack | None) -> None:
@@ -70,7 +70,7 @@ def write_any(path: Path | str, plan: Plan, stack: Stack | None) -> None:
             f"{' or '.join(WPL_SUFFIXES)}"
         )
     if path.suffix.lower() in WPL_SUFFIXES:
-        wpl.write_wpl(path, plan)
+        wpl_file.write_wpl(path, plan)
     else:
         write_plan(path, plan, stack)
 
@@ -87,8 +87,8 @@ def write_plan(path: Path, plan: Plan, stack: Stack | None) -> None:
             "fileType": "Plan",
             "groundStation": "mission-service",
             "version": 1,
-            "geoFence": fencefile.fence_json(plan.fence),
-            "rallyPoints": fencefile.rally_json(plan.rally),
+            "geoFence": fence_file.fence_json(plan.fence),
+            "rallyPoints": fence_file.rally_json(plan.rally),
             "mission": {
                 "version": 2,
                 "firmwareType": stack.autopilot if stack else mavlink.MAV_AUTOPILOT_GENERIC,
@@ -145,8 +145,8 @@ def _parse(path: Path, text: str) -> Plan:
     try:
         return Plan(
             _mission(array(mission.get("items"), "items")),
-            fencefile.fence_of(content.get("geoFence")),
-            fencefile.rally_of(content.get("rallyPoints")),
+            fence_file.fence_of(content.get("geoFence")),
+            fence_file.rally_of(content.get("rallyPoints")),
             _home(mission.get("plannedHomePosition")),
         )
     except ValueError as error:

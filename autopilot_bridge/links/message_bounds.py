@@ -7,8 +7,8 @@ that means "unknown" in a field. ``UNKNOWN`` contains the float fields that are 
 Units and unknown values are those of MAVLink's common.xml. Heights range from the Dead Sea (-430 m)
 to twice the ceiling of any supported aircraft. The limit of wind speeds is the fastest measured
 gust (113 m/s, Barrow Island 1996, WMO); aircraft speeds are below half of the speed of sound. The
-limit of item numbers is the longest list of a stack (``stacks/stacks.py``). Latitude, longitude and
-angles are bounded by their definitions.
+limit of item numbers is the longest list of a stack (``stacks/stacks.py``). Latitude,
+longitude and angles are bounded by their definitions.
 """
 
 import math

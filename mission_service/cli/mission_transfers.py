@@ -10,11 +10,11 @@ from typing import Any, TypeVar
 
 from autopilot_bridge.clients.native import NativeClient
 from autopilot_bridge.items import Items, Plan, has_position
-from autopilot_bridge.links.connection import Connection
+from autopilot_bridge.links.asyncio_connection import Connection
 from autopilot_bridge.links.signing import Signing
 from autopilot_bridge.links.tlog_writer import Tlog
 from autopilot_bridge.missions.check import adapted, check
-from autopilot_bridge.missions.planfile import WPL_SUFFIXES, write_any
+from autopilot_bridge.missions.plan_file import WPL_SUFFIXES, write_any
 from autopilot_bridge.missions.transfer import MISSION_TYPES, Kind, TransferResult
 from autopilot_bridge.stacks.stacks import Stack
 from autopilot_bridge.vehicle.client_events import Connected, TransferFinished

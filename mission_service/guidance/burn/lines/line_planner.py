@@ -19,12 +19,17 @@ import shapely
 from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
-from firemodel.ellipses.observations import Simulation
+from firemodel.ellipses.point_observations import Simulation
 from mission_service.config.sections import BurnSection
 from mission_service.errors import MissionServiceError
 from mission_service.guidance.burn.burn_unit import BurnUnit
-from mission_service.guidance.burn.hazard import hazard_of, margins_of
-from mission_service.guidance.burn.ignition_lines import (
+from mission_service.guidance.burn.lines.flight_constraints import (
+    FireOfSources,
+    FlightConstraints,
+    FlightPoint,
+)
+from mission_service.guidance.burn.lines.hazard import hazard_of, margins_of
+from mission_service.guidance.burn.lines.ignition_lines import (
     IgnitionLine,
     alignment_m,
     drop_points,
@@ -32,13 +37,7 @@ from mission_service.guidance.burn.ignition_lines import (
     line_across,
     upwind_of,
 )
-from mission_service.guidance.burn.line_flight import (
-    FireOfSources,
-    FlightConstraints,
-    FlightPoint,
-    LineFlight,
-    fly_line,
-)
+from mission_service.guidance.burn.lines.line_flight import LineFlight, fly_line
 
 Floats = NDArray[np.float64]
 

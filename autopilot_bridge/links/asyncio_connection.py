@@ -8,10 +8,11 @@ from collections.abc import Callable
 from typing import Protocol, Self, runtime_checkable
 
 from autopilot_bridge.links.codec import Codec
-from autopilot_bridge.links.link import parse_link
+from autopilot_bridge.links.link_address import parse_link
 from autopilot_bridge.links.signing import Counts, Key, Signing, is_secret, is_signed, setup_signing
 from autopilot_bridge.links.tlog_writer import Tlog
-from autopilot_bridge.links.transports import Batch, transport_of
+from autopilot_bridge.links.transport import Batch
+from autopilot_bridge.links.transports import transport_of
 
 SHORTEST_WAIT_S = 0.001
 

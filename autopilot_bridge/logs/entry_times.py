@@ -55,7 +55,7 @@ class FlightTime:
         self._anchor: tuple[int, int] | None = None  # (flight time, stamp) of the last record
         self._offset_us: dict[int, int] = {}  # flight time minus time since boot, by system
 
-    def at(self, stamp_us: int, system: int, boot_us: int | None) -> int:
+    def flight_us(self, stamp_us: int, system: int, boot_us: int | None) -> int:
         """Return the flight time of a record, from its stamp and its time since boot (if any)."""
         if self._rate == 1.0:
             return stamp_us

@@ -20,8 +20,8 @@ from autopilot_bridge.items import (
     jumps_moved,
     params_of,
 )
-from autopilot_bridge.missions.numbers import whole
-from autopilot_bridge.missions.textfile import write_text
+from autopilot_bridge.missions.plan_values import whole
+from autopilot_bridge.missions.text_file import write_text
 
 _HOME_ITEMS = {"QGC WPL 110": 1, "QGC WPL 120": 0}  # number of home items at the beginning
 _AMSL = (mavlink.MAV_FRAME_GLOBAL, mavlink.MAV_FRAME_GLOBAL_INT)

@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
-from firemodel.outputs.raster_layers import Layer
+from firemodel.outputs.layer_legends import Layer
 
 DOCTYPE = "<!DOCTYPE qgis PUBLIC 'http://mrcc.com/qgis.dtd' 'SYSTEM'>\n"
 VERSION = "3.22.0"  # of QGIS; newer versions read its styles

@@ -7,7 +7,7 @@ from autopilot_bridge.items import MissionItem
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario
 from mission_service.config.sections import VehicleSection
-from mission_service.fire.setup import fire_position
+from mission_service.fire.scenario_fire import fire_position
 from mission_service.missions.from_path import mission_along
 from mission_service.missions.landing import Landing
 
@@ -30,5 +30,5 @@ def approach_mission(
         section,
         landscape,
         from_ground=True,
-        landing=Landing(scenario, section, landscape).at(scenario.first_flight_s),
+        landing=Landing(scenario, section, landscape).items_at(scenario.first_flight_s),
     )

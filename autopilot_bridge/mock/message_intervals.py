@@ -69,6 +69,6 @@ class Intervals:
         """Return whether the mock has this message."""
         return message_id in self._every
 
-    def due(self, step: int) -> list[int]:
+    def due_in(self, step: int) -> list[int]:
         """Return the ids of the messages that are due in a step."""
         return [key for key, every in self._every.items() if every and not step % every]
