@@ -190,7 +190,7 @@ async def measured_estimate(world: World, in_thread: bool) -> bool:
     probe, estimate = Probe(), world.context.estimate
     tasks = [asyncio.create_task(probe.run())]
     if in_thread:
-        tasks.append(asyncio.create_task(world.worker.run()))
+        tasks.append(asyncio.create_task(world.worker.fold_inputs()))
     await asyncio.sleep(0.1)
     good = True
     for name, case in [("idle", None), *estimate_cases(world)]:

@@ -29,6 +29,7 @@ from mission_service.journal.journal_file import Journal, header_of
 from mission_service.journal.private_files import refuse_links, writable_by_others
 from mission_service.journal.recovery import InterruptedRun, rename_old, resumed, unfinished
 from mission_service.journal.snapshot import Frozen, Known, restore
+from mission_service.live.estimate_worker import EstimateWorker
 from mission_service.live.interface_setup import (
     RunInterface,
     flush,
@@ -37,7 +38,6 @@ from mission_service.live.interface_setup import (
 )
 from mission_service.runtime.clocks import clock_us, last_written_s, wall_us
 from mission_service.runtime.engine import Engine, Progress, no_broadcast, unshown
-from mission_service.runtime.estimate_worker import EstimateWorker
 from mission_service.runtime.freed_memory import give_back_freed
 from mission_service.runtime.gateway import Gateway, MissionClock
 from mission_service.runtime.health_monitor import HealthMonitor
@@ -136,7 +136,7 @@ async def serve(
             lambda context: serve_control(listening, context.request_handler),
             *run_interfaces,
             lambda context: retention.maintain(clock),
-            lambda context: worker.run(),
+            lambda context: worker.fold_inputs(),
         ]
         is_over = await _run_tasks(context, tasks, exchange, check, stop, latest_us)
         # After SIGTERM, sent by a supervisor, the next start resumes the run.

@@ -19,8 +19,8 @@ from mission_service.interfaces.api.access.auth import ROLES, Tokens, User, new_
 from mission_service.interfaces.api.app import Application, app_of, role_of, routes_of
 from mission_service.interfaces.api.server import bound, serving
 from mission_service.journal.journal_file import Journal, header_of
+from mission_service.live.estimate_worker import EstimateWorker
 from mission_service.requests import Role
-from mission_service.runtime.estimate_worker import EstimateWorker
 from mission_service.runtime.request_handler import RequestHandler
 from mission_service.runtime.run_context import RunContext
 from mission_service.simulation.sim import Simulation

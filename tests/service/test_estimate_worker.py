@@ -86,7 +86,7 @@ def run(world: World, steps: Callable[[], Coroutine[Any, Any, None]]) -> None:
     """Run steps while the worker folds the inputs."""
 
     async def whole() -> None:
-        worker = asyncio.create_task(world.worker.run())
+        worker = asyncio.create_task(world.worker.fold_inputs())
         await asyncio.sleep(0)
         try:
             await steps()

@@ -23,7 +23,7 @@ class EstimateWorker:
         self._outcomes: dict[int, asyncio.Future[Exception | None]] = {}  # by the report's id
         self._bell = asyncio.Event()
 
-    async def run(self) -> None:
+    async def fold_inputs(self) -> None:
         """Fold inputs until cancelled; those that then wait are folded by the next read."""
         estimate = self._service.estimate
         estimate.in_background = True
