@@ -9,7 +9,8 @@ rules of a stack and write it in another format::
     print(*bridge.check(plan.mission, bridge.stack_named("ardupilot", "copter")), sep="\\n")
     bridge.write_any(Path("survey.waypoints"), plan, None)
 
-A name below is imported when it is first used; ``import autopilot_bridge`` alone loads none.
+Each of the names below is imported at its first use; ``import autopilot_bridge`` loads none of
+them.
 """
 
 import importlib

@@ -212,7 +212,7 @@ def _fire(random: Random, unit: BurnUnit) -> Floats:
 
 
 def _cut(random: Random, area: BaseGeometry) -> BaseGeometry:
-    """Return the whole area, or a random part of it as left after earlier lines."""
+    """Return the whole area, or a random part of it that earlier lines have not burned."""
     if random.random() < 0.7:
         return area
     half = shapely.affinity.rotate(

@@ -2,7 +2,7 @@
 
 The fire burns patches of five fuels for two hours. With 100 members a camera sees 200 m of its
 front, and the fire is forecast for 60 minutes. With 300 members a whole perimeter is processed and
-forecast for 30 minutes. Each line has the limit and the ratio of the time to it.
+forecast for 30 minutes. Each line contains the limit and the ratio of the time to the limit.
 """
 
 import argparse

@@ -1,11 +1,11 @@
-"""The estimate of flights over fires unlike the model: ``-m benchmarks.flown_estimate FIRST LAST``.
+"""Errors of the estimate in flights, with a wrong model: ``benchmarks.flown_estimate FIRST LAST``.
 
-One plane circles the fire of the default scenario in virtual time. The simulated fire of each seed
-has another wind (a factor with a standard deviation of 30 %, a turn of 30 degrees), moisture (25 %)
-and spread rate (30 %) than the estimate receives. Half an hour apart, the estimate and the
-forecasts of its ensemble for 30 and 60 minutes are compared with the simulated fire. The error is
-the area that differs, as a share of the simulated fire's area. Persistence is the estimated area at
-the start of the forecast; the model alone has no observations.
+One plane circles the fire of the default scenario in virtual time. Wind, moisture and spread rate
+of the simulated fire differ from those that the estimate receives (standard deviations: 30 % and 30
+degrees, 25 %, 30 %). Every half hour, the estimate and the forecasts of its ensemble for 30 and 60
+minutes are compared with the simulated fire. The error is the area that differs, divided by the
+area of the simulated fire. Persistence is the estimated area at the start of the forecast; the
+model alone has no observations.
 """
 
 import argparse
@@ -33,7 +33,7 @@ CHANGES = ("deploy_at_s=2400", "planner.rule=circling", "duration_s=20000")
 
 
 def wrong_scenario(seed: int, members: int) -> Scenario:
-    """Return the default scenario with a simulated fire unlike the estimate's model."""
+    """Return the default scenario with a simulated fire that differs from the estimate's model."""
     rng = np.random.default_rng((4242, seed))
     section = SimulatedFireSection(
         wind_factor=math.exp(rng.normal(0.0, 0.3)),
@@ -46,7 +46,7 @@ def wrong_scenario(seed: int, members: int) -> Scenario:
 
 
 def error(area: Mask, true: Mask) -> float:
-    """Return the area that differs, as a share of the true area."""
+    """Return the area that differs, divided by the true area."""
     return float(np.count_nonzero(area ^ true) / np.count_nonzero(true))
 
 

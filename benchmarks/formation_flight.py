@@ -121,7 +121,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "journal.jsonl"
         scenario = load_scenario("virtual-agents")
-        began_s = time.process_time()  # of this process alone, on one core
+        began_s = time.process_time()  # CPU time of this process on one core
         record, _ = simulate(scenario, path, created="")
         took_s = time.process_time() - began_s
         figures = figures_of(path)

@@ -44,7 +44,7 @@ READY_WITHIN_S = 240.0  # the first start may compile kernels
 ENDS_WITHIN_S = 60.0
 CLI = (sys.executable, "-m", "mission_service.cli")
 
-Seen = tuple[int, int, int, float]  # system id, lat_e7, lon_e7, time of arrival in s
+Seen = tuple[int, int, int, float]  # system id, lat_e7, lon_e7, and time of arrival in s
 
 
 def core_share(many: int) -> float:

@@ -38,7 +38,7 @@ def scenario() -> Scenario:
 
 
 async def forecasts(estimate: RunEstimate) -> None:
-    """Print the time of each forecast of a run, and the delay of other tasks meanwhile."""
+    """Print the time of each forecast of a run, and the delay of other tasks during it."""
     late_s: list[float] = []
 
     async def beat() -> None:

@@ -28,7 +28,7 @@ from benchmarks.link_shared import clock_us
 
 STATION = (255, 190)
 HOME = (36.3, -84.2, 300.0)
-DELAY_US = 10_000  # of the link in each direction
+DELAY_US = 10_000  # delay of the link in each direction
 Transfer = MissionUpload | MissionDownload | FtpUpload | FtpDownload
 ARDUPLANE = stack_named("ardupilot", "plane")
 

@@ -128,7 +128,7 @@ async def measured(world: World) -> bool:
                 )
                 assert sender.stdin is not None
                 assert sender.stdout is not None
-                await sender.stdout.readline()  # wait for its start, which is not measured
+                await sender.stdout.readline()  # the start of the process is not measured
                 for start in range(0, len(body), 65536):
                     sender.stdin.write(body[start : start + 65536])
                     await sender.stdin.drain()

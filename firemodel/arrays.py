@@ -23,7 +23,7 @@ def window_at(top: int, left: int, shape: tuple[int, ...]) -> Place:
 
 def widened(cells: Mask, reach: int) -> Mask:
     """Return the cells (y, x) with one of ``cells`` within ``reach`` rows and columns."""
-    from scipy.ndimage import maximum_filter  # SciPy takes a while
+    from scipy.ndimage import maximum_filter  # importing SciPy is slow
 
     if not reach:
         return cells

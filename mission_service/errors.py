@@ -30,7 +30,10 @@ class ControlError(MissionServiceError):
 
 
 class StateError(MissionServiceError):
-    """A snapshot cannot be used; the message states the reason. The journal has the same state."""
+    """A snapshot cannot be used; the message states the reason.
+
+    The state can be computed from the journal instead.
+    """
 
 
 class RefusedEventError(MissionServiceError):

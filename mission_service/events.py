@@ -370,7 +370,7 @@ class Rejected(OperatorEvent, frozen=True, tag=True):
 
 
 class Aborted(OperatorEvent, frozen=True, tag=True):
-    """An operator gave an abort: drops end, and vehicles climb to the safe height and hold."""
+    """An operator ordered an abort: drops end, and vehicles climb to the safe height and hold."""
 
 
 class OperatorHeartbeat(OperatorEvent, frozen=True, tag=True):
@@ -394,9 +394,9 @@ class LinesSkipped(OperatorEvent, frozen=True, tag=True):
 
 
 class FireReachedEdge(OperatorEvent, frozen=True, tag=True):
-    """The event that the simulated fire has reached the edge of the landscape.
+    """The simulated fire has reached the edge of the landscape.
 
-    The position is that of the first burned cell at the edge, which ignited at ``arrived_at_us``.
+    The position is the first burned cell at the edge, which ignited at ``arrived_at_us``.
     """
 
     arrived_at_us: MissionUs
@@ -449,7 +449,7 @@ class SettingsChanged(OperatorEvent, frozen=True, tag=True):
 
     alpha: Annotated[
         Annotated[float, Meta(ge=0, le=100)] | None,
-        Meta(description="Weight of the unevenness of the fire's spread; 0: the vehicle circles."),
+        Meta(description="Weight of uneven spread in decisions; 0: the vehicle circles."),
     ] = None
     reversal_margin: Annotated[
         Annotated[float, Meta(ge=0, le=100)] | None,
@@ -469,7 +469,7 @@ class SettingsChanged(OperatorEvent, frozen=True, tag=True):
         return {name: value for name, value in values.items() if value is not None}
 
 
-TUNED: dict[str, Any] = dict(SettingsChanged.__annotations__)  # their types with bounds, by name
+TUNED: dict[str, Any] = dict(SettingsChanged.__annotations__)  # types with bounds, by setting
 
 
 AnyOperatorEvent = (

@@ -9,7 +9,7 @@ import msgspec
 
 # Limits are checked when a message is decoded, because kernels compute with 64 bits.
 Us = Annotated[int, msgspec.Meta(ge=0, lt=2**61)]
-Number = Annotated[int, msgspec.Meta(ge=0, lt=2**40)]  # of a cell or a tile, or a count
+Number = Annotated[int, msgspec.Meta(ge=0, lt=2**40)]  # number of a cell or a tile, or a count
 
 
 class Message(msgspec.Struct, frozen=True, tag=True, tag_field="type"):
@@ -31,7 +31,7 @@ class State(Message, frozen=True, tag=True):
     x_m: float
     y_m: float
     altitude_amsl_m: float
-    velocity_x_m_s: float  # over the ground
+    velocity_x_m_s: float  # velocity over the ground
     velocity_y_m_s: float
     agent_x_m: float | None
     agent_y_m: float | None

@@ -16,7 +16,7 @@ from mission_service.requests import PATTERNS
 Schema = Mapping[str, Any]
 Path = Sequence[str | int]
 
-MAX_SHOWN = 60  # characters of a value
+MAX_SHOWN = 60  # maximum number of characters of a value
 UNKNOWN = object()  # stands for a value that is not shown
 WORDS = {pattern: words.removeprefix("give ") for pattern, words in PATTERNS.items()} | {
     r"^[\w-]+$": "letters, digits, - and _",

@@ -3,10 +3,10 @@
 MAVSDK (a C library in this process) receives the bytes from our link. It detects the vehicle,
 transfers missions and repeats commands. This module adds three steps that real autopilots require.
 A mission is checked before its upload, because ArduPilot keeps a truncated mission after a rejected
-item. It is read back after its upload, because MAVSDK's result alone does not prove the upload. It
-is then started by an item number, because ArduPlane flies to its old target until an item is
-commanded. MAVSDK's ``set_current_mission_item`` is not used: if the autopilot reports another
-number, the function repeats its request without end and without delay.
+item. After the upload the mission is read back, because MAVSDK's result does not prove the upload.
+The mission is then started by an item number, because ArduPlane flies to its old target until an
+item is commanded. MAVSDK's ``set_current_mission_item`` is not used: if the autopilot reports
+another number, the function repeats its request without end and without delay.
 """
 
 import asyncio
@@ -121,7 +121,7 @@ class MavsdkClient:
         """Replace the mission; see ``NativeClient.upload``."""
         for waiting in [job for job in self._waiting if job.action == "upload"]:
             self._waiting.remove(waiting)
-            ended = TransferResult("superseded", "a newer one replaced it", holds="the old one")
+            ended = TransferResult("superseded", "a newer upload replaced it", holds="the old one")
             self._events.append(TransferFinished(now_us, waiting.transfer_id, "upload", ended))
         return self._add(Job(0, "upload", tuple(items), begin, holds_first))
 

@@ -36,7 +36,7 @@ def library() -> Library:
     def log(level: int, message: str, file: str | None, line: int) -> bool:
         if level >= LogLevel.ERROR:
             logging.getLogger("mavsdk").error("%s", message)
-        return True  # otherwise MAVSDK writes the line to standard output
+        return True  # with False, MAVSDK would print the line
 
     log_subscribe(log)
     return Library(mavsdk, mavsdk.asyncio, missions, direct)
@@ -70,8 +70,8 @@ def upload_result(
 ) -> TransferResult:
     """Return the result of an upload, given MAVSDK's ``verdict`` and the items that were ``read``.
 
-    ``read`` is None if the read-back failed. After a TIMEOUT the upload may still be complete,
-    because perhaps only the last reply was lost.
+    ``read`` is None if the read-back failed. After a TIMEOUT the upload may be complete, because
+    perhaps only the last reply was lost.
     """
     reason = f"MAVSDK: {verdict}"
     may_be_complete = verdict in ("SUCCESS", "TIMEOUT", "PROTOCOL_ERROR", "NO_ANSWER")

@@ -8,9 +8,9 @@ from autopilot_bridge.clients.mavsdk_library import library
 
 POLL_INTERVAL_S = 0.05
 DETECTION_TIMEOUT_S = 10.0
-CALL_TIMEOUT_S = 120.0  # transferring the longest mission by a slow radio takes less
-NO_ANSWER = "NO_ANSWER"  # used instead of MAVSDK's result if a call does not return
-CLOSE_TIMEOUT_S = 5.0  # when the service ends, active transfers have this time to end
+CALL_TIMEOUT_S = 120.0  # longer than the transfer of the longest mission by a slow radio
+NO_ANSWER = "NO_ANSWER"  # the result of a call that does not return
+CLOSE_TIMEOUT_S = 5.0  # time for active transfers to end when the service stops
 Result = TypeVar("Result")
 
 
@@ -77,7 +77,8 @@ class MavsdkSystem:
 
     def _returned(self, task: asyncio.Task[Any]) -> None:
         self._calls.discard(task)
-        task.cancelled() or task.exception()  # read here, because perhaps no task waits for it
+        # Read the result here, because perhaps no task waits for it.
+        task.cancelled() or task.exception()
 
     async def pause(self) -> None:
         """Wait for one polling interval."""

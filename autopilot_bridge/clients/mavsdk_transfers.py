@@ -56,7 +56,7 @@ class MavsdkTransfers:
         self._monitor = monitor
         self._target = target
         self._clock = clock
-        self._begin: MissionActivation | None = None  # the active start
+        self._begin: MissionActivation | None = None  # the start that is in progress
 
     def receive(self, message: Message, now_us: int) -> None:
         """Process a message of the vehicle, which may acknowledge the start of a mission."""

@@ -142,7 +142,7 @@ class NativeClient:
         return self._add(Job(0, "clear", kind), now_us)
 
     def cancel(self, transfer_id: int, now_us: int) -> None:
-        """Cancel a transfer; TransferFinished follows when the autopilot has also ended it."""
+        """Cancel a transfer; TransferFinished follows when the autopilot has ended the transfer."""
         self._send(*self._jobs.cancel(transfer_id, self._connected_stack(), now_us))
         self._advance(now_us)
 
@@ -178,7 +178,7 @@ class NativeClient:
         self._send(*messages)
         return drop_id
 
-    # Parameters; the ParametersFinished with the id reports the outcome.
+    # Parameters: each function returns an id; the ParametersFinished with this id has the outcome.
 
     def read_parameter(self, name: str, now_us: int) -> int:
         """Read one parameter."""
@@ -243,7 +243,8 @@ class NativeClient:
             self._parameters.next_timer(),
             self._monitor.alarm_timer(),
             lost_us,
-            None if lost_us is None else self._rates.next_timer(),  # not on a lost link
+            # No requests are sent on a lost link.
+            None if lost_us is None else self._rates.next_timer(),
         )
         return min((heartbeat_us, *(timer_us for timer_us in timers if timer_us is not None)))
 

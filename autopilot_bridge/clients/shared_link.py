@@ -61,7 +61,7 @@ class SharedLink:
     ) -> None:
         """Create the link; with ``expects`` only vehicles registered by ``expect`` are accepted.
 
-        ``signed`` tells whether the signatures of received frames are verified.
+        ``signed`` is True if the signatures of received frames are verified.
         """
         self.name = name
         self.called = ""  # the remote to which the link connects; "" if it listens
@@ -77,7 +77,8 @@ class SharedLink:
         self._signed = signed
         self._sources: dict[int, RemoteBinding] = {}
         self._heartbeat_due_us = 0
-        self._timers: list[tuple[int, int]] = []  # a heap; outdated entries are not removed
+        # A heap, from which outdated entries are not removed.
+        self._timers: list[tuple[int, int]] = []
         self._due_us: dict[int, int] = {}
 
     def expect(self, system: int, max_speed_m_s: float | None = None) -> NativeClient:
@@ -191,7 +192,7 @@ class SharedLink:
         due = []
         while self._timers and self._timers[0][0] <= now_us:
             due_us, system = heapq.heappop(self._timers)
-            if self._due_us.get(system) == due_us:  # otherwise outdated or a duplicate
+            if self._due_us.get(system) == due_us:  # otherwise the entry is outdated or a duplicate
                 del self._due_us[system]
                 due.append(system)
         for system in due:

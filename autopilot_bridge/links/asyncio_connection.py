@@ -80,8 +80,8 @@ class Connection:
         self._tlog = tlog
         self._signing = signing
         self._link_id = link_id
-        self.counts = Counts()  # of this link; ``signing`` counts over all its links
-        self.receives_signed = False  # without ``signing``: whether the last frame was signed
+        self.counts = Counts()  # counts of this link; ``signing`` has those of all links
+        self.receives_signed = False  # True if the last frame was signed but not verified
         self._activity = asyncio.Event()
         self._open = False
         self._timer: asyncio.TimerHandle | None = None
@@ -167,7 +167,8 @@ class Connection:
             return
         if self._timer is not None:
             if self._armed_us <= due_us:
-                return  # the expiry restarts it; a restart for every datagram costs more
+                # The timer is set again when it expires; setting it for every datagram costs more.
+                return
             self._timer.cancel()
         self._armed_us = due_us
         wait_s = max((due_us - self._clock()) / 1e6 / self._rate, SHORTEST_WAIT_S)

@@ -23,7 +23,7 @@ GUST_M_S = 115.0
 SPEED_M_S = 150.0
 TURN_RAD = 2.0 * math.pi
 LOWEST_M, HIGHEST_M = -1000.0, 30_000.0
-MAX_PARAM = 1e12  # maximum of an item's params; the values of all commands are far below it
+MAX_PARAM = 1e12  # maximum of an item's params; all valid values are far smaller
 
 
 class Bound(NamedTuple):

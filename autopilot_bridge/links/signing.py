@@ -83,9 +83,11 @@ def key_of(text: str) -> Key:
     elif text:
         secret = hashlib.sha256(text.encode()).digest()
     else:
-        raise BridgeError("signing key: it is empty; give a passphrase, or hex: and 64 digits")
+        raise BridgeError(
+            "signing key: the text is empty; give a passphrase, or hex: and 64 digits"
+        )
     if len(secret) != 32:
-        raise BridgeError(f"signing key: it has {len(secret)} bytes; a key has 32")
+        raise BridgeError(f"signing key: it has {len(secret)} bytes; give 32 bytes")
     if not any(secret):
         raise BridgeError("signing key: a key of zeros turns signing off; use another key")
     return Key(secret)
@@ -114,7 +116,7 @@ def held(source: str, what: str) -> str:
         except UnicodeDecodeError:
             raise BridgeError(f"{what}: {name}: is not a text file") from None
     else:
-        raise BridgeError(f"{what}: give its place as file:PATH or env:NAME")
+        raise BridgeError(f"{what}: give its location as file:PATH or env:NAME")
     return text.partition("\n")[0].rstrip("\r")
 
 
@@ -161,7 +163,10 @@ class Timestamps:
         self._file = file
         self._last = self._reserved = 0 if file is None else _stored(file)
         if self._last == 0 and ticks_of(wall_us()) == 0:
-            raise BridgeError("signing: the clock is before 2015; set it, or no frame verifies")
+            raise BridgeError(
+                "signing: the clock is before 2015; set the clock, because receivers reject such "
+                "frames"
+            )
 
     def next(self) -> int:
         """Return the next frame's timestamp. Raises BridgeError if the file cannot be written."""
@@ -198,7 +203,7 @@ def _stored(file: Path) -> int:
         return 0
     except (OSError, ValueError):
         raise BridgeError(
-            f"signing: {file}: contains no timestamp; remove it if the clock is right"
+            f"signing: {file}: contains no timestamp; if the clock is right, remove the file"
         ) from None
 
 
@@ -211,9 +216,10 @@ class Counts:
 
     good: int = 0
     unsigned_allowed: int = 0
-    unsigned: int = 0  # rejected, like all frames that the fields below count
+    unsigned: int = 0  # rejected, like the frames counted in the fields below
     wrong: int = 0  # signed with another key, or altered in transit
-    repeated: int = 0  # not later than the last frame of the stream: replayed or reordered
+    # The timestamp is not later than the last one of the stream: replayed or reordered.
+    repeated: int = 0
     old: int = 0  # first frame of a stream, too far in the past
     ahead: int = 0  # too far in the future: the sender's clock or ours is wrong
 
@@ -264,7 +270,7 @@ class Signing:
         return verdict in ("good", "unsigned_allowed")
 
     def lead_s(self, system_id: int | None = None) -> float:
-        """Return by how many seconds the streams are ahead of our clock at most.
+        """Return the largest lead, in seconds, of a stream over our clock.
 
         With ``system_id``, only streams from this system count. If the lead is above 60, the sender
         may reject our frames. If our clock was two minutes slow, an ArduPilot 4.6 sent valid frames

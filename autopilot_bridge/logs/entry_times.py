@@ -7,11 +7,11 @@ at another rate, flight time advances at that rate too.
 from collections.abc import Iterator
 from statistics import median
 
-Sample = tuple[int, int, int]  # system id, stamp and time since boot, both in microseconds
+Sample = tuple[int, int, int]  # system id, stamp, and time since boot; times in microseconds
 
 SAMPLES, MIN_PAIRS = 400, 10
-SPAN_US, APART_US = 5_000_000, 1_000_000  # minimum times from first to last stamp, and in a pair
-MIN_RATE, MAX_RATE = 0.8, 1.25  # rates between these are due to clock errors or link delays
+SPAN_US, APART_US = 5_000_000, 1_000_000  # minimum time from first to last stamp, and within a pair
+MIN_RATE, MAX_RATE = 0.8, 1.25  # rates in this range may come from clock errors or link delays
 LEAP_US = 60_000_000  # a time this far ahead of the expected one is noise or a reboot
 STILL_US = 1_000_000  # if no time since boot arrives for this long, the rate is used
 

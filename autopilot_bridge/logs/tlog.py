@@ -10,7 +10,6 @@ time is derived from the autopilots' time since boot (``entry_times.py``).
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import islice
-from pathlib import Path
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -28,9 +27,9 @@ from autopilot_bridge.links.message_bounds import list_out_of_bounds, out_of_bou
 from autopilot_bridge.logs.entries import (
     LATEST_US,
     Acknowledged,
-    Damage,
     Entry,
     GripperMoved,
+    Log,
     LogEvent,
     MissionLoaded,
     Outputs,
@@ -73,14 +72,8 @@ MESSAGE_IDS = frozenset(
 )
 
 
-class TlogLog:
+class TlogLog(Log):
     """The reader of a .tlog file; systems that send frames from component 1 are vehicles."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self.messages = 0
-        self.damage: list[Damage] = []
-        self.names: dict[int, str] = {}
 
     def unix_offset_us(self) -> int | None:
         """Return 0, because the stamps are microseconds since 1970."""
@@ -260,7 +253,7 @@ class _Missions:
                 return []
             try:
                 items = decode_mission_file(bytes(file), mavlink.MAV_MISSION_TYPE_MISSION)
-            except BridgeError:  # incomplete: the vehicle has also rejected it
+            except BridgeError:  # an incomplete file, which the vehicle has also rejected
                 return []
             if list_out_of_bounds(items):
                 return []

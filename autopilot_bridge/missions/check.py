@@ -75,7 +75,7 @@ def _bad_item(index: int, item: MissionItem, stack: Stack, rules: Rules) -> Iter
         yield problem("refused", index, item, "command", reason, instead)
         return
     if item.command in rules.invalidates_mission:
-        reason = "it is stored, and then the whole mission is rejected"
+        reason = "the item is stored, and then the whole mission is rejected"
         yield problem("refused", index, item, "command", reason, instead)
     if item.command in rules.not_run:
         reason = f"an {stack.name} {stack.vehicle} stores it and skips it in flight"
@@ -147,7 +147,7 @@ def _bad_jumps(items: Sequence[MissionItem]) -> Iterator[Problem]:
     for index, item in enumerate(items):
         whole = math.isfinite(item.param1) and item.param1 == math.trunc(item.param1)
         if item.command == _JUMP and not (whole and 0 <= item.param1 < len(items)):
-            reason = "no item has this index; the jump is accepted, but the mission ends or errs"
+            reason = "no item has this index; the jump is accepted, but the mission fails"
             remedy = f"give an index from 0 to {len(items) - 1}"
             yield problem("dangerous", index, item, "param1", reason, remedy)
 
@@ -162,7 +162,14 @@ def _never_reached(items: Sequence[MissionItem], rules: Rules) -> Iterator[Probl
             if items[index].command in LAND_SEQUENCES or index in jumps:
                 break
             reason = f"the loiter at item {start} never ends"
-            yield problem("dropped", index, items[index], "command", reason, "move it before")
+            yield problem(
+                "dropped",
+                index,
+                items[index],
+                "command",
+                reason,
+                "move this item before the loiter",
+            )
             reported.add(index)
     navigation = [
         index

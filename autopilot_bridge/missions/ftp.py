@@ -1,19 +1,19 @@
 """Uploads and downloads ArduPilot's mission files over MAVFTP.
 
 opening --ACK--> moving --replies to all blocks--> closing --ACK--> ended
-opening: repeated on timeout with the same number, so that the autopilot sends its reply again;
-         while another session is open, requested again after three seconds and after six
+opening: repeated on timeout with the same number, so that the autopilot sends its reply again; if
+    another session is open, repeated after three and after six seconds
 moving:  up to five reads or writes are pending; each is repeated if its reply is late
 closing: the autopilot applies the written data only now
 
-Whenever the link is lost, the mission on board is the whole old mission or the whole new mission.
-Each write ends between two items. If a session is closed too early (by us or by another station),
-whole items are missing, and they are zeros in the autopilot's buffer. ArduPilot rejects a file with
-an item of zeros before it changes the old mission. Only a session that is certainly ours is closed.
-The caller must read back after every upload, because the applied mission can differ from the file
-although the autopilot acknowledged the closing. This happens if a command is rejected, or if the
-mission in flight was longer (``leaves_old_tail``). ``FtpDownload`` reads back; when it opens its
-file, an open session ends.
+If the link is lost, the mission on board is either the complete old mission or the complete new
+one. Each write ends between two items. If a session is closed too early (by us or by another
+station), complete items are missing; these are zeros in the autopilot's buffer. ArduPilot rejects a
+file with an item of zeros before it changes the old mission. This module closes a session only if
+the session is certainly ours. The caller must read back after every upload, because the applied
+mission can differ from the file although the autopilot acknowledged the closing. This happens if a
+command is rejected, or if the mission in flight was longer (``leaves_old_tail``). ``FtpDownload``
+reads back; when it opens a file, the autopilot ends an open session.
 """
 
 from collections import deque
@@ -38,9 +38,9 @@ from autopilot_bridge.missions.mission_file import (
 from autopilot_bridge.missions.read_back import MISSION, with_unheld
 from autopilot_bridge.missions.transfer import Address, TransferResult, TransferTiming, is_for
 
-MAX_PENDING = 5  # the autopilot discards a sixth without a reply
+MAX_PENDING = 5  # the autopilot discards a sixth request without a reply
 FIRST_BLOCK_BYTES = HEADER.size + 6 * ITEM.size  # 238
-BLOCK_BYTES = 6 * ITEM.size  # 228; a write may have 239
+BLOCK_BYTES = 6 * ITEM.size  # 228 bytes; a write may have 239
 # An open session can be replaced if the autopilot sent no FTP reply for 3 s.
 BUSY_WAIT_US = 3_200_000
 MAX_OPENINGS = 3
@@ -105,7 +105,7 @@ class _FtpTransfer:
         raise NotImplementedError
 
     def _ended(self, closed: bool) -> TransferResult:
-        """Return the result; all blocks were acknowledged, and if ``closed`` the closing too."""
+        """Return the result after all blocks (if ``closed``, also the end) were acknowledged."""
         raise NotImplementedError
 
     def _aborted(self, reason: str) -> TransferResult:
@@ -274,13 +274,13 @@ class _FtpTransfer:
         if self._state == "opening":
             self.result = TransferResult("failed", "the autopilot did not reply to FTP requests")
             return []
-        messages = self._close(None, now_us)  # if it arrives, it frees the session
+        messages = self._close(None, now_us)  # if this request arrives, the session is free again
         self.result = self._aborted("the autopilot stopped replying")
         return messages
 
 
 class FtpUpload(_FtpTransfer):
-    """The upload of a whole list of items; the caller must read back, whatever the result.
+    """The upload of a whole list of items; the caller must read back after every result.
 
     ``accepted``: the file was closed. ``unknown``: all data was sent, and the autopilot applies it
     now or when a station next opens a file. ``failed``: the old mission is on board. ``rejected``:
@@ -321,7 +321,9 @@ class FtpUpload(_FtpTransfer):
     def _ended(self, closed: bool) -> TransferResult:
         if closed:
             return TransferResult("accepted", "written and closed", items=self.items)
-        return TransferResult("unknown", "all data was written, the closing was not acknowledged")
+        return TransferResult(
+            "unknown", "all data was written, but the closing was not acknowledged"
+        )
 
     def _aborted(self, reason: str) -> TransferResult:
         if self._waiting:

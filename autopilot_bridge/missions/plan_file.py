@@ -190,7 +190,8 @@ def _jump(index: int, item: MissionItem, ids: dict[str, int]) -> MissionItem:
     target = ids.get(f"{item.param1:g}")
     if target is None:
         raise ValueError(
-            f"item {index} jumps to doJumpId {item.param1:g}, which no item has; give another"
+            f"item {index} jumps to doJumpId {item.param1:g}, which no item has; give another "
+            "target"
         )
     return replace(item, param1=float(target))
 
@@ -209,7 +210,7 @@ def _item(entry: Any) -> MissionItem:
         kind = entry.get("complexItemType")
         shown = f"{entry.get('type')} ({kind})" if kind else entry.get("type")
         raise ValueError(
-            f"is a {shown}; only simple items can be uploaded: convert it to waypoints first"
+            f"is a {shown}; only simple items can be uploaded: convert this item to waypoints first"
         )
     try:
         params = [

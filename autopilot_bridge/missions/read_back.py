@@ -1,4 +1,4 @@
-"""Computes which item an autopilot returns when an item is read back.
+"""Computes the item that an autopilot returns on a read-back.
 
 The data are in ``stacks/item_treatment.py``.
 """
@@ -129,8 +129,8 @@ def with_unheld(item: MissionItem, x: int = 0, y: int = 0, z: float = 0.0) -> Mi
     """Return an item of ArduPilot's mission file with x, y and z replaced where they are not used.
 
     In a file the unused fields contain old values from the autopilot's memory, because
-    ``AP_Mission::get_item`` does not initialise the item (source: 4.6.2). Observed was the position
-    of home in a DO_CHANGE_SPEED.
+    ``AP_Mission::get_item`` does not initialise the item (source: 4.6.2). For example, a
+    DO_CHANGE_SPEED contained the position of home (observed).
     """
     if takes_position(item, _IN_FILES):
         return item

@@ -2,13 +2,12 @@
 
 idle --start--> counted --request--> sending --last item sent--> sending
 counted: MISSION_COUNT is repeated on timeout
-sending: items are sent on request. If the autopilot accepts it, a few are sent before they are
-requested, until it repeats a request: then a message was lost, and each request is awaited
-any --MISSION_ACK--> ended
-sending --MISSION_ERROR--> sending, and ended after a timeout: it may be the reply to a duplicate
-(of MISSION_COUNT to PX4, of the last item to ArduPilot); then the transfer continues or succeeded
-sending, all sent, no MISSION_ACK --MISSION_CURRENT with the plan's id--> ended: it is on board
-any --cancel--> cancelling --OPERATION_CANCELLED or timeout--> ended
+sending: items are sent on request. If the autopilot accepts early items, a few are sent before they
+are requested. A repeated request means that a message was lost; from then on each request is
+awaited any --MISSION_ACK--> ended sending --MISSION_ERROR--> sending, and ended after a timeout: it
+may be the reply to a duplicate (of MISSION_COUNT to PX4, of the last item to ArduPilot); then the
+transfer continues or succeeded sending, all sent, no MISSION_ACK --MISSION_CURRENT with the plan's
+id--> ended: it is on board any --cancel--> cancelling --OPERATION_CANCELLED or timeout--> ended
 cancelling: no further item is sent; PX4 ends the transfer when cancelled, ArduPilot after 8 s
 """
 
@@ -26,7 +25,8 @@ from autopilot_bridge.missions.transfer import (
     rejected,
 )
 
-IDS = ("mission_id", "fence_id", "rally_points_id")  # of MISSION_CURRENT, by MAV_MISSION_TYPE
+# Fields of MISSION_CURRENT with the plan's id, by MAV_MISSION_TYPE.
+IDS = ("mission_id", "fence_id", "rally_points_id")
 
 
 class MissionUpload(Exchange):
@@ -49,7 +49,7 @@ class MissionUpload(Exchange):
         """
         super().__init__(address, timing)
         self.items = items
-        self.touched = False  # whether the upload may have changed the mission on board
+        self.touched = False  # True if the upload may have changed the mission on board
         self._first = first
         self._state: Literal["counted", "sending", "cancelling"] = "counted"
         self._tries = 0
@@ -128,7 +128,7 @@ class MissionUpload(Exchange):
 
     def _acknowledged(self, code: int, now_us: int) -> None:
         if code == mavlink.MAV_MISSION_INVALID_SEQUENCE:
-            return  # ArduPilot replies so to a duplicate, and continues
+            return  # ArduPilot's reply to a duplicate; it then continues
         if self._state == "cancelling" and code == mavlink.MAV_MISSION_OPERATION_CANCELLED:
             self.result = TransferResult("cancelled", "cancelled", code, self._requested_seq)
             return
@@ -145,13 +145,17 @@ class MissionUpload(Exchange):
         if self.result is not None or now_us < self._deadline_us:
             return []
         if self._state == "cancelling":
-            self.result = TransferResult("cancelled", "cancelled, the autopilot stopped replying")
+            self.result = TransferResult(
+                "cancelled", "cancelled; the autopilot has stopped replying"
+            )
             return []
         if self._possible_refusal is not None:
             self.result = self._possible_refusal
             return []
         if self._all_sent and self._plan_id and self._reported_id == self._plan_id:
-            words = "accepted: the acknowledgement was lost, the autopilot reports the plan's id"
+            words = (
+                "accepted: the acknowledgement was lost, but the autopilot reports the plan's id"
+            )
             self.result = TransferResult("accepted", words, items=self.items)
             return []
         self._tries += 1
@@ -161,7 +165,7 @@ class MissionUpload(Exchange):
         self.touched = True  # a lost MISSION_COUNT and a lost reply to it are indistinguishable
         seq = self._requested_seq
         if self._all_sent:
-            reason = "all items were sent, no acknowledgement arrived"
+            reason = "all items were sent, but no acknowledgement arrived"
             self.result = TransferResult("unknown", reason)
         elif self._state == "counted":
             reason = "the autopilot did not reply to MISSION_COUNT"

@@ -1,4 +1,4 @@
-"""Adds faults to a mock and takes its place on a link."""
+"""Adds faults to a mock; the faulty mock replaces the mock on a link."""
 
 from collections.abc import Callable
 from functools import partial
@@ -146,7 +146,7 @@ class FaultyMock:
         self.mock.battery_percent = failsafe_percent - 1.0
 
     def _stray(self, now_us: int) -> None:
-        """Send MISSION_ACKs with an error, of which one field shows: not for the station."""
+        """Send MISSION_ACKs with an error; one field shows that they are not for the station."""
         error = int(mavlink.MAV_MISSION_ERROR)
         for target, mission_type in ((SECOND_GROUND, 0), (GROUND, 1)):
             self.mock.send_message(_ack(target, error, mission_type))

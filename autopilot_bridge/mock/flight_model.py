@@ -27,7 +27,7 @@ from autopilot_bridge.mock.stack_constants import stack_constants_of
 Mode = Literal["idle", "mission", "hold", "rtl", "guided", "takeoff", "land", "orbit"]
 
 GLIDES_AT_M_S = 3.0  # minimum sink rate of a vehicle whose engine has failed
-GLIDES_BY = 0.7  # its share of the airspeed
+GLIDES_BY = 0.7  # minimum sink rate as a share of the airspeed
 # A copter lands at its estimated position after this time without satellites, with the default
 # parameters of the stacks (FS_EKF_ACTION = 1; PX4 without a remote control).
 BLIND_AFTER_S = {("ardupilot", "copter"): 8.0, ("px4", "copter"): 5.0}
@@ -111,7 +111,7 @@ class FlightModel(Body):
             self._hold_at = (motion.north_m, motion.east_m, motion.altitude_m)
             self.radius_m = DEFAULT_RADIUS_M
             self._return_amsl_m = self._return_altitude_amsl_m()
-            if self.stack.vehicle == "plane":  # a mode change ends a commanded speed
+            if self.stack.vehicle == "plane":  # a mode change cancels a commanded speed
                 self.limits = replace(self.limits, airspeed_m_s=self._cruise_m_s)
         if mode == "mission" and before != "mission":
             self.go_to(self.current, now_s)

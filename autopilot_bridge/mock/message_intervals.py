@@ -1,4 +1,4 @@
-"""Keeps the message rates of the mock: the stack's default rates until others are requested.
+"""Stores the message rates of the mock: the stack's default rates until other rates are requested.
 
 Without a request, in SITL, ArduPlane sends all messages at 1 Hz, ArduCopter sends only HEARTBEAT
 and texts, and PX4 sends the messages in the profile of its link.
@@ -57,7 +57,8 @@ class Intervals:
             self._every[message_id] = max(round(interval_us / STEP_US), 1)
 
     def only(self, *message_ids: int) -> None:
-        """Switch off all other messages, even after a restart; unused messages cost time."""
+        """Switch off all other messages, even after a restart, because unused messages take
+        computing time."""
         self._default = {key: n for key, n in self._default.items() if key in message_ids}
         self.reset()
 

@@ -1,6 +1,7 @@
 """Lists the differences between the two stacks' mission servers, as data.
 
-Observed on ArduPilot 4.6.2 and PX4 1.17.0 in simulation unless a comment names another source.
+The values were observed on simulated ArduPilot 4.6.2 and PX4 1.17.0, unless a comment names another
+source.
 """
 
 from dataclasses import dataclass

@@ -34,7 +34,7 @@ HOME_EVERY_STEPS = 80
 
 
 class TelemetrySender:
-    """The sender of the messages that are due after each step; ``send`` encodes and sends one."""
+    """The sender of the messages that are due after each step; ``send`` sends one message."""
 
     def __init__(
         self,

@@ -30,7 +30,7 @@ RALLY_POINT = mavlink.MAV_CMD_NAV_RALLY_POINT
 ENDLESS = mavlink.MAV_CMD_NAV_LOITER_UNLIM
 # Jumps, and NAV items whose numbers are not in the range of the NAV commands.
 OTHER_NAVIGATION = frozenset((177, 601, 213, 42702, 42703))
-LAND_SEQUENCES = frozenset((188, 189))  # failsafes may enter a mission at these items
+LAND_SEQUENCES = frozenset((188, 189))  # items at which a failsafe may enter a mission
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +39,7 @@ class Rules:
 
     frames: frozenset[int]  # accepted frames of items with a position
     position: dict[int, str]  # accepted commands with a position, and words for params 1 to 4
-    bare: dict[int, str]  # likewise for accepted commands without a position
+    bare: dict[int, str]  # accepted commands without a position, and words for params 1 to 4
     bare_frame: int | None  # the only accepted frame of items without a position
     bare_xyz: dict[int, str]  # which of x, y, z are stored for commands without a position
     frames_read: dict[int, int]  # the frame that is read back for each frame sent
@@ -47,12 +47,14 @@ class Rules:
     max_altitude_m: float
     nan_ok: dict[int, tuple[int, ...]] | None  # params that may be NaN; None means all
     zero_is_default: dict[int, tuple[int, ...]]  # params where 0 is equivalent to NaN
-    accepts_bad_numbers: bool  # accepts invalid numbers, so that only our own check rejects them
+    accepts_bad_numbers: bool  # the stack accepts invalid numbers; only our own check rejects them
     zero_is_current_position: bool  # latitude = longitude = 0 is the vehicle's current position
-    not_run: frozenset[int] = frozenset()  # accepted, but skipped in flight
-    invalidates_mission: frozenset[int] = frozenset()  # stored, then the whole mission is rejected
+    not_run: frozenset[int] = frozenset()  # commands that are accepted, but skipped in flight
+    # Commands that are stored, but then the whole mission is rejected.
+    invalidates_mission: frozenset[int] = frozenset()
     one_trailing_do: bool = False  # after the last NAV item only one item is executed
-    allowed: dict[tuple[int, bool], tuple[float, ...]] = field(default_factory=dict)  # of param 1
+    # Limits of param 1.
+    allowed: dict[tuple[int, bool], tuple[float, ...]] = field(default_factory=dict)
     max_fence: int | None = None
     max_rally: int | None = None
     max_vertices: int | None = None

@@ -50,11 +50,11 @@ class Stack:
     item_0_is_home: bool
     atomic_upload: bool  # a failed upload leaves the old mission unchanged
     mission_files: bool  # transfers whole missions by MAVFTP
-    keeps_target: bool  # after an upload it flies to its old target until an item is set
+    keeps_target: bool  # after an upload it flies to the old target until an item is set
     items_ahead: int  # number of items that may be sent before they are requested
     rerequest_us: int  # an unanswered request for an item is repeated after this delay
-    # It sends the MISSION_ACK OPERATION_CANCELLED after this time without messages. With 0 it
-    # aborts without a message.
+    # The autopilot sends the MISSION_ACK OPERATION_CANCELLED after this time without messages. 0
+    # means that it aborts without a message.
     cancels_after_us: int
     max_items: int
     mission_mode: int

@@ -63,7 +63,7 @@ class _RequestQueue(Generic[R]):
     def _reported(self, request_id: int, request: R, sent: bool, now_us: int) -> bool:
         """Return whether the active request has ended, and report its end.
 
-        ``sent`` tells whether the request has just sent messages.
+        ``sent`` is True if the request has just sent messages.
         """
         raise NotImplementedError
 
@@ -81,7 +81,7 @@ class CommandQueue(_RequestQueue[CommandSequence]):
         super().__init__()
         self._own = own
         self._commanded_modes = commanded_modes
-        self._modes: dict[int, tuple[int, ...]] = {}  # modes commanded, by command id
+        self._modes: dict[int, tuple[int, ...]] = {}  # commanded modes, by command id
         self._timing = timing
         self._report = report
 

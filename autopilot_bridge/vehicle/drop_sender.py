@@ -27,8 +27,9 @@ FIRST_COMPONENT = int(mavlink.MAV_COMP_ID_USER1)
 PULSES_APART = 4
 RESET_INTERVAL_US = 50_000  # a dropper that is not reset cannot release another object
 MAX_RESETS = 40
-# PX4's gripper acknowledges a release with the first result when the reset arrives, and with the
-# second when a link has duplicated the command. In both cases the object may have been released.
+# PX4's gripper acknowledges a release with the first result if the reset arrives during the
+# release, and with the second if a link has duplicated the command. In both cases the object may
+# have been released.
 CANCELLED = 6
 ALREADY_DOING_IT = int(mavlink.MAV_RESULT_TEMPORARILY_REJECTED)
 

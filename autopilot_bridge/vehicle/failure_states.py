@@ -5,8 +5,8 @@ These flags of the position estimate are used (sources: ArduPilot 4.6.2 ``AP_Nav
 
 - attitude, horizontal velocity and absolute horizontal position: both stacks set each flag if the
   value is valid;
-- constant position mode: ArduPilot sets it if no sensor gives position or velocity. PX4 sets it
-  also while the vehicle stands still, so it is ignored for PX4;
+- constant position mode: ArduPilot sets it if no sensor gives position or velocity. PX4 also sets
+this flag while the vehicle stands still, so it is ignored for PX4;
 - a glitch of the satellite position: both stacks set it after a single bad sample, so it is
   reported only if two consecutive messages have it;
 - the prediction of the absolute position: if PX4 clears it, the position is dead reckoned without
@@ -41,8 +41,8 @@ NEEDED = (
     (mavlink.ESTIMATOR_VELOCITY_HORIZ, "velocity not valid"),
     (mavlink.ESTIMATOR_POS_HORIZ_ABS, "position lost"),
 )
-FOUND_AFTER = {GLITCH: 2}  # consecutive messages with a problem; 1 for the others
-ENDED_AFTER = 5  # consecutive messages without it
+FOUND_AFTER = {GLITCH: 2}  # number of consecutive messages with a problem; 1 for other problems
+ENDED_AFTER = 5  # number of consecutive messages without it
 
 
 def system_state(message: Message, at_us: int) -> SystemState:
@@ -86,9 +86,9 @@ class Estimator:
     """The problems of the position estimate, filtered over consecutive messages."""
 
     def __init__(self) -> None:
-        # Consecutive messages with each problem that is not reported yet.
+        # The number of consecutive messages with each problem that is not reported yet.
         self._present: dict[str, int] = {}
-        # Consecutive messages without each reported problem.
+        # The number of consecutive messages without each reported problem.
         self._absent: dict[str, int] = {}
 
     def receive(self, message: Message, at_us: int) -> EstimatorStatus:

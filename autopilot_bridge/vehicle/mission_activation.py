@@ -35,9 +35,9 @@ from autopilot_bridge.missions.transfer import (
 from autopilot_bridge.stacks.stacks import Step
 from autopilot_bridge.vehicle.command_sequence import command_message, result_words
 
-SETTLED_US = 300_000  # PX4 checks a new mission after it acknowledges it (observed: 60 ms)
+SETTLED_US = 300_000  # PX4 acknowledges a new mission before it checks it (observed: by 60 ms)
 UNFIT_FOR_US = 1_000_000
-ANSWERED_US = 700_000  # earlier messages after a command may have been sent before it
+ANSWERED_US = 700_000  # messages this soon after a command may have been sent before it
 OTHERS = 5  # consecutive messages with the id of another list
 TRIES = 12
 SET_CURRENT = mavlink.MAV_CMD_DO_SET_MISSION_CURRENT
@@ -162,7 +162,7 @@ class MissionActivation(Exchange):
     def _has_begun(self, seq: int) -> bool:
         """Return whether a sequence number alone proves that the mission has begun."""
         before = self._before.seq
-        if self._plan_id is not None:  # the same list: another item was commanded
+        if self._plan_id is not None:  # the list is the same; another item was commanded
             return seq != before
         if before is None or seq < self._shown:
             return False
@@ -190,7 +190,7 @@ class MissionActivation(Exchange):
         self._tries += 1
         if self._tries > TRIES:
             missing = "no MISSION_CURRENT" if self._last_seq is None else "no message"
-            self.result = TransferResult("failed", f"{missing} arrived that proves the start")
+            self.result = TransferResult("failed", f"{missing} that proves the start arrived")
             return []
         if self._needs_command and self._last_seq is not None:
             return self._send_request(now_us)

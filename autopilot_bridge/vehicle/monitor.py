@@ -48,12 +48,12 @@ class VehicleMonitor:
         self.stack: Stack | None = None
         self.armed = False
         self.custom_mode = 0
-        self._restarted = False  # whether it has restarted since the last ModeChanged
+        self._restarted = False  # True if the autopilot has restarted since the last ModeChanged
         self.current: int | None = None
         self.total: int | None = None
         self.plan_id: int | None = None  # id of the mission on board; ArduPilot has none
-        self.unfit = False  # whether the mission on board is missing or cannot be flown
-        self.critical = False  # whether its heartbeat reports a failsafe
+        self.unfit = False  # True if the mission on board is missing or cannot be flown
+        self.critical = False  # True if the heartbeat reports a failsafe
         self._heartbeat_timeout_us = heartbeat_timeout_us
         self._received_us: int | None = None
         self._lost = False
@@ -62,9 +62,10 @@ class VehicleMonitor:
         self._reached: int | None = None
         self._clock = BootClock()
         self._reach = Reach(max_speed_m_s)
-        # Whether its position estimate has been healthy since its start; None before its reports.
+        # Whether the position estimate has been healthy since the autopilot's start; None before
+        # its first report.
         self._settled: bool | None = None
-        self._estimate_healthy = True  # by the last report
+        self._estimate_healthy = True  # state of the fence in the last report
         self._alarms: dict[AlarmKind, int] = {}  # active alarms with their end times
         self._backward_jump_us = 0  # 0 if the time since boot did not jump back
         self.undecided_until_us = 0  # until this time a restart may still be detected
@@ -154,9 +155,7 @@ class VehicleMonitor:
             self._restarted = True
             self._settled = None if self._estimate_healthy else False
             return [Rebooted(now_us)]
-        words = (
-            f"its time since boot jumped {jump} and continues from there; it is used from now on"
-        )
+        words = f"its time since boot jumped {jump} and continues from there; it is used now"
         return [ClockChanged(now_us), *self._alarm("clock", words, now_us, again=True)]
 
     def _position(self, position: Position) -> list[ClientEvent]:
@@ -171,7 +170,7 @@ class VehicleMonitor:
         self.position = position
         if verdict == "kept":
             return [position]
-        words = f"its position jumped by {beyond_m:.0f} m and remains; it is used from now on"
+        words = f"its position jumped by {beyond_m:.0f} m and remains there; it is used now"
         return [*self._alarm("jump", words, position.at_us, again=True), position]
 
     def _alarm(

@@ -112,7 +112,7 @@ def return_height(stack: Stack, height_m: float) -> Steps:
     at least at 15 m. PX4 returns at a height that decreases near home.
     """
     if stack.vehicle != "copter":
-        raise BridgeError("the height of returns is set for multirotors only")
+        raise BridgeError("the return height can be set only for multirotors")
     if not 1.0 <= height_m <= 3000.0:
         raise BridgeError(f"return at {height_m:g} m: give 1 to 3000 m above home")
     if stack.name == "px4":
@@ -171,7 +171,7 @@ def orbit(
 def climb_and_hold(stack: Stack, lat_deg: float, lon_deg: float, altitude_amsl_m: float) -> Steps:
     """Return the step with which a multirotor climbs at a position and holds there."""
     if stack.vehicle != "copter":
-        raise BridgeError("climb and hold is for multirotors; a plane cannot climb in place")
+        raise BridgeError("only a multirotor can climb and hold; a plane cannot climb in place")
     return reposition(stack, lat_deg, lon_deg, altitude_amsl_m)
 
 
@@ -273,7 +273,8 @@ def _place(lat_deg: float, lon_deg: float, altitude_amsl_m: float) -> Place:
     )
 
 
-AT_ONCE = TransferTiming(timeout_us=400_000, retries=40)  # for commands that need fast retries
+# Timing of commands that need fast retries.
+AT_ONCE = TransferTiming(timeout_us=400_000, retries=40)
 
 
 class OrderContext(NamedTuple):

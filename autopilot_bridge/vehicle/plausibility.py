@@ -5,10 +5,10 @@ message was recorded).
 
 *Times.* The time since boot advances as fast as the link's clock; in simulations it may be faster
 or slower. A line is fitted to the received times by medians, so that a minority of wrong times has
-no effect. A time is not used if it is ahead of the line by more than ``AHEAD_US`` (in simulations,
-what the vehicle's clock advances in ten seconds). Nor is it used if it is behind the latest time by
-more than ``BACK_US`` (likewise five seconds). Delayed messages and bursts are behind the line and
-are accepted.
+no effect. A time is not used if it is ahead of the line by more than ``AHEAD_US`` (in simulations:
+by more than the vehicle's clock advances in ten seconds). Nor is it used if it is behind the latest
+time by more than ``BACK_US`` (in simulations: five seconds of the vehicle's clock). Delayed
+messages and bursts are behind the line and are accepted.
 
 Autopilots count from zero at their boot (``hrt_absolute_time`` in PX4, ``millis`` in ArduPilot). A
 new series of times is therefore a *restart* only if its first time since boot does not exceed the
@@ -22,8 +22,8 @@ positions in the time between them. Positions that are consistent with each othe
 ``PLACES_KEPT_US`` are adopted: a simulator's vehicle was moved, or a wrong position estimate was
 corrected. After the start of the autopilot the check begins when its position estimate is healthy.
 
-A forged message within these limits that comes from the vehicle's own address cannot be told from a
-true one. Signed links prevent forgery.
+A forged message within these limits that comes from the vehicle's own address cannot be
+distinguished from a true message. Signed links prevent forgery.
 """
 
 import math

@@ -23,7 +23,7 @@ from autopilot_bridge.vehicle.client_events import (
 )
 from autopilot_bridge.vehicle.failure_states import Estimator, fence_status, landed_state
 
-NO_PLACE_DEG_E7 = 1_000_000  # an area of sea, 500 km from any land
+NO_PLACE_DEG_E7 = 1_000_000  # an area of the sea, 500 km from any land
 UNKNOWN_VOLTAGE_MV = 65535
 FIXES = ("no gps", "no fix", "2d", "3d", "dgps", "rtk float", "rtk fixed", "static", "ppp")
 
@@ -181,7 +181,7 @@ class Changes:
 
 
 class Telemetry:
-    """The telemetry of one vehicle, without late or repeated messages and unchanged states."""
+    """The telemetry of one vehicle; late and repeated messages and unchanged states are dropped."""
 
     def __init__(self) -> None:
         self._boot_us: dict[str, int] = {}

@@ -1,7 +1,7 @@
 """Correct simulated fires by observations, and estimate fires from them.
 
-``fire_estimate`` is an ensemble of fires that follows cameras and mapped perimeters
-(``observation``); ``scores`` compares its forecasts with what was seen later.
+``fire_estimate`` is an ensemble of fires that is corrected by camera images and mapped perimeters
+(``observation``); ``scores`` compares its forecasts with later observations.
 
 The other modules correct the fires of prescribed burns and of operators' drawings: there an
 observation is a place, a time and a state (burned, burning or unburned). ``camera_front`` and

@@ -79,8 +79,8 @@ class ArrivalRaster:
     def _between(self, row: Floats, col: Floats) -> Floats:
         """Interpolate arrival times bilinearly at fractional rows and columns.
 
-        If fire does not reach all four surrounding cells, the arrival time of the nearest cell
-        holds.
+        If fire does not reach all four surrounding cells, the arrival time of the nearest cell is
+        returned.
         """
         rows, cols = self.landscape.shape
         top, left = (

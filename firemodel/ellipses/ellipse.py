@@ -29,8 +29,8 @@ from firemodel.physics.fuels import FUEL_MODELS
 from firemodel.physics.rothermel import FT_MIN_PER_M_S, fuel_bed, wind_factor
 from firemodel.physics.weather import WeatherStream, wind_adjustment_factor
 
-TILE = 64  # points in a tile
-DIRECTIONS = 12  # number of directions in which a source's reach is bounded
+TILE = 64  # average number of points in a tile
+DIRECTIONS = 12  # number of directions in which the reach of a source is bounded
 
 Places = NDArray[np.int32]
 
@@ -60,7 +60,7 @@ def spreads_of(
     """
     if fuel not in FUEL_MODELS:
         raise FireModelError(
-            f"fuel model {fuel}: unknown; give one of Anderson's or Scott & Burgan's"
+            f"fuel model {fuel}: unknown; give a fuel model of Anderson or of Scott & Burgan"
         )
     model = FUEL_MODELS[fuel]
     factor = float(wind_adjustment_factor(model.depth_ft))
@@ -88,7 +88,8 @@ def line_sources(points_m: Floats, at_s: float | Floats, spacing_m: float) -> Fl
     points = np.asarray(points_m, dtype=np.float64).reshape(-1, 2)
     if len(points) == 0 or not spacing_m > 0.0:
         raise FireModelError(
-            f"line of {len(points)} points, spacing {spacing_m} m: give a point and more than 0 m"
+            f"line of {len(points)} points, spacing {spacing_m} m: give at least one point and a "
+            "spacing of more than 0 m"
         )
     times = np.broadcast_to(np.asarray(at_s, dtype=np.float64), len(points))
     corners = np.column_stack([points, times])

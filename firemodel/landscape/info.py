@@ -49,7 +49,7 @@ from firemodel.physics.fuels import FUEL_MODELS, NON_BURNABLE
 Description = dict[str, Any]
 
 USUAL_NODATA = (-9999, -32768)
-REAL = "iuf"  # kinds of NumPy types
+REAL = "iuf"  # the kinds of NumPy's numeric types
 MAX_CODES = 200  # a band with more distinct values is not a band of fuel codes
 
 
@@ -88,7 +88,7 @@ def describe_rasters(
     layer, dtype, unit, nodata, least, most and no_data_cells. A band of fuel codes also has
     ``fuels`` (code, name, percent of the cells with a value) and non_burnable_pct. ``problems`` has
     one line for each reason for which ``read_landscape`` would reject the files, and ``notes`` one
-    for each fact that may be unintended or that a run ignores.
+    line for each value that is probably unintended and for data that a run ignores.
     """
     problems: list[str] = []
     pairs = _layers_and_bands(files, problems)
@@ -146,7 +146,7 @@ def _ignored(pairs: list[tuple[str, Band]]) -> Iterator[str]:
 
 
 def _table_note(band: Band, present: NDArray[Any]) -> Iterator[str]:
-    """Yield a note if a lookup table beside an unnamed band assigns its codes to other fuels."""
+    """Yield a note if a lookup table in the folder assigns other fuels to an unnamed band."""
     codes = np.unique(present)
     if codes.size <= MAX_CODES:
         other = renamed_code(band.path, {int(code) for code in codes}, FUEL_MODELS)
@@ -190,7 +190,7 @@ def _ground_notes(
 def describe_shapes(
     path: Path, *, crs: str | None = None, landscape: Landscape | None = None
 ) -> Description:
-    """Describe a file of shapes and check it; if a landscape is given, check its place too.
+    """Describe and check a file of shapes; with a landscape, check that the shapes lie on it.
 
     The keys of the result are ``file``, ``kind``, ``crs``, ``features`` (the number of features),
     ``types`` (the number of each type), ``extent`` (south, west, north, east in degrees) and
@@ -268,7 +268,7 @@ def _band_lines(band: Description) -> Iterator[str]:
 
 
 def _kept(problems: list[str], function: Callable[..., Any], *arguments: Any) -> Any:
-    """Return the result of a function; if it raises, add the error to ``problems``, return None."""
+    """Return the result of a function; on an error, add it to ``problems`` and return None."""
     try:
         return function(*arguments)
     except FireModelError as error:

@@ -27,7 +27,7 @@ from firemodel.physics.fuels import NON_BURNABLE
 from firemodel.spread.fire_scheme import Fire
 
 MAX_ISOCHRONES = 12
-MAX_TITLE = 90  # characters; a longer title does not fit in the figure
+MAX_TITLE = 90  # number of characters that fit in the figure
 FUEL_ALPHA, FIRE_ALPHA = 0.45, 0.85
 NOTE = "Simulated fire. Not for navigation. {crs}, graticule WGS 84, arrow to true north."
 
@@ -188,7 +188,7 @@ def _draw_legend(axes: Any, parts: Mapping[str, Sequence[tuple[str, str]]]) -> N
     )  # fmt: skip
     for text in legend.get_texts():
         text.set_fontweight("bold" if text.get_text() in parts else "normal")
-    axes.add_artist(legend)  # remains when a caller adds a legend of its own
+    axes.add_artist(legend)  # it remains if a caller adds another legend
     legend.set_clip_box(None)  # lies outside the axes
 
 

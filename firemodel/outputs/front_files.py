@@ -18,7 +18,7 @@ from firemodel.outputs.whole_file import write_whole
 from firemodel.spread.fire_scheme import Fire
 
 M2_PER_ACRE = 4046.8564224
-MIN_DEG, DECIMALS = 1e-7, 7  # a centimetre
+MIN_DEG, DECIMALS = 1e-7, 7  # about a centimetre
 
 
 def area_geometry(area: Any, landscape: Landscape) -> dict[str, Any]:
@@ -39,7 +39,7 @@ def area_geometry(area: Any, landscape: Landscape) -> dict[str, Any]:
 
     rounded = _within_180_deg(set_precision(transform(area, to_lon_lat), MIN_DEG))
     shapes = [orient(part) for part in get_parts(rounded) if part.geom_type == "Polygon"]
-    # Rounded again: multiples of 1e-7 degrees from shapely are not exact decimals as floats.
+    # Rounded again, because shapely's multiples of 1e-7 degrees have more decimals as floats.
     return {
         "type": "MultiPolygon",
         "coordinates": [

@@ -18,7 +18,7 @@ from firemodel.spread.fire_scheme import Fire
 
 MAX_ARRIVAL_CLASSES = 12
 SHORT_FIRE_S = 3 * 3600.0  # a shorter fire has classes shorter than an hour
-ARRIVAL_STEPS_MIN = (1, 2, 5, 10, 15, 30, 60, 120, 180, 360, 720)  # then whole days
+ARRIVAL_STEPS_MIN = (1, 2, 5, 10, 15, 30, 60, 120, 180, 360, 720)  # longer classes are whole days
 CHAIN_PER_H_M_S = 20.1168 / 3600.0
 KW_M_PER_BTU_FT_S = 3.4592
 
@@ -26,8 +26,8 @@ KW_M_PER_BTU_FT_S = 3.4592
 class ColourClass(NamedTuple):
     """A class of values, with its colour (#rrggbb).
 
-    ``upto`` is the upper limit of a range, which begins at the limit of the previous class, or the
-    value of a code.
+    ``upto`` is the value of a code, or the upper limit of a range. A range begins at the limit of
+    the previous class.
     """
 
     upto: float
@@ -83,7 +83,7 @@ def shades(count: int) -> list[str]:
 
 
 def ranges(limits: Sequence[float], labels: Sequence[str]) -> tuple[ColourClass, ...]:
-    """Return a class up to each of the limits, and one above the last limit."""
+    """Return one class up to each of the limits, and one class above the last limit."""
     bounds = [*limits, math.inf]
     return tuple(map(ColourClass, bounds, shades(len(bounds)), labels))
 

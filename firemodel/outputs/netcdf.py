@@ -29,7 +29,7 @@ from firemodel.spread.fire_scheme import Fire
 if TYPE_CHECKING:
     from netCDF4 import Dataset
 
-MAX_CHUNK = 512  # cells in each direction
+MAX_CHUNK = 512  # size of a chunk in each direction
 GRID: dict[str, Any] = {"grid_mapping": "crs", "coordinates": "lat lon"}
 
 
@@ -85,7 +85,7 @@ def write_netcdf(
             _add_grid(file, fire.landscape)
             _add_behaviour(file, fire, time_zero)
             _add_times(file, fire, times_s, time_zero)
-    except RuntimeError as error:  # from the library, for example on a full disk
+    except RuntimeError as error:  # raised by the library, for example on a full disk
         raise write_error(Path(path), error) from None
 
 

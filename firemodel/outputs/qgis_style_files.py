@@ -7,8 +7,8 @@ from xml.etree.ElementTree import Element, SubElement, indent, tostring
 from firemodel.outputs.layer_legends import Layer
 
 DOCTYPE = "<!DOCTYPE qgis PUBLIC 'http://mrcc.com/qgis.dtd' 'SYSTEM'>\n"
-VERSION = "3.22.0"  # of QGIS; newer versions read its styles
-OPACITY = "0.7"  # of a layer, so that the map below remains visible
+VERSION = "3.22.0"  # version of QGIS; newer versions read its styles
+OPACITY = "0.7"  # opacity of a layer, so that the map below remains visible
 OUTLINE = "35,35,35,255"
 
 

@@ -1,4 +1,4 @@
-"""Compute the outward speed of a fire front, whose straight parts move along their normals."""
+"""Compute the speed at which each part of a fire front moves outward along its normal."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -242,8 +242,8 @@ def plan(scenario: str, output: Path, vehicle: str | None, overrides: tuple[str,
 def decide_alone(journal: Path, rule: str | None, as_json: bool) -> None:
     """Run only the planners, on the positions and observations in a journal.
 
-    If the rule is that of the journal, each decision is compared with the recorded one, and the
-    exit code is 1 if one of them differs.
+    If the rule is that of the journal, each decision is compared with the recorded decision, and
+    the exit code is 1 if they differ.
     """
     from mission_service.replay.decisions import decide, in_text, summary_of
 
@@ -276,8 +276,8 @@ def config_check(file: str, overrides: tuple[str, ...], as_json: bool) -> None:
     try:
         summary = check(loaded)
         if loaded.vehicles and loaded.planner.rule not in own_ways():
-            Core(loaded, landscape_of(loaded))  # makes the planners of another package
-    except (FireModelError, MissionServiceError) as error:  # they do not name the file
+            Core(loaded, landscape_of(loaded))  # also creates the planners of other packages
+    except (FireModelError, MissionServiceError) as error:  # the message lacks the file
         raise ScenarioError(f"{scenario_path(file)}: {error}") from None
     for line in summary["warnings"]:
         echo_warning(line)

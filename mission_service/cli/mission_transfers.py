@@ -23,13 +23,14 @@ from mission_service.runtime.clocks import clock_us, wall_us
 from mission_service.runtime.link_signing import COMMAND_LINK_ID, key_missing, refusal, signings
 
 Result = TypeVar("Result")
-Request = Callable[[NativeClient, int], int]  # starts a transfer at a time in us
-KINDS: tuple[Kind, ...] = ("fence", "rally", "mission")  # PX4 checks a mission against its fence
+Request = Callable[[NativeClient, int], int]  # starts a transfer; the number is the time in us
+# In this order: PX4 checks a mission against the fence on board.
+KINDS: tuple[Kind, ...] = ("fence", "rally", "mission")
 
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """Link to an autopilot. ``signing_key`` is the source of its key; ``warn`` prints."""
+    """Link to an autopilot. ``signing_key`` is the source of its key; ``warn`` prints a warning."""
 
     link: str
     timeout_s: float
@@ -100,7 +101,7 @@ def _run(
 ) -> tuple[NativeClient, list[TransferResult]]:
     """Run transfers one after another with the first autopilot found.
 
-    Raises MissionServiceError if the autopilot does not accept all of them.
+    Raises MissionServiceError if the autopilot does not accept all transfers.
     """
     client = NativeClient(target_system=None)
     with connected(client, line, line.signing_key) as (connection, _):
@@ -114,7 +115,8 @@ def connected(
 ) -> Iterator[tuple[Connection, dict[str | None, Signing]]]:
     """Prepare a connection signed with ``signing_key``, and the signing for each given key.
 
-    The caller opens the connection. On exit, the .tlog and the file of timestamps are closed.
+    The caller opens the connection. On exit, the .tlog and the file of signing timestamps are
+    closed.
     """
     with contextlib.ExitStack() as stack:
         tlog = stack.enter_context(Tlog(line.tlog, wall_us)) if line.tlog else None

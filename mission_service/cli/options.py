@@ -28,7 +28,7 @@ def seconds(
 def scheduler_address(
     context: click.Context, parameter: click.Parameter, value: str | None
 ) -> str | None:
-    """Return an option's value if it is the address of a Dask scheduler; else BadParameter."""
+    """Return an option's value, the address of a Dask scheduler. Raises BadParameter."""
     if value is not None and SCHEDULER.fullmatch(value) is None:
         raise click.BadParameter(f"{value!r}: give HOST:PORT, as in tcp://10.0.0.1:8786")
     return value
@@ -41,7 +41,7 @@ class Folder(click.Path):
         super().__init__(file_okay=False, path_type=Path)
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return the path. Empty text, which would be the working folder, is refused."""
+        """Return the path; refuse empty text, which ``Path`` reads as the working folder."""
         if value == "":
             self.fail("is empty; give a folder, or . for the working folder", param, ctx)
         return super().convert(value, param, ctx)
@@ -121,9 +121,10 @@ def report_options(command: Command) -> Command:
 
 
 class Cores(NamedTuple):
-    """Where a command computes: the address of a Dask scheduler or None, and a number of workers.
+    """The workers of a command, on a Dask cluster or on this machine.
 
-    The number of threads or processes on this machine is used only without a scheduler.
+    ``scheduler`` is the address of the Dask scheduler. Without it, ``workers`` threads or processes
+    run on this machine.
     """
 
     scheduler: str | None
@@ -173,7 +174,7 @@ def echo_warning(text: str) -> None:
 
 
 def report_address(out: Path, address: str) -> None:
-    """Print the address of the map, and its token only on a terminal, never to a log."""
+    """Print the address of the map; its token is printed only on a terminal, never to a log."""
     if sys.stderr.isatty():
         click.echo(f"map: {address}", err=True)
     else:

@@ -10,7 +10,7 @@ import click
 class Interrupted(click.ClickException):
     """Ctrl-C ended the command."""
 
-    exit_code = 130  # as usual after this signal
+    exit_code = 130  # 128 plus the number of SIGINT
 
 
 def output_folder(out: Path) -> Path:
@@ -28,7 +28,7 @@ def output_folder(out: Path) -> Path:
     except OSError as error:
         raise MissionServiceError(f"{out}: cannot be created: {error.strerror}") from None
     try:
-        with TemporaryFile(dir=out):  # fails now, not after an hour of simulation
+        with TemporaryFile(dir=out):  # raises an error now, not after an hour of simulation
             pass
     except OSError as error:
         raise MissionServiceError(f"{out}: cannot be written to: {error.strerror}") from None
@@ -47,6 +47,6 @@ def results_in(out: Path, after_interrupt: str) -> Iterator[Path]:
     except KeyboardInterrupt:
         raise Interrupted(f"interrupted; {after_interrupt}") from None
     finally:
-        with suppress(OSError):  # it is not empty
+        with suppress(OSError):  # a folder that is not empty remains
             for each in created:
                 each.rmdir()

@@ -113,8 +113,8 @@ def replay(words: tuple[str, ...], **values: Any) -> None:
 
     --verify recomputes a journal; the exit code is 1 if anything differs. The stage "file" checks
     the checksum of each line. The stage "fire" compares the cameras' observations with those in a
-    new simulation of the fire. The stage "planner" compares the decisions on the recorded
-    observations, and the stage "core" all commands, bit for bit.
+    new simulation of the fire. The stage "planner" recomputes the decisions from the recorded
+    observations, and the stage "core" recomputes all commands; both compare bit for bit.
 
     --what-if planner=predictive alpha=1.5 --out DIR flies a journal's scenario again with mock
     autopilots and these settings. One page compares both runs.
@@ -162,7 +162,7 @@ def _batch(
 
     found = None if choice == ScenarioChoice() else chosen_scenario(flight, choice)
     if found is None and choice.at_s is not None:
-        raise click.UsageError("--at is mission time of a scenario; give one with --scenario")
+        raise click.UsageError("--at is a mission time of a scenario; add --scenario")
     if found is None:
         analysis, made = analysis_of(name, flight), out and output_folder(out)
     else:

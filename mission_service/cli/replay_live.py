@@ -64,8 +64,8 @@ def played(flight: "Flight", choice: "ScenarioChoice") -> "tuple[Pairing, Servic
 def play(flight: "Flight", choice: "ScenarioChoice", speed: str, options: "ReplayOptions") -> None:
     """Play logged flights on the map and over MQTT like a live run, until Ctrl-C.
 
-    The interfaces show the observations and decisions that the service would have made. They refuse
-    orders.
+    The interfaces show the observations and decisions that the service would have made. The
+    interfaces refuse orders.
     """
     import asyncio
     from functools import partial

@@ -189,7 +189,7 @@ def _parameters(do: str, field: Any) -> list[click.Parameter]:
         case "item":
             return [click.Argument([name], nargs=-1, required=True)]
     required = field.required and (do, name) not in COMPLETED
-    if required and not name.endswith("_m"):  # a radius is an option, distinct from LAT,LON
+    if required and not name.endswith("_m"):  # a radius is an option, unlike LAT,LON
         return [click.Argument([name], type=_type_of(kinds))]
     unit = next((each for each in UNITS if name.endswith(each)), "")
     word = name.removesuffix(unit).replace("_", "-")
@@ -283,9 +283,9 @@ def _refuse_not_finite(do: str, fields: dict[str, Any]) -> None:
 
 
 def _items(items: list[str], text: str) -> list[str]:
-    """Return the items that ``text`` selects by number (from 1), by their beginning, or with "all".
+    """Return the items that ``text`` selects: by number (from 1), by first letters, or "all".
 
-    Raises RequestError if another text than "all" does not select exactly one item.
+    Raises RequestError unless ``text`` is "all" or selects exactly one item.
     """
     from mission_service.errors import RequestError
 

@@ -56,7 +56,7 @@ async def _change_and_check(
         system = client.target_system
         assert system is not None
         connection.set_up_signing(OWN, (system, AUTOPILOT), key, wall_us(), signing)
-        client.download(clock_us(), by_file=False)  # the answer shows whether it signs
+        client.download(clock_us(), by_file=False)  # the answer shows whether the vehicle signs
         connection.flush()
         answer = await _until(client, connection, TransferFinished)
         if answer.result.outcome != "accepted" or connection.receives_signed:

@@ -20,7 +20,7 @@ from mission_service.config.section_base import (
 
 Bearing = Annotated[float, Field(ge=0, le=360)]
 Percent = Annotated[float, Field(ge=0, le=400)]
-LogSd = Annotated[float, Field(ge=0, le=1)]  # standard deviation of a logarithm
+LogSd = Annotated[float, Field(ge=0, le=1)]  # the standard deviation of a logarithm
 
 DEFAULT_ERRORS = Uncertainty()
 RASTER_KEYS = (
@@ -34,7 +34,7 @@ class LandscapeSection(Section):
 
     Level ground ("flat") is centred on ``lat_deg``, ``lon_deg`` and has one fuel and the elevation
     ``elevation_m``. Rasters are given as one file per layer, or as one ``file`` with all layers.
-    Such a file is an .lcp, or a stack with bands that are described in the file or named in
+    This one file is an .lcp, or a stack whose bands are described in the file or named in
     ``bands``. ``fuel_codes`` replaces codes of the fuel raster. ``custom_fuels`` is a .fmd file
     with further fuel models, and ``rate_factors`` an .adj file with factors of the spread rate.
     """
@@ -43,7 +43,7 @@ class LandscapeSection(Section):
     rows: Annotated[int, Field(ge=20, le=4000)] = 200
     cols: Annotated[int, Field(ge=20, le=4000)] = 200
     cell_size_m: Positive = 30.0
-    lat_deg: Annotated[float, Field(ge=-80, le=84)] | None = None  # the range of UTM zones
+    lat_deg: Annotated[float, Field(ge=-80, le=84)] | None = None  # latitudes that UTM zones cover
     lon_deg: Longitude | None = None
     elevation_m: Annotated[float, Field(ge=-500, le=9000)] = 0.0
     fuel_model: int = 1
@@ -107,7 +107,7 @@ class FuelMoisture(Section):
 
 
 class WeatherEntry(FuelMoisture):
-    """The weather from ``at_s`` on; the wind is that at 6.1 m (20 ft) above the vegetation."""
+    """The weather from ``at_s`` on; the wind applies 6.1 m (20 ft) above the vegetation."""
 
     at_s: NotNegative
     wind_speed_m_s: Annotated[float, Field(ge=0, le=100)]
@@ -149,7 +149,7 @@ class Ignition(Section):
 class FireSection(Section):
     """The scheme of fire spread, and the area that has already burned at the start.
 
-    ``precise`` lets the paths of the any-angle scheme bend in the middles of edges too.
+    With ``precise``, paths of the any-angle scheme may also bend in the middle of a cell's edge.
     ``perimeter`` is a file with polygons of the area that has burned by ``burning_at_s``. If only
     one of its features is used, ``perimeter_feature`` is its number. With ``repair_perimeter``,
     closed lines and invalid polygons become valid polygons. ``arrival`` is a raster of arrival
@@ -204,7 +204,7 @@ class EstimateSection(Section):
     """The ensemble that estimates a fire from observations.
 
     ``perimeter_error_m`` is the standard deviation of the outlines of mapped perimeters.
-    ``sensors`` are the names of other packages' sensors (``fire/sensors.py``) that are used.
+    ``sensors`` names the sensors of other packages (``fire/sensors.py``) to use.
     """
 
     members: Annotated[int, Field(ge=2, le=1000)] = 24
@@ -243,7 +243,7 @@ class SimulatedCameraSection(Section):
 
 
 class SimulationSection(Section):
-    """What is simulated; without ``fire`` no fire is simulated and no simulated camera observes."""
+    """The simulated fire and its cameras; without ``fire`` neither is simulated."""
 
     fire: SimulatedFireSection | None = None
     camera: SimulatedCameraSection = SimulatedCameraSection()

@@ -33,7 +33,7 @@ def read_broker(text: str, option: str = "--broker", port: int = PORT) -> Broker
 def is_host(text: str) -> bool:
     """Return whether a host name is valid (IDNA).
 
-    For some invalid names Python raises UnicodeError.
+    Python's encoder raises UnicodeError for some invalid names.
     """
     try:
         text.encode("idna")

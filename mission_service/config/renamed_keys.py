@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-# By table; ``[[vehicles]]`` is a list of tables.
+# Renamed keys by table; ``[[vehicles]]`` is a list of tables.
 RENAMED: Mapping[str, Mapping[str, str]] = {
     "planner": {
         "worst_age_s": "max_revisit_s",
@@ -25,7 +25,7 @@ RENAMED: Mapping[str, Mapping[str, str]] = {
     },
     "service": {"keep": "journal"},
 }
-# By table and key.
+# Renamed values by table and key.
 RENAMED_VALUES: Mapping[tuple[str, str], Mapping[str, str]] = {
     ("planner", "rule"): {"damped": "islam_hu_damped", "literal": "islam_hu"},
     ("landscape", "source"): {"geotiff": "files"},
@@ -39,7 +39,7 @@ def renamed_keys(data: Mapping[str, Any]) -> Iterator[str]:
         data: The scenario as parsed from TOML.
 
     Yields:
-        ``TABLE.OLD: was renamed in version 0.2; write NEW``, or the same of a value.
+        ``TABLE.OLD: was renamed in version 0.2; write NEW``, or the same for a value.
     """
     for table, names in RENAMED.items():
         found = data.get(table)

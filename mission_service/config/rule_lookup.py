@@ -1,8 +1,8 @@
 """Finds the way of flying for a ``planner.rule`` when a scenario is checked.
 
-Ways of flying are plug-ins. Those of this package are listed in ``guidance/registry.py``; those of
-other packages are entry points of ``GROUP``, each named like its rule. Both are loaded by the text
-``module:object``, so this module imports no planner.
+Ways of flying are plug-ins. ``guidance/registry.py`` lists the ways of flying of this package.
+Other packages register theirs as entry points of ``GROUP``, each with the name of its rule. A way
+of flying is loaded by its address ``module:object``, so this module imports no planner.
 """
 
 import re
@@ -65,7 +65,7 @@ def versions_of_others() -> dict[str, str]:
 
 @cache
 def way_named(rule: str) -> Way:
-    """Return the way of flying of a rule. Raises ValueError if it cannot be found or loaded."""
+    """Return the way of flying of a rule. Raises ValueError if no such rule can be loaded."""
     own = own_ways().get(rule)
     found = list(entry_points(group=GROUP, name=rule))
     if own is not None and found:
@@ -107,7 +107,7 @@ def _described(point: EntryPoint) -> str:
 
 
 def blamed(rule: str) -> str | None:
-    """Return the end of an error's text that names a rule of another package as the cause."""
+    """Return text that names a rule of another package as the probable cause of an error."""
     if rule in own_ways():
         return None
     where = ", ".join(_described(point) for point in entry_points(group=GROUP, name=rule))

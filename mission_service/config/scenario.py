@@ -48,7 +48,8 @@ from mission_service.value_errors import got, missing_key, remedy, schema_at
 SHIPPED = Path(__file__).parents[1] / "scenarios"
 MAX_DURATION_S = 3.2e8  # ten years
 S = TypeVar("S", bound=Section)
-OWN_ERRORS = ("value_error", "assertion_error")  # errors of the validators in this package
+# Pydantic's types of the errors that validators of this package raise.
+OWN_ERRORS = ("value_error", "assertion_error")
 
 
 def _in_use(time: datetime) -> datetime:
@@ -195,7 +196,7 @@ def load_run(name: str, overrides: tuple[str, ...] = ()) -> tuple[Scenario, Serv
 def run_of(
     data: dict[str, Any], path: Path, overrides: tuple[str, ...] = ()
 ) -> tuple[Scenario, ServiceSection]:
-    """Return what ``load_run`` returns, for the content of a file or of a journal's header."""
+    """Return what ``load_run`` returns, from the content of a file or a journal's header."""
     for override in overrides:
         apply_override(data, override)
     if renamed := list(renamed_keys(data)):
@@ -210,7 +211,7 @@ def run_of(
 
 
 def _of_override(error: ScenarioError, path: Path, overrides: tuple[str, ...]) -> ScenarioError:
-    """Return an error about a value that an override has set as an OptionError."""
+    """Convert an error about a value from an override to OptionError."""
     problem = str(error).removeprefix(f"{path}: ")
     keys = [override.partition("=")[0] for override in overrides]
     if problem.startswith(tuple(f"{key}{end}" for key in keys for end in (": ", "."))):
@@ -226,7 +227,7 @@ def parse_scenario(data: dict[str, Any], path: Path) -> Scenario:
 
 
 def rule_in(data: dict[str, Any]) -> str | None:
-    """Return the rule in the content of a scenario that is not checked yet; None without one."""
+    """Return the rule in the content of a scenario that is not checked yet, or None."""
     planner = data.get("planner")
     rule = planner.get("rule") if isinstance(planner, dict) else None
     return rule if isinstance(rule, str) else None
@@ -262,7 +263,10 @@ def _with_table_of(rule: str | None) -> type[Scenario]:
 
 @cache
 def _with_table(name: str, section: type[BaseModel]) -> type[Scenario]:
-    """Return the scenario model with a further table. Raises ScenarioError if it has that table."""
+    """Return the scenario model with a further table.
+
+    Raises ScenarioError if its name is in use.
+    """
     if name in Scenario.model_fields:
         raise ScenarioError(f"rule {name}: [{name}] is a table of all scenarios; rename the rule")
     needed = any(field.is_required() for field in section.model_fields.values())

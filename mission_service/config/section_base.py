@@ -29,7 +29,7 @@ Line = Annotated[str, AfterValidator(_printable)]
 
 
 class Section(BaseModel):
-    """A table of the file; read-only. It refuses unknown keys, and true and false as numbers."""
+    """A read-only table of the file, which refuses unknown keys, and true and false as numbers."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 

@@ -12,7 +12,7 @@ from mission_service.vehicles.vehicle_state import Vehicle
 
 AIRSPEED = "airspeed"
 DIFFERENCE_M_S, DIFFERENCE_SHARE = 2.0, 0.15  # the larger of the two is the tolerance
-LASTS_S = 60.0  # longer than climbs and turns
+LASTS_S = 60.0  # climbs and turns are shorter
 
 
 def airspeed_compared(vehicle: Vehicle, at_s: float) -> list[AnyCommand]:

@@ -1,8 +1,8 @@
 """Converts an autopilot's reports to announcements and alarms for operators. Pure.
 
-An alarm is raised when its cause is reported and cleared when the end of the cause is reported. The
-end of a text's cause is not reported, so a text's alarm is cleared ``TEXT_STANDS_S`` after the last
-text.
+An alarm is raised when its cause is reported and cleared when the end of the cause is reported.
+Autopilots do not report when the cause of a text has ended, so the alarm of a text is cleared
+``TEXT_STANDS_S`` after the last text.
 """
 
 from mission_service import events
@@ -45,7 +45,7 @@ def reported(vehicle: Vehicle, event: events.VehicleEvent) -> list[AnyCommand]:
             return [announce(vehicle, "landing", warning=True)]
         case events.LandedStateChanged():
             mode = vehicle.availability.mode
-            lands = mode in GOING_HOME  # the autopilot disarms next
+            lands = mode in GOING_HOME  # after a landing the autopilot disarms
             down = vehicle.availability.airborne and event.state == "on ground" and not lands
             words = f"on the ground in {named_mode(mode)}, and armed"
             return _alarm(vehicle, LANDED, down, words, "severe")

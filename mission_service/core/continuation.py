@@ -12,7 +12,7 @@ from mission_service.vehicles.vehicle_state import UnconfirmedState, Vehicle, an
 
 
 class Continuation:
-    """Continues flights after a restart; if they are ``prescribed``, it only announces missions."""
+    """Continues flights after a restart; in ``prescribed`` flights, only announces missions."""
 
     def __init__(
         self,
@@ -63,7 +63,7 @@ class Continuation:
             vehicle.start_again_at_s = at_s
         elif not waits and not on_board and (was.starting or vehicle.start_again_at_s):
             vehicle.holding, vehicle.start_again_at_s = True, None
-        else:  # the vehicle landed or rebooted meanwhile
+        else:  # the vehicle has landed or rebooted meanwhile
             waits = waits or (vehicle.started and not vehicle.start_again_at_s)
         return [announce(vehicle, WAITS, warning=True)] if waits else []
 

@@ -43,7 +43,7 @@ from mission_service.vehicles.vehicle_state import (
     announce,
 )
 
-BEFORE_MODES = ("", "initialising")  # before the first report, and while ArduPlane boots
+BEFORE_MODES = ("", "initialising")  # modes before the first report, and while ArduPlane boots
 
 
 class Core:
@@ -138,7 +138,7 @@ class Core:
         return [*commands, *self.guidance.on_vehicle(vehicle, event)]
 
     def _on_operator(self, event: events.AnyOperatorEvent) -> list[AnyCommand]:
-        if isinstance(event, events.Resumed):  # links and commands under way are unknown
+        if isinstance(event, events.Resumed):  # links and commands are unconfirmed
             for vehicle in self.vehicles.values():
                 if self._approvals is not None and vehicle.proposed is not None:
                     vehicle.due = vehicle.due or vehicle.proposed.due
@@ -159,11 +159,12 @@ class Core:
             case events.VehicleRebooted():
                 return self._rebooted(vehicle, event.at_us / 1e6, was)
             case events.EstimatorStatusChanged() if not (was.airborne or was.estimator_healthy):
-                # The problems of an estimator that starts change often: announced once.
+                # While the estimator starts, its problems change often: the alarm is enough.
                 return [each for each in reported(vehicle, event) if not isinstance(each, Announce)]
             case events.SystemStateChanged() | events.FenceStatusChanged():
                 commands = reported(vehicle, event)
-                if vehicle.availability.taken_over and not was.taken_over:  # hold by a failsafe
+                # A failsafe caused the hold.
+                if vehicle.availability.taken_over and not was.taken_over:
                     commands += self._taken_over(vehicle)
                 return commands
             case events.UploadFinished():
@@ -181,7 +182,7 @@ class Core:
     ) -> list[AnyCommand]:
         commands = texts_over(vehicle, at_s) + airspeed_compared(vehicle, at_s)
         if vehicle.availability.airborne and not was.airborne:
-            vehicle.start_again_at_s = None  # the due start was this takeoff
+            vehicle.start_again_at_s = None  # the takeoff was the start that was due
             commands += self._found_in_air(vehicle, was)
         return [*commands, *self._moved(vehicle, at_s, decision)]
 
@@ -208,7 +209,7 @@ class Core:
         return []
 
     def _progressed(self, vehicle: Vehicle, event: events.MissionProgress) -> list[AnyCommand]:
-        vehicle.takes_off &= event.current_seq == 0  # later, the takeoff item is completed
+        vehicle.takes_off &= event.current_seq == 0  # after item 0 the takeoff is complete
         return []
 
     def _moved(self, vehicle: Vehicle, at_s: float, decision: Decision | None) -> list[AnyCommand]:
@@ -240,7 +241,7 @@ class Core:
         return [*commands, *self.guidance.lead(vehicle, fix)]
 
     def _takes_no_decision(self, vehicle: Vehicle) -> bool:
-        """Return whether decisions are suspended for a vehicle without an operator's order."""
+        """Return whether decisions for a vehicle are suspended, apart from operators' orders."""
         availability = vehicle.availability
         if vehicle.unconfirmed is not None and not self._way.prescribed:
             return True  # wait until its mission is read back
@@ -327,13 +328,13 @@ class Core:
         return [] if self._approvals is None else [*self._approvals.withdraw(vehicle, why)]
 
     def _was_overridden(self, vehicle: Vehicle, was: "_Was") -> bool:
-        """Return whether another than the service has changed the mode on the ground."""
+        """Return whether the autopilot or its pilot has changed the mode on the ground."""
         mode, booted = vehicle.availability.mode, was.mode not in BEFORE_MODES
         changed = booted and mode != was.mode and mode not in LEADS_TO[StartMission]
         return changed and not vehicle.availability.airborne
 
     def _start_ended(self, vehicle: Vehicle) -> list[AnyCommand]:
-        """End a start that has not taken effect; the next one requires an order or an approval."""
+        """End a start that has not taken effect; the next requires an order or an approval."""
         vehicle.waits_for_operator |= not self._way.prescribed
         why = f"{named_mode(vehicle.availability.mode)} was not ordered"
         chosen = f"start ended: {why}, selected by its autopilot or pilot"
@@ -347,7 +348,7 @@ class Core:
         ended += back_under_control(vehicle)
         if not has_landed:
             return [*ended, announce(vehicle, f"disarmed {WAITS}", warning=True)]
-        # The mission on board begins in the air: a takeoff needs a new one.
+        # The mission on board begins in the air: a takeoff needs a new mission.
         vehicle.flown_line = vehicle.refusal = None
         self.traffic.forget(vehicle.name)
         return [*ended, announce(vehicle, "landed")]

@@ -147,8 +147,8 @@ class DecisionEngine:
             availability.mode_is_ordered = True
             availability.expected_until_s.clear()
             self.planners[event.vehicle].left(at_s)
-        elif event.mode == MISSION:  # under control, for any cause of the change
-            if (event.mode, event.armed) != before:  # not a repeated report
+        elif event.mode == MISSION:  # under control, even if a pilot selected the mode
+            if (event.mode, event.armed) != before:  # the report is not a repetition
                 availability.recalled &= availability.recalled_on_ground
             availability.held_by_upload, availability.mode_is_ordered = False, True
         else:
@@ -185,7 +185,7 @@ class DecisionEngine:
         availability: VehicleAvailability,
         event: events.GpsFixChanged | events.EstimatorStatusChanged,
     ) -> None:
-        """Record whether positions are reliable; if not, the vehicle leaves its planner."""
+        """Record whether positions are reliable; if not, remove the vehicle from its planner."""
         was_good = availability.position_good
         if isinstance(event, events.GpsFixChanged):
             availability.fix_good = event.good

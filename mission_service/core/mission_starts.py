@@ -1,4 +1,4 @@
-"""Starts of missions: when a vehicle may start, and when a refused start is repeated."""
+"""Decides when a vehicle may start its mission, and when a refused start is repeated."""
 
 from mission_service import events
 from mission_service.commands import AnyCommand, StartMission

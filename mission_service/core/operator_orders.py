@@ -90,7 +90,7 @@ class OperatorOrders:
         return [announce(vehicle, words, warning=True)]
 
     def _obstacle(self, vehicle: Vehicle, order: events.Order) -> str:
-        """Return why an order cannot be carried out even if it is confirmed; "" if it can."""
+        """Return why an order cannot be carried out even if confirmed, or ""."""
         availability, on_board = vehicle.availability, self._resumes_mission
         if order == "start" and vehicle.ordered:
             return "a hold is ordered: order resume first"
@@ -169,12 +169,12 @@ class OperatorOrders:
             vehicle.unconfirmed = replace(vehicle.unconfirmed, resumed=True)
             return [announce(vehicle, f"resumed by {by}: executed when its mission is read back")]
         if on_board:
-            if vehicle.flown_line is None:  # its mission on board is unknown
+            if vehicle.flown_line is None:  # the mission on board is unknown
                 vehicle.deployed, vehicle.holding = False, True
                 return [announce(vehicle, f"resumed by {by}: executed when it has a mission")]
             # The mission ends at the fire's edge; from there the formation controls the vehicle.
             return [announce(vehicle, f"resumed by {by}"), StartMission(vehicle.name)]
-        if vehicle.availability.airborne:  # by a new mission, because the front has moved
+        if vehicle.availability.airborne:  # resumed by a new mission, because the front has moved
             vehicle.holding, vehicle.flown_line = True, None
         elif vehicle.started:
             vehicle.flown_line = None
@@ -218,7 +218,7 @@ class OperatorOrders:
                 words = f"mission {mission.mission_id} accepted by {event.by}"
                 return [announce(vehicle, words), mission]
         elif self._approvals.refused(vehicle, event.mission_hash, event.by):
-            words = "no similar one is proposed until the front or the reason changes"
+            words = "no similar mission is proposed until the front or the reason changes"
             return [announce(vehicle, f"mission refused by {event.by}: {words}")]
         words = f"{REJECTED} no such mission is proposed; load the proposal again"
         return [announce(vehicle, words, warning=True)]
@@ -232,6 +232,6 @@ def hold_again(vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
     if since_s is not None and at_s - since_s < UNANSWERED_S:
         return []
     if not (availability.airborne or availability.armed):
-        return []  # on the ground and disarmed
+        return []  # the vehicle is on the ground and disarmed
     vehicle.hold_again_at_s = at_s + HOLD_AGAIN_S
     return [Hold(vehicle.name)]

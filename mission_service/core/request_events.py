@@ -29,8 +29,8 @@ from mission_service.value_errors import in_words
 if TYPE_CHECKING:
     from mission_service.config.scenario import Scenario
 
-ELSEWHERE = "mqtt"  # "mqtt:west": users of MQTT have no station, so they are never present
-STATUS = "status"  # a query for the state, which makes no event
+ELSEWHERE = "mqtt"  # as in "mqtt:west": MQTT users have no station and never count as present
+STATUS = "status"  # a query for the state, without an event
 ABORT, REPLAY = name_of(Abort), name_of(Replay)
 
 
@@ -39,7 +39,7 @@ def _table(*kinds: type[Request]) -> dict[str, type[Request]]:
 
 
 REQUESTS = _table(*OF_EVERY_RUN, *(kind for way in WAYS for kind in way.requests))
-# All requests, including that of replays, which makes no event.
+# All requests, including the request of replays, which makes no event.
 ALL_REQUESTS = REQUESTS | _table(Replay)
 
 
@@ -53,10 +53,11 @@ class RequestScope:
     """The requests that a run accepts, and the names that they may contain.
 
     Attributes:
-        stations: The stations from which requests are accepted; empty: any. items: The items of the
-        GO list; None: any. on_map: Returns whether a place (latitude, longitude, in degrees) is on
-        the landscape. vehicles: The names of the vehicles; None: any. accepted: The names of the
-        requests.
+        stations: The stations from which requests are accepted; empty: any.
+        items: The items of the GO/NO-GO checklist; None: any.
+        on_map: Returns whether a place (latitude, longitude, in degrees) is on the landscape.
+        vehicles: The names of the vehicles; None: any.
+        accepted: The names of the requests.
     """
 
     stations: Collection[str] = ()
@@ -125,7 +126,7 @@ def _check_names(request: Request, scope: RequestScope) -> None:
     item, vehicle = getattr(request, "item", ""), getattr(request, "vehicle", "")
     if item and items is not None and item not in items:
         listed = "; ".join(items) or "the list is empty"
-        raise RequestError(f"no item {_cut(item)} on the GO list: {listed}")
+        raise RequestError(f"no item {_cut(item)} on the GO/NO-GO checklist: {listed}")
     if vehicle and vehicles is not None and vehicle not in vehicles:
         raise RequestError(f"no vehicle {_cut(vehicle)}; the run has {', '.join(vehicles)}")
 

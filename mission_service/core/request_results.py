@@ -1,4 +1,4 @@
-"""The results of uploads and commands: what follows from their acceptance or refusal."""
+"""Handles the results of uploads and commands: acceptances, refusals and failures."""
 
 from mission_service import events
 from mission_service.commands import AnyCommand, Hold
@@ -43,7 +43,7 @@ class RequestResults:
         return commands
 
     def accepted(self, vehicle: Vehicle, pending: Pending, at_s: float) -> list[AnyCommand]:
-        """Apply that a mission is on board; return the command that starts it, if it is due."""
+        """Record that a mission is on board; return the command to start it, if a start is due."""
         vehicle.flown_line, vehicle.accepted = pending.line, pending
         vehicle.takes_off = pending.takes_off
         if vehicle.ordered:  # the hold was ordered during the upload
@@ -58,7 +58,7 @@ class RequestResults:
         return []
 
     def command_finished(self, vehicle: Vehicle, event: events.CommandFinished) -> list[AnyCommand]:
-        """Apply an acceptance or a refusal of a command; a refused start or return is repeated."""
+        """Handle the result of a command; a refused start or return is repeated later."""
         was_starting = event.command == "start mission" and vehicle.start_under_way
         if event.command == "start mission":
             vehicle.start_under_way = False

@@ -1,4 +1,4 @@
-"""Forecast a burn's estimated fire, on which plans are based, instead of the simulated truth."""
+"""Forecast the estimated fire of a burn, on which its plans are based."""
 
 import asyncio
 from collections.abc import Callable
@@ -22,7 +22,7 @@ UNCORRECTED_SD = 0.37
 class EstimatedForecasts:
     """The forecasts of an estimate that includes future arrival times.
 
-    The interface is that of ``Forecasts``.
+    The interface is the same as the interface of ``Forecasts``.
     """
 
     def __init__(
@@ -37,7 +37,7 @@ class EstimatedForecasts:
         row, col = np.indices(landscape.shape)
         centres = [np.asarray(axis, float).ravel() for axis in landscape.xy_of(row, col)]
         self._centres_m = np.column_stack(centres)
-        self.took_s = 0.0  # as in ``Forecasts``; no fire is simulated
+        self.took_s = 0.0  # as in ``Forecasts``; always 0, because no fire is simulated here
         self._arrival_s: tuple[int, Simulation | None, Floats] = (-1, None, np.empty(0))
 
     async def arrival(self, until_s: float) -> Arrival:
@@ -55,7 +55,7 @@ class EstimatedForecasts:
         await asyncio.Event().wait()
 
     def close(self) -> None:
-        """Do nothing; the method exists as in ``Forecasts``."""
+        """Do nothing; a caller may close ``Forecasts`` or this object."""
 
     async def _arrivals(self) -> tuple[int, Simulation, Floats]:
         estimate = self._estimate_of()
@@ -67,7 +67,8 @@ class EstimatedForecasts:
         return version, simulation, found[2]
 
     def _probability(self, simulation: Simulation, arrival_s: Floats, at_s: float) -> Floats:
-        sd_of = getattr(simulation, "sd_s", None)  # the paper's correction has none
+        # The paper's correction has no standard deviations.
+        sd_of = getattr(simulation, "sd_s", None)
         if sd_of is None:
             first_s = float(arrival_s.min())
             sd_s = UNCORRECTED_SD * (arrival_s - first_s if np.isfinite(first_s) else arrival_s)

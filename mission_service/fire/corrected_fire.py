@@ -1,4 +1,4 @@
-"""Correct a cellular fire by operators' pens, eraser, undo and wind reports.
+"""Correct a cellular fire by operators' drawings, erasures, undo and wind reports.
 
 The fire without corrections is simulated in parallel, so that an undo restores it. After each
 correction, the corrected fire is restarted from corrected arrival times at that time. If there are
@@ -30,7 +30,7 @@ from mission_service.fire.correction_log import (
 from mission_service.fire.late_observation import Begin
 from mission_service.fire.reported_observations import observation_of
 
-AHEAD_S = 3600.0  # forecast of the fire before the fit, for observations ahead of its front
+AHEAD_S = 3600.0  # before a fit, the fire is forecast this far, for observations ahead of its front
 OBSERVATION_SPACING_CELLS = 1.0
 MAX_STEPS = 256  # the time of a correction grows with the number of observations
 MAX_OBSERVATIONS = 150  # the time of a fit grows with the cube of their number
@@ -47,7 +47,8 @@ class CorrectedFire:
         self._landscape = landscape
         self._begin = begin
         self._spacing_m = OBSERVATION_SPACING_CELLS * landscape.cell_size_m
-        self._base: Fire | None = None  # the fire without corrections; None if there are none
+        # The fire without corrections; None while there are no corrections.
+        self._base: Fire | None = None
 
     def copy(self) -> "CorrectedFire":
         """Return an independent copy."""
@@ -62,7 +63,7 @@ class CorrectedFire:
             observations_of_correction(event, self._landscape, self._spacing_m)
 
     def change(self, fire: Fire, change: Callable[[Fire], Fire]) -> Fire:
-        """Apply a change to the fire and to the fire without corrections; return the first.
+        """Apply a change to the fire and to the fire without corrections; return the changed fire.
 
         Each ignition and each image is such a change.
         """
@@ -73,7 +74,7 @@ class CorrectedFire:
     def apply_report(self, event: AnyOperatorEvent, fire: Fire) -> Fire:
         """Apply a report and return the fire from now on, which is ``fire`` itself if unchanged.
 
-        Raises FireModelError for a report that is invalid or has no effect, which changes nothing.
+        Raises FireModelError, and changes nothing, for a report that is invalid or has no effect.
         """
         match event:
             case WindSet():
@@ -118,13 +119,14 @@ class CorrectedFire:
         return self._base
 
     def _set_right(self, base: Fire, held: Sequence[Held]) -> Fire:
-        """Return the corrected fire, or ``base`` itself if the corrections give no observation."""
+        """Return the corrected fire, or ``base`` itself if the corrections have no observation."""
         observations = thinned(observations_held(held, self._landscape, self._spacing_m))
         if not len(observations):
             return base
         ahead = copy.deepcopy(base)
         ahead.advance(base.time_s + AHEAD_S)
-        from firemodel.assimilation.corrected_cells import corrected_arrival  # SciPy takes a while
+        # The import of SciPy is slow.
+        from firemodel.assimilation.corrected_cells import corrected_arrival
 
         arrival_s = ahead.arrival_time_s
         if np.isfinite(arrival_s).any():
@@ -137,7 +139,8 @@ class CorrectedFire:
 def thinned(observations: Floats) -> Floats:
     """Return at most ``MAX_OBSERVATIONS`` evenly chosen rows of observations (n, 4).
 
-    These are sufficient to correct the fire around them; ``as_drawn`` sets all drawn cells exactly.
+    So many observations are sufficient to correct the fire around them; ``as_drawn`` sets all drawn
+    cells exactly.
     """
     if len(observations) <= MAX_OBSERVATIONS:
         return observations
@@ -154,7 +157,7 @@ def burning_now(fire: Fire) -> Burning | None:
 
 
 def drawn_at_s(held: Sequence[Held], landscape: Landscape) -> Floats:
-    """Return the latest time (y, x) for which each cell was drawn; -infinity if it was not."""
+    """Return the latest time (y, x) for which each cell was drawn; -infinity if never."""
     found = np.full(landscape.shape, -np.inf)
     for each in held:
         drawn = observation_of(each.correction, landscape, each.erasures)

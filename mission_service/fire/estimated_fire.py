@@ -26,11 +26,11 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-LINE_SPACING_M = 2.0  # between the point sources of a line
-OBSERVATION_SPACING_M = 5.0  # along a drawn line or polygon
+LINE_SPACING_M = 2.0  # spacing of the point sources of a line
+OBSERVATION_SPACING_M = 5.0  # spacing of observations along a drawn line or polygon
 PAPER_LENGTH_M = 40.0  # the best value in benchmarks.beachly_lengths
 OWN_WITHIN_M = 20.0
-CAMERA_EVERY_S = 15.0  # between corrections by cameras, each of which takes 0.1 s
+CAMERA_EVERY_S = 15.0  # interval of corrections by cameras; each takes 0.1 s to compute
 WHOLE_AFTER = 1.25  # growth of the number of observations that causes a new fit from the start
 
 
@@ -94,7 +94,7 @@ class EstimatedFire:
             return base
         if self._burn.corrections == "paper":
             return PaperCorrected(base, self._observations, PAPER_LENGTH_M)
-        from firemodel.assimilation.gaussian import GaussianCorrected  # SciPy takes a while
+        from firemodel.assimilation.gaussian import GaussianCorrected  # the import of SciPy is slow
 
         count = len(self._observations)
         near = (

@@ -25,9 +25,9 @@ def with_observation(
 ) -> Fire:
     """Return a fire at its present time after an observation, ``fire`` itself if both agree.
 
-    The fire at the time of the observation is changed as observed, and burns on to the present. It
-    does so twice, with and without the change; the arrival times that differ are adopted. So the
-    fire elsewhere keeps its progress within the cells, which a restart would lose.
+    The fire is simulated twice from the time of the observation to the present, with and without
+    the observed change. Only arrival times that differ are changed. Elsewhere the fire keeps its
+    progress within the cells, which a restart would lose.
 
     Args:
         fire: The fire; it is not changed.

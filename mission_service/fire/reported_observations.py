@@ -25,7 +25,7 @@ from mission_service.fire.observed_window import observation_in
 
 MAX_CONTRADICTED = 0.5  # share of the cells that images or other reports show
 SHORTLY_S, SEVERAL_CELLS = 120.0, 5
-WITHIN_SD = 2.0  # standard deviations of the position
+WITHIN_SD = 2.0  # tolerance, in standard deviations of the position
 CONFIRMED_WITHIN_S, APART_S = 1800.0, 10.0
 # Fuel ignites at this temperature in the spread model (Rothermel 1972, Research Paper INT-115,
 # heat of preignition). Hot ground below it may be ash, or heated by the sun or by fire nearby.
@@ -188,7 +188,8 @@ class Confirmation:
 
         Args:
             seen: A reported observation.
-            burned: (y, x) the cells of the grid that the estimate has as burned at its time.
+            burned: (y, x) the cells of the grid that are burned in the estimate at the report's
+                time.
             cell_m: The size of a cell.
         """
         reach = int(WITHIN_SD * seen.position_sd_m / cell_m)
@@ -225,7 +226,7 @@ class _LastReports(NamedTuple):
 
 
 def _near(cells: Mask, where: Place, reach: int) -> Mask:
-    """Return the cells (y, x) of a window that have one of ``cells`` within some cells."""
+    """Return the cells (y, x) of a window that are within ``reach`` cells of one of ``cells``."""
     rows, cols = (slice(max(each.start - reach, 0), each.stop + reach) for each in where)
     part = widened(cells[rows, cols], reach)
     top, left = where[0].start - rows.start, where[1].start - cols.start

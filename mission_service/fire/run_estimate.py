@@ -1,10 +1,10 @@
 """Estimate the fire of a run from camera images, operators' reports and the reported weather.
 
-The estimate begins with the fire that the scenario names, or without any fire, and burns on by the
-fire model. Camera images replace it where they differ: all images of a period are written into it
-at once at the end of that period. Reports of operators correct it (``corrected_fire``). Interfaces
-and forecasts read this fire, and planners receive its corrections; nothing here reads the simulated
-fire.
+The estimate begins with the initial fire of the scenario, or without any fire, and is simulated by
+the fire model. Camera images replace the estimate where they differ: all images of a period are
+written into the estimate at once at the end of that period. Reports of operators correct the
+estimate (``corrected_fire``). Interfaces and forecasts read this fire, and planners receive its
+corrections; nothing here reads the simulated fire.
 
 Equal events give equal estimates, bit for bit: events become inputs (``best_fire``), which are
 folded in their order. Images are written at fixed mission times, however often the estimate is
@@ -65,7 +65,8 @@ from mission_service.fire.sightings import Mosaic, Sightings
 from mission_service.fire.source_agreement import SourceAgreement
 
 PERIOD_US = 30_000_000  # images are written into the estimate at multiples of this mission time
-LATE_US = 10_000_000  # images that much earlier than a written period take their place in time
+# Images older than the last written period by this are inserted at their own time.
+LATE_US = 10_000_000
 AHEAD_US = 5_000_000
 MAX_WAITING = 20  # periods; their images are then written even if the estimate is not read
 OF_FIRE = (Corrected, FireObserved, Erased, Undone, Redone, WindSet)  # they change the estimate
@@ -83,7 +84,7 @@ class RunEstimate:
     """The estimated fire of a run."""
 
     def __init__(self, scenario: Scenario, landscape: Landscape) -> None:
-        """Begin with the fire that the scenario names.
+        """Begin with the initial fire of the scenario.
 
         In a burn, operators' reports correct the estimate of the burn's guidance instead of this.
         """
@@ -129,10 +130,10 @@ class RunEstimate:
         self.in_background = self._in_work = False
 
     def advance(self, at_us: int) -> None:
-        """Advance the fire to this mission time; never back.
+        """Advance the fire to this mission time, never backwards.
 
         Long after the latest event only a copy advances, because events of earlier times may
-        follow. So the estimate does not depend on the times at which it is read.
+        follow. Therefore the estimate does not depend on the times at which it is read.
         """
         if not self._catch_up(min(at_us, self._latest_us)):
             return
@@ -223,9 +224,9 @@ class RunEstimate:
         return arrival_at(self._best.fire, row, col)
 
     def contradicted(self) -> Window | None:
-        """Return a window of corrections that images have removed since the last one; or None.
+        """Return the window around the corrections that images removed last, or None.
 
-        Planners, which received these corrections, need it.
+        Planners need it, because they received these corrections.
         """
         return self._contradicted
 

@@ -187,7 +187,7 @@ def _grown(scenario: Scenario, landscape: Landscape, cells: int) -> Burning:
                 "reduce the number, or move the ignition"
             )
         before = burned
-        fire.advance(fire.time_s + 1.0)  # an update
+        fire.advance(fire.time_s + 1.0)  # one update of the automaton
     at_s = scenario.fire.burning_at_s
     return burning_from_arrival(np.where(fire.burned(), at_s, np.inf), landscape, at_s)
 
@@ -206,9 +206,9 @@ def _check_polygons(path: Path, shapes: list[BaseGeometry]) -> None:
 def warnings_on(scenario: Scenario, landscape: Landscape) -> list[str]:
     """Return the warnings about inputs that are valid but probably unintended.
 
-    They concern repaired perimeters, keys of an inputs file that have no effect, and a
-    ``time_zero`` with another date than the weather, and include the ``input_warnings`` of the fire
-    model.
+    The warnings concern repaired perimeters, keys of an inputs file that have no effect, and a
+    ``time_zero`` with another date than the weather. The ``input_warnings`` of the fire model are
+    included.
     """
     lines = []
     if scenario.fire.perimeter is not None and scenario.fire.repair_perimeter:
@@ -244,7 +244,7 @@ def fire_of(scenario: Scenario, landscape: Landscape, weather: WeatherStream | N
 def reported_fire(
     scenario: Scenario, landscape: Landscape, weather: WeatherStream | None = None
 ) -> Fire:
-    """Return what ``fire_of`` returns; without any reported fire, a fire that does not burn."""
+    """Return the fire of ``fire_of``, or a fire without burning cells if none is reported."""
     ignitions = ignitions_of(scenario, landscape)
     burning = burning_of(scenario, landscape)
     return _fire(scenario, landscape, weather or weather_of(scenario), ignitions, burning)
@@ -293,7 +293,7 @@ def ignitions_of(scenario: Scenario, landscape: Landscape) -> list[CellIgnition]
         (row, col, ignition.at_s)
         for ignition in scenario.ignition
         for row, col in cells_of_ignition(ignition, landscape)
-        if section.initial_cells is None  # else they are part of the initial fire
+        if section.initial_cells is None  # with ``initial_cells`` they are part of the initial fire
     ]
     if scenario.burn is not None:
         ignitions += [
@@ -326,7 +326,7 @@ def uncertainty_of(scenario: Scenario) -> Uncertainty:
 
 
 def estimate_errors(scenario: Scenario) -> Uncertainty:
-    """Return the distributions of [ensemble], or those of estimates if it has only defaults."""
+    """Return the distributions of [ensemble], or ``UNMEASURED`` if that table has only defaults."""
     given = uncertainty_of(scenario)
     return UNMEASURED if given == Uncertainty() else given
 

@@ -219,7 +219,7 @@ def _seen(window, bearings, distances, spans, burned):  # type: ignore[no-untype
     """Return the front's distance on each bearing and whether it is in view; update ``burned``."""
     front = front_in_window(window)
     seen = np.full(BEARINGS, -np.inf)
-    spanned = np.full(BEARINGS, -np.inf)  # as ``seen``, on all bearings that a front cell spans
+    spanned = np.full(BEARINGS, -np.inf)  # ``seen``, but on all bearings that a cell spans
     for row in range(window.shape[0]):
         for col in range(window.shape[1]):
             if window[row, col] != BURNED:
@@ -254,7 +254,7 @@ def _rate(outer, outer_at_s, inner, inner_at_s):  # type: ignore[no-untyped-def]
 
 @compiled
 def _fill_gaps(seen, in_view):  # type: ignore[no-untyped-def]
-    """Mark the bearings between two neighbouring front cells as seen, on the line between them."""
+    """Fill the bearings between two neighbouring front cells by the line between these cells."""
     seen_at = np.flatnonzero(in_view)
     for place in range(seen_at.size if seen_at.size > 1 else 0):
         start, end = seen_at[place], seen_at[(place + 1) % seen_at.size]

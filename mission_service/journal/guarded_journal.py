@@ -78,7 +78,7 @@ class GuardedJournal:
         return True
 
     def _failed(self, error: OSError) -> None:
-        if not self.journal.durable:  # a simulation, which ends with the error
+        if not self.journal.durable:  # a simulation ends with the error
             raise error
         full = error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
         self.trouble = "disk full" if full else f"cannot be written: {error.strerror}"

@@ -23,7 +23,7 @@ SKIPPED = b'{"event":{"type":"LinesSkipped"'
 
 
 class JournalReader:
-    """The journal of a run, from its oldest segment on. Raises JournalError if it cannot be read.
+    """The journal of a run, from its oldest segment on. Raises JournalError if unreadable.
 
     If its first segments were deleted, core and fire are those of the state that was saved at the
     beginning of the oldest existing segment.

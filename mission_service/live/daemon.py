@@ -36,14 +36,14 @@ from mission_service.live.interface_setup import (
     interfaces_of,
     request_handler_of,
 )
+from mission_service.runtime.alarms.health_monitor import HealthMonitor
+from mission_service.runtime.alarms.proximity_alarms import ProximityAlarms
 from mission_service.runtime.clocks import clock_us, last_written_s, wall_us
 from mission_service.runtime.engine import Engine, Progress, no_broadcast, unshown
 from mission_service.runtime.freed_memory import give_back_freed
 from mission_service.runtime.gateway import Gateway, MissionClock
-from mission_service.runtime.health_monitor import HealthMonitor
 from mission_service.runtime.journal_retention import JournalRetention
 from mission_service.runtime.peer_listener import PeerListener
-from mission_service.runtime.proximity_alarms import ProximityAlarms
 from mission_service.runtime.run_context import RunContext
 from mission_service.runtime.run_statistics import RunStatistics
 from mission_service.runtime.state_view import OF_FIRE, StateView
@@ -271,7 +271,7 @@ class _Check:
         self._proximity = ProximityAlarms(view, separation_m)
 
     def __call__(self) -> None:
-        """Check links and alarms, and show progress. Raises the engine's defect if it has one."""
+        """Check links and alarms, and show progress. Raises the engine's defect, if any."""
         context = self._context
         self._watch()
         if context.service.defect is not None:
@@ -291,7 +291,7 @@ def _journal_of(
     interrupted: InterruptedRun | None,
     report: Callable[[str, str], None],
 ) -> Journal:
-    """Return the journal of the resumed run, or a new one; an earlier run's journal is renamed."""
+    """Return the journal of the resumed run, or a new journal; an earlier journal is renamed."""
     renamed = None if interrupted else rename_old(run.journal_path)
     if renamed is not None:
         report("service", f"begins a new run; the earlier journal was renamed to {renamed.name}")

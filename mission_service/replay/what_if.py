@@ -118,7 +118,7 @@ def what_if(
     if any(each.path.resolve().parent == out.resolve() for each in journal.readers):
         raise ScenarioError(f"{out}: is the folder of the journal; choose another with --out")
     if scenario.only is not None:
-        raise JournalError(f"{path}: is the journal of one process of several; use all of them")
+        raise JournalError(f"{path}: one of several processes wrote it; fly its scenario with sim")
     past = past_run(journal)
     until_s = past.record.at_us / 1e6
     if until_s <= scenario.start_s:
@@ -130,7 +130,9 @@ def what_if(
         scenario = scenario.model_copy(update={"mission": section})
     script = repeatable_requests(past.requests, changed)
     if scenario.burn_flown is not None:
-        notes.append("a simulated crew confirms the GO list, is present and approves the plans")
+        notes.append(
+            "a simulated crew confirms the GO/NO-GO checklist, is present and approves the plans"
+        )
         script = [event for event in script if not isinstance(event, CREW_EVENTS)]
         due = SimulatedCrew(scenario.burn_flown, script=script).due
     else:
@@ -160,7 +162,7 @@ class Script:
 def with_settings(journal: JournalReader, words: Sequence[str]) -> tuple[Scenario, dict[str, Any]]:
     """Return the journal's scenario with ``KEY=VALUE`` settings of [planner], and these settings.
 
-    A word may contain several settings. Raises ScenarioError for an unknown setting.
+    An argument may contain several settings. Raises ScenarioError for an unknown setting.
     """
     data = msgspec.to_builtins(journal.readers[0].header["scenario"])
     keys = list[str]()

@@ -68,10 +68,10 @@ from mission_service.journal.journal_file import Journal, command_body
 from mission_service.journal.snapshot import Known, copied
 from mission_service.missions.recognition import MissionsHeld
 from mission_service.peer_messages import AnyMessage
+from mission_service.runtime.alarms.unrecorded_events import UnrecordedEvents
 from mission_service.runtime.gateway import Gateway
 from mission_service.runtime.run_statistics import RunStatistics
 from mission_service.runtime.state_view import StateView
-from mission_service.runtime.unrecorded_events import UnrecordedEvents
 
 NO_BURN = "the scenario has no burn"
 HOST_TIME_EVERY_US = 1_000_000
@@ -87,7 +87,7 @@ SNAPSHOT_FIELDS = (
     "_interlock",
     "_acknowledged",
 )
-# The fields on copies of which a request is tried.
+# The fields that are copied to try a request.
 TRIED = tuple(name for name in SNAPSHOT_FIELDS if name not in ("cameras", "estimate"))
 
 Progress = Callable[[StateView, Fire], None]
@@ -138,7 +138,7 @@ class Engine:
         self._unrecorded = UnrecordedEvents()
         self._held_back: deque[DropFinished | UploadFinished] = deque()
         self._interlock = lock_of(scenario, estimate.landscape)
-        self.defect: RefusedEventError | None = None  # memory and journal differ
+        self.defect: RefusedEventError | None = None  # set when memory and journal differ
 
     @property
     def statistics(self) -> RunStatistics:
@@ -157,9 +157,8 @@ class Engine:
             if not isinstance(event, Telemetry):
                 if not self._handle(event, now_us) and self.recording.trouble:
                     self._unrecorded.show(event, self.state_view)
-            elif (
-                body := self._unrecorded.line_of(event, self.state_view)
-            ) is not None:  # before the image is taken
+            # Check the position before an image is taken there.
+            elif (body := self._unrecorded.line_of(event, self.state_view)) is not None:
                 for image in self._images(event):
                     self._handle(self._with_trust(image), now_us)
                 if self._written(event, body):
@@ -222,7 +221,7 @@ class Engine:
             self._handle(HostTime(self.statistics.at_us, name, now_us), now_us)
 
     def on_peer_message(self, message: AnyMessage, at_us: int, now_us: int) -> None:
-        """Handle a message from a vehicle of another process, for each vehicle of this one."""
+        """Handle a message from a vehicle of another process, for each vehicle of this process."""
         for name in self._gateways:
             self._handle(PeerMessage(at_us, name, message), now_us)
 
@@ -282,7 +281,7 @@ class Engine:
                 if trial._interlock is not None:
                     trial._interlock.on_commands([command])
         except Exception as error:
-            if isinstance(event, Aborted):  # the core cannot handle it
+            if isinstance(event, Aborted):  # an abort that the core cannot handle
                 for name, gateway in self._gateways.items():
                     gateway.execute(Hold(name), now_us)
             raise _defect(event, error, self._scenario.planner.rule) from error
@@ -295,7 +294,7 @@ class Engine:
         return found
 
     def on_peer_link(self, connected: bool, at_us: int, now_us: int) -> None:
-        """Handle a lost or restored link to other processes, for each vehicle of this one."""
+        """Handle a lost or restored link to other processes, for each vehicle of this process."""
         for name in self._gateways:
             self._handle(PeerLinkChanged(at_us, name, connected), now_us)
 
@@ -422,7 +421,7 @@ class Engine:
             commands = self._apply(event)
             self._apply_event_to_fire(event)
             may_act = self.recording.write_commands(commands)
-        except OSError:  # the journal of a simulation
+        except OSError:  # a simulation cannot write its journal
             raise
         except Exception as error:
             self.recording.remove_last()

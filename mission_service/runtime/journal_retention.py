@@ -1,7 +1,7 @@
 """Writes states periodically, divides the journal into segments and deletes old segments.
 
-It also handles a full disk. A state is pickled on the event loop between two events; a thread
-compresses and writes it.
+This module also handles a full disk. A state is pickled on the event loop between two events; a
+thread compresses and writes it.
 """
 
 import asyncio
@@ -36,7 +36,7 @@ class JournalRetention:
         self._settings = settings
         self._written = service.recording.journal.rest
         self._written_us = clock_us()
-        self.write_s = 0.0  # time that the last state took, from pickling to the disk
+        self.write_s = 0.0  # time to write the last state, from pickling to the disk
 
     async def maintain(self, clock: MissionClock) -> None:
         """Maintain the journal until cancelled."""
@@ -64,7 +64,7 @@ class JournalRetention:
             await self.write_state()
 
     async def write_state(self) -> None:
-        """Write the newest state, after renaming the previous one (``earlier_state``)."""
+        """Write the newest state, after renaming the previous state (``earlier_state``)."""
         path, rest = self._service.recording.journal.path, self._service.recording.journal.rest
         await self._write(lambda frozen: _write_newest(path, frozen, rest), rest)
 

@@ -47,7 +47,7 @@ class RunContext:
         self.not_ready: dict[str, str] = {}  # unmet conditions by name, with the reasons
         self.stopping = False
         self.gauges: dict[str, Callable[[], float]] = {}  # further metrics, by name
-        self.replay: Callable[[], ReplayState] | None = None  # in a replay of a logged flight
+        self.replay: Callable[[], ReplayState] | None = None  # set in a replay of a logged flight
         self._bell = asyncio.Event()
 
     @property

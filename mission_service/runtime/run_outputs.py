@@ -32,7 +32,7 @@ DROP_COLUMNS = (
 VEHICLE_COLOURS = (
     "#0b3c8c", "#7a0177", "#00695c", "#4e342e", "#6a1b9a", "#01579b", "#33691e", "#ad1457",
 )  # fmt: skip
-LEGEND_INSIDE = 4  # vehicles; a longer legend is drawn below the map
+LEGEND_INSIDE = 4  # with more vehicles, the legend is drawn below the map
 
 
 def front_times_s(end_s: float) -> list[float]:
@@ -177,7 +177,8 @@ def draw_map(path: Path, scenario: Scenario, record: RunStatistics, fire: Fire) 
 def _draw_vehicle(axes: Any, vehicle: VehicleStatistics, land: Landscape, colour: str) -> None:
     from matplotlib.patheffects import withStroke
 
-    halo = withStroke(linewidth=2.0, foreground="white", alpha=0.5)  # visible on dark red too
+    # Makes lines visible on dark red too.
+    halo = withStroke(linewidth=2.0, foreground="white", alpha=0.5)
     dots = {"linestyle": "", "marker": "o"}
     for points, style in (
         ([point[1:3] for point in vehicle.track], {"linewidth": 0.8, "path_effects": [halo]}),

@@ -2,7 +2,7 @@
 
 HTTP, MQTT, metrics and feeds read this state view and keep no state of their own. Each part has a
 key (``vehicle/hawk``, ``fire``, ...) and the version at which it last changed, so that a slow
-reader misses intermediate states but never the current one. States are flat JSON with units in
+reader misses intermediate states but never the current state. States are flat JSON with units in
 their keys. The figures of the run (``statistics``) are part of it.
 """
 
@@ -61,7 +61,7 @@ from mission_service.events import (
 from mission_service.fire.camera import camera_of
 from mission_service.ignition_plan import IgnitionPlan
 from mission_service.missions.mission_hash import mission_hash
-from mission_service.runtime.notices import Notices
+from mission_service.runtime.alarms.notices import Notices
 from mission_service.runtime.published_states import (
     Mission,
     MissionState,
@@ -126,7 +126,7 @@ class StateView(Notices):
         self.fire_version = 1  # grows when operators change the fire
         self.wind_set: WindSet | None = None
         self.reached_edge: FireReachedEdge | None = None
-        self.telemetry_count = 0  # with positions that could not be journalled
+        self.telemetry_count = 0  # includes positions that could not be journalled
         self._landscape = landscape
         self._view_width_m = {
             section.name: round(2.0 * camera_of(section).half_width_m(section.altitude_agl_m), 1)
@@ -180,14 +180,14 @@ class StateView(Notices):
     def take_the_place_of(self, before: "StateView") -> None:
         """Replace the view of another time, so that all states count as changed for readers.
 
-        Its announcements count as already forwarded.
+        The announcements of this view count as already forwarded.
         """
         self.version = max(self.version, before.version)
         self.fire_version = max(self.fire_version, before.fire_version) + 1
         of_service = {key: alarm for key, alarm in before.alarms.items() if not _of_flight(key)}
         self.alarms = {key: alarm for key, alarm in self.alarms.items() if _of_flight(key)}
         self.alarms |= of_service
-        self._touch("replay")  # first: its readers then read all states again
+        self._touch("replay")  # first, so that readers read all states again
         self._touch(*(self.changed.keys() - {"replay"}))
         self.announcement_id = self.last_id_before_restart = self.version
 

@@ -31,7 +31,7 @@ REPORT_SILENCE_AFTER_US = 4_000_000
 # Vehicles exceed the commanded airspeed: ArduPlane flew at 23 instead of 15 m/s, and faster in a
 # dive.
 FASTER = 2.0
-STRONGEST_WIND_M_S = 30.0  # assumed for flights, unless the scenario has stronger wind
+STRONGEST_WIND_M_S = 30.0  # wind assumed for flights, unless the scenario has stronger wind
 SEVERITIES: dict[str, Severity] = {
     "source": "severe",
     "clock": "severe",
@@ -90,7 +90,7 @@ async def open_links(
     tlog = stack.enter_context(Tlog(tlog_path, wall_us)) if tlog_path else None
     system_ids = {section.system_id for section in scenario.flown}
     if tlog is not None and len(system_ids) < len(scenario.flown):
-        words = "vehicles with the same system id cannot be distinguished in it; give them others"
+        words = "vehicles with the same system id cannot be distinguished in it; change their ids"
         report("service", f"{tlog_path}: {words}")
     sources = [section.signing_key for section in scenario.flown]
     signing_of = stack.enter_context(

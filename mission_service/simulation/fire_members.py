@@ -61,7 +61,10 @@ MEMBER_AT_EDGE = f"the fire of one or more members reached the edge of the lands
 
 @dataclass(frozen=True)
 class Job:
-    """The data for simulating members. Each worker receives it and prepares the start once."""
+    """The data for simulating members.
+
+    Each worker receives this data and prepares the start once.
+    """
 
     landscape: Landscape
     weather: WeatherStream

@@ -165,7 +165,8 @@ class Simulation:
         self.rigs[index].handle_due(now_us, self.service)
         if self._crew is not None:
             for event in self._crew(self.clock.now_us, self.core):
-                with contextlib.suppress(FireModelError):  # refused, as in a live run
+                # The fire refuses the event, as in a live run.
+                with contextlib.suppress(FireModelError):
                     self.service.submit(event, now_us)
         heapq.heappush(self._heap, (max(self.rigs[index].next_timer(), now_us), index))
         if self.clock.now_us >= self._report_us:

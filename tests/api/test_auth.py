@@ -1,4 +1,4 @@
-"""Tokens: made, kept, read, taken back; and how often one may ask."""
+"""Tokens: creation, storage, validation, removal; and rate limits."""
 
 import re
 import stat
@@ -23,7 +23,7 @@ def test_a_run_has_one_token_that_only_its_user_can_read(tmp_path: Path) -> None
     token = own_token(tmp_path)
     assert len(token) >= 40
     assert stat.S_IMODE((tmp_path / "token").stat().st_mode) == 0o600
-    assert own_token(tmp_path) == token  # of a restarted service too
+    assert own_token(tmp_path) == token  # also valid in a restarted service
     tokens = Tokens.of_run(tmp_path)
     user = tokens.user_of(token)
     assert user is not None
@@ -83,7 +83,7 @@ def test_a_tokens_file_that_changes_is_read_again(
     assert tokens.still(user)
     ben = added(path, "ben", ("approve",), "")
     assert tokens.user_of(ben) is not None
-    # A typing error locks no user out, and is reported once.
+    # A syntax error in the file locks no user out, and is reported once.
     before = path.read_text()
     path.write_text(before + "[[tokens")
     for _ in range(3):
@@ -136,7 +136,7 @@ def test_no_client_sends_more_requests_than_the_bucket_allows(
         wait_s = buckets.consume(client, now_s)
         taken[client] += wait_s == 0.0
         assert taken[client] <= burst + rate_s * now_s + 1e-6
-        if wait_s > 0.0:  # the announced wait is long enough
+        if wait_s > 0.0:  # the wait in Retry-After is long enough
             assert deepcopy(buckets).consume(client, now_s + wait_s + 1e-9) == 0.0
             assert deepcopy(buckets).consume(client, now_s + 0.9 * wait_s) > 0.0
 

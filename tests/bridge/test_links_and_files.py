@@ -1,4 +1,4 @@
-"""Links; one exchange over real UDP."""
+"""Links, and one exchange over real UDP."""
 
 import asyncio
 import contextlib
@@ -40,7 +40,8 @@ def test_link_strings_are_read() -> None:
     assert parse_link("udpin:0.0.0.0:14550") == LinkAddress("udpin", "0.0.0.0", 14550)
     for kind in ("udpin", "udpout", "tcp", "tcpin"):
         assert parse_link(f"{kind}:host:5760") == LinkAddress(kind, "host", 5760)
-    by_path = "/dev/serial/by-path/pci-0000:00:14.0-usb-0:2:1.0"  # udev's names hold colons
+    # Udev's device names contain colons.
+    by_path = "/dev/serial/by-path/pci-0000:00:14.0-usb-0:2:1.0"
     assert parse_link(f"serial:{by_path}:57600") == SerialAddress(by_path, 57600)
     assert str(parse_link("serial:/dev/ttyACM0:115200")) == "serial:/dev/ttyACM0:115200"
 

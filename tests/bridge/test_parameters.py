@@ -1,4 +1,4 @@
-"""Parameters: read one, read all, set, in each stack's encoding, over links that lose."""
+"""Parameters: read one, read all, set one, in each stack's encoding, over lossy links."""
 
 import struct
 

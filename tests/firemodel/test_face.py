@@ -1,4 +1,4 @@
-"""``import firemodel``: what a notebook uses, and that it costs nothing until it is used."""
+"""``import firemodel``: the names that a notebook uses, which are imported at their first use."""
 
 import doctest
 import inspect

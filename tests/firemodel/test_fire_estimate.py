@@ -1,4 +1,4 @@
-"""An estimate follows what is seen of a fire, from cameras and from mapped perimeters."""
+"""An estimate is corrected by observations from cameras and mapped perimeters."""
 
 from concurrent.futures import ThreadPoolExecutor
 
@@ -187,7 +187,7 @@ def test_an_image_sets_the_cells_that_it_shows() -> None:
 
 
 def test_an_image_before_any_fire_is_refused() -> None:
-    with pytest.raises(FireModelError, match="no fire is known yet"):
+    with pytest.raises(FireModelError, match="there is no fire yet"):
         FireEstimate(LAND, WIND).assimilate(image(np.full(LAND.shape, np.inf), 10.0, 40, 40))
 
 
@@ -195,7 +195,7 @@ def test_a_single_wrong_cell_is_filtered() -> None:
     state = np.full((9, 9), UNBURNED, dtype=np.uint8)
     state[4, 4], state[:, 0] = BURNED, UNSEEN
     found = despeckled(Observation(0.0, 0, 0, state, false_alarms=0.01))
-    corners = np.zeros_like(state, dtype=bool)  # with too few cells in view
+    corners = np.zeros_like(state, dtype=bool)  # too few cells are in view
     corners[[0, 0, -1, -1], [1, -1, 1, -1]] = True
     assert (found[:, 1:][~corners[:, 1:]] == UNBURNED).all()
     assert (found[corners] == UNSEEN).all()

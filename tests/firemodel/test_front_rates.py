@@ -1,4 +1,4 @@
-"""Speed of straight fronts, against the fire that the any-angle scheme burns from a line."""
+"""Speeds of straight fronts, compared with the any-angle scheme's fire from a line."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ WEATHER = WeatherStream(
 
 
 def hillside(rise_north: float, rise_east: float) -> Landscape:
-    """One fuel on a plane; row 0 in the north."""
+    """Return a plane with one fuel; row 0 is in the north."""
     row, col = np.mgrid[:SIZE, :SIZE]
     height_m = 1000.0 - 30.0 * rise_north * row + 30.0 * rise_east * col
     fuel = np.full((SIZE, SIZE), 2, np.int16)

@@ -35,7 +35,7 @@ def fire(now_s: float = NOW_S) -> AnyAngleFire:
 
 
 def estimated(now_s: float = NOW_S, *changes: str) -> RunEstimate:
-    """The estimate of the same fire, without observations."""
+    """Return the estimate of the same fire, without observations."""
     lat, lon = (float(each) for each in land().lat_lon_of(*land().xy_of(50.0, 40.0)))
     winds = ", ".join(
         f"{{at_s={at_s}, wind_speed_m_s={speed}, wind_from_deg={from_deg}, dead_1h_pct=6, "

@@ -1,4 +1,4 @@
-"""A hub after a short flight in virtual time, for figures and logs."""
+"""A run context after a short flight in virtual time, for metrics and logs."""
 
 import contextlib
 from collections.abc import Iterator
@@ -20,7 +20,7 @@ FLIGHT_S = 60.0
 
 @contextlib.contextmanager
 def context_after_a_flight(out: Path) -> Iterator[RunContext]:
-    """Of the demo on a small landscape, its files in ``out``."""
+    """Return the context of a demo flight on a small landscape, with its files in ``out``."""
     scenario = load_scenario("demo", ("landscape.rows=150", "landscape.cols=150"))
     landscape = landscape_of(scenario)
     header = header_of(scenario, landscape.digest(), "2026-11-21T00:00:00+00:00")
@@ -36,7 +36,7 @@ def context_after_a_flight(out: Path) -> Iterator[RunContext]:
 
 
 def upload_failed(context: RunContext, vehicle: str) -> None:
-    """A mission upload without an answer."""
+    """Return a mission upload without a reply."""
     mission = context.state_view.missions[vehicle]
     sent = mission.sending or mission.on_board
     assert sent is not None

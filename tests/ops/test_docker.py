@@ -1,4 +1,4 @@
-"""Containers and systemd units, checked by their files. No engine is needed."""
+"""Containers and systemd units, checked by their files without a container engine."""
 
 import re
 import tomllib

@@ -1,4 +1,4 @@
-"""Figures for Prometheus: names, values and documentation."""
+"""Metrics for Prometheus: names, values and documentation."""
 
 import asyncio
 import json
@@ -29,7 +29,7 @@ def context(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunContext]:
 
 
 def figures(context: RunContext) -> dict[str, dict[tuple[str, ...], float]]:
-    """By name and values of labels (in the order of their names), as Prometheus reads them."""
+    """Return the values by name and labels (ordered by their names), as Prometheus reads them."""
     content, media_type = metrics_of(context)
     assert media_type.startswith("text/plain")
     found: dict[str, dict[tuple[str, ...], float]] = {}
@@ -73,7 +73,7 @@ def test_a_failed_upload_counts_as_failed(context: RunContext) -> None:
 def test_each_announcement_is_counted_once(context: RunContext) -> None:
     name = f"{PREFIX}announcements_total"
     assert figures(context)[name][()] == len(context.state_view.announcements) > 0
-    context.state_view.clear_all_but()  # changes other states, and so the version
+    context.state_view.clear_all_but()  # changes other states, and therefore the version
     context.state_view.announce("hawk", "a line")
     assert figures(context)[name][()] == len(context.state_view.announcements)
 

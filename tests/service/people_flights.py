@@ -1,4 +1,4 @@
-"""A simulated flight to which people give orders; its journal is closed at the end of a test."""
+"""A simulated flight with operators' orders; its journal is closed at the end of a test."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -64,7 +64,7 @@ class Flight:
 
 
 def flights_in(folder: Path) -> Iterator[Fly]:
-    """Makes flights, for a fixture; their journals are closed at the end."""
+    """Return a function that creates flights, for a fixture; journals are closed at the end."""
     made: list[Flight] = []
 
     def flight(*overrides: str, rule: str = "islam_hu_damped") -> Flight:

@@ -1,4 +1,4 @@
-"""The geometry of algorithm 1, and ways around."""
+"""The geometry of algorithm 1, and paths around obstacles."""
 
 import math
 
@@ -47,7 +47,7 @@ def test_of_an_area_in_parts_with_holes() -> None:
     parts = shapely.MultiPolygon([shapely.box(0, 0, 10, 5), shapely.box(40, 30, 90, 80)])
     holed = parts.difference(shapely.box(60, 40, 70, 60))
     line = line_across(holed, SOUTH, 20.0)
-    assert extent_across(holed, line) is None  # between the parts
+    assert extent_across(holed, line) is None  # between the two parts
     left = upwind_of(holed, line)
     assert left.area == pytest.approx(50 * 50 - 10 * 20)
     ends = extent_across(left, line_across(left, SOUTH, 20.0))
@@ -67,7 +67,7 @@ def test_drops_are_aligned_with_the_earlier_one_closest_to_the_centre() -> None:
     assert points[:, 0] == pytest.approx([1.0, 16.0, 31.0, 46.0, 61.0, 76.0, 91.0])
     assert points[:, 1] == pytest.approx(np.full(7, 40.0))
     assert alignment_m(line, ends, earlier[:0], area, 10.0) == pytest.approx(50.0)
-    # With none at the area, as after a line that was cut off, those nearest to it.
+    # If no place is at the area, as after an interrupted line, the nearest places are used.
     assert alignment_m(line, ends, earlier[3:], area, 10.0) == pytest.approx(50.0)
     farther = np.array([[7.0, 0.0], [50.0, -15.0]])
     assert alignment_m(line, ends, farther, area, 10.0) == pytest.approx(7.0)

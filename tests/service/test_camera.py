@@ -1,4 +1,4 @@
-"""What a camera sees of the true fire, and the fire a formation begins with."""
+"""The camera's image of the true fire, and the initial fire of a formation."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Simulated cameras with errors: position, detection and smoke; and how they are filtered."""
+"""Simulated cameras with errors of position and detection, smoke, and the filter."""
 
 import numpy as np
 import pytest
@@ -30,7 +30,7 @@ def cameras(land: Landscape, *changes: str) -> SimulatedCameras:
 
 
 def fix_at(land: Landscape, seconds: int = 0) -> Telemetry:
-    """A position high above the ignition."""
+    """Return a position high above the ignition."""
     place = load_scenario("default").ignition[0]
     lat, lon = place.lat_deg, place.lon_deg
     assert lat is not None

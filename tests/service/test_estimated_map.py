@@ -1,4 +1,4 @@
-"""The map of a burn shows the fire that plans are made on, with what is not sure of it."""
+"""The map of a burn shows the fire for which plans are made, and its uncertainty."""
 
 import asyncio
 

@@ -1,4 +1,4 @@
-"""The on-board map: what a camera window does to outer and inner cells."""
+"""The on-board map: the effect of a camera window on outer and inner cells."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ from mission_service.guidance.fire_map import (
 
 
 def disc(radius: float, size: int = 61) -> np.ndarray:
-    """A round fire in the middle of a square world seen whole."""
+    """Return a whole image of a round fire in the middle of a square landscape."""
     rows, cols = np.indices((size, size)) - size // 2
     return np.where(np.hypot(rows, cols) <= radius, BURNED, UNBURNED).astype(np.uint8)
 
@@ -80,7 +80,7 @@ def test_an_unburned_island_behind_the_front_is_not_the_perimeter() -> None:
     seen = fresh_map()
     seen.add_window(0, 0, window, 600.0)
     assert seen.outer[0] == pytest.approx(15.0, abs=1.0)
-    # A later look at the island alone, with the front out of view.
+    # A later image of the island only, without the front.
     in_view = seen.add_window(18, 27, window[18:26, 27:34], 700.0)
     assert not in_view.any()
     assert seen.outer[0] == pytest.approx(15.0, abs=1.0)
@@ -89,7 +89,8 @@ def test_an_unburned_island_behind_the_front_is_not_the_perimeter() -> None:
 def test_only_what_is_in_the_window_is_learnt() -> None:
     seen = fresh_map()
     world = disc(15.0)
-    in_view = seen.add_window(10, 25, world[10:20, 25:36], 600.0)  # a look at the northern edge
+    # An image of the northern edge.
+    in_view = seen.add_window(10, 25, world[10:20, 25:36], 600.0)
     assert in_view[0]
     assert not in_view[90:270].any()
     assert np.isnan(seen.outer[90:270]).all()
@@ -108,10 +109,10 @@ def test_smoothing_keeps_the_mean(values: list[float], half_width: int) -> None:
 
 
 def test_a_flank_that_runs_outwards_is_no_island() -> None:
-    """A strip to the north, whose flank passes many cells on a bearing.
+    """A strip extends to the north; its flank passes many cells on one bearing.
 
-    Found in flight: a cell counted as burned on its neighbours' bearings but as front only on its
-    own, so that such a flank grew old under the cameras and a team's planner went to and fro.
+    Found in flight: a cell counted as burned on its neighbours' bearings, but as front only on its
+    own. The map of such a flank was not updated, and a team's planner flew back and forth.
     """
     cells = np.full((60, 60), UNBURNED, np.uint8)
     cells[10:51, 28:33] = BURNED

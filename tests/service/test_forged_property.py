@@ -1,4 +1,4 @@
-"""A flight with forged frames is the flight without; ``benchmarks.forged_frames`` has 1 M."""
+"""A flight with forged frames equals the flight without; ``benchmarks.forged_frames`` sends 1 M."""
 
 from pathlib import Path
 
@@ -29,7 +29,7 @@ def test_forged_frames_change_nothing_but_alarms(scenario: str, seed: int, tmp_p
 def test_the_comparison_finds_what_gets_through(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """With each of the guards taken away something is different."""
+    """If any of the guards is removed, the comparison finds a difference."""
     flight = load_scenario("default", CHANGES)
     for guard, name, broken in (
         (SharedLink, "_is_accepted", lambda *_: True),

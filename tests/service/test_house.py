@@ -1,4 +1,4 @@
-"""The rules of the house that a reader relies on: names, folder sizes, faces, docstrings."""
+"""Rules of the repository for readers: names, sizes of folders, faces, docstrings."""
 
 import ast
 import importlib
@@ -12,7 +12,7 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = ("firemodel", "autopilot_bridge", "mission_service")
-MAX_MODULES = 25  # in a folder
+MAX_MODULES = 25  # maximum number of modules in a folder
 # Roles that repeat by design: each way of flying has the same files, each package its own base.
 ROLES = {
     "__init__.py",
@@ -23,8 +23,8 @@ ROLES = {
     "controller.py",
     "requests.py",
     "warm_up.py",
-    "way.py",  # of flying: what the registry asks
-    # of an experiment
+    "way.py",  # modules of a way of flying that the registry uses
+    # modules of an experiment
     "run.py",
     "scenarios.py",
     "tables.py",
@@ -76,7 +76,7 @@ def test_no_more_than_three_unrelated_classes_share_a_method_name_but_protocols(
         if len(groups) > MAX_UNRELATED
     }
     assert {method: groups for method, groups in shared.items() if method not in PROTOCOLS} == {}
-    assert sorted(PROTOCOLS.keys() - shared.keys()) == []  # the list contains no name in vain
+    assert sorted(PROTOCOLS.keys() - shared.keys()) == []  # the list contains no unnecessary name
 
 
 class Classes:
@@ -183,7 +183,7 @@ def test_each_package_states_its_purpose(name: str) -> None:
 
 @pytest.mark.parametrize("name", FACES)
 def test_what_a_face_exports_is_documented(name: str) -> None:
-    """Arguments, results and errors of each exported function; a docstring of all else."""
+    """Check the docstrings of exports, with arguments, results and errors of functions."""
     face = importlib.import_module(name)
     missing = []
     for export in getattr(face, "__all__", ()):
@@ -204,7 +204,7 @@ def test_what_a_face_exports_is_documented(name: str) -> None:
 
 
 def _raises(function: object) -> bool:
-    """Whether the function itself has a ``raise`` statement."""
+    """Return whether the function itself contains a ``raise`` statement."""
     source = inspect.getsource(function)  # type: ignore[arg-type]
     tree = ast.parse(inspect.cleandoc(source) if source.startswith(" ") else source)
     return any(isinstance(node, ast.Raise) for node in ast.walk(tree))

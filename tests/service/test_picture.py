@@ -1,4 +1,4 @@
-"""The picture that all interfaces show, the health monitor's alarms, the table [service]."""
+"""The state view that all interfaces show, the health monitor's alarms, the table [service]."""
 
 import math
 from pathlib import Path
@@ -23,9 +23,9 @@ from mission_service.events import (
     VehicleRebooted,
 )
 from mission_service.fire.scenario_fire import landscape_of
-from mission_service.runtime.health_monitor import HealthMonitor
-from mission_service.runtime.notices import MAX_ANNOUNCEMENTS
-from mission_service.runtime.proximity_alarms import ProximityAlarms, near_pairs
+from mission_service.runtime.alarms.health_monitor import HealthMonitor
+from mission_service.runtime.alarms.notices import MAX_ANNOUNCEMENTS
+from mission_service.runtime.alarms.proximity_alarms import ProximityAlarms, near_pairs
 from mission_service.runtime.published_states import TelemetryState
 from mission_service.runtime.state_view import StateView
 

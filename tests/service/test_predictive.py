@@ -1,4 +1,4 @@
-"""The estimated front that goes on growing, and the planner that flies by it."""
+"""The extrapolated front, and the planner that uses it."""
 
 from dataclasses import replace
 
@@ -36,7 +36,7 @@ ROWS, COLS = np.indices(SHAPE).astype(float)
 
 
 def burned_ellipse(rate: Floats, at_s: float) -> NDArray[np.uint8]:
-    """The whole grid (y, x) with a fire that spreads with these rates (cells/s, 360)."""
+    """Return a grid (y, x) with a fire that spreads with these rates (cells/s, 360)."""
     south, east = ROWS - CENTRE[0], COLS - CENTRE[1]
     bearing = np.rad2deg(np.arctan2(east, -south)) % 360.0
     reach = np.interp(bearing, np.arange(BEARINGS), rate, period=360.0) * at_s
@@ -48,7 +48,7 @@ def ellipse_rate(head_cells_s: float, eccentricity: float) -> Floats:
 
 
 def brush_fire(*weather: tuple[float, float, float], scheme: str = "anyangle") -> Burn:
-    """Three hours in even brush under winds (at_s, speed, from)."""
+    """Return three hours of a fire in even brush under winds (at_s, speed, from)."""
     stream = WeatherStream([wind(*entry) for entry in weather])
     lit = (int(CENTRE[0]), int(CENTRE[1]))
     return burn("test", scheme, flat(of_one_fuel(BRUSH)), stream, lit, END_S, 2.0)  # type: ignore[arg-type]
@@ -60,7 +60,7 @@ def turning() -> Burn:
 
 
 def estimated(fire: Burn, wind_given: bool = True) -> FrontEstimate:
-    """From the ignition on; with the exact wind, or only the first one."""
+    """Return the front estimated from the ignition on, with the exact wind or only the first."""
     model = model_of(fire.landscape, fire.weather.entries[0])
     estimate = FrontEstimate(SHAPE, CENTRE, model, np.full(BEARINGS, 0.5), 0.0)
     for at_s in range(0, int(END_S), 60):
@@ -78,7 +78,7 @@ def test_a_measured_ellipse_is_extrapolated_without_any_model() -> None:
     frozen = estimate.front.copy()
     estimate.advance(5400.0)
     off = np.abs(estimate.front - rate * 5400.0)
-    assert off.max() < 2.0  # the cells' staircase
+    assert off.max() < 2.0  # the error of the cells' corners
     assert off.mean() < 0.6
     assert np.abs(frozen - rate * 5400.0).max() > 15.0
 
@@ -150,7 +150,7 @@ def test_the_factor_adapts_to_a_fire_slower_than_the_model() -> None:
 
 
 def ring(hot: slice, growth: float = 10.0) -> CoarseRing:
-    """A minute from node to node; one arc's error grows faster."""
+    """Return a ring with a minute between nodes; the error of one arc grows faster."""
     values = CoarseRing(*(np.full(NODES, value) for value in (60.0, 60.0, 0.5, 1e-4, 0.5)))
     values.growth[hot] *= growth
     values.error[hot] += 3.0
@@ -186,7 +186,7 @@ def test_ground_speed_along_the_ring_is_that_of_the_wind_triangle() -> None:
     assert values.ahead_s[node_of[0]] / values.back_s[node_of[0]] == pytest.approx(
         (0.6 - 0.2) / (0.6 + 0.2), rel=0.05
     )
-    west = int(node_of[270])  # there it flies across the wind
+    west = int(node_of[270])  # in this part it flies across the wind
     assert values.ahead_s[west] / values.back_s[west] == pytest.approx(1.0, rel=0.05)
     assert values.ahead_s[west] > 1.03 * length / NODES / 0.6
     assert values.ahead_s.sum() > 1.05 * length / 0.6
@@ -263,7 +263,7 @@ def test_no_worse_than_circling_on_fires_of_chance(seed: int) -> None:
 
 
 def test_a_wrong_model_is_no_worse_than_circling() -> None:
-    """Fire 216, on which the front that follows the model is 0.9 times as wrong as circling."""
+    """On fire 216, the front of the model alone is 0.9 times as wrong as circling."""
     circling, predictive, alone = mean_max_errors_wrong(216)
     assert predictive < 0.75 * circling
     assert predictive < 0.3 * alone

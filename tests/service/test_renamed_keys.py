@@ -1,4 +1,4 @@
-"""Scenarios and journals of version 0.1 get one line with the present name or the remedy."""
+"""Scenarios and journals of version 0.1 are refused with one line that states the new name."""
 
 from pathlib import Path
 from typing import Any

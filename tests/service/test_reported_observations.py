@@ -1,4 +1,4 @@
-"""Observations that people, detectors and satellites report: late, wrong, unconfirmed, many."""
+"""Observations of people, detectors and satellites: late, wrong, unconfirmed, and many."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -38,7 +38,7 @@ def land() -> Landscape:
 
 @pytest.fixture
 def world(tmp_path: Path) -> Iterator[World]:
-    """A flight without simulated fire, 25 minutes after ignition."""
+    """Return a flight without a simulated fire, 25 minutes after ignition."""
     scenario = SCENARIO.model_copy(update={"simulation": type(SCENARIO.simulation)()})
     found = world_in(tmp_path, scenario)
     found.fly(1500.0)
@@ -69,7 +69,7 @@ def burned(world: World) -> np.ndarray:
 
 
 def far_cell(world: World) -> tuple[int, int]:
-    """An unburned cell that can burn, some hundred metres from the fire."""
+    """Return an unburned cell that can burn, some hundred metres from the fire."""
     row, col = np.argwhere(burned(world)).mean(axis=0).astype(int)
     return int(row) - 35, int(col)
 
@@ -127,7 +127,7 @@ def test_a_person_reports_a_spot_fire_and_planners_and_forecast_have_it(world: W
     assert reply["ok"], reply
     found = burned(world)
     assert found[place]
-    assert np.count_nonzero(found[place[0] - 6 : place[0] + 7]) > 3  # it has burned on since
+    assert np.count_nonzero(found[place[0] - 6 : place[0] + 7]) > 3  # it has burned on since then
     (window,) = (
         entry.content
         for entry in SegmentReader(world.context.journal_path)
@@ -208,7 +208,7 @@ def test_ground_that_a_camera_saw_burned_is_not_reported_as_unburned(tmp_path: P
 
 
 def test_a_refusal_does_not_depend_on_earlier_reads() -> None:
-    """Images that wait to be written contradict a report, whether the estimate was read or not."""
+    """Waiting images contradict a report, whether the estimate was read before or not."""
     land = landscape_of(SCENARIO)
     lat, lon = land.lat_lon_of(*land.xy_of(25.0, 35.0))
     place = ((float(lat), float(lon)),)
@@ -267,7 +267,7 @@ def test_a_mirrored_perimeter_that_cameras_contradict_is_refused(tmp_path: Path)
 
 
 def test_ten_thousand_observations_at_once_leave_the_estimate_sane(world: World) -> None:
-    """Nine in ten points are near the fire; one in ten lies anywhere and is reported once."""
+    """Nine in ten points are near the fire; one in ten is anywhere, and is reported once."""
     rng = np.random.default_rng(3)
     before = burned(world)
     inside = np.argwhere(before)
@@ -290,7 +290,7 @@ def test_reports_are_equal_after_a_replay(world: World, tmp_path: Path) -> None:
 
 
 def test_reads_after_the_latest_event_do_not_change_the_estimate(tmp_path: Path) -> None:
-    """An image of an earlier time than that of a read may follow."""
+    """The image of an earlier time may arrive after the read."""
     land = landscape_of(SCENARIO)
     estimates = [RunEstimate(SCENARIO, land) for _ in range(2)]
     for at_us in range(1_000_000, 400_000_000, 7_000_000):

@@ -1,4 +1,4 @@
-"""Corrections without end: the older half becomes part of the fire, and is not drawn any more."""
+"""Many corrections: the older half becomes part of the fire, and is no longer listed."""
 
 from dataclasses import dataclass
 
@@ -21,13 +21,13 @@ MAX_STEPS = 4
 
 @dataclass
 class Drawn:
-    """A fire that is drawn on."""
+    """A fire with corrections by operators."""
 
     scenario: Scenario
     world: RunEstimate
 
     def place(self, north: int, east: int) -> tuple[float, float]:
-        """So many cells from the ignition."""
+        """Return the place this number of cells from the ignition."""
         lit, land = self.scenario.ignition[0], self.world.landscape
         assert lit.lat_deg is not None
         assert lit.lon_deg is not None
@@ -37,17 +37,17 @@ class Drawn:
         return float(lat), float(lon)
 
     def burned(self, place: tuple[float, float]) -> bool:
-        """Whether it burns or has burned there."""
+        """Return whether a place burns or has burned."""
         land = self.world.landscape
         row, col = (round(float(each)) for each in land.row_col_of(*land.xy_of_lat_lon(*place)))
         return bool(self.world.fire.burned()[row, col])
 
     def spot(self, place: tuple[float, float], state: str = "burned") -> None:
-        """A correction of one cell."""
+        """Return a correction of one cell."""
         self.submit(Corrected(AT_US, *ANN, state, "point", (place,), AT_US))  # type: ignore[arg-type]
 
     def submit(self, event: AnyOperatorEvent) -> None:
-        """An operator's event."""
+        """Submit an operator's event."""
         self.world.apply_report(event)
 
 

@@ -1,4 +1,4 @@
-"""A team in the whole loop, in virtual time: four vehicles of both stacks, one of which dies."""
+"""A team in the whole loop in virtual time: four vehicles of both stacks, one of which fails."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -26,7 +26,7 @@ SHORT = (f"duration_s={ENDS_S:.0f}", "planner.rule=team.bumper")
 
 
 class Dead:
-    """An autopilot that is no more."""
+    """An autopilot that no longer exists."""
 
     def next_timer(self) -> int:
         return 2**62
@@ -42,7 +42,7 @@ class Dead:
 
 
 class Mortal(sim.SimulatedVehicle):
-    """A rig whose mock dies if it is swift."""
+    """A simulated vehicle; the mock of swift can fail."""
 
     def handle_due(self, now_us: int, service: Any) -> None:
         if self.gateway.name == "swift" and service.statistics.at_us > DIES_S * 1e6:
@@ -52,7 +52,7 @@ class Mortal(sim.SimulatedVehicle):
 
 
 class Noted(Bumper):
-    """Bumper, with note of which seats it was shown when."""
+    """The bumper rule, which records the members that it was given at each time."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -128,7 +128,7 @@ def test_the_loss_of_one_is_announced_and_the_others_fly_without_it_from_their_n
 
 
 def test_the_others_close_the_gap(run: Run) -> None:
-    """What the dead one would have watched has been seen since."""
+    """After the failure, the other vehicles observe the front of the failed one."""
     visited_at_s = run.member._team.map.outer_at_s
     assert np.min(visited_at_s) > DIES_S
     assert ENDS_S - np.min(visited_at_s) < 500.0

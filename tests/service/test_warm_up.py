@@ -1,4 +1,4 @@
-"""What an agent in flight runs was compiled before it flew."""
+"""The warm-up compiles all kernels that an agent uses in flight."""
 
 import subprocess
 import sys
@@ -57,5 +57,5 @@ def compiled_in_flight(*arguments: str) -> str:
 
 
 def test_nothing_is_compiled_in_flight() -> None:
-    assert "intent" in compiled_in_flight()  # the check finds it
+    assert "intent" in compiled_in_flight()  # the check detects it
     assert compiled_in_flight("warm") == ""

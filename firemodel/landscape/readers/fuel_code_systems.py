@@ -1,4 +1,4 @@
-"""Recognise fuel codes that are not those of Anderson or Scott & Burgan, and name their system.
+"""Recognise fuel codes of systems other than those of Anderson and Scott & Burgan.
 
 Some systems use the same numbers for other fuels: code 1 is spruce-lichen woodland in the Canadian
 system, but short grass in Anderson's. Such a raster can be recognised by its other codes, or by the
@@ -58,7 +58,7 @@ def renamed_code(path: Path, codes: Collection[int], fuels: Mapping[int, FuelMod
             if code in codes and code in fuels and not _same_fuel(code, name, fuels[code]):
                 return (
                     f"{path}: {table.name} beside the file has fuel codes of the system {system}: "
-                    f"there code {code} is {name}, here {fuels[code].name}; {ADVICE}"
+                    f"there, code {code} is {name}, here {fuels[code].name}; {ADVICE}"
                 )
     return ""
 
@@ -72,7 +72,7 @@ def advice_on(codes: Collection[int], fuels: Mapping[int, FuelModel]) -> str:
             return f"these are codes of the system {system}: {ADVICE}"
     if all(code in CUSTOM for code in unknown):
         return "14-89 are custom fuels: describe them in a .fmd file (landscape.custom_fuels)"
-    return f"give a code that means no data as nodata, or {ADVICE}"
+    return f"if a code means no data, give it as nodata; otherwise {ADVICE}"
 
 
 def names_in(table: Path) -> dict[int, str]:

@@ -34,7 +34,7 @@ FIRIS_KIND, FIRIS_PERIMETER = "type", "perim"  # field with the kind of a featur
 class Perimeter(NamedTuple):
     """A mapped burned area and its time."""
 
-    at: datetime  # aware
+    at: datetime  # with a UTC offset
     area: BaseGeometry  # Polygon or MultiPolygon in the landscape's CRS, valid
     source: str  # file and time, for messages
 
@@ -45,7 +45,7 @@ class Mapped(NamedTuple):
     at: datetime | date
     area: BaseGeometry
     file: Path
-    number: int  # of the feature, from 1
+    number: int  # number of the feature, from 1
 
 
 def read_perimeters(
@@ -115,7 +115,7 @@ def _features_in(
     if column is None:
         fields = list(dict.fromkeys(key for record in records for key in record))
         raise FireModelError(
-            f"{path}: no field has the times of the perimeters (fields: "
+            f"{path}: no field contains the times of the perimeters (fields: "
             f"{', '.join(fields[:12]) or 'none'}); add PolygonDateTime, for example "
             "2019-10-31T19:37:11Z, to each feature"
         )

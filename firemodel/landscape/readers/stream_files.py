@@ -2,8 +2,9 @@
 
 A .wtr has the minimum and the maximum temperature of each day with their hours, and the humidities
 at these hours. Between two such hours temperature and humidity follow a half cosine (Beck & Trevitt
-1989, as in FARSITE). The day before the first day and the day after the last day are assumed to be
-equal to them. A .wnd has winds, each of which is used until the next.
+1989, as in FARSITE). The day before the first day is assumed to be equal to the first day, and the
+day after the last day to the last day. A .wnd contains winds; each is used until the time of the
+next.
 """
 
 import math
@@ -29,9 +30,9 @@ COLUMNS = {
     "ENGLISH": ("temperature_f", "humidity_pct", "rain_in", "wind_speed_mph", "wind_from_deg"),
     "METRIC": ("temperature_c", "humidity_pct", "rain_mm", "wind_10m_kmh", "wind_from_deg"),
 }
-RAIN_IN = {"ENGLISH": 0.01, "METRIC": 1.0}  # a .wtr in ENGLISH has hundredths of an inch
+RAIN_IN = {"ENGLISH": 0.01, "METRIC": 1.0}  # unit of rain: 1/100 inch, or mm
 HOUR = timedelta(hours=1)
-MAX_WIND = 360.0  # mph or km/h; a faster wind is 100 m/s or more
+MAX_WIND = 360.0  # in mph or km/h; corresponds to at least 100 m/s
 
 
 class Extreme(NamedTuple):
@@ -98,7 +99,9 @@ def daily_records(
         *(each._replace(at=each.at + 24 * HOUR) for each in after),
     ]
     if winds[0][0] > end or winds[-1][0] < begin:
-        raise FireModelError(f"{wnd[0]}: no wind on the days of {wtr[0]}; give files of one period")
+        raise FireModelError(
+            f"{wnd[0]}: contains no wind on the days of {wtr[0]}; give files of the same period"
+        )
     found = []
     for at in _times(winds, begin, end):
         index = max(0, bisect_right(winds, at, key=itemgetter(0)) - 1)
@@ -113,7 +116,7 @@ def daily_records(
 def _times(
     winds: list[tuple[datetime, int, str, str]], begin: datetime, end: datetime
 ) -> list[datetime]:
-    """Return the full hours and the times of winds from the first wind on, until ``end``."""
+    """Return the full hours and the times of winds, from the first wind until ``end``."""
     first = max(winds[0][0], begin)
     hour = first.replace(minute=0)
     hours = [hour + number * HOUR for number in range(int((end - hour) / HOUR) + 1)]

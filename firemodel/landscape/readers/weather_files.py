@@ -17,7 +17,7 @@ from firemodel.physics.weather import Weather, WeatherSource, WeatherStream, win
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """A column of a file whose values become the field ``gives``.
+    """A column of a file; its values become the field ``gives``.
 
     The field is ``value * scale + offset``.
 
@@ -157,7 +157,9 @@ def _check_columns(path: Path, names: Iterable[str]) -> None:
             )
         gives = COLUMNS[name].gives if name in COLUMNS else "time"
         if gives in given:
-            raise FireModelError(f"{path}: {given[gives]} and {name} both given; remove one")
+            raise FireModelError(
+                f"{path}: the columns {given[gives]} and {name} have the same meaning; remove one"
+            )
         given[gives] = name
     for gives, columns in (
         ("time", "time or at_s"),
@@ -165,7 +167,7 @@ def _check_columns(path: Path, names: Iterable[str]) -> None:
         ("wind_from_deg", "wind_from_deg or wind_toward_deg"),
     ):
         if gives not in given:
-            raise FireModelError(f"{path}: no column of {columns}; add one")
+            raise FireModelError(f"{path}: has no column for {columns}; add one")
 
 
 def _number(path: Path, line: int, name: str, text: str) -> float:
@@ -211,7 +213,9 @@ def _times_s(path: Path, rows: Rows, start: datetime | None) -> Floats:
         at_s = [(time - origin).total_seconds() for time in times]
     for number, (line, row) in enumerate(rows):
         if not np.isfinite(at_s[number]):
-            raise FireModelError(f"{path} line {line}: {name} = {row[name]} is not a time; give s")
+            raise FireModelError(
+                f"{path} line {line}: {name} = {row[name]} is not a number of seconds; correct it"
+            )
         if number and not at_s[number] > at_s[number - 1]:
             raise FireModelError(
                 f"{path} line {line}: {name} = {row[name]} is not later than the previous record "
@@ -236,7 +240,7 @@ def _check_moistures(
     """Raise FireModelError if moistures are missing or are given in two ways."""
     missing = [name for name in MOISTURES if name not in values]
     if missing and moisture is None:
-        raise FireModelError(f"{path}: no column {missing[0]}; add it, or give the moisture")
+        raise FireModelError(f"{path}: has no column {missing[0]}; add it, or give the moisture")
     if own and len(missing) < len(MOISTURES):
         raise FireModelError(
             f"{path}: has columns of moistures, which cannot be combined with moistures of single "
@@ -252,7 +256,9 @@ def _check_moistures(
             )
     for name in ("temperature_c", "humidity_pct"):
         if name not in values:
-            raise FireModelError(f"{path}: no column {name} for the conditioning; add it")
+            raise FireModelError(
+                f"{path}: has no column {name}, which conditioning requires; add it"
+            )
 
 
 def _moistures_pct(

@@ -1,7 +1,7 @@
 """Fly the four scenarios of Beachly's section VI on a mock copter with a simulated crew.
 
 All scenarios have a burn unit of 20 acres, wind of 2 m/s towards the south and a backing fire along
-the southern edge. Scenario 1 has nothing else. In scenario 2 the centre has burned farther. In
+the southern edge. Scenario 1 has no other fire. In scenario 2 the centre has burned farther. In
 scenario 3 there is a second front, at 45 degrees to the southern edge. In scenario 4 this front is
 reported to the planner during the flight.
 """
@@ -33,10 +33,10 @@ from mission_service.simulation.simulated_crew import SimulatedCrew
 Floats = NDArray[np.float64]
 Place = tuple[float, float]
 
-STARTS_S = 240.0  # takeoff, after the ignition of the backing fire
+STARTS_S = 240.0  # time of takeoff, after the ignition of the backing fire
 ENDS_S = 1100.0
-SECOND_FRONT_S = 15.0  # after the first drop, in scenario 4
-LOW_SHARE = 0.9  # of the safe height
+SECOND_FRONT_S = 15.0  # from the first drop to the report of the second front, in scenario 4
+LOW_SHARE = 0.9  # up to this share of the safe height, a vehicle is at low height
 # (m north of the edge, time of ignition in s)
 BULGE = ((6.0, 20.0), (12.0, 55.0), (18.0, 90.0), (24.0, 125.0), (30.0, 160.0), (36.0, 195.0))
 
@@ -166,8 +166,8 @@ def fly(number: int, out: Path | None = None) -> Flown:
 def min_time_margin_s(flown: Flown, safe_height_m: float) -> float:
     """Return the shortest time until fire reaches the vehicle, of all samples at low height.
 
-    The time follows from the estimate of the fire at the time of the sample. It is negative on
-    burned ground.
+    The time follows from the estimate of the fire at the time of the sample. On burned ground this
+    time is negative.
     """
     margins = [
         sample.fire.ignition_time_s(np.array([[sample.x_m, sample.y_m]]))[0] - sample.at_s

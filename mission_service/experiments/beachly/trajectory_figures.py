@@ -33,7 +33,8 @@ def draw_trajectory(path: Path, flown: Flown) -> None:
     last = flown.samples[-1]
     arrival = last.fire.ignition_time_s(points).reshape(grid_x.shape)
     first_s = flown.spheres[0].at_us / 1e6 if flown.spheres else last.at_s
-    inside = shapely.contains_xy(flown.area, grid_x, grid_y)  # fire stays within control lines
+    # Control lines hold the fire in the unit.
+    inside = shapely.contains_xy(flown.area, grid_x, grid_y)
     arrival = np.where(np.isfinite(arrival) & inside, arrival, 1e9)
     for until_s, colour in ((last.at_s, LATER), (first_s, BURNED)):
         axes.contourf(

@@ -22,19 +22,19 @@ Floats = NDArray[np.float64]
 
 CELL_M = 5.0
 UNIT_M = 340.0  # width of the paper's unit
-MARGIN_M = 80.0  # of burnable ground around the unit
+MARGIN_M = 80.0  # width of the burnable ground around the unit
 CELLS = round((UNIT_M + 2.0 * MARGIN_M) / CELL_M)
 WEST_M, NORTH_M = 5e5, 4.5e6
 MINUTE_S = 60.0
 END_S = 80.0 * MINUTE_S
 LIT_SPACING_M = 5.0
 FUELS = (1, 2, 3, 5, 6, 8, 9, 101, 102, 104, 121, 122, 161, 183, 186, 188)
-GUST_S = 240.0  # between entries of the wind
+GUST_S = 240.0  # interval of the wind's entries
 # Standard deviations of the model's wrong settings (of ln for speed and rate), which give about the
 # paper's error of 24.8 m without corrections.
 WRONG_SPEED, WRONG_DEG, WRONG_RATE = 0.5, 45.0, 0.7
 MIN_BURNED, MAX_EARLY, MAX_BURNED = 0.55, 0.35, 0.97  # shares of the unit, see ``random_burn``
-MAX_UNEVEN = 4.0  # rate of the fastest fuel over that of the slowest
+MAX_UNEVEN = 4.0  # ratio of the spread rates of the fastest and the slowest fuel
 EARLY_S = 15.0 * MINUTE_S
 
 

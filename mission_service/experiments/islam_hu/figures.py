@@ -110,7 +110,8 @@ def draw_errors(path: Path, burn: Burn, flights: dict[str, Flight]) -> None:
         xlabel="time since ignition (h)",
         ylabel="maximum distance error (cells)",
         xlim=(burn.deploy_s / HOUR_S, burn.end_s / HOUR_S),
-        ylim=(0.0, 1.3 * max_error),  # the rule ``islam_hu`` may lose a part of the fire
+        # ``islam_hu`` may lose a part of the fire and exceed this limit.
+        ylim=(0.0, 1.3 * max_error),
     )
     axes.set_title(f"{burn.name}, {burn.scheme}; thick lines: mean so far", fontsize=10)
     axes.legend(loc="upper left", fontsize=8)
@@ -120,9 +121,9 @@ def draw_errors(path: Path, burn: Burn, flights: dict[str, Flight]) -> None:
 def draw_importance(path: Path, burn: Burn, flight: Flight) -> None:
     """Draw fig. 10: the importance of cells behind and ahead at two decisions (damped rule).
 
-    Both decisions are after the fire changes. On the left is the decision with the lowest ratio of
-    the importance behind to the importance ahead. On the right is the first turn or, without a
-    turn, the decision with the highest ratio.
+    Both decisions were made after the changes in the fire. On the left is the decision with the
+    lowest ratio of the importance behind to the importance ahead. On the right is the first turn
+    or, without a turn, the decision with the highest ratio.
     """
     later = flight.windows[flight.windows[:, 0] >= changes_s(burn)]
     share = later[:, 1] / np.maximum(later[:, 2], 1e-9)

@@ -1,8 +1,8 @@
 """Compute the area to monitor around the true fire, and the metrics of section 6.2.
 
-The UAVs do not receive this area. Like the agents' maps, it counts the burning cells within reach
-of each cell; a cell that begins to burn adds a disc. The cells with a priority are also stored in a
-list, because the metrics are computed far more often than the fire grows.
+The UAVs do not receive this area. Like the agents' maps, the map of this area counts the burning
+cells within reach of each cell; a cell that begins to burn adds a disc. The cells with a priority
+are also stored in a list, because the metrics are computed far more often than the fire grows.
 """
 
 from collections.abc import Sequence
@@ -18,8 +18,8 @@ from mission_service.guidance.formation.map_grid import MapGrid
 Cells = NDArray[np.int64]
 Floats = NDArray[np.float64]
 
-NEAR, FAR = 1.0, 0.2  # priorities (section 3.4)
-SEEN_WITHIN_S = 60.0  # interval of UAV coverage
+NEAR, FAR = 1.0, 0.2  # priorities near fire and farther away (section 3.4)
+SEEN_WITHIN_S = 60.0  # a cell is covered for this time after a UAV has seen it
 
 
 class MonitoringArea:
@@ -86,9 +86,9 @@ class MonitoringArea:
     def efficiency(self, footprints: Sequence[Footprint]) -> float:
         """Return the efficiency of the footprints (section 6.2).
 
-        It is the sum of the priorities in the union of the footprints, divided by the sum over all
-        footprints. A cell in two footprints counts twice in the second sum. The result is 1 if no
-        footprint contains a priority.
+        The efficiency is the sum of the priorities in the union of the footprints, divided by the
+        sum over all footprints. A cell in two footprints counts twice in the second sum. The result
+        is 1 if no footprint contains a priority.
         """
         union = total = 0.0
         self._view += 1

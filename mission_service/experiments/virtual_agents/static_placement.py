@@ -1,9 +1,9 @@
 """Search offline for the best positions of n discs around a static fire.
 
 These positions are a reference for those of virtual agents. One disc at a time moves to the allowed
-cell where it adds most to the others; sums along rows give this exactly. The search runs from many
-starts, and then from the best result with some discs moved at random. Finally, discs are shifted by
-parts of a cell.
+cell where the covered weight grows most, computed exactly from sums along rows. The search runs
+from many starts, and then from the best result with some discs moved at random. Finally, discs are
+shifted by parts of a cell.
 """
 
 import math
@@ -114,7 +114,7 @@ def settle(weights, counts, allowed, places, order, radius, sums):  # type: igno
 
 @kernel
 def refine(weights, counts, allowed, places, radius):  # type: ignore[no-untyped-def]
-    """Shift discs by parts of a cell while that adds weight, and return the covered weight."""
+    """Shift discs by parts of a cell as long as the covered weight grows; return this weight."""
     rows, cols = weights.shape
     total = 0.0
     for place in places:
@@ -194,7 +194,7 @@ def best_placement(
     best, best_places = -1.0, np.empty((0, 2))
     for attempt in range(starts + kicks):
         if attempt == 0:
-            places = np.full((count, 2), -1.0)  # placed one after the other
+            places = np.full((count, 2), -1.0)  # -1: the disc is not placed yet
         elif attempt < starts:
             places = (cells[rng.integers(len(cells), size=count)] - corner).astype(np.float64)
         else:
@@ -246,7 +246,7 @@ def maps_of(fire: NDArray[np.int64], grid: MapGrid, settings: Settings) -> Agent
 def weights_of(maps: AgentMaps) -> Floats:
     """Return the monitoring-area map (y, x) of section 3.4.
 
-    It is 1 near fire, 0.2 farther away but within d_mon, and 0 elsewhere and on fire.
+    A weight is 1 near fire, 0.2 farther away but within d_mon, and 0 elsewhere and on fire.
     """
     weights = np.where(maps.augmentation > 0, 1.0, np.where(maps.monitored > 0, 0.2, 0.0))
     return np.where(maps.fire, 0.0, weights)

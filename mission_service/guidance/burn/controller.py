@@ -82,7 +82,7 @@ Floats = NDArray[np.float64]
 Phase = Literal["waiting", "planning", "proposed", "approved", "flying", "climbing"]
 
 CHECK_EVERY_S, CHECK_PROPOSED_EVERY_S = 1.0, 5.0
-BEGINS_ON_GROUND_S, BEGINS_IN_AIR_S = 30.0, 15.0  # planned begin after the proposal
+BEGINS_ON_GROUND_S, BEGINS_IN_AIR_S = 30.0, 15.0  # planned start after the proposal
 OFF_PATH_M = 12.0
 AT_END_M = 3.0
 WIND_COUNT = 3  # successive measurements that must differ from the planned wind
@@ -242,7 +242,8 @@ class BurnFlight(Guidance):
         fix = vehicle.availability.fix
         if fix is None:
             return []
-        if not (vehicle.availability.airborne or self._armed or vehicle.deployed):  # on the ground
+        # The vehicle is on the ground.
+        if not (vehicle.availability.airborne or self._armed or vehicle.deployed):
             self.state.calibrate_altitude(fix)
         why = self._why_expired(round(at_s * 1e6))
         if why is None and self.phase in ("proposed", "approved"):
@@ -368,7 +369,7 @@ class BurnFlight(Guidance):
     # In the air -------------------------------------------------------------------------------
 
     def first_path(self, vehicle: Vehicle, fix: PositionFix) -> Floats | None:
-        """Return the approved plan's path (n, 2), x and y in metres; None if it has been sent."""
+        """Return the approved plan's path (n, 2), x and y in metres; None once sent."""
         flown = self._flown
         if self.phase != "approved" or flown is None or flown.sent:
             return None
@@ -401,7 +402,7 @@ class BurnFlight(Guidance):
         return self._climb(vehicle, fix)
 
     def way_home(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand] | None:
-        """Return the climb to the safe height before a return home; None if it is reached."""
+        """Return the climb to the safe height before a return home; None at that height."""
         return None if self._safe_climb.is_high(fix) else self._climb(vehicle, fix)
 
     def _fly(self, vehicle: Vehicle, flown: ApprovedPlan, fix: PositionFix) -> list[AnyCommand]:
@@ -480,10 +481,10 @@ class BurnFlight(Guidance):
         self.state.fire.let_go()
 
     def _stop(self, why: str, then: Phase = "planning", always: bool = False) -> list[AnyCommand]:
-        """Withdraw the plan; an airborne vehicle under it climbs to the safe height and holds.
+        """Withdraw the plan; an airborne vehicle that flies it climbs to the safe height and holds.
 
         If ``always``, an airborne vehicle climbs and holds even without a plan. When the climb has
-        ended, or if there is none, the phase ``then`` begins.
+        ended, or if no climb is needed, the phase ``then`` begins.
         """
         vehicle, flew = self._vehicle, self.phase in ("approved", "flying", "climbing")
         commands = self._withdraw(why)
@@ -546,7 +547,10 @@ class BurnFlight(Guidance):
 
 
 def burn_flight(guidance: Guidance) -> BurnFlight:
-    """Return a run's guidance as a ``BurnFlight``. Raises MissionServiceError if it is none."""
+    """Return a run's guidance as a ``BurnFlight``.
+
+    Raises MissionServiceError for another guidance.
+    """
     if not isinstance(guidance, BurnFlight):
         raise MissionServiceError("this run is not a burn")
     return guidance

@@ -1,4 +1,4 @@
-"""The interlock's limits on the place of a drop: at its target, inside the areas, away from people.
+"""Checks the place of a drop for the interlock: near its target, in the areas, far from people.
 
 Part of the interlock: it shares no code with the controller that orders drops. Missing information
 is a reason to refuse.
@@ -17,8 +17,8 @@ from mission_service.events import Telemetry
 from mission_service.ground_distance import distance_m
 from mission_service.ignition_plan import IgnitionPlan, PlannedDrop
 
-# Tolerances for the position and height of a drop. They exclude gross errors only, since the
-# controller computes the exact impact point (drop_release.py).
+# Tolerances for the position and height of a drop. The tolerances exclude gross errors only, since
+# the controller computes the exact impact point (drop_release.py).
 LATE_S = 1.0
 OFF_PATH_M = 5.0
 HEIGHT_SHARE, MIN_BAND_M = 0.5, 5.0
@@ -33,7 +33,7 @@ def planned_drop(plan: IgnitionPlan, drop: Drop) -> PlannedDrop:
 
 
 def target_problem(burn: BurnSection, plan: IgnitionPlan, drop: Drop, fix: Telemetry) -> str | None:
-    """Return why a vehicle at ``fix`` is not where a drop hits its target; None if it is."""
+    """Return why a drop from ``fix`` would miss its target; None if it would hit."""
     planned = planned_drop(plan, drop)
     place = (planned.lat_deg, planned.lon_deg)
     ground_m = ground_amsl_m(plan, planned.after_s)
@@ -55,7 +55,7 @@ def target_problem(burn: BurnSection, plan: IgnitionPlan, drop: Drop, fix: Telem
 def place_problem(
     planned: PlannedDrop, areas: Mapping[str, BaseGeometry], people: Mapping[str, Circle]
 ) -> str | None:
-    """Return why a planned drop is outside an area (lon, lat) or near people; None if it is not."""
+    """Return why a planned drop is not allowed in the areas (lon, lat) or near people, or None."""
     place = (planned.lat_deg, planned.lon_deg)
     for name, area in areas.items():
         if not shapely.contains_xy(area, place[1], place[0]):

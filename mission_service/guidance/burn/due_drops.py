@@ -18,8 +18,9 @@ from mission_service.guidance.burn.sphere_account import PointXY, Sphere
 from mission_service.position_fix import PositionFix
 
 TELEMETRY_S = 0.1
-RELEASES_BEFORE_S = 6.0  # earliest time of a drop before its time in the plan
-LOW_SHARE, HIGH_SHARE, FAST_SHARE = 0.7, 1.4, 1.3  # limits, as shares of planned height and speed
+RELEASES_BEFORE_S = 6.0  # a sphere is released at most this long before its planned time
+# Limits, as shares of the planned height (low, high) and speed.
+LOW_SHARE, HIGH_SHARE, FAST_SHARE = 0.7, 1.4, 1.3
 
 
 class DueDrop(NamedTuple):

@@ -62,7 +62,7 @@ from mission_service.vehicles.availability import named_mode
 
 POSITION_GOOD_US = 1_500_000
 MINUTE_US = 60_000_000
-GOING_HOME = ("return", "land")  # modes, in the bridge's names
+GOING_HOME = ("return", "land")  # modes, as the bridge names them
 AIRBORNE_M = 2.0
 
 
@@ -84,7 +84,7 @@ class _Plan:
     """A proposed plan and its approval."""
 
     plan: IgnitionPlan
-    proposed_host_us: int | None = None  # time on the host's clock
+    proposed_host_us: int | None = None  # time of the proposal on the host's clock
     approved: Approved | None = None
     approved_host_us: int | None = None
     attended_us: int = 0  # time of the last input that shows an approver's presence
@@ -96,14 +96,15 @@ class _Plan:
 class Interlock:
     """The interlock, which checks each drop immediately before it is sent.
 
-    It must receive all events and commands in order. An approval counts only if the plan was
-    proposed, the station is in the scenario, and the GO list is complete. The approval remains
-    valid while its operator, or another one with the role approve, gives input at that station.
-    Time limits apply both to mission time and to the host's clock. A NO-GO ends the approval.
+    The interlock must receive all events and commands in order. An approval is accepted only if the
+    plan was proposed, the station is in the scenario, and the GO/NO-GO checklist is complete. The
+    approval remains valid while its operator, or another operator with the role approve, gives
+    input at that station. Time limits apply both to mission time and to the host's clock. A NO-GO
+    ends the approval.
 
     An abort, a restart of service or autopilot, a return home, and a landing also end the approval,
-    and reset every item of the GO list. Drops are then refused until all items are GO and a plan is
-    approved again. Each drop is allowed only once, whatever its outcome.
+    and reset every item of the GO/NO-GO checklist. Drops are then refused until all items are GO
+    and a plan is approved again. Each drop is allowed only once, whatever its outcome.
     """
 
     def __init__(self, burn: BurnSection, unit: BaseGeometry | None = None) -> None:
@@ -215,7 +216,7 @@ class Interlock:
         vehicle.armed, vehicle.mode = event.armed, event.mode
         airborne = vehicle.fix is not None and vehicle.fix.altitude_relative_m > AIRBORNE_M
         if landed:
-            vehicle.used = 0  # the GO list requires a reload before the next flight
+            vehicle.used = 0  # the GO/NO-GO checklist requires a reload before the next flight
             self._restart("the vehicle has landed")
         elif event.armed and airborne and event.mode in GOING_HOME:
             self._restart(f"the vehicle was recalled (mode {event.mode})")
@@ -237,7 +238,7 @@ class Interlock:
         elif not event.by.strip() or event.by == "service":
             entry.why_not = "its approval has no name of an operator"
         elif self.open_items:
-            entry.why_not = "approved before the GO list was complete; approve again"
+            entry.why_not = "approved before the GO/NO-GO checklist was complete; approve again"
         else:
             entry.approved, entry.approved_host_us = event, self._host_us
             entry.attended_us, entry.attended_host_us = event.at_us, self._host_us
@@ -255,9 +256,9 @@ class Interlock:
                 entry.approved, entry.why_not = None, why
 
     def _restart(self, why: str) -> None:
-        """End all approvals and reset every item of the GO list."""
+        """End all approvals and reset every item of the GO/NO-GO checklist."""
         self._go.clear()
-        self._void(f"{why}; answer the GO list and approve a plan again")
+        self._void(f"{why}; answer the GO/NO-GO checklist and approve a plan again")
 
     def _order(self, drop: Drop) -> None:
         self._dropped_us.append(self._at_us)
@@ -270,7 +271,7 @@ class Interlock:
 
     @property
     def open_items(self) -> tuple[str, ...]:
-        """Return the items of the GO list that are not GO."""
+        """Return the items of the GO/NO-GO checklist that are not GO."""
         return tuple(item for item in self._burn.go_items if item not in self._go)
 
     def status(self) -> dict[str, Any]:
@@ -344,7 +345,8 @@ class Interlock:
         if age_us > burn.approval_s * 1e6:
             return f"{name}: its approval is older than {burn.approval_s:g} s"
         if self.open_items:
-            return f"GO list: {len(self.open_items)} items open, the first: {self.open_items[0]}"
+            count, first = len(self.open_items), self.open_items[0]
+            return f"GO/NO-GO checklist: {count} items open, the first: {first}"
         absent_us = max(at_us - entry.attended_us, self._elapsed_us(entry.attended_host_us))
         if absent_us > burn.approver_timeout_s * 1e6:
             since = (
@@ -385,7 +387,7 @@ class Interlock:
     def _payload_refuses(self, name: str, at_us: int) -> str | None:
         burn = self._burn
         if self._vehicles[name].used >= burn.spheres:
-            return f"{name}: all {burn.spheres} spheres of the load were ordered"
+            return f"{name}: all {burn.spheres} spheres of the load are used"
         in_minute = sum(at_us - dropped_us < MINUTE_US for dropped_us in self._dropped_us)
         if in_minute >= burn.max_drops_per_min:
             return f"{in_minute} drops in a minute; at most {burn.max_drops_per_min:g} are allowed"

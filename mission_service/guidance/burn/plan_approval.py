@@ -35,7 +35,7 @@ class PlanApproval:
     by: str
     station: str
     at_us: int
-    host_us: int  # time on the host's clock
+    host_us: int  # time of the approval on the host's clock
 
 
 class ApprovalTracker:
@@ -61,9 +61,9 @@ class ApprovalTracker:
         self._host_us = event.monotonic_us
 
     def on_operator_input(self, event: OperatorEvent) -> None:
-        """Record that an approver is present, if this is an approver's input at the same station.
+        """Record that an approver is present, if an approver made this input.
 
-        The station must be that of the approval.
+        The input must be from the station of the approval.
         """
         approval = self.approval
         if approval is None or isinstance(event, Resumed) or event.station != approval.station:

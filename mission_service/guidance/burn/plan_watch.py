@@ -29,18 +29,8 @@ def invalid_reason(
     if plan.digest != state.unit.digest(state.burn):
         return "the burn unit, its people or its settings have changed since the plan"
     differs = wind_differs(plan, state.wind_from(at_s), state.burn)
-    return differs or _danger_ahead(state, plan, found, flown, vehicle, at_s)
-
-
-def _danger_ahead(
-    state: BurnState,
-    plan: IgnitionPlan,
-    found: LinePlan | None,
-    flown: ApprovedPlan | None,
-    vehicle: Vehicle | None,
-    at_s: float,
-) -> str | None:
-    """Return why the path that remains must not be flown; None if it is safe."""
+    if differs is not None:
+        return differs
     if vehicle is None or vehicle.availability.fix is None or found is None:
         return None
     fix = vehicle.availability.fix

@@ -1,4 +1,4 @@
-"""The climb straight up to the safe height, which is ordered again until the vehicle is there."""
+"""Commands a climb straight up to the safe height, again and again until the vehicle is there."""
 
 import math
 
@@ -7,7 +7,8 @@ from mission_service.guidance.burn.approved_plan import HIGH_SHARE
 from mission_service.guidance.burn.burn_state import BurnState
 from mission_service.position_fix import PositionFix
 
-REPEAT_CLIMB_S, CLIMB_SHARE = 5.0, 1.05  # interval of climb commands; share of the safe height
+# Interval of climb commands; altitude as a share of the safe height.
+REPEAT_CLIMB_S, CLIMB_SHARE = 5.0, 1.05
 
 
 class SafeClimb:

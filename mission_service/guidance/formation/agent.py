@@ -1,9 +1,9 @@
 """The agent of one UAV in the formation: its maps, its virtual agent, and its intended orbit.
 
 Every UAV has one agent, whose inputs are the views of the UAV's camera and the messages received.
-``step`` is called at each position of the UAV. It returns an ``Intention``, which is an orbit and
-an airspeed. They are flown by a simulation's kinematics, by an orbit command to the autopilot, or
-by a loiter item.
+``step`` is called at each position of the UAV. The result of ``step`` is an ``Intention``, which is
+an orbit and an airspeed. Orbit and airspeed are flown by a simulation's kinematics, by an orbit
+command to the autopilot, or by a loiter item.
 """
 
 import math

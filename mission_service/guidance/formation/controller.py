@@ -77,7 +77,7 @@ RENEW_EVERY_S, RENEW_BEYOND_M = 60.0, 300.0
 RETRY_AFTER_S = 5.0
 HOME_WITHIN_M = 500.0  # within this distance of home the autopilot flies the return
 ORDER_TIMEOUT_S = 30.0
-TAKES_EFFECT_S = 15.0  # a mode change within this time after an orbit command is its effect
+TAKES_EFFECT_S = 15.0  # mode changes within this time are attributed to the last orbit command
 # Modes in which the stacks fly commanded orbits.
 ORBITS_IN = {"px4": ("hold", "guided", "orbit"), "ardupilot": ("guided",)}
 
@@ -101,7 +101,7 @@ class FormationFlight(Guidance):
         self._rejected_senders: set[str] = set()
         self._in_contact = (
             not scenario.formation.peer_messaging
-        )  # else each vehicle keeps its loiter
+        )  # while False, each vehicle stays in its loiter
 
     # Inputs ----------------------------------------------------------------------------
 
@@ -115,9 +115,7 @@ class FormationFlight(Guidance):
             return [Announce(self.scenario.flown[0].name, words, "warning")]
         if isinstance(event, Resumed):
             for state in self._states.values():
-                if (
-                    state.order == "orbit"
-                ):  # it may have been received and may still change the mode
+                if state.order == "orbit":  # the autopilot may have received the order
                     state.orbit_at_s = event.at_us / 1e6
                 state.order, state.circle, state.airspeed_m_s = "", None, None
         return []
@@ -371,7 +369,7 @@ class FormationFlight(Guidance):
         if fix.altitude_m < state.altitude_m - CLIMBS_BELOW_M:  # a climb needs airspeed
             min_m_s = max(min_m_s, min(section.airspeed_m_s, max_m_s))
         new_m_s = round(min(max(intention.airspeed_m_s, min_m_s), max_m_s), 1)
-        ordered_m_s = state.airspeed_m_s  # None after a mode change, which resets it
+        ordered_m_s = state.airspeed_m_s  # None after a mode change, which resets the airspeed
         every_s = NEAR_EVERY_S if near else SPEED_EVERY_S
         if fix.at_s - state.speed_at_s < (0.0 if ordered_m_s is None else every_s):
             return []

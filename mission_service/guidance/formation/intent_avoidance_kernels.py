@@ -62,9 +62,9 @@ def rank(key, slot):  # type: ignore[no-untyped-def]
 def is_own_turn(at_s, own, peers, turn_s, layers_m):  # type: ignore[no-untyped-def]
     """Return whether this vehicle may adopt an orbit now.
 
-    It may not if any vehicle that is near, or will soon be near, has a higher priority or an old
-    state. A state is old if it was sent before the slot began, because a later adoption may not
-    have been received.
+    The vehicle must wait if any vehicle that is near, or will soon be near, has a higher priority
+    or an old state. A state is old if it was sent before the slot began, because a later adoption
+    may not have been received.
     """
     slot = math.floor(at_s / turn_s)
     into_s = at_s - slot * turn_s + 1e-6
@@ -245,7 +245,8 @@ KINDS = AIRSPEEDS + AIRSPEEDS + 3 + 2 * ROUND + 8
 def slow_of(own, frame):  # type: ignore[no-untyped-def]
     """Return the airspeed for waiting circles.
 
-    It is midway between the minimum and the cruise airspeed, or higher to exceed the wind speed.
+    This airspeed is midway between the minimum and the cruise airspeed, or higher to exceed the
+    wind speed.
     """
     min_m_s, max_m_s, _ = frame
     slow_m_s = 0.5 * (min_m_s + max(0.7 * max_m_s, min_m_s))

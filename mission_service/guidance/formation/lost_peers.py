@@ -12,7 +12,7 @@ from msgspec.structs import replace
 from mission_service.guidance.formation.peer_table import LOST_AFTER_S
 from mission_service.peer_messages import State
 
-RECKON_AFTER_US = 3_000_000  # two states a second are sent: random loss rarely takes all of them
+RECKON_AFTER_US = 3_000_000  # states are sent twice a second: random loss rarely lasts this long
 AVOIDED_FOR_US = 120_000_000
 EVERY_US = 500_000
 AGENT_FIELDS = ("agent_x_m", "agent_y_m", "goal_x_m", "goal_y_m")
@@ -52,7 +52,7 @@ class LostPeers:
     def states(self, at_us: int) -> list[State]:
         """Return the dead-reckoned states of lost UAVs.
 
-        They are returned at most twice a second; further calls return an empty list.
+        States are returned at most twice a second; further calls return an empty list.
         """
         if at_us < self._due_us:
             return []

@@ -14,12 +14,12 @@ SETTLED_FOR_S = 20.0
 class OrderState:
     """The state of one vehicle, and the orders sent to it."""
 
-    guided: bool = False  # it flies its mission or commanded orbits, and is not flown manually
+    guided: bool = False  # whether the vehicle flies its mission or commanded orbits
     taken_over: bool = False
     mode: str = ""
     order: str = ""  # pending order
     ordered_at_s: float = -math.inf
-    circle: Circle | None = None  # last ordered, or flown by the mission
+    circle: Circle | None = None  # circle last ordered, or flown by the mission
     altitude_m: float = 0.0
     orbit_at_s: float = -math.inf
     check_ground_at_s: float = -math.inf
@@ -27,7 +27,7 @@ class OrderState:
     speed_at_s: float = -math.inf
     settled_since_s: float | None = None
     start_not_before_s: float = -math.inf
-    goes_home_until_s: float = math.inf  # when the agent's guidance home ends
+    goes_home_until_s: float = math.inf  # time at which the agent's guidance home ends
     sending: Circle | None = None  # final circle of a mission being uploaded
     loiter: Circle | None = None  # final circle of the mission on board
 
@@ -38,7 +38,7 @@ class OrderState:
     def start_due(self, at_s: float) -> bool:
         """Return whether to start the mission on board now.
 
-        It must end in the circle that the vehicle flies.
+        The mission must end in the circle that the vehicle flies.
         """
         if self.loiter is None or self.loiter != self.circle or self.mode == "mission":
             return False

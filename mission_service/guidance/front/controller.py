@@ -131,7 +131,7 @@ class FrontFlight(Guidance):
     def further_commands(
         self, event: AnyEvent, leaving: list[AnyCommand], vehicles: Mapping[str, Vehicle]
     ) -> list[AnyCommand]:
-        """Record the missions sent; report parts of the front that are left or monitored again."""
+        """Record the missions sent; report parts of the front that lose or regain monitoring."""
         for command in leaving:
             if isinstance(command, UploadMission):
                 self.traffic.on_mission(command.vehicle, command.items)

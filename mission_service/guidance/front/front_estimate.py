@@ -62,7 +62,8 @@ class FactorPrior(NamedTuple):
     """The distribution of the factors before the first view, and their changes.
 
     ``common`` and ``local`` are the standard deviations of the part of the factor that all sectors
-    share, and of each sector's own part. ``drift`` is that of the random walk of both in an hour.
+    share, and of each sector's own part. ``drift`` is the standard deviation of both parts' random
+    walk in an hour.
     """
 
     common: float
@@ -76,8 +77,9 @@ class FactorPrior(NamedTuple):
 
 MODELLED = FactorPrior(0.25, 0.25, 20.0, 0.15, 0.15, 0.3, 2.5)
 UNMODELLED = FactorPrior(1.0, 1.0, 20.0, 0.15, 0.15, 0.05, 10.0)  # the rate of spread is unknown
-# Of a model that may be wrong: chosen on the fires 200 to 229 of ``benchmarks.random_fires
-# --wrong``; a smaller error of advances or a shorter correlation length is worse.
+# The prior for a model that may be wrong, chosen on the fires 200 to 229 of
+# ``benchmarks.random_fires --wrong``; a smaller error of advances or a shorter correlation length
+# is worse.
 CAUTIOUS = FactorPrior(0.8, 0.4, 40.0, 0.5, 0.4, 0.05, 10.0)
 
 
@@ -97,7 +99,7 @@ class FrontModel:
 
 
 def cautious(model: FrontModel) -> FrontModel:
-    """Return a model that follows wind and slope less, and no map of fuels.
+    """Return a model that depends less on wind and slope, and not on the map of fuels.
 
     All burnable ground has the fuel that is most frequent in the landscape.
     """
@@ -136,10 +138,10 @@ class FrontEstimate:
         self._shape = shape
         self.at_s = at_s
         self.front = front.copy()
-        self.speed_cells_s = np.zeros(BEARINGS)  # outwards, estimated
+        self.speed_cells_s = np.zeros(BEARINGS)  # estimated speed outwards
         self.seen_at_s = np.full(BEARINGS, -np.inf)
         self.burned = np.zeros(BEARINGS)  # outermost ground seen burned
-        self.wind_m_s: Floats | None = None  # towards north and east
+        self.wind_m_s: Floats | None = None  # wind towards north and east
         self._short_wind = self._long_wind = np.zeros(2)
         self._wind_at_s = -np.inf
         self._reset_factors()
@@ -172,7 +174,7 @@ class FrontEstimate:
         alike = np.exp(-np.minimum(apart, BEARINGS - apart) / prior.alike_deg)
         self.factor = np.ones(SECTORS)
         self._covariance = prior.common**2 + prior.local**2 * alike
-        self._drift = prior.drift**2 * (0.5 + 0.5 * alike)  # of the covariance, in an hour
+        self._drift = prior.drift**2 * (0.5 + 0.5 * alike)  # increase of the covariance in an hour
 
     def _fuel_at(self, front: Floats) -> NDArray[np.int16]:
         """Return the fuel model under a front on each bearing; 0 without a landscape."""
@@ -197,9 +199,9 @@ class FrontEstimate:
     def add_wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
         """Add a measured wind to the mean over a quarter of an hour.
 
-        The wind is that at 20 ft. ``from_deg`` is the direction from which it blows, clockwise from
-        true north. If the wind shifts by more than gusts and errors explain, the mean follows
-        within one or two minutes.
+        The wind is measured at 20 ft and blows from ``from_deg``, clockwise from true north. If the
+        wind shifts by more than gusts and errors explain, the mean follows within one or two
+        minutes.
         """
         toward = math.radians(from_deg + 180.0)
         new = speed_m_s * np.array([math.cos(toward), math.sin(toward)])
@@ -296,7 +298,7 @@ class FrontEstimate:
         return in_view
 
     def correct_window(self, row: int, col: int, window: NDArray[np.uint8], at_s: float) -> None:
-        """Apply an operator's correction of a window. This does not change the factors."""
+        """Apply an operator's correction of a window. The factors do not change."""
         self.advance(at_s)
         centre = (self.centre_row, self.centre_col)
         not_burned, still_burned = taken_back(row, col, window, centre, self.burned)

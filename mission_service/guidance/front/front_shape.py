@@ -134,7 +134,7 @@ def _hull_of(shape):  # type: ignore[no-untyped-def]
             last, before = corners[size - 1], corners[size - 2]
             turn = (east[last] - east[before]) * (north[added] - north[last])
             turn -= (north[last] - north[before]) * (east[added] - east[last])
-            if turn < 0.0:  # clockwise, as the bearings go
+            if turn < 0.0:  # a right turn, as on a convex hull
                 break
             size -= 1
         corners[size] = added

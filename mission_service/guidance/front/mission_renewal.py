@@ -38,7 +38,7 @@ class Renewal:
         if vehicle.due != CLOSE_BELOW and self._traffic.comes_too_low(vehicle.name):
             vehicle.due = CLOSE_BELOW
         if vehicle.proposed is not None and vehicle.due != CLOSE_BELOW:
-            return False  # until it is accepted, refused or withdrawn
+            return False  # no check until the proposal is accepted, refused or withdrawn
         if vehicle.due == TURN_BACK and not self._traffic.may_turn_back(vehicle.name):
             return False
         if not vehicle.due and fix.at_s < vehicle.not_before_s:
@@ -53,7 +53,7 @@ class Renewal:
         return vehicle.due or "fly to the fire"
 
     def is_open(self, vehicle: Vehicle, fix: PositionFix) -> bool:
-        """Return whether the last upload is long enough ago, or a reason is set, for a renewal."""
+        """Return whether a reason is set for a renewal, or the last upload is long ago."""
         since_s = fix.at_s - vehicle.uploaded_at_s
         return bool(vehicle.due) or since_s >= self._settings.min_upload_interval_s
 

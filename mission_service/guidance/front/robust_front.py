@@ -13,8 +13,8 @@ from mission_service.guidance.front.front_shape import hull_of
 
 Floats = NDArray[np.float64]
 
-# Shares of a hollow that are filled up to a depth (in cells) and beyond it. They were tuned on
-# random fires (benchmarks.random_fires); constant shares of 0 and of 0.5 are both worse.
+# Shares of a hollow that are filled up to a depth (in cells) and beyond it. The shares were tuned
+# on random fires (benchmarks.random_fires); constant shares of 0 and of 0.5 are both worse.
 SHALLOW, DEEP, DEEP_FROM_CELLS = 0.25, 0.5, 10.0
 
 

@@ -45,7 +45,7 @@ def warm_up(planners_of: Planners, scenario: Scenario, landscape: Landscape) -> 
             cells = tuple("".join(line) for line in np.where(burns, "b", "u"))
             planner.wind(4.0, 45.0, at_s)
             planner.observe(Observed(round(at_s * 1e6), name, top, left, cells))
-            if step == 0:  # an image from the ground, for which numba compiles kernels again
+            if step == 0:  # a single cell, for which numba compiles kernels again
                 planner.observe(Observed(round(at_s * 1e6), name, top, left, (cells[0][0],)))
             planner.at(row, col, at_s)
             planner.shape(row, col)

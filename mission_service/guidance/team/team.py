@@ -59,7 +59,7 @@ class MemberPerformance:
     """The speed of a vehicle, and the duration of its turn back."""
 
     speed_m_s: float
-    turn_s: float  # during this time the rule makes no decision
+    turn_s: float  # duration of a turn back, during which the rule makes no decision
 
 
 class Team:

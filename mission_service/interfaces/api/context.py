@@ -17,7 +17,7 @@ from mission_service.interfaces.maps.terrain import TerrainTiles
 from mission_service.runtime.published_states import VehicleState
 from mission_service.runtime.run_context import RunContext
 
-MAX_THREADS = 2  # in use at once, because requests must not delay the flight
+MAX_THREADS = 2  # threads in use at once; requests must not delay the flight
 
 Result = TypeVar("Result")
 
@@ -108,7 +108,7 @@ class ApiContext:
         return {"by": by, "station": station}
 
     def _only_station(self) -> str:
-        """Return the only station of a burn, "" for several stations, or ``http`` for none."""
+        """Return the only station of a burn; "" for several stations, ``http`` for no station."""
         burn = self.context.scenario.burn
         stations = [] if burn is None else [station.name for station in burn.stations]
         return stations[0] if len(stations) == 1 else "http" if not stations else ""

@@ -1,4 +1,4 @@
-"""Defines the routes of missions: on board, proposed, and a preview of the next one."""
+"""Defines the routes of missions: on board, proposed, and a preview of the next mission."""
 
 import tempfile
 from functools import partial

@@ -20,7 +20,7 @@ from mission_service.runtime.request_handler import Answer, RequestHandler, wron
 
 MAX_LINE_BYTES = 64 * 1024
 MAX_CLIENTS = 16
-MAX_WAITING = 64  # clients after the first MAX_CLIENTS may only abort; one of them makes room
+MAX_WAITING = 64  # further clients may only abort; beyond this number the oldest is closed
 IDLE_S = 60.0
 LATE_CLIENT_S = 2.0
 MAX_QUEUED = 100  # queued lines at which reading pauses
@@ -110,7 +110,7 @@ class _Clients:
         self.connected: dict[_Client, None] = {}
 
     def add(self, client: "_Client") -> bool:
-        """Add a client and return True if it is above the limit, so that it may only abort."""
+        """Add a client; return True if the client exceeds the limit and so may only abort."""
         late = len(self.connected) >= MAX_CLIENTS
         if len(self.connected) >= MAX_WAITING:
             next(each for each in self.connected if each.late).cut()
@@ -187,7 +187,7 @@ class _Client(asyncio.Protocol):
         self._unread = True
 
     def resume_writing(self) -> None:
-        """Handle lines again: the client reads its replies."""
+        """Resume handling lines: the client reads its replies again."""
         self._unread = False
         self._schedule()
 

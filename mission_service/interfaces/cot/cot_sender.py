@@ -22,7 +22,7 @@ from mission_service.runtime.clocks import wall_us
 if TYPE_CHECKING:
     from mission_service.runtime.run_context import RunContext
 
-FIRE_EVERY = 10  # rounds between two fronts
+FIRE_EVERY = 10  # the front is sent once in this many rounds
 ROUNDS_UNTIL_STALE = 3
 ANSWER_S = 5.0  # time limit for connecting and for sending an event
 MIN_WAIT_S, MAX_WAIT_S = 1.0, 30.0
@@ -33,7 +33,7 @@ class CotTransport(Protocol):
     """A transport for events."""
 
     async def send(self, event: bytes) -> None:
-        """Send an event. Raises OSError or TimeoutError if it cannot be sent."""
+        """Send an event. Raises OSError or TimeoutError if sending fails."""
 
     def close(self) -> None:
         """Close the transport."""

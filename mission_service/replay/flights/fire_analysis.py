@@ -73,14 +73,15 @@ class FireAnalysis:
     record: RunStatistics
     open_loop: bool  # a replay of a logged flight, in which no mission was sent or flown
     centre: tuple[float, float] | None = None  # lat_deg, lon_deg of the reported fire
-    area_ha: float = 0.0  # burned at the end
+    area_ha: float = 0.0  # area burned at the end
     arrival_s: Floats = field(default_factory=lambda: np.empty((0, 0)))
     samples: list[Sample] = field(default_factory=list)
     errors_m: dict[str, list[tuple[int, float, float]]] = field(default_factory=dict)
     revisits_s: list[float] = field(default_factory=list)
     directions: dict[str, list[tuple[int, bool | None]]] = field(default_factory=dict)
     uploads: list[Upload] = field(default_factory=list)
-    warnings: list[str] = field(default_factory=list)  # about the scenario, then about the edge
+    # Warnings about the scenario, then about the edge.
+    warnings: list[str] = field(default_factory=list)
     reached_edge_us: int | None = None  # mission time of the event ``FireReachedEdge``
 
     @property
@@ -148,7 +149,7 @@ class _Analyser:
                 each.on_command(command)
 
     def _fire_at(self, at_us: int) -> Fire:
-        """Return the fire for the evaluation: the simulated one or, without it, the estimate."""
+        """Return the fire for the evaluation: the simulated fire or, without it, the estimate."""
         if self._cameras is not None:
             self._cameras.advance(at_us)
             return self._cameras.fire.fire

@@ -122,7 +122,7 @@ def _replace(lasting: dict[tuple[str, str], VehicleLog], entry: VehicleLog, at_u
     kind = next((word for kinds, word in LASTING if isinstance(entry.event, kinds)), None)
     if kind is None:
         return
-    if kind == "mission":  # the progress was that of the previous mission
+    if kind == "mission":  # the progress belonged to the previous mission
         lasting.pop((entry.vehicle, "progress"), None)
     lasting.pop((entry.vehicle, kind), None)
     lasting[entry.vehicle, kind] = entry._replace(at_us=at_us)
@@ -162,12 +162,12 @@ class Survey(NamedTuple):
     zero_us: int
     begin_us: int
     end_us: int
-    offset_us: int | None  # to microseconds since 1970
+    offset_us: int | None  # offset to microseconds since 1970
     damage: tuple[str, ...]
 
 
 def survey(flight: Flight) -> Survey:
-    """Read a flight to its end. Raises FlightError if it contains no vehicle."""
+    """Read a flight to its end. Raises FlightError for a flight without a vehicle."""
     zero_us, offset_us = flight.zero_us(), flight.offset_us
     flown: dict[str, Flown] = {}
     begin_us = end_us = 0

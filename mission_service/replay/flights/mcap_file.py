@@ -11,7 +11,8 @@ from mission_service.replay.flights.flight_tables import Rows
 from mission_service.replay.flights.flown_vehicle import file_of
 from mission_service.replay.flights.foxglove import SCHEMAS, Message, messages_of
 
-LIBRARY = "mission-service"  # the default contains the version of mcap, which changes the bytes
+# Fixed: the default contains the version of mcap, which would change the bytes.
+LIBRARY = "mission-service"
 
 
 def write_mcap(path: Path, logs: Sequence[Log], names: Mapping[tuple[int, int], str]) -> None:

@@ -1,7 +1,7 @@
 """Replays a logged flight in an open loop: the core's commands do not change the flight.
 
 The log's vehicles replace the vehicles on links (``logged_vehicle.py``). The simulated camera, the
-core, the journal and the state view are those of a live run. The replay of a flight therefore
+core, the journal and the state view are the same as in a live run. The replay of a flight therefore
 writes a journal that can be verified, and the interfaces show it like a run.
 """
 
@@ -20,13 +20,13 @@ from mission_service.replay.flights.flight_logs import VehicleLog
 from mission_service.replay.flights.journal_log import JournalLog
 from mission_service.replay.flights.logged_vehicle import LoggedVehicle
 from mission_service.replay.flights.scenario_pairing import Pairing
+from mission_service.runtime.alarms.proximity_alarms import ProximityAlarms
 from mission_service.runtime.engine import Engine
 from mission_service.runtime.gateway import Gateway, MissionClock
-from mission_service.runtime.proximity_alarms import ProximityAlarms
 from mission_service.runtime.state_view import StateView
 
 FlightEntry = VehicleLog | AnyOperatorEvent
-EVERY_US = 50_000  # minimum interval between positions of a vehicle
+EVERY_US = 50_000  # minimum interval between replayed positions of a vehicle
 
 
 def entries_of(pairing: Pairing) -> Iterator[FlightEntry]:

@@ -35,7 +35,7 @@ from mission_service.runtime.run_context import RunContext
 from mission_service.runtime.run_statistics import RunStatistics
 from mission_service.value_errors import in_words
 
-TURN_US = 20_000  # time of playing before other tasks run
+TURN_US = 20_000  # duration of a turn, after which other tasks run
 TICK_S = 0.02  # interval of turns while no entry is due
 SHOWN_EVERY_S = 0.2
 NO_ORDERS = "this is a replay, which refuses orders"

@@ -15,10 +15,11 @@ from mission_service.guidance.burn.lines.hazard import Hazard
 from mission_service.guidance.burn.lines.visibility_graph import VisibilityGraph
 
 Floats = NDArray[np.float64]
-FireOfSources = Callable[[Floats], Simulation]  # returns the fire of sources (n, 3) x, y, at_s only
+# Returns a fire that has only these sources (n, 3): x, y, at_s.
+FireOfSources = Callable[[Floats], Simulation]
 
-HIGH_M = 1e-6  # tolerance of the safe height
-DOWN_SPARE_M = 1.0  # added to the distance margin of descents; more than the error of a raster
+HIGH_M = 1e-6  # tolerance when heights are compared with the safe height
+DOWN_SPARE_M = 1.0  # added to the distance margin of descents; more than a raster's error
 
 
 class FlightPoint(NamedTuple):
@@ -31,7 +32,7 @@ class FlightPoint(NamedTuple):
 
 
 Leg = tuple[FlightPoint, FlightPoint]
-Route = list[FlightPoint]  # from the vehicle's position, with straight legs
+Route = list[FlightPoint]  # points joined by straight legs, from the vehicle's position on
 
 
 def point_on_leg(leg: Leg, part: float) -> FlightPoint:
@@ -44,8 +45,8 @@ def point_on_leg(leg: Leg, part: float) -> FlightPoint:
 class FlightConstraints:
     """The area, the fire and the settings against which flights are checked.
 
-    ``low`` is the graph for paths below the safe height, and ``high`` the graph for paths at it.
-    The vehicle lands at ``home_m``.
+    ``low`` is the graph for paths below the safe height, and ``high`` the graph for paths at this
+    height. The vehicle lands at ``home_m``.
     """
 
     unit: BurnUnit
@@ -54,7 +55,7 @@ class FlightConstraints:
     lights: FireOfSources
     hazard: Hazard
     low: VisibilityGraph
-    high: VisibilityGraph | None  # inside the fence
+    high: VisibilityGraph | None  # graph inside the fence
     home_m: tuple[float, float]
     places: dict[tuple[float, float], Hazard] = field(default_factory=dict)
 
@@ -102,8 +103,8 @@ class FlightConstraints:
     def margin_s(self, leg: Leg) -> float:
         """Return the time by which a leg is ahead of fire.
 
-        If the raster gives no clear result, a finer raster is used. There a descent has a larger
-        distance margin, because the next leg must be safe as well.
+        If the result on the raster is unclear, a finer raster is used. On the finer raster a
+        descent has a larger distance margin, because the next leg must be safe as well.
         """
         if self.is_high(leg):
             return math.inf

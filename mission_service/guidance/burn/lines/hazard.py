@@ -5,8 +5,8 @@ t + time_margin_s. The reach is ``distance_margin_m``. If x is downwind of y, th
 the distance that the wind travels towards x in ``wind_margin_s``.
 
 The raster must not miss any fire of the simulation. Therefore each cell holds bounds of the
-ignition times inside it, and distances to a cell count to its nearest point. Each sample of a leg
-covers the part of the leg around it, in space and time.
+ignition times inside it, and distances to a cell are measured to its nearest point. Each sample of
+a leg covers the part of the leg around it, in space and time.
 """
 
 import math
@@ -86,7 +86,7 @@ class Hazard:
         self.west_m, self.north_m = box[0] - border_m, box[3] + border_m
         cols = math.ceil((box[2] + border_m - self.west_m) / cell_m)
         rows = math.ceil((self.north_m - box[1] + border_m) / cell_m)
-        self.at_s = np.full((rows + 1, cols + 1), np.nan)  # at the corners of cells
+        self.at_s = np.full((rows + 1, cols + 1), np.nan)  # ignition times at the corners of cells
         self.first_s, self.last_s = np.full((rows, cols), -np.inf), np.full((rows, cols), np.inf)
         self._evaluated = np.zeros((-(-rows // BLOCK), -(-cols // BLOCK)), np.bool_)
         self._fire, self._sources, self._begins_s = fire, sources, begins_s
@@ -173,7 +173,7 @@ class Hazard:
     ) -> bool:
         """Return whether fire at a corner of a cell is too near a leg.
 
-        Then the leg is in danger on any finer raster too.
+        Such a leg is in danger on any finer raster too.
         """
         _, _, west_m, north_m, cell_m, *margins = self._raster()
         self._evaluate(x0_m, y0_m, x1_m, y1_m, 0.0)
@@ -185,8 +185,8 @@ class Hazard:
 def cell_for(box: Box, margins: Margins) -> float:
     """Return the cell size at which a raster of a box and its reach has at most ``NODES`` nodes.
 
-    The size is at least ``MIN_CELL_M``. It is at most the larger of 3 m and a third of the distance
-    margin, even if this takes more nodes, to limit the raster's error on a large unit.
+    The size is at least ``MIN_CELL_M``. To limit the raster's error on a large unit, the size is at
+    most the larger of 3 m and a third of the distance margin, even if this takes more nodes.
     """
     by_budget_m = math.sqrt(_reached_m2(box, margins) / NODES)
     return max(MIN_CELL_M, min(by_budget_m, max(margins.distance_m / 3.0, MAX_CELL_M)))
@@ -217,8 +217,9 @@ def hazard_of(
 def sources_of(fire: Any) -> Floats:
     """Return the known ignitions (n, 3) of a simulation, with x, y and time.
 
-    They are the simulation's ``sources``. If it has none, they are the sources of its components
-    (``fire`` or ``fires``), at the ignition times of the whole simulation.
+    The result is the simulation's ``sources``. If the simulation has none, the result is the
+    sources of its components (``fire`` or ``fires``), at the ignition times of the whole
+    simulation.
     """
     if hasattr(fire, "sources"):
         return np.asarray(fire.sources, np.float64)

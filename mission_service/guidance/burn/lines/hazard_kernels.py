@@ -4,7 +4,7 @@ Lengths are in metres and times in seconds. ``west`` and ``north`` are the coord
 corner of cell (0, 0). Arrays are (y, x), with row 0 in the north. ``first`` and ``last`` bound the
 ignition times inside each cell. ``at_s`` holds the ignition times at the corners of the cells, and
 has one more row and column. ``reach`` is the distance margin, and the vector (``wx``, ``wy``) is
-what the wind adds to it downwind.
+the distance that the wind adds downwind.
 """
 
 import math
@@ -92,7 +92,7 @@ def min_margin_s(  # type: ignore[no-untyped-def]
     first, last, west, north, cell, reach, wx, wy, residence, x0, y0, t0, x1, y1, t1
 ):
     """Return the smallest time margin of a straight leg."""
-    # Vertical legs also have slack, so that the end of a safe leg is a safe begin for the next leg.
+    # Vertical legs also have slack, so that the end of a safe leg is a safe start for the next leg.
     count = max(math.ceil(math.hypot(x1 - x0, y1 - y0) / cell), 1)
     min_s = math.inf
     for number in range(count):

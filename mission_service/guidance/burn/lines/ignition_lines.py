@@ -1,7 +1,7 @@
 """The geometry of ignition lines across the wind (algorithm 1 of Beachly et al.).
 
-The coordinate ``along`` points downwind, and ``across`` to the left of it. Both are in metres from
-the origin of the landscape's CRS.
+The coordinate ``along`` points downwind, and ``across`` to the left of it. Both coordinates are in
+metres from the origin of the landscape's CRS.
 """
 
 import math
@@ -38,7 +38,7 @@ class IgnitionLine:
         return np.array([-math.sin(self.toward_rad), math.cos(self.toward_rad)])
 
     def places_at(self, across_m: Floats) -> Floats:
-        """Return the places (n, 2) on the line that have given across coordinates (n,)."""
+        """Return the places (n, 2) on the line at across coordinates (n,)."""
         found: Floats = self.along_m * self.downwind + np.outer(across_m, self.left_unit)
         return found
 
@@ -81,7 +81,7 @@ def only_areas(shape: BaseGeometry) -> BaseGeometry:
 
 
 def extent_across(area: BaseGeometry, line: IgnitionLine) -> tuple[float, float] | None:
-    """Return the across coordinates of a line's two ends in an area; None if it is outside.
+    """Return the across coordinates of a line's two ends in an area; None for a line outside.
 
     There may be gaps in the area between the ends.
     """
@@ -103,9 +103,9 @@ def alignment_m(
 ) -> float:
     """Return the across coordinate with which one drop of a new line is aligned (algorithm line 5).
 
-    It is that of the earlier drop closest to the line's centre. Of the earlier drops (n, 2), only
-    the one nearest to ``area`` counts, and those up to ``near_m`` farther away. Without earlier
-    drops the result is the centre.
+    The result is the across coordinate of the earlier drop closest to the line's centre. Of the
+    earlier drops (n, 2), only the drop nearest to ``area`` is considered, and drops up to
+    ``near_m`` farther away. Without earlier drops the result is the centre.
     """
     centre = (ends_m[0] + ends_m[1]) / 2.0
     if len(earlier_m):
@@ -120,7 +120,7 @@ def drop_points(
 ) -> Floats:
     """Return places (n, 2) every ``spacing_m`` on a line between its ends, from right to left.
 
-    One place would be at the across coordinate ``through_m`` (algorithm line 6).
+    The places are aligned with the across coordinate ``through_m`` (algorithm line 6).
     """
     first = math.ceil((ends_m[0] - through_m) / spacing_m - 1e-9)
     last = math.floor((ends_m[1] - through_m) / spacing_m + 1e-9)

@@ -29,7 +29,7 @@ class LineFlight:
 
     route: tuple[FlightPoint, ...]
     drops: Floats  # (m, 3) x, y, at_s
-    skipped: Floats  # (k, 2)
+    skipped: Floats  # (k, 2) places without a drop
     min_margin_s: float
     climbs_first: bool
     home_s: float  # duration of the return from the flight's end to the ground at home
@@ -37,7 +37,7 @@ class LineFlight:
 
     @property
     def duration_s(self) -> float:
-        """Return the duration from the flight's begin to its end."""
+        """Return the duration from the flight's start to its end."""
         return self.route[-1].at_s - self.route[0].at_s
 
 
@@ -52,7 +52,7 @@ def fly_line(
     ``battery_s`` is the maximum flight time, including the return.
     """
     trip = _flight(air, start, places_m, spheres, battery_s, careful=False)
-    # One check of all drops: whether the fire of one drop reaches another before that one ignites.
+    # Check all drops at once: whether the fire of one drop reaches another before it ignites.
     lit = trip.drops + np.array([0.0, 0.0, air.settings.ignition_delay_s])
     if (air.lights(lit).ignition_time_s(lit[:, :2]) < lit[:, 2] - ROUNDED_S).any():
         return _flight(air, start, places_m, spheres, battery_s, careful=True)
@@ -165,7 +165,8 @@ class LineFlightBuilder:
     def _up(self, start: FlightPoint, x_m: float, y_m: float) -> Route | None:
         """Return a safe route to the safe height, or None.
 
-        It climbs at once, follows the escape route, or climbs on the straight line to (x, y).
+        The route climbs at once, follows the escape route, or climbs on the straight line to (x,
+        y).
         """
         for route in (self.air.straight_up(start), self.out):
             if route and route[0] == start and self.checked(route) is not None:
@@ -189,8 +190,8 @@ class LineFlightBuilder:
     def escape(self, approach: Route, dropped_s: float) -> tuple[Route, float] | None:
         """Return a safe route from a drop to the safe height, with its margin, or None.
 
-        The route is also safe from the drop's own fire. It leads straight up, or first a short
-        distance ahead or upwind.
+        The route is also safe from the drop's own fire. The route leads straight up, or first a
+        short distance ahead or upwind.
         """
         drop = approach[-1]
         own = SphereFires(self.air)

@@ -60,13 +60,13 @@ class Situation:
     dropped_m: Floats
     fire: Simulation
     lights: FireOfSources
-    at_s: float  # when the plan begins
+    at_s: float  # time at which the plan begins
     x_m: float
     y_m: float
     height_m: float  # the vehicle's height above the ground
     wind_m_s: float
     toward_rad: float  # direction the wind blows towards, anticlockwise from the grid's east
-    spheres: int  # on board
+    spheres: int  # number of spheres on board
     battery_s: float  # remaining flight time
     home_m: tuple[float, float]
 
@@ -92,7 +92,7 @@ class LinePlan:
     climbs_first: bool
     home_s: float  # duration of the return home from the path's end, and of the landing
     spheres_left: int
-    lines_cut: int  # number of lines cut off before this one, because no drop was safe there
+    lines_cut: int  # number of lines cut off before this line, because no drop was safe there
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,8 +187,8 @@ def drop_orders(
 def fastest_flight(trips: list[LineFlight]) -> LineFlight | None:
     """Return the fastest flight with enough drops, or None if no flight has a drop.
 
-    A flight to the line's end is preferred to one that the spheres or the battery end early. Among
-    equal flights the first one is returned.
+    A flight to the line's end is preferred to a flight that the spheres or the battery end early.
+    Among equal flights the first is returned.
     """
     max_drops = max((len(trip.drops) for trip in trips), default=0)
     enough = [trip for trip in trips if len(trip.drops) >= max(MIN_DROPS_SHARE * max_drops, 1)]

@@ -16,7 +16,7 @@ from mission_service.guidance.burn.lines.hazard import Box, hazard_of
 
 Floats = NDArray[np.float64]
 
-TOWARDS_M2 = 1e-3  # a leg that approaches a drop by less (times the leg's length) leads away
+TOWARDS_M2 = 1e-3  # a leg approaches only drops that are ahead of its start by 1 mm or more
 
 
 def _box(leg: Leg) -> Box:
@@ -46,10 +46,10 @@ def fastest_m_s(fire: Simulation) -> float:
 class SphereFires:
     """The fires that a flight's own spheres light.
 
-    On a leg that approaches any of the drops, or descends from the safe height, these fires count
-    like other fire, with the time margin. On a leg away from all drops, only fire that burns within
-    reach is a danger. An example is the leg directly after a drop, whose sphere ignites within the
-    time margin.
+    On a leg that approaches any of the drops, or descends from the safe height, these fires are
+    tested with the time margin, like other fire. On a leg away from all drops, only fire that burns
+    within reach is a danger. An example is the leg directly after a drop, whose sphere ignites
+    within the time margin.
     """
 
     def __init__(self, air: FlightConstraints) -> None:
@@ -62,9 +62,9 @@ class SphereFires:
         self.sources = np.concatenate([self.sources, [[x_m, y_m, ignites_s]]])
 
     def approaches(self, leg: Leg) -> bool:
-        """Return whether a leg approaches any drop, so that fires count with the time margin.
+        """Return whether a leg approaches any drop, so that the time margin applies.
 
-        A vertical leg counts as such if it descends.
+        A vertical leg counts as an approach if it descends.
         """
         begin, end = leg
         if begin[:2] == end[:2]:
@@ -84,7 +84,7 @@ class SphereFires:
         begin, end = leg
         if approaches or begin[:2] == end[:2]:
             parts = 1
-        else:  # a sphere that ignites at the end of a long leg is no danger at its begin
+        else:  # a sphere that ignites at the end of a long leg is no danger at its start
             part_s = max(self.air.settings.ignition_delay_s / 4.0, 1.0)
             parts = max(math.ceil((end.at_s - begin.at_s) / part_s), 1)
         ends = [begin, *(point_on_leg(leg, number / parts) for number in range(1, parts)), end]

@@ -1,4 +1,4 @@
-"""Events that the journal does not contain: refused ones, and those while it cannot be written."""
+"""Shows events that the journal refuses, or that occur while the journal cannot be written."""
 
 from mission_service.commands import AnyCommand, ClimbAndHold, Hold
 from mission_service.errors import RefusedEventError
@@ -15,10 +15,10 @@ from mission_service.vehicles.availability import MISSION, named_mode
 
 
 class UnrecordedEvents:
-    """Shows unrecorded events to operators, and keeps the modes that vehicles have changed to."""
+    """Shows unrecorded events to operators, and stores the modes selected meanwhile."""
 
     def __init__(self) -> None:
-        self._modes: dict[str, str] = {}  # selected while the journal fails
+        self._modes: dict[str, str] = {}  # modes selected while the journal fails
         self._refusals: set[str] = set()  # alarms about refused events
 
     def line_of(self, event: AnyEvent, view: StateView) -> bytes | None:
@@ -62,7 +62,7 @@ class UnrecordedEvents:
             view.announce(name, f"autopilot: {event.text}", "warning")
 
     def keeps_mode(self, command: AnyCommand, view: StateView) -> bool:
-        """Return whether an abort must not end the vehicle's mode, which was not journalled."""
+        """Return whether a command of an abort is left out because of a mode not journalled."""
         mode = self._modes.get(command.vehicle, MISSION)
         if not isinstance(command, Hold | ClimbAndHold) or mode == MISSION:
             return False
