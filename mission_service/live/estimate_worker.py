@@ -5,7 +5,7 @@ An input is journalled before it is folded. A run that is killed meanwhile folds
 
 import asyncio
 import contextlib
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 
 from mission_service.errors import RefusedEventError
 from mission_service.events import AnyOperatorEvent
@@ -63,10 +63,13 @@ class EstimateWorker:
         elif unused is not None:  # over MQTT, which does not wait
             self._service.announce("service", f"the report of {report.by} is not used: {unused}")
 
-    async def outcome(self, report: AnyOperatorEvent) -> Exception | None:
-        """Wait until a submitted report is folded; return why it changes nothing, or None."""
+    def outcome(self, report: AnyOperatorEvent) -> Awaitable[Exception | None] | None:
+        """Return what waits until a submitted report is folded; None if it does not wait.
+
+        Its result is why the report changes nothing, or None.
+        """
         if not self._service.estimate.waits_for(report):
             return None
         found = self._outcomes.setdefault(id(report), asyncio.get_running_loop().create_future())
         self._bell.set()
-        return await asyncio.shield(found)
+        return asyncio.shield(found)

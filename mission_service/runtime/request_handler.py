@@ -13,8 +13,9 @@ from mission_service.errors import MissionServiceError
 from mission_service.events import AnyOperatorEvent, Corrected, Erased, FireObserved, Redone, Undone
 
 Answer = dict[str, Any]
-# Waits until the estimate uses a report; returns why it cannot, or None.
-Outcome = Callable[[AnyOperatorEvent], Awaitable[Exception | None]]
+# Returns what waits until the estimate uses a report and then returns why it cannot, or None; or
+# None if no report waits.
+Outcome = Callable[[AnyOperatorEvent], Awaitable[Exception | None] | None]
 CHANGES_AREA = (Corrected, FireObserved, Erased, Undone, Redone)
 OWN_ERRORS = (MissionServiceError, FireModelError, BridgeError)
 
@@ -51,14 +52,14 @@ class RequestHandler:
         ``confirm`` in the reply means that the order was not executed, because it would end a mode
         that the autopilot or the pilot selected. The same request with ``confirmed`` is executed.
 
-        In a live run the reply does not wait until the estimate uses a report (``ask_and_wait``).
+        In a live run the reply does not wait until the estimate uses a report (``ask_or_wait``).
         """
         found = self._submitted(request, may_approve)
         return found if isinstance(found, dict) else self._reply(found)
 
-    async def ask_and_wait(
+    def ask_or_wait(
         self, request: Any, may_approve: bool | None = None, role: str = ""
-    ) -> Answer:
+    ) -> Answer | Awaitable[Answer]:
         """Handle one request as ``ask``; the reply to a report waits until the estimate uses it.
 
         ``role`` is the highest role of the user, if the interface identifies users.
@@ -66,7 +67,20 @@ class RequestHandler:
         found = self._submitted(request, may_approve, role)
         if isinstance(found, dict):
             return found
-        unused = None if self._outcome is None else await self._outcome(found.event)
+        outcome = None if self._outcome is None else self._outcome(found.event)
+        return self._reply(found) if outcome is None else self._reply_after(found, outcome)
+
+    async def ask_and_wait(
+        self, request: Any, may_approve: bool | None = None, role: str = ""
+    ) -> Answer:
+        """Return the reply of ``ask_or_wait``."""
+        found = self.ask_or_wait(request, may_approve, role)
+        return found if isinstance(found, dict) else await found
+
+    async def _reply_after(
+        self, found: "_Submitted", outcome: Awaitable[Exception | None]
+    ) -> Answer:
+        unused = await outcome
         return self._reply(found) if unused is None else wrong(str(unused))
 
     def _submitted(
@@ -100,20 +114,13 @@ class RequestHandler:
             answer["confirm"] = True
         return answer
 
-    def answer(self, line: bytes) -> Answer:
-        """Return the reply to one line of JSON; no content of a line raises an exception."""
-        try:
-            return self.ask(msgspec.json.decode(line))
-        except (msgspec.DecodeError, RecursionError) as error:
-            return wrong(f"not a line of JSON: {error}")
-
-    async def answer_and_wait(self, line: bytes) -> Answer:
-        """Return the reply to one line of JSON as ``answer``, waiting as ``ask_and_wait``."""
+    def answer(self, line: bytes) -> Answer | Awaitable[Answer]:
+        """Return the reply to one line of JSON, as ``ask_or_wait``."""
         try:
             request = msgspec.json.decode(line)
         except (msgspec.DecodeError, RecursionError) as error:
             return wrong(f"not a line of JSON: {error}")
-        return await self.ask_and_wait(request)
+        return self.ask_or_wait(request)
 
 
 class _Submitted(NamedTuple):

@@ -10,7 +10,7 @@ import contextlib
 import socket
 import stat
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Awaitable, Iterator
 from pathlib import Path
 
 import msgspec
@@ -131,7 +131,7 @@ class _Client(asyncio.Protocol):
         self._loop = asyncio.get_running_loop()
         self._rest = b""
         # Lines to handle, and finished replies to later lines.
-        self._queued: deque[bytes | Answer] = deque()
+        self._queued: deque[bytes | Answer | Awaitable[Answer]] = deque()
         self._read_s = 0.0
         self._after_abort = False  # the newline of the abort has not arrived
         self._scheduled = self._unread = self._ended = self._disconnected = False
@@ -219,10 +219,11 @@ class _Client(asyncio.Protocol):
     def _handle_line(self) -> None:
         """Handle one line; its reply, and the next line, may have to wait for a thread."""
         first = self._queued.popleft() if self._queued else None
-        if isinstance(first, bytes):
-            self._task = self._loop.create_task(self._answer_and_wait(first))
+        answer = self._answer(first) if isinstance(first, bytes) else first
+        if answer is None or isinstance(answer, dict):
+            self._reply(answer)
         else:
-            self._reply(first)
+            self._task = self._loop.create_task(self._reply_after(answer))
 
     def _reply(self, answer: Answer | None) -> None:
         """Send the reply to a line, if there is one, and continue with the next line."""
@@ -238,15 +239,15 @@ class _Client(asyncio.Protocol):
         elif not self._disconnected:
             self._transport.resume_reading()
 
-    def _answer(self, line: bytes) -> Answer:
+    def _answer(self, line: bytes) -> Answer | Awaitable[Answer]:
         try:
             return self._clients.request_handler.answer(line)
         except Exception as error:
             return self._failed(error)
 
-    async def _answer_and_wait(self, line: bytes) -> None:
+    async def _reply_after(self, waiting: Awaitable[Answer]) -> None:
         try:
-            answer = await self._clients.request_handler.answer_and_wait(line)
+            answer = await waiting
         except Exception as error:
             answer = self._failed(error)
         self._reply(answer)

@@ -84,9 +84,7 @@ class ReplayRequestHandler(RequestHandler):
         at_s = self._player.state().at_us / 1e6
         return {"ok": True, "at_s": at_s, "event": "Replay", "messages": messages}
 
-    async def ask_and_wait(
-        self, request: Any, may_approve: bool | None = None, role: str = ""
-    ) -> Answer:
+    def ask_or_wait(self, request: Any, may_approve: bool | None = None, role: str = "") -> Answer:
         """Return the reply of ``ask``."""
         return self.ask(request, may_approve)
 
