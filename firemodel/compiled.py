@@ -24,8 +24,8 @@ PACKAGE = Path(__file__).parent
 def cache_folder(home: Path) -> Path:
     """Return the cache folder for the functions in the folder ``home``.
 
-    It is in Numba's configured folder, else in this package or, if the package is read-only, in the
-    user's cache.
+    The folder is in Numba's configured folder, else in this package or, if the package is
+    read-only, in the user's cache.
     """
     sha = hashlib.sha256()
     for source in sorted({*PACKAGE.rglob("*.py"), *home.glob("*.py"), *_with_kernels(_top(home))}):

@@ -200,7 +200,7 @@ def text_of(path: Path) -> str:
 
 
 def number(where: str, name: str, text: str, least: float, most: float) -> float:
-    """Return the number in a field. Raises FireModelError for other text and beyond the limits."""
+    """Return the number in a field. Raises FireModelError for other text or a number out of range."""
     try:
         value = float(text)
     except ValueError:
