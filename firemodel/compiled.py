@@ -1,4 +1,4 @@
-"""Compile inner loops with Numba, with a cache on disk that depends on all sources they may call.
+"""Compile inner loops with Numba, with a cache on disk that depends on all sources used.
 
 Numba's own cache checks only the file of the compiled function. It ignores changes to functions in
 other files that this function calls. The name of this module's cache folder is a hash of all files

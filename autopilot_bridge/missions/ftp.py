@@ -1,8 +1,8 @@
 """Uploads and downloads ArduPilot's mission files over MAVFTP.
 
 opening --ACK--> moving --replies to all blocks--> closing --ACK--> ended
-opening: the request is repeated on timeout with its sequence number, so that the autopilot sends its
-    reply again; if another session is open, it is repeated after three and after six seconds
+opening: the request is repeated on timeout with its sequence number, so that the autopilot repeats
+    its reply; if another session is open, the request is repeated after three and after six seconds
 moving:  up to five reads or writes are pending; each is repeated if its reply is late
 closing: the autopilot applies the written data only now
 

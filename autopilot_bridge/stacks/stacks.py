@@ -69,7 +69,10 @@ class Stack:
         return next(names, f"mode {custom_mode}")
 
     def mode_number(self, name: str) -> int:
-        """Return the number of a mode. Raises a BridgeError that lists the modes for an unknown name."""
+        """Return the number of a mode.
+
+        Raises BridgeError for an unknown name; the message lists all modes.
+        """
         numbers = dict(self.modes)
         if name not in numbers:
             names = ", ".join(numbers)
