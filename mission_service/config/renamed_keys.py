@@ -38,8 +38,8 @@ def renamed_keys(data: Mapping[str, Any]) -> Iterator[str]:
     Args:
         data: The scenario as parsed from TOML.
 
-    Yields: ``TABLE.OLD: was renamed in version 0.2; write NEW``, or a like line for a renamed
-    value.
+    Yields:
+        ``TABLE.OLD: was renamed in version 0.2; write NEW``, or a like line for a renamed value.
     """
     for table, names in RENAMED.items():
         found = data.get(table)
