@@ -162,6 +162,7 @@ class Direct:
 
     def ask(self, **request: Any) -> dict[str, Any]:
         answer = self.world.context.request_handler.answer(msgspec.json.encode(request))
+        assert isinstance(answer, dict)  # no thread folds the estimate
         if not answer["ok"]:
             raise RequestError(answer["error"])
         return dict(json.loads(msgspec.json.encode(answer)))
