@@ -33,9 +33,9 @@ from mission_service.fire.observed_window import (
     window_around,
     window_of_change,
 )
+from mission_service.fire.report_confirmation import Confirmation
 from mission_service.fire.reported_observations import (
     CORRECTION_SD_M,
-    Confirmation,
     Smoke,
     behind_smoke,
     observation_of,

@@ -134,14 +134,14 @@ def test_no_client_sends_more_requests_than_the_bucket_allows(
 ) -> None:
     buckets, rate_s, burst = RateLimiter(2.0, 5.0), 2.0, 5.0
     now_s, taken = 0.0, {"a": 0, "b": 0}
-    for pause_s, client in steps:
+    for pause_s, peer in steps:
         now_s += pause_s
-        wait_s = buckets.consume(client, now_s)
-        taken[client] += wait_s == 0.0
-        assert taken[client] <= burst + rate_s * now_s + 1e-6
+        wait_s = buckets.consume(peer, now_s)
+        taken[peer] += wait_s == 0.0
+        assert taken[peer] <= burst + rate_s * now_s + 1e-6
         if wait_s > 0.0:  # the wait in Retry-After is long enough
-            assert deepcopy(buckets).consume(client, now_s + wait_s + 1e-9) == 0.0
-            assert deepcopy(buckets).consume(client, now_s + 0.9 * wait_s) > 0.0
+            assert deepcopy(buckets).consume(peer, now_s + wait_s + 1e-9) == 0.0
+            assert deepcopy(buckets).consume(peer, now_s + 0.9 * wait_s) > 0.0
 
 
 def test_buckets_drop_the_client_with_the_oldest_request() -> None:

@@ -115,6 +115,7 @@ def test_each_line_of_the_socket_is_answered_as_its_run_accepts_it(
     line = {"do": name, **OPERATOR_FIELDS, "station": station_in(world), **REQUESTS[name].example}
     answer = world.context.request_handler.answer(json.dumps(line).encode())
     assert isinstance(answer, dict)
+    assert isinstance(answer, dict)
     accepted = name in accepted_in(world.context.scenario)
     of_run = "only in a burn" if scenario == "demo" else "not in a burn"
     assert (f"{name}: {of_run}" not in answer.get("error", "")) == accepted

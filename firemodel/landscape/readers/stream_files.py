@@ -36,7 +36,7 @@ MAX_WIND = 360.0  # in mph or km/h; corresponds to at least 100 m/s
 
 
 class Extreme(NamedTuple):
-    """A daily extreme of the temperature, in the unit of the file, and the humidity at that hour."""
+    """A daily extreme of the temperature, in the file's unit, and the humidity at that hour."""
 
     at: datetime
     temperature: float

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from firemodel.ellipses.ellipse import EllipseFire, Spread, line_sources, spreads_of
+from firemodel.ellipses.ellipse import EllipseFire, Spread, spreads_of
+from firemodel.ellipses.line_ignitions import line_sources
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.weather import Weather, WeatherStream
 from firemodel.spread.anyangle import AnyAngleFire
