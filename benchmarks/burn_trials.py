@@ -9,7 +9,8 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from firemodel.arrays import Floats
-from firemodel.ellipses.ellipse import EllipseFire, Spread, line_sources
+from firemodel.ellipses.ellipse import EllipseFire, Spread
+from firemodel.ellipses.line_ignitions import line_sources
 from mission_service.config.sections import BurnSection, Station
 from mission_service.guidance.burn.burn_unit import BurnUnit, ExclusionCircle
 from mission_service.guidance.burn.lines.ignition_lines import only_areas

@@ -176,7 +176,10 @@ class Observe(FireRequest, frozen=True):
         "source": "tower",
     }
 
-    state: Literal["burned", "burning", "unburned"]
+    state: Annotated[
+        Literal["burned", "burning", "unburned", "hot", "smoke"],
+        Meta(description="Smoke: the area was not seen. Hot ground needs temperature_c."),
+    ]
     shape: Literal["points", "line", "polygon"]
     points: Places
     age_s: Annotated[
@@ -191,6 +194,13 @@ class Observe(FireRequest, frozen=True):
     source: Annotated[
         str, Meta(max_length=80, pattern=PRINTED, description="The sensor; empty: the user.")
     ] = ""
+    temperature_c: Annotated[
+        Annotated[float, Meta(ge=100, le=2000)] | None,
+        Meta(description="Of hot ground; from 320 degrees Celsius on it burns."),
+    ] = None
+    missed_pct: Annotated[
+        float, Meta(ge=0, lt=100, description="Share of burned places reported as unburned.")
+    ] = 0.0
 
     def event(self, at_us: int) -> events.AnyOperatorEvent:
         """Return the event ``FireObserved``."""
@@ -198,6 +208,8 @@ class Observe(FireRequest, frozen=True):
             raise RequestError("observe: a line of 1 point; it requires 2")
         if self.shape == "polygon":
             refuse_no_polygon("observe", self.points)
+        if (self.state == "hot") != (self.temperature_c is not None):
+            raise RequestError("observe: the state hot, and no other state, needs temperature_c")
         seen_at_us = at_us - round(self.age_s * 1e6)
         return events.FireObserved(
             *self.user(at_us),
@@ -208,6 +220,8 @@ class Observe(FireRequest, frozen=True):
             self.position_sd_m,
             self.false_alarms_pct / 100.0,
             self.source,
+            self.temperature_c,
+            self.missed_pct / 100.0,
         )
 
 

@@ -9,14 +9,13 @@ fire without corrections, is no longer listed and cannot be undone.
 import copy
 from collections.abc import Callable, Sequence
 
+import msgspec
 import numpy as np
-import shapely
-from numpy.typing import NDArray
-from shapely.geometry.base import BaseGeometry
 
 from firemodel.arrays import Floats
+from firemodel.assimilation.observation import BURNED, UNBURNED, UNSEEN
+from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
-from firemodel.landscape.rasterise import cells_of
 from firemodel.physics.weather import WeatherStream
 from firemodel.spread.anyangle import AnyAngleFire
 from firemodel.spread.burning import burning_from_arrival
@@ -25,12 +24,11 @@ from mission_service.events import AnyOperatorEvent, Corrected, Erased, Redone, 
 from mission_service.fire.correction_log import (
     CorrectionLog,
     Held,
-    drawn_shape,
-    not_erased,
     observations_held,
     observations_of_correction,
 )
 from mission_service.fire.late_observation import Begin
+from mission_service.fire.reported_observations import observation_of
 
 AHEAD_S = 3600.0  # before a fit, the fire is forecast this far, for observations ahead of its front
 OBSERVATION_SPACING_CELLS = 1.0
@@ -51,6 +49,12 @@ class CorrectedFire:
         self._spacing_m = OBSERVATION_SPACING_CELLS * landscape.cell_size_m
         # The fire without corrections; None while there are no corrections.
         self._base: Fire | None = None
+
+    def copy(self) -> "CorrectedFire":
+        """Return an independent copy."""
+        found = copy.copy(self)  # ``apply_report`` replaces the log and does not change it
+        found._base = None if self._base is None else self._base.copy()
+        return found
 
     def check_report(self, event: AnyOperatorEvent) -> None:
         """Raise FireModelError for a report that has no effect or an unusable shape."""
@@ -80,7 +84,11 @@ class CorrectedFire:
                 if self._base is None:
                     return self._in_weather(fire, stream)
                 base = self._in_weather(self._base_at(fire), stream)
-                found, self._base = self._set_right(base, self.log.held()), base
+                try:
+                    found = self._set_right(base, self.log.held())
+                except FireModelError:  # nothing or everything burns; the wind changes all the same
+                    found = self._in_weather(fire, stream)
+                self._base = base
                 return found
             case Corrected() | Erased() | Undone() | Redone():
                 self.log.refuse_no_effect(event)
@@ -152,8 +160,9 @@ def drawn_at_s(held: Sequence[Held], landscape: Landscape) -> Floats:
     """Return the latest time (y, x) for which each cell was drawn; -infinity if never."""
     found = np.full(landscape.shape, -np.inf)
     for each in held:
-        index = _cells_drawn(drawn_shape(each.correction, landscape), each, landscape)
-        found[index] = np.maximum(found[index], each.correction.marked_at_us / 1e6)
+        drawn = observation_of(each.correction, landscape, each.erasures)
+        part = found[drawn.where]
+        part[drawn.state != UNSEEN] = np.maximum(part[drawn.state != UNSEEN], drawn.at_s)
     return found
 
 
@@ -166,24 +175,20 @@ def as_drawn(arrival_s: Floats, held: Sequence[Held], landscape: Landscape) -> F
     """
     found = arrival_s.copy()
     for each in held:
-        shape, at_s = drawn_shape(each.correction, landscape), each.correction.marked_at_us / 1e6
-        index = _cells_drawn(shape, each, landscape)
-        match each.correction.state:
-            case "unburned":
-                found[index] = np.maximum(found[index], np.nextafter(at_s, np.inf))
-            case "burned":
-                found[index] = np.minimum(found[index], at_s)
-            case _:
-                found[index] = np.minimum(found[index], at_s)
-                front = shape.exterior if isinstance(shape, shapely.Polygon) else shape
-                found[_cells_drawn(front, each, landscape)] = at_s
+        drawn = observation_of(each.correction, landscape, each.erasures)
+        part, at_s = found[drawn.where], drawn.at_s
+        burned, unburned = drawn.state == BURNED, drawn.state == UNBURNED
+        part[unburned] = np.maximum(part[unburned], np.nextafter(at_s, np.inf))
+        part[burned] = np.minimum(part[burned], at_s)
+        if each.correction.state == "burning":
+            front = observation_of(outline_of(each.correction), landscape, each.erasures)
+            found[front.where][front.state == BURNED] = at_s
     return found
 
 
-def _cells_drawn(
-    shape: BaseGeometry, held: Held, landscape: Landscape
-) -> tuple[NDArray[np.int32], ...]:
-    """Return the rows and columns of the cells of a shape that are not erased."""
-    cells = cells_of([shape], landscape)
-    centres_m = np.column_stack(landscape.xy_of(*cells.T.astype(float)))
-    return tuple(cells[not_erased(centres_m, held.erasures, landscape)].T)
+def outline_of(correction: Corrected) -> Corrected:
+    """Return the outline of an area as a line, and any other correction itself."""
+    if correction.shape != "polygon":
+        return correction
+    points = (*correction.points, correction.points[0])
+    return msgspec.structs.replace(correction, shape="line", points=points)

@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from firemodel.assimilation.camera_front import CameraFront
 from firemodel.assimilation.distance_weighting import PaperCorrected
-from firemodel.ellipses.ellipse import EllipseFire, Spread, line_sources, spreads_of
+from firemodel.ellipses.ellipse import EllipseFire, Spread, spreads_of
+from firemodel.ellipses.line_ignitions import line_sources
 from firemodel.ellipses.point_observations import Simulation
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.weather import Weather, WeatherStream

@@ -11,11 +11,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from firemodel.arrays import Floats
 from firemodel.assimilation.fire_estimate import EstimateSettings, FireEstimate
 from firemodel.assimilation.observation import BURNED, Observation
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.weather import WeatherStream
-from firemodel.spread.fire_scheme import Burning
+from firemodel.spread.burning import burning_from_arrival
+from firemodel.spread.fire_scheme import Burning, Fire
 from mission_service.config.scenario import Scenario
 from mission_service.fire.scenario_fire import burning_of, estimate_errors, ignitions_of, weather_of
 
@@ -51,7 +53,14 @@ class _Mark(NamedTuple):
 
     inputs: int
     weather: WeatherStream
-    burning: Burning | None
+    at_s: float
+    arrival_s: Floats  # (y, x)
+
+    def burning(self, landscape: Landscape) -> Burning | None:
+        """Return the burning state, or None if nothing has burned."""
+        if not (self.arrival_s <= self.at_s).any():
+            return None
+        return burning_from_arrival(self.arrival_s, landscape, self.at_s)
 
 
 Input = Images | Observation | Lit | WeatherSet
@@ -89,7 +98,7 @@ class RunEnsemble:
             if self._begun_from is None:
                 start = (weather_of(scenario), burning_of(scenario, landscape))
             else:
-                start = self._begun_from[1:]
+                start = (self._begun_from.weather, self._begun_from.burning(landscape))
             self._processed = new_estimate(scenario, landscape, *start)
         return self._processed
 
@@ -163,7 +172,7 @@ class RunEnsemble:
         kept = 0 if self._mark is None else self._mark.inputs
         return len(self._inputs) - kept >= INPUTS_PER_MARK
 
-    def forget_before_mark(self, weather: WeatherStream, burning: Burning | None) -> None:
+    def forget_before_mark(self, fire: Fire) -> None:
         """Forget the inputs before the last mark, and set a mark with this state of the fire.
 
         Without this, the inputs of a long run would fill the memory. The effect of these inputs on
@@ -175,7 +184,7 @@ class RunEnsemble:
             self._begun_from = mark
             self._processed = None if self._count < mark.inputs else self._processed
             self._count = max(self._count - mark.inputs, 0)
-        self._mark = _Mark(len(self._inputs), weather, burning)
+        self._mark = _Mark(len(self._inputs), fire.weather, fire.time_s, fire.arrival_time_s.copy())
 
     def replace(self, before: FireEstimate, after: FireEstimate, count: int) -> None:
         """Replace the ensemble ``before`` by ``after``, unless it was replaced already."""

@@ -1,5 +1,6 @@
 """Keep the last sighting of each cell of the landscape's grid. Pure."""
 
+import copy
 from typing import NamedTuple
 
 import numpy as np
@@ -37,6 +38,12 @@ class Sightings:
         self.seen_s = np.full(shape, -np.inf)
         self._is_empty = True
         self._position_sd_m = 0.0
+
+    def copy(self) -> "Sightings":
+        """Return an independent copy."""
+        found = copy.copy(self)
+        found.state, found.seen_s = self.state.copy(), self.seen_s.copy()
+        return found
 
     def add(self, seen: Observation) -> None:
         """Add an observation without errors of detection (``observation_in``)."""

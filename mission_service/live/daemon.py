@@ -29,7 +29,13 @@ from mission_service.journal.journal_file import Journal, header_of
 from mission_service.journal.private_files import refuse_links, writable_by_others
 from mission_service.journal.recovery import InterruptedRun, rename_old, resumed, unfinished
 from mission_service.journal.snapshot import Frozen, Known, restore
-from mission_service.live.interface_setup import RunInterface, interfaces_of, request_handler_of
+from mission_service.live.estimate_worker import EstimateWorker
+from mission_service.live.interface_setup import (
+    RunInterface,
+    flush,
+    interfaces_of,
+    request_handler_of,
+)
 from mission_service.runtime.alarms.health_monitor import HealthMonitor
 from mission_service.runtime.alarms.proximity_alarms import ProximityAlarms
 from mission_service.runtime.clocks import clock_us, last_written_s, wall_us
@@ -119,7 +125,8 @@ async def serve(
             exchange = PeerExchange(run.channel, gateways, latest_us)
         service = await _engine_of(run, landscape, clock, gateways, exchange, announcements, stack)
         retention = JournalRetention(service, service.shared_references, run.settings.journal)
-        context = _context_of(run, service, clock, links)
+        worker = EstimateWorker(service, clock_us, partial(flush, links))
+        context = _context_of(run, service, clock, links, worker)
         context.gauges["state_seconds"] = lambda: retention.write_s
         check = _Check(context, watch, progress)
         stop = asyncio.Event()
@@ -129,6 +136,7 @@ async def serve(
             lambda context: serve_control(listening, context.request_handler),
             *run_interfaces,
             lambda context: retention.maintain(clock),
+            lambda context: worker.fold_inputs(),
         ]
         is_over = await _run_tasks(context, tasks, exchange, check, stop, latest_us)
         # After SIGTERM, sent by a supervisor, the next start resumes the run.
@@ -230,14 +238,18 @@ async def _engine_of(
 
 
 def _context_of(
-    run: Run, service: Engine, clock: MissionClock, links: dict[str, Link]
+    run: Run,
+    service: Engine,
+    clock: MissionClock,
+    links: dict[str, Link],
+    worker: EstimateWorker,
 ) -> RunContext:
     """Return the interfaces' context, which is ready after a heartbeat from each vehicle."""
     context = RunContext(
         run.scenario,
         run.settings,
         service,
-        request_handler_of(run.scenario, service, clock, links),
+        request_handler_of(run.scenario, service, clock, links, worker.outcome),
         clock,
         links,
         run.journal_path,

@@ -12,7 +12,7 @@ from mission_service.events import AnyOperatorEvent
 from mission_service.runtime.clocks import clock_us
 from mission_service.runtime.engine import Engine
 from mission_service.runtime.gateway import MissionClock
-from mission_service.runtime.request_handler import RequestHandler
+from mission_service.runtime.request_handler import Outcome, RequestHandler
 from mission_service.runtime.run_context import RunContext
 from mission_service.runtime.vehicle_links import Link, connected
 
@@ -57,9 +57,16 @@ def interfaces_of(
 
 
 def request_handler_of(
-    scenario: Scenario, service: Engine, clock: MissionClock, links: dict[str, Link]
+    scenario: Scenario,
+    service: Engine,
+    clock: MissionClock,
+    links: dict[str, Link],
+    outcome: Outcome | None = None,
 ) -> RequestHandler:
-    """Return the handler of operators' requests; the resulting frames are sent without delay."""
+    """Return the handler of operators' requests; the resulting frames are sent without delay.
+
+    ``outcome`` is the one of ``RequestHandler``.
+    """
     burn = scenario.burn_flown
     stations = () if burn is None else tuple(station.name for station in burn.stations)
     items = () if burn is None else burn.go_items
@@ -67,8 +74,7 @@ def request_handler_of(
     def submit(event: AnyOperatorEvent) -> list[str]:
         before = service.state_view.announcement_id
         service.submit(event, clock_us())
-        for on_it in connected(links):
-            on_it[0].connection.flush()
+        flush(links)
         return [line.text for line in service.state_view.announcements_after(before)]
 
     def status() -> dict[str, Any]:
@@ -92,4 +98,10 @@ def request_handler_of(
     names = tuple(section.name for section in scenario.flown)
     scope = RequestScope(stations, items, on_map, names, accepted_in(scenario))
     area = None if burn is not None else burned_ha  # a burn's correction changes the estimated fire
-    return RequestHandler(submit, status, lambda: clock.now_us, scope, area)
+    return RequestHandler(submit, status, lambda: clock.now_us, scope, area, outcome)
+
+
+def flush(links: dict[str, Link]) -> None:
+    """Send the frames that wait on all links."""
+    for on_it in connected(links):
+        on_it[0].connection.flush()

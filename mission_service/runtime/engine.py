@@ -7,12 +7,13 @@ commands and executes them. At each position a simulated camera, if there is one
 content. The engine first applies each request to a copy of all projections (core, state view,
 interlock, missions), as a restart does, and journals it only if none of them raises an exception.
 The copy takes milliseconds, or tens of milliseconds with the maps of a formation. The estimated
-fire is too large to be copied. The estimated fire is therefore the first projection to apply a
-request, and applies the request completely or not at all. Events of vehicles are too frequent for a
-copy of the projections. The types of these events limit their values (``events.py``), and the
-journal refuses other values. An event of a vehicle that still raises an exception is a defect. The
-engine removes such an event from the journal and executes none of its commands. The run then ends
-with an error of one line, because memory and journal differ. A restart resumes the run.
+fire takes too long. It folds the request after the journal line is written, in a live run in a
+thread (``estimate_worker``), completely or not at all: a request that it cannot fold changes
+nothing, then and in a restart. Events of vehicles are too frequent for a copy. Their types limit
+their values (``events.py``), and the journal refuses other values. An event of a vehicle that still
+raises an exception is a defect. The engine removes it from the journal and executes none of its
+commands. The run then ends with an error of one line, because memory and journal differ. A restart
+resumes the run.
 """
 
 import copy
@@ -56,8 +57,9 @@ from mission_service.events import (
     UploadFinished,
     VehicleEvent,
 )
+from mission_service.fire.best_fire import Folded
 from mission_service.fire.observed_window import Window
-from mission_service.fire.run_estimate import OF_FIRE, RunEstimate
+from mission_service.fire.run_estimate import OF_FIRE, RunEstimate, UnusedReportError
 from mission_service.fire.sensors import sensors_of
 from mission_service.fire.simulated_cameras import SimulatedCameras, fires_of_run
 from mission_service.guidance.registry import lock_of
@@ -125,9 +127,9 @@ class Engine:
         self.state_view = state_view
         self.recording = GuardedJournal(journal)
         self._missions = MissionsHeld()
-        # Corrected windows that a vehicle's planner has not received yet.
-        self._undelivered: dict[str, Window] = {}
-        self._estimate_due_us = 0  # time of the next check of the estimate
+        # Corrected windows that a vehicle's planner has not received yet, in their order.
+        self._undelivered: dict[str, tuple[Window, ...]] = {}
+        self._estimate_due_us = 0  # of the next check of the estimate
         self._down_since_us = 0
         self._host_time_due_us = -(2**63)
         self._gateways = gateways
@@ -172,6 +174,8 @@ class Engine:
         """
         at_us = self.statistics.at_us
         if at_us < self._estimate_due_us or self.recording.trouble:
+            return
+        if self.estimate.in_background and self.estimate.is_behind:  # a replay is not
             return
         self._estimate_due_us = at_us + ESTIMATE_CHECK_EVERY_US
         self.estimate.advance(at_us)
@@ -224,25 +228,46 @@ class Engine:
     def submit(self, event: AnyOperatorEvent, now_us: int) -> None:
         """Handle an operator's event, and flush it to the disk before returning.
 
+        In the background a report of the fire is journalled, but not folded into the estimate yet.
+
         Raises NotRecordedError if the journal cannot be written, FireModelError for an impossible
         correction of the fire, and RefusedEventError for an event that a projection cannot handle.
         The state is then unchanged. An abort is always executed.
         """
         self.clock_read(now_us)
         self._try(event, now_us)
+        self.estimate.check(event)
         if not self._written(event):
             reason = self.recording.trouble
             raise NotRecordedError(f"not recorded: {reason}; the request was not executed")
         try:
             window = self._apply_to_fire(event)
+        except UnusedReportError as error:  # its line remains: others may depend on its time
+            self._process(event, now_us)
+            raise self.unused(event, error.reason) from error
         except Exception as error:
             self.recording.remove_last()
-            if isinstance(error, FireModelError):
-                raise
             raise _defect(event, error, self._scenario.planner.rule) from error
         self._process(event, now_us)
         self._queue(window)
         self._deliver(event.at_us, now_us)
+
+    def adopt(self, found: Folded) -> AnyOperatorEvent | None:
+        """Adopt an input of the estimate that a thread has folded; return the report, if it is one.
+
+        ``deliver_next`` delivers the change to the vehicles' planners.
+        """
+        report = self.estimate.adopt(found)
+        if report is not None:
+            self.state_view.fire_changed()
+        self._queue(found.change.window)
+        return report
+
+    def unused(self, event: AnyOperatorEvent, error: Exception) -> Exception:
+        """Return the error for the sender of a report that the estimate cannot use."""
+        if isinstance(error, FireModelError):
+            return error
+        return _defect(event, error, self._scenario.planner.rule)
 
     def _try(self, event: AnyOperatorEvent, now_us: int) -> None:
         """Apply a request to a copy of the state. Raises RefusedEventError if this fails."""
@@ -285,7 +310,7 @@ class Engine:
         self._show(event, commands)
         self._queue(window)
         if isinstance(event, Observed) and event.corrects:
-            self._undelivered.pop(event.vehicle, None)
+            self._received(event.vehicle)
         if self._interlock is not None:
             self._interlock.apply(event)
             self._interlock.on_commands(commands)
@@ -337,13 +362,34 @@ class Engine:
 
     def _queue(self, window: Window | None) -> None:
         if window is not None:
-            self._undelivered = dict.fromkeys(self._gateways, window)
+            waiting = self._undelivered
+            self._undelivered = {name: (*waiting.get(name, ()), window) for name in self._gateways}
+
+    def _received(self, vehicle: str) -> None:
+        later = self._undelivered.pop(vehicle, ())[1:]
+        if later:
+            self._undelivered[vehicle] = later
 
     def _deliver(self, at_us: int, now_us: int) -> None:
         """Deliver operators' corrections of the fire to each vehicle's planner."""
-        for name, window in list(self._undelivered.items()):
-            if self._handle(Observed(at_us, name, *window, corrects=True), now_us):
-                del self._undelivered[name]
+        for name, windows in list(self._undelivered.items()):
+            for _ in windows:
+                self._deliver_to(name, at_us, now_us)
+
+    def deliver_next(self, now_us: int) -> bool:
+        """Deliver one change to one vehicle's planner; return whether there was one to deliver.
+
+        A planner may take a third of the time for which the event loop may be held.
+        """
+        name = next(iter(self._undelivered), None)
+        return name is not None and self._deliver_to(name, self.statistics.at_us, now_us)
+
+    def _deliver_to(self, vehicle: str, at_us: int, now_us: int) -> bool:
+        window = self._undelivered[vehicle][0]
+        delivered = self._handle(Observed(at_us, vehicle, *window, corrects=True), now_us)
+        if delivered:
+            self._received(vehicle)
+        return delivered
 
     def acknowledged_by(self, command: str, since_us: int) -> set[str]:
         """Return the vehicles that have acknowledged a command since a mission time."""

@@ -19,6 +19,7 @@ from mission_service.interfaces.api.access.auth import ROLES, Tokens, User, new_
 from mission_service.interfaces.api.app import Application, app_of, role_of, routes_of
 from mission_service.interfaces.api.server import bound, serving
 from mission_service.journal.journal_file import Journal, header_of
+from mission_service.live.estimate_worker import EstimateWorker
 from mission_service.requests import Role
 from mission_service.runtime.request_handler import RequestHandler
 from mission_service.runtime.run_context import RunContext
@@ -39,6 +40,7 @@ class World:
 
     simulation: Simulation
     context: RunContext
+    worker: EstimateWorker  # not running: reads fold the estimate's inputs
     submitted: list[AnyOperatorEvent] = field(default_factory=list)
 
     def fly(self, until_s: float) -> None:
@@ -87,7 +89,10 @@ def world_in(out: Path, scenario: Scenario) -> World:
         accepted_in(scenario),
     )
     area = None if burn is not None else burned_ha
-    request_handler = RequestHandler(submit, service.status, lambda: clock.now_us, scope, area)
+    worker = EstimateWorker(service, lambda: simulation.link_us, lambda: None)
+    request_handler = RequestHandler(
+        submit, service.status, lambda: clock.now_us, scope, area, worker.outcome
+    )
     settings = ServiceSection(http=HttpSection())
     context = RunContext(
         scenario,
@@ -98,7 +103,7 @@ def world_in(out: Path, scenario: Scenario) -> World:
         {},
         out / "journal.jsonl",
     )
-    return World(simulation, context, submitted)
+    return World(simulation, context, worker, submitted)
 
 
 @dataclass

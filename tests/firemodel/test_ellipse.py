@@ -8,8 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from firemodel.ellipses.ellipse import EllipseFire, Spread, line_sources, spreads_of
+from firemodel.ellipses.ellipse import EllipseFire, Spread, spreads_of
 from firemodel.ellipses.ellipse_kernels import reach
+from firemodel.ellipses.line_ignitions import line_sources
 from firemodel.errors import FireModelError
 from firemodel.physics.weather import Weather, WeatherStream
 from firemodel.spread.anyangle import AnyAngleFire

@@ -5,7 +5,8 @@ import pytest
 from numpy.typing import NDArray
 
 from firemodel.assimilation.gaussian import GaussianCorrected, _curvature, _log_likelihood
-from firemodel.ellipses.ellipse import EllipseFire, Spread, line_sources
+from firemodel.ellipses.ellipse import EllipseFire, Spread
+from firemodel.ellipses.line_ignitions import line_sources
 from firemodel.ellipses.point_observations import BURNED, BURNING, UNBURNED
 
 Floats = NDArray[np.float64]

@@ -9,7 +9,8 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from firemodel.ellipses.ellipse import EllipseFire, Spread, line_sources
+from firemodel.ellipses.ellipse import EllipseFire, Spread
+from firemodel.ellipses.line_ignitions import line_sources
 from mission_service.config.sections import BurnSection, Station
 from mission_service.guidance.burn.burn_unit import BurnUnit
 from mission_service.guidance.burn.lines.line_planner import Situation

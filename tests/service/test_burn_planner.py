@@ -9,7 +9,8 @@ import pytest
 import shapely
 
 from benchmarks.burn_check import faults
-from firemodel.ellipses.ellipse import EllipseFire, line_sources
+from firemodel.ellipses.ellipse import EllipseFire
+from firemodel.ellipses.line_ignitions import line_sources
 from mission_service.config.sections import BurnSection
 from mission_service.errors import MissionServiceError
 from mission_service.guidance.burn.burn_unit import ExclusionCircle

@@ -198,7 +198,7 @@ def test_a_correction_that_cannot_be_is_not_in_the_journal(tmp_path: Path) -> No
     before = path.read_bytes()
     now_us = simulation.clock.now_us
     water = Corrected(now_us, "ann", "", "burning", "point", (PLACE,), now_us - 10_000_000_000)
-    simulation.service.estimate.apply_report = _refuses  # type: ignore[method-assign]
+    simulation.service.estimate.check = _refuses  # type: ignore[method-assign]
     with pytest.raises(FireModelError):
         simulation.service.submit(water, simulation.link_us)
     assert path.read_bytes() == before

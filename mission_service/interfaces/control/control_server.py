@@ -10,7 +10,7 @@ import contextlib
 import socket
 import stat
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Awaitable, Iterator
 from pathlib import Path
 
 import msgspec
@@ -131,10 +131,11 @@ class _Client(asyncio.Protocol):
         self._loop = asyncio.get_running_loop()
         self._rest = b""
         # Lines to handle, and finished replies to later lines.
-        self._queued: deque[bytes | Answer] = deque()
+        self._queued: deque[bytes | Answer | Awaitable[Answer]] = deque()
         self._read_s = 0.0
         self._after_abort = False  # the newline of the abort has not arrived
         self._scheduled = self._unread = self._ended = self._disconnected = False
+        self._task: asyncio.Task[None] | None = None  # of the line that is handled
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Add the client."""
@@ -216,15 +217,21 @@ class _Client(asyncio.Protocol):
             self._loop.call_soon(self._handle_line)
 
     def _handle_line(self) -> None:
-        """Handle one line and send its reply."""
+        """Handle one line; its reply, and the next line, may have to wait for a thread."""
+        first = self._queued.popleft() if self._queued else None
+        answer = self._answer(first) if isinstance(first, bytes) else first
+        if answer is None or isinstance(answer, dict):
+            self._reply(answer)
+        else:
+            self._task = self._loop.create_task(self._reply_after(answer))
+
+    def _reply(self, answer: Answer | None) -> None:
+        """Send the reply to a line, if there is one, and continue with the next line."""
         self._scheduled = False
-        if self._queued:
-            first = self._queued.popleft()
-            answer = self._answer(first) if isinstance(first, bytes) else first
-            if not self._disconnected:
-                self._transport.write(msgspec.json.encode(answer) + b"\n")
-                self._timeout.cancel()
-                self._timeout = self._loop.call_later(self._idle_s, self.cut)
+        if answer is not None and not self._disconnected:
+            self._transport.write(msgspec.json.encode(answer) + b"\n")
+            self._timeout.cancel()
+            self._timeout = self._loop.call_later(self._idle_s, self.cut)
         if self._queued:
             self._schedule()
         elif self._ended:
@@ -232,13 +239,23 @@ class _Client(asyncio.Protocol):
         elif not self._disconnected:
             self._transport.resume_reading()
 
-    def _answer(self, line: bytes) -> Answer:
+    def _answer(self, line: bytes) -> Answer | Awaitable[Answer]:
         try:
             return self._clients.request_handler.answer(line)
-        except Exception as error:  # serve_control raises it
-            if not self._clients.failed.done():
-                self._clients.failed.set_exception(error)
-            return wrong("internal error of the service; the request may be incomplete")
+        except Exception as error:
+            return self._failed(error)
+
+    async def _reply_after(self, waiting: Awaitable[Answer]) -> None:
+        try:
+            answer = await waiting
+        except Exception as error:
+            answer = self._failed(error)
+        self._reply(answer)
+
+    def _failed(self, error: Exception) -> Answer:
+        if not self._clients.failed.done():
+            self._clients.failed.set_exception(error)  # serve_control raises it
+        return wrong("internal error of the service; the request may be incomplete")
 
 
 def _is_abort(line: bytes) -> bool:

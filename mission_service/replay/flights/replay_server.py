@@ -84,6 +84,10 @@ class ReplayRequestHandler(RequestHandler):
         at_s = self._player.state().at_us / 1e6
         return {"ok": True, "at_s": at_s, "event": "Replay", "messages": messages}
 
+    def ask_or_wait(self, request: Any, may_approve: bool | None = None, role: str = "") -> Answer:
+        """Return the reply of ``ask``."""
+        return self.ask(request, may_approve)
+
 
 def control(player: Playback, request: dict[str, Any], now_us: int) -> list[str]:
     """Execute a request and return its description. Raises RequestError before any change."""

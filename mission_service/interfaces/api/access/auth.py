@@ -41,6 +41,11 @@ class User(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         """Return whether the user has this role; every user has ``look``."""
         return role == "look" or role in self.roles
 
+    @property
+    def highest_role(self) -> Role:
+        """The last role of ``ROLES`` that this user has."""
+        return next(role for role in reversed(ROLES) if self.may(role))
+
 
 class _TokensFile(msgspec.Struct, forbid_unknown_fields=True):
     tokens: tuple[User, ...] = ()
