@@ -91,7 +91,7 @@ def _sim(name: str, folder: Path) -> None:
 def _plans(name: str, folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     for vehicle in load_scenario(name).vehicles:
-        file = folder / f"{vehicle.name}.json"
+        file = folder / f"{vehicle.name}.plan"
         _service("plan", name, "--vehicle", vehicle.name, "--output", str(file))
 
 

@@ -4,8 +4,9 @@ One plane circles the fire of the default scenario in virtual time. Wind, moistu
 of the simulated fire differ from those that the estimate receives (standard deviations: 30 % and 30
 degrees, 25 %, 30 %). Every half hour, the estimate and the forecasts of its ensemble for 30 and 60
 minutes are compared with the simulated fire. The error is the area that differs, divided by the
-area of the simulated fire. Persistence is the estimated area at the start of the forecast; the
-model alone has no observations.
+area of the simulated fire. The forecast area contains the cells that have burned with a probability
+of at least one half. Persistence is the estimated area at the start of the forecast; the model
+alone has no observations.
 """
 
 import argparse
@@ -19,7 +20,6 @@ import click
 import numpy as np
 
 from firemodel.arrays import Floats, Mask
-from firemodel.assimilation.estimate_forecast import likely_area
 from mission_service.config.fire_sections import SimulatedFireSection, SimulationSection
 from mission_service.config.scenario import Scenario, load_scenario
 from mission_service.fire.forecast import Forecasts
@@ -79,7 +79,7 @@ async def _flown(flight: Simulation, scenario: Scenario) -> Floats:
                 fire.advance(now_s + ahead_s)
             area = seen
             if ahead_s:
-                area = likely_area(await forecasts.probability(now_s + ahead_s))
+                area = await forecasts.probability(now_s + ahead_s) >= 0.5
             row.append([error(each, true.burned()) for each in (area, seen, free.burned())])
         errors.append(row)
     forecasts.close()

@@ -17,7 +17,7 @@ def bounds_of(mask: Mask) -> Place:
 
 
 def window_at(top: int, left: int, shape: tuple[int, ...]) -> Place:
-    """Return the window of a shape (rows, columns) with the north-west cell (top, left)."""
+    """Return the window of (rows, columns) cells whose north-west cell is (top, left)."""
     return np.s_[top : top + shape[0], left : left + shape[1]]
 
 

@@ -29,7 +29,7 @@ class IgnitionPlan(msgspec.Struct, frozen=True, tag=True, tag_field="type"):
 
     ``digest`` is a hash of the burn unit, its fence, the people and the settings.
     ``min_time_margin_s`` is the shortest time, at all points of the path and all drops, until the
-    fire arrives. ``skipped`` are places (lat, lon) on the line where a drop is not safe.
+    fire arrives. ``skipped`` holds the places (lat, lon) on the line where a drop is not safe.
     """
 
     vehicle: str

@@ -154,7 +154,7 @@ class MavsdkClient:
         return 0
 
     def next_event(self) -> ClientEvent | None:
-        """Remove and return the oldest pending event; None if there is none."""
+        """Remove and return the oldest pending event; None if no event is pending."""
         return self._events.popleft() if self._events else None
 
     def _connected_stack(self) -> Stack:
@@ -188,7 +188,7 @@ class MavsdkClient:
         await self._connection.__aexit__(*error)
 
     async def wait(self) -> None:
-        """Wait until there may be events. Raises errors of the link and of this client again."""
+        """Wait until there may be events; raise the errors that the link or this client had."""
         await self._connection.wait()
 
     def flush(self) -> None:
@@ -261,7 +261,7 @@ class MavsdkClient:
         return outgoing
 
     def addressed_to_send(self) -> list[tuple[str, bytes]]:
-        """Return the frames to send, with the vehicle's remote, or "" (all) until it is bound."""
+        """Return the frames to send, each with the vehicle's remote; "" means all remotes."""
         source = self._source
         remote = "" if source is None or source.remote is None else source.remote
         return [(remote, frame) for frame in self.data_to_send()]

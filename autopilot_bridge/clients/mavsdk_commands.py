@@ -1,4 +1,4 @@
-"""Commands to a vehicle through MAVSDK, which repeats each of them until it is acknowledged."""
+"""Sends commands to a vehicle through MAVSDK, which repeats each until its acknowledgement."""
 
 import json
 from collections.abc import Callable
@@ -50,7 +50,7 @@ class MavsdkCommands:
         return self.overrides[-1]
 
     async def send_steps(self, steps: tuple[Step, ...], stack: Stack) -> tuple[bool, str]:
-        """Send commands in sequence until one is refused; MAVSDK retries each of them.
+        """Send commands in sequence until a command is refused; MAVSDK repeats each command.
 
         No command is sent after a failsafe or after a pilot has taken control.
         """

@@ -1,4 +1,4 @@
-"""Imports MAVSDK's modules, and converts between its types and ours."""
+"""Imports MAVSDK's modules, and converts between MAVSDK's types and ours."""
 
 import functools
 import json
@@ -11,7 +11,7 @@ from autopilot_bridge.missions.read_back import same_as_sent
 from autopilot_bridge.missions.transfer import Holds, TransferResult
 from autopilot_bridge.stacks.stacks import Stack
 
-MAVSDK_IDS = (245, 190)  # system and component ids of its ground stations
+MAVSDK_IDS = (245, 190)  # system and component ids of MAVSDK's ground stations
 ACCEPTED = TransferResult("accepted", "accepted", 0, holds="the new one")
 
 

@@ -1,4 +1,4 @@
-"""MAVSDK in this process, connected by raw bytes to one vehicle, and the calls to it."""
+"""Runs MAVSDK in this process, connects it to one vehicle by raw bytes, and calls its functions."""
 
 import asyncio
 from collections.abc import Callable, Coroutine
@@ -15,7 +15,7 @@ Result = TypeVar("Result")
 
 
 class MavsdkSystem:
-    """One vehicle in MAVSDK; ``missions`` and ``direct`` are its plugins once it is detected."""
+    """One vehicle in MAVSDK; ``missions`` and ``direct`` are None until it is detected."""
 
     def __init__(self, system_id: int, clock: Callable[[], int]) -> None:
         self._system_id = system_id
@@ -52,7 +52,7 @@ class MavsdkSystem:
         self._mavsdk.pass_received_raw_bytes(frame)
 
     async def detected(self) -> bool:
-        """Return whether MAVSDK has detected the vehicle; wait for this, and create the plugins."""
+        """Wait until MAVSDK detects the vehicle, and create its plugins; False on a timeout."""
         modules = library()
 
         def detect() -> bool:
@@ -85,7 +85,7 @@ class MavsdkSystem:
         await asyncio.sleep(POLL_INTERVAL_S)
 
     async def until(self, condition: Callable[[], bool], within_s: float) -> bool:
-        """Return whether ``condition()`` is true; wait up to ``within_s`` for this."""
+        """Wait until ``condition()`` is true, at most ``within_s``; return whether it is true."""
         ends_us = self._clock() + round(within_s * 1e6)
         while not condition():
             if self._clock() > ends_us:

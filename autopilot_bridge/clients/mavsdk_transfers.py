@@ -1,6 +1,6 @@
-"""Transfers of missions through MAVSDK, with the steps that real autopilots require besides.
+"""Transfers missions through MAVSDK, with the further steps that real autopilots require.
 
-A mission is checked before its upload, read back after it, and started by an item number.
+A mission is checked before its upload, read back after the upload, and started by an item number.
 """
 
 from collections.abc import Callable, Coroutine
@@ -146,7 +146,7 @@ class MavsdkTransfers:
         return ended
 
     def _first(self, job: Job) -> int:
-        """Return the number of the item to fly next, as it is transmitted."""
+        """Return the transmitted number of the item to fly next."""
         hidden, last = self._monitor.hidden_items, self._monitor.hidden_items + len(job.items) - 1
         if job.begin == "restart":
             return hidden
@@ -188,7 +188,7 @@ class MavsdkTransfers:
         return "SUCCESS"
 
     async def _read(self) -> tuple[Items | None, str]:
-        """Return the items as transmitted, or None if the download fails, and MAVSDK's result."""
+        """Return the transmitted items (None if the download fails), and MAVSDK's result."""
         try:
             read = await self._system.call(self._system.missions.download_mission())
         except library().missions.MissionRawError as error:

@@ -91,7 +91,7 @@ class NativeClient:
 
     @property
     def target_system(self) -> int | None:
-        """The vehicle's system id; None before the first HEARTBEAT if it was not given."""
+        """The vehicle's system id; None before the first HEARTBEAT if no id was given."""
         return self._target_system
 
     @property
@@ -124,11 +124,12 @@ class NativeClient:
         """Replace the mission, fence or rally points; TransferFinished reports the result.
 
         ``begin`` selects the item of the new mission to fly next: ``restart`` means the first item,
-        ``keep`` the item with the current number, and a number (from 0) that item. With ``check``
-        the list is read back after it was accepted. With ``holds_first`` a vehicle in its mission
-        holds during the upload if its autopilot would otherwise fly a partly overwritten list.
-        After a failed upload the vehicle continues to hold. With ``by_file`` the client uses MAVFTP
-        if the autopilot supports it. An upload replaces a queued upload of the same kind.
+        ``keep`` the item with the number of the current item, and a number (from 0) the item with
+        that number. With ``check`` the list is read back after it was accepted. With
+        ``holds_first`` a vehicle in its mission holds during the upload if its autopilot would
+        otherwise fly a partly overwritten list. After a failed upload the vehicle continues to
+        hold. With ``by_file`` the client uses MAVFTP if the autopilot supports it. An upload
+        replaces a queued upload of the same kind.
         """
         job = Job(0, "upload", kind, tuple(items), begin, check, holds_first, by_file)
         return self._add(job, now_us)
@@ -225,7 +226,7 @@ class NativeClient:
         return [self._codec.encode(message) for message in outgoing]
 
     def next_event(self) -> ClientEvent | None:
-        """Remove and return the oldest pending event; None if there is none."""
+        """Remove and return the oldest pending event; None if no event is pending."""
         return self._events.popleft() if self._events else None
 
     def report(self, event: ClientEvent) -> None:

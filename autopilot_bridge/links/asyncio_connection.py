@@ -80,7 +80,7 @@ class Connection:
         self._tlog = tlog
         self._signing = signing
         self._link_id = link_id
-        self.counts = Counts()  # counts of this link; ``signing`` has those of all links
+        self.counts = Counts()  # of this link; ``signing`` has the counts of all links
         self.receives_signed = False  # True if the last frame was signed but not verified
         self._activity = asyncio.Event()
         self._open = False

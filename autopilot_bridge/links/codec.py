@@ -54,8 +54,8 @@ class Codec:
     def encode(self, message: Message) -> bytes:
         """Return the frame of a message, with the next sequence number.
 
-        The frame's source is the component of this end, or the message's ``from_component`` if that
-        is set.
+        The frame's source is the component of this end, or the message's ``from_component`` if the
+        message has one.
         """
         mav = self._mav
         mav.srcComponent = getattr(message, "from_component", self._component_id)

@@ -1,4 +1,4 @@
-"""Checks the values of message fields against bounds, to discard values that are not plausible.
+"""Checks the values of message fields against bounds, to discard messages with implausible values.
 
 One table covers all messages from which the bridge reads a vehicle's state. If any value of a
 message is not finite or is out of bounds, the whole message is discarded. ``also`` is the integer
@@ -7,8 +7,8 @@ that means "unknown" in a field. ``UNKNOWN`` contains the float fields that are 
 Units and unknown values are those of MAVLink's common.xml. Heights range from the Dead Sea (-430 m)
 to twice the ceiling of any supported aircraft. The limit of wind speeds is the fastest measured
 gust (113 m/s, Barrow Island 1996, WMO); aircraft speeds are below half of the speed of sound. The
-limit of item numbers is the longest list of a stack (``stacks/stacks.py``). Latitude,
-longitude and angles are bounded by their definitions.
+limit of item numbers is the length of the longest list that a stack accepts (``stacks/stacks.py``).
+Latitude, longitude and angles are bounded by their definitions.
 """
 
 import math
@@ -27,7 +27,7 @@ MAX_PARAM = 1e12  # maximum of an item's params; all valid values are far smalle
 
 
 class Bound(NamedTuple):
-    """The minimum and maximum of a field; ``also`` is a value outside them that means "unknown"."""
+    """The minimum and maximum of a field; ``also`` is another value, which means "unknown"."""
 
     field: str
     least: float
@@ -68,7 +68,7 @@ UNKNOWN: Final = {
 
 
 def out_of_bounds(message: Message) -> str | None:
-    """Return a text about the first value of a message that is out of bounds; None if none is."""
+    """Return a text on a message's first value out of bounds; None if all are within bounds."""
     kind = message.get_type()
     for field, minimum, maximum, also in BOUNDS.get(kind, ()):
         value = getattr(message, field)
@@ -84,7 +84,7 @@ def _unknown(kind: str, field: str, value: Any) -> bool:
 
 
 def list_out_of_bounds(items: Iterable[MissionItem]) -> str | None:
-    """Return a text about the first value of the items that is out of bounds; None if none is."""
+    """Return a text on the items' first value out of bounds; None if all are within bounds."""
     found = (
         f"item {n}: {words}" for n, item in enumerate(items) if (words := _item_out_of_bounds(item))
     )
@@ -92,7 +92,7 @@ def list_out_of_bounds(items: Iterable[MissionItem]) -> str | None:
 
 
 def _item_out_of_bounds(item: MissionItem | Message) -> str | None:
-    """Return a text about the first value of an item that is out of bounds; params may be NaN."""
+    """Return a text on an item's first value out of bounds, or None; NaN is valid in params."""
     for field in ("param1", "param2", "param3", "param4"):
         value = getattr(item, field)
         if not (abs(value) <= MAX_PARAM or math.isnan(value)):

@@ -5,19 +5,23 @@ bits of SHA-256 over the key, the frame, a link id and a timestamp. A *stream* i
 the same system, component and link id. Timestamps count units of 10 us since 2015 and increase with
 every frame of a stream.
 
-The implementation in pymavlink 2.4.50 (``MAVLink.check_signature``, ``decode``) has faults: - it
-stores a stream's timestamp before it checks the hash; after one forged frame with a timestamp far
-in the future every genuine frame fails; - it adopts the greatest timestamp received, even from a
-sender with a wrong clock; after our next frames each vehicle rejects every other station; - frames
-with a *wrong* signature are passed to the callback that allows unsigned ones; - frames of unknown
-messages are not verified, and signatures are compared with ``!=``. This module stores a timestamp
-only if the hash is right, and received timestamps do not change our own. A stream may be ahead of
-our clock only by a bounded time. A wrong signature is rejected for every message.
+The implementation in pymavlink 2.4.50 (``MAVLink.check_signature``, ``decode``) has faults:
+
+- it stores a stream's timestamp before it checks the hash, so that after one forged frame with a
+  timestamp far in the future every genuine frame fails;
+- it adopts the greatest timestamp received, even from a sender with a wrong clock, so that after
+  our next frames each vehicle rejects every other station;
+- it passes frames with a *wrong* signature to the callback that allows unsigned frames;
+- it does not verify frames of unknown messages, and compares signatures with ``!=``.
+
+This module stores a timestamp only if the hash is right, and received timestamps do not change our
+own. A stream may be ahead of our clock only by a bounded time. A wrong signature is rejected for
+every message.
 
 At every boot and with every new key, ArduPilot 4.6 (source: ``GCS_Signing.cpp``) starts from its
-saved timestamp plus 60 s. It uses UTC as soon as GPS provides it. It accepts unsigned frames on its
-first port (USB; SERIAL0 of the simulator), and rejects a stream that begins more than a minute
-behind its own timestamp. PX4 signs frames from version 1.18.
+saved timestamp plus 60 s. It uses UTC as soon as GPS provides the time. It accepts unsigned frames
+on its first port (USB; SERIAL0 of the simulator), and rejects a stream that begins more than a
+minute behind the timestamp of ArduPilot. PX4 signs frames from version 1.18.
 """
 
 import base64
@@ -46,7 +50,8 @@ from autopilot_bridge.links.framing import (
 EPOCH_US = 1_420_070_400_000_000  # 2015-01-01, microseconds since 1970
 TICKS_PER_S = 100_000
 OLDEST_BEGIN_S = 60
-# ArduPilot adds a minute at every boot without GPS, so a small lead is not a fault.
+# ArduPilot adds a minute to its timestamp at every boot without GPS, so a small lead over our clock
+# is not a fault.
 MAX_AHEAD_S = 300
 # Telemetry radios send their own status unsigned, because they have no keys.
 UNSIGNED_ALLOWED = frozenset({mavlink.MAVLINK_MSG_ID_RADIO_STATUS})
@@ -236,7 +241,7 @@ class Signing:
         timestamps: Timestamps,
         allow_unsigned: frozenset[int] = UNSIGNED_ALLOWED,
     ) -> None:
-        """Create the signing for a key; messages with ids ``allow_unsigned`` need no signature."""
+        """Create the signing for a key; message ids in ``allow_unsigned`` need no signature."""
         self.counts = Counts()
         self._key = key
         self._timestamps = timestamps
@@ -244,7 +249,7 @@ class Signing:
         self._streams: dict[tuple[int, int, int], int] = {}
 
     def sign(self, frame: bytes, link_id: int) -> bytes:
-        """Return a MAVLink 2 frame with its signature; ``link_id`` is that of the sending link."""
+        """Return a MAVLink 2 frame with its signature; ``link_id`` is the sending link's id."""
         body = bytearray(frame[:-2])
         body[2] |= SIGNED
         crc = checksum(bytes(body[1:]), message_id_of(frame))

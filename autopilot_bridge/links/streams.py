@@ -57,7 +57,7 @@ class Stream(asyncio.Protocol):
             self.out = transport
 
     def data_received(self, data: bytes) -> None:
-        """Pass the frames in received bytes to the listener; frames may be in parts."""
+        """Pass the frames in received bytes to the listener; a frame may arrive in parts."""
         frames = self._framer.feed(data)
         if frames:
             self.received_frames = True
@@ -137,8 +137,8 @@ async def open_serial(address: SerialAddress, listener: Listener) -> Stream:
         port = serial.Serial(address.device, address.baud, timeout=0, exclusive=True)
     except ValueError as error:
         raise BridgeError(f"link {address}: {error}") from None
-    # asyncio's pipes work on any character device. Each pipe closes its file, so each needs its
-    # own.
+    # asyncio's pipes work on any character device. Each pipe closes its file, so each pipe has a
+    # file of its own.
     _, stream = await loop.connect_read_pipe(lambda: Stream(listener), port)
     writable = os.fdopen(os.dup(port.fileno()), "wb", buffering=0)
     try:

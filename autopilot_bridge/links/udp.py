@@ -35,8 +35,8 @@ class Udp(asyncio.DatagramProtocol):
     """A UDP socket.
 
     ``udpout`` sends to its address. ``udpin`` sends to all remotes that sent frames in the last ten
-    seconds; if there were none, it sends to the last remote. Frames with a target system are sent
-    to the remote of that system.
+    seconds; if no remote did, it sends to the remote that sent last. Frames with a target system
+    are sent to the remote of that system.
     """
 
     def __init__(self, address: LinkAddress, listener: Listener) -> None:
@@ -77,7 +77,7 @@ class Udp(asyncio.DatagramProtocol):
         if self._address.kind == "udpout" or self._target is None:
             return [self._target] if self._target else []
         host, _, port = remote.rpartition(":")
-        if remote:  # even one that was removed from ``_remotes``
+        if remote:  # even a remote that was removed from ``_remotes``
             return [(host, int(port))]
         since_s = asyncio.get_running_loop().time() - ANSWER_FOR_S
         recent = [at for at, entry in self._remotes.items() if entry.received_s >= since_s]
@@ -101,8 +101,8 @@ class Udp(asyncio.DatagramProtocol):
         """Pass the frames of this datagram, and of others in the socket, to the listener.
 
         asyncio reads one datagram in each turn of its loop. More datagrams are read here only if
-        they are likely (several remotes, short intervals), because a read that finds none costs as
-        much as a datagram.
+        they are likely (several remotes, short intervals), because an attempt that finds no
+        datagram costs as much as reading one.
         """
         now_s = asyncio.get_running_loop().time()
         more_expected = len(self._remotes) > 1 or now_s - self._last_s < QUICK_S

@@ -119,7 +119,7 @@ class DataFlashLog(Log):
 def _length_at(data: bytes, at: int, lengths: list[int]) -> int:
     """Return the length of the message at ``at``; 0 if there is no complete message.
 
-    Messages have no checksum: a message is accepted only if another follows it.
+    Messages have no checksum: a message is accepted only if another message follows it.
     """
     if data[at : at + 2] != HEAD or at + 3 > len(data):
         return 0

@@ -1,7 +1,7 @@
 """Computes flight time for a log whose simulator ran faster or slower than its recorder.
 
 The stamps in a .tlog are times of the recorder's clock. If the autopilots' time since boot advances
-at another rate, flight time advances at that rate too.
+at another rate than the stamps, flight time advances at the autopilots' rate.
 """
 
 from collections.abc import Iterator
@@ -10,9 +10,9 @@ from statistics import median
 Sample = tuple[int, int, int]  # system id, stamp, and time since boot; times in microseconds
 
 SAMPLES, MIN_PAIRS = 400, 10
-SPAN_US, APART_US = 5_000_000, 1_000_000  # minimum time from first to last stamp, and within a pair
+SPAN_US, APART_US = 5_000_000, 1_000_000  # minimum times: first to last stamp; stamps of a pair
 MIN_RATE, MAX_RATE = 0.8, 1.25  # rates in this range may come from clock errors or link delays
-LEAP_US = 60_000_000  # a time this far ahead of the expected one is noise or a reboot
+LEAP_US = 60_000_000  # a time this far ahead of the expected time is noise or a reboot
 STILL_US = 1_000_000  # if no time since boot arrives for this long, the rate is used
 
 

@@ -132,7 +132,7 @@ def _boot_us(message: Message) -> int | None:
 
 
 def _without_leap(at_us: int, latest_us: int | None, after: bytes) -> int:
-    """Return a record's time, or the time of a neighbouring record if only this one leaps."""
+    """Return a record's time, or the time of a neighbouring record if only this time leaps."""
     if len(after) < STAMP_BYTES:
         return at_us if latest_us is None else latest_us
     after_us = int.from_bytes(after, "big") & ~LINK_BITS
@@ -156,7 +156,7 @@ def _record_length(data: bytes, at: int, lost: bool) -> int:
 
 
 def _length_unknown(data: bytes, begin: int) -> int:
-    """Return the length of a record in another dialect; 0 unless a record or the end follows."""
+    """Return the length of a record in another dialect; 0 unless a record or the end is next."""
     header = data[begin : begin + 10]
     if len(header) < 10 or in_dialect(message_id_of(header)):
         return 0

@@ -48,7 +48,7 @@ MAX_BYTES = dict.fromkeys(b"BFIMD", 65535) | dict.fromkeys(b"LC", 1024)
 MAX_BYTES |= {ord("P"): 300, ord("Q"): 301, ord("A"): 259, ord("R"): 2, ord("S"): 8, ord("O"): 2}
 PADDING_BYTES = 8  # maximum padding at the end of a topic, which files omit
 DATA = ord("D")
-BOOT_KEY = b"uint64_t boot_time_utc_us"  # offset by the autopilot's clock, if it has one
+BOOT_KEY = b"uint64_t boot_time_utc_us"  # time of boot by the autopilot's clock, if it has one
 LETTERS = {
     "int8_t": "b",
     "uint8_t": "B",
@@ -167,7 +167,7 @@ class _Subscriptions:
         self._names = names
 
     def subscribe(self, body: bytes, formats: dict[str, str]) -> None:
-        """Process an ADD_LOGGED message; it is ignored as noise if it has no known format."""
+        """Process an ADD_LOGGED message; a message without a known format is ignored."""
         instance, number = struct.unpack_from("<BH", body)
         name = body[3:].decode("utf-8", "replace")
         if name not in formats:

@@ -192,7 +192,7 @@ def _too_long(items: Sequence[MissionItem], stack: Stack) -> Iterator[Problem]:
 
 
 def adapted(items: Sequence[MissionItem], stack: Stack) -> Items:
-    """Return the mission, in which each item that has an exact equivalent on the stack is replaced.
+    """Return the mission with some items replaced by their exact equivalents on the stack.
 
     Args:
         items: The items of a mission.

@@ -1,8 +1,8 @@
 """Uploads and downloads ArduPilot's mission files over MAVFTP.
 
 opening --ACK--> moving --replies to all blocks--> closing --ACK--> ended
-opening: repeated on timeout with the same number, so that the autopilot sends its reply again; if
-    another session is open, repeated after three and after six seconds
+opening: the request is repeated on timeout with its sequence number, so that the autopilot repeats
+    its reply; if another session is open, the request is repeated after three and after six seconds
 moving:  up to five reads or writes are pending; each is repeated if its reply is late
 closing: the autopilot applies the written data only now
 
@@ -40,7 +40,7 @@ from autopilot_bridge.missions.transfer import Address, TransferResult, Transfer
 
 MAX_PENDING = 5  # the autopilot discards a sixth request without a reply
 FIRST_BLOCK_BYTES = HEADER.size + 6 * ITEM.size  # 238
-BLOCK_BYTES = 6 * ITEM.size  # 228 bytes; a write may have 239
+BLOCK_BYTES = 6 * ITEM.size  # 228 bytes; the maximum of a write is 239
 # An open session can be replaced if the autopilot sent no FTP reply for 3 s.
 BUSY_WAIT_US = 3_200_000
 MAX_OPENINGS = 3
@@ -49,7 +49,7 @@ MAX_BACK_OFF = 4
 
 
 def next_session(session: int) -> int:
-    """Return another session id for the next transfer, so that late packets have no effect."""
+    """Return a new session id for the next transfer, so that late packets have no effect."""
     return session % 255 + 1
 
 
@@ -105,7 +105,7 @@ class _FtpTransfer:
         raise NotImplementedError
 
     def _ended(self, closed: bool) -> TransferResult:
-        """Return the result after all blocks (if ``closed``, also the end) were acknowledged."""
+        """Return the result after all blocks were acknowledged (and the closing if ``closed``)."""
         raise NotImplementedError
 
     def _aborted(self, reason: str) -> TransferResult:
@@ -119,8 +119,8 @@ class _FtpTransfer:
         self._progress_us = now_us
         if self.result is not None:
             return []
-        # The number differs from those of an earlier program: the autopilot may still repeat a
-        # reply to one of them.
+        # The sequence number differs from those that an earlier run of the program used: the
+        # autopilot may still repeat a reply to a request of that run.
         self._seq = now_us // 1000 % 65536
         return self._open(now_us)
 
@@ -217,7 +217,7 @@ class _FtpTransfer:
             busy = code in (ftp.FAIL, ftp.INVALID_SESSION, ftp.NO_SESSIONS)
             if busy and self._openings < MAX_OPENINGS:
                 # Another station has a session, active or idle. ArduPilot closes an idle session
-                # only for a new id. We do not close it: it may be in use.
+                # only for a new id. We do not close that session, because it may be in use.
                 self.session = next_session(self.session)
                 # The delay increases, because two stations with equal delays would block each
                 # other.
@@ -233,7 +233,7 @@ class _FtpTransfer:
         return []
 
     def cancel(self, cancels_after_us: int, now_us: int) -> list[Message]:
-        """Close the session before all items are written, so that the autopilot applies none."""
+        """Close the session before all items are written, so that the autopilot applies no item."""
         if self._state == "closing" or self.result is not None:
             return []
         return self._close("it was cancelled", now_us)
@@ -282,9 +282,10 @@ class _FtpTransfer:
 class FtpUpload(_FtpTransfer):
     """The upload of a whole list of items; the caller must read back after every result.
 
-    ``accepted``: the file was closed. ``unknown``: all data was sent, and the autopilot applies it
-    now or when a station next opens a file. ``failed``: the old mission is on board. ``rejected``:
-    no data was sent; an upload item by item may work.
+    ``accepted``: the file was closed. ``unknown``: all data was sent, and the autopilot applies the
+    data now or when a station next opens a file. ``failed``: the old mission is on board.
+    ``rejected``: no data was sent; an upload by the mission protocol (item by item) may still
+    succeed.
     """
 
     kind = "upload"
@@ -297,7 +298,7 @@ class FtpUpload(_FtpTransfer):
         session: int,
         timing: TransferTiming,
     ) -> None:
-        """Create the upload of ``items``, home first; ``session`` must differ from the last one."""
+        """Create the upload of ``items``, home first; ``session`` differs from the last id."""
         super().__init__(address, ftp.CREATE, session, timing)
         self.items = items
         self._data = b""

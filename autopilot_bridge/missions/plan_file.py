@@ -44,7 +44,7 @@ def read_any(path: Path | str) -> Plan:
         Mission, fence, rally points and home.
 
     Raises:
-        BridgeError: The file cannot be read, or an item is not valid and is named.
+        BridgeError: The file cannot be read, or an item is not valid; the message names the item.
     """
     path = Path(path)
     text = read_text(path)

@@ -1,4 +1,4 @@
-"""Reads and writes text files; an error is one line."""
+"""Reads and writes text files; an error message is one line."""
 
 from pathlib import Path
 

@@ -71,8 +71,9 @@ class TransferResult:
 
     ``rejected``: the autopilot rejected the transfer; ``code`` is its MAV_MISSION_RESULT, and
     ``seq`` is the last item that it requested. ``unknown``: all items were sent, but no final reply
-    arrived. ``failed``: the transfer was aborted. ``cancelled``: it was cancelled on request.
-    ``holds`` states which mission is now on board, and ``items`` are its items if they were read.
+    arrived. ``failed``: the transfer was aborted. ``cancelled``: the transfer was cancelled on
+    request. ``holds`` states which mission is now on board, and ``items`` are its items if they
+    were read.
     """
 
     outcome: Outcome

@@ -1,14 +1,18 @@
 """Uploads a mission (MAVLink mission protocol, "Upload a Mission to the Vehicle").
 
-idle --start--> counted --request--> sending --last item sent--> sending
-counted: MISSION_COUNT is repeated on timeout
-sending: items are sent on request. If the autopilot accepts early items, a few are sent before they
-are requested. A repeated request means that a message was lost; from then on each request is
-awaited any --MISSION_ACK--> ended sending --MISSION_ERROR--> sending, and ended after a timeout: it
-may be the reply to a duplicate (of MISSION_COUNT to PX4, of the last item to ArduPilot); then the
-transfer continues or succeeded sending, all sent, no MISSION_ACK --MISSION_CURRENT with the plan's
-id--> ended: it is on board any --cancel--> cancelling --OPERATION_CANCELLED or timeout--> ended
-cancelling: no further item is sent; PX4 ends the transfer when cancelled, ArduPilot after 8 s
+- idle --start--> counted --request--> sending --last item sent--> sending
+- counted: MISSION_COUNT is repeated on timeout
+- sending: items are sent on request. If the autopilot accepts early items, a few are sent before
+  they are requested. A repeated request means that a message was lost; from then on each request
+  is awaited
+- any --MISSION_ACK--> ended
+- sending --MISSION_ERROR--> sending, and ended after a timeout: the error may be the reply to a
+  duplicate (of MISSION_COUNT to PX4, of the last item to ArduPilot); then the transfer continues or
+  has succeeded
+- sending, all sent, no MISSION_ACK --MISSION_CURRENT with the plan's id--> ended: the plan is on
+  board
+- any --cancel--> cancelling --OPERATION_CANCELLED or timeout--> ended
+- cancelling: no further item is sent; PX4 ends the transfer when cancelled, ArduPilot after 8 s
 """
 
 from typing import Literal
@@ -114,7 +118,7 @@ class MissionUpload(Exchange):
         return item_message(self._address.target, seq, item, current, mission_type)
 
     def cancel(self, cancels_after_us: int, now_us: int) -> list[Message]:
-        """Cancel at once, or after ``cancels_after_us`` if the autopilot ignores cancellations."""
+        """Cancel now, or after ``cancels_after_us`` if the autopilot ignores cancellations."""
         if not cancels_after_us:
             self.result = TransferResult("cancelled", "cancelled")
         self._state = "cancelling"

@@ -160,7 +160,7 @@ class MockAutopilot:
             self.telemetry.report(self.flight, self._steps)
 
     def send_message(self, message: Message) -> None:
-        """Send a message that nobody requested, such as a stray acknowledgement."""
+        """Send a message that no station requested, such as a stray acknowledgement."""
         self._send(message)
 
     def reboot(self, now_us: int) -> None:

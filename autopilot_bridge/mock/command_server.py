@@ -69,7 +69,7 @@ def command_request_of(message: Message) -> CommandRequest:
     )
 
 
-Handler = Callable[[CommandRequest, FlightModel, float], int]  # the MAV_RESULT
+Handler = Callable[[CommandRequest, FlightModel, float], int]  # returns the MAV_RESULT
 
 
 class CommandServer:

@@ -47,7 +47,7 @@ class FlightModel(Body):
     mode: Mode = "idle"
     armed: bool = False
     crashed: bool = False
-    blind: bool = False  # whether it has no position; modes that need one are rejected
+    blind: bool = False  # whether there is no position; modes that need it are rejected
     failsafe: bool = False  # whether a failsafe is active
     engine_failed: bool = False
     fence: bool | None = None  # whether a fence is breached; None if no fence is enabled
@@ -138,7 +138,7 @@ class FlightModel(Body):
         return 100 if self.engine_failed else 60
 
     def fail_engine(self, failed: bool) -> None:
-        """Stop or restart the engine; without it the vehicle sinks and does not report this."""
+        """Stop or restart the engine; without its engine the vehicle sinks, without a report."""
         if failed == self.engine_failed:
             return
         self.engine_failed = failed
@@ -264,7 +264,7 @@ class FlightModel(Body):
             self.texts.append((6, f"Mission: {seq} {names.get(command, command)}"))
 
     def _run_waiting(self, now_s: float) -> None:
-        """Execute the queued DO items at once, in sequence, up to one that delays (as observed)."""
+        """Execute the queued DO items at once, in sequence, up to an item that causes a delay."""
         assert self.target is not None
         left_m = self.distance(self.frame.local(self.target.item))
         may_run = self._wait_until_s < now_s
@@ -390,7 +390,7 @@ class FlightModel(Body):
         return False
 
     def _return_item(self, now_s: float) -> bool:
-        """Execute NAV_RETURN_TO_LAUNCH, which is a leg for ArduCopter and a new mode for others."""
+        """Execute NAV_RETURN_TO_LAUNCH, a leg for ArduCopter, a new mode for other vehicles."""
         if self.stack.name == "ardupilot" and self.stack.vehicle == "copter":
             return self._return(now_s)
         self.set_mode("rtl", now_s)

@@ -77,7 +77,7 @@ class Motion:
 
 
 def wrap(angle_rad: float) -> float:
-    """Return the angle between -pi and pi."""
+    """Return the equivalent angle from -pi to pi."""
     return (angle_rad + math.pi) % math.tau - math.pi
 
 
@@ -86,8 +86,8 @@ def course_along(
 ) -> float:
     """Return the course that joins the line from ``start`` to ``end`` and follows it.
 
-    The course is a vector field; at the distance ``approach_m`` from the line it meets the line at
-    45 degrees.
+    The course is a vector field; at the distance ``approach_m`` from the line, the angle between
+    the course and the line is 45 degrees.
     """
     leg_north, leg_east = end[0] - start[0], end[1] - start[1]
     length = math.hypot(leg_north, leg_east)
@@ -181,8 +181,8 @@ def step_copter(
 ) -> None:
     """Move a multirotor one step towards a point; with ``stop`` it slows down to hover there.
 
-    It keeps its ground speed unless this requires more than the maximum airspeed. The nose turns
-    into the course at the maximum yaw rate.
+    The vehicle keeps its ground speed unless this requires more than the maximum airspeed. The nose
+    turns into the course at the maximum yaw rate.
     """
     north, east = target[0] - motion.north_m, target[1] - motion.east_m
     distance = math.hypot(north, east)

@@ -45,7 +45,7 @@ _NAMES = {
     42600: "Winch",
 }
 
-# From its source: PX4 stores up to 64 fence points and 32 safe points.
+# From PX4's source: it stores up to 64 fence points and 32 safe points.
 _PX4 = StackConstants(0, 262_000, 5_000_000, (5000, 64, 32), {})
 _CONSTANTS = {
     ("px4", "plane"): _PX4,

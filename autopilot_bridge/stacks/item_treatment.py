@@ -11,7 +11,7 @@ The word states how the autopilot stores the param:
   ``hidden`` used, but read back as 0; ``yaw`` an angle, read back from 0 to 360 degrees;
 - ``u8 u16 i8 i16`` truncated to an integer of this type, with wrap-around; ``cap8`` truncated, at
   most 255; ``cm16`` whole centimetres in 16 bits; ``radius`` whole metres in 16 bits with the sign;
-- ``flag`` 1 if positive, else 0; ``sign`` -1 or 1; ``side`` the same, for the direction of a yaw;
+- ``flag`` 1 if positive, else 0; ``sign`` -1 or 1; ``side`` -1 or 1, the direction of a yaw;
 - ``turns`` integers up to 255, or 256ths of one turn; ``turn_radius`` steps of 1 m up to 255 m, of
   10 m up to 2550 m.
 """
@@ -168,7 +168,7 @@ _PX4 = Rules(
     accepts_bad_numbers=True,
     zero_is_current_position=False,
     invalidates_mission=frozenset((112, 114)),
-    # (DO_SET_ROI or NAV_ROI, with a position): the accepted MAV_ROI modes.
+    # The accepted MAV_ROI modes of NAV_ROI (80) and DO_SET_ROI (201), with and without a position.
     allowed={
         (80, True): (0, 3),
         (201, True): (0, 3),

@@ -69,7 +69,10 @@ class Stack:
         return next(names, f"mode {custom_mode}")
 
     def mode_number(self, name: str) -> int:
-        """Return the number of a mode. Raises a BridgeError that lists the modes if none fits."""
+        """Return the number of a mode.
+
+        Raises BridgeError for an unknown name; the message lists all modes.
+        """
         numbers = dict(self.modes)
         if name not in numbers:
             names = ", ".join(numbers)
@@ -170,7 +173,7 @@ def stack_named(name: str, vehicle: str) -> Stack:
 
 
 def stack_of(autopilot: int, mav_type: int) -> Stack | None:
-    """Return the stack for the autopilot and type of a HEARTBEAT; None if none fits."""
+    """Return the stack for the autopilot and type of a HEARTBEAT; None if no stack fits."""
     if mav_type not in (*PLANE_TYPES, *COPTER_TYPES):
         return None
     kind = (autopilot, "plane" if mav_type in PLANE_TYPES else "copter")

@@ -306,7 +306,7 @@ class AlarmEnded:
 
 @dataclass(frozen=True, slots=True)
 class ClockChanged:
-    """The autopilot's time since boot continues from another value, but it did not restart."""
+    """The autopilot's time since boot continues from another value, without a restart."""
 
     at_us: int
 

@@ -52,7 +52,7 @@ class _RequestQueue(Generic[R]):
         return self._after_messages(self._queue[0][1].handle_timer(now_us), now_us)
 
     def _after_messages(self, messages: list[Message], now_us: int) -> list[Message]:
-        """Return ``messages``; add those of the next request if the active one has ended."""
+        """Return ``messages``; if the active request has ended, add those of the next."""
         request_id, request = self._queue[0]
         if not self._reported(request_id, request, bool(messages), now_us):
             return messages

@@ -88,7 +88,7 @@ class CommandSequence:
         With ``bytewise``, the bytes of an integer parameter are sent in the float. With
         ``after_heartbeats``, a command is repeated only right after a HEARTBEAT, because the
         HEARTBEAT shows whether the autopilot has changed the mode in the meantime. With
-        ``without_heartbeats``, it is also repeated while no HEARTBEAT arrives.
+        ``without_heartbeats``, the command is also repeated while no HEARTBEAT arrives.
         """
         self.name = name
         self.outcome: tuple[bool, str] | None = None

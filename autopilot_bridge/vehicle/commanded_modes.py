@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from autopilot_bridge.stacks.stacks import Stack, Step
 from autopilot_bridge.vehicle.command_sequence import AnyStep
 
-REPORTED_WITHIN_US = 10_000_000  # time until heartbeats show a commanded mode; some are lost
+REPORTED_WITHIN_US = 10_000_000  # time until a heartbeat shows the mode; some heartbeats get lost
 DELAYED_US = 2_000_000  # a mode may be entered this long after another was commanded
 
 

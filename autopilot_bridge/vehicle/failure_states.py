@@ -42,7 +42,7 @@ NEEDED = (
     (mavlink.ESTIMATOR_POS_HORIZ_ABS, "position lost"),
 )
 FOUND_AFTER = {GLITCH: 2}  # number of consecutive messages with a problem; 1 for other problems
-ENDED_AFTER = 5  # number of consecutive messages without it
+ENDED_AFTER = 5  # number of consecutive messages without the problem
 
 
 def system_state(message: Message, at_us: int) -> SystemState:

@@ -1,13 +1,13 @@
 """Requests the rates of messages from a vehicle (MAV_CMD_SET_MESSAGE_INTERVAL).
 
-requested --COMMAND_ACK--> next message; repeated on timeout, then skipped
+requested --COMMAND_ACK--> next message; a request is repeated on timeout, then skipped
 after all requests: absent messages are requested again a few times
 
 Messages may stop because ArduCopter resets its rates when it restarts, and its heartbeat does not
 show a restart.
 
 An acknowledgement does not contain the message id, so each request is sent after the
-acknowledgement of the one before.
+acknowledgement of the request before.
 """
 
 from collections.abc import Mapping

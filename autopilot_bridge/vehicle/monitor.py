@@ -39,7 +39,7 @@ NOT_USED = "the message is not used"
 
 
 class VehicleMonitor:
-    """The state of a vehicle; ``current`` and ``total`` are from MISSION_CURRENT, or None."""
+    """The state of a vehicle; ``current`` and ``total`` (or None) are those of MISSION_CURRENT."""
 
     def __init__(
         self, heartbeat_timeout_us: int = 3_000_000, max_speed_m_s: float | None = None
@@ -65,7 +65,7 @@ class VehicleMonitor:
         # Whether the position estimate has been healthy since the autopilot's start; None before
         # its first report.
         self._settled: bool | None = None
-        self._estimate_healthy = True  # state of the fence in the last report
+        self._estimate_healthy = True  # whether the last report had no problem
         self._alarms: dict[AlarmKind, int] = {}  # active alarms with their end times
         self._backward_jump_us = 0  # 0 if the time since boot did not jump back
         self.undecided_until_us = 0  # until this time a restart may still be detected
@@ -101,7 +101,7 @@ class VehicleMonitor:
         return min(self._alarms.values(), default=None)
 
     def end_alarms(self, now_us: int) -> list[ClientEvent]:
-        """End the alarms that had no recent cause."""
+        """End the alarms whose causes have not occurred recently."""
         ended = [kind for kind, ends_us in self._alarms.items() if now_us >= ends_us]
         for kind in ended:
             del self._alarms[kind]

@@ -101,7 +101,7 @@ def resume(stack: Stack) -> tuple[Step, ...]:
 
 
 def return_home(stack: Stack) -> tuple[Step, ...]:
-    """Return the step that flies to the launch position or the autopilot's set return point."""
+    """Return the step that flies to the launch position or the autopilot's return point."""
     return (stack.set_mode(stack.rtl_mode),)
 
 
@@ -291,9 +291,10 @@ class Order(NamedTuple):
 
     Attributes:
         steps: Returns the commands for the context and the arguments of the order.
-        urgent: Whether it replaces all orders that have not ended, and is repeated even if no
-            heartbeats arrive.
-        timing: Timeout and retries until it is acknowledged; None means those of the client.
+        urgent: Whether the order replaces all orders that have not ended, and is repeated even if
+            no heartbeats arrive.
+        timing: Timeout and retries until the order is acknowledged; None means those that the
+            client has by default.
         through_mavsdk: Returns the steps for MAVSDK, which cannot send NaN; None if MAVSDK cannot
             send the order.
     """

@@ -15,7 +15,7 @@ class StatustextAssembler:
         self._next_chunk = 0
 
     def receive(self, message: Message) -> list[Message]:
-        """Return the messages to process, in order: assembled texts, and others unchanged."""
+        """Return the messages to process, in order: assembled texts, other messages unchanged."""
         kind = message.get_type()
         if kind == "HEARTBEAT":
             return [*self._end(), message]

@@ -172,7 +172,7 @@ class Changes:
         self._last: dict[tuple[str, int], ReportedOnChange] = {}
 
     def has(self, event: ReportedOnChange) -> bool:
-        """Return whether a state differs from the last one, and store it."""
+        """Store a state, and return whether it differs from the last state of its kind."""
         number = event.battery_id if isinstance(event, Battery) else 0
         key = (type(event).__name__, number)
         before = self._last.get(key)

@@ -36,7 +36,7 @@ from autopilot_bridge.vehicle.transfer_states import Action, Job, Phase, Transfe
 
 LANDINGS = (21, 85)  # MAV_CMD_NAV_LAND, MAV_CMD_NAV_VTOL_LAND
 LAST_NAV = 95  # MAV_CMD_NAV_LAST; commands with higher numbers are not legs of the flight
-# A vehicle never continues to the item after one of these: endless loiter, return, land.
+# A vehicle never continues to the item after one of these items: endless loiter, return, land.
 LAST_FOR_GOOD = (17, 20, 21)
 Step = tuple[Phase, Transfer]
 Following = Step | TransferResult
@@ -108,7 +108,7 @@ class TransferQueue:
             job.exchange.result = TransferResult("cancelled", "an urgent order replaced it")
 
     def mode_overridden(self, why: str) -> None:
-        """Prevent the current upload from changing the mode, because something else changed it.
+        """Prevent the current upload from changing the mode.
 
         The autopilot or a pilot has changed the mode. Queued uploads check the mode when they
         begin.

@@ -10,12 +10,12 @@ from firemodel.assimilation.observation import BURNED, UNBURNED, UNSEEN
 BLOCK_CELLS = 8  # side of the blocks in which burned areas are compared
 MIN_BLOCK_CELLS = 32  # a block with fewer observed cells is not compared
 MIN_FRONT_CELLS = 3  # a block with a shorter observed front gives no distance
-MIN_BURNED_CELLS = 2  # a block without observed fire counts above this number
+MIN_BURNED_CELLS = 2  # without observed fire, a block counts if a member burns more
 MIN_SD_CELLS = 0.3  # blocks in which the members differ less give no information
 
 
 def block_excess(state: NDArray[np.uint8], windows: Mask) -> tuple[Floats, Floats]:
-    """Return by how many cells each member has burned more than observed, in blocks of a window.
+    """Return how many more cells than observed each member has burned, in blocks of a window.
 
     Args:
         state: (y, x) the observed states.
@@ -50,7 +50,8 @@ def block_excess(state: NDArray[np.uint8], windows: Mask) -> tuple[Floats, Float
 def signed_distance_m(state: NDArray[np.uint8], cell_m: float) -> Floats:
     """Return the distance (y, x) in m to the observed front, positive in burned cells.
 
-    If the window does not contain both burned and unburned cells, the distance is its size.
+    If the window does not contain both burned and unburned cells, the distance is the size of the
+    window.
     """
     burned, unburned = state == BURNED, state == UNBURNED
     if not (burned.any() and unburned.any()):

@@ -31,10 +31,10 @@ class LearnedFront(NamedTuple):
 
 @dataclass(frozen=True)
 class Forecast:
-    """The forecast of an estimate from the observations until ``at_s``.
+    """The forecast of an estimate that is based on the observations until ``at_s``.
 
-    ``burned`` (y, x) are the cells that were observed as burned or have probably burned by then.
-    ``front`` is None if the rates of the front are not known from mapped perimeters.
+    ``burned`` (y, x) are the cells that were observed as burned or have probably burned by
+    ``at_s``. ``front`` is None if the rates of the front are not known from mapped perimeters.
     """
 
     at_s: float
@@ -60,7 +60,7 @@ class Forecast:
         return likely_area(self.burn_probability(at_s))
 
     def travel_s(self) -> Floats:
-        """Return the modelled time (y, x) from ``at_s``: the geometric mean of the members.
+        """Return the modelled time (y, x) from ``at_s`` to arrival: the members' geometric mean.
 
         For a member that does not reach a cell, the longest simulated time is used. Cells that no
         member reaches have infinity.
@@ -90,7 +90,7 @@ class Forecast:
         return found
 
     def _share(self, at_s: float) -> Floats:
-        """Return the mean probability of members, with ``TIME_LOG_SD`` as the error of their times.
+        """Return the members' mean burn probability, with ``TIME_LOG_SD`` as error of their times.
 
         This error represents local spread rates, which the members' inputs do not contain.
         """

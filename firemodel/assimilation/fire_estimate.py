@@ -1,4 +1,4 @@
-"""Estimate a fire from observations, which correct an ensemble of fires.
+"""Estimate a fire by an ensemble of simulated fires that observations correct.
 
 The method depends on the kind of observation:
 
@@ -51,7 +51,8 @@ MODEL_ERROR_SHARE = 0.25  # further standard deviation, as a share of the distan
 REPEATED = 2.0  # factor of the variance, because neighbouring blocks have common errors
 SHRUNK_ERRORS = 6.0  # burned ground this many deviations outside a later perimeter stays burned
 MIN_KEPT = 0.5  # share of the burned area that a later perimeter must contain
-# Travel times are simulated up to these multiples of the length of the forecast.
+# Travel times are simulated up to these multiples of the length of the forecast, the second if the
+# forecast is longer than ``LONG_S``.
 MAX_REACH, MAX_REACH_LONG, LONG_S = 5.0, 1.5, 4 * 3600.0
 REACH_CAMERA = 2.0
 
@@ -85,12 +86,12 @@ class FireEstimate:
         Args:
             landscape: Terrain and fuel.
             weather: The reported weather.
-            ignitions: (row, column, time in s) of reported ignitions. Without one, the estimate
-                begins with the first mapped perimeter.
+            ignitions: (row, column, time in s) of reported ignitions. Without an ignition, the
+                estimate begins with the first mapped perimeter.
             settings: The ensemble.
             burning: A known initial fire, if there is one.
-            wind_limit: As for AnyAngleFire.
-            precise: As for AnyAngleFire.
+            wind_limit: The argument of AnyAngleFire with this name.
+            precise: The argument of AnyAngleFire with this name.
 
         Raises:
             FireModelError: There are fewer than two members, or an ignition cannot burn.
@@ -195,7 +196,7 @@ class FireEstimate:
         self.time_s, self._forecast = to_time_s, None
 
     def assimilate(self, observation: Observation, each: Each = map) -> None:
-        """Process an observation, which must not be earlier than the one before.
+        """Process an observation, which must not be earlier than the previous one.
 
         Raises FireModelError for an observation that cannot be of this fire; nothing changes then.
         """
@@ -351,7 +352,7 @@ class FireEstimate:
     def _rewritten(
         self, fire: MemberFire, here: Place, state: NDArray[np.uint8], at_s: float
     ) -> MemberFire:
-        """Return the fire of a member after an observation replaced it in a window."""
+        """Return a member's fire with its cells in a window replaced by an observation."""
         cell_m = self.landscape.cell_size_m
         found = with_image(fire.arrival_s, here, state, at_s, cell_m, self._unburnable)
         if found is None:
@@ -361,7 +362,7 @@ class FireEstimate:
         return fire.with_times(arrival_s, changed)
 
     def _remove_unseen_islands(self, arrival_s: Floats) -> Mask:
-        """Remove burned areas without an observed burned cell, unless no area has one.
+        """Remove burned areas without an observed burned cell, unless no area has such a cell.
 
         ``arrival_s`` (y, x) is changed. Returns the mask (y, x) of the removed cells.
         """

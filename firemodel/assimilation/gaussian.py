@@ -36,13 +36,13 @@ from firemodel.ellipses.point_observations import BURNED, BURNING, UNBURNED
 
 PLACE_SD_M = 6.0  # standard deviation of an observation's position
 TIME_SD_S = 15.0  # standard deviation of an observation's time
-MIN_S = 45.0  # lower limit of the time along a path; shorter times have little information
+MIN_S = 45.0  # lower limit of the time along a path; shorter times contain little information
 LOG_SD = 0.05  # standard deviation of ln of the observed time along a path
-UNEXPLAINED_SD = 0.1  # further deviation of that ln, because real fire goes around slow places
+UNEXPLAINED_SD = 0.1  # further deviation of this ln: real fire goes around slow places
 FIELD_SDS = (0.2, 0.3, 0.4)  # candidates for the prior sd of the field
 # Length scales of the field, as fractions of the diagonal of the box of observations and sources.
 LENGTHS = (1 / 16, 1 / 8, 1 / 4)
-MIN_M = 100.0  # lower limit of that diagonal
+MIN_M = 100.0  # lower limit of the diagonal of that box
 NODES = 32  # maximum of the field's nodes along its longer side
 STEPS, PARTS = 5, (1.0, 0.5, 0.25, 0.1)  # number of steps; fractions of a step that are tried
 CHOSEN_AT = 1  # index of the step in which the prior of the field is chosen
@@ -104,8 +104,8 @@ class GaussianCorrected:
     are ignored, because fire at such a place needs another source.
 
     ``near`` is an earlier correction of the same fire by nearly the same observations. If it is
-    given, the fit keeps the prior of ``near`` and begins at its result. This takes a third of the
-    time and gives nearly the same result.
+    given, the fit keeps the prior of ``near`` and begins at its result. The fit then takes a third
+    of the time and gives nearly the same result.
     """
 
     def __init__(

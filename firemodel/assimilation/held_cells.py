@@ -11,8 +11,8 @@ from firemodel.assimilation.observation import BURNED, UNBURNED, UNSEEN
 
 HELD_S = 400.0  # a cell with at least this evidence counts as held in forecasts
 MAX_GAP_S = 1200.0  # a longer time between two sightings counts as this time
-LIKELY = 0.15  # an unburned cell is expected if a smaller share of members burns it
-FORGOTTEN_S = 600.0  # time in which the evidence falls to 1/e while unburned cells are expected
+LIKELY = 0.15  # members agree with an unburned cell if fewer of them burn it
+FORGOTTEN_S = 600.0  # time in which evidence falls to 1/e while the members agree
 CLOSING_CELLS = 2  # gaps of up to twice this width in a held line are closed
 FRONT_CELLS = 21  # side of the window in which half of the front must be held
 BEHIND_CELLS = 60.0  # depth of the ground behind a held front that also counts as held
@@ -38,9 +38,9 @@ class HeldCells:
 
         Args:
             here: The window of the observation.
-            state: (y, x) the states of its cells.
-            at_s: Its time in s.
-            share: (y, x) the share of the members in which each cell has burned by then.
+            state: (y, x) the states of the window's cells.
+            at_s: The time of the observation in s.
+            share: (y, x) the share of the members in which each cell has burned by ``at_s``.
         """
         evidence_s, seen_s, burned = self._evidence_s[here], self._seen_s[here], self._burned[here]
         burned |= state == BURNED

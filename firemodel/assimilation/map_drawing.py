@@ -16,12 +16,13 @@ MIN_POINTS = {"point": 1, "line": 2, "polygon": 3}
 def observations_of(
     shape: Shape, points_m: Floats, at_s: float, state: int, spacing_m: float
 ) -> Floats:
-    """Return the observations (n, 4) that a shape with corners (k, 2) in metres represents.
+    """Return the observations (n, 4) for a drawn shape with corners (k, 2) in metres.
 
     The columns of the observations are x, y, at_s and state. A line, or the outline of a polygon,
-    is observed at its corners and at points between them, at most ``spacing_m`` apart. The outline
-    of a burning polygon is the front, so that no point inside is observed. A burned or unburned
-    polygon is also observed at a grid of points inside, ``spacing_m`` apart.
+    gives observations at its corners and at points between the corners, at most ``spacing_m``
+    apart. The outline of a burning polygon is the front, and points inside the polygon give no
+    observations. A burned or unburned polygon also gives observations at the points of a grid
+    inside the polygon, ``spacing_m`` apart.
 
     Raises FireModelError for too few points, values that are not finite, an unknown state, a
     spacing that is not positive, or a polygon whose outline crosses itself.

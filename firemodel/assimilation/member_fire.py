@@ -15,11 +15,11 @@ class MemberFire(NamedTuple):
     """
 
     fire: AnyAngleFire
-    arrival_s: Floats  # (y, x) expected times of the fire with all changes
+    arrival_s: Floats  # (y, x) expected arrival times of the fire, with all changes
     changed: Mask | None = None  # (y, x) cells whose times differ from those of the fire
 
     def with_times(self, arrival_s: Floats, changed: Mask) -> "MemberFire":
-        """Return this fire with new arrival times (y, x), which differ in the cells ``changed``."""
+        """Return this fire with new arrival times (y, x), different in the cells ``changed``."""
         before = self.changed
         return MemberFire(self.fire, arrival_s, changed if before is None else changed | before)
 

@@ -2,7 +2,7 @@
 
 A member's inputs are a vector in m/s that is added to the reported wind, and the logarithm of a
 factor of the spread rate in each fuel. Vectors of wind (true east, north) point to where the wind
-comes from. Observations update them by the ensemble Kalman filter (Evensen 1994, with
+comes from. Observations update these inputs by the ensemble Kalman filter (Evensen 1994, with
 perturbed observations: Burgers et al. 1998).
 """
 
@@ -15,7 +15,7 @@ from firemodel.arrays import Floats
 from firemodel.ensemble.draws import Draw
 from firemodel.physics.weather import Weather
 
-MIN_WIND_M_S = 0.1  # lower limit: a member's wind is the reported one times a factor
+MIN_WIND_M_S = 0.1  # lower limit of the reported wind, by which members' winds are divided
 MAX_LOG_RATE = 2.0  # limit of ln of a factor of the spread rate (7.4)
 MAX_WIND_OFFSET_M_S = 15.0
 # Standard deviations of the random changes of the inputs in one hour. These changes represent a

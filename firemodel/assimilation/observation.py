@@ -43,8 +43,8 @@ def mapped_perimeter(
         area: The burned area, a shapely Polygon or MultiPolygon in the landscape's CRS.
         landscape: The landscape; all its cells outside the area are unburned.
         at_s: The time of the mapping in s.
-        position_sd_m: The standard deviation of the error of its outline in m.
-        source: The source, for messages.
+        position_sd_m: The standard deviation of the error of the area's outline in m.
+        source: The name of the source, for error messages.
     """
     state = np.full(landscape.shape, UNBURNED, dtype=np.uint8)
     state[mask_of([area], landscape)] = BURNED

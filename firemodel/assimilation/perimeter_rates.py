@@ -1,11 +1,12 @@
-"""Estimate from mapped perimeters the ratio of real to modelled spread of each part of a front.
+"""Compute, from mapped perimeters, the ratio of real to modelled spread at each part of a front.
 
 The part of the landscape nearest to a segment of the front is the segment's ground. The ratio
 between two perimeters is the time in which the model burns as much of that ground as really burned,
 divided by the length of the interval. The logarithm of the ratio is a Gaussian process over place,
 direction of spread and time. Its mean falls with the length of the forecast and with the age of the
-fire. A segment that does not move although the model expects it is *held*. The probability that it
-is held again is computed from the counts of held segments near it and along the whole front.
+fire. A segment that does not move although the model expects a movement is *held*. The probability
+that it is held again is computed from the counts of held segments near it and along the whole
+front.
 """
 
 import math
@@ -20,11 +21,11 @@ from scipy.ndimage import binary_erosion, distance_transform_edt, gaussian_filte
 from firemodel.arrays import Floats, Mask
 
 HOUR_S = 3600.0
-MAX_SEGMENTS = 120  # approximate limit for one front
+MAX_SEGMENTS = 120  # approximate maximum number in one front
 MIN_SEGMENT_CELLS = 4
 MAX_SAMPLES = 900  # only the latest samples are used: computing time grows as n**3
 SMOOTH_CELLS = 3.0  # standard deviation of the filter that gives the direction of spread
-NORMAL_S = 1800.0  # the mean rate falls with the length of longer forecasts
+NORMAL_S = 1800.0  # in longer forecasts the mean rate falls with their length
 MIN_RATIO, MAX_RATIO = 0.01, 5.0
 
 
@@ -51,7 +52,7 @@ class RatePrior:
     forecast_sd: float = 0.11
     held: float = 0.12  # prior probability that a segment is held
     held_weight: float = 18.0  # weight of ``held``, in segments of 300 m
-    held_common_weight: float = 1.3  # weight of the share along the whole front
+    held_common_weight: float = 1.3  # weight of the held share of the whole front
     held_m: float = 340.0
     held_fades_h: float = 5.4
 
@@ -173,10 +174,12 @@ class FrontRates:
 
         Args:
             segments: The segments of the front at the start of the interval.
-            travel_s: (y, x) the modelled time from that front to each cell, infinity if unknown.
+            travel_s: (y, x) the modelled time from the front at the start to each cell, infinity if
+                unknown.
             burned: (y, x) the cells that have burned by the end of the interval.
             interval: The start and the end of the interval in s.
-            map_error_m: The error of the mapping; a front that moved less may not have moved.
+            map_error_m: The error of the mapping; a front that moved by less than this may not have
+                moved.
             cell_m: The size of the cells.
         """
         from_s, to_s = interval

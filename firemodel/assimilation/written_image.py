@@ -22,7 +22,7 @@ def with_image(
     cell_m: float,
     unburnable: Mask,
 ) -> tuple[Floats, Mask] | None:
-    """Return the arrival times of a fire after an image replaced it, and the changed cells.
+    """Return a fire's arrival times after an image corrected them, and the changed cells.
 
     The result is None if the fire agrees with the image.
 
@@ -35,7 +35,8 @@ def with_image(
         state: (y, x) the observed states in the window: UNSEEN, UNBURNED or BURNED.
         seen_s: The time of the image, or the times (y, x) at which the window's cells were seen.
         cell_m: The size of a cell.
-        unburnable: (y, x) the cells of the grid that cannot burn; an image of them is ignored.
+        unburnable: (y, x) the cells of the grid that cannot burn; in an image these cells are
+            ignored.
 
     Returns:
         Arrival times and changed cells (y, x) of the whole grid.

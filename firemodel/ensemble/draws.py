@@ -15,7 +15,7 @@ MOISTURES = 15
 
 
 class Draw(NamedTuple):
-    """The errors of one member. Its input is the given input times a factor, or plus an offset."""
+    """The errors of a member. Its inputs are the given inputs times factors, or plus offsets."""
 
     wind_factor: float
     turn_deg: float  # clockwise turn of the wind

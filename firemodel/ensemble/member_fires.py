@@ -37,7 +37,7 @@ class Window(NamedTuple):
 class Start:
     """The common initial state of all members, and the spread rates that they share.
 
-    The fire may already have burned cells. It is not changed.
+    The given fire may already have burned cells; it is not changed.
     """
 
     def __init__(self, fire: Fire, ignitions: Sequence[Ignition] = ()) -> None:

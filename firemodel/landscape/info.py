@@ -56,7 +56,7 @@ MAX_CODES = 200  # a band with more distinct values is not a band of fuel codes
 def describe(path: Path, *, crs: str | None = None, nodata: float | None = None) -> Description:
     """Describe a file by the function for its kind.
 
-    These are ``describe_table``, ``describe_rasters`` and ``describe_shapes``.
+    The functions are ``describe_table``, ``describe_rasters`` and ``describe_shapes``.
     """
     table = describe_table(path)
     if table is not None:
@@ -194,8 +194,8 @@ def describe_shapes(
 
     The keys of the result are ``file``, ``kind``, ``crs``, ``features`` (the number of features),
     ``types`` (the number of each type), ``extent`` (south, west, north, east in degrees) and
-    ``problems``. The last has one line for each reason for which ``read_shapes`` would reject the
-    file.
+    ``problems``. ``problems`` has one line for each reason for which ``read_shapes`` would reject
+    the file.
     """
     found: Description = {"file": str(path), "kind": "shapes"}
     problems: list[str] = []
@@ -284,7 +284,7 @@ def _name(files: Sources) -> str:
 
 
 def _layers_and_bands(files: Sources, problems: list[str]) -> list[tuple[str, Band]]:
-    """Return each band with its layer, which is empty if the file does not name one."""
+    """Return each band with its layer, which is empty if the file names no layer."""
     if isinstance(files, Path):
         bands = _kept(problems, bands_of, files) or ()
         if len(bands) > 1:
@@ -297,7 +297,7 @@ def _layers_and_bands(files: Sources, problems: list[str]) -> list[tuple[str, Ba
 
 
 def _grid_problems(bands: list[Band], crs: str | None) -> Iterator[str]:
-    """Yield the problems of each band's grid, and its differences from the first valid one."""
+    """Yield the problems of each band's grid, and its differences from the first valid grid."""
     first: Band | None = None
     for band in bands:
         wrong = list(grid_problems(band, crs))

@@ -112,7 +112,7 @@ def horn(elevation_m: NDArray[np.floating], cell_size_m: float) -> NDArray[np.fl
     """Compute the rise per metre (2, y, x) towards north and towards east from elevation (y, x).
 
     The rise is a weighted difference of the eight neighbours (Horn 1981, Proc. IEEE 69, 14-47).
-    Beyond the edge, the elevation at the edge holds. The computation is in float64, and in blocks
+    Beyond the edge, the elevation at the edge is used. The computation is in float64, and in blocks
     of rows to save memory.
     """
     rows, cols = elevation_m.shape
@@ -155,8 +155,8 @@ class Landscape:
     ``west_m``, ``north_m`` are the outer north-west corner of cell (0, 0). The arrays are (y, x)
     with row 0 in the north. They are fuel codes (see ``fuels``), elevation in metres above sea
     level and, optionally, canopy cover (0 to 1), canopy height in metres and canopy base height in
-    metres. ``gradient`` (2, y, x) is the rise per metre towards north and towards east. Without a
-    given gradient, it is computed from the elevation (see ``horn``); with a given gradient, the
+    metres. ``gradient`` (2, y, x) is the rise per metre towards north and towards east. If no
+    gradient is given, it is computed from the elevation (see ``horn``). If a gradient is given, the
     elevation may be missing. ``custom_fuels`` are the fuel models of codes that are not standard,
     or that differ from the standard models. A position in the grid is a pair of floats (row, col).
     The centre of a cell has whole numbers, so that ``round`` converts a position to its cell.
@@ -351,7 +351,7 @@ class Landscape:
     def digest(self) -> str:
         """Return the SHA-256 of the landscape's grid and layers.
 
-        The gradient is left out if it is the one computed from the elevation.
+        The gradient is left out if it was computed from the elevation.
         """
         sha = hashlib.sha256(
             repr(

@@ -14,7 +14,7 @@ from firemodel.landscape.landscape import Landscape
 from firemodel.physics.fuels import NON_BURNABLE
 
 BARE_GROUND = 99
-SHORTEST = 1e-12  # share of a segment
+SHORTEST = 1e-12  # shorter parts of a segment, as a share of its length, are left out
 
 
 def cells_of(geometries: Iterable[BaseGeometry], landscape: Landscape) -> NDArray[np.int32]:
@@ -22,7 +22,7 @@ def cells_of(geometries: Iterable[BaseGeometry], landscape: Landscape) -> NDArra
 
     Each cell is (row, col). A point touches its cell. A line touches all cells it crosses;
     consecutive cells have a common side. A polygon touches the cells whose centre is inside, or one
-    cell if it contains no centre. Parts off the grid are ignored.
+    cell if the polygon contains no centre. Parts off the grid are ignored.
     """
     return np.argwhere(mask_of(geometries, landscape)).astype(np.int32)
 
@@ -128,7 +128,7 @@ def _mark_polygon(polygon: BaseGeometry, landscape: Landscape, touched: NDArray[
 
 
 def _mark_line(line: BaseGeometry, landscape: Landscape, touched: NDArray[np.bool_]) -> None:
-    """Mark the cells of every segment; if two touch only at a corner, also mark one between."""
+    """Mark the cells of every segment; join cells that touch only at a corner."""
     if line.length == 0.0:  # the intersection with the grid would be empty
         _mark(_col_row(line, landscape)[:1], touched)
         return

@@ -81,7 +81,7 @@ def status_line(fire: Fire, time_zero: datetime | None = None) -> str:
 
 
 def time_in_words(time_s: float, time_zero: datetime | None) -> str:
-    """Return a time after mission time 0, with its date if there is one."""
+    """Return a text with a time after mission time 0, and its date if ``time_zero`` is given."""
     after = f"{time_s / 3600.0:.4g} h after mission time 0"
     if time_zero is None:
         return f"{after} (no calendar date)"
@@ -113,7 +113,7 @@ def start_map(
     """Return a figure and its axes, which show the base map and the fire, with a legend.
 
     The axes are in km from the south-west corner, and labelled with the graticule. The classes of
-    arrival are those of ``layer``; without it they are made from the times on the map.
+    arrival are those of ``layer``; without a layer, the classes are made from the times on the map.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.colors import LightSource
@@ -250,7 +250,7 @@ def _draw_scale(axes: Any, frame: Frame) -> None:
 
 
 def _round_step(span: float, most: int) -> float:
-    """Return the smallest of ..., 1, 2, 5, 10, ... that makes at most ``most`` steps of a span."""
+    """Return the smallest of ..., 1, 2, 5, 10, ... with at most ``most`` steps in a span."""
     if span <= 0.0:
         return 1.0
     power = 10.0 ** math.floor(math.log10(span / most))

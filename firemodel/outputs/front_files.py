@@ -118,8 +118,8 @@ def write_fronts(
 ) -> None:
     """Write the burned area at each time as GeoJSON (RFC 7946; see ``fronts_geojson``).
 
-    Two files of the same name are written beside it: a QGIS style (.qml), and KML (.kml) with the
-    calendar times, if there are any.
+    Two files of the same name are written beside the GeoJSON: a QGIS style (.qml), and KML (.kml)
+    with the calendar times, if there are any.
 
     Args:
         path: The GeoJSON file to write.

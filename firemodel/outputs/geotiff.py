@@ -94,7 +94,8 @@ def write_rasters(
     Args:
         folder: An existing folder.
         fire: A fire that has been advanced to the time of interest.
-        time_zero: The calendar time of 0 s, if there is one; the style of the arrival contains it.
+        time_zero: The calendar time of 0 s, if there is one; the style of the arrival times
+            contains this time.
 
     Returns:
         The path of each layer: arrival_time_s, spread_rate_m_s, spread_toward_deg, flame_length_m,

@@ -102,7 +102,7 @@ def arrival_layer(
 
     Args:
         first_s, last_s: The earliest and the latest time in the raster, in seconds.
-        time_zero: The calendar time of 0 s, if there is one; labels then contain it.
+        time_zero: The calendar time of 0 s, if there is one; labels then contain calendar times.
         what: The name of the quantity, for the description.
     """
     span_s = last_s - first_s

@@ -51,10 +51,11 @@ def write_netcdf(
     """Write a fire as NetCDF-4 (CF-1.8) on the landscape's grid.
 
     The variables (y, x) are arrival_time, spread_rate, spread_toward, flame_length and
-    fireline_intensity (float32, missing where nothing burned), fuel_model, lat and lon; over time
-    they are state (time, y, x) and burned_area (time), the total area of burned cells. The first
-    row is in the north. Without a calendar date the dimension time is named elapsed, because the CF
-    conventions have no time axis without a date. Equal fires give identical files.
+    fireline_intensity (float32, missing where nothing burned), fuel_model, lat and lon; the
+    variables over time are state (time, y, x) and burned_area (time), the total area of burned
+    cells. The first row is in the north. Without a calendar date the dimension time is named
+    elapsed, because the CF conventions have no time axis without a date. Equal fires give identical
+    files.
 
     Args:
         path: The file to write, in an existing folder.

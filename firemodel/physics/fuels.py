@@ -1,6 +1,6 @@
 """Define Anderson's 13 fuel models (INT-122) and Scott & Burgan's 40 (RMRS-GTR-153).
 
-Anderson's were published in 1982, Scott & Burgan's in 2005.
+Anderson's models were published in 1982, Scott & Burgan's models in 2005.
 """
 
 from collections.abc import Mapping

@@ -57,8 +57,9 @@ class Weather:
 class WeatherSource(NamedTuple):
     """The file of a stream, for messages about its records.
 
-    ``start`` is the time in the file at 0 s, or None if its times are in seconds. ``humidity_pct``
-    has the humidity of each entry of the stream; it is None if the file has no humidity.
+    ``start`` is the time in the file that is 0 s of the stream, or None if its times are in
+    seconds. ``humidity_pct`` has the humidity of each entry of the stream; it is None if the file
+    has no humidity.
     """
 
     name: str

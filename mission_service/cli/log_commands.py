@@ -13,7 +13,7 @@ from mission_service.cli.options import JSON, OUT_FOLDER
 from mission_service.cli.output_folder import output_folder
 
 DEFAULT_FORMATS = ("geojson", "kml", "csv", "plan")
-MAX_MISSIONS = 10  # up to this number, each mission has its own line
+MAX_MISSIONS = 10  # if a log has more missions, they share one line
 
 LOGS = click.argument(
     "logs", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="LOG..."

@@ -98,7 +98,7 @@ def demo(
     from mission_service.simulation.demo import run_demo
 
     loaded, settings = load_run(scenario, overrides)
-    if settings.http is None:  # a demo always serves a map
+    if settings.http is None:  # the demo always serves a map
         settings = settings.model_copy(update={"http": HttpSection(listen="127.0.0.1:0")})
     options = ReportOptions(**reporting)
     progress = options.progress()
@@ -277,7 +277,7 @@ def config_check(file: str, overrides: tuple[str, ...], as_json: bool) -> None:
         summary = check(loaded)
         if loaded.vehicles and loaded.planner.rule not in own_ways():
             Core(loaded, landscape_of(loaded))  # also creates the planners of other packages
-    except (FireModelError, MissionServiceError) as error:  # the message lacks the file
+    except (FireModelError, MissionServiceError) as error:  # the text does not name the file
         raise ScenarioError(f"{scenario_path(file)}: {error}") from None
     for line in summary["warnings"]:
         echo_warning(line)

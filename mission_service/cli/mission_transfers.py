@@ -23,14 +23,14 @@ from mission_service.runtime.clocks import clock_us, wall_us
 from mission_service.runtime.link_signing import COMMAND_LINK_ID, key_missing, refusal, signings
 
 Result = TypeVar("Result")
-Request = Callable[[NativeClient, int], int]  # starts a transfer; the number is the time in us
-# In this order: PX4 checks a mission against the fence on board.
+Request = Callable[[NativeClient, int], int]  # starts a transfer; the int is the time in us
+# The fence is sent before the mission, because PX4 checks a mission against the fence on board.
 KINDS: tuple[Kind, ...] = ("fence", "rally", "mission")
 
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """Link to an autopilot. ``signing_key`` is the source of its key; ``warn`` prints a warning."""
+    """A link to an autopilot, with the source of the ``signing_key``; ``warn`` prints a warning."""
 
     link: str
     timeout_s: float
@@ -40,7 +40,7 @@ class Line:
 
 
 def upload(plan: Plan, line: Line) -> dict[str, Any]:
-    """Replace the autopilot's mission, and its fence or rally points if the plan contains others.
+    """Replace the autopilot's mission; also its fence or rally points if the plan contains any.
 
     Does not start the flight. Raises MissionServiceError, before anything is sent, for items that
     the autopilot would not fly as planned.
@@ -99,7 +99,7 @@ def clear(line: Line, everything: bool = False) -> dict[str, Any]:
 def _run(
     requests: Callable[[Stack], list[Request]], line: Line
 ) -> tuple[NativeClient, list[TransferResult]]:
-    """Run transfers one after another with the first autopilot found.
+    """Run transfers, one after the other, with the first autopilot found on the link.
 
     Raises MissionServiceError if the autopilot does not accept all transfers.
     """
@@ -113,7 +113,7 @@ def _run(
 def connected(
     client: NativeClient, line: Line, signing_key: str | None, *others: str | None
 ) -> Iterator[tuple[Connection, dict[str | None, Signing]]]:
-    """Prepare a connection signed with ``signing_key``, and the signing for each given key.
+    """Prepare a connection whose frames are signed with ``signing_key``, and each key's signing.
 
     The caller opens the connection. On exit, the .tlog and the file of signing timestamps are
     closed.

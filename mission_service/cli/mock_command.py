@@ -85,7 +85,7 @@ class MockOptions:
 @click.option("--seed", type=click.IntRange(min=0), default=0, help="Seed of random faults.")
 @SIGNING_KEY
 @click.option("--json", "as_json", is_flag=True, help="Print each vehicle as JSON.")
-@click.option("--until-eof", is_flag=True, hidden=True)  # an option for ``demo``
+@click.option("--until-eof", is_flag=True, hidden=True)  # set only by ``demo``
 def mock(scenario: str | None, **values: Any) -> None:
     """Run mock autopilots in a separate process, until Ctrl-C.
 

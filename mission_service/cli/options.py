@@ -19,7 +19,7 @@ SCHEDULER = re.compile(r"((tcp|tls|ws|wss)://)?([^\s:/\[\]]+|\[[\da-fA-F:.]+\]):
 def seconds(
     context: click.Context, parameter: click.Parameter, value: float | None
 ) -> float | None:
-    """Return an option's value if it is a finite time of 0 s or more; else raise BadParameter."""
+    """Return a finite option value of 0 s or more; raise BadParameter for any other value."""
     if value is not None and not 0.0 <= value < math.inf:
         raise click.BadParameter(f"{value:g}: give seconds, 0 or more")
     return value
@@ -28,7 +28,7 @@ def seconds(
 def scheduler_address(
     context: click.Context, parameter: click.Parameter, value: str | None
 ) -> str | None:
-    """Return an option's value, the address of a Dask scheduler. Raises BadParameter."""
+    """Return a valid address of a Dask scheduler; raise BadParameter for any other value."""
     if value is not None and SCHEDULER.fullmatch(value) is None:
         raise click.BadParameter(f"{value!r}: give HOST:PORT, as in tcp://10.0.0.1:8786")
     return value
@@ -41,7 +41,7 @@ class Folder(click.Path):
         super().__init__(file_okay=False, path_type=Path)
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return the path; refuse empty text, which ``Path`` reads as the working folder."""
+        """Return the path; refuse an empty text, which ``Path`` reads as the working folder."""
         if value == "":
             self.fail("is empty; give a folder, or . for the working folder", param, ctx)
         return super().convert(value, param, ctx)
@@ -73,7 +73,7 @@ TLOG = click.option(
 
 
 def seconds_option(name: str, words: str) -> Callable[[Command], Command]:
-    """Return a decorator for the option ``--NAME`` (0 s or more) for the parameter ``NAME_s``."""
+    """Return a decorator that adds the option ``--NAME`` (0 s or more) as parameter ``NAME_s``."""
     key = f"{name.removeprefix('--')}_s"
     return click.option(name, key, type=float, callback=seconds, metavar="S", help=words)
 
@@ -92,7 +92,7 @@ class ReportOptions:
         return self.log is not None
 
     def progress(self) -> Callable[[Any, Any], None]:
-        """Return the function that shows progress; if a log is written, it shows nothing."""
+        """Return the function that shows progress; with a log, this function shows nothing."""
         if self.log is None:
             from mission_service.runtime.progress import LiveReport
 
@@ -160,7 +160,7 @@ def cores_option(workers: str) -> Callable[[Callable[..., None]], Callable[..., 
 
 
 def echo(result: dict[str, Any], as_json: bool) -> None:
-    """Print a result as JSON, or as one line per key without ``warnings``, which go to stderr."""
+    """Print a result as JSON, or one line per key on stdout and the ``warnings`` on stderr."""
     if as_json:
         click.echo(json.dumps(result))
     else:

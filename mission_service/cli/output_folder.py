@@ -16,7 +16,7 @@ class Interrupted(click.ClickException):
 def output_folder(out: Path) -> Path:
     """Create the folder ``out`` if it is missing, check that it is writable, and return it.
 
-    Raises MissionServiceError if it cannot be used.
+    Raises MissionServiceError if the folder cannot be created or written.
     """
     from tempfile import TemporaryFile
 
@@ -28,7 +28,7 @@ def output_folder(out: Path) -> Path:
     except OSError as error:
         raise MissionServiceError(f"{out}: cannot be created: {error.strerror}") from None
     try:
-        with TemporaryFile(dir=out):  # raises an error now, not after an hour of simulation
+        with TemporaryFile(dir=out):  # fails now, not after an hour of simulation
             pass
     except OSError as error:
         raise MissionServiceError(f"{out}: cannot be written to: {error.strerror}") from None
@@ -37,7 +37,7 @@ def output_folder(out: Path) -> Path:
 
 @contextmanager
 def results_in(out: Path, after_interrupt: str) -> Iterator[Path]:
-    """Yield the folder ``out``, which ``output_folder`` creates; remove it if it remains empty.
+    """Yield the folder ``out``, made by ``output_folder``; remove the folder if it stays empty.
 
     After Ctrl-C the command raises Interrupted with a line that ends in ``after_interrupt``.
     """

@@ -56,7 +56,7 @@ def played(flight: "Flight", choice: "ScenarioChoice") -> "tuple[Pairing, Servic
     plain = fireless_scenario(found, first.path.stem).model_dump(mode="json")
     loaded, settings = run_of(plain, first.path, choice.overrides)
     replay = pair(flight, found, loaded, choice.at_s or 0.0)
-    # Without a fire, the vehicles are deployed only after the end of the flight.
+    # The scenario without a fire deploys its vehicles only after the end of the flight.
     undeployed = replay.scenario.model_copy(update={"deploy_at_s": loaded.deploy_at_s})
     return replay._replace(scenario=undeployed), settings
 

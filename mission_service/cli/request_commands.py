@@ -1,7 +1,7 @@
 """Defines ``mission-service request``, which sends operators' requests to a live run.
 
-The table of requests (``core/request_events.py``) defines the commands, arguments and options; it
-is imported only for a command that needs it.
+The table of requests (``core/request_events.py``) defines the commands, arguments and options. The
+table is imported only for a command that needs the table.
 """
 
 import getpass
@@ -111,7 +111,7 @@ def print_reply(reply: dict[str, Any], as_json: bool) -> None:
 
 
 class RequestGroup(click.Group):
-    """A group with one command for each request in a table; added commands take precedence."""
+    """A group with a command for each request in a table; an added command comes first."""
 
     def __init__(self, *args: Any, table: Callable[[], dict[str, Any]], **attrs: Any) -> None:
         """Store ``table``, a function that returns the requests by command name."""
@@ -247,8 +247,8 @@ def _completed(do: str, given: dict[str, Any], status: Status) -> list[dict[str,
 def proposed_plan(status: dict[str, Any], digits: str) -> tuple[Any, str]:
     """Return the proposed plan whose hash begins with ``digits``, and its hash.
 
-    The hash is computed from the plan in ``status``. Raises RequestError if it differs from the
-    reported hash, or unless exactly one plan has a hash with these digits.
+    The hash is computed from the plan in ``status``. Raises RequestError if the computed hash
+    differs from the hash in ``status``, or unless exactly one plan has a hash with these digits.
     """
     import msgspec
 

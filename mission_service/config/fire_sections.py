@@ -36,7 +36,7 @@ class LandscapeSection(Section):
     ``elevation_m``. Rasters are given as one file per layer, or as one ``file`` with all layers.
     This one file is an .lcp, or a stack whose bands are described in the file or named in
     ``bands``. ``fuel_codes`` replaces codes of the fuel raster. ``custom_fuels`` is a .fmd file
-    with further fuel models, and ``rate_factors`` an .adj file with factors of the spread rate.
+    with further fuel models, and ``rate_factors`` is an .adj file with factors of the spread rate.
     """
 
     source: Literal["jacksboro", "flat", "files"] = "jacksboro"
@@ -118,9 +118,10 @@ class WeatherFile(FuelMoisture):
     """A weather file (.raws, .wxs, .wtr, .csv); ``start`` is mission time 0 in its local time.
 
     A .wtr file has no wind; ``wind`` is the .wnd file (default: the one with the same name). The
-    file may also be an inputs file of FARSITE. The moistures in this table are used if the file has
-    none; ``fuel_moistures`` is an .fms file with moistures of single fuels. With ``conditioned``,
-    dead fuels start with these moistures, which then follow temperature, humidity and rain.
+    file may also be an inputs file of FARSITE. The moistures in this table are used if the weather
+    file has no moistures; ``fuel_moistures`` is an .fms file with moistures of single fuels. With
+    ``conditioned``, dead fuels start with these moistures, and then their moistures follow
+    temperature, humidity and rain.
     """
 
     path: Path
@@ -150,11 +151,12 @@ class FireSection(Section):
     """The scheme of fire spread, and the area that has already burned at the start.
 
     With ``precise``, paths of the any-angle scheme may also bend in the middle of a cell's edge.
-    ``perimeter`` is a file with polygons of the area that has burned by ``burning_at_s``. If only
-    one of its features is used, ``perimeter_feature`` is its number. With ``repair_perimeter``,
-    closed lines and invalid polygons become valid polygons. ``arrival`` is a raster of arrival
-    times. ``p_spread`` and ``update_s`` apply to the probabilistic scheme. That scheme can also
-    start with a fire of ``initial_cells`` cells, which it grows from the ignitions.
+    ``perimeter`` is a file with polygons of the area that has burned by ``burning_at_s``.
+    ``perimeter_feature`` is the number of the only feature to use, if not all are used. With
+    ``repair_perimeter``, closed lines and invalid polygons become valid polygons. ``arrival`` is a
+    raster of arrival times. ``p_spread`` and ``update_s`` apply to the probabilistic scheme. The
+    probabilistic scheme can also start with a fire of ``initial_cells`` cells, which the scheme
+    grows from the ignitions.
     """
 
     scheme: SchemeName = "anyangle"
@@ -186,7 +188,7 @@ class FireSection(Section):
 
 
 class EnsembleSection(Section):
-    """The standard deviations of the errors of a fire's inputs, for ensembles and forecasts.
+    """The standard deviations of the errors in a fire's inputs, for ensembles and forecasts.
 
     ``firemodel/ensemble/uncertainty.py`` has the sources of the defaults. Factors are log-normal
     with a median of 1. Each error is constant during a fire and independent of the others.
@@ -228,10 +230,11 @@ class SimulatedFireSection(Section):
 class SimulatedCameraSection(Section):
     """The simulated cameras.
 
-    The other keys do not apply to ``ideal`` cameras. ``gps_sd_m`` and ``gimbal_sd_deg`` are
+    Only the key ``kind`` applies to ``ideal`` cameras. ``gps_sd_m`` and ``gimbal_sd_deg`` are
     standard deviations of the position and of the camera's direction. ``missed`` is the share of
-    burned cells that an image shows as unburned, and ``false_alarms`` the reverse. Smoke covers the
-    ground up to ``smoke_m`` downwind of burning cells; thermal cameras see through it.
+    burned cells that an image shows as unburned, and ``false_alarms`` is the share of unburned
+    cells that an image shows as burned. Smoke covers the ground up to ``smoke_m`` downwind of
+    burning cells; thermal cameras see through it.
     """
 
     kind: Literal["ideal", "thermal", "visible"] = "ideal"
@@ -243,7 +246,7 @@ class SimulatedCameraSection(Section):
 
 
 class SimulationSection(Section):
-    """The simulated fire and its cameras; without ``fire`` neither is simulated."""
+    """The simulated fire and the cameras that observe it; without ``fire`` neither is simulated."""
 
     fire: SimulatedFireSection | None = None
     camera: SimulatedCameraSection = SimulatedCameraSection()

@@ -1,4 +1,4 @@
-"""Earlier keys and values in scenario files, for an error that states the present ones."""
+"""Earlier keys and values of scenario files, for errors that state the present key or value."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -33,13 +33,13 @@ RENAMED_VALUES: Mapping[tuple[str, str], Mapping[str, str]] = {
 
 
 def renamed_keys(data: Mapping[str, Any]) -> Iterator[str]:
-    """Yield the earlier keys and values in a scenario, each as a line with the present one.
+    """Yield the earlier keys and values in a scenario, each in a line that states its successor.
 
     Args:
         data: The scenario as parsed from TOML.
 
     Yields:
-        ``TABLE.OLD: was renamed in version 0.2; write NEW``, or the same for a value.
+        ``TABLE.OLD: was renamed in version 0.2; write NEW``, or a like line for a renamed value.
     """
     for table, names in RENAMED.items():
         found = data.get(table)

@@ -1,8 +1,8 @@
 """Finds the way of flying for a ``planner.rule`` when a scenario is checked.
 
 Ways of flying are plug-ins. ``guidance/registry.py`` lists the ways of flying of this package.
-Other packages register theirs as entry points of ``GROUP``, each with the name of its rule. A way
-of flying is loaded by its address ``module:object``, so this module imports no planner.
+Other packages register their ways of flying as entry points of ``GROUP``, each with the name of its
+rule. A way of flying is loaded by its address ``module:object``, so this module imports no planner.
 """
 
 import re
@@ -18,11 +18,11 @@ from mission_service.errors import MissionServiceError, PlannerError
 
 GROUP = "mission_service.planners"
 OWN = EntryPoint("own", "mission_service.guidance.registry:WAYS", GROUP)
-NAME = r"[a-z][a-z0-9_]*"  # names of other packages' rules and of their tables
+NAME = r"[a-z][a-z0-9_]*"  # rules of other packages, and the tables of these rules
 
 
 class Way(Protocol):
-    """The part of a way of flying that a scenario needs; see ``guidance/way_of_flying.py``."""
+    """The attributes of a way of flying that a scenario reads (``guidance/way_of_flying.py``)."""
 
     @property
     def rules(self) -> tuple[str, ...]:
@@ -58,7 +58,7 @@ def rules() -> list[str]:
 
 
 def versions_of_others() -> dict[str, str]:
-    """Return the versions of other packages that have rules, by the entry point of each rule."""
+    """Return the versions of other packages with rules, by the address of each entry point."""
     points = entry_points(group=GROUP)
     return {each.value: "" if each.dist is None else each.dist.version for each in points}
 

@@ -31,9 +31,9 @@ class PlannerSection(Section):
 
     rule: str = "predictive"
     importance: Literal["linear", "exponential"] = "linear"  # used by teams only
-    # Used by Bent's teams only.
+    # Used only by teams with Bent's rules.
     negotiation: Literal["importance", "centre", "arrival"] = "importance"
-    # The targets of a team. The team announces how many vehicles it needs to meet them.
+    # The targets of a team. The team announces how many vehicles it needs to meet these targets.
     max_revisit_s: Positive | None = None
     max_unseen_advance_m: Positive | None = None
     alpha: NotNegative = 1.0
@@ -65,7 +65,7 @@ class PlannerSection(Section):
 
 
 class FormationSection(Section):
-    """The settings of ``rule = "formation"``; the defaults are those in the paper's table 1.
+    """The settings of ``rule = "formation"``; the defaults are the values in the paper's table 1.
 
     Altitude, loiter radius, camera and airspeeds are set in the sections of the vehicles.
     """
@@ -122,7 +122,7 @@ class LitLine(Section):
 
 
 class Dropper(Section):
-    """The release of a sphere by setting an output, which is reset after ``hold_s``."""
+    """The output that releases a sphere; the output is set, and reset after ``hold_s``."""
 
     by: Literal["servo", "gripper", "actuator"] = "servo"
     number: Annotated[int, Field(ge=1, le=16)] = 9
@@ -157,7 +157,7 @@ class BurnSection(Section):
     stations: Annotated[tuple[Station, ...], Field(min_length=1)]
     go_items: tuple[str, ...] = GO_ITEMS
     lit: tuple[LitLine, ...] = ()
-    fuel_model: int = 1  # fuel of the simulated fire; moistures are those of the weather
+    fuel_model: int = 1  # fuel of the simulated fire; the weather sets its moistures
     corrections: Literal["paper", "gaussian"] = "gaussian"
     camera_corrects: bool = True
     line_spacing_m: Positive = 20.0
@@ -207,8 +207,8 @@ class MissionSection(Section):
     """The settings for converting decisions to missions.
 
     With ``approval = "each"`` a mission is sent to its vehicle only after an operator has accepted
-    it. A vehicle without ``altitude_agl_m`` flies ``layer_m`` higher than the vehicle listed before
-    it. The required vertical separation between vehicles is ``separation_m``.
+    it. A vehicle without ``altitude_agl_m`` flies ``layer_m`` higher than the vehicle that precedes
+    it in the scenario. The required vertical separation between vehicles is ``separation_m``.
     """
 
     horizon_m: Positive = 2500.0
@@ -239,7 +239,7 @@ class VehicleSection(Section):
     system_id: Annotated[int, Field(ge=1, le=250)] = 1
     backend: Literal["native", "mavsdk"] = "native"
     signing_key: str | None = None  # source of the key; journals must not contain the key itself
-    # Default: the vehicle's index, from 0.
+    # The default is the vehicle's index in the scenario, from 0.
     signing_link_id: Annotated[int, Field(ge=0, le=255)] | None = None
     home_lat_deg: Latitude
     home_lon_deg: Longitude
@@ -255,7 +255,7 @@ class VehicleSection(Section):
     camera_fov_deg: Annotated[float, Field(gt=0, lt=170)] = 100.0
     camera_along_deg: Annotated[float, Field(gt=0, lt=170)] | None = None
     camera_rate_hz: Annotated[float, Field(gt=0, le=4)] = 1.0
-    endurance_s: Positive | None = None  # time in the air; the vehicle is recalled before its end
+    endurance_s: Positive | None = None  # time in the air; the recall is earlier
     endurance_reserve_s: NotNegative = 120.0  # remaining endurance on arrival at home
     autostart: bool = False
     landing: bool = True  # a PX4 plane's missions end with a landing at home

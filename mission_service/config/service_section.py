@@ -52,7 +52,7 @@ class HttpSection(Section):
 
     @property
     def port(self) -> int:
-        """The port to listen on; 0 selects a free one."""
+        """The port to listen on; 0 selects a free port."""
         return int(self.listen.rpartition(":")[2])
 
 

@@ -1,4 +1,4 @@
-"""Groups the vehicles of a scenario by link, and checks shared links. Pure."""
+"""Groups the vehicles of a scenario by link, and checks the links that vehicles share. Pure."""
 
 from collections.abc import Sequence
 

@@ -27,7 +27,7 @@ class Continuation:
         self._results = results
 
     def read_back(self, vehicle: Vehicle, event: events.MissionReadBack) -> list[AnyCommand]:
-        """Continue with the mission read back after a restart; in a burn, only announce it."""
+        """Continue with the mission read back after a restart; in a burn, announce the mission."""
         at_s, availability = event.at_us / 1e6, vehicle.availability
         was, vehicle.unconfirmed = vehicle.unconfirmed, None
         if was is None:

@@ -138,7 +138,7 @@ class Core:
         return [*commands, *self.guidance.on_vehicle(vehicle, event)]
 
     def _on_operator(self, event: events.AnyOperatorEvent) -> list[AnyCommand]:
-        if isinstance(event, events.Resumed):  # links and commands are unconfirmed
+        if isinstance(event, events.Resumed):  # the restart leaves links and commands unconfirmed
             for vehicle in self.vehicles.values():
                 if self._approvals is not None and vehicle.proposed is not None:
                     vehicle.due = vehicle.due or vehicle.proposed.due
@@ -163,7 +163,7 @@ class Core:
                 return [each for each in reported(vehicle, event) if not isinstance(each, Announce)]
             case events.SystemStateChanged() | events.FenceStatusChanged():
                 commands = reported(vehicle, event)
-                # A failsafe caused the hold.
+                # The failsafe reported by this event caused the hold.
                 if vehicle.availability.taken_over and not was.taken_over:
                     commands += self._taken_over(vehicle)
                 return commands
@@ -328,13 +328,13 @@ class Core:
         return [] if self._approvals is None else [*self._approvals.withdraw(vehicle, why)]
 
     def _was_overridden(self, vehicle: Vehicle, was: "_Was") -> bool:
-        """Return whether the autopilot or its pilot has changed the mode on the ground."""
+        """Return whether the autopilot or the pilot changed the mode of a vehicle on the ground."""
         mode, booted = vehicle.availability.mode, was.mode not in BEFORE_MODES
         changed = booted and mode != was.mode and mode not in LEADS_TO[StartMission]
         return changed and not vehicle.availability.airborne
 
     def _start_ended(self, vehicle: Vehicle) -> list[AnyCommand]:
-        """End a start that has not taken effect; the next requires an order or an approval."""
+        """End a start that has not taken effect; the next start needs an order or an approval."""
         vehicle.waits_for_operator |= not self._way.prescribed
         why = f"{named_mode(vehicle.availability.mode)} was not ordered"
         chosen = f"start ended: {why}, selected by its autopilot or pilot"
@@ -373,7 +373,7 @@ class Core:
         words = announce(vehicle, f"autopilot restarted: {then}", warning=True)
         return [*ended, *back_under_control(vehicle), words]
 
-    # Handlers of events that do not depend on the vehicle's earlier state.
+    # Handlers that do not depend on the vehicle's state before the event.
     _ANSWERS: ClassVar[dict[type[events.VehicleEvent], Callable[..., list[AnyCommand]]]] = {
         events.VehicleConnected: _connected,
         events.LinkLost: _link_lost,

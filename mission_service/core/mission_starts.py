@@ -51,10 +51,10 @@ class MissionStarts:
         return self.traffic.may_take_off(vehicle.name, at_s)
 
     def may_repeat(self, vehicle: Vehicle) -> bool:
-        """Return whether a refused start is repeated.
+        """Return whether to repeat a start that the autopilot has refused.
 
-        On the ground it is repeated, because autopilots refuse to arm until they have a position.
-        In the air it is repeated only for a vehicle that flies by its mission.
+        On the ground a start is repeated, because autopilots refuse to arm until they have a
+        position. In the air a start is repeated only for a vehicle that flies by its mission.
         """
         availability = vehicle.availability
         if availability.taken_over or availability.recalled or vehicle.ordered:

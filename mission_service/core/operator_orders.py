@@ -90,7 +90,7 @@ class OperatorOrders:
         return [announce(vehicle, words, warning=True)]
 
     def _obstacle(self, vehicle: Vehicle, order: events.Order) -> str:
-        """Return why an order cannot be carried out even if confirmed, or ""."""
+        """Return why an order cannot be carried out, even if it is confirmed; "" if it can."""
         availability, on_board = vehicle.availability, self._resumes_mission
         if order == "start" and vehicle.ordered:
             return "a hold is ordered: order resume first"
@@ -122,7 +122,8 @@ class OperatorOrders:
                 vehicle.sent_home = True
                 if availability.airborne and availability.online:
                     return [announce(vehicle, words), Return(vehicle.name)]
-                # Also on the ground: a start that was ordered before may still take effect.
+                # A vehicle on the ground also needs a hold: an earlier order to start may still
+                # take effect.
                 vehicle.return_again_at_s = at_s
                 if availability.airborne:
                     return [announce(vehicle, words)]
@@ -225,7 +226,7 @@ class OperatorOrders:
 
 
 def hold_again(vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
-    """Repeat a hold until the autopilot accepts it, each time after the previous answer."""
+    """Repeat an unaccepted hold; each repetition waits for the answer to the previous command."""
     if vehicle.hold_again_at_s is None or at_s < vehicle.hold_again_at_s:
         return []
     since_s, availability = vehicle.hold_under_way_s, vehicle.availability

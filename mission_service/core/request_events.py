@@ -39,7 +39,7 @@ def _table(*kinds: type[Request]) -> dict[str, type[Request]]:
 
 
 REQUESTS = _table(*OF_EVERY_RUN, *(kind for way in WAYS for kind in way.requests))
-# All requests, including the request of replays, which makes no event.
+# All requests, including the request ``replay``, which makes no event.
 ALL_REQUESTS = REQUESTS | _table(Replay)
 
 
@@ -152,8 +152,8 @@ def _places(request: Request) -> tuple[tuple[float, float], ...]:
         return ((lat_deg, lon_deg),)
     points: tuple[tuple[float, float], ...] = getattr(request, "points", ())
     if points:
-        # Twice around the corners: half of the length includes the side from the last to the first
-        # corner.
+        # The line goes around the corners twice: half of its length includes the side from the last
+        # to the first corner.
         outline = shapely.LineString([(lon, lat) for lat, lon in points * 2])
         length_m = M_PER_DEG * outline.length / 2.0
         if length_m > request.max_length_m:

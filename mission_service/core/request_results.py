@@ -8,7 +8,7 @@ from mission_service.vehicles.vehicle_state import MissionPhase, Pending, Vehicl
 
 RETRY_S = 5.0
 START_AGAIN_S = 10.0
-# Commands that are sent often: only their refusal is announced.
+# These commands are sent often, so only their refusals are announced.
 UNANNOUNCED = ("orbit", "change speed")
 
 

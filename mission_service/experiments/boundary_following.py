@@ -41,7 +41,7 @@ def enclosed_s(arrival_s: Floats) -> Floats:
 
 
 class BoundaryFollower:
-    """A vehicle on the front of a growing fire, with its cell and the side that is outside."""
+    """A vehicle on the front of a growing fire, with its cell and the side outside the fire."""
 
     def __init__(self, fire_s: Floats, at_s: float) -> None:
         """Start at the northernmost cell of the filled fire (``enclosed_s``)."""

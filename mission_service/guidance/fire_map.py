@@ -76,7 +76,7 @@ class FireMap:
 
     ``baseline_s`` is the minimum time between the two visits from which a spread rate is computed.
     If it is 0, the map works as in the paper: whenever a new cell is seen on a bearing, the outer
-    cell becomes the inner cell, whatever its age.
+    cell becomes the inner cell, whatever the age of its view.
     """
 
     def __init__(
@@ -191,7 +191,7 @@ def taken_back(
 
 
 def circular_mean(values: Floats, half_width: int) -> Floats:
-    """Return the moving mean over ``half_width`` neighbours on each side of each place."""
+    """Return the moving mean of values on a circle, over ``half_width`` neighbours on each side."""
     if half_width <= 0:
         return values
     padded = np.concatenate([values[-half_width:], values, values[:half_width]])
@@ -219,7 +219,7 @@ def _seen(window, bearings, distances, spans, burned):  # type: ignore[no-untype
     """Return the front's distance on each bearing and whether it is in view; update ``burned``."""
     front = front_in_window(window)
     seen = np.full(BEARINGS, -np.inf)
-    spanned = np.full(BEARINGS, -np.inf)  # ``seen``, but on all bearings that a cell spans
+    spanned = np.full(BEARINGS, -np.inf)  # like ``seen``, for all bearings that a cell spans
     for row in range(window.shape[0]):
         for col in range(window.shape[1]):
             if window[row, col] != BURNED:
@@ -247,7 +247,7 @@ def _rate(outer, outer_at_s, inner, inner_at_s):  # type: ignore[no-untyped-def]
     for bearing in range(BEARINGS):
         elapsed_s = outer_at_s[bearing] - inner_at_s[bearing]
         moved = outer[bearing] - inner[bearing]
-        if elapsed_s > 0.0 and moved > 0.0:  # both are false if the front has not been seen
+        if elapsed_s > 0.0 and moved > 0.0:  # NaN, before the front has been seen, fails both tests
             found[bearing] = moved / elapsed_s
     return found
 

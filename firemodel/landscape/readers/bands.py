@@ -38,7 +38,7 @@ class Grid:
     cell_size_m: float
 
     def difference(self, other: "Grid") -> str:
-        """Return a text on how another grid differs; empty if both agree to 1/1000 of a cell."""
+        """Return the difference of another grid as text; empty if it is below 1/1000 of a cell."""
         if not same_crs(self.crs, other.crs):
             return f"CRS {crs_label(other.crs)} differs from the CRS {crs_label(self.crs)}"
         if self.shape != other.shape:

@@ -89,7 +89,7 @@ def _is_missing(value: Any) -> bool:
 
 
 def _without_midnight(values: list[Any]) -> list[Any]:
-    """Return dates without times if all times are 00:00 without offset: GDAL reads KML dates so."""
+    """Return dates if all times are 00:00 without offset, to which GDAL converts dates of KML."""
     given = [value for value in values if value is not None]
     if not all(isinstance(value, str) and MIDNIGHT.fullmatch(value) for value in given):
         return values

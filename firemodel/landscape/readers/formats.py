@@ -105,7 +105,7 @@ def _check_geojson(path: Path) -> None:
         crs = part.get("crs")
         if isinstance(crs, dict) and crs.get("type") not in ("name", "EPSG", None):
             raise _crs_error(path, crs)
-    if "crs" in content:  # if it is invalid, GDAL would assume longitude and latitude
+    if "crs" in content:  # if this is invalid, GDAL would assume longitude and latitude
         try:
             CRS.from_user_input(content["crs"]["properties"]["name"])
         except (TypeError, KeyError, CRSError):
@@ -142,7 +142,7 @@ def _check_kml(path: Path, file: Any, name: str) -> None:
 
 
 def _check_geopackage(path: Path, start: bytes) -> None:
-    """Refuse other SQLite databases. GDAL opens a file with these ids only as a GeoPackage."""
+    """Reject other SQLite databases. GDAL opens a file with these ids as GeoPackage."""
     if start[68:72] not in GEOPACKAGE:
         raise FireModelError(
             f"{path}: cannot be read as shapes (it is an SQLite database, but not a GeoPackage); "

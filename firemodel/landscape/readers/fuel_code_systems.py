@@ -47,7 +47,7 @@ ADVICE = (
 
 
 def renamed_code(path: Path, codes: Collection[int], fuels: Mapping[int, FuelModel]) -> str:
-    """Return a text about the first code that a lookup table beside a raster gives to another fuel.
+    """Return a text about the first code that means another fuel in a table beside the raster.
 
     ``codes`` are the codes in the raster, ``fuels`` the fuel models of this run. The text is empty
     if no table contradicts the models.

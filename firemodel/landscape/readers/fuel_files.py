@@ -200,7 +200,10 @@ def text_of(path: Path) -> str:
 
 
 def number(where: str, name: str, text: str, least: float, most: float) -> float:
-    """Return the number in a field. Raises FireModelError for other text and beyond the limits."""
+    """Return the number in a field.
+
+    Raises FireModelError for other text and for a number beyond the limits.
+    """
     try:
         value = float(text)
     except ValueError:

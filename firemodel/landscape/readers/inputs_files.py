@@ -75,7 +75,7 @@ class Inputs:
         return text.upper()
 
     def has(self, key: str) -> bool:
-        """Return True if the file has the rows of a key or names a file with them."""
+        """Return True if the file has the rows of a key or names a file with these rows."""
         return key in self.rows or any(FILES.get(name) == key for name in self.values)
 
     def table(self, key: str) -> tuple[Path, NumberedRows]:
@@ -99,9 +99,10 @@ class Inputs:
         return self._file(*found[0]) if found else None
 
     def _file(self, line: int, text: str) -> Path:
-        """Return a file that is named in this file.
+        """Return a file that this inputs file names.
 
-        It is found by its path relative to this file's folder, or by its name in that folder.
+        The file is found by its path relative to the folder of the inputs file, or by its name in
+        that folder.
         """
         folder, plain = self.path.parent, text.strip().strip('"').replace("\\", "/")
         for path in (folder / plain, folder / Path(plain).name):
@@ -156,7 +157,7 @@ def read_inputs(path: Path) -> Inputs:
         path: The file.
 
     Returns:
-        Its values and rows.
+        The values and the rows of its keys.
 
     Raises:
         FireModelError: A line is neither a key nor a row, a key is given twice, or the number of

@@ -121,7 +121,7 @@ def unit_problems(layers: Collection[str], units: Mapping[str, str]) -> Iterator
 
 
 def unit_of(layer: str, band: Band, given: Mapping[str, str]) -> str:
-    """Return the unit of a layer: the given one, else the file's, else that of ``USUAL_UNITS``.
+    """Return the unit of a layer: the given unit, the file's, or that in ``USUAL_UNITS``.
 
     Raises FireModelError if no unit is found, or if it is not one of ``UNITS``.
     """

@@ -58,13 +58,14 @@ def read_perimeters(
     00:00 if the dates of all features differ. Closed lines and invalid polygons are repaired.
 
     Args:
-        path: The file or the folder. Its files of other kinds and its subfolders are ignored.
+        path: The file or the folder. Files of other kinds in the folder, and its subfolders, are
+            ignored.
         landscape: The perimeters are projected to its CRS; each must touch its grid.
         zone: The zone of dates and of times without offset.
 
     Returns:
-        The perimeters in the order of time; features of equal time are united. Then a line of text
-        for each feature that was left out or repaired, and for dates without a time of day.
+        The perimeters in the order of time; features of equal time are united. In addition, a line
+        of text for each feature that was left out or repaired, and for dates without a time of day.
 
     Raises:
         FireModelError: A file cannot be read, has no CRS or no field with times; no feature can be

@@ -42,7 +42,7 @@ Sources = Path | Mapping[str, Source]
 MAX_ARRIVAL_S = 10 * 365.25 * 86400.0
 MAX_SPREAD_M_S = 30.0  # faster than any fire
 MIN_COMPARED = 100  # number of cells; fewer may correlate with the elevation by chance
-MIN_CORRELATION = 0.999  # above it, arrival times and elevation are the same raster
+MIN_CORRELATION = 0.999  # with a higher correlation, arrival and elevation are one raster
 SECONDS = {"seconds": 1.0, "minutes": 60.0, "hours": 3600.0, "days": 86400.0}
 
 
@@ -68,8 +68,8 @@ def read_landscape(
             1). The layers are fuel, elevation, slope, aspect, canopy_cover, canopy_height and
             canopy_base.
         units: The units of layers (``layers.UNITS``), instead of those in the files. If a layer has
-            neither, elevation is in metres, aspect is in degrees clockwise from north, and slope
-            and canopy are rejected.
+            no unit in either place, elevation is in metres, aspect is in degrees clockwise from
+            north, and slope and canopy are rejected.
         missing: With "refuse", cells without a value in a layer are rejected. With "unburnable",
             they become bare ground (99) without slope and trees, and a missing elevation becomes
             that of the nearest cell; a slope of more than 89.9 degrees is then a missing value. In

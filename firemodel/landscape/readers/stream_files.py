@@ -3,8 +3,8 @@
 A .wtr has the minimum and the maximum temperature of each day with their hours, and the humidities
 at these hours. Between two such hours temperature and humidity follow a half cosine (Beck & Trevitt
 1989, as in FARSITE). The day before the first day is assumed to be equal to the first day, and the
-day after the last day to the last day. A .wnd contains winds; each is used until the time of the
-next.
+day after the last day to the last day. A .wnd contains winds; each wind is used until the time of
+the next wind.
 """
 
 import math
@@ -36,7 +36,7 @@ MAX_WIND = 360.0  # in mph or km/h; corresponds to at least 100 m/s
 
 
 class Extreme(NamedTuple):
-    """The daily minimum or maximum temperature, in the unit of the file, and the humidity then."""
+    """A daily extreme of the temperature, in the unit of the file, and the humidity at that hour."""
 
     at: datetime
     temperature: float
@@ -67,22 +67,23 @@ def units_in(path: Path, rows: NumberedRows, default: str = "ENGLISH") -> tuple[
 def daily_records(
     wtr: tuple[Path, NumberedRows], wnd: tuple[Path, NumberedRows], year: int, units: Sequence[str]
 ) -> tuple[str, list[tuple[int, list[str]]]]:
-    """Return hourly records from the rows of a .wtr and a .wnd.
+    """Compute hourly records of the weather from the rows of a .wtr and of a .wnd.
 
     Args:
         wtr: The .wtr file and its rows.
         wnd: The .wnd file and its rows.
         year: The year of the first row; the files do not contain the year.
-        units: The units, ENGLISH or METRIC, of the .wtr and of the .wnd if the file has no line
-            with its units.
+        units: Two words, ENGLISH or METRIC: the units of the .wtr and the units of the .wnd. A word
+            is used only if that file has no line with its units.
 
     Returns:
-        The units, and a record for each hour and each change of wind: the number of the line in
-        the .wnd, and the texts of the time and of ``COLUMNS``.
+        The units of both files, and a record for each full hour and for each change of the wind. A
+        record is the number of the line in the .wnd with its wind, and a list of texts: the time,
+        then the value of each of ``COLUMNS``.
 
     Raises:
-        FireModelError: A row cannot be used, the units of the files differ, or no wind is within
-            the time of the .wtr.
+        FireModelError: A row cannot be used, the units of the files differ, or no wind of the .wnd
+            lies in the days of the .wtr.
     """
     unit, days = units_in(*wtr, units[0])
     wind_unit, wind_rows = units_in(*wnd, units[1])
@@ -168,7 +169,7 @@ def _rain(where: str, fields: list[str], day: datetime, rain_in: float) -> Rain:
 
 
 def winds_in(path: Path, rows: NumberedRows, year: int) -> list[tuple[datetime, int, str, str]]:
-    """Return the time, the line, the speed and the direction of each row of a .wnd without units.
+    """Return the time, the line, the speed and the direction of each wind in a .wnd.
 
     ``year`` is the year of the first row. Raises FireModelError for a row that cannot be used and
     for a file without rows; the message names file and line.

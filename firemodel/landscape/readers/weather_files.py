@@ -76,13 +76,14 @@ def read_weather(
 
     .wtr has the extremes of each day, from which hourly records are computed (``stream_files``); a
     .wnd file has the wind. An inputs file of FARSITE or FlamMap (``inputs_files``) has the rows of
-    such files, or their names. Its moistures and its start are used if the arguments are not given.
+    such files, or their names. Its moistures and its start are used if ``fuel_moistures`` and
+    ``start`` are not given.
 
     CSV has one header line that names the columns, in any order. The time is ``time`` (ISO 8601),
     or ``at_s`` if ``start`` is not given. The wind speed is ``wind_speed_`` (at 20 ft) or
     ``wind_10m_``, followed by ``m_s``, ``mph`` or ``kmh``. The wind direction is ``wind_from_deg``
     or ``wind_toward_deg``, clockwise from north. The other ``COLUMNS`` are optional. The rain of a
-    record falls between it and the next one.
+    record falls between the time of this record and the time of the next.
 
     Args:
         path: The file.
@@ -94,7 +95,7 @@ def read_weather(
             and then follow temperature, humidity and rain (``physics/moisture.py``).
         wind: The .wnd file of a .wtr file, by default the one with the same name.
         fuel_moistures: Moistures (fractions) of single fuel codes, instead of ``moisture``; code 0
-            means all others (``inputs_files.read_fuel_moistures``).
+            means all other codes (``inputs_files.read_fuel_moistures``).
 
     Returns:
         The weather, with the wind at 20 ft in m/s.
@@ -194,7 +195,7 @@ def _float(path: Path, line: int, name: str, text: str) -> float:
 def _times_s(path: Path, rows: Rows, start: datetime | None) -> Floats:
     """Return the times of the records in seconds after the start.
 
-    The times must increase, and 0 must lie between the first and the last.
+    The times must increase, and 0 must lie between the first and the last time.
     """
     name = "at_s" if "at_s" in rows[0][1] else "time"
     if name == "at_s":

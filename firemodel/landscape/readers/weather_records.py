@@ -44,7 +44,7 @@ CELL2FIRE = {
     "TMP": "temperature_c",
     "RH": "humidity_pct",
 }
-# Formats of times in the column datetime of such tables, in addition to ISO 8601.
+# Formats of times in the column datetime of Cell2Fire's tables, in addition to ISO 8601.
 DATES = ("%m/%d/%Y %H:%M", "%d/%m/%Y %H:%M", "%m/%d/%y %H:%M", "%d/%m/%y %H:%M")
 
 

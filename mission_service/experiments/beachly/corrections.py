@@ -73,7 +73,7 @@ class Study(NamedTuple):
 
 
 def study(burn: Burn, participants: int) -> list[Study]:
-    """Run all participants and methods on one fire."""
+    """Return the studies of all participants and methods on one fire."""
     case = case_of(burn)
     uncorrected_m = errors_m(case, np.empty((0, 4)), None)
     found = []

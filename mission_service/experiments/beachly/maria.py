@@ -4,7 +4,7 @@ In the model, ellipses grow from all points of the first mapped perimeter. The m
 and always the wind that was recorded for that perimeter. Without corrections the model does not
 match the later perimeters, because the terrain is steep and the fuel varies. Participants mark
 points on each perimeter with random errors. The front error is measured at the following perimeter,
-on which nothing is marked yet.
+before participants mark points on it.
 """
 
 from collections.abc import Callable
@@ -118,8 +118,8 @@ def case_of(perimeters: list[Perimeter]) -> Case:
 def random_observations(rng: np.random.Generator, count: int, case: Case) -> Floats:
     """Return noisy observations (n, 4) on all perimeters except the last, in order of time.
 
-    An observation is 1 s later than its perimeter, so that it does not affect the error measured
-    there.
+    An observation is 1 s later than its perimeter, so that the observation does not affect the
+    error measured at that perimeter.
     """
     found = []
     for at_s, front, number in zip(

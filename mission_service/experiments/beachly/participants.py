@@ -30,7 +30,7 @@ class Watching(NamedTuple):
     wrong_m: float = 40.0  # maximum distance of burned and unburned observations from the front
     burning_share: float = 0.7  # share of observations that are marked as burning
     place_sd_m: float = 5.0  # random error of each observation
-    offset_sd_m: float = 3.0  # constant error of a participant, as a fish-eye lens causes
+    offset_sd_m: float = 3.0  # constant error of a participant, like the error of a fish-eye lens
 
 
 def front_points(
@@ -82,8 +82,8 @@ def random_observations(
 
     In each segment the camera shows a part of the front. Most observations are ``burning`` and lie
     on the true front. The others are ``burned`` behind the front or ``unburned`` ahead of it, at
-    places where the uncorrected simulation is wrong; they are therefore the same for every method.
-    All positions have the participant's constant offset and a random error.
+    places where the uncorrected simulation is wrong; The observations are therefore the same for
+    every method. All positions have the participant's constant offset and a random error.
     """
     row, col = np.indices(arrival_s.shape)
     x_m, y_m = landscape.xy_of(row, col)

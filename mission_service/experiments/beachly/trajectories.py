@@ -1,9 +1,9 @@
 """Fly the four scenarios of Beachly's section VI on a mock copter with a simulated crew.
 
 All scenarios have a burn unit of 20 acres, wind of 2 m/s towards the south and a backing fire along
-the southern edge. Scenario 1 has no other fire. In scenario 2 the centre has burned farther. In
-scenario 3 there is a second front, at 45 degrees to the southern edge. In scenario 4 this front is
-reported to the planner during the flight.
+the southern edge. Scenario 1 has no other fire. In scenario 2 the backing fire has burned farther
+in the centre. In scenario 3 there is a second front, at 45 degrees to the southern edge. In
+scenario 4 this front is reported to the planner during the flight.
 """
 
 import math
@@ -36,7 +36,7 @@ Place = tuple[float, float]
 STARTS_S = 240.0  # time of takeoff, after the ignition of the backing fire
 ENDS_S = 1100.0
 SECOND_FRONT_S = 15.0  # from the first drop to the report of the second front, in scenario 4
-LOW_SHARE = 0.9  # up to this share of the safe height, a vehicle is at low height
+LOW_SHARE = 0.9  # share of the safe height up to which a vehicle counts as low
 # (m north of the edge, time of ignition in s)
 BULGE = ((6.0, 20.0), (12.0, 55.0), (18.0, 90.0), (24.0, 125.0), (30.0, 160.0), (36.0, 195.0))
 
@@ -164,7 +164,7 @@ def fly(number: int, out: Path | None = None) -> Flown:
 
 
 def min_time_margin_s(flown: Flown, safe_height_m: float) -> float:
-    """Return the shortest time until fire reaches the vehicle, of all samples at low height.
+    """Return the shortest time until fire reaches the vehicle, over all samples at low height.
 
     The time follows from the estimate of the fire at the time of the sample. On burned ground this
     time is negative.

@@ -36,7 +36,7 @@ class TeamFlight:
     worst_linear: Floats  # highest linear importance of a cell, m
     tracks: dict[int, Floats]  # tracks by member: (n, 3) time in s, row, column
     decisions: int
-    min_separation_m: float  # smallest distance of two vehicles, each in its own layer
+    min_separation_m: float  # smallest distance between two vehicles, in separate layers
 
     def mean_std(self, importance: str) -> tuple[float, float]:
         """Return the mean and the standard deviation over time of one of the two costs."""
@@ -62,7 +62,7 @@ def exponential_importance(spread_rate_m_s: Floats, age_s: Floats) -> Floats:
 
 
 def equidistant(step_m: Floats, count: int) -> NDArray[np.int64]:
-    """Return ``count`` cells, beginning with cell 0, that divide a ring into equal parts.
+    """Return ``count`` cells, beginning with cell 0, that divide a ring into parts of equal length.
 
     ``step_m`` (n) is the distance from each cell to the next one.
     """
@@ -101,10 +101,10 @@ def fly_team(
     """Fly ``uavs`` vehicles along a growing ring whose cells have all been visited at the start.
 
     The vehicles start at equal distances, as members 0, 1, 2 ... clockwise. ``leaving`` and
-    ``joining`` contain (time in s, member). Each takes effect at the first step of the ring at or
-    after that time. A vehicle joins at the cell with the oldest visit. ``rule.decide`` receives the
-    same ``FrontRing`` during a step and the same ``ActiveFleet`` until the team changes. The rule
-    must copy arrays that it stores, because they are modified in place.
+    ``joining`` contain (time in s, member). Each change takes effect at the first step of the ring
+    at or after its time. A vehicle joins at the cell with the oldest visit. ``rule.decide``
+    receives the same ``FrontRing`` during a step and the same ``ActiveFleet`` until the team
+    changes. The rule must copy arrays that it stores, because they are modified in place.
     """
     team = _Team(rule, speed_m_s, cell_m)
     first = history[0]
@@ -164,7 +164,7 @@ class _Team:
         self._step_m: list[float] = step.step_m.tolist()
 
     def grow(self, step: RingStep) -> None:
-        """Replace the ring by the next ring, whose cells inherit visits, and move the goals."""
+        """Replace the ring by the next ring, whose cells inherit visits; move all goals to it."""
         self.on(step, self.ring.visited_at_s[step.came_from])
         self._fleet.cell[:] = step.place_of[self._fleet.cell]
         for vehicle in self._vehicles:

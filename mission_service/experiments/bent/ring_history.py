@@ -1,8 +1,8 @@
 """Represent the true front of a fire as a growing ring of cells, as in Bent's experiments.
 
-The ring of each time step lists its cells in clockwise order. It also lists, for each cell, the
-cell of the previous ring whose last visit is inherited. A new front cell inherits the age of the
-front behind it, because importance measures unseen growth.
+The ring of each time step lists its cells in clockwise order. The ring also lists, for each of its
+cells, the cell of the previous ring whose last visit this cell inherits. A new front cell inherits
+the age of the front cell behind it, because importance measures unseen growth.
 """
 
 from collections.abc import Iterator
@@ -31,12 +31,12 @@ class RingStep:
     cells: Integers  # (n, 2) row, column; no cell twice
     step_m: Floats  # (n) distance from each cell to the next one
     spread_rate_m_s: Floats  # (n) rate of spread outwards
-    came_from: Integers  # (n) index in the previous ring of the cell whose visit is inherited
+    came_from: Integers  # (n) index of the cell in the previous ring whose visit each cell inherits
     place_of: Integers  # (m) new index of each cell of the previous ring, in order around the ring
 
 
 def ring_history(burn: Burn, every_s: float = EVERY_S) -> list[RingStep]:
-    """Return the front from deployment to the end of a fire."""
+    """Return the front every ``every_s``, from deployment to the end of a fire."""
     return list(_steps(burn, FrontRates(burn.landscape, burn.weather), every_s))
 
 

@@ -23,7 +23,7 @@ from mission_service.experiments.bent.scenarios import (
 PROGRESS_EVERY = 20
 PROCESSES = 2
 # The thesis states no speed; its vehicles move like the firefighters of its section 2.3. This speed
-# reproduces its average costs of 64 and 3,000.
+# reproduces the thesis's average costs of 64 and 3,000.
 SPEED_M_S = 1.5
 
 

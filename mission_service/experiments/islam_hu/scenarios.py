@@ -1,4 +1,4 @@
-"""Define six fires like the paper's, with two spread schemes, and three of its planners."""
+"""Define six fires like the paper's fires, with two spread schemes, and the paper's planners."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

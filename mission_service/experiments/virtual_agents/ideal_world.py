@@ -36,14 +36,14 @@ TICK_S = 0.25
 LOOK_EVERY_S = 1.0
 MEASURE_EVERY_S = 5.0
 TRACK_EVERY_S = 1.0
-BASE_M = (-1400.0, -1400.0)  # start of the first UAV, from the centre of the map
+BASE_M = (-1400.0, -1400.0)  # start of the first UAV, relative to the map's centre
 QUEUE_M = 70.0  # spacing of UAVs in a queue, and of queues
 QUEUE = 8  # number of UAVs in a queue
 
 
 @dataclass(frozen=True, slots=True)
 class Rules:
-    """The deviations of a flight from the paper's nominal flight."""
+    """The differences between a flight and the paper's nominal flight."""
 
     avoidance: Avoidance = "intent"
     synchronises: bool = True
@@ -52,9 +52,9 @@ class Rules:
     delay_s: float = TICK_S
     wind_m_s: tuple[float, float] = (0.0, 0.0)  # velocity of the air towards (east, north)
     duration_s: float = 1200.0
-    # Start and end of the absence of each UAV.
+    # The start and the end of each UAV's absence from the formation.
     away_s: dict[int, tuple[float, float]] = field(default_factory=dict)
-    # Time at which the agent of each UAV fails.
+    # The time at which each UAV's agent fails.
     dead_from_s: dict[int, float] = field(default_factory=dict)
 
 
@@ -175,7 +175,7 @@ class FormationWorld:
         self.seen_s = np.full(arrival_s.shape, -np.inf)
 
     def tick(self) -> None:
-        """Advance by a quarter of a second: receive, observe, decide, send, fly."""
+        """Advance the world by a quarter of a second: receive, observe, decide, send, fly."""
         self.ticks += 1
         self.at_s = self.ticks * TICK_S
         at_us = round(self.at_s * 1e6)

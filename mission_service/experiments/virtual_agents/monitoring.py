@@ -43,7 +43,8 @@ class MonitoringArea:
         self._cells: Cells = np.empty(grid.rows * grid.cols, dtype=np.int64)
         self._priorities: Floats = np.empty(grid.rows * grid.cols)
         self.cells, self.priorities = self._cells[:0], self._priorities[:0]
-        # Rows and columns that can have a priority: first row and column, end of both.
+        # The window of cells that can have a priority: first row, first column, end row, end
+        # column.
         self._window: Cells = np.array((*grid.shape, 0, 0))
 
     def burn(self, arrival_s: Floats, at_s: float) -> None:
@@ -87,8 +88,8 @@ class MonitoringArea:
         """Return the efficiency of the footprints (section 6.2).
 
         The efficiency is the sum of the priorities in the union of the footprints, divided by the
-        sum over all footprints. A cell in two footprints counts twice in the second sum. The result
-        is 1 if no footprint contains a priority.
+        sum of the priorities over all footprints. In the divisor a cell in two footprints counts
+        twice. The result is 1 if no footprint contains a priority.
         """
         union = total = 0.0
         self._view += 1
@@ -151,9 +152,9 @@ def _seen(cells, priorities, seen_s, since_s):  # type: ignore[no-untyped-def]
 
 @kernel
 def _in_view(cells, priorities, views, view):  # type: ignore[no-untyped-def]
-    """Return the sum of the priorities in a view that were not counted yet, and the whole sum.
+    """Return the sum of the priorities in a view's uncounted cells, and in all its cells.
 
-    A cell is counted if ``views`` contains the number ``view`` there.
+    A cell counts as counted if ``views`` contains the number ``view`` at that cell.
     """
     new, total = 0.0, 0.0
     for cell in cells:

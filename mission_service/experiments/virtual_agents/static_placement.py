@@ -1,9 +1,9 @@
 """Search offline for the best positions of n discs around a static fire.
 
-These positions are a reference for those of virtual agents. One disc at a time moves to the allowed
-cell where the covered weight grows most, computed exactly from sums along rows. The search runs
-from many starts, and then from the best result with some discs moved at random. Finally, discs are
-shifted by parts of a cell.
+These positions are a reference for the positions of virtual agents. One disc at a time moves to the
+allowed cell where the covered weight grows most, computed exactly from sums along rows. The search
+runs from many starts, and then from the best result with some discs moved at random. Finally, discs
+are shifted by parts of a cell.
 """
 
 import math
@@ -35,8 +35,8 @@ class Placement:
 def add_disc(weights, counts, row, col, radius, sign):  # type: ignore[no-untyped-def]
     """Add ``sign`` to ``counts`` within ``radius`` of a place, and return the changed weight.
 
-    The changed weight is what the disc adds to the other discs (sign 1), or what is lost without it
-    (sign -1). Lengths are in cells. A cell counts if its centre is within the radius.
+    The changed weight is the weight that only this disc covers: gained with sign 1, lost with sign
+    -1. Lengths are in cells. A cell counts if its centre is within the radius.
     """
     rows, cols = weights.shape
     changed = 0.0
@@ -51,7 +51,7 @@ def add_disc(weights, counts, row, col, radius, sign):  # type: ignore[no-untype
 
 @kernel
 def covered(weights, counts, places, radius):  # type: ignore[no-untyped-def]
-    """Return the weight that discs at ``places`` cover; ``counts`` is 0 on entry and on return."""
+    """Return the weight that discs at ``places`` cover; ``counts`` is all 0 before and after."""
     total = 0.0
     for place in places:
         total += add_disc(weights, counts, place[0], place[1], radius, 1)
@@ -62,7 +62,7 @@ def covered(weights, counts, places, radius):  # type: ignore[no-untyped-def]
 
 @kernel
 def best_cell(weights, counts, allowed, radius, sums):  # type: ignore[no-untyped-def]
-    """Return the allowed cell where a disc covers most weight not yet covered, and that weight.
+    """Return the allowed cell where a disc adds most weight to the covered weight, and this gain.
 
     ``sums`` (rows, cols + 1) is a work array for sums along rows.
     """
@@ -87,7 +87,7 @@ def best_cell(weights, counts, allowed, radius, sums):  # type: ignore[no-untype
 
 @kernel
 def settle(weights, counts, allowed, places, order, radius, sums):  # type: ignore[no-untyped-def]
-    """Move discs in turn to where they add most until none gains; return the covered weight.
+    """Move discs in turn to the best cell until no move gains; return the covered weight.
 
     ``places`` (n, 2) is changed; a disc with a negative row is not placed yet.
     """

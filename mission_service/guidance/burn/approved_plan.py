@@ -20,8 +20,8 @@ Floats = NDArray[np.float64]
 
 MAX_PROGRESS_M = 30.0  # maximum progress in one update
 HIGH_SHARE = 0.9  # a vehicle above this share of the safe height counts as at the safe height
-# For the fire of a vehicle's own spheres: the limit of the time margin, the spacing of samples
-# along a leg, and the number of points on the circle around a sample.
+# For the fire of a vehicle's own spheres: the upper limit of the time margin, the spacing of
+# samples along a leg, and the number of points on the circle around a sample.
 OWN_SOON_S, OWN_SAMPLES_M, OWN_RING_POINTS = 10.0, 5.0, 24
 
 
@@ -100,7 +100,7 @@ class ApprovedPlan:
 
 
 def approved_plan_of(plan: IgnitionPlan, landscape: Landscape) -> ApprovedPlan:
-    """Return the approved plan for a plan whose flight has not yet begun."""
+    """Return a plan as an ``ApprovedPlan`` with no progress and no drops yet."""
     height_m, after_s = np.array([(point.height_m, point.after_s) for point in plan.path]).T
     progress = PathProgress(np.column_stack([_xy(plan.path, landscape), height_m]), after_s)
     return ApprovedPlan(plan, progress, _xy(plan.drops, landscape))
@@ -115,7 +115,7 @@ def _xy(points: Sequence[PathPoint | PlannedDrop], landscape: Landscape) -> Floa
 def first_danger_s(path: Floats, air: FlightConstraints, own_sources: Floats) -> float | None:
     """Return the start of the first leg that comes too near to fire, in mission time, or None.
 
-    The columns of ``path`` (n, 4) are x, y, height and mission time. The rules are the same as in
+    The columns of ``path`` (n, 4) are x, y, height and mission time. The rules are the rules of
     planning, except that ``HIGH_SHARE`` of the safe height suffices, because no vehicle holds its
     height exactly. The result is None if the whole path is safe.
 

@@ -47,7 +47,7 @@ def ignition_raster(burn: WholeBurn, area: BaseGeometry) -> tuple[Floats, Floats
 def burned_areas(
     burn: WholeBurn, area: BaseGeometry, times_s: Floats, simplified_m: float = 1.0
 ) -> list[BaseGeometry]:
-    """Return the burned area at each time as polygons with holes; it is empty before any fire."""
+    """Return the burned area at each time as polygons with holes; each is empty before the fire."""
     x, y, ignition_s = ignition_raster(burn, area)
     never = float(np.max(times_s)) + 1e6
     lines = contourpy.contour_generator(

@@ -89,7 +89,7 @@ class BurnUnit:
         return np.asarray(good, np.bool_)
 
     def with_people(self, people: tuple[ExclusionCircle, ...]) -> "BurnUnit":
-        """Return the same unit with other people instead of the present people."""
+        """Return a copy of the unit with ``people`` in place of the present people."""
         return replace(self, people=people)
 
     def digest(self, settings: BurnSection) -> str:
@@ -106,7 +106,7 @@ class BurnUnit:
 
 
 def _grown(shape: BaseGeometry, by_m: float) -> BaseGeometry:
-    """Return a polygonal buffer that contains the exact buffer: its arcs lie outside the true arcs.
+    """Return a polygonal buffer that contains the exact buffer, because it encloses the true arcs.
 
     If the shape is empty or the distance is not positive, the shape is returned unchanged.
     """

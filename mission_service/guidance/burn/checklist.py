@@ -18,7 +18,7 @@ class Checklist:
 
     @property
     def open_items(self) -> tuple[str, ...]:
-        """Return the items that are not GO, in the order of the list."""
+        """Return the items that are not GO, in the checklist's order."""
         return tuple(
             item for item in self.items if item not in self._answers or not self._answers[item].go
         )

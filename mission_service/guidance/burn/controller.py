@@ -82,7 +82,7 @@ Floats = NDArray[np.float64]
 Phase = Literal["waiting", "planning", "proposed", "approved", "flying", "climbing"]
 
 CHECK_EVERY_S, CHECK_PROPOSED_EVERY_S = 1.0, 5.0
-BEGINS_ON_GROUND_S, BEGINS_IN_AIR_S = 30.0, 15.0  # planned start after the proposal
+BEGINS_ON_GROUND_S, BEGINS_IN_AIR_S = 30.0, 15.0  # from the proposal to the planned start
 OFF_PATH_M = 12.0
 AT_END_M = 3.0
 WIND_COUNT = 3  # successive measurements that must differ from the planned wind
@@ -194,7 +194,7 @@ class BurnFlight(Guidance):
             case WindMeasured() if vehicle.availability.airborne:
                 return self._wind_measured(event)
             case Observed():
-                self.state.fire.apply(event)  # the plan is checked once a second
+                self.state.fire.apply(event)  # a check each second follows
         return []
 
     # Fire, unit and wind ----------------------------------------------------------------------
@@ -260,7 +260,7 @@ class BurnFlight(Guidance):
         return []
 
     def _why_expired(self, at_us: int) -> str | None:
-        """Return why the plan or its approval has expired; None if neither has."""
+        """Return why the plan or its approval has expired; None if neither has expired."""
         expired = "the plan has expired" if self.approvals.is_expired(at_us) else None
         return self.approvals.expiry_reason(at_us) or expired
 
@@ -369,7 +369,7 @@ class BurnFlight(Guidance):
     # In the air -------------------------------------------------------------------------------
 
     def first_path(self, vehicle: Vehicle, fix: PositionFix) -> Floats | None:
-        """Return the approved plan's path (n, 2), x and y in metres; None once sent."""
+        """Return the path (n, 2) of the approved plan; None once its mission is sent."""
         flown = self._flown
         if self.phase != "approved" or flown is None or flown.sent:
             return None
@@ -402,7 +402,7 @@ class BurnFlight(Guidance):
         return self._climb(vehicle, fix)
 
     def way_home(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand] | None:
-        """Return the climb to the safe height before a return home; None at that height."""
+        """Return the climb to the safe height before a return home; None at the safe height."""
         return None if self._safe_climb.is_high(fix) else self._climb(vehicle, fix)
 
     def _fly(self, vehicle: Vehicle, flown: ApprovedPlan, fix: PositionFix) -> list[AnyCommand]:
@@ -483,15 +483,15 @@ class BurnFlight(Guidance):
     def _stop(self, why: str, then: Phase = "planning", always: bool = False) -> list[AnyCommand]:
         """Withdraw the plan; an airborne vehicle that flies it climbs to the safe height and holds.
 
-        If ``always``, an airborne vehicle climbs and holds even without a plan. When the climb has
-        ended, or if no climb is needed, the phase ``then`` begins.
+        If ``always``, an airborne vehicle climbs and holds even without a plan. The phase ``then``
+        begins when the climb has ended, or at once if no climb is needed.
         """
         vehicle, flew = self._vehicle, self.phase in ("approved", "flying", "climbing")
         commands = self._withdraw(why)
         if vehicle is None or not vehicle.availability.airborne or not (flew or always):
             self.phase = then
             if vehicle is not None and not vehicle.availability.airborne:
-                # Prevents a takeoff with a mission that may be on board.
+                # The hold prevents a takeoff with a mission that may be on board.
                 vehicle.deployed = vehicle.started = False
                 vehicle.drop_upload()
                 vehicle.flown_line = vehicle.start_again_at_s = None
@@ -549,7 +549,7 @@ class BurnFlight(Guidance):
 def burn_flight(guidance: Guidance) -> BurnFlight:
     """Return a run's guidance as a ``BurnFlight``.
 
-    Raises MissionServiceError for another guidance.
+    Raises MissionServiceError if the guidance is of another type.
     """
     if not isinstance(guidance, BurnFlight):
         raise MissionServiceError("this run is not a burn")

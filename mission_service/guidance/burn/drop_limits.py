@@ -1,7 +1,7 @@
-"""Checks the place of a drop for the interlock: near its target, in the areas, far from people.
+"""Checks a drop's place for the interlock: near its target, in the unit, far from people.
 
-Part of the interlock: it shares no code with the controller that orders drops. Missing information
-is a reason to refuse.
+This module is part of the interlock, and shares no code with the controller that orders drops.
+Missing information is a reason to refuse.
 """
 
 import math
@@ -28,12 +28,12 @@ Circle = tuple[float, float, float]  # lat_deg, lon_deg, radius_m
 
 
 def planned_drop(plan: IgnitionPlan, drop: Drop) -> PlannedDrop:
-    """Return the drop as the plan contains it."""
+    """Return the plan's entry for an ordered drop, which has the same number."""
     return next(planned for planned in plan.drops if planned.number == drop.number)
 
 
 def target_problem(burn: BurnSection, plan: IgnitionPlan, drop: Drop, fix: Telemetry) -> str | None:
-    """Return why a drop from ``fix`` would miss its target; None if it would hit."""
+    """Return why a drop from ``fix`` would miss its target; None if the drop would hit it."""
     planned = planned_drop(plan, drop)
     place = (planned.lat_deg, planned.lon_deg)
     ground_m = ground_amsl_m(plan, planned.after_s)
@@ -67,7 +67,7 @@ def place_problem(
 
 
 def reach_m(burn: BurnSection, plan: IgnitionPlan) -> float:
-    """Return the largest horizontal distance allowed between a vehicle and its target."""
+    """Return the largest horizontal distance allowed between a vehicle and a drop's target."""
     fall_s = math.sqrt(2.0 * plan.drop_height_m / GRAVITY_M_S2)
     duration_s = burn.dropper.delay_s + fall_s + LATE_S
     max_speed_m_s = max(plan.speed_m_s, plan.wind_speed_m_s)
@@ -75,7 +75,7 @@ def reach_m(burn: BurnSection, plan: IgnitionPlan) -> float:
 
 
 def ground_amsl_m(plan: IgnitionPlan, after_s: float) -> float | None:
-    """Return the altitude of the ground under a plan's path at a time; None outside its times."""
+    """Return the ground's altitude under a plan's path at a time; None outside the path's times."""
     for start, end in pairwise(plan.path):
         if start.after_s <= after_s <= end.after_s:
             share = (after_s - start.after_s) / max(end.after_s - start.after_s, 1e-9)

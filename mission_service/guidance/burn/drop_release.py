@@ -10,7 +10,7 @@ from typing import Literal, NamedTuple
 GRAVITY_M_S2 = 9.80665
 STEP_S = 0.05
 SLOW_M_S = 0.5  # at a lower speed the course is undefined
-NEAR_S = 1.0  # from farther away, the target may still be passed on another leg
+NEAR_S = 1.0  # from farther away, the vehicle may still pass the target on another leg
 
 ReleaseDecision = Literal["release", "wait", "missed"]
 
@@ -56,7 +56,7 @@ def impact_point(
     while z > 0.0:
         step_s = STEP_S
         moved, after = _fall_step(velocity, drag_per_m, step_s)
-        if z + moved[2] <= 0.0:  # the step that ends on the ground
+        if z + moved[2] <= 0.0:  # this step ends on the ground
             for _ in range(4):
                 step_s *= z / -moved[2]
                 moved, after = _fall_step(velocity, drag_per_m, step_s)

@@ -62,7 +62,7 @@ from mission_service.vehicles.availability import named_mode
 
 POSITION_GOOD_US = 1_500_000
 MINUTE_US = 60_000_000
-GOING_HOME = ("return", "land")  # modes, as the bridge names them
+GOING_HOME = ("return", "land")  # the bridge's names of these modes
 AIRBORNE_M = 2.0
 
 
@@ -76,7 +76,7 @@ class _Vehicle:
     fix: Telemetry | None = None
     battery_pct: float | None = None
     fix_good: bool = False
-    used: int = 0  # spheres of this load whose drop was ordered
+    used: int = 0  # spheres of the present load whose drops were ordered
 
 
 @dataclass
@@ -99,8 +99,8 @@ class Interlock:
     The interlock must receive all events and commands in order. An approval is accepted only if the
     plan was proposed, the station is in the scenario, and the GO/NO-GO checklist is complete. The
     approval remains valid while its operator, or another operator with the role approve, gives
-    input at that station. Time limits apply both to mission time and to the host's clock. A NO-GO
-    ends the approval.
+    input at the station of the approval. Time limits apply both to mission time and to the host's
+    clock. A NO-GO ends the approval.
 
     An abort, a restart of service or autopilot, a return home, and a landing also end the approval,
     and reset every item of the GO/NO-GO checklist. Drops are then refused until all items are GO
@@ -142,7 +142,8 @@ class Interlock:
     def on_commands(self, commands: Iterable[AnyCommand]) -> None:
         """Update the state from commands.
 
-        A drop must be applied after the call of ``refuses`` for it, whatever the result.
+        Call ``refuses`` for a drop first, and pass the drop to this method afterwards, whatever the
+        result.
         """
         for command in commands:
             match command:

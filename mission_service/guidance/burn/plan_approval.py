@@ -1,4 +1,4 @@
-"""Tracks the proposed plan and its approval: who approved it, where, and until when."""
+"""Tracks the proposed plan and its approval, with the approver, the station and the time limit."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -117,7 +117,7 @@ class ApprovalTracker:
         return None
 
     def withdraw(self) -> None:
-        """Withdraw the plan and its approval, if any."""
+        """Withdraw the plan and its approval, if there is a plan."""
         if self.plan is not None:
             self._enter(PlanPhase.NONE)
         self.plan, self.plan_hash, self.approval = None, "", None

@@ -102,7 +102,7 @@ def _steps(begin_m: float, end_m: float, landscape: Landscape) -> Floats:
 
 
 def _safe_amsl_m(point: PathPoint, burn: BurnSection) -> float:
-    """Return the altitude of the safe height at a point, or the point's own altitude if higher."""
+    """Return the altitude of the safe height at a point; at least the point's own altitude."""
     lift_m = max(burn.safe_height_m - point.height_m, 0.0)
     return round(point.altitude_amsl_m + lift_m, 2)
 

@@ -48,7 +48,7 @@ def plan_problem(
         problem = _airspace_problem(air, rest, places[0])
         if problem:
             return f"{problem} {after_s:.0f} s after the start"
-        # Use the margin of the whole leg, as in planning, or of its remaining part if larger.
+        # Use the larger of two margins: the whole leg's, as in planning, and its remaining part's.
         margin_s = max(
             min(air.margin_s(part), own.margin_s(part)) for part in dict.fromkeys((leg, rest))
         )
@@ -66,7 +66,7 @@ def _dropped_by(plan: LinePlan, number: int, after_s: float) -> bool:
 
 
 def _later(leg: Leg, at_s: float) -> FlightPoint:
-    """Return the point on a leg at the time ``at_s``, or its start if that is later."""
+    """Return the point on a leg at the time ``at_s``, or the leg's start if ``at_s`` is earlier."""
     begin, end = leg
     if at_s <= begin.at_s:
         return begin

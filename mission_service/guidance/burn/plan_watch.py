@@ -1,4 +1,4 @@
-"""Checks the present plan in the present fire, wind and unit: as a whole, or the rest in flight."""
+"""Checks the whole plan, or in flight its rest, in the present fire, wind and unit."""
 
 from mission_service.guidance.burn.approved_plan import ApprovedPlan, first_danger_s
 from mission_service.guidance.burn.burn_state import BurnState
@@ -21,7 +21,7 @@ def invalid_reason(
     Args:
         state: The state of the burn.
         plan: The proposed or approved plan.
-        found: The plan as it was found.
+        found: The same plan as a ``LinePlan``, before its conversion to data for approval.
         flown: The plan in flight; None if no plan is being flown.
         vehicle: The vehicle; None before its first event.
         at_s: Mission time, seconds.

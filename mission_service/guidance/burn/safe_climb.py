@@ -1,4 +1,4 @@
-"""Commands a climb straight up to the safe height, again and again until the vehicle is there."""
+"""Commands a climb straight up to the safe height, repeatedly until the climb is complete."""
 
 import math
 
@@ -7,7 +7,7 @@ from mission_service.guidance.burn.approved_plan import HIGH_SHARE
 from mission_service.guidance.burn.burn_state import BurnState
 from mission_service.position_fix import PositionFix
 
-# Interval of climb commands; altitude as a share of the safe height.
+# The interval of climb commands, and their altitude as a share of the safe height.
 REPEAT_CLIMB_S, CLIMB_SHARE = 5.0, 1.05
 
 

@@ -50,7 +50,7 @@ class Assumptions:
 
 @dataclass(frozen=True, eq=False)
 class BurnLine:
-    """A line, or a part of a line that is ignited with one load."""
+    """A line, or the part of a line that one load of spheres ignites."""
 
     number: int  # number from 1
     load: int  # number from 1
@@ -77,7 +77,7 @@ class WholeBurn:
 
 
 class CombinedFires:
-    """Several fires combined, where each point ignites at its earliest time in any of them."""
+    """Several fires combined: each point ignites at its earliest ignition time in any fire."""
 
     def __init__(self, fires: Sequence[Simulation]) -> None:
         self.fires = tuple(fires)
@@ -92,7 +92,7 @@ def whole_burn(situation: Situation, settings: BurnSection, pause_s: float = 0.0
     """Plan all lines from a situation until none is left, each ``pause_s`` after the previous one.
 
     If the spheres or the battery do not suffice for the rest of a line, and are not full, the
-    vehicle reloads before it begins that line. For a reload it returns home at the safe height,
+    vehicle reloads before it begins this rest. For a reload it returns home at the safe height,
     spends ``reload_s`` on the ground, and takes off at home.
     """
     now, base = situation, situation.fire

@@ -40,7 +40,7 @@ NO_CELLS: Cells = np.empty(0, dtype=np.int64)
 Avoidance = Literal["intent", "rvo", "none"]
 
 STATE_EVERY_US = 500_000
-RESEND_M = 20.0  # if the orbit moves farther, the state is sent at once, as after a new goal
+RESEND_M = 20.0  # if the orbit moves farther, the state is sent at once
 MAX_STEP_S = 1.0
 SETTLED_M, SETTLED_FOR_S = 10.0, 20.0
 NOWHERE = (math.nan, math.nan)
@@ -99,7 +99,7 @@ class Agent:
         avoidance: Avoidance = "intent",
         synchronises: bool = True,
     ) -> None:
-        """Create an agent; ``fire`` holds the cells burning at ``at_us``, the same for all UAVs.
+        """Create an agent; ``fire`` holds the cells that burn on all UAVs' maps at ``at_us``.
 
         Raises MissionServiceError if a cell is not on the grid.
         """

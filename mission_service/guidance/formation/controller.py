@@ -101,7 +101,7 @@ class FormationFlight(Guidance):
         self._rejected_senders: set[str] = set()
         self._in_contact = (
             not scenario.formation.peer_messaging
-        )  # while False, each vehicle stays in its loiter
+        )  # if False, each vehicle stays in its loiter
 
     # Inputs ----------------------------------------------------------------------------
 
@@ -217,7 +217,7 @@ class FormationFlight(Guidance):
     def first_path(self, vehicle: Vehicle, fix: PositionFix) -> Floats:
         """Return the path to the fire's edge.
 
-        For an airborne vehicle it leads to the nearest place that is clear of fire.
+        For an airborne vehicle the path leads to the nearest place that is clear of fire.
         """
         section, centre_m = vehicle.section, self.formation.centre_m
         if vehicle.availability.airborne:

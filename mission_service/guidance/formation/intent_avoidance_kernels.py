@@ -32,7 +32,7 @@ FRESH_S = 1.0  # states older than this are late
 LATE_M = 45.0  # maximum additional margin for a late state
 HASTE_S = 8.0  # a path that is clear for a shorter time is changed at once, out of turn
 SMALL_M = 40.0  # minimum radius of waiting circles
-WORTH_M = 40.0  # minimum gain of one detour over another
+WORTH_M = 40.0  # minimum saving in cost for a change from one clear orbit to another
 NOTES = 6  # number of values noted for each predicted peer
 
 # Indices of ``own`` and of a peer's notes.
@@ -228,7 +228,7 @@ def _copy(orbit, to):  # type: ignore[no-untyped-def]
 
 @kernel
 def _cost_m(orbit, desired):  # type: ignore[no-untyped-def]
-    """Return the cost, in metres, by which an orbit deviates from the desired orbit."""
+    """Return the cost, in metres, of an orbit's deviation from the desired orbit."""
     return (
         math.hypot(orbit[0] - desired[0], orbit[1] - desired[1])
         + 0.5 * abs(abs(orbit[2]) - abs(desired[2]))
@@ -303,10 +303,10 @@ def _differs(orbit, other):  # type: ignore[no-untyped-def]
 def decide_orbit(  # type: ignore[no-untyped-def]
     at_s, own, desired, held, peers, rule, frame, path, paths, notes, adopted
 ):
-    """Decide on the orbit to fly; fill ``adopted`` if this is another orbit.
+    """Decide on the orbit to fly; fill ``adopted`` if it differs from the present orbit.
 
-    Returns whether another orbit is adopted, whether a conflict prevents the desired orbit, and for
-    how long the orbit to fly is free of conflicts.
+    Returns whether a different orbit is adopted, whether a conflict prevents the desired orbit, and
+    for how long the orbit to fly is free of conflicts.
     """
     near_m = rule[0] + rule[1] + LATE_M
     nowhere = (np.inf, -np.inf, np.inf, -np.inf)

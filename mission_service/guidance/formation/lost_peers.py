@@ -1,4 +1,4 @@
-"""Dead reckons UAVs whose messages have stopped, along the orbits that they last sent.
+"""Computes positions of UAVs without recent messages, by dead reckoning on their last orbits.
 
 The virtual agent of such a UAV is removed after ``peer_table.LOST_AFTER_S``, so that the other
 agents take over its area. The UAV itself may continue to fly at the common height, so the others
@@ -12,7 +12,7 @@ from msgspec.structs import replace
 from mission_service.guidance.formation.peer_table import LOST_AFTER_S
 from mission_service.peer_messages import State
 
-RECKON_AFTER_US = 3_000_000  # states are sent twice a second: random loss rarely lasts this long
+RECKON_AFTER_US = 3_000_000  # random loss rarely lasts this long at two states a second
 AVOIDED_FOR_US = 120_000_000
 EVERY_US = 500_000
 AGENT_FIELDS = ("agent_x_m", "agent_y_m", "goal_x_m", "goal_y_m")

@@ -26,7 +26,7 @@ from mission_service.guidance.formation.peer_table import (
 MIN_SHARE, CRUISE_SHARE, MAX_SHARE = 0.4, 0.7, 1.0  # shares of the maximum thrust (eq. 16)
 STEEPNESS = 2.3  # steepness of the thrust, per radian (eq. 17)
 ON_ORBIT = 0.25  # maximum distance from an orbit, as a share of its radius
-NO_MEAN = 0.3  # phases whose mean unit vector is shorter than this have no mean
+NO_MEAN = 0.3  # minimum length of the mean unit vector for phases with a mean
 WIND_MARGIN_M_S = 2.0  # minimum of airspeed minus wind speed
 
 

@@ -54,7 +54,7 @@ class Constants:
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """The settings in table 1 of the paper, followed by settings without a value there."""
+    """The settings in table 1 of the paper, then settings for which the table has no value."""
 
     monitoring_m: float = 350.0  # d_mon
     altitude_agl_m: float = 300.0  # alt

@@ -1,16 +1,17 @@
 """A fire map with a copy on each UAV; the copies converge despite lost messages.
 
-Every cell has a version, the time of its observation. The later version wins; among equal versions
-a burning cell wins. A cell is therefore one number, ``2 * seen_at_us + burning``, or 0 if unknown.
-A merge takes the larger number, so order, repetition and sender do not matter.
+Every cell has a version, the time of its observation. A later version replaces an earlier version;
+between equal versions, burning replaces unburned. A cell is therefore one number, ``2 * seen_at_us
++ burning``, or 0 if unknown. A merge takes the larger number, so order, repetition and sender do
+not matter.
 
 A UAV sends each view once, as a ``FireUpdate``, which may be lost. Therefore every UAV regularly
 sends a checksum of each tile of the map (``Digest``), which is the sum of the hashes of the tile's
-cells. If the receiver has another checksum, it tests whether the difference is the hash of one or
-two of its own cells. If so, the sender lacks these cells, and the receiver sends them
-(``Difference``). If not, the receiver may itself lack cells, and sends its own digest of the tile
-as a request. If no UAV can derive the missing cells from that digest, one UAV sends the whole tile,
-and the others send the cells that are newer on their maps.
+cells. If the receiver's checksum of a tile differs, the receiver tests whether the difference is
+the hash of one or two of its own cells. If so, the sender lacks these cells, and the receiver sends
+them (``Difference``). If not, the receiver may itself lack cells, and sends its own digest of the
+tile as a request. If no UAV can derive the missing cells from that digest, one UAV sends the whole
+tile, and the others send the cells that are newer on their maps.
 
 Replies are delayed by a pseudo-random number of slots, and omit cells that others have sent in the
 meantime. The size and the rate of messages are bounded.

@@ -145,7 +145,7 @@ class FrontFlight(Guidance):
         return commands
 
     def lead(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand]:
-        """Return the commands to give way, or to renew the mission if that is due."""
+        """Return the commands to give way, or to renew the mission if a renewal is due."""
         if vehicle.pending is not None or _takes_off(vehicle):
             return []
         commands = self._give_way(vehicle, fix)
@@ -167,7 +167,7 @@ class FrontFlight(Guidance):
         return [self._upload(vehicle, place, fix, f"give way to {other}", keeps_apart=True)]
 
     def _follow(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand]:
-        """Return the upload of a new rolling mission if the path of the present one is outdated."""
+        """Return the upload of a new mission if the path of the present mission is outdated."""
         planner = self.planners[vehicle.name]
         if planner.phase == "approach":
             path, why = self.first_path(vehicle, fix), self._renewal.why_on_approach(vehicle)

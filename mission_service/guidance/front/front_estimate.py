@@ -5,10 +5,11 @@ rate of spread divided by the fire model's rate under the wind that the vehicle 
 front is in view, the estimate is set to the observation. Out of view, the estimate advances at the
 model's rate times the factor.
 
-A Kalman filter estimates the factors of 72 sectors. Each factor is correlated with its neighbours
-and, less strongly, with all others. The filter assumes that the advance between two views is the
-factor times the modelled advance, plus the noise of a front that moves in whole cells. Therefore a
-view changes the estimate little a few seconds after another view, and much after half an hour.
+A Kalman filter estimates the factors of 72 sectors. Each sector's factor is correlated with the
+factors of its neighbours and, less strongly, with the factors of all other sectors. The filter
+assumes that the advance between two views is the factor times the modelled advance, plus the noise
+of a front that moves in whole cells. Therefore a view changes the estimate little a few seconds
+after another view, and much after half an hour.
 
 Without a landscape, or before a wind is measured, the model is an even spread; the factor then
 represents the measured rate of spread. The simulated fire is not an input.
@@ -188,7 +189,7 @@ class FrontEstimate:
     def reset_around(
         self, centre: tuple[float, float], front: Floats, at_s: float
     ) -> "FrontEstimate":
-        """Return an estimate around another centre that keeps the model and wind, but no views."""
+        """Return a new estimate, around the given centre, with this model and wind but no views."""
         renewed = FrontEstimate(self._shape, centre, self.model, front, at_s)
         renewed.wind_m_s = self.wind_m_s
         renewed._short_wind, renewed._long_wind = self._short_wind, self._long_wind
@@ -236,7 +237,7 @@ class FrontEstimate:
             self._covariance += step_s / 3600.0 * self._drift
 
     def factors(self) -> Floats:
-        """Return the factor on each bearing: the rate of spread divided by the model's."""
+        """Return the factor on each bearing: the rate of spread divided by the modelled rate."""
         found = np.empty(BEARINGS)
         interpolate_sectors(self.factor, found)
         return found
@@ -298,7 +299,7 @@ class FrontEstimate:
         return in_view
 
     def correct_window(self, row: int, col: int, window: NDArray[np.uint8], at_s: float) -> None:
-        """Apply an operator's correction of a window. The factors do not change."""
+        """Apply an operator's correction of a window to the front; leave the factors unchanged."""
         self.advance(at_s)
         centre = (self.centre_row, self.centre_col)
         not_burned, still_burned = taken_back(row, col, window, centre, self.burned)
@@ -340,8 +341,8 @@ class FrontEstimate:
         """Scale the unseen parts of the front after other parts have been seen for the first time.
 
         ``new`` holds the bearings seen for the first time, and ``before`` the front before this
-        view. An unseen bearing is scaled like the nearest new bearing, but less the farther away it
-        is.
+        view. An unseen bearing is scaled like the nearest new bearing, but the change decreases
+        with the distance from that bearing.
         """
         unseen = np.isinf(self.seen_at_s)
         unseen[new] = False

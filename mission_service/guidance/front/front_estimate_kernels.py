@@ -21,7 +21,7 @@ STEEPEST = 4.0  # limit of the slant, with which the speed along a bearing grows
 
 PER_SECTOR = 5
 # A view is compared with an earlier view once the front has advanced this far since, or this long
-# afterwards.
+# after the earlier view.
 BASELINE_CELLS, BASELINE_S = 2.0, 1800.0
 CELL_VARIANCE = 1.0 / 12.0  # variance of a position with a resolution of one cell
 # Relative error of an advance before the first view, when the wind is unknown.

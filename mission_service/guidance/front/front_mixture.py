@@ -1,4 +1,4 @@
-"""Mixes two estimates of the front, by how well each of them has predicted the views so far.
+"""Mixes two estimates of the front, weighted by their errors in predicting the views so far.
 
 The first estimate follows the fire model. Where the fuel map or the wind is wrong, the first
 estimate is far off between two views. The second estimate is ``cautious``: it follows measured
@@ -19,17 +19,17 @@ from mission_service.guidance.front.front_estimate import FrontEstimate, FrontMo
 
 Floats = NDArray[np.float64]
 
-# Of the estimate by the model, the cautious estimate, the front as last seen.
+# Shares of the estimate by the model, of the cautious estimate, and of the front as last seen.
 SHARES = (0.15, 0.75, 0.10)
-CLEARLY = 0.5  # the model's estimate is used if its mean square error is smaller by this factor
+CLEARLY = 0.5  # ratio of mean square errors (model / mixture) where both have equal weight
 SHARPNESS = 4.0
 AGAIN_S = 120.0  # a bearing counts if it has been out of view for this time
-KEPT = 0.9975  # at each bearing the weights of earlier bearings are multiplied by this
+KEPT = 0.9975  # factor of the weights of earlier bearings at each new bearing
 FIRST_SQUARES = 20.0  # sum of the mixture's square errors in cells before the first prediction
 
 
 class FrontMixture:
-    """The estimated front, with the interface of its estimates; arrays are (360)."""
+    """The mixed front, with the interface of ``FrontEstimate``; arrays are (360)."""
 
     def __init__(
         self,

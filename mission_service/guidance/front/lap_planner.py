@@ -19,7 +19,7 @@ class LapPlanner(ABC):
     """A planner that flies one lap around the fire, and then decides in each new cell."""
 
     def __init__(self, fire_map: FireMap, clockwise: bool, ignition_known: bool) -> None:
-        """Begin the approach; if the ignition is not known, the map moves after the lap."""
+        """Begin the approach; if the ignition is not known, the map is recentred after the lap."""
         self.phase: Phase = "approach"
         self.clockwise = clockwise
         self.reversals = 0

@@ -49,7 +49,7 @@ HORIZON_LAPS = 2.0
 REST_LAPS = 0.03  # minimum interval between turns
 # Share of the cost that a turn must save. With 0.25, turns increased the error on random fires.
 MIN_GAIN = 0.5
-TURN_BACK = 7.0 / 3.0 * math.pi  # length in radii of the shortest turn to the opposite course
+TURN_BACK = 7.0 / 3.0 * math.pi  # shortest path to the opposite course, in turn radii
 LEFT_CELLS = 0.5  # error across a front in view
 RECENTRED_BASELINE_S = 300.0
 
@@ -154,7 +154,7 @@ class PredictivePlanner(LapPlanner):
         return Decision(self.clockwise, turns, on, back, round(length))
 
     def compared(self, row: float, col: float, at_s: float) -> Compared:
-        """Return the expected error in cells and the position of each of 360 bearings."""
+        """Return the front's expected error, in cells, and position on each of 360 bearings."""
         first, step = round(bearing_deg(self.map, row, col)), -1 if self.clockwise else 1
         # Bearings from the vehicle backwards.
         places = (first + step * np.arange(BEARINGS)) % BEARINGS

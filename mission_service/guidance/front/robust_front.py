@@ -19,7 +19,7 @@ SHALLOW, DEEP, DEEP_FROM_CELLS = 0.25, 0.5, 10.0
 
 
 def robust_front(front: Floats) -> Floats:
-    """Return the robust shape of a front; both are in cells on 360 bearings."""
+    """Return the robust shape of a front; shape and front are in cells on 360 bearings."""
     before, after = np.roll(front, 1), np.roll(front, -1)
     highest = np.maximum(np.maximum(before, after), front)
     lowest = np.minimum(np.minimum(before, after), front)

@@ -39,7 +39,7 @@ SHIFTS = (-8, -4, -2, -1, 1, 2, 4, 8)  # cells by which a turn is delayed
 AHEAD_LAPS, LATE_TIMES = 0.5, 3.0
 AHEAD_ON_ARCS, LATE_ON_ARCS = 1.0, 1.0
 MARGIN = 1e-3  # share of the cost that another plan must save
-# The same for a pattern, times (vehicles - 1)²: gaps in large teams are less even.
+# The share that another pattern must save, per (vehicles - 1)²: gaps in large teams are less even.
 PATTERN_MARGIN = 0.03
 SEARCH_S = 2.0  # time between two searches for a vehicle's plan
 
@@ -214,7 +214,7 @@ class Balanced:
         self._legs[vehicle] = legs
 
     def _set_team(self, members: list[int], fleet: ActiveFleet, at_s: float) -> None:
-        """Set the members after one has joined or left.
+        """Set the members after a vehicle has joined or left.
 
         All vehicles lap until a better pattern is found.
         """

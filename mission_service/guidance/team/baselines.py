@@ -25,7 +25,8 @@ class Bumper:
     """
 
     def __init__(self) -> None:
-        # The last decided directions: if two vehicles meet, the other turns at its next cell.
+        # The directions last decided: when two vehicles meet, one turns now, and its neighbour at
+        # the neighbour's next cell.
         self._clockwise: dict[int, bool] = {}
         self._around: list[int] = []  # members in their constant order around the ring
         self._cells_on: dict[int, int] = {}  # cells from each member to the next one clockwise

@@ -21,7 +21,7 @@ def highest(rate, visited, begin, end, own_cell, at_s, exponential):  # type: ig
     """Return the lifted cell with the highest importance, or ``own_cell`` in a region of one cell.
 
     The vehicle's own cell has no importance (4.1.3). Among equally important cells the nearest cell
-    is returned; among two cells at the same distance, the clockwise cell.
+    is returned; of two cells at the same distance, the cell in the clockwise direction is returned.
     """
     n = rate.size
     best, best_worth = own_cell, -1.0
@@ -44,8 +44,9 @@ def best_path(  # type: ignore[no-untyped-def]
 ):
     """Return the lifted end of the path whose cells have the highest mean importance (4.1.4).
 
-    The importance of each cell is computed for the time of its visit. Among equal paths the path to
-    ``target`` is preferred, then the path with the nearer end, then the clockwise path.
+    The importance of each cell is computed for the time of its visit. Among paths with the same
+    mean, the path to ``target`` is preferred, then the path with the nearest end, then the path in
+    the clockwise direction.
     """
     n = rate.size
     best, best_worth, before = own_cell, -1.0, -1.0
@@ -104,7 +105,8 @@ def max_centred(  # type: ignore[no-untyped-def]
     """Return the numbers of cells to give away at the beginning and at the end of a region.
 
     The numbers are at most ``max_first`` and ``max_last``. The remaining importance is then best
-    centred in the remaining region (4.2.2). The result is (0, 0) unless another pair is better.
+    centred in the remaining region (4.2.2). The result is (0, 0) unless giving cells away improves
+    the centring.
     """
     n = rate.size
     worth, moment = 0.0, 0.0

@@ -1,10 +1,10 @@
 """Contiguous regions of the ring, one for each vehicle, and a protocol that moves their borders.
 
-The vehicles left (counter-clockwise) and right of a border each store a state of it, called a side,
-with a place and a version. A side moves the border only by giving cells away, and only in its turn:
-the left side after even versions, the right side after odd versions. A side that offers version v +
-1 serves the offered cells until it receives version v + 1 or a later version. The other side owns
-the cells as soon as it receives the offer, and has the next turn.
+The vehicles left (counter-clockwise) and right of a border each store a state of this border,
+called a side, which has a place and a version. A side moves the border only by giving cells away,
+and only in its turn: the left side after even versions, the right side after odd versions. A side
+that offers version v + 1 serves the offered cells until it receives version v + 1 or a later
+version. The other side owns the cells as soon as it receives the offer, and has the next turn.
 
 A message consists of a place and a version. Messages may be lost, duplicated or late, so a receiver
 applies only newer versions, and no version number is used twice. The served cells always cover the

@@ -143,7 +143,7 @@ class TeamMember:
     def __init__(self, team: Team, number: int, performance: MemberPerformance) -> None:
         self.number = number
         self.performance = performance
-        self.flies = False  # whether it is in the air and has had the front in view
+        self.flies = False  # whether the vehicle is in the air and has had the front in view
         self.reported_at_s = -np.inf
         self.bearing = 0  # the last cell of the ring that the vehicle reached
         # On the first lap successive members fly in opposite directions: half a lap is sufficient.

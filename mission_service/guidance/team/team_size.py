@@ -49,8 +49,8 @@ def best_split(step_m: Floats, spread_rate_m_s: Floats, vehicles: int, speed_m_s
     """Return the split and the arc with the smallest worst unseen advance.
 
     ``step_m`` and ``spread_rate_m_s`` (n) have a value per cell of the ring. All vehicles lap
-    unless sweeping is better. Among equal splits the one with the fewest sweeping vehicles is
-    returned.
+    unless sweeping is better. Among splits with the same worst advance, the split with the fewest
+    sweeping vehicles is returned.
     """
     length_m = float(step_m.sum())
     lapping_m = float(spread_rate_m_s.max()) * length_m / speed_m_s / vehicles

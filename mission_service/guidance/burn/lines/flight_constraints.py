@@ -68,7 +68,7 @@ class FlightConstraints:
         return FlightPoint(x_m, y_m, height_m, start.at_s + duration_s)
 
     def along(self, route: Route, places: list[tuple[float, float]]) -> Route:
-        """Return a route that continues at its last height through ``places``.
+        """Return the given route, continued at its last height through ``places``.
 
         The first of the places is the end of the given route.
         """

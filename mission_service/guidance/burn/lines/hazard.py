@@ -1,4 +1,4 @@
-"""Tests whether fire endangers the legs of a flight, by ignition times on a raster.
+"""Tests, with ignition times on a raster, whether fire endangers the legs of a flight.
 
 A place x is in danger at time t if a place y within reach of x ignites between t - residence_s and
 t + time_margin_s. The reach is ``distance_margin_m``. If x is downwind of y, the reach is longer by
@@ -134,12 +134,12 @@ class Hazard:
 
     @cached_property
     def fine(self) -> "Hazard":
-        """Return the same hazard on a finer raster."""
+        """Return the hazard of this fire on a finer raster of the box."""
         cell_m = max(FINE_CELL_M, math.sqrt(_reached_m2(self.box, self.margins) / FINE_NODES))
         return self.over(self.box, min(cell_m, self.cell_m))
 
     def over(self, box: Box, cell_m: float) -> "Hazard":
-        """Return the same hazard on a raster with another box and cell size."""
+        """Return the hazard of this fire on a raster with the given box and cell size."""
         return Hazard(self._fire, self._sources, box, self.margins, cell_m, self._begins_s)
 
     def _raster(self, more_m: float = 0.0) -> tuple[Any, ...]:

@@ -81,7 +81,7 @@ def only_areas(shape: BaseGeometry) -> BaseGeometry:
 
 
 def extent_across(area: BaseGeometry, line: IgnitionLine) -> tuple[float, float] | None:
-    """Return the across coordinates of a line's two ends in an area; None for a line outside.
+    """Return the across coordinates of a line's two ends in an area; None if the line misses it.
 
     There may be gaps in the area between the ends.
     """

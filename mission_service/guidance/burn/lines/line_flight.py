@@ -44,7 +44,7 @@ class LineFlight:
 def fly_line(
     air: FlightConstraints, start: FlightPoint, places_m: Floats, spheres: int, battery_s: float
 ) -> LineFlight:
-    """Plan a flight with drops at as many of the places (n, 2) as possible, in their order.
+    """Plan a flight with drops at as many of the places (n, 2) as possible, in the given order.
 
     The flight ends with a climb to the safe height. A place is skipped if it cannot be reached
     safely, if a drop is not safe at the time of arrival, or if no safe climb leads away from it.
@@ -146,7 +146,8 @@ class LineFlightBuilder:
         """Return the fastest safe route to the drop height at a place, with its margin, or None.
 
         The route is either low (straight, or around areas closed to low flight) or at the safe
-        height. If a climb is not safe at the present position, the route stays low until it is.
+        height. If a climb is not safe at the present position, the route stays low until a climb is
+        safe.
         """
         start = self.route[-1]
         low = self._with_margin(self._low(start, x_m, y_m))

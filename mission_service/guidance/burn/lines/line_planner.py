@@ -97,7 +97,7 @@ class LinePlan:
 
 @dataclass(frozen=True, eq=False)
 class NoPlan:
-    """The reason why no line is planned; ``lines_cut`` lines were cut off without a safe drop."""
+    """The reason why no line is planned, and the number of lines cut off without a safe drop."""
 
     why: Literal["complete", "spheres", "battery", "danger", "outside"]
     words: str
@@ -188,7 +188,7 @@ def fastest_flight(trips: list[LineFlight]) -> LineFlight | None:
     """Return the fastest flight with enough drops, or None if no flight has a drop.
 
     A flight to the line's end is preferred to a flight that the spheres or the battery end early.
-    Among equal flights the first is returned.
+    Of flights with the same duration, the first is returned.
     """
     max_drops = max((len(trip.drops) for trip in trips), default=0)
     enough = [trip for trip in trips if len(trip.drops) >= max(MIN_DROPS_SHARE * max_drops, 1)]
