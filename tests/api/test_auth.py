@@ -17,7 +17,8 @@ from mission_service.events import FireObserved
 from mission_service.interfaces.api.access.auth import ROLES, Tokens, own_token, read_tokens, sum_of
 from mission_service.interfaces.api.access.limits import MAX_CLIENTS, RateLimiter
 from mission_service.interfaces.api.access.token_file import added
-from tests.api.worlds import client, scenario_of, served, world_in
+from tests.api.worlds import client as http_client
+from tests.api.worlds import scenario_of, served, world_in
 
 GOOD = f'[[tokens]]\nname = "anna"\nroles = ["fly"]\nstation = "north"\nsha256 = "{"0" * 64}"\n'
 
@@ -158,7 +159,7 @@ def test_the_journal_has_the_role_of_who_reports_an_observation(
 ) -> None:
     async def post() -> None:
         service = served(world, named=named)
-        async with client(service.app) as http:
+        async with http_client(service.app) as http:
             body = {"state": "burning", "shape": "points", "points": [[36.364232, -84.140907]]}
             response = await http.post(
                 "/api/v1/fire/observations", json=body, headers=service.headers()
