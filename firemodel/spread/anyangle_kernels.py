@@ -12,7 +12,7 @@ from firemodel.spread.travel_time import (
     evenest_cell,
     from_segment,
     prepare,
-    travel,
+    travel_s,
 )
 
 MAX_LINE_CELLS = 32  # longest line over ground that is not uniform
@@ -108,14 +108,10 @@ def step_s(i, j, di, dj, ground, lattice):  # type: ignore[no-untyped-def]
     cell, found = row * lattice.cols + col, 0.0
     if row < lattice.rows and col < lattice.cols and ground.terrain.fuel[cell] >= 0:
         found = crossing_s(cell, north, east, length2, ground)
-        if found == 0.0:
-            found = np.inf
     if (along_row and row > 0) or (along_col and col > 0):
         cell -= lattice.cols if along_row else 1
         if ground.terrain.fuel[cell] >= 0:
             other = crossing_s(cell, north, east, length2, ground)
-            if other == 0.0:
-                other = np.inf
             if found == 0.0 or other < found:
                 found = other
     return found
@@ -193,7 +189,7 @@ def burn_until(  # type: ignore[no-untyped-def]
                     continue
                 north, east = (from_y - to_y) * ground.cell_m, (to_x - from_x) * ground.cell_m
                 path_s = crossing_s(origin, north, east, north * north + east * east, ground)
-                if path_s > 0.0 and from_s + path_s < best:
+                if from_s + path_s < best:
                     best, via = from_s + path_s, source
             else:
                 if not prepared:
@@ -206,7 +202,7 @@ def burn_until(  # type: ignore[no-untyped-def]
                     best, via = at_s + path_s, key
                 if source != other and length <= reachable:
                     limit_s = best * (1.0 + ROUNDING) - from_s  # a straight line wins a tie
-                    path_s, _ = travel(from_y, from_x, to_y, to_x, limit_s, ground, entry)
+                    path_s = travel_s(from_y, from_x, to_y, to_x, limit_s, ground, entry)
                     if path_s < limit_s:
                         best, via = from_s + path_s, source
             if best < best_s[target] or other < 0:
@@ -233,7 +229,7 @@ def burn_until(  # type: ignore[no-untyped-def]
             target = key_of(to_i, to_j, lattice)
             if best_s[target] > now:
                 limit_s = best_s[target] * (1.0 - ROUNDING) - now
-                path_s, _ = travel(y, x, 0.5 * to_i, 0.5 * to_j, limit_s, ground, entry)
+                path_s = travel_s(y, x, 0.5 * to_i, 0.5 * to_j, limit_s, ground, entry)
                 if path_s < limit_s:
                     best_s[target], sources[target] = now + path_s, key
                     size = push(times, keys, size, now + path_s, target)
@@ -286,11 +282,11 @@ def bend(y, x, key, points, used, labels, ground, lattice, entry):  # type: igno
                 if side == 0 or not 0.0 <= at <= most:
                     continue
                 at_y, at_x = (edge, at) if along_row == 1 else (at, edge)
-                first_s, _ = travel(from_y, from_x, at_y, at_x, found_s - from_s, ground, entry)
+                first_s = travel_s(from_y, from_x, at_y, at_x, found_s - from_s, ground, entry)
                 limit_s = found_s - from_s - first_s
                 if limit_s <= 0.0:
                     continue
-                then_s, _ = travel(at_y, at_x, y, x, limit_s, ground, entry)
+                then_s = travel_s(at_y, at_x, y, x, limit_s, ground, entry)
                 if then_s < limit_s:
                     found_s, found, bend_s = from_s + first_s + then_s, at, from_s + first_s
             step *= 0.4
@@ -334,7 +330,7 @@ def slide_on_front(y, x, key, points, used, labels, ground, lattice, entry):  # 
             to_point = at_y == other_y and at_x == other_x
             worth = ROUNDING if to_point else WORTH_A_POINT
             limit_s = (1.0 - worth) * (best_s[key] - from_s)
-            path_s, _ = travel(at_y, at_x, y, x, limit_s, ground, entry)
+            path_s = travel_s(at_y, at_x, y, x, limit_s, ground, entry)
             if path_s < limit_s:
                 best_s[key] = from_s + path_s
                 if to_point:
@@ -370,7 +366,7 @@ def slide(i, j, key, since_s, labels, ground, lattice, entry):  # type: ignore[n
         limit_s = best_s[key] - best_s[other]
         if limit_s <= 0.0:
             continue
-        path_s, _ = travel(0.5 * at_i, 0.5 * at_j, y, x, limit_s, ground, entry)
+        path_s = travel_s(0.5 * at_i, 0.5 * at_j, y, x, limit_s, ground, entry)
         if path_s < limit_s * (1.0 - ROUNDING):
             best_s[key], sources[key] = best_s[other] + path_s, other
 
@@ -400,7 +396,7 @@ def ignite(  # type: ignore[no-untyped-def]
             far = max(abs(i - mid_i), abs(j - mid_j))
             if 0 < far <= ADJOINS:
                 count = add_path(paths, count, count, target, y, x, at_s)
-            path_s, _ = travel(y, x, 0.5 * i, 0.5 * j, best_s[target] - at_s, ground, entry)
+            path_s = travel_s(y, x, 0.5 * i, 0.5 * j, best_s[target] - at_s, ground, entry)
             if at_s + path_s < best_s[target] or (far <= ADJOINS and sources[target] < 0):
                 if i % 2 == 0 or j % 2 == 0:
                     size = push(queue.times, queue.keys, size, at_s + path_s, target)
@@ -431,5 +427,5 @@ def expect_neighbours(expected_s, arrival_s, points, labels, ground, lattice, en
                     if own == 1 and source >= 0:
                         y, x, from_s = place_of(source, points, labels, lattice)
                     limit_s = expected_s[to_row, to_col] - from_s
-                    path_s, _ = travel(y, x, to_row + 0.5, to_col + 0.5, limit_s, ground, entry)
+                    path_s = travel_s(y, x, to_row + 0.5, to_col + 0.5, limit_s, ground, entry)
                     expected_s[to_row, to_col] = min(from_s + path_s, expected_s[to_row, to_col])

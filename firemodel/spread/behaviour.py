@@ -79,7 +79,7 @@ def front_behaviour(arrival_s, paths, began_s, heat, terrain, tables):  # type: 
         # An arrival at the exact time of a change belongs to the weather before the change.
         entry = max(np.searchsorted(began_s, arrival_s[cell]) - 1, 0)
         a, b_north, b_east = slowness_of(cell, entry, terrain, tables)
-        if a == 0.0:
+        if a == np.inf:
             found[0, cell] = found[2, cell] = 0.0
             continue
         rise_north = np.float64(terrain.gradient[0, cell])

@@ -171,13 +171,14 @@ def slowness_of(cell, entry, terrain, tables):  # type: ignore[no-untyped-def]
 
     v is horizontal; |v| is its length on the sloping plane. In that plane, an ellipse with the
     ignition in a focus gives A = 1/(R (1 - e)) and a vector B of length e A towards the fastest
-    spread R. The result contains the horizontal projection of B. A is 0 where fire does not spread.
+    spread R. The result contains the horizontal projection of B. Where fire does not spread, A is
+    infinite and B is 0.
     """
     if terrain.fuel[cell] < 0:
-        return 0.0, 0.0, 0.0
+        return np.inf, 0.0, 0.0
     rate, to_north, to_east, e = head_of(cell, entry, terrain, tables)
     if rate <= 0.0:
-        return 0.0, 0.0, 0.0
+        return np.inf, 0.0, 0.0
     rise_north = np.float64(terrain.gradient[0, cell])
     rise_east = np.float64(terrain.gradient[1, cell])
     a = 1.0 / (rate * (1.0 - e))
