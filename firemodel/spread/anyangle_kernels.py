@@ -4,7 +4,15 @@ import numpy as np
 
 from firemodel.compiled import kernel
 from firemodel.spread.heap import drop_first, push
-from firemodel.spread.labels import add_path, add_point, ij_of, key_of, place_of
+from firemodel.spread.labels import (
+    Lattice,
+    add_path,
+    add_point,
+    ij_of,
+    key_of,
+    keys_of,
+    place_of,
+)
 from firemodel.spread.travel_time import (
     STEP_COL,
     STEP_ROW,
@@ -42,19 +50,24 @@ def _within_a_cell(step: int, odd_i: bool, odd_j: bool) -> list[tuple[int, int]]
 
 
 def _offsets() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the offsets (kinds, 24, 2), and the number of offsets for each kind of node.
+    """Return the offsets (kinds, 24, 4), and the number of offsets for each kind of node.
 
-    The second array has the number of offsets to nodes on edges, the third that of all offsets. The
-    kinds (``kind_of``) are, in the lattice of corners, a corner and a centre; then, in the lattice
-    with middles of edges, a corner, the middle of a horizontal and of a vertical edge, and a
-    centre.
+    An offset has the differences of i, j, the row of the cell that has the key, and the rest of the
+    key. The second array has the number of offsets to nodes on edges, the third that of all
+    offsets. The kinds (``kind_of``) are, in the lattice of corners, a corner and a centre; then, in
+    the lattice with middles of edges, a corner, the middle of a horizontal and of a vertical edge,
+    and a centre.
     """
     kinds = [(2, odd, odd) for odd in (False, True)]
     kinds += [(1, odd_i, odd_j) for odd_i in (False, True) for odd_j in (False, True)]
     each = [_within_a_cell(*kind) for kind in kinds]
-    table = np.zeros((len(each), 24, 2), dtype=np.int64)
-    for number, offsets in enumerate(each):
-        table[number, : len(offsets)] = offsets
+    table = np.zeros((len(each), 24, 4), dtype=np.int64)
+    for number, ((step, odd_i, odd_j), offsets) in enumerate(zip(kinds, each, strict=True)):
+        lattice = Lattice(step, 0, 0, 2 if step == 2 else 4)  # of one column of keys
+        i, j = np.array(offsets).T
+        down = (i + odd_i) // 2
+        keys = keys_of(i + odd_i, j + odd_j, lattice) - keys_of(*np.array([odd_i, odd_j]), lattice)
+        table[number, : len(offsets)] = np.stack([i, j, down, keys - lattice.each * down], axis=1)
     edges = [
         sum((i + odd_i) % 2 == 0 or (j + odd_j) % 2 == 0 for i, j in offsets)
         for (_, odd_i, odd_j), offsets in zip(kinds, each, strict=True)
@@ -133,6 +146,7 @@ def burn_until(  # type: ignore[no-untyped-def]
     times, keys, waiting = queue
     best_s, sources = labels
     n = best_s.size
+    row_keys = lattice.each * (lattice.cols + 1)
     source, origin = np.int64(-1), 0
     from_y = from_x = from_s = alike = 0.0
     while size > 0 and times[0] <= to_time_s:
@@ -170,21 +184,23 @@ def burn_until(  # type: ignore[no-untyped-def]
         prepared = False
         at_s = best_s[key]
         kind = kind_of(i, j, lattice)
+        even = far + 1.0 <= alike
         inside = 2 <= i <= 2 * lattice.rows - 2 and 2 <= j <= 2 * lattice.cols - 2
         for number in range(COUNTS[kind]):
             di, dj = OFFSETS[kind, number, 0], OFFSETS[kind, number, 1]
             to_i, to_j = i + di, j + dj
             if not inside and not (0 <= to_i <= 2 * lattice.rows and 0 <= to_j <= 2 * lattice.cols):
                 continue
-            target = key_of(to_i, to_j, lattice)
+            target = key + OFFSETS[kind, number, 2] * row_keys + OFFSETS[kind, number, 3]
             centre = number >= EDGES[kind]
-            if best_s[target] <= (clock_s if centre else now):
+            other = np.int64(sources[target])
+            # One condition: the processor cannot predict either of its parts.
+            if (best_s[target] <= (clock_s if centre else now)) | (even & (source == other)):
                 continue
             to_y, to_x = 0.5 * to_i, 0.5 * to_j
-            other = np.int64(sources[target])
             best, via = best_s[target], other
             length = max(abs(to_y - from_y), abs(to_x - from_x))
-            if length <= alike:
+            if even or length <= alike:
                 if source == other:
                     continue
                 north, east = (from_y - to_y) * ground.cell_m, (to_x - from_x) * ground.cell_m
@@ -200,20 +216,23 @@ def burn_until(  # type: ignore[no-untyped-def]
                     continue
                 if at_s + path_s < best * (1.0 - ROUNDING):
                     best, via = at_s + path_s, key
-                if source != other and length <= reachable:
+                # With middles of edges, another node beside the line offers it to the others.
+                onwards = di * (to_y - from_y) >= 0.0 and dj * (to_x - from_x) >= 0.0
+                if source != other and length <= reachable and (lattice.step == 2 or onwards):
                     limit_s = best * (1.0 + ROUNDING) - from_s  # a straight line wins a tie
                     path_s = travel_s(from_y, from_x, to_y, to_x, limit_s, ground, entry)
                     if path_s < limit_s:
                         best, via = from_s + path_s, source
             if best < best_s[target] or other < 0:
-                best_s[target] = best
-                sources[target] = via if via >= 0 else key
+                via = via if via >= 0 else key
+                best_s[target], sources[target] = best, via
                 if not centre:
                     size = push(times, keys, size, best, target)
                     continue
-                used = slide_on_front(
-                    to_y, to_x, target, points, used, labels, ground, lattice, entry
-                )
+                if on_front(via - n, points):
+                    used = slide_on_front(
+                        to_y, to_x, target, points, used, labels, ground, lattice, entry
+                    )
                 best_s[target] = max(best_s[target], clock_s)
                 if other < 0:
                     waiting[waits] = target
