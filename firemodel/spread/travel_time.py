@@ -225,7 +225,7 @@ def _line_s(y, x, to_y, to_x, ground):  # type: ignore[no-untyped-def]
     return time_s + (1.0 - done) * crossing_s(cell, north, east, length2, ground)
 
 
-@kernel
+@inlined
 def travel_s(y, x, to_y, to_x, limit_s, ground, entry):  # type: ignore[no-untyped-def]
     """Return the time along a line, or ``limit_s`` if fire has not completed it by then.
 
