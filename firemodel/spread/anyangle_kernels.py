@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from firemodel.compiled import kernel
+from firemodel.compiled import inlined, kernel
 from firemodel.spread.heap import drop_first, push
 from firemodel.spread.labels import (
     Lattice,
@@ -80,13 +80,13 @@ KNIGHT_I = np.array([-4, -2, 2, 4, 4, 2, -2, -4])
 KNIGHT_J = np.array([2, 4, 4, 2, -2, -4, -4, -2])
 
 
-@kernel
+@inlined
 def kind_of(i, j, lattice):  # type: ignore[no-untyped-def]
     """Return the kind of a node, an index of ``OFFSETS``."""
     return i % 2 if lattice.step == 2 else 2 + 2 * (i % 2) + j % 2
 
 
-@kernel
+@inlined
 def _source_of(key, points, labels, ground, lattice):  # type: ignore[no-untyped-def]
     """Return a node's source: its key, position (y, x), time and cell, and a distance.
 
@@ -106,7 +106,7 @@ def prepare_around(i, j, ground, lattice, entry):  # type: ignore[no-untyped-def
             prepare(row * lattice.cols + col, ground, entry)
 
 
-@kernel
+@inlined
 def step_s(i, j, di, dj, ground, lattice):  # type: ignore[no-untyped-def]
     """Return the time from a node to another node of the same cell.
 
@@ -316,7 +316,7 @@ def bend(y, x, key, points, used, labels, ground, lattice, entry):  # type: igno
     return used
 
 
-@kernel
+@inlined
 def on_front(point, points):  # type: ignore[no-untyped-def]
     """Return True for a point with other points beside it on a front."""
     return point >= 0 and max(points.beside[point, 0], points.beside[point, 1]) >= 0
@@ -364,7 +364,7 @@ def slide_on_front(y, x, key, points, used, labels, ground, lattice, entry):  # 
     return used
 
 
-@kernel
+@inlined
 def slide(i, j, key, since_s, labels, ground, lattice, entry):  # type: ignore[no-untyped-def]
     """Improve the label of a node: try the nodes beside its source as sources."""
     best_s, sources = labels

@@ -11,7 +11,7 @@ from firemodel.compiled import inlined, kernel
 ONE, TWO, THREE, FOUR = (np.uint64(each) for each in (1, 2, 3, 4))  # unsigned: faster as an index
 
 
-@kernel
+@inlined
 def push(times, keys, size, time, key):  # type: ignore[no-untyped-def]
     """Add an entry and return the new size of the heap; the arrays must have room for the entry."""
     child = np.uint64(size)
@@ -33,7 +33,7 @@ def _earlier(times, keys, one, other):  # type: ignore[no-untyped-def]
     return other if later else one
 
 
-@kernel
+@inlined
 def drop_first(times, keys, size):  # type: ignore[no-untyped-def]
     """Remove the earliest entry (at index 0) and return the new size of the heap."""
     last = np.uint64(size - 1)

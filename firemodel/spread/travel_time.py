@@ -128,14 +128,14 @@ def clear_slowness(ground):  # type: ignore[no-untyped-def]
     ground.computed[0] = 0
 
 
-@kernel
+@inlined
 def prepare(cell, ground, entry):  # type: ignore[no-untyped-def]
     """Compute the slowness of a cell unless it is known."""
     if ground.slowness[4 * cell] != ground.slowness[4 * cell]:
         _compute_slowness(cell, ground, entry)
 
 
-@kernel
+@inlined
 def crossing_s(cell, north, east, length2, ground):  # type: ignore[no-untyped-def]
     """Return the time in s along a horizontal vector in metres, at the slowness of one cell.
 
