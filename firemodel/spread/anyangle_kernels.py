@@ -64,10 +64,10 @@ def _offsets() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     table = np.zeros((len(each), 24, 4), dtype=np.int64)
     for number, ((step, odd_i, odd_j), offsets) in enumerate(zip(kinds, each, strict=True)):
         lattice = Lattice(step, 0, 0, 2 if step == 2 else 4)  # of one column of keys
-        i, j = np.array(offsets).T
-        down = (i + odd_i) // 2
-        keys = keys_of(i + odd_i, j + odd_j, lattice) - keys_of(*np.array([odd_i, odd_j]), lattice)
-        table[number, : len(offsets)] = np.stack([i, j, down, keys - lattice.each * down], axis=1)
+        i, j = np.array([*offsets, (0, 0)]).T
+        down, keys = (i + odd_i) // 2, keys_of(i + odd_i, j + odd_j, lattice)
+        differences = np.stack([i, j, down, keys - keys[-1] - lattice.each * down], axis=1)
+        table[number, : len(offsets)] = differences[:-1]
     edges = [
         sum((i + odd_i) % 2 == 0 or (j + odd_j) % 2 == 0 for i, j in offsets)
         for (_, odd_i, odd_j), offsets in zip(kinds, each, strict=True)

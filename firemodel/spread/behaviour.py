@@ -63,8 +63,8 @@ def behaviour_of(fire: Fire) -> Behaviour:
 def heat_of(landscape: Landscape, entries: Sequence[Weather]) -> Floats:
     """Return Byram's intensity (kW/m) at a spread rate of 1 m/s for each weather entry and fuel."""
     heat = [
-        [rothermel.fireline_intensity_kw_m(bed, 1.0) for bed in beds_of(landscape, each)]
-        for each in entries
+        [rothermel.fireline_intensity_kw_m(bed, 1.0) for bed in beds]
+        for beds in beds_of(landscape, entries)
     ]
     return np.array(heat, dtype=np.float64).reshape(len(entries), -1)
 

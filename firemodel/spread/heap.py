@@ -6,7 +6,7 @@ without branches: the processor could not predict them.
 
 import numpy as np
 
-from firemodel.compiled import inlined, kernel
+from firemodel.compiled import inlined
 
 ONE, TWO, THREE, FOUR = (np.uint64(each) for each in (1, 2, 3, 4))  # unsigned: faster as an index
 

@@ -71,22 +71,16 @@ def _reach(terrain, cols):  # type: ignore[no-untyped-def]
 
     The algorithm is the two-pass algorithm of Rosenfeld & Pfaltz 1966.
     """
-    fuel, gradient, midflame = terrain
-    north, east = gradient[0], gradient[1]
-    n = fuel.size
+    n = terrain.fuel.size
     rows = n // cols
-    reach = np.full(n, 32767, dtype=np.int16)
+    reach, alike = np.full(n, 32767, dtype=np.int16), np.empty(cols, dtype=np.int16)
     for down, right in ((0, 1), (1, -1), (1, 0), (1, 1)):
         for row in range(rows - down):
-            for cell in range(row * cols + max(-right, 0), (row + 1) * cols - max(right, 0)):
-                other = cell + down * cols + right
-                if (
-                    (fuel[other] != fuel[cell])
-                    | (north[other] != north[cell])
-                    | (east[other] != east[cell])
-                    | (midflame[other] != midflame[cell])
-                ):
-                    reach[cell] = reach[other] = 0
+            one, count = row * cols + max(-right, 0), cols - abs(right)
+            other = one + down * cols + right
+            _compare(alike[:count], one, other, terrain)
+            reach[one : one + count] &= alike[:count]
+            reach[other : other + count] &= alike[:count]
     # Two passes: downwards with the neighbours to the north and west, upwards with the others.
     for row in range(rows):
         _nearer(reach, row, max(row - 1, 0), cols)
@@ -97,6 +91,20 @@ def _reach(terrain, cols):  # type: ignore[no-untyped-def]
         for cell in range((row + 1) * cols - 2, row * cols - 1, -1):
             reach[cell] = min(reach[cell], reach[cell + 1] + 1)
     return reach
+
+
+@kernel
+def _compare(alike, one, other, terrain):  # type: ignore[no-untyped-def]
+    """Set which cells from ``one`` on are like those from ``other`` on: all bits set, or 0."""
+    fuel, gradient, midflame = terrain
+    north, east, size = gradient[0], gradient[1], alike.size
+    fuel_1, fuel_2 = fuel[one : one + size], fuel[other : other + size]
+    north_1, north_2 = north[one : one + size], north[other : other + size]
+    east_1, east_2 = east[one : one + size], east[other : other + size]
+    midflame_1, midflame_2 = midflame[one : one + size], midflame[other : other + size]
+    for k in range(size):
+        same = (fuel_1[k] == fuel_2[k]) & (midflame_1[k] == midflame_2[k])
+        alike[k] = -((north_1[k] == north_2[k]) & (east_1[k] == east_2[k]) & same)
 
 
 @kernel
