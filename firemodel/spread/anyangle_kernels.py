@@ -16,6 +16,8 @@ from firemodel.spread.labels import (
 from firemodel.spread.travel_time import (
     STEP_COL,
     STEP_ROW,
+    TOUCH,
+    cell_at,
     crossing_s,
     evenest_cell,
     from_segment,
@@ -31,8 +33,11 @@ ROOM = 100  # maximum number of entries that a node adds to the heap or to the p
 BETWEEN_CELLS = 3.0  # largest distance between two sources on a front that are joined
 MAX_SLIDES = 12  # largest number of points on a front that a source passes at once
 BEND_CELLS = 8  # longest line from a point to which a bend is added
+NODE_BEND_CELLS = 6  # longest line from a node to which a bend is added
+UNLIKE = 0.1  # relative difference of slowness between two ends of a line that makes a bend likely
 ROUNDING = 1e-12  # relative gain in time that a path must exceed to replace another
 WORTH_A_POINT = 0.002  # relative gain in time that justifies a new source
+WORTH_A_BEND = 0.005  # the same for a bend behind a node
 
 
 def _within_a_cell(step: int, odd_i: bool, odd_j: bool) -> list[tuple[int, int]]:
@@ -173,8 +178,12 @@ def burn_until(  # type: ignore[no-untyped-def]
         elif far > alike:
             if source < n:
                 slide(i, j, key, since_s, labels, ground, lattice, entry)
+                if far <= NODE_BEND_CELLS and _ends_differ(from_y, from_x, y, x, ground, entry):
+                    used = bend(
+                        y, x, key, WORTH_A_BEND, points, used, labels, ground, lattice, entry
+                    )
             elif far <= BEND_CELLS:
-                used = bend(y, x, key, points, used, labels, ground, lattice, entry)
+                used = bend(y, x, key, WORTH_A_POINT, points, used, labels, ground, lattice, entry)
         if source != sources[key]:
             source, from_y, from_x, from_s, origin, alike = _source_of(
                 key, points, labels, ground, lattice
@@ -273,8 +282,19 @@ def arrive(to_time_s, waiting, waits, arrival_s, labels, lattice):  # type: igno
     return rest
 
 
+@inlined
+def _ends_differ(y, x, to_y, to_x, ground, entry):  # type: ignore[no-untyped-def]
+    """Return True if the first and the last cell of a line have unlike slownesses."""
+    one = cell_at(y + TOUCH * (to_y - y), x + TOUCH * (to_x - x), ground)
+    other = cell_at(to_y + TOUCH * (y - to_y), to_x + TOUCH * (x - to_x), ground)
+    prepare(one, ground, entry)
+    prepare(other, ground, entry)
+    a, b = ground.slowness[4 * one], ground.slowness[4 * other]
+    return abs(a - b) > UNLIKE * max(a, b)
+
+
 @kernel
-def bend(y, x, key, points, used, labels, ground, lattice, entry):  # type: ignore[no-untyped-def]
+def bend(y, x, key, worth, points, used, labels, ground, lattice, entry):  # type: ignore[no-untyped-def]
     """Improve the label of a node near a point: try paths that bend on an edge between them.
 
     Returns the number of points in use; the bend of a better path becomes a point.
@@ -309,7 +329,7 @@ def bend(y, x, key, points, used, labels, ground, lattice, entry):  # type: igno
                 if then_s < limit_s:
                     found_s, found, bend_s = from_s + first_s + then_s, at, from_s + first_s
             step *= 0.4
-        if found >= 0.0 and found_s < best_s[key] - WORTH_A_POINT * (best_s[key] - from_s):
+        if found >= 0.0 and found_s < best_s[key] - worth * (best_s[key] - from_s):
             best_s[key], sources[key] = found_s, n + used
             at_y, at_x = (edge, found) if along_row == 1 else (found, edge)
             used = add_point(points, used, at_y, at_x, bend_s, -1, -1)
