@@ -11,8 +11,9 @@ like a parent in "Theta*" (Nash et al. 2007); before fire spreads from the node,
 that source are tried as well. Where conditions are uniform, lines may have any length and arrival
 times are those of the exact ellipse. Everywhere they are times of real paths and thus never early.
 
-A path from a point may also bend once on an edge between the point and the node (``bend``), because
-there are few nodes near an ignition at which paths could bend.
+A path from a near source may also bend once on an edge between the source and the node (``bend``):
+from a point, because there are few nodes near an ignition at which paths could bend, and from a
+node, if fire spreads at different rates in the first and the last cell. Such a bend is a point.
 
 When the weather changes, each line along which fire is moving is cut at the position of the fire,
 and that point becomes the source of the remaining line. Only the remaining line has the new spread

@@ -34,7 +34,7 @@ BETWEEN_CELLS = 3.0  # largest distance between two sources on a front that are 
 MAX_SLIDES = 12  # largest number of points on a front that a source passes at once
 BEND_CELLS = 8  # longest line from a point to which a bend is added
 NODE_BEND_CELLS = 6  # longest line from a node to which a bend is added
-UNLIKE = 0.1  # relative difference of slowness between two ends of a line that makes a bend likely
+UNLIKE = 0.2  # relative difference of slowness between two ends of a line that makes a bend likely
 ROUNDING = 1e-12  # relative gain in time that a path must exceed to replace another
 WORTH_A_POINT = 0.002  # relative gain in time that justifies a new source
 WORTH_A_BEND = 0.005  # the same for a bend behind a node
@@ -180,10 +180,12 @@ def burn_until(  # type: ignore[no-untyped-def]
                 slide(i, j, key, since_s, labels, ground, lattice, entry)
                 if far <= NODE_BEND_CELLS and _ends_differ(from_y, from_x, y, x, ground, entry):
                     used = bend(
-                        y, x, key, WORTH_A_BEND, points, used, labels, ground, lattice, entry
+                        y, x, key, 2, WORTH_A_BEND, points, used, labels, ground, lattice, entry
                     )
             elif far <= BEND_CELLS:
-                used = bend(y, x, key, WORTH_A_POINT, points, used, labels, ground, lattice, entry)
+                used = bend(
+                    y, x, key, 3, WORTH_A_POINT, points, used, labels, ground, lattice, entry
+                )
         if source != sources[key]:
             source, from_y, from_x, from_s, origin, alike = _source_of(
                 key, points, labels, ground, lattice
@@ -294,10 +296,14 @@ def _ends_differ(y, x, to_y, to_x, ground, entry):  # type: ignore[no-untyped-de
 
 
 @kernel
-def bend(y, x, key, worth, points, used, labels, ground, lattice, entry):  # type: ignore[no-untyped-def]
-    """Improve the label of a node near a point: try paths that bend on an edge between them.
+def bend(  # type: ignore[no-untyped-def]
+    y, x, key, rounds, worth, points, used, labels, ground, lattice, entry
+):
+    """Improve the label of a node near its source: try paths that bend on an edge between them.
 
-    Returns the number of points in use; the bend of a better path becomes a point.
+    ``rounds`` is the number of searches for the place of the bend, each finer than the one before.
+    The bend of a path whose relative gain in time is more than ``worth`` becomes a point. Returns
+    the number of points in use.
     """
     best_s, sources = labels
     n = best_s.size
@@ -314,7 +320,7 @@ def bend(y, x, key, worth, points, used, labels, ground, lattice, entry):  # typ
         place = from_x + share * (x - from_x) if along_row == 1 else from_y + share * (y - from_y)
         most = ground.cols if along_row == 1 else lattice.rows
         found_s, found, bend_s = best_s[key] * (1.0 - ROUNDING), -1.0, 0.0
-        for _ in range(3):
+        for _ in range(rounds):
             centre = place if found < 0.0 else found
             for side in range(-2, 3):
                 at = centre + side * step
