@@ -277,7 +277,12 @@ class AnyAngleFire(Fire):
             )
             if self._size == 0 or self._queue.times[0] > to_time_s:
                 break
+            self._arrive(self._clock_s)  # so that few centres wait
             self._make_room(ROOM)
+        self._arrive(to_time_s)
+
+    def _arrive(self, to_time_s: float) -> None:
+        """Set the arrival times of the centres that fire reached by a time."""
         self._waits = arrive(
             to_time_s,
             self._queue.waiting,
@@ -293,8 +298,8 @@ class AnyAngleFire(Fire):
         if self._size + room > times.size:
             size = 2 * (self._size + room)
             times, keys = np.resize(times, size), np.resize(keys, size)
-        if self._waits + room > waiting.size:
-            waiting = np.resize(waiting, 2 * (self._waits + room))
+        if 2 * (self._waits + room) > waiting.size:
+            waiting = np.resize(waiting, 4 * (self._waits + room))
         self._queue = Queue(times, keys, waiting)
         if self._used + room > len(self._points.at):
             size = 2 * (self._used + room)
