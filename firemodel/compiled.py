@@ -78,3 +78,11 @@ def kernel(function: Callable[..., Any]) -> Any:
     The function must not allocate arrays; callers pass its work arrays.
     """
     return _cached(function, _nrt=False)
+
+
+def inlined(function: Callable[..., Any]) -> Any:
+    """Compile a ``kernel`` whose code becomes part of each kernel that calls it.
+
+    A call passes each field of each array, which takes as long as a short function.
+    """
+    return _cached(function, _nrt=False, forceinline=True)

@@ -12,8 +12,9 @@ are processed in order of time (Dijkstra 1959). A node's source is chosen like a
 well. Where conditions are uniform, lines may have any length, and arrival times are those of the
 exact ellipse. Every arrival time is the time along a possible path and therefore never too early.
 
-A path from a point may also bend once on an edge between the point and the node (``bend``), because
-near an ignition there are few nodes at which paths can bend.
+A path from a near source may also bend once on an edge between the source and the node (``bend``):
+from a point, because there are few nodes near an ignition at which paths could bend, and from a
+node, if fire spreads at different rates in the first and the last cell. Such a bend is a point.
 
 When the weather changes, each line along which fire is moving is cut at the position of the fire,
 and that point becomes the source of the remaining line. Only the remaining line has the new spread
@@ -278,7 +279,12 @@ class AnyAngleFire(Fire):
             )
             if self._size == 0 or self._queue.times[0] > to_time_s:
                 break
+            self._arrive(self._clock_s)  # so that few centres wait
             self._make_room(ROOM)
+        self._arrive(to_time_s)
+
+    def _arrive(self, to_time_s: float) -> None:
+        """Set the arrival times of the centres that fire reached by a time."""
         self._waits = arrive(
             to_time_s,
             self._queue.waiting,
@@ -294,8 +300,8 @@ class AnyAngleFire(Fire):
         if self._size + room > times.size:
             size = 2 * (self._size + room)
             times, keys = np.resize(times, size), np.resize(keys, size)
-        if self._waits + room > waiting.size:
-            waiting = np.resize(waiting, 2 * (self._waits + room))
+        if 2 * (self._waits + room) > waiting.size:
+            waiting = np.resize(waiting, 4 * (self._waits + room))
         self._queue = Queue(times, keys, waiting)
         if self._used + room > len(self._points.at):
             size = 2 * (self._used + room)

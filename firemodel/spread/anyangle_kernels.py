@@ -2,17 +2,27 @@
 
 import numpy as np
 
-from firemodel.compiled import kernel
+from firemodel.compiled import inlined, kernel
 from firemodel.spread.heap import drop_first, push
-from firemodel.spread.labels import add_path, add_point, ij_of, key_of, place_of
+from firemodel.spread.labels import (
+    Lattice,
+    add_path,
+    add_point,
+    ij_of,
+    key_of,
+    keys_of,
+    place_of,
+)
 from firemodel.spread.travel_time import (
     STEP_COL,
     STEP_ROW,
+    TOUCH,
+    cell_at,
     crossing_s,
     evenest_cell,
     from_segment,
     prepare,
-    travel,
+    travel_s,
 )
 
 MAX_LINE_CELLS = 32  # longest line over ground that is not uniform
@@ -21,10 +31,13 @@ IGNITION_ROOM = (2 * IGNITES + 1) ** 2
 ADJOINS = 5  # paths from an ignition are stored for nodes within this distance in i and j
 ROOM = 100  # maximum number of entries that a node adds to the heap or to the points
 BETWEEN_CELLS = 3.0  # largest distance between two sources on a front that are joined
-MAX_SLIDES = 12  # most points of a front that a source passes in one step
-BEND_CELLS = 8  # a bend is added only to shorter lines from a point
-ROUNDING = 1e-12  # a path replaces another only if its relative gain in time is larger
+MAX_SLIDES = 12  # largest number of points on a front that a source passes at once
+BEND_CELLS = 8  # longest line from a point to which a bend is added
+NODE_BEND_CELLS = 6  # longest line from a node to which a bend is added
+UNLIKE = 0.2  # relative difference of slowness between two ends of a line that makes a bend likely
+ROUNDING = 1e-12  # relative gain in time that a path must exceed to replace another
 WORTH_A_POINT = 0.002  # relative gain in time that justifies a new source
+WORTH_A_BEND = 0.005  # the same for a bend behind a node
 
 
 def _within_a_cell(step: int, odd_i: bool, odd_j: bool) -> list[tuple[int, int]]:
@@ -42,19 +55,24 @@ def _within_a_cell(step: int, odd_i: bool, odd_j: bool) -> list[tuple[int, int]]
 
 
 def _offsets() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the offsets (kinds, 24, 2), and the number of offsets for each kind of node.
+    """Return the offsets (kinds, 24, 4), and the number of offsets for each kind of node.
 
-    The second array is the number of offsets to nodes on edges, the third the number of all
-    offsets. The lattice of corners has two kinds (``kind_of``): corner and centre. The lattice with
-    middles of edges has four further kinds: corner, middle of a horizontal edge, middle of a
-    vertical edge, centre.
+    An offset has the differences of i, j, the row of the cell that has the key, and the rest of the
+    key. The second array has the number of offsets to nodes on edges, the third that of all
+    offsets. The kinds (``kind_of``) are, in the lattice of corners, a corner and a centre; then, in
+    the lattice with middles of edges, a corner, the middle of a horizontal and of a vertical edge,
+    and a centre.
     """
     kinds = [(2, odd, odd) for odd in (False, True)]
     kinds += [(1, odd_i, odd_j) for odd_i in (False, True) for odd_j in (False, True)]
     each = [_within_a_cell(*kind) for kind in kinds]
-    table = np.zeros((len(each), 24, 2), dtype=np.int64)
-    for number, offsets in enumerate(each):
-        table[number, : len(offsets)] = offsets
+    table = np.zeros((len(each), 24, 4), dtype=np.int64)
+    for number, ((step, odd_i, odd_j), offsets) in enumerate(zip(kinds, each, strict=True)):
+        lattice = Lattice(step, 0, 0, 2 if step == 2 else 4)  # of one column of keys
+        i, j = np.array([*offsets, (0, 0)]).T
+        down, keys = (i + odd_i) // 2, keys_of(i + odd_i, j + odd_j, lattice)
+        differences = np.stack([i, j, down, keys - keys[-1] - lattice.each * down], axis=1)
+        table[number, : len(offsets)] = differences[:-1]
     edges = [
         sum((i + odd_i) % 2 == 0 or (j + odd_j) % 2 == 0 for i, j in offsets)
         for (_, odd_i, odd_j), offsets in zip(kinds, each, strict=True)
@@ -67,13 +85,13 @@ KNIGHT_I = np.array([-4, -2, 2, 4, 4, 2, -2, -4])
 KNIGHT_J = np.array([2, 4, 4, 2, -2, -4, -4, -2])
 
 
-@kernel
+@inlined
 def kind_of(i, j, lattice):  # type: ignore[no-untyped-def]
     """Return the kind of a node, an index of ``OFFSETS``."""
     return i % 2 if lattice.step == 2 else 2 + 2 * (i % 2) + j % 2
 
 
-@kernel
+@inlined
 def _source_of(key, points, labels, ground, lattice):  # type: ignore[no-untyped-def]
     """Return a node's source: its key, position (y, x), time and cell, and a distance.
 
@@ -93,7 +111,7 @@ def prepare_around(i, j, ground, lattice, entry):  # type: ignore[no-untyped-def
             prepare(row * lattice.cols + col, ground, entry)
 
 
-@kernel
+@inlined
 def step_s(i, j, di, dj, ground, lattice):  # type: ignore[no-untyped-def]
     """Return the time from a node to another node of the same cell.
 
@@ -108,14 +126,10 @@ def step_s(i, j, di, dj, ground, lattice):  # type: ignore[no-untyped-def]
     cell, found = row * lattice.cols + col, 0.0
     if row < lattice.rows and col < lattice.cols and ground.terrain.fuel[cell] >= 0:
         found = crossing_s(cell, north, east, length2, ground)
-        if found == 0.0:
-            found = np.inf
     if (along_row and row > 0) or (along_col and col > 0):
         cell -= lattice.cols if along_row else 1
         if ground.terrain.fuel[cell] >= 0:
             other = crossing_s(cell, north, east, length2, ground)
-            if other == 0.0:
-                other = np.inf
             if found == 0.0 or other < found:
                 found = other
     return found
@@ -137,6 +151,7 @@ def burn_until(  # type: ignore[no-untyped-def]
     times, keys, waiting = queue
     best_s, sources = labels
     n = best_s.size
+    row_keys = lattice.each * (lattice.cols + 1)
     source, origin = np.int64(-1), 0
     from_y = from_x = from_s = alike = 0.0
     while size > 0 and times[0] <= to_time_s:
@@ -163,8 +178,14 @@ def burn_until(  # type: ignore[no-untyped-def]
         elif far > alike:
             if source < n:
                 slide(i, j, key, since_s, labels, ground, lattice, entry)
+                if far <= NODE_BEND_CELLS and _ends_differ(from_y, from_x, y, x, ground, entry):
+                    used = bend(
+                        y, x, key, 2, WORTH_A_BEND, points, used, labels, ground, lattice, entry
+                    )
             elif far <= BEND_CELLS:
-                used = bend(y, x, key, points, used, labels, ground, lattice, entry)
+                used = bend(
+                    y, x, key, 3, WORTH_A_POINT, points, used, labels, ground, lattice, entry
+                )
         if source != sources[key]:
             source, from_y, from_x, from_s, origin, alike = _source_of(
                 key, points, labels, ground, lattice
@@ -174,26 +195,28 @@ def burn_until(  # type: ignore[no-untyped-def]
         prepared = False
         at_s = best_s[key]
         kind = kind_of(i, j, lattice)
+        even = far + 1.0 <= alike
         inside = 2 <= i <= 2 * lattice.rows - 2 and 2 <= j <= 2 * lattice.cols - 2
         for number in range(COUNTS[kind]):
             di, dj = OFFSETS[kind, number, 0], OFFSETS[kind, number, 1]
             to_i, to_j = i + di, j + dj
             if not inside and not (0 <= to_i <= 2 * lattice.rows and 0 <= to_j <= 2 * lattice.cols):
                 continue
-            target = key_of(to_i, to_j, lattice)
+            target = key + OFFSETS[kind, number, 2] * row_keys + OFFSETS[kind, number, 3]
             centre = number >= EDGES[kind]
-            if best_s[target] <= (clock_s if centre else now):
+            other = np.int64(sources[target])
+            # One condition: the processor cannot predict either of its parts.
+            if (best_s[target] <= (clock_s if centre else now)) | (even & (source == other)):
                 continue
             to_y, to_x = 0.5 * to_i, 0.5 * to_j
-            other = np.int64(sources[target])
             best, via = best_s[target], other
             length = max(abs(to_y - from_y), abs(to_x - from_x))
-            if length <= alike:
+            if even or length <= alike:
                 if source == other:
                     continue
                 north, east = (from_y - to_y) * ground.cell_m, (to_x - from_x) * ground.cell_m
                 path_s = crossing_s(origin, north, east, north * north + east * east, ground)
-                if path_s > 0.0 and from_s + path_s < best:
+                if from_s + path_s < best:
                     best, via = from_s + path_s, source
             else:
                 if not prepared:
@@ -204,20 +227,23 @@ def burn_until(  # type: ignore[no-untyped-def]
                     continue
                 if at_s + path_s < best * (1.0 - ROUNDING):
                     best, via = at_s + path_s, key
-                if source != other and length <= reachable:
+                # With middles of edges, another node beside the line offers it to the others.
+                onwards = di * (to_y - from_y) >= 0.0 and dj * (to_x - from_x) >= 0.0
+                if source != other and length <= reachable and (lattice.step == 2 or onwards):
                     limit_s = best * (1.0 + ROUNDING) - from_s  # a straight line wins a tie
-                    path_s, _ = travel(from_y, from_x, to_y, to_x, limit_s, ground, entry)
+                    path_s = travel_s(from_y, from_x, to_y, to_x, limit_s, ground, entry)
                     if path_s < limit_s:
                         best, via = from_s + path_s, source
             if best < best_s[target] or other < 0:
-                best_s[target] = best
-                sources[target] = via if via >= 0 else key
+                via = via if via >= 0 else key
+                best_s[target], sources[target] = best, via
                 if not centre:
                     size = push(times, keys, size, best, target)
                     continue
-                used = slide_on_front(
-                    to_y, to_x, target, points, used, labels, ground, lattice, entry
-                )
+                if on_front(via - n, points):
+                    used = slide_on_front(
+                        to_y, to_x, target, points, used, labels, ground, lattice, entry
+                    )
                 best_s[target] = max(best_s[target], clock_s)
                 if other < 0:
                     waiting[waits] = target
@@ -234,7 +260,7 @@ def burn_until(  # type: ignore[no-untyped-def]
             target = key_of(to_i, to_j, lattice)
             if best_s[target] > now:
                 limit_s = best_s[target] * (1.0 - ROUNDING) - now
-                path_s, _ = travel(y, x, 0.5 * to_i, 0.5 * to_j, limit_s, ground, entry)
+                path_s = travel_s(y, x, 0.5 * to_i, 0.5 * to_j, limit_s, ground, entry)
                 if path_s < limit_s:
                     best_s[target], sources[target] = now + path_s, key
                     size = push(times, keys, size, now + path_s, target)
@@ -259,11 +285,26 @@ def arrive(to_time_s, waiting, waits, arrival_s, labels, lattice):  # type: igno
     return rest
 
 
-@kernel
-def bend(y, x, key, points, used, labels, ground, lattice, entry):  # type: ignore[no-untyped-def]
-    """Improve the label of a node near a point: try paths that bend on an edge between them.
+@inlined
+def _ends_differ(y, x, to_y, to_x, ground, entry):  # type: ignore[no-untyped-def]
+    """Return True if the first and the last cell of a line have unlike slownesses."""
+    one = cell_at(y + TOUCH * (to_y - y), x + TOUCH * (to_x - x), ground)
+    other = cell_at(to_y + TOUCH * (y - to_y), to_x + TOUCH * (x - to_x), ground)
+    prepare(one, ground, entry)
+    prepare(other, ground, entry)
+    a, b = ground.slowness[4 * one], ground.slowness[4 * other]
+    return abs(a - b) > UNLIKE * max(a, b)
 
-    Returns the number of points in use; the bend of a better path becomes a point.
+
+@kernel
+def bend(  # type: ignore[no-untyped-def]
+    y, x, key, rounds, worth, points, used, labels, ground, lattice, entry
+):
+    """Improve the label of a node near its source: try paths that bend on an edge between them.
+
+    ``rounds`` is the number of searches for the place of the bend, each finer than the one before.
+    The bend of a path whose relative gain in time is more than ``worth`` becomes a point. Returns
+    the number of points in use.
     """
     best_s, sources = labels
     n = best_s.size
@@ -280,29 +321,29 @@ def bend(y, x, key, points, used, labels, ground, lattice, entry):  # type: igno
         place = from_x + share * (x - from_x) if along_row == 1 else from_y + share * (y - from_y)
         most = ground.cols if along_row == 1 else lattice.rows
         found_s, found, bend_s = best_s[key] * (1.0 - ROUNDING), -1.0, 0.0
-        for _ in range(3):
+        for _ in range(rounds):
             centre = place if found < 0.0 else found
             for side in range(-2, 3):
                 at = centre + side * step
                 if side == 0 or not 0.0 <= at <= most:
                     continue
                 at_y, at_x = (edge, at) if along_row == 1 else (at, edge)
-                first_s, _ = travel(from_y, from_x, at_y, at_x, found_s - from_s, ground, entry)
+                first_s = travel_s(from_y, from_x, at_y, at_x, found_s - from_s, ground, entry)
                 limit_s = found_s - from_s - first_s
                 if limit_s <= 0.0:
                     continue
-                then_s, _ = travel(at_y, at_x, y, x, limit_s, ground, entry)
+                then_s = travel_s(at_y, at_x, y, x, limit_s, ground, entry)
                 if then_s < limit_s:
                     found_s, found, bend_s = from_s + first_s + then_s, at, from_s + first_s
             step *= 0.4
-        if found >= 0.0 and found_s < best_s[key] - WORTH_A_POINT * (best_s[key] - from_s):
+        if found >= 0.0 and found_s < best_s[key] - worth * (best_s[key] - from_s):
             best_s[key], sources[key] = found_s, n + used
             at_y, at_x = (edge, found) if along_row == 1 else (found, edge)
             used = add_point(points, used, at_y, at_x, bend_s, -1, -1)
     return used
 
 
-@kernel
+@inlined
 def on_front(point, points):  # type: ignore[no-untyped-def]
     """Return True for a point with other points beside it on a front."""
     return point >= 0 and max(points.beside[point, 0], points.beside[point, 1]) >= 0
@@ -335,7 +376,7 @@ def slide_on_front(y, x, key, points, used, labels, ground, lattice, entry):  # 
             to_point = at_y == other_y and at_x == other_x
             worth = ROUNDING if to_point else WORTH_A_POINT
             limit_s = (1.0 - worth) * (best_s[key] - from_s)
-            path_s, _ = travel(at_y, at_x, y, x, limit_s, ground, entry)
+            path_s = travel_s(at_y, at_x, y, x, limit_s, ground, entry)
             if path_s < limit_s:
                 best_s[key] = from_s + path_s
                 if to_point:
@@ -350,7 +391,7 @@ def slide_on_front(y, x, key, points, used, labels, ground, lattice, entry):  # 
     return used
 
 
-@kernel
+@inlined
 def slide(i, j, key, since_s, labels, ground, lattice, entry):  # type: ignore[no-untyped-def]
     """Improve the label of a node: try the nodes beside its source as sources."""
     best_s, sources = labels
@@ -371,7 +412,7 @@ def slide(i, j, key, since_s, labels, ground, lattice, entry):  # type: ignore[n
         limit_s = best_s[key] - best_s[other]
         if limit_s <= 0.0:
             continue
-        path_s, _ = travel(0.5 * at_i, 0.5 * at_j, y, x, limit_s, ground, entry)
+        path_s = travel_s(0.5 * at_i, 0.5 * at_j, y, x, limit_s, ground, entry)
         if path_s < limit_s * (1.0 - ROUNDING):
             best_s[key], sources[key] = best_s[other] + path_s, other
 
@@ -401,7 +442,7 @@ def ignite(  # type: ignore[no-untyped-def]
             far = max(abs(i - mid_i), abs(j - mid_j))
             if 0 < far <= ADJOINS:
                 count = add_path(paths, count, count, target, y, x, at_s)
-            path_s, _ = travel(y, x, 0.5 * i, 0.5 * j, best_s[target] - at_s, ground, entry)
+            path_s = travel_s(y, x, 0.5 * i, 0.5 * j, best_s[target] - at_s, ground, entry)
             if at_s + path_s < best_s[target] or (far <= ADJOINS and sources[target] < 0):
                 if i % 2 == 0 or j % 2 == 0:
                     size = push(queue.times, queue.keys, size, at_s + path_s, target)
@@ -432,5 +473,5 @@ def expect_neighbours(expected_s, arrival_s, points, labels, ground, lattice, en
                     if own == 1 and source >= 0:
                         y, x, from_s = place_of(source, points, labels, lattice)
                     limit_s = expected_s[to_row, to_col] - from_s
-                    path_s, _ = travel(y, x, to_row + 0.5, to_col + 0.5, limit_s, ground, entry)
+                    path_s = travel_s(y, x, to_row + 0.5, to_col + 0.5, limit_s, ground, entry)
                     expected_s[to_row, to_col] = min(from_s + path_s, expected_s[to_row, to_col])

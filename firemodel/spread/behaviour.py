@@ -63,8 +63,8 @@ def behaviour_of(fire: Fire) -> Behaviour:
 def heat_of(landscape: Landscape, entries: Sequence[Weather]) -> Floats:
     """Return Byram's intensity (kW/m) at a spread rate of 1 m/s for each weather entry and fuel."""
     heat = [
-        [rothermel.fireline_intensity_kw_m(bed, 1.0) for bed in beds_of(landscape, each)]
-        for each in entries
+        [rothermel.fireline_intensity_kw_m(bed, 1.0) for bed in beds]
+        for beds in beds_of(landscape, entries)
     ]
     return np.array(heat, dtype=np.float64).reshape(len(entries), -1)
 
@@ -79,7 +79,7 @@ def front_behaviour(arrival_s, paths, began_s, heat, terrain, tables):  # type: 
         # An arrival at the exact time of a change belongs to the weather before the change.
         entry = max(np.searchsorted(began_s, arrival_s[cell]) - 1, 0)
         a, b_north, b_east = slowness_of(cell, entry, terrain, tables)
-        if a == 0.0:
+        if a == np.inf:
             found[0, cell] = found[2, cell] = 0.0
             continue
         rise_north = np.float64(terrain.gradient[0, cell])

@@ -184,8 +184,8 @@ class Devs8Fire(Fire):
 
 def _slowest_m_s(landscape: Landscape, entries: Sequence[Weather], intensity_kw_m: float) -> Floats:
     """Return the spread rate (entries, fuels) in m/s at which each fuel has a given intensity."""
-    beds = [bed for entry in entries for bed in beds_of(landscape, entry)]
-    per_m_s = np.array([fireline_intensity_kw_m(bed, 1.0) for bed in beds])
+    beds = beds_of(landscape, entries)
+    per_m_s = np.array([fireline_intensity_kw_m(bed, 1.0) for each in beds for bed in each])
     found = np.full(per_m_s.shape, np.inf)
     np.divide(intensity_kw_m, per_m_s, out=found, where=per_m_s > 0.0)
     return found.reshape(len(entries), -1)

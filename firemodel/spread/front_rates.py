@@ -80,7 +80,7 @@ def _rates(cells, north, east, entry, terrain, tables):  # type: ignore[no-untyp
     for place in range(cells.size):
         cell = cells[place]
         a, b_north, b_east = slowness_of(cell, entry, terrain, tables)
-        if a == 0.0:
+        if a == np.inf:
             continue
         rise_north = np.float64(terrain.gradient[0, cell])
         rise_east = np.float64(terrain.gradient[1, cell])

@@ -75,11 +75,12 @@ def burnable_codes(landscape: Landscape) -> list[int]:
     return [int(code) for code in present if int(code) in landscape.fuels]
 
 
-def beds_of(landscape: Landscape, entry: Weather) -> list[FuelBed]:
-    """Return the fuel bed of each of ``burnable_codes`` at the moistures of a weather entry."""
+def beds_of(landscape: Landscape, entries: Sequence[Weather]) -> list[list[FuelBed]]:
+    """Return, for each weather entry, the fuel bed of each of ``burnable_codes`` when so moist."""
+    codes = burnable_codes(landscape)
     return [
-        fuel_bed(landscape.fuels[code], entry.moisture_of(code))
-        for code in burnable_codes(landscape)
+        [fuel_bed(landscape.fuels[code], entry.moisture_of(code)) for code in codes]
+        for entry in entries
     ]
 
 
@@ -89,12 +90,13 @@ def tables_of(landscape: Landscape, entries: Sequence[Weather], wind_limit: bool
     Wind directions are converted from true north to grid north. ``wind_limit`` has the same meaning
     as in ``rothermel``.
     """
-    terms = np.empty((len(entries), len(burnable_codes(landscape)), 6))
+    beds = beds_of(landscape, entries)
+    terms = np.empty((len(entries), len(beds[0]), 6))
     wind = np.empty((len(entries), 3))
     for number, entry in enumerate(entries):
         toward = math.radians(landscape.grid_deg(entry.wind_from_deg + 180.0))
         wind[number] = entry.wind_speed_m_s, math.cos(toward), math.sin(toward)
-        for place, bed in enumerate(beds_of(landscape, entry)):
+        for place, bed in enumerate(beds[number]):
             limit_ft_min = rothermel.wind_limit_ft_min(bed.reaction_intensity_btu_ft2_min)
             terms[number, place] = (
                 bed.no_wind_rate_ft_min / FT_MIN_PER_M_S,
@@ -171,13 +173,14 @@ def slowness_of(cell, entry, terrain, tables):  # type: ignore[no-untyped-def]
 
     v is horizontal; |v| is its length on the sloping plane. In that plane, an ellipse with the
     ignition in a focus gives A = 1/(R (1 - e)) and a vector B of length e A towards the fastest
-    spread R. The result contains the horizontal projection of B. A is 0 where fire does not spread.
+    spread R. The result contains the horizontal projection of B. Where fire does not spread, A is
+    infinite and B is 0.
     """
     if terrain.fuel[cell] < 0:
-        return 0.0, 0.0, 0.0
+        return np.inf, 0.0, 0.0
     rate, to_north, to_east, e = head_of(cell, entry, terrain, tables)
     if rate <= 0.0:
-        return 0.0, 0.0, 0.0
+        return np.inf, 0.0, 0.0
     rise_north = np.float64(terrain.gradient[0, cell])
     rise_east = np.float64(terrain.gradient[1, cell])
     a = 1.0 / (rate * (1.0 - e))

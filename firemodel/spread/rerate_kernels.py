@@ -29,7 +29,7 @@ from firemodel.spread.labels import (
     keys_of,
     place_of,
 )
-from firemodel.spread.travel_time import STEP_COL, STEP_ROW, from_segment, travel
+from firemodel.spread.travel_time import STEP_COL, STEP_ROW, from_segment, travel, travel_s
 
 NEAR_FRONT = 4  # distance in i and j up to which a point of a front has paths to nodes
 WINDOW = 6  # maximum distance in i and j of a node from the segment of the front that ignites it
@@ -275,7 +275,7 @@ def _known_tips(paths, tips, marks, best, ground, lattice, entry):  # type: igno
             continue
         to_i, to_j = ij_of(np.int64(paths.target[k]), lattice)
         y, x = paths.at[k, 0], paths.at[k, 1]
-        path_s, _ = travel(y, x, 0.5 * to_i, 0.5 * to_j, best[tip], ground, entry)
+        path_s = travel_s(y, x, 0.5 * to_i, 0.5 * to_j, best[tip], ground, entry)
         if path_s < best[tip] or tips.at[tip, 0] != tips.at[tip, 0]:
             best[tip], tips.at[tip, 0], tips.at[tip, 1] = path_s, y, x
 
@@ -324,7 +324,7 @@ def start_paths(  # type: ignore[no-untyped-def]
         for candidate in (k, _along_front(to_i, to_j, tips, sources, ground, lattice, entry)):
             if candidate >= 0:
                 y, x, limit_s = tips.at[candidate, 0], tips.at[candidate, 1], best_s[target] - at_s
-                path_s, _ = travel(y, x, 0.5 * to_i, 0.5 * to_j, limit_s, ground, entry)
+                path_s = travel_s(y, x, 0.5 * to_i, 0.5 * to_j, limit_s, ground, entry)
                 if path_s < limit_s:
                     best_s[target], best[k] = at_s + path_s, first + candidate
     for k in range(count):
@@ -337,7 +337,7 @@ def start_paths(  # type: ignore[no-untyped-def]
         to_i, to_j = ij_of(target, lattice)
         limit_s = (1.0 - WORTH_A_POINT) * (best_s[target] - at_s)
         y, x = paths.at[k, 0], paths.at[k, 1]
-        path_s, _ = travel(y, x, 0.5 * to_i, 0.5 * to_j, limit_s, ground, entry)
+        path_s = travel_s(y, x, 0.5 * to_i, 0.5 * to_j, limit_s, ground, entry)
         if path_s < limit_s:
             best_s[target], sources[target] = at_s + path_s, n + used
             used = add_point(points, used, y, x, at_s, -1, -1)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firemodel.arrays import Floats
-from firemodel.compiled import compiled, kernel
+from firemodel.compiled import compiled, inlined, kernel
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.weather import Weather
 from firemodel.spread.local_spread import Tables, Terrain, slowness_of, tables_of, terrain_of
@@ -30,7 +30,7 @@ class Ground(NamedTuple):
     tables: Tables
     reach: NDArray[np.int16]  # (n) all cells within this distance, in cells, are equal to this cell
     # One record of 32 bytes for each cell, read in one memory access: A, B north, B east in float64
-    # (places 0 to 2 of 4; A is NaN if not yet computed, 0 if fire does not spread), and the rise
+    # (places 0 to 2 of 4; A is NaN if not yet computed and inf where no fire spreads), and the rise
     # towards north and east in float32 (places 6 and 7 of 8).
     slowness: Floats  # (4 n)
     rise: NDArray[np.float32]  # (8 n), the same memory
@@ -71,33 +71,50 @@ def _reach(terrain, cols):  # type: ignore[no-untyped-def]
 
     The algorithm is the two-pass algorithm of Rosenfeld & Pfaltz 1966.
     """
-    fuel, gradient, midflame = terrain
-    n = fuel.size
+    n = terrain.fuel.size
     rows = n // cols
-    reach = np.full(n, 32767, dtype=np.int16)
-    for cell in range(n):
-        row, col = cell // cols, cell % cols
-        for side in range(8):
-            to_row, to_col = row + STEP_ROW[side], col + STEP_COL[side]
-            if 0 <= to_row < rows and 0 <= to_col < cols:
-                other = to_row * cols + to_col
-                if (
-                    fuel[other] != fuel[cell]
-                    or gradient[0, other] != gradient[0, cell]
-                    or gradient[1, other] != gradient[1, cell]
-                    or midflame[other] != midflame[cell]
-                ):
-                    reach[cell] = 0
-                    break
-    # Two passes: downwards with the four neighbours already visited, upwards with the other four.
-    for sides, cells in (((7, 0, 1, 6), range(n)), ((5, 4, 3, 2), range(n - 1, -1, -1))):
-        for cell in cells:
-            row, col = cell // cols, cell % cols
-            for side in sides:
-                to_row, to_col = row + STEP_ROW[side], col + STEP_COL[side]
-                if 0 <= to_row < rows and 0 <= to_col < cols:
-                    reach[cell] = min(reach[cell], reach[to_row * cols + to_col] + 1)
+    reach, alike = np.full(n, 32767, dtype=np.int16), np.empty(cols, dtype=np.int16)
+    for down, right in ((0, 1), (1, -1), (1, 0), (1, 1)):
+        for row in range(rows - down):
+            one, count = row * cols + max(-right, 0), cols - abs(right)
+            other = one + down * cols + right
+            _compare(alike[:count], one, other, terrain)
+            reach[one : one + count] &= alike[:count]
+            reach[other : other + count] &= alike[:count]
+    # Two passes: downwards with the neighbours to the north and west, upwards with the others.
+    for row in range(rows):
+        _nearer(reach, row, max(row - 1, 0), cols)
+        for cell in range(row * cols + 1, (row + 1) * cols):
+            reach[cell] = min(reach[cell], reach[cell - 1] + 1)
+    for row in range(rows - 1, -1, -1):
+        _nearer(reach, row, min(row + 1, rows - 1), cols)
+        for cell in range((row + 1) * cols - 2, row * cols - 1, -1):
+            reach[cell] = min(reach[cell], reach[cell + 1] + 1)
     return reach
+
+
+@kernel
+def _compare(alike, one, other, terrain):  # type: ignore[no-untyped-def]
+    """Set which cells from ``one`` on are like those from ``other`` on: all bits set, or 0."""
+    fuel, gradient, midflame = terrain
+    north, east, size = gradient[0], gradient[1], alike.size
+    fuel_1, fuel_2 = fuel[one : one + size], fuel[other : other + size]
+    north_1, north_2 = north[one : one + size], north[other : other + size]
+    east_1, east_2 = east[one : one + size], east[other : other + size]
+    midflame_1, midflame_2 = midflame[one : one + size], midflame[other : other + size]
+    for k in range(size):
+        same = (fuel_1[k] == fuel_2[k]) & (midflame_1[k] == midflame_2[k])
+        alike[k] = -((north_1[k] == north_2[k]) & (east_1[k] == east_2[k]) & same)
+
+
+@kernel
+def _nearer(reach, row, other, cols):  # type: ignore[no-untyped-def]
+    """Lower the distances in a row to those of the neighbours in another row plus one."""
+    shift = (other - row) * cols
+    for cell in range(row * cols, (row + 1) * cols):
+        west, east = max(cell - 1, row * cols), min(cell + 1, (row + 1) * cols - 1)
+        nearest = min(reach[west + shift], reach[cell + shift], reach[east + shift])
+        reach[cell] = min(reach[cell], nearest + 1)
 
 
 @kernel
@@ -119,19 +136,19 @@ def clear_slowness(ground):  # type: ignore[no-untyped-def]
     ground.computed[0] = 0
 
 
-@kernel
+@inlined
 def prepare(cell, ground, entry):  # type: ignore[no-untyped-def]
     """Compute the slowness of a cell unless it is known."""
     if ground.slowness[4 * cell] != ground.slowness[4 * cell]:
         _compute_slowness(cell, ground, entry)
 
 
-@kernel
+@inlined
 def crossing_s(cell, north, east, length2, ground):  # type: ignore[no-untyped-def]
     """Return the time in s along a horizontal vector in metres, at the slowness of one cell.
 
-    ``length2`` is the squared length of the vector. The result is 0 if fire does not spread in the
-    cell, and NaN if its slowness is not known (``prepare``).
+    ``length2`` is the squared length of the vector. The result is infinite if fire does not spread
+    in the cell, and NaN if its slowness is not known (``prepare``).
     """
     slowness, rise = ground.slowness, ground.rise
     at = np.uint64(cell) * FOUR  # unsigned, because an index that is never negative is faster
@@ -163,16 +180,70 @@ def evenest_cell(y, x, ground):  # type: ignore[no-untyped-def]
     return found
 
 
-@kernel
-def _first_and_crossings(start, end):  # type: ignore[no-untyped-def]
-    """Return the first row (or column) of a line, and how many others it enters later."""
-    if end > start:
-        first = math.floor(start)
-        return first, math.ceil(end) - 1.0 - first
-    if end < start:
-        first = math.ceil(start) - 1.0
-        return first, first - math.floor(end)
-    return math.floor(start), 0.0
+@inlined
+def _mirrored(start, end):  # type: ignore[no-untyped-def]
+    """Return a line's first row (or column), the number of borders to others, and the first border.
+
+    The border is a distance from the start. All are exact. There are no branches, because the
+    directions of successive lines cannot be predicted.
+    """
+    sign = 1.0 if end >= start else -1.0
+    start, end = sign * start, sign * end
+    low = np.floor(start)
+    borders = max(np.ceil(end) - 1.0 - low, 0.0)
+    return (low if sign > 0.0 else -1.0 - low), borders, low + 1.0 - start
+
+
+@inlined
+def _line_s(y, x, to_y, to_x, ground):  # type: ignore[no-untyped-def]
+    """Return the time along a whole line as ``travel`` does, in the usual case.
+
+    The result is not finite if the slowness of a cell is not known, if a cell that does not burn
+    is on or beside the line, or if the line has no length or is on an edge. A line through a corner
+    enters one of the two other cells for a distance of 0 or of a rounding error. The loop has no
+    other end than the number of cells, so that the processor can work on several cells at once.
+    """
+    down, right = to_y - y, to_x - x
+    north, east = -down * ground.cell_m, right * ground.cell_m
+    length2 = north * north + east * east
+    at_row, borders_row, first_row = _mirrored(y, to_y)
+    at_col, borders_col, first_col = _mirrored(x, to_x)
+    if (down == 0.0 and at_row == y) or (right == 0.0 and at_col == x):
+        return np.nan
+    cell = int(at_row) * ground.cols + int(at_col)
+    if max(borders_row, borders_col) <= ground.reach[np.uint64(cell)]:
+        return crossing_s(cell, north, east, length2, ground)  # all cells are like the first one
+    # Positions at which the line next leaves a row and a column, as fractions of its length.
+    each_row, each_col = 1.0 / abs(down), 1.0 / abs(right)
+    next_row = first_row * each_row if borders_row > 0.0 else 2.0
+    next_col = first_col * each_col if borders_col > 0.0 else 2.0
+    row_step = ground.cols if down > 0.0 else -ground.cols
+    col_step = 1 if right > 0.0 else -1
+    time_s = done = 0.0
+    for _ in range(int(borders_row + borders_col)):
+        by_row = next_row <= next_col
+        upto = next_row if by_row else next_col
+        time_s += (upto - done) * crossing_s(cell, north, east, length2, ground)
+        done = upto
+        # Both sums are formed before the comparison is known.
+        row_after, col_after = next_row + each_row, next_col + each_col
+        next_row = row_after if by_row else next_row
+        next_col = next_col if by_row else col_after
+        cell += row_step if by_row else col_step
+    return time_s + (1.0 - done) * crossing_s(cell, north, east, length2, ground)
+
+
+@inlined
+def travel_s(y, x, to_y, to_x, limit_s, ground, entry):  # type: ignore[no-untyped-def]
+    """Return the time along a line, or ``limit_s`` if fire has not completed it by then.
+
+    See ``travel``.
+    """
+    time_s = _line_s(y, x, to_y, to_x, ground)
+    if time_s < np.inf:
+        return min(time_s, limit_s)
+    time_s, _ = travel(y, x, to_y, to_x, limit_s, ground, entry)
+    return time_s
 
 
 @kernel
@@ -187,8 +258,8 @@ def _follow(y, x, to_y, to_x, limit_s, ground):  # type: ignore[no-untyped-def]
     if length2 == 0.0:
         return 0.0, 1.0, -1
     rows = ground.reach.size // ground.cols
-    at_row, crossings_row = _first_and_crossings(y, to_y)
-    at_col, crossings_col = _first_and_crossings(x, to_x)
+    at_row, borders_row, first_row = _mirrored(y, to_y)
+    at_col, borders_col, first_col = _mirrored(x, to_x)
     beside = 0  # offset of the other cell, for a line along an edge
     if down == 0.0 and at_row == y:
         if at_row == rows:
@@ -201,19 +272,14 @@ def _follow(y, x, to_y, to_x, limit_s, ground):  # type: ignore[no-untyped-def]
         elif at_col > 0.0:
             beside = -1
     cell = int(at_row) * ground.cols + int(at_col)
-    if max(crossings_row, crossings_col) <= ground.reach[cell]:
-        crossings_row = crossings_col = 0.0  # all cells of the line are equal to the first one
+    if max(borders_row, borders_col) <= ground.reach[cell]:
+        borders_row = borders_col = 0.0  # all its cells are like the first one
     # Positions at which the line next leaves a row and a column, as fractions of its length.
-    row_step, next_row, each_row = 0, 2.0, 0.0
-    if crossings_row > 0.0:
-        row_step = ground.cols if down > 0.0 else -ground.cols
-        each_row = 1.0 / abs(down)
-        next_row = (at_row + 1.0 - y if down > 0.0 else y - at_row) * each_row
-    col_step, next_col, each_col = 0, 2.0, 0.0
-    if crossings_col > 0.0:
-        col_step = 1 if right > 0.0 else -1
-        each_col = 1.0 / abs(right)
-        next_col = (at_col + 1.0 - x if right > 0.0 else x - at_col) * each_col
+    each_row, each_col = 1.0 / abs(down), 1.0 / abs(right)
+    next_row = first_row * each_row if borders_row > 0.0 else 2.0
+    next_col = first_col * each_col if borders_col > 0.0 else 2.0
+    row_step = ground.cols if down > 0.0 else -ground.cols
+    col_step = 1 if right > 0.0 else -1
     time_s, done = 0.0, 0.0
     while True:
         upto = min(next_row, next_col)
@@ -224,12 +290,11 @@ def _follow(y, x, to_y, to_x, limit_s, ground):  # type: ignore[no-untyped-def]
             other = crossing_s(cell + beside, north, east, length2, ground)
             if other != other:
                 return limit_s, done, cell + beside
-            if whole == 0.0 or 0.0 < other < whole:
-                whole = other
+            whole = min(whole, other)
         if whole != whole:
             return limit_s, done, cell
-        if whole == 0.0 or time_s + share * whole > limit_s:
-            done += 0.0 if whole == 0.0 else (limit_s - time_s) / whole
+        if whole == np.inf or time_s + share * whole > limit_s:
+            done += 0.0 if whole == np.inf else (limit_s - time_s) / whole
             return limit_s, done, -1
         time_s += share * whole
         done = upto
@@ -281,7 +346,7 @@ def from_segment(y, x, other_y, other_x, to_y, to_x, most_cells, ground, entry):
     target = cell_at(to_y + TOUCH * (middle_y - to_y), to_x + TOUCH * (middle_x - to_x), ground)
     prepare(target, ground, entry)
     a = ground.slowness[4 * target]
-    if a == 0.0:
+    if a == np.inf:
         return np.inf, y, x
     b_north, b_east = ground.slowness[4 * target + 1], ground.slowness[4 * target + 2]
     g_north, g_east = ground.rise[8 * target + 6], ground.rise[8 * target + 7]
