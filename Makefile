@@ -1,4 +1,4 @@
-# Everything from a fresh clone, with only Python 3.11+ and make on the machine.
+# All targets work in a fresh clone and need only Python 3.11+ and make.
 PYTHON ?= python3
 BIN := .venv/bin
 
@@ -15,7 +15,7 @@ MAP_SOURCES := $(wildcard $(addprefix $(WEB)/,*.json *.html *.ts src/*.* src/pan
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
 	@touch $@
 
-# The map; with a Node.js from PyPI where the machine has none.
+# Builds the map; Node.js comes from PyPI if the machine has none.
 web: $(MAP)
 
 $(MAP): $(MAP_SOURCES) | .venv/ready
@@ -26,13 +26,13 @@ demo: .venv/ready $(MAP)
 	$(BIN)/mission-service demo --out out
 
 test: .venv/ready $(MAP) lint mosquitto chromium
-	$(BIN)/python -m pytest -n 2 --dist loadfile
+	$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder  # some tests wait for processes
 
-# What takes too long for every change: CI runs it after the rest.
+# Tests that take too long for every change; CI runs them after the other tests.
 long: .venv/ready $(MAP) mosquitto chromium
 	$(BIN)/python -m pytest -m long
 
-# The MQTT broker of some tests, which are skipped without it.
+# Installs the MQTT broker for tests, which are skipped without it.
 mosquitto:
 	@PATH="$$PATH:/usr/sbin"; command -v mosquitto >/dev/null && exit 0; \
 	  if [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
@@ -42,7 +42,7 @@ mosquitto:
 	  command -v mosquitto >/dev/null || \
 	    echo "no mosquitto: its tests are skipped; install it by: apt-get install mosquitto" >&2
 
-# The browser of the map's tests, which are skipped without it.
+# Installs the browser for tests of the map, which are skipped without it.
 chromium:
 	@command -v chromium >/dev/null && exit 0; \
 	  if [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \

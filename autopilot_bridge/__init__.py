@@ -9,7 +9,8 @@ rules of a stack and write it in another format::
     print(*bridge.check(plan.mission, bridge.stack_named("ardupilot", "copter")), sep="\\n")
     bridge.write_any(Path("survey.waypoints"), plan, None)
 
-A name below is imported when it is first used; ``import autopilot_bridge`` alone loads none.
+Each of the names below is imported at its first use; ``import autopilot_bridge`` loads none of
+them.
 """
 
 import importlib
@@ -21,10 +22,10 @@ if TYPE_CHECKING:
     from autopilot_bridge.clients.native import NativeClient
     from autopilot_bridge.errors import BridgeError
     from autopilot_bridge.items import MissionItem, Plan, loiter_unlimited, takeoff, waypoint
-    from autopilot_bridge.links.connection import Connection
+    from autopilot_bridge.links.asyncio_connection import Connection
     from autopilot_bridge.logs.reading import open_log
     from autopilot_bridge.missions.check import adapted, check
-    from autopilot_bridge.missions.planfile import read_any, write_any
+    from autopilot_bridge.missions.plan_file import read_any, write_any
     from autopilot_bridge.mock.autopilot import MockAutopilot
     from autopilot_bridge.mock.local_frame import LocalFrame
     from autopilot_bridge.stacks.stacks import Stack, stack_named
@@ -56,10 +57,10 @@ _MODULES = {
     "clients.native": ("NativeClient",),
     "errors": ("BridgeError",),
     "items": ("MissionItem", "Plan", "loiter_unlimited", "takeoff", "waypoint"),
-    "links.connection": ("Connection",),
+    "links.asyncio_connection": ("Connection",),
     "logs.reading": ("open_log",),
     "missions.check": ("adapted", "check"),
-    "missions.planfile": ("read_any", "write_any"),
+    "missions.plan_file": ("read_any", "write_any"),
     "mock.autopilot": ("MockAutopilot",),
     "mock.local_frame": ("LocalFrame",),
     "stacks.stacks": ("Stack", "stack_named"),

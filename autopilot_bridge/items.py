@@ -91,14 +91,14 @@ def has_degrees(item: "MissionItem") -> bool:
 
 
 def place_of(item: "MissionItem") -> tuple[float, float] | None:
-    """Return the latitude and longitude in degrees; None if the item has no position (or 0, 0)."""
+    """Return an item's latitude and longitude in degrees; None without a position or at 0, 0."""
     if not has_degrees(item) or NO_POSITION in (item.x, item.y) or item.x == item.y == 0:
         return None
     return item.x / 1e7, item.y / 1e7
 
 
 def command_name(command: int) -> str:
-    """Return MAVLink's name of a command without the prefix, or the number if there is no name."""
+    """Return the MAVLink name of a command without MAV_CMD_; its number if it has no name."""
     entry = mavlink.enums["MAV_CMD"].get(command)
     return str(command) if entry is None else str(entry.name).removeprefix("MAV_CMD_")
 
@@ -120,7 +120,7 @@ def params_of(item: MissionItem) -> tuple[float, ...]:
 def item_of_params(
     command: int, frame: int, params: Sequence[float], autocontinue: int
 ) -> MissionItem:
-    """Return the item with a file's params 1 to 7. Raises ValueError if x or y is out of range."""
+    """Return the item with params 1 to 7 of a file. Raises ValueError if x or y is out of range."""
     param1, param2, param3, param4, *position, z = params
     unit = _xy_unit(command, frame)
     x, y = (NO_POSITION if math.isnan(value) else round(value * unit) for value in position)
@@ -144,7 +144,7 @@ def waypoint(
         lat_deg: Latitude in degrees (WGS84).
         lon_deg: Longitude in degrees.
         altitude_amsl_m: Altitude above mean sea level in metres.
-        acceptance_radius_m: Acceptance radius in metres; 0 means the autopilot's own.
+        acceptance_radius_m: Acceptance radius in metres; 0 means the radius set in the autopilot.
 
     Returns:
         The item.

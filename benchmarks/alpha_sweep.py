@@ -1,4 +1,4 @@
-"""Reversals in the scenario islam-hu by alpha: ``python -m benchmarks.alpha_sweep [--json]``."""
+"""Count reversals in the scenario islam-hu: ``python -m benchmarks.alpha_sweep [--json]``."""
 
 import json
 import sys

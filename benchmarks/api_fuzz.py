@@ -3,10 +3,10 @@
     python -m benchmarks.api_fuzz [EXAMPLES] [SCENARIO] [SEED]
 
 EXAMPLES (default 100) is the maximum number of examples for each route; SCENARIO is ``demo``
-(default) or ``burn``. The exit code is that of schemathesis. It is 0 if the API sent no 5xx
-response except 503 and 507, which state their reason, if the status, content type and schema of
-each response agree with the OpenAPI description, and if the API rejected each request without a
-token and each request with a wrong method.
+(default) or ``burn``. The exit code is that of schemathesis. It is 0 if all of these hold: the API
+sent no 5xx response except 503 and 507, which state their reason; the status, content type and
+schema of each response agree with the OpenAPI description; the API rejected each request without a
+token or with a wrong method.
 """
 
 import asyncio
@@ -17,7 +17,7 @@ from pathlib import Path
 
 import click
 
-from mission_service.config.service import HttpSection
+from mission_service.config.service_section import HttpSection
 from mission_service.interfaces.api.access.limits import RateLimiter
 from mission_service.interfaces.api.server import bound, serving
 from tests.api.worlds import SMALL, World, scenario_of, served, world_in
@@ -39,9 +39,10 @@ async def fuzz(world: World, examples: int, seed: int) -> int:
     """Run schemathesis while the simulated flight continues; return its exit code."""
     service = served(world)
     guard = service.app.asgi
-    for name in ("_reading", "_changing", "_failing"):  # or most responses would be 429
+    # No rate limit, otherwise most responses would be 429.
+    for name in ("_reading", "_changing", "_failing"):
         setattr(guard, name, RateLimiter(1e6, 1e6))
-    service.app.api.streams.stopping.set()  # a live stream would never end
+    service.app.api.streams.stopping.set()  # excluded, because a live stream never ends
     with bound(HttpSection(listen="127.0.0.1:0")) as listening:
         async with serving(guard, listening, asyncio.Event(), None):
             url = f"http://127.0.0.1:{listening.getsockname()[1]}"

@@ -4,9 +4,9 @@
 
 The columns are flights without avoidance, with the paper's avoidance, and with avoidance by planned
 orbits. In each simulation (``tests/service/formation_worlds.py``) all vehicles fly at one altitude.
-In those named "lost" the states arrive half a second late, and 30 % of them are lost. As in the
-paper, a conflict is a desired velocity inside the reciprocal velocity obstacle of another vehicle.
-A collision is a distance below 60 m.
+In simulations named "lost" the vehicles' states arrive half a second late, and 30 % of them are
+lost. As in the paper, a conflict means that the desired velocity is inside the reciprocal velocity
+obstacle of another vehicle. A collision means a distance below 60 m.
 """
 
 import sys
@@ -63,7 +63,7 @@ def worlds(count: int, seed: int) -> dict[str, tuple[World, float]]:
 
 
 def decision_us(count: int, desired: intent.IntendedOrbit) -> float:
-    """Return the time of one decision: the smallest mean of six batches of 200 decisions.
+    """Return the time of one decision in us: the smallest mean of six batches of 200.
 
     The other ``count`` vehicles fly orbits in phase on a square grid with a spacing of 300 m.
     """

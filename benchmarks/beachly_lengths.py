@@ -1,7 +1,7 @@
-"""Error of the paper's corrections by kernel length: ``python -m benchmarks.beachly_lengths``.
+"""Error of Beachly's corrections by kernel length: ``python -m benchmarks.beachly_lengths``.
 
-The random fires are other than those of the reported experiment, with one participant for each. The
-last line is the Gaussian process of this project.
+The random fires differ from those of the reported experiment and have one participant each. The
+last line of the output is the error of this project's Gaussian process.
 """
 
 import click
@@ -9,7 +9,7 @@ import numpy as np
 
 from firemodel.assimilation.distance_weighting import PaperCorrected
 from firemodel.assimilation.gaussian import GaussianCorrected
-from firemodel.ellipses.observations import Simulation
+from firemodel.ellipses.point_observations import Simulation
 from mission_service.experiments.beachly.corrections import (
     Floats,
     Method,

@@ -33,11 +33,12 @@ SCENARIOS = sorted(file.stem for file in SHIPPED.glob("*.toml"))
 EXPERIMENTS = ("beachly", "bent", "islam-hu", "virtual-agents")
 SCHEMAS = Path(__file__).parents[1] / "docs" / "schemas"
 PROSE = ("description", "title", "summary")
-UNSTABLE = ("crc", "created", "packages", "mission_service")  # fields of journal lines and header
+# Fields of journal lines and of the header.
+UNSTABLE = ("crc", "created", "packages", "mission_service")
 SHOWN = 5
 PROCESSES = 2
 TIMEOUT_S = 3600.0
-OVERRIDES = {"sitl": ("--set", "duration_s=7200")}  # the scenario has no end
+OVERRIDES = {"sitl": ("--set", "duration_s=7200")}  # because the scenario has no end
 
 
 def record(folder: Path, selected: list[str]) -> None:
@@ -90,7 +91,7 @@ def _sim(name: str, folder: Path) -> None:
 def _plans(name: str, folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     for vehicle in load_scenario(name).vehicles:
-        file = folder / f"{vehicle.name}.json"
+        file = folder / f"{vehicle.name}.plan"
         _service("plan", name, "--vehicle", vehicle.name, "--output", str(file))
 
 
@@ -120,7 +121,7 @@ def _write(file: Path, content: Any) -> None:
 def _without(content: Any, keys: tuple[str, ...]) -> Any:
     """Return JSON without these keys.
 
-    A key of ``PROSE`` whose value is an object is the name of a field, and stays.
+    If the value of a key of ``PROSE`` is an object, the key is the name of a field and is kept.
     """
     if isinstance(content, dict):
         return {

@@ -1,7 +1,8 @@
 """Check ignition plans by brute force, with fine samples of the path and its surroundings.
 
 The check shares no code, raster or geometry with the planner. It takes arrival times directly from
-the fire model. For each side of a polygon it computes whether a point is inside, and its distance.
+the fire model. It tests each side of a polygon to determine whether a point is inside, and its
+distance.
 """
 
 import math
@@ -16,9 +17,9 @@ from shapely.geometry.base import BaseGeometry
 
 from firemodel.arrays import Floats
 from mission_service.config.sections import BurnSection
-from mission_service.guidance.burn.line_planner import LinePlan, Situation
+from mission_service.guidance.burn.lines.line_planner import LinePlan, Situation
 
-# Spacing of samples: of the surroundings; of level legs; of climbs and descents.
+# Spacing of samples in the surroundings, on level legs, and in climbs and descents.
 GRID_M, STEP_M, STEP_S = 0.7, 0.8, 0.5
 NEAR_M = 1e-3
 
@@ -57,11 +58,11 @@ def _of_flight(plan: LinePlan, situation: Situation, settings: BurnSection) -> I
         if low and abs(one[2] - settings.drop_height_m) > 1e-6:
             yield f"flown at {one[2]} m"
     if abs(path[-1, 3] - plan.duration_s) > 1e-6:
-        yield "duration is not the path's"
+        yield "duration is not that of the path"
     home_m = math.hypot(*(path[-1, :2] - np.array(situation.home_m)))
     home_s = home_m / settings.speed_m_s + path[-1, 2] / settings.sink_m_s
     if plan.duration_s + home_s > situation.battery_s - settings.battery_reserve_s + 1e-6:
-        yield f"battery: {plan.duration_s} s and {home_s} s home"
+        yield f"battery: {plan.duration_s} s and {home_s} s for the way home"
 
 
 def _of_drops(plan: LinePlan, situation: Situation, settings: BurnSection) -> Iterator[str]:
@@ -77,7 +78,7 @@ def _of_drops(plan: LinePlan, situation: Situation, settings: BurnSection) -> It
             yield "a drop is not on the path"
     within, away = _inside(drops[:, :2], unit.area)
     if (~within | (away < settings.edge_m - 1e-6)).any():
-        yield f"drop outside of the unit less {settings.edge_m} m"
+        yield f"drop outside of the unit, or within {settings.edge_m} m of its edge"
     within, away = _inside(drops[:, :2], unit.no_drop)
     if (within | (away < settings.edge_m - 1e-6)).any():
         yield "drop on a no-drop area"
@@ -167,7 +168,7 @@ def _of_fire(
 def _least(
     samples: Floats, places: Floats, times: Floats, situation: Situation, settings: BurnSection
 ) -> float:
-    """Return the smallest time margin in s to fire within reach, by its definition."""
+    """Return the smallest time margin in s to fire within reach, computed from its definition."""
     matters = np.isfinite(times)
     low, high = samples[:, :2].min(axis=0), samples[:, :2].max(axis=0)
     reach_m = settings.distance_margin_m + settings.wind_margin_s * situation.wind_m_s
@@ -179,7 +180,7 @@ def _least(
     )
     min_s = math.inf
     for x, y, _, at_s in samples:
-        # Only fire with a smaller margin than the smallest found so far.
+        # Only fire with a margin below the smallest found so far is considered.
         could = (times - at_s < min_s) & (times > at_s - settings.residence_s)
         away = np.array([x, y]) - places[could]
         distance = np.hypot(*away.T)

@@ -3,12 +3,12 @@
     python -m benchmarks.burn_frames [RUNS] [FIRST_SEED]
 
 Each run is a simulated small burn, with MAVLink frames to a mock copter. The simulated operators
-approve, reject, abort, send wrong hashes, leave, report people inside the unit and change the wind.
-The link loses frames or fails, the position is lost, or the battery level is low. After the run the
-journal and the outputs of the mock's dropper are checked. Each release must belong to a drop of a
-plan that an operator at a station approved by its exact hash, with a complete checklist, and whose
-approval was still in effect. The drop must be inside the unit, and no mission accepted by the mock
-may contain a drop.
+approve, reject, abort, send wrong hashes, become inactive, report people inside the unit and change
+the wind. The link loses frames or fails, the position is lost, or the battery level is low. After
+the run the journal and the outputs of the mock's dropper are checked. Each release must belong to a
+drop of a plan that an operator at a station approved by its exact hash, with a complete checklist,
+and whose approval was still in effect. The drop must be inside the unit, and no mission accepted by
+the mock may contain a drop.
 """
 
 import math
@@ -48,7 +48,7 @@ from mission_service.events import (
     Resumed,
     WindSet,
 )
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 from mission_service.guidance.burn.controller import burn_flight
 from mission_service.guidance.burn.plan_mission import has_drop
 from mission_service.journal.journal_file import Journal, header_of
@@ -123,7 +123,7 @@ class RandomOperators:
         if now_us < self._next_us:
             return []
         self._next_us = now_us + 2_000_000
-        if now_us > self.leaves_s * 1e6:  # a wind feed without the role approve continues
+        if now_us > self.leaves_s * 1e6:  # the wind feed, which has no role approve, continues
             return [WindSet(now_us, "wind feed", "boss", 2.0, 0.0)]
         guidance = burn_flight(core.guidance)
         plan_hash = guidance.approvals.plan_hash

@@ -1,13 +1,13 @@
-"""Reliability of burn probabilities: of the cells with a probability of x %, do x % burn?
+"""Measure the reliability of burn probabilities: do x % of the cells with probability x burn?
 
     .venv/bin/python -m benchmarks.burn_probability [FIRST_SEED] [PLACES] [TRUTHS]
 
 For each of PLACES random places (patches of fuels on hills, wind, moisture), an ensemble of 100
-members gives the probability of each cell after three hours. TRUTHS true fires have independent
-errors from the same distributions. The table has, for each tenth of the probability, the cells, the
-mean probability and the share of them that burned. The baseline is one expected run, in which a
-cell burns or not. Cells that no member and no true fire reached are left out. The Brier score is
-the mean squared error.
+members gives the probability of each cell after three hours. The errors of TRUTHS true fires are
+drawn independently from the same distributions. The table shows, for each class of the probability
+(width 0.1), the number of cells, their mean probability and the share that burned. The baseline is
+one run without errors, in which each cell burns or does not burn. Cells that no member and no true
+fire reached are excluded. The Brier score is the mean squared error.
 """
 
 import sys
@@ -46,7 +46,7 @@ def place(rng: np.random.Generator) -> tuple[Landscape, WeatherStream]:
 
 
 def compared(seed: int, truths: int, each: Each) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return, for each cell and true fire: the probability, the expected run, the truth."""
+    """Return three values for each cell and true fire: probability, run without errors, truth."""
     rng = np.random.default_rng((seed, 20))
     land, weather = place(rng)
     start = Start(new_fire("anyangle", land, weather, []), [LIT])

@@ -9,11 +9,12 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from firemodel.arrays import Floats
-from firemodel.ellipses.ellipse import EllipseFire, Spread, line_sources
+from firemodel.ellipses.ellipse import EllipseFire, Spread
+from firemodel.ellipses.line_ignitions import line_sources
 from mission_service.config.sections import BurnSection, Station
 from mission_service.guidance.burn.burn_unit import BurnUnit, ExclusionCircle
-from mission_service.guidance.burn.ignition_lines import only_areas
-from mission_service.guidance.burn.line_planner import LinePlan, Situation
+from mission_service.guidance.burn.lines.ignition_lines import only_areas
+from mission_service.guidance.burn.lines.line_planner import LinePlan, Situation
 
 Random = np.random.Generator
 
@@ -212,7 +213,7 @@ def _fire(random: Random, unit: BurnUnit) -> Floats:
 
 
 def _cut(random: Random, area: BaseGeometry) -> BaseGeometry:
-    """Return the whole area, or a random part of it as left after earlier lines."""
+    """Return the whole area, or a random part of it that earlier lines have not burned."""
     if random.random() < 0.7:
         return area
     half = shapely.affinity.rotate(

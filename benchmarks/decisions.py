@@ -2,8 +2,8 @@
 
 Each planner follows the front of a large, slow fire (an ellipse with its ignition in the rear
 focus) for one lap and then decides cell by cell. The times contain ``observe`` and ``at``. Team
-rules decide for four vehicles on a ring with the same number of cells; their own map is a ring of
-360 bearings.
+rules decide for four vehicles on a ring with the same number of cells; in flight their map is a
+ring of 360 bearings.
 """
 
 import json
@@ -29,13 +29,13 @@ from mission_service.guidance.team.bent_rules import LATER_PLANNERS, bent_rule
 from mission_service.guidance.team.bent_rules import PLANNERS as BENT_PLANNERS
 from mission_service.guidance.team.front_ring import ActiveFleet, FrontRing, TeamRule
 
-SIZES = (500, 1000, 2000, 4000)  # cells of the front
+SIZES = (500, 1000, 2000, 4000)  # numbers of cells of the front
 DECISIONS = 400
 ECCENTRICITY = 0.8
-LENGTH_CELLS = 0.425  # of the ellipse, for each cell of the front
+LENGTH_CELLS = 0.425  # size of the ellipse for each cell of the front
 OLD_S = 100.0 * HOUR_S  # a fire of this age grows little during a lap
 SPEED_M_S = 20.0
-LIMIT_MS = 1.0  # of the median at 2,000 cells
+LIMIT_MS = 1.0  # limit of the median at 2,000 cells
 
 # Factory of each measured planner, by name. Add new planners here.
 PLANNERS: dict[str, Callable[[Burn], Planner]] = {
@@ -52,7 +52,7 @@ TEAM_RULES: dict[str, Callable[[], TeamRule]] = {
 
 
 def _with_wind(planner: Planner, burn: Burn) -> Planner:
-    now = burn.weather.at(burn.deploy_s)
+    now = burn.weather.weather_at(burn.deploy_s)
     planner.wind(now.wind_speed_m_s, now.wind_from_deg, burn.deploy_s)
     return planner
 

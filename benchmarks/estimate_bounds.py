@@ -1,8 +1,9 @@
-"""Errors that limit the forecasts of an estimate: ``python -m benchmarks.estimate_bounds 700 705``.
+"""Inputs that limit the forecasts of an estimate: ``python -m benchmarks.estimate_bounds 700 705``.
 
-The fires are those of ``estimate_twins``. At each of its times a single fire starts from the true
-fire and burns on with some of the true inputs. What remains shows which input is worth estimating.
-The errors after 30 and 60 minutes are areas that differ from the true area, as shares of it.
+The fires are those of ``estimate_twins``. At each time of that benchmark a single fire starts from
+the true burned area and burns on with some of the true inputs. The remaining error shows which
+input is worth estimating. An error is the area that differs from the true area after 30 or 60
+minutes, divided by the true area.
 """
 
 import argparse

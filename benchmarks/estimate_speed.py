@@ -2,7 +2,7 @@
 
 The fire burns patches of five fuels for two hours. With 100 members a camera sees 200 m of its
 front, and the fire is forecast for 60 minutes. With 300 members a whole perimeter is processed and
-forecast for 30 minutes. Each line has the limit and the ratio of the time to it.
+forecast for 30 minutes. Each line contains the limit and the ratio of the time to the limit.
 """
 
 import argparse
@@ -45,14 +45,14 @@ def main() -> None:
         estimate.advance(SEEN_S - 60.0, pool.map)
         _time("advance 100 members by 60 s", 2.0, lambda: estimate.advance(SEEN_S, pool.map))
         image = _image(fire, estimate.time_s)
-        _time("observe 200 m of front", 1.0, lambda: estimate.observe(image, pool.map))
+        _time("observe 200 m of front", 1.0, lambda: estimate.assimilate(image, pool.map))
         until_s = estimate.time_s + 3600.0
         _time("forecast 60 min", 5.0, lambda: estimate.forecast(until_s, pool.map))
         many = FireEstimate(landscape, WEATHER, settings=EstimateSettings(300))
-        many.observe(mapped_perimeter(fire.front(SEEN_S), landscape, SEEN_S))
+        many.assimilate(mapped_perimeter(fire.front(SEEN_S), landscape, SEEN_S))
         later_s = SEEN_S + 1800.0
         later = mapped_perimeter(fire.front(later_s), landscape, later_s)
-        _time("300 members, a perimeter", 10.0, lambda: many.observe(later, pool.map))
+        _time("300 members, a perimeter", 10.0, lambda: many.assimilate(later, pool.map))
 
 
 def _image(fire: AnyAngleFire, at_s: float) -> Observation:

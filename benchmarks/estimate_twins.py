@@ -1,15 +1,17 @@
-"""Estimate of simulated fires by a wrong model: ``python -m benchmarks.estimate_twins FIRST LAST``.
+"""Errors of an estimate with a wrong model: ``python -m benchmarks.estimate_twins FIRST LAST``.
 
-The true fires (seeds FIRST to LAST) burn patches of five fuels for 3.5 hours. The estimate has
-another fuel in 30 % of the patches, a wind that is wrong by 3 m/s and 30 degrees (standard
-deviations), a moisture wrong by 30 % and no knowledge of the factors of the spread rates. From one
-hour on, a line holds a sector of 60 degrees. A camera flies along the front at 12 m/s and sees
-300 m around it every 20 s: 5 % of the burned cells are missed, 1 % of the others are false alarms,
-and each image is displaced by 10 m.
+The true fires (seeds FIRST to LAST) burn patches of five fuels for 3.5 hours. The inputs of the
+estimate are wrong: the fuel in 30 % of the patches, the wind by 3 m/s and 30 degrees (standard
+deviations), and the moisture by 30 %; the factors of the spread rates are not given. After one
+hour, a sector of 60 degrees is held. A camera flies along the front at 12 m/s and every 20 s images
+the ground up to 300 m away. In the images 5 % of the burned cells are missed, 1 % of the other
+cells are false alarms, and the position is wrong by 10 m.
 
-Four times, forecasts for 0, 30 and 60 minutes are compared with the truth. The error is the area
-that differs from the true area, as a share of it. Persistence is the area that was seen burned; the
-model alone has the same inputs without observations.
+At four times, forecasts for 0, 30 and 60 minutes are compared with the true fire. The error is the
+area that differs from the true area, divided by the true area. The forecast area contains the cells
+that have burned with a probability of at least one half, which minimises the expected error; on the
+map it is the area within the median arrival times. Persistence is the area that was observed as
+burned; the model alone has the same inputs, but no observations.
 """
 
 import argparse
@@ -26,7 +28,6 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_fill_holes, map_coordinates
 
 from firemodel.arrays import Floats, Mask
-from firemodel.assimilation.estimate_forecast import likely_area
 from firemodel.assimilation.fire_estimate import EstimateSettings, FireEstimate
 from firemodel.assimilation.observation import BURNED, UNBURNED, UNSEEN, Observation, despeckled
 from firemodel.assimilation.scores import coverage, crps_s
@@ -52,7 +53,8 @@ RADIUS_M, SPEED_M_S, POSITION_SD_M, MISSED, FALSE_ALARMS = 300.0, 12.0, 10.0, 0.
 WRONG = Uncertainty(
     wind_log_sd=0.5, wind_turn_sd_deg=30.0, spread_log_sd=0.3, fuel_log_sd=0.4, moisture_log_sd=0.3
 )
-SIZES_HA = ((30.0, 300.0), (60.0, 1500.0))  # of the true fire after one and after three hours
+# Limits of the true burned area after one and after three hours.
+SIZES_HA = ((30.0, 300.0), (60.0, 1500.0))
 
 
 class Inputs(NamedTuple):
@@ -60,20 +62,20 @@ class Inputs(NamedTuple):
 
     true: NDArray[np.int16]  # (y, x) fuels
     actual: WeatherStream
-    factors: Floats  # (fuels) of the spread rate
+    factors: Floats  # (fuels) factors of the spread rate
     believed: NDArray[np.int16]
     reported: WeatherStream
-    held_deg: float  # bearing of the sector that is held
+    held_deg: float  # bearing of the held sector
 
 
 class Twin(NamedTuple):
     """A true fire, and what the estimate receives of its inputs."""
 
-    arrival_s: Floats  # (y, x) of the truth
+    arrival_s: Floats  # (y, x) true arrival times
     landscape: Landscape
     weather: WeatherStream
     ignition: tuple[int, int]
-    seeds: tuple[int, ...]  # of ``drawn``
+    seeds: tuple[int, ...]  # the generator state of ``drawn``
 
 
 class Scores(NamedTuple):
@@ -192,7 +194,7 @@ def sector(burned: Mask, towards_deg: float, half_deg: float) -> Mask:
 def views(
     arrival_s: Floats, rng: np.random.Generator, from_s: float, to_s: float, place: Floats
 ) -> Iterator[tuple[Observation, Floats]]:
-    """Yield the observations of the camera, and its place (row, col) after each."""
+    """Yield the observations of the camera, each with the camera's next place (row, col)."""
     radius = RADIUS_M / CELL_M
     known_s = np.where(np.isfinite(arrival_s), arrival_s, 1e6)
     for at_s in np.arange(from_s + EVERY_S, to_s + 1e-6, EVERY_S):
@@ -248,7 +250,7 @@ def run(seed: int, members: int, pool: ThreadPoolExecutor) -> tuple[Floats, list
         place, at_s = images[-1][1], at_s + BATCH_S
         estimate.advance(at_s, pool.map)
         for image, _ in images:
-            estimate.observe(image, pool.map)
+            estimate.assimilate(image, pool.map)
             seen[image.where] |= despeckled(image) == BURNED
         if at_s in EVALUATED_S:
             rows.append(_evaluated(truth, estimate, model, binary_fill_holes(seen), pool))
@@ -265,7 +267,7 @@ def _evaluated(
         at_s = estimate.time_s + ahead_s
         true = truth.arrival_s <= at_s
         probability = forecast.burn_probability(at_s)
-        likely = likely_area(probability)
+        likely = probability >= 0.5
         area = np.count_nonzero(true)
         found.append(
             Scores(

@@ -1,9 +1,9 @@
 """Overlap with FARSITE's own perimeters: ``python -m benchmarks.farsite_flatland [--data ...]``.
 
-FARSITE's flatland case: level ground, fuel model 1, 30 m cells, ignition as a polygon, seven hours
-of wind of 3 mph from a constant or a turning direction. Conditions are those of its .input files:
-initial moistures 3/4/6/70/100 %, dead fuel conditioned from the first weather record on, and
-acceleration. The landscape has no trees and therefore no spotting.
+FARSITE's flatland case: level ground, fuel model 1, 30 m cells, ignition as a polygon, and for
+seven hours a wind of 3 mph from a constant or a turning direction. Conditions are those of its
+.input files: initial moistures 3/4/6/70/100 %, dead fuel conditioned from the first weather record
+on, and acceleration. The landscape has no trees and therefore no spotting.
 
 Burned areas are compared after each hour (intersection over union), for the fire of this package
 and for the exact solution. On level ground of one fuel the exact solution is the Minkowski sum of
@@ -15,11 +15,11 @@ the polygon and the ellipses of all periods. The lines of the table are:
 - point, line: hourly or 5 min, with an acceleration of 0.115 or 0.3 per minute (McAlpine & Wakimoto
   1989, as in FARSITE)
 - implied: hourly moistures at which the head covers the same distance as FARSITE's in a constant
-  wind, and the distance by which this exact solution reaches beyond FARSITE's, every 22.5 degrees
-  from north (the corners of the ignition polygon point north, east, south and west)
+  wind, and the distance by which this exact solution reaches beyond FARSITE's area, every 22.5
+  degrees from north (the corners of the ignition polygon point north, east, south and west)
 
-The first lines of each case are FARSITE's highest spread rates by the minutes of ignition of the
-cells.
+The first lines of each case show FARSITE's highest spread rates by the minute in which cells
+ignite.
 """
 
 import math
@@ -56,7 +56,7 @@ CASES = (
 STEADY = CASES[0]  # towards the south
 START = datetime(2013, 4, 26, 12)  # noqa: DTZ001  # without a UTC offset, as in the files
 FIRST = Moisture(0.03, 0.04, 0.06, 0.70, 1.00)
-TEMPERATURE_C, HUMIDITY_PCT = 25.0, 25.0  # in every record
+TEMPERATURE_C, HUMIDITY_PCT = 25.0, 25.0  # conditions in every record
 STEP_S = 300.0
 HOURS = 7
 NORMALS_RAD = np.linspace(0.0, 2.0 * np.pi, 3600, endpoint=False)
@@ -125,7 +125,7 @@ def stretches_of(
 
 
 def followed(stream: WeatherStream) -> WeatherStream:
-    """Return the stream with dead moistures conditioned every ``STEP_S``, and its own wind."""
+    """Return the stream with the same wind, and dead moistures conditioned every ``STEP_S``."""
     dry = np.full(3, equilibrium_moisture_pct(TEMPERATURE_C, HUMIDITY_PCT))
     first = 100.0 * np.array(FIRST.classes[:3])
     entries: list[Weather] = []
@@ -134,7 +134,7 @@ def followed(stream: WeatherStream) -> WeatherStream:
         dead = after_time_lag(first, dry, middle_h, TIME_LAGS_H)
         names = ("dead_1h_pct", "dead_10h_pct", "dead_100h_pct")
         given: dict[str, Any] = dict(zip(names, map(float, dead), strict=True))
-        entries.append(replace(stream.at(float(at_s)), at_s=float(at_s), **given))
+        entries.append(replace(stream.weather_at(float(at_s)), at_s=float(at_s), **given))
     return WeatherStream(entries)
 
 
@@ -142,7 +142,7 @@ def with_moisture(stream: WeatherStream, one_hour_pct: Sequence[float]) -> Weath
     """Return the stream with given hourly moistures of 1-h fuel, the only class of fuel model 1."""
     return WeatherStream(
         [
-            replace(stream.at(hour * HOUR_S), at_s=hour * HOUR_S, dead_1h_pct=pct)
+            replace(stream.weather_at(hour * HOUR_S), at_s=hour * HOUR_S, dead_1h_pct=pct)
             for hour, pct in enumerate(one_hour_pct)
         ]
     )
@@ -163,7 +163,7 @@ def implied_pct(landscape: Landscape, lit: BaseGeometry, areas: list[BaseGeometr
 
 
 def gaps_m(area: BaseGeometry, within: BaseGeometry) -> list[float]:
-    """Return how far one convex area reaches beyond another, in 16 directions from north."""
+    """Return the distances in m by which one convex area exceeds another, in 16 directions."""
     bearing = np.deg2rad(np.arange(0.0, 360.0, 22.5))
     outward = np.stack([np.sin(bearing), np.cos(bearing)])
     reach, other = ((shapely.get_coordinates(one) @ outward).max(axis=0) for one in (area, within))

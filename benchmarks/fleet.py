@@ -17,7 +17,7 @@ from contextlib import AsyncExitStack
 import click
 
 from autopilot_bridge.clients.native import NativeClient
-from autopilot_bridge.links.connection import Connection
+from autopilot_bridge.links.asyncio_connection import Connection
 from autopilot_bridge.mock.autopilot import MockAutopilot
 from autopilot_bridge.mock.local_frame import LocalFrame
 from autopilot_bridge.mock.serving import serve

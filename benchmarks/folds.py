@@ -32,7 +32,7 @@ def difference(
         return f"{path}: {type(a).__name__} {_cut(a)} is not {type(b).__name__} {_cut(b)}"
     if isinstance(a, SIMPLE):
         return "" if a == b or (a != a and b != b) else f"{path}: {_cut(a)} is not {_cut(b)}"
-    seen[id(a), id(b)] = (a, b)  # the references prevent reuse of the ids
+    seen[id(a), id(b)] = (a, b)  # these references prevent that ids are used again
     if isinstance(a, np.ndarray):
         if a.dtype.hasobject:
             return difference(a.tolist(), b.tolist(), path, seen)
@@ -43,7 +43,7 @@ def difference(
         return "" if same else f"{path}: {_cut(a)} is not {_cut(b)}"
     if isinstance(a, BaseGeometry):
         return "" if a.equals_exact(b, 0.0) else f"{path}: geometries differ"
-    if isinstance(a, HEAPS):  # the rest of the arrays is spare capacity
+    if isinstance(a, HEAPS):  # the rest of the arrays is unused
         a, b = ([part[: each.size] for part in each[:-1]] for each in (a, b))
         return difference(a, b, path, seen)
     if isinstance(a, Moves):  # the other fields are work arrays

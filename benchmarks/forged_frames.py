@@ -1,13 +1,13 @@
 """Forged frames on a vehicle's link: ``python -m benchmarks.forged_frames [--frames N]``.
 
-A scenario is flown by the mock in virtual time, once alone and once with forged frames between its
-own. From other addresses, systems and components the forger sends each message that the bridge
+The mock flies a scenario in virtual time, once without and once with forged frames between its own
+frames. From other addresses, systems and components the forger sends each message that the bridge
 reads, with NaN, infinities, extreme values, and times since boot far ahead or far back. From the
 vehicle's own address it sends implausible content: values out of bounds, jumps of time, positions
-that the vehicle cannot reach, and other autopilots. No frame may raise an exception, the service
-may send no frame to the forger, and the journals of both flights must be equal byte by byte: events
-of the core, decisions, camera observations and mission time. Alarms are not part of the journal;
-the benchmark counts them.
+that the vehicle cannot reach, and heartbeats of other autopilots. No frame may raise an exception,
+the service may send no frame to the forger, and the journals of both flights (events of the core,
+decisions, camera observations, mission time) must be equal byte by byte. Alarms are not part of the
+journal; the benchmark counts them.
 """
 
 import argparse
@@ -28,11 +28,11 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.clients.shared_link import SharedLink
 from autopilot_bridge.links.framing import frames_of
-from autopilot_bridge.missions.value_bounds import BOUNDS
+from autopilot_bridge.links.message_bounds import BOUNDS
 from autopilot_bridge.mock.autopilot import MockAutopilot
 from benchmarks.fuzz_frames import frame_of
 from mission_service.config.scenario import Scenario, load_scenario
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 from mission_service.journal.journal_file import Journal, header_of
 from mission_service.runtime.engine import Engine
 from mission_service.runtime.gateway import rates_hz
@@ -52,7 +52,7 @@ READ = (
 FLOATS = (math.nan, math.inf, -math.inf, 1e38, -1e38, 3.4e38, 0.0, 1.0, -1.0, 1e-40)
 DAY_MS = 24 * 3600 * 1000
 AHEAD_MS = (5_000, 60_000, 3_600_000, DAY_MS, 30 * DAY_MS, 40 * DAY_MS)
-SURE_AFTER_US = 20_000_000  # of link time: the rate of the autopilot's clock is then estimated
+SURE_AFTER_US = 20_000_000  # link time after which the rate of the autopilot's clock is estimated
 
 
 @dataclass
@@ -246,7 +246,7 @@ class ForgedRig(SimulatedVehicle):
     def advance(self, now_us: int, service: Engine) -> None:
         """Process all due work, with forged frames before and after the vehicle's frames."""
         if self._weather is not None:
-            self._blow(self._weather.at(self._clock.now_us / 1e6))
+            self._blow(self._weather.weather_at(self._clock.now_us / 1e6))
         for datagram in self._up.receive(now_us):
             self.mock.receive_data(datagram, now_us)
         self.mock.handle_timer(now_us)
@@ -304,7 +304,7 @@ def flown(
 
 
 def difference(alone: Path, disturbed: Path) -> str:
-    """Return the first line in which the journals differ; empty if they do not."""
+    """Return the first line in which the journals differ; empty if they are equal."""
     with alone.open("rb") as one, disturbed.open("rb") as other:
         for number, line in enumerate(other, start=1):
             if line != (due := one.readline()):

@@ -22,7 +22,7 @@ import numpy as np
 from mission_service.commands import ChangeSpeed, Orbit, UploadMission
 from mission_service.config.scenario import load_scenario, parse_scenario
 from mission_service.events import CommandFinished, Telemetry, UploadFinished
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 from mission_service.journal.journal_file import SegmentReader
 from mission_service.simulation.sim import simulate
 
@@ -121,7 +121,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "journal.jsonl"
         scenario = load_scenario("virtual-agents")
-        began_s = time.process_time()  # of this process alone, on one core
+        began_s = time.process_time()  # CPU time of this process on one core
         record, _ = simulate(scenario, path, created="")
         took_s = time.process_time() - began_s
         figures = figures_of(path)

@@ -1,8 +1,9 @@
 """Step times and traffic of the formation's maps: ``python -m benchmarks.formation_maps``.
 
 The maps have 500 x 500 cells of 10 m and the paper's lengths. Times are the best of several
-batches. The shared maps receive messages of the other maps a quarter of a second later. Two of the
-maps observe new fire at once, so that a wrong cell is one whose message has not arrived.
+batches. The shared maps receive messages of the other maps a quarter of a second late. Two of the
+maps observe new fire immediately; a cell is wrong on another map until the message about it
+arrives.
 """
 
 import time

@@ -7,8 +7,8 @@ the coverage by virtual agents, and the coverage by the same number of UAVs in t
 of the same fire. It takes a few minutes on two cores.
 
 ``closest_m`` uses the states that the UAVs publish. The mission times of the processes may differ
-by a second, which is an error of about 20 m. On a machine that is too slow for SPEEDUP, messages
-arrive later than in a flight at real-time speed.
+by a second, so its error is about 20 m. On a machine that is too slow for SPEEDUP, messages arrive
+later than in a flight at real-time speed.
 """
 
 import asyncio
@@ -38,7 +38,7 @@ from mission_service.config.scenario import SHIPPED, Scenario, load_scenario, pa
 from mission_service.core.core import Core
 from mission_service.experiments.virtual_agents.ideal_world import FormationWorld, Rules, fly
 from mission_service.experiments.virtual_agents.monitoring import MonitoringArea
-from mission_service.fire.setup import fire_of, landscape_of
+from mission_service.fire.scenario_fire import fire_of, landscape_of
 from mission_service.fire.simulated_fire import SimulatedFire
 from mission_service.guidance.formation.controller import FormationFlight
 from mission_service.guidance.formation.map_grid import map_grid_of
@@ -160,7 +160,7 @@ class Stage:
     # Messages ---------------------------------------------------------------------------------
 
     async def listen(self) -> None:
-        """Receive all messages until cancelled; reconnect after each end of the broker."""
+        """Receive all messages until cancelled; reconnect after each restart of the broker."""
         channel = channel_of(self.broker.address, "mission-service", self.scenario.name)
         while True:
             with contextlib.suppress(aiomqtt.MqttError):
@@ -206,8 +206,8 @@ class Stage:
     def ideal_coverage(self, count: int) -> float:
         """Return the coverage by ``count`` UAVs in the ideal simulation after ``IDEAL_S``.
 
-        The safety radius is the paper's, because with a wider one the UAVs that queue at the start
-        of the ideal simulation do not move.
+        The safety radius is the paper's, because with a larger radius the UAVs that queue at the
+        start of the ideal simulation do not move.
         """
         arrival_s = self._world.fire.arrival_time_s - max(self.now_us / 1e6 - IDEAL_S, 0.0)
         settings = replace(self._settings, safety_radius_m=Settings().safety_radius_m)
@@ -244,7 +244,7 @@ async def formation(
 ) -> AsyncIterator[Stage]:
     """Start a formation and wait until all its UAVs are present; end it with the context."""
     scenario = load_scenario("virtual-agents")
-    warm_up(scenario, landscape_of(scenario))  # once, not in each process
+    warm_up(scenario, landscape_of(scenario))  # compile once here, not in each process
     async with AsyncExitStack() as stack:
         broker = Mosquitto(folder)
         stack.callback(broker.kill)

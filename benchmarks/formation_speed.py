@@ -2,8 +2,8 @@
 
     python -m benchmarks.formation_speed [--no-sim]
 
-The factor is by the CPU time of this process on one core, without compilation of kernels. Each
-flight takes 20 minutes over the fire of experiment 2_1.
+The factor is the simulated time divided by the CPU time of this process, without the compilation of
+kernels. Each flight takes 20 minutes over the fire of experiment 2_1.
 """
 
 import sys

@@ -9,7 +9,7 @@ must end, and the receiver must decode the good frames:
 - on streams it decodes each good frame, unless the bytes before the frame form a frame with a valid
   checksum together with bytes of the good frame. The probability is 1 in 65536 for each false start
   of a known message, and 1 in 256 for a frame without its last byte. The benchmark counts such
-  accidental frames. Each may destroy the good frames within its 280 bytes.
+  accidental frames. Each such frame may destroy the good frames within its 280 bytes.
 """
 
 import argparse
@@ -234,7 +234,7 @@ def _transfer(chance: random.Random, stack: Stack, bad: int, by_file: bool) -> s
         now_us = max(now_us, min(client.next_timer(), mock.next_timer()))
         mock.handle_timer(now_us)
         client.handle_timer(now_us)
-        for _ in range(20):  # bounded, because two sides may reply to each other endlessly
+        for _ in range(20):  # limited, because the two sides may reply to each other endlessly
             up, down = client.data_to_send(), mock.data_to_send()
             if not up and not down:
                 break
@@ -294,7 +294,7 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=1_000_000)
     parser.add_argument("--seed", type=int, default=1)
     arguments = parser.parse_args()
-    fuzz(arguments.frames // 20, arguments.seed + 1)  # caches fill, allocators settle
+    fuzz(arguments.frames // 20, arguments.seed + 1)  # a first run fills caches and allocators
     before_mb, began_s = peak_mb(), time.perf_counter()
     report = fuzz(arguments.frames, arguments.seed)
     taken_s, grown_mb = time.perf_counter() - began_s, peak_mb() - before_mb

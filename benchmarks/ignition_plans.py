@@ -20,9 +20,10 @@ import shapely
 
 from benchmarks.burn_check import faults
 from benchmarks.burn_trials import BASE, Trial, changed, drawn
-from firemodel.ellipses.ellipse import EllipseFire, Spread, line_sources
+from firemodel.ellipses.ellipse import EllipseFire, Spread
+from firemodel.ellipses.line_ignitions import line_sources
 from mission_service.guidance.burn.burn_unit import BurnUnit
-from mission_service.guidance.burn.line_planner import LinePlan, NoPlan, Situation, next_line
+from mission_service.guidance.burn.lines.line_planner import LinePlan, NoPlan, Situation, next_line
 
 ACRE_M2 = 4046.8564224
 LIMIT_MS = 100.0

@@ -2,9 +2,9 @@
 
 The case is a square kilometre of short grass with 500 ignitions in an hour and 200 corrections,
 under a constant wind and under a wind that changes every ten minutes. Each figure is the minimum of
-several runs, in wall time and in CPU time. ``pairs`` is the ratio of the time of a computation of
-all pairs of ignitions and points (extrapolated from fewer points) to the time of this package;
-``off_s`` is the difference of their results.
+several runs, in wall time and in CPU time. ``pairs`` compares with a computation of all pairs of
+ignitions and points (extrapolated from fewer points): it is the ratio of that time to the time of
+this package. ``off_s`` is the difference of the results.
 """
 
 import json
@@ -23,7 +23,7 @@ from firemodel.assimilation.distance_weighting import PaperCorrected
 from firemodel.assimilation.gaussian import GaussianCorrected
 from firemodel.ellipses import ellipse
 from firemodel.ellipses.ellipse import EllipseFire, Spread, spreads_of
-from firemodel.ellipses.observations import BURNING
+from firemodel.ellipses.point_observations import BURNING
 from firemodel.physics.weather import Weather, WeatherStream
 
 WIDE_M = 1000.0
@@ -135,15 +135,18 @@ def measure(name: str, spreads: tuple[Spread, ...]) -> list[dict[str, Any]]:
         )
         map_ms = least(partial(corrected, fire, observations, length_m, cells, simulated_s), 10)
         add(
-            f"{MAP_SIDE} x {MAP_SIDE} map, one correction more, {length_m:g} m",
+            f"{MAP_SIDE} x {MAP_SIDE} map, one more correction, {length_m:g} m",
             map_ms,
             limit_ms=MAP_LIMIT_MS,
         )
     before = GaussianCorrected(fire, observations[:-1])
     one_more = partial(fitted, fire, observations, before, cells)
-    what = f"{MAP_SIDE} x {MAP_SIDE} map, one correction more, Gaussian"
+    what = f"{MAP_SIDE} x {MAP_SIDE} map, one more correction, Gaussian"
     add(what, least(one_more, 10), limit_ms=MAP_LIMIT_MS)
-    add(f"{what}, from nothing", least(partial(fitted, fire, observations, None, cells), 5))
+    add(
+        f"{what}, without an earlier fit",
+        least(partial(fitted, fire, observations, None, cells), 5),
+    )
     return rows
 
 

@@ -18,7 +18,7 @@ COMMANDS = (
     "correct",
     "..",
     "x" * 200,
-)  # without abort, which accepts any payload
+)  # abort is excluded, because it accepts any payload
 
 
 def send_invalid_mavlink(rng: random.Random, ports: Iterable[int]) -> None:

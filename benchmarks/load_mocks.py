@@ -3,7 +3,7 @@
 The process writes a record of each sent position into STAMPS: system id, lat_e7, lon_e7 and the
 time in microseconds of CLOCK_MONOTONIC. ``--speedup`` is as for ``mission-service mock``. With
 ``--troubles SECONDS`` each mock has random faults in that time, by ``--seed``: restarts, silence
-and loss. With ``--paced`` simulation time passes only while the daemon reads the sent datagrams.
+and loss. With ``--paced`` simulation time advances only while the daemon reads the sent datagrams.
 """
 
 import argparse
@@ -22,21 +22,21 @@ from autopilot_bridge.mock.fault_injection import FaultyMock
 from autopilot_bridge.mock.fault_kinds import parse_faults
 from autopilot_bridge.mock.serving import MockGroup, serve
 from benchmarks.link_shared import clock_us
-from mission_service.simulation.mocks import MockEnvironment, from_scenario
+from mission_service.simulation.mock_processes import MockEnvironment, from_scenario
 
 STAMP = struct.Struct("<Biiq")
 POSITION = int(mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT)
-PLACE = struct.Struct("<4xii")  # latitude and longitude in its payload
-MAX_STEP_S = 1.0  # of simulation time between two readings of a paced clock
-MAX_UNREAD_BYTES = 16_384  # in a socket, as counted by the kernel: a few dozen frames
+PLACE = struct.Struct("<4xii")  # latitude and longitude in the payload
+MAX_STEP_S = 1.0  # simulation time between two readings of a paced clock
+MAX_UNREAD_BYTES = 16_384  # unread bytes in a socket, counted by the kernel: a few dozen frames
 LOOK_EVERY_US = 1_000
 
 
 class PacedClock:
     """A clock that stops while this process does not run or the daemon does not read its sockets.
 
-    A busy machine therefore flies the same missions in more real time: no datagram is lost in a
-    full socket, and no vehicle jumps. ``ports`` are the UDP ports of the daemon.
+    On a busy machine the same flight therefore takes more real time: no datagram is lost in a full
+    socket, and no vehicle jumps. ``ports`` are the UDP ports of the daemon.
     """
 
     def __init__(self, speedup: float, ports: Collection[int]) -> None:

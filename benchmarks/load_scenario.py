@@ -5,7 +5,7 @@ import os
 from dataclasses import dataclass
 
 FIRE = (36.372, -84.125)
-LAYERS = 8  # of 40 m; from higher layers the camera would not see the edge of the fire
+LAYERS = 8  # layers of 40 m; from higher layers the camera would not see the edge of the fire
 M_PER_DEG = 111_195.0
 # Below the range of ephemeral ports, which the mocks' own sockets use.
 FIRST_PORT = 20_000 + os.getpid() % 90 * 100

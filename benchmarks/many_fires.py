@@ -1,12 +1,12 @@
-"""Time of an ensemble beside the same number of single fires: 500 x 500 cells, three hours.
+"""Compare the time of an ensemble with the same number of single fires (500 x 500 cells, 3 h).
 
     .venv/bin/python -m benchmarks.many_fires [--members 100] [--workers 2]
 
-Single fires are the same fires in one process, one after the other: ``new_fire``, ``perturb`` and
-``advance``; and the same with ``behaviour_of``, which gives the flame length that the ensemble
-gives too. A whole command ``fire run`` also starts Python and writes files; it is timed once. The
-landscapes are those of ``bench fire``, hills with patches of 12 fuels and a plain, with a moderate
-and a strong wind.
+The single fires are simulated in one process, one after the other, by ``new_fire``, ``perturb`` and
+``advance``. They are timed without and with ``behaviour_of``, which computes flame lengths, as the
+ensemble does. A whole command ``fire run`` also starts Python and writes files; it is timed once.
+The landscapes are those of ``bench fire``, hills with patches of 12 fuels and a plain, with a
+moderate and a strong wind.
 """
 
 import argparse
@@ -56,7 +56,7 @@ class Case:
         return Start(new_fire("anyangle", self.land, self.weather, []), [LIT])
 
     def single(self, draw: Draw) -> Fire:
-        """Burn a member as a program does that has no ensembles."""
+        """Simulate a member as a single fire."""
         row, col, at_s = LIT
         down, right = round(-draw.north_m / CELL_M), round(draw.east_m / CELL_M)
         lit = (row + down, col + right, at_s)
@@ -66,7 +66,7 @@ class Case:
         return fire
 
     def ensemble(self, workers: int) -> list[Window]:
-        """Burn all members, from the landscape to the maps; return what they burned."""
+        """Simulate all members, from the landscape to the maps; return the burned areas."""
         start, numbers = self._start(), range(len(self.draws))
         with ThreadPoolExecutor(workers) as pool:
             windows = list(burned_windows(start, self.draws, numbers, UNTIL_S, 1, pool.map))
@@ -98,7 +98,7 @@ def command_s() -> float:
 
 def measured(mixed: bool, wind_m_s: float, count: int, workers: int) -> dict[str, object]:
     """Return the times of single fires and of an ensemble on one landscape, in s and s of CPU."""
-    Case(mixed, wind_m_s, 4).ensemble(workers)  # compiles
+    Case(mixed, wind_m_s, 4).ensemble(workers)  # compile the kernels
     case = Case(mixed, wind_m_s, count)
     burned = [np.isfinite(window.after_s).sum() for window in case.ensemble(workers)]
     assert burned[0] == case.single(case.draws[0]).burned().sum()

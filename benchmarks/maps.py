@@ -14,7 +14,7 @@ import click
 from mission_service.config.scenario import Scenario, load_scenario
 from mission_service.fire.forecast import Forecasts
 from mission_service.fire.run_estimate import RunEstimate
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 from mission_service.interfaces.maps import overlay
 from mission_service.interfaces.maps.fronts import contours_geojson, probability_geojson
 from mission_service.interfaces.maps.mercator import WORLD_M, mercator_box
@@ -38,7 +38,7 @@ def scenario() -> Scenario:
 
 
 async def forecasts(estimate: RunEstimate) -> None:
-    """Print the time of each forecast of a run, and the delay of other tasks meanwhile."""
+    """Print the time of each forecast of a run, and the delay of other tasks during it."""
     late_s: list[float] = []
 
     async def beat() -> None:

@@ -1,9 +1,10 @@
-"""Prediction of each mapped perimeter of the Maria fire from the last: ``-m benchmarks.maria``.
+"""Prediction of each mapped perimeter of the Maria fire: ``python -m benchmarks.maria``.
 
 The data are airborne infrared perimeters (California, 2019) with the weather recorded for each
-(moistures, and wind at 20 ft, or at 10 m with ``--wind-10m``), and LANDFIRE layers. For each two
-consecutive perimeters the fire of this package starts along the first perimeter and burns under its
-weather until the time of the second. Persistence, an unchanged perimeter, is the reference.
+(moistures, and wind at 20 ft, or at 10 m with ``--wind-10m``), and LANDFIRE layers. For each pair
+of consecutive perimeters the fire of this package starts along the first perimeter and burns in the
+weather of that perimeter until the time of the second. Persistence, an unchanged perimeter, is the
+reference.
 
 The benchmark prints the intersection over union with the second perimeter, and the ratio of the
 predicted to the observed area, both for the whole area and for the newly burned area. The wind is
@@ -55,7 +56,7 @@ class Mapped(NamedTuple):
 
     at: datetime
     area: BaseGeometry  # in the landscape's CRS
-    weather: Weather  # wind by true north
+    weather: Weather  # wind direction from true north
 
 
 class Scores(NamedTuple):
@@ -76,7 +77,7 @@ def read_maria(folder: Path) -> tuple[Landscape, list[Mapped]]:
 
 
 def read_perimeters(path: Path, landscape: Landscape) -> list[Mapped]:
-    """Read the perimeters from flights, without the one from a newspaper's map."""
+    """Read the perimeters from flights, without the perimeter from a newspaper's map."""
     import pyogrio
 
     meta, _, shapes, columns = pyogrio.raw.read(path, columns=[*FIELDS, *LIVE])
@@ -105,7 +106,7 @@ def predict(landscape: Landscape, now: Mapped, weather: Weather, for_s: float) -
 
 
 def scores(now: BaseGeometry, then: BaseGeometry, found: BaseGeometry) -> Scores:
-    """Return the scores of ``found``, a prediction of ``then`` from ``now``."""
+    """Return the scores of ``found``, which was predicted from ``now`` for the time of ``then``."""
     new, found_new = then.difference(now), found.difference(now)
     return Scores(
         overlap(found, then),

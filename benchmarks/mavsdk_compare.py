@@ -15,7 +15,7 @@ import time
 import click
 
 from autopilot_bridge.clients.native import NativeClient
-from autopilot_bridge.links.connection import Connection
+from autopilot_bridge.links.asyncio_connection import Connection
 from autopilot_bridge.vehicle.client_events import TransferFinished
 from benchmarks.link_shared import clock_us, free_ports, mission_of
 

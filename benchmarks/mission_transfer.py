@@ -15,7 +15,7 @@ import click
 
 from autopilot_bridge.items import MissionItem, loiter_unlimited, waypoint
 from autopilot_bridge.links.codec import Codec, Message
-from autopilot_bridge.links.link import MemoryLink
+from autopilot_bridge.links.memory_link import MemoryLink
 from autopilot_bridge.missions.download import MissionDownload
 from autopilot_bridge.missions.ftp import FtpDownload, FtpUpload, next_session
 from autopilot_bridge.missions.read_back import same_mission
@@ -28,7 +28,7 @@ from benchmarks.link_shared import clock_us
 
 STATION = (255, 190)
 HOME = (36.3, -84.2, 300.0)
-DELAY_US = 10_000  # of the link in each direction
+DELAY_US = 10_000  # delay of the link in each direction
 Transfer = MissionUpload | MissionDownload | FtpUpload | FtpDownload
 ARDUPLANE = stack_named("ardupilot", "plane")
 

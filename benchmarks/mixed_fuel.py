@@ -1,16 +1,17 @@
 """Error of the any-angle scheme where fuels meet: ``python -m benchmarks.mixed_fuel``.
 
-Each case burns the same fire on the given cells and on the same cells cut into smaller ones, and
-prints the difference of the burned areas in percent, for the scheme and for ``precise``:
+Each case simulates the same fire on the given cells and on smaller cells of the same fuels, and
+prints the difference of the burned areas in percent, for the default scheme and for ``precise``:
 
-* patches of 120 m with five fuels, cells of 120 to 24 m against cells of 8 m;
-* the same patches turned, on cells of 30 m, against these cells cut 5 x 5;
-* a checkerboard of fuels 1 and 10, against cells cut 7 x 7;
-* a strip of fuel 1, one cell wide, across fuel 8: time to its end against cells cut 7 x 7;
-* fifteen changes of weather that change nothing (the wind by a millionth), against none, in patches
+* patches of 120 m with five fuels, cells of 120 to 24 m compared with cells of 8 m;
+* the same patches turned, on cells of 30 m, compared with these cells divided into 5 x 5;
+* a checkerboard of fuels 1 and 10, compared with cells divided into 7 x 7;
+* a strip of fuel 1, one cell wide, across fuel 8: the time to the strip's end, compared with cells
+divided into 7 x 7;
+* fifteen weather entries that change the wind only by a millionth, compared with none, in patches
   and on even ground (length-to-width ratio of the ellipse 2.3 at 10 m/s);
 * with ``--real``, fires with random weather on windows of 120 x 120 cells of the Worcester and the
-  Maria landscapes (``../shared``), against cells cut 7 x 7; some minutes.
+  Maria landscapes (``../shared``), compared with cells divided into 7 x 7; some minutes.
 
 The scheme's settings were chosen on ``--seed 1``; figures in documents are of ``--seed 7``.
 """
@@ -39,7 +40,7 @@ CHANGES = 15
 TURNS_DEG = (17.0, 30.0, 45.0)
 TURNED_MAPS = 5
 WINDOW_CELLS = 120
-LEAST_CELLS = 600  # smaller fires are not counted
+LEAST_CELLS = 600  # smaller fires are ignored
 
 
 def flat(fuel: NDArray[np.integer], cell_m: float) -> Landscape:
@@ -54,7 +55,7 @@ def window(land: Landscape, top: int, left: int, cells: int) -> Landscape:
 
 
 def cut(land: Landscape, pieces: int) -> Landscape:
-    """Return a landscape with each cell cut into ``pieces`` x ``pieces`` equal cells."""
+    """Return a landscape with each cell divided into ``pieces`` x ``pieces`` equal cells."""
     return _layers(land, lambda a: a.repeat(pieces, axis=-2).repeat(pieces, axis=-1), pieces)
 
 
@@ -82,7 +83,7 @@ def burned_ha(land: Landscape, weather: WeatherStream, end_s: float, precise: bo
 
 
 def duration_s(land: Landscape, weather: WeatherStream, share: float) -> float:
-    """Return how long a fire burns until it is near the edge or has burned a share of the cells."""
+    """Return the time until a fire is near the edge or has burned a share of the cells."""
     fire, time_s = AnyAngleFire(land, weather, [middle(land)]), 600.0
     while time_s < 2e6:
         fire.advance(time_s)
@@ -115,7 +116,8 @@ def patches(seed: int, precise: bool) -> None:
 def turned(seed: int, precise: bool) -> None:
     """Print the mean and the largest error in turned patches."""
     generator = np.random.default_rng(seed)
-    maps = [generator.choice(FUELS, (53, 53)) for _ in range(TURNED_MAPS)]  # large for any turn
+    # Large enough for any turn.
+    maps = [generator.choice(FUELS, (53, 53)) for _ in range(TURNED_MAPS)]
     right, down = np.meshgrid(np.arange(-70, 71) * 30.0, np.arange(-70, 71) * 30.0)
     for wind_m_s in WINDS_M_S:
         weather, errors = WeatherStream([replace(WEATHER, wind_speed_m_s=wind_m_s)]), list[float]()
@@ -170,7 +172,7 @@ def strips(precise: bool) -> None:
 
 
 def changes(seed: int, precise: bool) -> None:
-    """Print the errors by changes of weather that change nothing."""
+    """Print the errors by weather entries that change almost nothing."""
     fuel = np.random.default_rng(seed).choice(FUELS, (37, 37))
     for wind_m_s in WINDS_M_S:
         one = replace(WEATHER, wind_speed_m_s=wind_m_s)
@@ -210,7 +212,7 @@ def real(name: str, land: Landscape, fires: int, seed: int, precise: bool) -> No
         if coarse_ha * 1e4 / part.cell_size_m**2 < LEAST_CELLS:
             continue
         fine = cut(part, 7)
-        centre = 7 * (WINDOW_CELLS // 2) + 3  # of the same cell
+        centre = 7 * (WINDOW_CELLS // 2) + 3  # a landscape of equal cells
         fire = AnyAngleFire(fine, weather, [(centre, centre, 0.0)], precise=precise)
         fire.advance(end_s)
         errors.append(100.0 * (coarse_ha / fire.burned_ha - 1.0))

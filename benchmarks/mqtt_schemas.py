@@ -24,7 +24,7 @@ from mission_service.requests import summary_of
 FOLDER = Path(__file__).parents[1] / "docs" / "schemas"
 PAGE = FOLDER.parent / "mqtt.md"
 DRAFT = "https://json-schema.org/draft/2020-12/schema"
-OPERATOR_FIELDS = ("do", "by", "station")  # of a request; a command has other fields for these
+OPERATOR_FIELDS = ("do", "by", "station")  # fields of a request; a command has other fields instead
 NUMBER, TIME = {"type": "number"}, {"type": "integer"}
 RING = {"type": "array", "items": {"type": "array", "prefixItems": [NUMBER, NUMBER]}}
 FRONT_SCHEMA: dict[str, Any] = {

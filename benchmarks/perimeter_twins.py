@@ -1,10 +1,10 @@
 """Forecasts between mapped perimeters of simulated fires: ``-m benchmarks.perimeter_twins A B``.
 
 The true fires (seeds A to B) are those of ``estimate_twins`` with a further common factor of all
-rates. Sectors of the front are closed at random: before each perimeter one of random width with a
-probability of one half, for good. Perimeters are mapped every 15 to 45 minutes from 40 minutes on;
-their outlines are moved in or out by 12 m (standard deviation) and simplified. Each forecast from
-one perimeter to the next uses only the earlier ones. Persistence is the last perimeter.
+rates. Before each perimeter, with a probability of one half, a random sector of the front is held
+until the end. Perimeters are mapped every 15 to 45 minutes from 40 minutes on; their outlines are
+moved inwards or outwards by 12 m (standard deviation) and simplified. Each forecast from one
+perimeter to the next uses only the earlier perimeters. Persistence is the last perimeter.
 """
 
 import math
@@ -83,7 +83,7 @@ def run(
     estimate = FireEstimate(
         truth.landscape, truth.weather, settings=EstimateSettings(members, seed, WRONG)
     )
-    estimate.observe(perimeters[0])
+    estimate.assimilate(perimeters[0])
     found = []
     for before, after in pairwise(perimeters):
         forecast = estimate.forecast(after.at_s, pool.map)
@@ -99,7 +99,7 @@ def run(
             step = Step(before, after, probability, likely, alone.burned())
             path = pictures / f"perimeters-{seed}-{len(found)}.png"
             draw_forecast(path, truth.landscape, step, f"Simulated fire {seed}", None)
-        estimate.observe(after, pool.map)
+        estimate.assimilate(after, pool.map)
     return found
 
 

@@ -68,7 +68,7 @@ def draw(
 ) -> None:
     """Draw the bearing of each vehicle over time, with the spread rate as the background.
 
-    Tracks (n, 3) are time in s, row, column, by name.
+    The tracks, by vehicle name, have the columns time in s, row, column.
     """
     figure = Figure(figsize=(9, 3.6), dpi=80, layout="constrained")
     FigureCanvasAgg(figure)

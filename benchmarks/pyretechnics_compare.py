@@ -1,10 +1,10 @@
-"""Cells a second, and pyretechnics': ``python -m benchmarks.pyretechnics_compare [--json]``.
+"""Speed compared with pyretechnics: ``python -m benchmarks.pyretechnics_compare [--json]``.
 
 Both packages simulate the same fire in one run: 1000 x 1000 cells of 30 m, wind of 5 m/s at 20 ft
 from 250 degrees, one ignition cell, until about half of the cells have burned. The times contain
-Rothermel's equations and the construction of the fire. They do not contain reading of files, start
-of Python and compilation. Both have no wind limit and the same length-to-width ratio; pyretechnics
-runs with its defaults.
+Rothermel's equations and the construction of the fire. They exclude the reading of files, the start
+of Python and the compilation. Both have no wind limit and the same length-to-width ratio;
+pyretechnics runs with its defaults.
 
 If each cell has a random fuel ("speckled"), the burned areas differ. ``--finer 3`` divides each
 cell into 3 x 3 cells of the same fuel and shows the limit to which each package converges; use it

@@ -22,7 +22,7 @@ from pyretechnics.eulerian_level_set import (  # type: ignore[import-not-found]
 from pyretechnics.space_time_cube import SpaceTimeCube  # type: ignore[import-not-found]
 
 RASTERS = ("slope", "aspect", "fuel_model")
-NUMBERS = ("wind", "upwind", "fuel_moisture")  # first parts of their names
+NUMBERS = ("wind", "upwind", "fuel_moisture")  # first parts of the names
 NO_TREES = ("canopy_cover", "canopy_height", "canopy_base_height", "canopy_bulk_density")
 
 Case = dict[str, Any]

@@ -3,8 +3,8 @@
 python -m benchmarks.random_fires [FIRST] [COUNT] [--wrong]
 
 With ``--wrong`` the planner receives another fuel in 30 % of the patches and a wind that is wrong
-by 30 degrees and 3 m/s (``tests.service.wrong_models``). The fire that this model expects without
-an aircraft is compared at the same times.
+by 30 degrees and 3 m/s (``tests.service.wrong_models``). The errors of this model's forecast
+without observations are printed, too.
 """
 
 import argparse
@@ -19,7 +19,7 @@ from firemodel.spread.schemes import SchemeName
 from tests.service.random_fires import mean_max_errors
 from tests.service.wrong_models import mean_max_errors_wrong
 
-# The schemes of the fires with even and with odd numbers.
+# The schemes of fires with even and with odd numbers.
 SCHEMES: tuple[SchemeName, SchemeName] = ("devs8", "anyangle")
 
 
@@ -47,7 +47,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def _show(kind: str, seeds: NDArray[np.int64], errors: NDArray[np.float64]) -> None:
-    """Print the ratios of predictive's errors (fires, columns) to the others on a kind of fire."""
+    """Print the ratios of predictive's errors to the others (fires, columns) on a kind of fire."""
     if not seeds.size:
         return
     ratio = errors[:, 1] / errors[:, 0]

@@ -1,21 +1,22 @@
-"""Real fires by the command line alone: ``python -m benchmarks.real_fires FIRE FOLDER``.
+"""Simulate real fires by ``fire run``: ``python -m benchmarks.real_fires FIRE FOLDER``.
 
 FIRE and its FOLDER, a checkout of a public repository unless stated otherwise:
 
 - sandiego: hahmed17/FARSITE_demo. FARSITE's own perimeters of a fire in San Diego County (2025)
   after 30, 60 and 90 minutes, from its landscape (.lcp), inputs file and ignition (Shapefile). The
-  .lcp declares slopes in degrees, as which FARSITE reads them; by the elevation they are percent.
+  .lcp declares slopes in degrees, and FARSITE reads them so; according to the elevation they are in
+  percent.
 - belgium: data/handson/Instances_Belgium of fire2a/C2F-W. Four fires of 2025 with mapped burned
-  areas, ASCII grids of fuel and elevation, and Cell2Fire's weather; moistures D2L2 of Scott &
-  Burgan. Suppression is not known; the fire burns until the last record of weather ends.
+areas, ASCII grids of fuel and elevation, Cell2Fire's weather, and the moistures D2L2 of Scott &
+Burgan. The time of suppression is not known; the fire burns until the end of the weather.
 - tubbs: cases/Validation/landscape_scale/tubbs_fire of berkeley-firelab/ELMFIRE_VnV_Suite. The
   Tubbs fire (California, 2017), GeoTIFFs in a projection on a sphere, hourly wind and moistures as
   the means of ELMFIRE's rasters; buildings (code 256) do not burn.
-- maria: ../shared/data/maria_2019. From each mapped perimeter to the next, by ``fire run``.
+- maria: ../shared/data/maria_2019. The Maria fire from each mapped perimeter to the next.
 
 Each run is a process ``mission-service fire run`` on a scenario that names the original files. The
-benchmark prints the intersection over union with the reference, and beside it that of persistence
-(the initial perimeter does not change), and the ratio of the areas.
+benchmark prints the intersection over union of the simulated fire and of persistence (an unchanged
+initial perimeter) with the reference, and the ratio of the areas.
 """
 
 import argparse
@@ -90,7 +91,7 @@ def run_fire(
 
 
 def place(x_m: float, y_m: float, crs: str) -> str:
-    """Return the lines of a scenario on a place, which is given in a CRS."""
+    """Return the lines of a scenario for a place that is given in a CRS."""
     lon, lat = into_crs(shapely.Point(x_m, y_m), crs, "EPSG:4326").coords[0]
     return f"lat_deg = {lat}\nlon_deg = {lon}"
 

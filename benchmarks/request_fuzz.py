@@ -5,8 +5,8 @@
 The shipped scenarios fly in virtual time, with MAVLink frames to mock autopilots. At random times
 the process forks. The fork sends requests to the request handler (as the control socket and HTTP
 do), as lines of the control socket, and over MQTT, and continues the flight between requests. The
-requests are generated from the request table (``core/request_events.py``), so that a new request is
-tested too. The checks are:
+requests are generated from the request table (``core/request_events.py``), so that new requests are
+included automatically. The checks are:
 
 - no request raises an exception, and no request is refused because it cannot be handled;
 - the state after a restart from the last snapshot, and from the beginning of the journal, equals
@@ -39,7 +39,7 @@ from mission_service.core import request_events
 from mission_service.core.core import Core
 from mission_service.errors import JournalError
 from mission_service.fire.run_estimate import RunEstimate
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 from mission_service.fire.simulated_cameras import cameras_of
 from mission_service.guidance.registry import way_of
 from mission_service.interfaces.mqtt.command_gate import TAKEN, CommandGate
@@ -48,7 +48,7 @@ from mission_service.journal.recovery import unfinished
 from mission_service.journal.segments import begin_state, newest_state, synced
 from mission_service.journal.snapshot import Frozen, Known, code_digest, write
 from mission_service.live.daemon import replay
-from mission_service.live.interfaces import request_handler_of
+from mission_service.live.interface_setup import request_handler_of
 from mission_service.replay.verification import verify
 from mission_service.runtime.engine import Engine
 from mission_service.runtime.state_view import StateView
@@ -68,7 +68,7 @@ class Case:
     scenario: str
     changes: tuple[str, ...]
     ends_s: float
-    vehicle: str | None = None  # the only vehicle of this process
+    vehicle: str | None = None  # the only vehicle that this process flies
 
 
 CASES = {
@@ -246,7 +246,7 @@ class RequestGenerator:
         rng = self._rng
         around_m = float(rng.choice([3.0, 30.0, 100.0, 300.0, 3000.0]))
         count = int(rng.choice([1, 2, 3, 4, 5, 12, 200], p=[0.2, 0.2, 0.2, 0.2, 0.1, 0.09, 0.01]))
-        if rng.random() < 0.5 and count > 2:  # a ring, so that its sides do not cross
+        if rng.random() < 0.5 and count > 2:  # points on a ring, so that the sides do not cross
             lat, lon = self._place(around_m / 3)
             turns = np.sort(rng.uniform(0.0, math.tau, count))
             reach = rng.uniform(0.5, 1.0, count) * around_m / 111_195.0
@@ -283,7 +283,7 @@ class FuzzedEngine:
 
     def run(self, seconds: float) -> None:
         """Continue the flight."""
-        self.simulation.run(self.simulation.clock.now_us / 1e6 + seconds)
+        self.simulation.run_until(self.simulation.clock.now_us / 1e6 + seconds)
 
     def keep(self) -> None:
         """Begin a journal segment with a snapshot, as the daemon does regularly."""
@@ -327,7 +327,7 @@ class FuzzedEngine:
             service.restore(cut_off.objects)
         replay(cut_off, service)
         if cut_off.missing:
-            raise JournalError(f"{self.path}: lacks {cut_off.missing}")
+            raise JournalError(f"{self.path}: does not contain {cut_off.missing}")
         return service
 
 

@@ -4,8 +4,8 @@ The fire is estimated as in Islam & Hu, section VI.E: each part of the front sta
 observed position, in a convex hull. The vehicle has the true bearing of the head. It sweeps across
 the head ``sweeps`` times, passes it each time by a fraction ``reach`` of the perimeter, then flies
 one lap, and repeats. The best of these routes shows the approximate gain of choosing directions. It
-is not a bound, because other routes may be less regular: one setting of the damped rule
-(reversal_margin 0.7) was 9 % below circling on the fast fire, the best of these routes 7 %.
+is not a bound, because other routes may be less regular: on the fast fire one setting of the damped
+rule (reversal_margin 0.7) had an error 9 % below circling, and the best of these routes 7 % below.
 The benchmark prints the mean maximum error of circling and of the best routes, in cells.
 """
 

@@ -1,4 +1,4 @@
-"""Folder of reference data, which is not in the repository, and overlap of areas."""
+"""Locate the folder of reference data, which is not in the repository; compute overlaps."""
 
 import argparse
 import sys

@@ -1,13 +1,13 @@
 """An hour of simulated time with random faults: ``python -m benchmarks.soak [--seed N]``.
 
 The benchmark runs the daemon as users start it, mocks at 20 times real time in a separate process,
-and Mosquitto. At random times, by the seed, the broker is killed and restarted; vehicles stop
+and Mosquitto. At random times (from the seed) the broker is killed and restarted; vehicles stop
 sending, reboot and lose 30 % of the frames in each direction; the wall clock steps (libfaketime);
 the disk becomes full (a separate tmpfs, as root); and invalid MAVLink, HTTP and MQTT input arrives.
-The output lists faults that the machine does not allow. The exit code is 1 unless, at the end, the
-daemon has not crashed, its log contains no traceback, memory is constant, each expected alarm was
-raised, all alarms are cleared, the daemon ends with code 0, and the journal verifies. It takes
-three minutes.
+The output lists faults that cannot be simulated on this machine. The exit code is 1 unless, at the
+end, the daemon has not crashed, its log contains no traceback, memory is constant, each expected
+alarm was raised, all alarms are cleared, the daemon ends with code 0, and the journal verifies. It
+takes three minutes.
 """
 
 import argparse
@@ -37,10 +37,10 @@ from benchmarks.load_scenario import BROKER, FIRST_PORT, Load, scenario_text
 from benchmarks.mosquitto import MOSQUITTO, Mosquitto
 
 FAKETIME = Path("/usr/lib/x86_64-linux-gnu/faketime/libfaketime.so.1")
-INSIDE = "SOAK_INSIDE"  # set inside the separate mount namespace
+INSIDE = "SOAK_INSIDE"  # set in the separate mount namespace
 DISK_MB = 96
 WARM_UP = 0.35  # fraction of the time in which caches and tracks grow
-MAX_GROWTH_MIB_H = 15.0  # of simulated time
+MAX_GROWTH_MIB_H = 15.0  # duration in simulated time
 LOOK_EVERY_S = 0.5
 SETTLES_S = 40.0
 
@@ -123,7 +123,7 @@ class Clock:
         self._file.write_text(f"{seconds:+.0f}\n", "ascii")
 
 
-Fault = tuple[float, str, Callable[[], None]]  # time in real seconds, name, action
+Fault = tuple[float, str, Callable[[], None]]  # time in real seconds, name, and action
 
 
 def faults_of(

@@ -2,8 +2,8 @@
 
 Each vehicle sends HEARTBEAT at 1 Hz and GLOBAL_POSITION_INT and ATTITUDE at 4 Hz over UDP on
 loopback, from a separate socket in another process. The receiver has one client and one port for
-each vehicle, or one port for all vehicles. getrusage gives its share of a core, the sequence
-numbers give the loss. The limits are 25 % of one core for 250 vehicles, and no loss.
+each vehicle, or one port for all vehicles. The share of a core is from getrusage, the loss from the
+sequence numbers. The limits are 25 % of one core for 250 vehicles, and no loss.
 """
 
 import argparse
@@ -21,8 +21,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.clients.native import NativeClient
 from autopilot_bridge.clients.shared_link import SharedLink
+from autopilot_bridge.links.asyncio_connection import Connection, Peer
 from autopilot_bridge.links.codec import Codec
-from autopilot_bridge.links.connection import Connection, Peer
 from benchmarks.link_shared import clock_us, free_ports
 
 MAX_SHARE = 0.25
@@ -103,7 +103,7 @@ async def receive(vehicles: int, one_port: bool, seconds: float) -> dict[str, fl
         output, _ = await sender.communicate()
         await asyncio.sleep(0.2)
         for connection in connections:
-            await connection.wait()  # raises an error of the connection
+            await connection.wait()  # raises the error of a connection
     cpu_s = now.ru_utime + now.ru_stime - used.ru_utime - used.ru_stime
     sent = sum(json.loads(output).values())
     return {

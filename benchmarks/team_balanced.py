@@ -1,7 +1,7 @@
 """Compare team.balanced with Bent's rules: ``python -m benchmarks.team_balanced [--json] [FIRE]``.
 
 The cases are three fires, two to six vehicles and both importances, and the loss of one of four
-vehicles at half of the time. FIRE selects one or more fires by name.
+vehicles after half of the time. FIRE selects one or more fires by name.
 """
 
 import json
@@ -92,7 +92,7 @@ def _share(history: Sequence[RingStep]) -> None:
 
 
 def fly(case: Case) -> Flown:
-    """Fly a case over the history that the processes share."""
+    """Fly a case on the history of a fire that all processes share."""
     if case.rule == "balanced":
         rule: Any = Balanced("exponential" if case.importance == "exponential" else "linear")
     else:

@@ -1,9 +1,14 @@
 """Delay of the event loop by uploaded files, request bodies and drawn shapes, over a socket.
 
-    .venv/bin/python -m benchmarks.upload_lag
+    .venv/bin/python -m benchmarks.upload_lag [--estimate CELLS]
 
 A probe task sleeps for 1 ms in a loop during the requests. The benchmark prints, for each request,
 the largest delay of the probe (limit 50 ms), the response and its time.
+
+With --estimate, the requests are those that change the estimate of a fire that has burned for four
+hours, on CELLS x CELLS cells, without a socket: late reports and images, corrections, wind. Each is
+measured with the estimate on the loop and in a thread, as in a live run. "Computing" is processor
+time of the loop, which does not depend on other programs; compare delays with the line "idle".
 """
 
 import asyncio
@@ -17,8 +22,10 @@ from typing import Any
 
 import click
 import httpx
+import numpy as np
 
-from mission_service.config.service import HttpSection
+from mission_service.config.service_section import HttpSection
+from mission_service.events import Observed
 from mission_service.interfaces.api.server import bound, serving
 from tests.api.worlds import World, scenario_of, served, world_in
 
@@ -31,13 +38,15 @@ class Probe:
 
     def __init__(self) -> None:
         self.latest_s = 0.0
+        self.computed_s = 0.0  # most processor time of the loop's thread between two turns
 
     async def run(self) -> None:
         """Measure delays until cancelled."""
         while True:
-            began_s = time.perf_counter()
+            began_s, began_cpu_s = time.perf_counter(), time.thread_time()
             await asyncio.sleep(0.001)
             self.latest_s = max(self.latest_s, time.perf_counter() - began_s - 0.001)
+            self.computed_s = max(self.computed_s, time.thread_time() - began_cpu_s)
 
 
 def places(world: World, count: int, radius: float = 0.1, wave: float = 0.0) -> list[list[float]]:
@@ -119,7 +128,7 @@ async def measured(world: World) -> bool:
                 )
                 assert sender.stdin is not None
                 assert sender.stdout is not None
-                await sender.stdout.readline()  # wait for its start, which is not measured
+                await sender.stdout.readline()  # the start of the process is not measured
                 for start in range(0, len(body), 65536):
                     sender.stdin.write(body[start : start + 65536])
                     await sender.stdin.drain()
@@ -135,6 +144,97 @@ async def measured(world: World) -> bool:
             probing.cancel()
     service.app.api.close()
     return good
+
+
+def estimate_cases(world: World) -> list[tuple[str, dict[str, Any] | Observed]]:
+    """Return name and request, or late image, of each case.
+
+    Each changes ground a little further from the fire than the one before.
+    """
+    land = world.context.landscape
+    rows, cols = np.nonzero(world.context.estimate.fire.burned())
+    top, left = int(rows.min()), int(cols[rows.argmin()])
+
+    def ahead(cells: int, count: int) -> list[list[float]]:
+        places = (land.xy_of(top - cells, left + k) for k in range(count))
+        return [[float(value) for value in land.lat_lon_of(*place)] for place in places]
+
+    def observed(cells: int, age_s: float, **more: Any) -> dict[str, Any]:
+        report = {"do": "observe", "state": "burning", "shape": "points", **more}
+        return {**report, "points": ahead(cells, 8), "age_s": age_s}
+
+    def drawn(shape: str, points: list[list[float]]) -> dict[str, Any]:
+        return {"do": "correct", "state": "burning", "shape": shape, "points": points}
+
+    three_hours_ago_us = round((world.now_s - 10_800.0) * 1e6)
+    image = Observed(three_hours_ago_us, "hawk", top - 40, left, ("b" * 12,) * 12)
+    wind = {"do": "wind", "speed_m_s": 7.0}
+    return [
+        ("report, now", observed(3, 0.0)),
+        ("report, 1 h old", observed(7, 3600.0)),
+        ("report, 3 h old", observed(11, 10_800.0)),
+        ("image, 3 h old", image),
+        ("wind", {**wind, "from_deg": 100.0}),
+        ("report, 3 h old, wind changed", observed(15, 10_800.0)),
+        ("corrected line", drawn("line", ahead(18, 12))),
+        ("corrected area of 1,000 corners", drawn("polygon", places(world, 1000))),
+        ("wind, corrected", {**wind, "from_deg": 80.0}),
+        ("report, 3 h old, corrected", observed(19, 10_800.0)),
+        ("undo", {"do": "undo"}),
+        ("redo", {"do": "redo"}),
+    ]
+
+
+async def measured_estimate(world: World, in_thread: bool) -> bool:
+    """Change the estimate in all ways; return True if none delayed the loop beyond the limit."""
+    probe, estimate = Probe(), world.context.estimate
+    tasks = [asyncio.create_task(probe.run())]
+    if in_thread:
+        tasks.append(asyncio.create_task(world.worker.fold_inputs()))
+    await asyncio.sleep(0.1)
+    good = True
+    for name, case in [("idle", None), *estimate_cases(world)]:
+        probe.latest_s = probe.computed_s = 0.0
+        began_s, text = time.perf_counter(), ""
+        if isinstance(case, Observed):
+            world.simulation.service.handle_events([case], world.simulation.link_us)
+        elif case is not None:
+            handler = world.context.request_handler
+            answer = await handler.ask_and_wait({**case, "by": "anna", "station": "tower"})
+            text = str(answer.get("error", ""))
+        while in_thread and estimate.is_behind:  # noqa: ASYNC110 - a late image has no reply
+            await asyncio.sleep(0.01)
+        took_s = time.perf_counter() - began_s
+        await asyncio.sleep(0.5)
+        late_ms, computed_ms = 1e3 * probe.latest_s, 1e3 * probe.computed_s
+        good = good and late_ms <= LIMIT_MS
+        click.echo(
+            f"{name:32} loop late {late_ms:7.1f} ms, computing {computed_ms:6.1f} ms; "
+            f"used after {took_s:5.2f} s   {text}"
+        )
+    for task in tasks:
+        task.cancel()
+    await asyncio.gather(*tasks, return_exceptions=True)
+    return good
+
+
+def main_estimate(cells: int) -> int:
+    """Return 0 if no change of the estimate in a thread delayed the loop beyond the limit."""
+    # The terrain of the scenario is 7 km wide around the fire.
+    size = (f"landscape.{name}={cells}" for name in ("rows", "cols"))
+    changes = (*size, f"landscape.cell_size_m={min(30, 10_000 // cells)}", "start_s=14400")
+    good = True
+    for in_thread in (False, True):
+        with tempfile.TemporaryDirectory() as folder:
+            scenario = scenario_of("demo", (*changes, "deploy_at_s=14400", "duration_s=20000"))
+            world = world_in(Path(folder), scenario)
+            world.fly(14_460.0)
+            burned = int(world.context.estimate.fire.burned().sum())
+            where = "in a thread" if in_thread else "on the loop"
+            click.echo(f"{cells} x {cells} cells, {burned} burned; {where}; limit {LIMIT_MS:g} ms")
+            found = asyncio.run(measured_estimate(world, in_thread))
+            good = found if in_thread else good
+    return 0 if good else 1
 
 
 def send(url: str, authorization: str) -> None:
@@ -161,5 +261,7 @@ def main() -> int:
 if __name__ == "__main__":
     if sys.argv[1:2] == ["--send"]:
         send(*sys.argv[2:4])
+    elif sys.argv[1:2] == ["--estimate"]:
+        sys.exit(main_estimate(int(sys.argv[2])))
     else:
         sys.exit(main())

@@ -1,7 +1,7 @@
-"""Error of the fire's shape by the number of weather entries: ``-m benchmarks.weather_steps``.
+"""Error of a fire's shape by the number of weather entries: ``-m benchmarks.weather_steps``.
 
 Constant weather is divided into an increasing number of equal entries, which should not change the
-fire. The head covers 120 cells; the table has the overlap with the exact ellipse.
+fire. The head advances by 120 cells; the table shows the overlap with the exact ellipse.
 """
 
 from dataclasses import replace

@@ -1,17 +1,17 @@
 """Days of mission time in one process: ``python -m benchmarks.weeks [--hours 24] [--speedup 60]``.
 
 The benchmark runs the daemon as users start it, four mocks in a separate process, a fire that grows
-slowly enough not to end, and Mosquitto. During the run the broker is killed, restarted and frozen,
-clients of the live stream connect and disconnect, and HTTP clients send all requests of the map,
-draw, erase and undo corrections, change the wind, and hold and resume vehicles.
+so slowly that it burns until the end, and Mosquitto. During the run the broker is killed, restarted
+and frozen, clients of the live stream connect and disconnect, and HTTP clients send all requests of
+the map, draw, erase and undo corrections, change the wind, and hold and resume vehicles.
 
 In each mission hour all clients pause, so that only the resources of the service itself are open.
-One line then has resident memory and its anonymous part, file descriptors, threads, the size of the
-journal and the number of answered requests. PSS is not used, because it depends on the pages shared
-with other processes. The exit code is 1 unless the slope of memory after the first hour is below
-1 MiB an hour (least squares over all samples), the number of file descriptors is the same in each
-pause, each request was answered, the daemon ended with code 0 and without a traceback, and the
-remaining journal verifies. The result does not depend on the speed of the machine.
+It then prints a line with resident memory and its anonymous part, file descriptors, threads, the
+size of the journal and the number of answered requests. PSS is not used, because it depends on the
+pages shared with other processes. The exit code is 1 unless the slope of memory after the first
+hour is below 1 MiB an hour (least squares over all samples), the number of file descriptors is the
+same in each pause, each request was answered, the daemon ended with code 0 and without a traceback,
+and the remaining journal verifies. The result does not depend on the speed of the machine.
 """
 
 import argparse
@@ -48,7 +48,7 @@ from benchmarks.load import (
 from benchmarks.load_scenario import BROKER, FIRE, M_PER_DEG, Load, scenario_text
 from benchmarks.mosquitto import MOSQUITTO, Mosquitto
 
-MAX_SLOPE_MIB_H = 1.0  # of mission time, after WARM_UP_H
+MAX_SLOPE_MIB_H = 1.0  # in mission time, after WARM_UP_H
 WARM_UP_H = 1.0
 START_S = 12 * 3600.0  # the fire is then large enough for four vehicles
 SAMPLE_EVERY_S = 3.0
@@ -60,8 +60,8 @@ CORRECT_EVERY_H = 0.1
 BROKER_UP_S, BROKER_DOWN_S, BROKER_FROZEN_S = 20.0, 4.0, 15.0
 ANSWER_WITHIN_S = 300.0
 READY_WITHIN_S = 1800.0  # the first start may compile kernels
-PAUSE_WITHIN_S = 180.0  # for connections to be closed
-STALLED_S = 300.0  # without progress of mission time
+PAUSE_WITHIN_S = 180.0  # time for connections to be closed
+STALLED_S = 300.0  # limit of the time without progress of mission time
 # Paths that the map and other programs request; slow requests are rare.
 OFTEN = ("state", "announcements", "vehicles", "fire/front", "weather", "fire/corrections")
 RARELY = (
@@ -105,7 +105,7 @@ class Clients:
     asked: int = 0
     answered: int = 0
     statuses: Counter[str] = field(default_factory=Counter)
-    mission_h: float = 0.0  # since the start
+    mission_h: float = 0.0  # counts since the start
     area_ha: float = 50.0
     may_call: threading.Event = field(default_factory=threading.Event)
     over: threading.Event = field(default_factory=threading.Event)
@@ -147,7 +147,7 @@ class Clients:
             if self.mission_h < due_h or not self.may_call.is_set():
                 time.sleep(0.2)
                 continue
-            due_h = max(due_h, self.mission_h - every_h) + every_h  # late by one turn at most
+            due_h = max(due_h, self.mission_h - every_h) + every_h  # delayed by at most one turn
             with self.lock:
                 self.calling += 1
             try:
@@ -265,7 +265,8 @@ class Run:
         self.out = out
         self.began_s = time.monotonic()
         self.hours: list[Hour] = []
-        self.samples: list[tuple[float, float, float]] = []  # mission h, RSS, anonymous in MiB
+        # Mission time in h, RSS and anonymous memory in MiB.
+        self.samples: list[tuple[float, float, float]] = []
         self._state: dict[str, Any] = {}
         self._moved_s = time.monotonic()
 
@@ -297,7 +298,7 @@ class Run:
         until_s = time.monotonic() + PAUSE_WITHIN_S
         while clients.calling and time.monotonic() < until_s:
             time.sleep(0.1)
-        time.sleep(2.0)  # for the connection to the broker
+        time.sleep(2.0)  # time for the connection to the broker
         self.look()
         pid, vehicles = self.daemon.pid, self._state["vehicles"]
         files = min(_repeated(lambda: open_files(pid), 40))  # a snapshot opens further files
@@ -392,7 +393,7 @@ def fly(given: argparse.Namespace, folder: Path) -> list[tuple[str, bool]]:
     (kept / "samples.json").write_text(json.dumps(samples), "ascii")
     return [
         (
-            f"resident memory rises by {rss:.2f} MiB an hour after the first "
+            f"resident memory rises by {rss:.2f} MiB an hour after the first hour "
             f"(its anonymous part by {anonymous:.2f})",
             rss < MAX_SLOPE_MIB_H,
         ),

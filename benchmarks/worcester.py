@@ -5,8 +5,8 @@ Burgan's fuels); the moistures are 6/8/10/75/60 %. The benchmark measures the ti
 files, the time of the first call in this process, which loads the compiled code, and the best of
 five more calls.
 
-With ``--venv``, the environment that ``pyretechnics_compare`` creates, it compares each cell with
-pyretechnics, without a wind limit.
+With ``--venv`` (the environment that ``pyretechnics_compare`` creates) it also compares each cell
+with pyretechnics, without a wind limit.
 """
 
 import time
@@ -81,7 +81,7 @@ def main() -> None:
     click.echo(
         f"over pyretechnics: 5 % {low:.4f}, median {middle:.4f}, 95 % {high:.4f}, from "
         f"{ratio.min():.4f} to {ratio.max():.4f}; {int((burns != (their_m_s > 0.0)).sum())} cells "
-        "burn in one only"
+        "burn in only one of both"
     )
 
 

@@ -17,13 +17,13 @@ def bounds_of(mask: Mask) -> Place:
 
 
 def window_at(top: int, left: int, shape: tuple[int, ...]) -> Place:
-    """Return the window of a shape (rows, columns) with the north-west cell (top, left)."""
+    """Return the window of (rows, columns) cells whose north-west cell is (top, left)."""
     return np.s_[top : top + shape[0], left : left + shape[1]]
 
 
 def widened(cells: Mask, reach: int) -> Mask:
     """Return the cells (y, x) with one of ``cells`` within ``reach`` rows and columns."""
-    from scipy.ndimage import maximum_filter  # SciPy takes a while
+    from scipy.ndimage import maximum_filter  # importing SciPy is slow
 
     if not reach:
         return cells

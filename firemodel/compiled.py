@@ -1,4 +1,4 @@
-"""Compile inner loops with Numba, with a cache on disk that depends on all sources they may call.
+"""Compile inner loops with Numba, with a cache on disk that depends on all sources used.
 
 Numba's own cache checks only the file of the compiled function. It ignores changes to functions in
 other files that this function calls. The name of this module's cache folder is a hash of all files
@@ -24,8 +24,8 @@ PACKAGE = Path(__file__).parent
 def cache_folder(home: Path) -> Path:
     """Return the cache folder for the functions in the folder ``home``.
 
-    It is in Numba's configured folder, else in this package or, if the package is read-only, in the
-    user's cache.
+    The folder is in Numba's configured folder, else in this package or, if the package is
+    read-only, in the user's cache.
     """
     sha = hashlib.sha256()
     for source in sorted({*PACKAGE.rglob("*.py"), *home.glob("*.py"), *_with_kernels(_top(home))}):

@@ -6,4 +6,4 @@ class FireModelError(ValueError):
 
 
 class FireModelWarning(UserWarning):
-    """The warning of ``burn`` about a probably unintended input, or about fire at the edge."""
+    """A warning of ``burn`` about a probably unintended input, or about fire at the edge."""

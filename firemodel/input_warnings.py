@@ -15,13 +15,13 @@ from firemodel.physics.weather import Weather, WeatherStream
 from firemodel.spread.edge import BEYOND_EDGE
 from firemodel.spread.fire_scheme import Ignition
 
-MAX_LAST_RECORD_S = 3600.0  # time for which the last weather record is used without a warning
+MAX_LAST_RECORD_S = 3600.0  # the last weather record may be used for so long without a warning
 MAX_GAP_S = 3.0 * 3600.0
-MIN_DEAD_PCT = 1.0  # the moisture of dead fuel is higher even in a desert
-MIN_LIVE_PCT = 5.0  # the moisture of live fuel is higher, but as a fraction it is 3 or less
+MIN_DEAD_PCT = 1.0  # even in a desert the moisture of dead fuel is higher
+MIN_LIVE_PCT = 5.0  # live fuel has a higher percentage; a fraction is 3 or less
 MIN_HUMIDITY_PCT = 1.0
 MAX_WIND_M_S = 60.0
-MAX_ZONES = timedelta(hours=26)  # between the local times of two places at one moment
+MAX_ZONES = timedelta(hours=26)  # largest difference between local times on Earth
 DEAD = ("dead_1h_pct", "dead_10h_pct", "dead_100h_pct")
 LIVE = ("live_herb_pct", "live_woody_pct")
 
@@ -50,8 +50,8 @@ def input_warnings(inputs: FireInputs) -> list[str]:
 def time_zero_warnings(weather: WeatherStream, time_zero: datetime | None) -> list[str]:
     """Return a warning if the calendar time of 0 s differs from the weather file's time at 0 s.
 
-    Times without a UTC offset may be in any zone, so that they differ by less than ``MAX_ZONES``.
-    The year of the file is ignored if it is that of files without a year.
+    Times without a UTC offset may be in any zone; for these, a difference of less than
+    ``MAX_ZONES`` gives no warning. The year is ignored if the file contains none (``NO_YEAR``).
     """
     source = weather.source
     if time_zero is None or source is None or source.start is None:
@@ -92,7 +92,7 @@ def _no_dead_moisture(inputs: FireInputs) -> Iterator[str]:
 
 
 def _moistures_pct(entry: Weather) -> Iterator[tuple[str, float]]:
-    """Yield the name and the value of each moisture, also of the fuels that have their own."""
+    """Yield the name and the value of each moisture, including moistures of single fuels."""
     names = (*DEAD, *LIVE)
     yield from ((name, getattr(entry, name)) for name in names)
     for code, moisture in entry.of_fuels:
@@ -183,7 +183,7 @@ def _first_change(zone: ZoneInfo, start: datetime, to: datetime) -> date | None:
 
 
 def _enclosed_ignition(inputs: FireInputs) -> Iterator[str]:
-    """Find lit cells without a burnable neighbour; one warning if fire cannot leave all of them."""
+    """Find lit cells without a burnable neighbour, which fire cannot leave."""
     land = inputs.landscape
     lit = {(row, col) for row, col, _ in inputs.ignitions}
     burnable = {cell: _burnable_around(land, *cell) for cell in sorted(lit)}
@@ -229,9 +229,9 @@ def _used(inputs: FireInputs) -> list[tuple[str, Weather]]:
 
 
 def _first(lines: Sequence[str], kind: str) -> Iterable[str]:
-    """Return the first line, extended by the number of the other lines; nothing if there is none.
+    """Return the first line, with the number of the other lines; an empty list without lines.
 
-    ``kind`` is the noun for that number.
+    ``kind`` is the noun for the counted lines.
     """
     others = len(lines) - 1
     more = f" (and {others} more {kind}{'s' * (others != 1)})" if others > 0 else ""

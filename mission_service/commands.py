@@ -1,4 +1,4 @@
-"""Defines the core's outputs: commands, which are journalled after the event that caused them."""
+"""Defines the core's outputs: commands. Each is journalled after the event that caused it."""
 
 from typing import Literal
 
@@ -24,7 +24,7 @@ class Command(msgspec.Struct, frozen=True, tag=True, tag_field="type"):
 class UploadMission(Command, frozen=True, tag=True):
     """Replace the vehicle's mission; ``why`` is shown to operators.
 
-    If ``keeps_apart`` is set, the mission separates two vehicles and needs no approval.
+    If ``keeps_apart`` is set, the mission keeps two vehicles apart and needs no approval.
     """
 
     mission_id: int
@@ -34,7 +34,7 @@ class UploadMission(Command, frozen=True, tag=True):
 
 
 class ProposeMission(Command, frozen=True, tag=True):
-    """Propose a mission; it is uploaded when an operator accepts its hash."""
+    """Propose a mission, which is uploaded when an operator accepts the mission's hash."""
 
     mission_id: int
     why: str
@@ -43,7 +43,7 @@ class ProposeMission(Command, frozen=True, tag=True):
 
 
 class WithdrawMission(Command, frozen=True, tag=True):
-    """Withdraw a proposed mission, so that it can no longer be accepted."""
+    """Withdraw a proposed mission, so that operators can no longer accept the mission."""
 
     mission_id: int
     why: str
@@ -80,7 +80,7 @@ class DirectionDecision(Command, frozen=True, tag=True):
     """A planner's decision on the flight direction; importances are 0 for rules that use none.
 
     ``reversals`` is the planner's own count, which includes decisions that cause no command, such
-    as those during a hold. Interfaces count the commands with ``reversed``.
+    as decisions during a hold. Interfaces count the commands with ``reversed``.
     """
 
     direction: Direction
@@ -99,7 +99,7 @@ class Announce(Command, frozen=True, tag=True):
 
 
 class RaiseAlarm(Command, frozen=True, tag=True):
-    """Raise an alarm, active until it is cleared; a vehicle has at most one ``alarm`` of a kind."""
+    """Raise an alarm, active until a ``ClearAlarm``; a vehicle has one alarm of a kind at most."""
 
     alarm: str
     text: str
@@ -107,7 +107,7 @@ class RaiseAlarm(Command, frozen=True, tag=True):
 
 
 class ClearAlarm(Command, frozen=True, tag=True):
-    """Clear the alarm of this kind."""
+    """Clear the vehicle's alarm of the kind ``alarm``."""
 
     alarm: str
 
@@ -127,7 +127,7 @@ class ClimbAndHold(Command, frozen=True, tag=True):
 
 
 class ProposePlan(Command, frozen=True, tag=True):
-    """Propose an ignition plan; an operator approves it by its hash."""
+    """Propose an ignition plan, which an operator approves by the plan's hash."""
 
     plan: IgnitionPlan
     plan_hash: str

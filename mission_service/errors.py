@@ -1,4 +1,4 @@
-"""Defines the errors of the service. Each text is one line with place, cause and remedy."""
+"""Defines the errors of the service. Each error text is one line: place, cause and remedy."""
 
 
 class MissionServiceError(Exception):
@@ -14,11 +14,11 @@ class OptionError(ScenarioError):
 
 
 class PlannerError(MissionServiceError):
-    """A rule of another package failed; the message names the rule and the package."""
+    """A planner rule from a separate package failed; the message names rule and package."""
 
 
 class JournalError(MissionServiceError):
-    """A journal cannot be written or read; the message names the file and line."""
+    """A journal cannot be written or read; the message names the journal's file and line."""
 
 
 class RequestError(MissionServiceError):
@@ -30,15 +30,18 @@ class ControlError(MissionServiceError):
 
 
 class StateError(MissionServiceError):
-    """A snapshot cannot be used; the message states the reason. The journal has the same state."""
+    """A snapshot cannot be used; the message states the reason.
+
+    The journal contains all that is needed to compute the state again.
+    """
 
 
 class RefusedEventError(MissionServiceError):
-    """An event cannot be journalled or handled; it has no effect and no line in the journal."""
+    """An event cannot be journalled or handled; the event has no effect and no journal line."""
 
 
 class UnhandledLineError(JournalError):
-    """A restart cannot handle a line of a journal; the message names file and line."""
+    """A restart cannot handle a line of a journal; the message names the journal file and line."""
 
 
 class NotRecordedError(MissionServiceError):

@@ -24,6 +24,7 @@ Bearing = Annotated[float, Meta(ge=0, le=360)]
 Fraction = Annotated[float, Meta(ge=0, lt=1)]
 Percent = Annotated[float, Meta(ge=0, le=100)]
 Radius = Annotated[float, Meta(ge=0, le=1e6)]  # m
+Temperature = Annotated[float, Meta(ge=-100, le=5000)]  # degrees Celsius
 Count = Annotated[int, Meta(ge=0, le=2**40)]
 CellIndex = Annotated[int, Meta(ge=-(2**31), lt=2**31)]
 Name = Annotated[str, Meta(min_length=1)]
@@ -286,17 +287,22 @@ class FireObserved(OperatorEvent, frozen=True, tag=True):
     """A person, detector or satellite observed the fire at places at ``seen_at_us``.
 
     Unlike a correction, an observation may be wrong: the estimate weighs it. ``source`` names the
-    sensor and is empty for a person. ``position_sd_m`` and ``false_alarms`` are those of
-    ``Observed``.
+    sensor and is empty for a person. ``position_sd_m``, ``missed`` and ``false_alarms`` are those
+    of ``Observed``. ``hot`` ground has the temperature ``temperature_c``. An area behind ``smoke``
+    was not seen, by ``source`` or, if it is empty, by the sender. ``role`` is the highest role of
+    the sender, as checked by the interface; it is empty if the interface identifies no user.
     """
 
-    state: Literal["burned", "burning", "unburned"]
+    state: Literal["burned", "burning", "unburned", "hot", "smoke"]
     shape: Literal["points", "line", "polygon"]
     points: tuple[Place, ...]
     seen_at_us: MissionUs
     position_sd_m: Radius
     false_alarms: Fraction
     source: str
+    temperature_c: Temperature | None = None
+    missed: Fraction = 0.0
+    role: str = ""
 
 
 class Erased(OperatorEvent, frozen=True, tag=True):
@@ -364,7 +370,7 @@ class Rejected(OperatorEvent, frozen=True, tag=True):
 
 
 class Aborted(OperatorEvent, frozen=True, tag=True):
-    """An operator gave an abort: drops end, and vehicles climb to the safe height and hold."""
+    """An operator ordered an abort: drops end, and vehicles climb to the safe height and hold."""
 
 
 class OperatorHeartbeat(OperatorEvent, frozen=True, tag=True):
@@ -388,9 +394,9 @@ class LinesSkipped(OperatorEvent, frozen=True, tag=True):
 
 
 class FireReachedEdge(OperatorEvent, frozen=True, tag=True):
-    """The event that the simulated fire has reached the edge of the landscape.
+    """The simulated fire has reached the edge of the landscape.
 
-    The position is that of the first burned cell at the edge, which ignited at ``arrived_at_us``.
+    The position is the first burned cell at the edge, which ignited at ``arrived_at_us``.
     """
 
     arrived_at_us: MissionUs
@@ -443,7 +449,7 @@ class SettingsChanged(OperatorEvent, frozen=True, tag=True):
 
     alpha: Annotated[
         Annotated[float, Meta(ge=0, le=100)] | None,
-        Meta(description="Weight of the unevenness of the fire's spread; 0: the vehicle circles."),
+        Meta(description="Weight of uneven spread in decisions; 0: the vehicle circles."),
     ] = None
     reversal_margin: Annotated[
         Annotated[float, Meta(ge=0, le=100)] | None,
@@ -463,7 +469,7 @@ class SettingsChanged(OperatorEvent, frozen=True, tag=True):
         return {name: value for name, value in values.items() if value is not None}
 
 
-TUNED: dict[str, Any] = dict(SettingsChanged.__annotations__)  # their types with bounds, by name
+TUNED: dict[str, Any] = dict(SettingsChanged.__annotations__)  # types with bounds, by setting
 
 
 AnyOperatorEvent = (

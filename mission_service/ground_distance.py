@@ -2,7 +2,7 @@
 
 import math
 
-M_PER_DEG = 111_195.0  # of latitude
+M_PER_DEG = 111_195.0  # metres for one degree of latitude
 
 
 def offset_m(one: tuple[float, float], other: tuple[float, float]) -> tuple[float, float]:

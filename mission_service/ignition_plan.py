@@ -11,17 +11,17 @@ class PathPoint(msgspec.Struct, frozen=True):
     lat_deg: float
     lon_deg: float
     altitude_amsl_m: float
-    height_m: float  # above the ground, as planned
-    after_s: float  # after the plan's start
+    height_m: float  # planned height above the ground
+    after_s: float  # time after the plan's start
 
 
 class PlannedDrop(msgspec.Struct, frozen=True):
     """The planned position of an ignition sphere on the ground, and the time of its drop."""
 
-    number: int  # in the plan, from 0 in the order of drops
+    number: int  # number in the plan, from 0 in the order of drops
     lat_deg: float
     lon_deg: float
-    after_s: float  # after the plan's start
+    after_s: float  # time after the plan's start
 
 
 class IgnitionPlan(msgspec.Struct, frozen=True, tag=True, tag_field="type"):
@@ -29,7 +29,7 @@ class IgnitionPlan(msgspec.Struct, frozen=True, tag=True, tag_field="type"):
 
     ``digest`` is a hash of the burn unit, its fence, the people and the settings.
     ``min_time_margin_s`` is the shortest time, at all points of the path and all drops, until the
-    fire arrives. ``skipped`` are places (lat, lon) on the line where a drop is not safe.
+    fire arrives. ``skipped`` holds the places (lat, lon) on the line where a drop is not safe.
     """
 
     vehicle: str
@@ -49,7 +49,7 @@ class IgnitionPlan(msgspec.Struct, frozen=True, tag=True, tag_field="type"):
     time_margin_s: float
     distance_margin_m: float
     min_time_margin_s: float
-    spheres_left: int  # after the plan
+    spheres_left: int  # spheres left after the plan
     digest: str
 
 

@@ -9,7 +9,7 @@ import msgspec
 
 # Limits are checked when a message is decoded, because kernels compute with 64 bits.
 Us = Annotated[int, msgspec.Meta(ge=0, lt=2**61)]
-Number = Annotated[int, msgspec.Meta(ge=0, lt=2**40)]  # of a cell or a tile, or a count
+Number = Annotated[int, msgspec.Meta(ge=0, lt=2**40)]  # number of a cell or of a tile, or a count
 
 
 class Message(msgspec.Struct, frozen=True, tag=True, tag_field="type"):
@@ -22,16 +22,16 @@ class Message(msgspec.Struct, frozen=True, tag=True, tag_field="type"):
 class State(Message, frozen=True, tag=True):
     """Position of a UAV and its virtual agent, and its intended orbit (section 4, message 2).
 
-    ``orbit_*`` is the circle that the UAV flies or approaches. The sender has checked it against
-    the orbits of the UAVs in its table. A negative radius means anticlockwise, as in MAVLink; the
-    paper's orbit has a radius of -150. A returning UAV has no virtual agent. ``goal_*`` is None for
-    a UAV that stays on its orbit.
+    ``orbit_*`` is the circle that the UAV flies or approaches. The sender has checked this circle
+    for conflicts with the orbits of the UAVs in the sender's peer table. A negative radius means
+    anticlockwise, as in MAVLink; the paper's orbit has a radius of -150. A returning UAV has no
+    virtual agent. ``goal_*`` is None for a UAV that stays on its orbit.
     """
 
     x_m: float
     y_m: float
     altitude_amsl_m: float
-    velocity_x_m_s: float  # over the ground
+    velocity_x_m_s: float  # velocity over the ground
     velocity_y_m_s: float
     agent_x_m: float | None
     agent_y_m: float | None
@@ -58,7 +58,8 @@ class Digest(Message, frozen=True, tag=True):
     """The checksums of tiles in the sender's fire map, as (tile, checksum).
 
     Unlisted tiles from ``first`` up to ``end`` are empty in the sender's map. With an empty range
-    the digest is a query for the cells of the listed tiles, which differ from another map.
+    the digest requests the cells of the listed tiles, whose checksums on the sender's map differ
+    from the checksums on the receiver's map.
     """
 
     tiles: tuple[tuple[Number, Number], ...]
@@ -67,9 +68,9 @@ class Digest(Message, frozen=True, tag=True):
 
 
 class Difference(Message, frozen=True, tag=True):
-    """Cells that other maps lack, as runs: (first cell, count, seen_at_us, burning).
+    """Cells that other UAVs' maps lack, as runs: (first cell, count, seen_at_us, burning).
 
-    For the tiles in ``whole`` the runs are complete.
+    For each tile in ``whole``, the runs contain every known cell of the tile.
     """
 
     cells: tuple[tuple[Number, Number, Us, bool], ...]

@@ -7,8 +7,9 @@ role, the HTTP path, whether MQTT accepts it, an example, and the resulting even
 their description, MQTT commands and their schemas, the control socket and the command line are
 generated from these structs.
 
-This module contains the requests that every way of flying accepts (``OF_EVERY_RUN``) and those for
-ways of flying by missions (``OF_VEHICLES``). Requests for a single way of flying are in its folder.
+This module contains the requests that every way of flying accepts (``OF_EVERY_RUN``) and the
+requests for ways of flying by missions (``OF_VEHICLES``). Requests for a single way of flying are
+in its folder.
 """
 
 from collections.abc import Callable
@@ -20,10 +21,10 @@ from msgspec import Meta
 from mission_service import events
 from mission_service.errors import RequestError
 
-MIN_SPEED, MAX_SPEED = 0.1, 100.0  # of a replay
+MIN_SPEED, MAX_SPEED = 0.1, 100.0  # speeds of a replay
 MAX_DURATION_S = 1e7  # longer durations are refused as mistakes
 MAX_LENGTH_M = 10_000.0  # larger circles and longer lines are refused as mistakes
-MAX_FIRE_LENGTH_M = 500_000.0  # the same limit for outlines of fires from other sources
+MAX_FIRE_LENGTH_M = 500_000.0  # larger, for outlines of fires from other sources
 
 OPERATOR_FIELDS = ("by", "station")  # keys of all requests
 Role = Literal["look", "correct", "fly", "approve"]
@@ -51,13 +52,18 @@ AnyVehicle = Annotated[
 ]
 OneVehicle = Annotated[str, Meta(min_length=1, max_length=40, pattern=ONE_VEHICLE)]
 Item = Annotated[
-    str, Meta(min_length=1, max_length=200, description="An item of the GO list, in its wording.")
+    str,
+    Meta(
+        min_length=1,
+        max_length=200,
+        description="An item of the GO/NO-GO checklist, word for word.",
+    ),
 ]
 Latitude = Annotated[float, Meta(ge=-90, le=90)]
 Longitude = Annotated[float, Meta(ge=-180, le=180)]
 Radius = Annotated[float, Meta(ge=0, le=MAX_LENGTH_M)]
 Seconds = Annotated[float, Meta(ge=-MAX_DURATION_S, le=MAX_DURATION_S)]
-Hash = Annotated[str, Meta(pattern=FULL_HASH, description="All 64 digits.")]
+Hash = Annotated[str, Meta(pattern=FULL_HASH, description="All 64 digits of the hash.")]
 Places = Annotated[
     tuple[tuple[Latitude, Longitude], ...],
     Meta(min_length=1, max_length=1000, description="Latitude and longitude of each point."),
@@ -73,20 +79,20 @@ class Request(
 ):
     """A request of an operator.
 
-    Keys with these names are checked against the run: ``vehicle``; ``item`` (of the GO list);
-    ``points``, and ``lat_deg`` with ``lon_deg`` (on the landscape).
+    The values of these keys are checked against the run: ``vehicle``; ``item`` (of the GO/NO-GO
+    checklist); ``points``, and ``lat_deg`` with ``lon_deg`` (on the landscape).
     """
 
     # The event's type. Its fields are time, user, station, and the request's further keys in order.
     makes: ClassVar[Callable[..., events.AnyOperatorEvent]]
-    role: ClassVar[Role]  # required of the user
-    path: ClassVar[str]  # over HTTP; ``{name}`` is the vehicle, ``{do}`` the request
+    role: ClassVar[Role]  # role that the user needs
+    path: ClassVar[str]  # HTTP path; ``{name}`` is the vehicle, ``{do}`` the request
     method: ClassVar[str] = "POST"
     operation: ClassVar[str | None] = None  # operation id in OpenAPI; None: made from the path
     # Whether MQTT accepts it. Requests that may cause drops are not accepted, because a broker does
     # not identify users.
     over_mqtt: ClassVar[bool] = True
-    max_length_m: ClassVar[float] = MAX_LENGTH_M  # of a line through ``points``
+    max_length_m: ClassVar[float] = MAX_LENGTH_M  # longest line through ``points``
     example: ClassVar[dict[str, Any]] = {}  # valid values of the request's further keys
 
     by: Name
@@ -113,7 +119,7 @@ def summary_of(kind: type[Request]) -> str:
 
 
 class Abort(Request, frozen=True):
-    """Stop at once: no further drop; every vehicle holds. Accepted whatever else it says."""
+    """Stop at once: no further drop, and every vehicle holds. Accepted with any content."""
 
     makes = events.Aborted
     role = "look"
@@ -155,7 +161,7 @@ class Correct(FireRequest, frozen=True):
 
 
 class Observe(FireRequest, frozen=True):
-    """Report where a person, a detector or a satellite observed fire; it may be wrong."""
+    """Report where a person, a detector or a satellite observed fire. Observations may be wrong."""
 
     path = "/fire/observations"
     operation = "observe"
@@ -170,7 +176,10 @@ class Observe(FireRequest, frozen=True):
         "source": "tower",
     }
 
-    state: Literal["burned", "burning", "unburned"]
+    state: Annotated[
+        Literal["burned", "burning", "unburned", "hot", "smoke"],
+        Meta(description="Smoke: the area was not seen. Hot ground needs temperature_c."),
+    ]
     shape: Literal["points", "line", "polygon"]
     points: Places
     age_s: Annotated[
@@ -185,6 +194,13 @@ class Observe(FireRequest, frozen=True):
     source: Annotated[
         str, Meta(max_length=80, pattern=PRINTED, description="The sensor; empty: the user.")
     ] = ""
+    temperature_c: Annotated[
+        Annotated[float, Meta(ge=100, le=2000)] | None,
+        Meta(description="Of hot ground; from 320 degrees Celsius on it burns."),
+    ] = None
+    missed_pct: Annotated[
+        float, Meta(ge=0, lt=100, description="Share of burned places reported as unburned.")
+    ] = 0.0
 
     def event(self, at_us: int) -> events.AnyOperatorEvent:
         """Return the event ``FireObserved``."""
@@ -192,6 +208,8 @@ class Observe(FireRequest, frozen=True):
             raise RequestError("observe: a line of 1 point; it requires 2")
         if self.shape == "polygon":
             refuse_no_polygon("observe", self.points)
+        if (self.state == "hot") != (self.temperature_c is not None):
+            raise RequestError("observe: the state hot, and no other state, needs temperature_c")
         seen_at_us = at_us - round(self.age_s * 1e6)
         return events.FireObserved(
             *self.user(at_us),
@@ -202,20 +220,20 @@ class Observe(FireRequest, frozen=True):
             self.position_sd_m,
             self.false_alarms_pct / 100.0,
             self.source,
+            self.temperature_c,
+            self.missed_pct / 100.0,
         )
 
 
 class Lit(FireRequest, frozen=True):
-    """Report that a point, or a line through several, was lit."""
+    """Report that a point, or a line through several points, was lit."""
 
     path = "/burn/{do}"
     operation = "burn_{do}"
     example: ClassVar = {"points": LINE, "ago_s": 20.0}
 
     points: Places
-    ago_s: Annotated[float, Meta(ge=0, le=MAX_DURATION_S, description="Time since it was lit.")] = (
-        0.0
-    )
+    ago_s: Annotated[float, Meta(ge=0, le=MAX_DURATION_S, description="Time since ignition.")] = 0.0
 
     def event(self, at_us: int) -> events.AnyOperatorEvent:
         """Return the event ``IgnitionReported``."""
@@ -254,7 +272,7 @@ class Redo(FireRequest, frozen=True):
 
 
 class Wind(FireRequest, frozen=True):
-    """Set the wind from now on, 6.1 m (20 ft) above the vegetation, from true north."""
+    """Set the wind from now on: 6.1 m (20 ft) above the vegetation, direction from true north."""
 
     makes = events.WindSet
     path = "/wind"
@@ -265,7 +283,7 @@ class Wind(FireRequest, frozen=True):
 
 
 class Present(Request, frozen=True):
-    """Report that a user watches; to be sent every few seconds."""
+    """Report that the user is present; send it every few seconds."""
 
     makes = events.OperatorHeartbeat
     role = "approve"
@@ -288,7 +306,8 @@ class OrderRequest(Request, frozen=True):
 
     vehicle: AnyVehicle = ""
     confirmed: Annotated[
-        bool, Meta(description="Even if it ends a mode that autopilot or pilot selected.")
+        bool,
+        Meta(description="Execute it even if it ends a mode that autopilot or pilot selected."),
     ] = False
 
     def event(self, at_us: int) -> events.AnyOperatorEvent:
@@ -302,7 +321,7 @@ class Hold(OrderRequest, frozen=True):
 
 
 class Resume(OrderRequest, frozen=True):
-    """Fly on by the planner, after hold, return or abort."""
+    """Follow the planner again after a hold, return or abort."""
 
 
 class Return(OrderRequest, frozen=True):
@@ -388,7 +407,7 @@ class Replay(Request, frozen=True):
         Annotated[float, Meta(ge=MIN_SPEED, le=MAX_SPEED)] | Literal["max"] | None,
         Meta(description=f"{MIN_SPEED:g} to {MAX_SPEED:g}, or max."),
     ] = None
-    seek_s: Annotated[Seconds | None, Meta(description="From the replay's begin.")] = None
+    seek_s: Annotated[Seconds | None, Meta(description="Time from the start of the replay.")] = None
 
     def event(self, at_us: int) -> events.AnyOperatorEvent:
         """Raise RequestError; only replays accept this request, and they make no event of it."""

@@ -1,4 +1,4 @@
-"""Converts validation errors of msgspec, pydantic and FastAPI to one line: key, remedy, value.
+"""Converts validation errors of msgspec, pydantic and FastAPI to a line: key, remedy, value.
 
 The remedy is derived from the JSON schema of the refused key. The texts are therefore the same for
 requests over all interfaces, the scenario file, the tokens file and the query parameters of HTTP.
@@ -16,7 +16,7 @@ from mission_service.requests import PATTERNS
 Schema = Mapping[str, Any]
 Path = Sequence[str | int]
 
-MAX_SHOWN = 60  # characters of a value
+MAX_SHOWN = 60  # maximum number of characters of a value
 UNKNOWN = object()  # stands for a value that is not shown
 WORDS = {pattern: words.removeprefix("give ") for pattern, words in PATTERNS.items()} | {
     r"^[\w-]+$": "letters, digits, - and _",
@@ -46,7 +46,8 @@ def in_words(error: Exception, kind: type, value: Any = UNKNOWN) -> str:
     Args:
         error: The ValidationError, OverflowError or UnicodeError of ``msgspec.convert``.
         kind: The type that was expected.
-        value: The whole value. The text contains its refused part; by default, no value is shown.
+        value: The whole value. The text shows the refused part of this value. By default, the text
+            shows no value.
 
     Returns:
         One line without the name of a type: "speed_m_s: give a number from 0 to 150 (got -3)".
@@ -76,7 +77,7 @@ def missing_key(path: Path, schema: Schema) -> str:
 
 
 def schema_at(schema: Schema, path: Path) -> Schema | None:
-    """Return the part of a JSON schema for a key, or None if it has no such part.
+    """Return the part of a JSON schema for a key, or None if the schema has no such part.
 
     Args:
         schema: The schema of the whole value.
@@ -119,7 +120,7 @@ def remedy(part: Schema, whole: Schema) -> str:
 
 
 def _allowed(part: Schema, whole: Schema) -> list[str]:
-    """Return a description of the values that each branch of a schema allows, except null."""
+    """Return, for each branch of a schema except null, a description of the allowed values."""
     part = _resolved(part, whole)
     if "anyOf" in part:
         return [words for branch in part["anyOf"] for words in _allowed(branch, whole)]
@@ -140,7 +141,7 @@ def _allowed(part: Schema, whole: Schema) -> list[str]:
 
 
 def _limits(part: Schema) -> str:
-    """Return the limits of a number or of a length as text, with a separator before it."""
+    """Return the limits of a number or of a length as text that begins with a separator."""
     if "minimum" in part and "maximum" in part:
         return f" from {_number(part['minimum'])} to {_number(part['maximum'])}"
     words = {
@@ -172,7 +173,7 @@ def _key(path: Path) -> str:
 
 
 def _part(value: Any, path: Path) -> Any:
-    """Return the part of a value at a path; UNKNOWN if it has no such part."""
+    """Return the part of a value at a path; UNKNOWN if the value has no such part."""
     for step in path:
         try:
             value = value[step]
@@ -182,7 +183,7 @@ def _part(value: Any, path: Path) -> Any:
 
 
 def got(value: Any) -> str:
-    """Return a refused value for the end of a text; empty for UNKNOWN and for lists and tables."""
+    """Return text that shows a refused value; empty for UNKNOWN and for lists and tables."""
     if value is UNKNOWN or isinstance(value, Mapping | list | tuple):
         return ""
     try:

@@ -1,4 +1,4 @@
-"""Collects the announcements of a run, as a progress display reads them."""
+"""Collects the announcements of a run, as a progress display does."""
 
 from typing import Any
 
@@ -6,7 +6,7 @@ from mission_service.runtime.state_view import StateView
 
 
 class Announced:
-    """A progress function: ``texts`` has each announcement, with its vehicle in ``lines``."""
+    """A progress function; ``texts`` contains each announcement, ``lines`` also the vehicle."""
 
     def __init__(self) -> None:
         self.texts: list[str] = []

@@ -29,7 +29,7 @@ class VehicleClient(Protocol):
             items: The items without ArduPilot's home.
             now_us: Time in microseconds.
             begin: The item to fly next: ``restart`` means the first item, ``keep`` the item with
-                the present number. A number (from 0) names another item.
+                the number of the current item, and a number (from 0) the item with that number.
             holds_first: Hold during the upload if the autopilot would otherwise fly a partly
                 overwritten list.
 
@@ -47,7 +47,7 @@ class VehicleClient(Protocol):
         """Execute a command from the table in ``vehicle/orders.py``.
 
         Args:
-            name: Its key in ``ORDERS``, such as "hold" or "orbit".
+            name: The command's key in ``ORDERS``, such as "hold" or "orbit".
             now_us: Time in microseconds.
             arguments: The arguments in the order and units of the table's row.
 
@@ -63,4 +63,4 @@ class VehicleClient(Protocol):
         """Release one object now, without retries, and return the ``drop_id`` of DropFinished."""
 
     def next_event(self) -> ClientEvent | None:
-        """Remove and return the oldest pending event; None if there is none."""
+        """Remove and return the oldest pending event; None if no event is pending."""

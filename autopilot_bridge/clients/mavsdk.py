@@ -3,40 +3,30 @@
 MAVSDK (a C library in this process) receives the bytes from our link. It detects the vehicle,
 transfers missions and repeats commands. This module adds three steps that real autopilots require.
 A mission is checked before its upload, because ArduPilot keeps a truncated mission after a rejected
-item. It is read back after its upload, because MAVSDK's result alone does not prove the upload. It
-is then started by an item number, because ArduPlane flies to its old target until an item is
-commanded. MAVSDK's ``set_current_mission_item`` is not used: if the autopilot reports another
-number, the function repeats its request without end and without delay.
+item. After the upload the mission is read back, because MAVSDK's result does not prove the upload.
+The mission is then started by an item number, because ArduPlane flies to its old target until an
+item is commanded. MAVSDK's ``set_current_mission_item`` is not used: if the autopilot reports
+another number, the function repeats its request without end and without delay.
 """
 
 import asyncio
-import json
 from collections import deque
-from collections.abc import Callable, Coroutine
-from dataclasses import dataclass, replace
-from typing import Any, Literal, Self, TypeVar
+from collections.abc import Callable
+from typing import Self
 
-from pymavlink.dialects.v20 import ardupilotmega as mavlink
-
-from autopilot_bridge.clients.mavsdk_library import (
-    ACCEPTED,
-    MAVSDK_IDS,
-    library,
-    raw_items,
-    raw_message,
-    upload_result,
-)
+from autopilot_bridge.clients.mavsdk_commands import MavsdkCommands
+from autopilot_bridge.clients.mavsdk_library import MAVSDK_IDS, library
+from autopilot_bridge.clients.mavsdk_system import MavsdkSystem
+from autopilot_bridge.clients.mavsdk_transfers import Job, MavsdkTransfers
 from autopilot_bridge.clients.shared_link import HEARTBEAT_TIMEOUT_US, is_of_autopilot
 from autopilot_bridge.errors import BridgeError
-from autopilot_bridge.items import Items, jumps_moved
-from autopilot_bridge.links.codec import Codec, Message, item_of
-from autopilot_bridge.links.connection import Connection
+from autopilot_bridge.items import Items
+from autopilot_bridge.links.asyncio_connection import Connection
+from autopilot_bridge.links.codec import Codec, Message
 from autopilot_bridge.links.framing import frames_of, source_of
 from autopilot_bridge.links.signing import Counts, Signing
 from autopilot_bridge.links.tlog_writer import Tlog
-from autopilot_bridge.missions.check import check
-from autopilot_bridge.missions.plan_id import mission_id_of
-from autopilot_bridge.missions.transfer import Address, TransferResult, TransferTiming
+from autopilot_bridge.missions.transfer import TransferResult
 from autopilot_bridge.stacks.stacks import Stack, Step
 from autopilot_bridge.vehicle.client_events import (
     ClientEvent,
@@ -48,37 +38,14 @@ from autopilot_bridge.vehicle.client_events import (
     Rebooted,
     TransferFinished,
 )
-from autopilot_bridge.vehicle.command_sequence import command_message, result_words
-from autopilot_bridge.vehicle.commanded_modes import CommandedModes, modes_of_step
 from autopilot_bridge.vehicle.message_rates import rate_requests
-from autopilot_bridge.vehicle.mission_activation import MissionActivation, Onboard
-from autopilot_bridge.vehicle.mode_change import changed_meanwhile
 from autopilot_bridge.vehicle.monitor import AUTOPILOT, VehicleMonitor
 from autopilot_bridge.vehicle.orders import Dropper, OrderContext, order_named
 from autopilot_bridge.vehicle.remote_binding import RemoteBinding
-from autopilot_bridge.vehicle.transfer_queue import LAST_NAV
 from autopilot_bridge.vehicle.transfer_states import StartItem
 
-POLL_INTERVAL_S = 0.05
-REPLY_TIMEOUT_S = 1.5
-DETECTION_TIMEOUT_S = 10.0
 NOT_FOUND = "MAVSDK has not detected the vehicle"
-CALL_TIMEOUT_S = 120.0  # transferring the longest mission by a slow radio takes less
-NO_ANSWER = "NO_ANSWER"  # used instead of MAVSDK's result if a call does not return
 NOT_SUPPORTED = "MAVSDK supports only missions; use backend native"
-CLOSE_TIMEOUT_S = 5.0  # when the service ends, active transfers have this time to end
-Result = TypeVar("Result")
-
-
-@dataclass
-class Job:
-    """A transfer that was requested."""
-
-    transfer_id: int
-    action: Literal["upload", "download", "clear"]
-    items: Items = ()
-    begin: StartItem = "restart"
-    holds_first: bool = False
 
 
 class MavsdkClient:
@@ -125,15 +92,11 @@ class MavsdkClient:
         self._last_command = 0
         self._transfer_added = asyncio.Event()
         self._commands: asyncio.Queue[tuple[int, str, tuple[Step, ...]]] = asyncio.Queue()
-        self._begin: MissionActivation | None = None  # the active start
-        self._commanded_modes = CommandedModes()
-        self._overrides: list[str] = []  # mode changes by the autopilot or a pilot
-        self._heartbeats = 0
-        self._mavsdk: Any = None
-        self._missions: Any = None
-        self._direct: Any = None
         self._tasks: list[asyncio.Task[None]] = []
-        self._calls: set[asyncio.Task[Any]] = set()
+        self._system = MavsdkSystem(system_id, clock)
+        parts = (self._monitor, self._target, clock)
+        self._sender = MavsdkCommands(self._system, *parts)
+        self._transfers = MavsdkTransfers(self._system, self._sender, *parts)
 
     # Requests of the user ---------------------------------------------------------------------
 
@@ -158,7 +121,7 @@ class MavsdkClient:
         """Replace the mission; see ``NativeClient.upload``."""
         for waiting in [job for job in self._waiting if job.action == "upload"]:
             self._waiting.remove(waiting)
-            ended = TransferResult("superseded", "a newer one replaced it", holds="the old one")
+            ended = TransferResult("superseded", "a newer upload replaced it", holds="the old one")
             self._events.append(TransferFinished(now_us, waiting.transfer_id, "upload", ended))
         return self._add(Job(0, "upload", tuple(items), begin, holds_first))
 
@@ -191,7 +154,7 @@ class MavsdkClient:
         return 0
 
     def next_event(self) -> ClientEvent | None:
-        """Remove and return the oldest pending event; None if there is none."""
+        """Remove and return the oldest pending event; None if no event is pending."""
         return self._events.popleft() if self._events else None
 
     def _connected_stack(self) -> Stack:
@@ -209,15 +172,9 @@ class MavsdkClient:
     # The link ---------------------------------------------------------------------------------
 
     async def __aenter__(self) -> Self:
-        core = library().core
-        loop = asyncio.get_running_loop()
-        station = core.ComponentType.GROUND_STATION
+        library()  # before the link opens, because the import may fail
         await self._connection.__aenter__()
-        self._mavsdk = core.Mavsdk(core.Configuration.create_with_component_type(station))
-        self._mavsdk.subscribe_raw_bytes_to_be_sent(  # called in one of MAVSDK's threads
-            lambda data: loop.call_soon_threadsafe(self._send, data)
-        )
-        self._mavsdk.add_any_connection("raw://")
+        self._system.open(self._send)
         for work in (self._transfer_all(), self._command_all()):
             task = asyncio.create_task(work)
             task.add_done_callback(self._stopped)
@@ -227,18 +184,11 @@ class MavsdkClient:
     async def __aexit__(self, *error: object) -> None:
         for task in self._tasks:
             task.cancel()
-        # An active call would never return if MAVSDK were destroyed.
-        if self._calls:
-            await asyncio.wait(self._calls, timeout=CLOSE_TIMEOUT_S)
-        if self._calls:
-            await self._missions.cancel_mission_upload()
-            await self._missions.cancel_mission_download()
-            await asyncio.wait(self._calls, timeout=CLOSE_TIMEOUT_S)
-        self._mavsdk.destroy()
+        await self._system.close()
         await self._connection.__aexit__(*error)
 
     async def wait(self) -> None:
-        """Wait until there may be events. Raises errors of the link and of this client again."""
+        """Wait until there may be events; raise the errors that the link or this client had."""
         await self._connection.wait()
 
     def flush(self) -> None:
@@ -279,14 +229,13 @@ class MavsdkClient:
                 if not self._monitor.used:
                     continue
             if remote == source.remote:
-                self._mavsdk.pass_received_raw_bytes(frame)
+                self._system.receive_frame(frame)
 
     def _receive(self, message: Message, now_us: int) -> None:
         mode = self._monitor.custom_mode
         events = self._monitor.receive(message, now_us)
-        self._heartbeats += message.get_type() == "HEARTBEAT"
-        if self._begin is not None:
-            self._begin.receive(message, now_us)
+        self._sender.receive(message)
+        self._transfers.receive(message, now_us)
         for event in events:
             if isinstance(event, ModeChanged) and event.custom_mode != mode:
                 self._mode_changed(event.custom_mode, now_us)
@@ -300,10 +249,11 @@ class MavsdkClient:
 
     def _mode_changed(self, mode: int, now_us: int) -> None:
         """Process a mode change; a change that was not commanded ends the start of a mission."""
-        if self.stack is not None and not self._commanded_modes.has(mode, now_us):
-            self._overrides.append(changed_meanwhile(self.stack, mode))
-            if self._begin is not None:
-                self._begin.stop_commands(self._overrides[-1])
+        if self.stack is None:
+            return
+        override = self._sender.mode_changed(self.stack, mode, now_us)
+        if override is not None:
+            self._transfers.stop_start(override)
 
     def data_to_send(self) -> list[bytes]:
         """Remove and return the frames to send."""
@@ -311,7 +261,7 @@ class MavsdkClient:
         return outgoing
 
     def addressed_to_send(self) -> list[tuple[str, bytes]]:
-        """Return the frames to send, with the vehicle's remote, or "" (all) until it is bound."""
+        """Return the frames to send, each with the vehicle's remote; "" means all remotes."""
         source = self._source
         remote = "" if source is None or source.remote is None else source.remote
         return [(remote, frame) for frame in self.data_to_send()]
@@ -335,226 +285,25 @@ class MavsdkClient:
         self._events.append(event)
         self._connection.notify()
 
-    # MAVSDK -----------------------------------------------------------------------------------
-
-    async def _detected(self) -> bool:
-        """Return whether MAVSDK has detected the vehicle; wait for this, and create the plugins."""
-        modules = library()
-
-        def detect() -> bool:
-            for system in self._mavsdk.get_systems() if self._missions is None else ():
-                if system.get_system_id() == self._target[0] and system.has_autopilot():
-                    wrapped = modules.system.System(system)
-                    self._direct = modules.direct.MavlinkDirectAsync(wrapped)
-                    self._missions = modules.missions.MissionRawAsync(wrapped)
-            return self._missions is not None
-
-        return await self._until(detect, DETECTION_TIMEOUT_S)
-
-    async def _call(self, call: Coroutine[Any, Any, Result]) -> Result:
-        """Return the result of a call to MAVSDK; if the wait is cancelled, the call continues.
-
-        Raises TimeoutError if the call takes longer than all of MAVSDK's own timeouts.
-        """
-        task = asyncio.ensure_future(call)
-        self._calls.add(task)
-        task.add_done_callback(self._returned)
-        return await asyncio.wait_for(asyncio.shield(task), CALL_TIMEOUT_S)
-
-    def _returned(self, task: asyncio.Task[Any]) -> None:
-        self._calls.discard(task)
-        task.cancelled() or task.exception()  # read here, because perhaps no task waits for it
-
-    async def _until(self, condition: Callable[[], bool], within_s: float) -> bool:
-        """Return whether ``condition()`` is true; wait up to ``within_s`` for this."""
-        ends_us = self._clock() + round(within_s * 1e6)
-        while not condition():
-            if self._clock() > ends_us:
-                return False
-            await asyncio.sleep(POLL_INTERVAL_S)
-        return True
-
-    # Commands ---------------------------------------------------------------------------------
+    # Commands and transfers -------------------------------------------------------------------
 
     async def _command_all(self) -> None:
         while True:
             command_id, name, steps = await self._commands.get()
             accepted, reason = False, NOT_FOUND
-            if await self._detected():
-                accepted, reason = await self._steps(steps)
+            if await self._system.detected():
+                accepted, reason = await self._sender.send_steps(steps, self._connected_stack())
             self._report(CommandFinished(self._clock(), name, accepted, reason, command_id))
-
-    async def _steps(self, steps: tuple[Step, ...]) -> tuple[bool, str]:
-        """Send commands in sequence until one is refused; MAVSDK retries each of them.
-
-        No command is sent after a failsafe or after a pilot has taken control.
-        """
-        overrides = len(self._overrides)
-        for step in steps:
-            if len(self._overrides) > overrides:
-                return False, self._overrides[-1]
-            self._commanded_modes.add(modes_of_step(step, self._connected_stack()), self._clock())
-            command, request = step.command, command_message(self._target, step, 0)
-            try:
-                ack = await self._call(
-                    self._direct.send_command(raw_message(request, self._target))
-                )
-            except library().direct.MavlinkDirectError as error:
-                return False, f"command {command}: no acknowledgement ({error.result.name})"
-            except TimeoutError:
-                return False, f"command {command}: no acknowledgement ({NO_ANSWER})"
-            result = json.loads(ack.fields_json)["result"]
-            if result != mavlink.MAV_RESULT_ACCEPTED:
-                return False, f"command {command} {result_words(result)}"
-        return True, "accepted"
-
-    async def _change_mode(self, stack: Stack, before: int, custom_mode: int) -> tuple[bool, str]:
-        """Change the mode right after a heartbeat, and only if the mode is still ``before``."""
-        heartbeats = self._heartbeats
-        await self._until(lambda: self._heartbeats > heartbeats, 2 * REPLY_TIMEOUT_S)
-        if self._monitor.custom_mode != before:
-            return False, changed_meanwhile(stack, self._monitor.custom_mode)
-        accepted, reason = await self._steps((stack.set_mode(custom_mode),))
-        if not accepted:
-            return False, reason
-        changed = await self._until(
-            lambda: self._monitor.custom_mode == custom_mode, 2 * REPLY_TIMEOUT_S
-        )
-        return changed, "accepted" if changed else "no heartbeat shows the mode"
-
-    # Transfers --------------------------------------------------------------------------------
 
     async def _transfer_all(self) -> None:
         while True:
             await self._transfer_added.wait()
-            found = await self._detected()
+            found = await self._system.detected()
             if not self._waiting:
                 self._transfer_added.clear()
                 continue
             job = self._waiting.pop(0)
             result = TransferResult("failed", NOT_FOUND, holds="the old one")
             if found:
-                result = await self._transfer(job, self._connected_stack())
+                result = await self._transfers.transfer(job, self._connected_stack())
             self._report(TransferFinished(self._clock(), job.transfer_id, job.action, result))
-
-    async def _transfer(self, job: Job, stack: Stack) -> TransferResult:
-        if job.action == "download":
-            read, reason = await self._read()
-            if read is None:
-                return TransferResult("failed", reason)
-            hidden = self._monitor.hidden_items
-            return TransferResult(
-                "accepted", "read", items=jumps_moved(read[hidden:], -hidden), holds="not known"
-            )
-        if job.action == "clear" or not job.items:
-            return await self._clear(stack)
-        return await self._upload(job, stack)
-
-    async def _clear(self, stack: Stack) -> TransferResult:
-        idle = not stack.keeps_target or await self._until(
-            lambda: not self._monitor.in_mission, REPLY_TIMEOUT_S
-        )
-        if not idle:
-            # MAVSDK would truncate the list and report success, and the vehicle would fly on.
-            reason = "the vehicle flies its mission and would continue without it; hold first"
-            return TransferResult("rejected", reason, holds="the old one")
-        verdict = await self._send_request(self._missions.clear_mission())
-        read, reason = await self._read()
-        if read is None:
-            return TransferResult("unknown", f"{verdict}; the read-back: {reason}")
-        if len(read) > self._monitor.hidden_items:
-            return TransferResult("rejected", f"the mission is still on board ({verdict})")
-        return ACCEPTED
-
-    async def _upload(self, job: Job, stack: Stack) -> TransferResult:
-        bad = next((each for each in check(job.items, stack) if each.kind == "refused"), None)
-        if bad is not None:
-            return TransferResult("rejected", str(bad), seq=bad.index, holds="the old one")
-        monitor, hidden = self._monitor, self._monitor.hidden_items
-        first = self._first(job)
-        paused = job.holds_first and monitor.in_mission and not stack.atomic_upload
-        before, overrides = Onboard(None, monitor.plan_id, monitor.unfit), len(self._overrides)
-        if paused:
-            held, reason = await self._change_mode(stack, stack.mission_mode, stack.hold_mode)
-            if not held:
-                words = f"it did not hold for the upload: {reason}"
-                return TransferResult("rejected", words, holds="the old one")
-        wire_items = (*job.items[:hidden], *jumps_moved(job.items, hidden))
-        verdict = await self._send_request(
-            self._missions.upload_mission(raw_items(wire_items, first))
-        )
-        read, reason = await self._read()
-        ended = upload_result(stack, hidden, wire_items, verdict, read)
-        if read is None:
-            ended = replace(ended, reason=f"{ended.reason}; the read-back: {reason}")
-        if ended.outcome != "accepted":
-            return ended
-        ended = replace(ended, items=job.items)
-        if len(self._overrides) > overrides and stack.keeps_target:
-            started = TransferResult("failed", self._overrides[-1])
-        else:
-            started = await self._start_mission(first, wire_items, before, stack)
-        if started.outcome != "accepted":
-            words = f"the mission is on board, but the vehicle did not start it: {started.reason}"
-            return replace(ended, outcome=started.outcome, reason=words, code=None)
-        if paused and len(self._overrides) > overrides:
-            words = f"accepted; {self._overrides[-1]}, and its mode was not changed"
-            return replace(ended, reason=words)
-        if paused:
-            resumed, reason = await self._change_mode(stack, stack.hold_mode, stack.mission_mode)
-            if not resumed:
-                words = f"the mission is on board, but the vehicle did not resume it: {reason}"
-                return replace(ended, outcome="failed", reason=words, code=None)
-        return ended
-
-    def _first(self, job: Job) -> int:
-        """Return the number of the item to fly next, as it is transmitted."""
-        hidden, last = self._monitor.hidden_items, self._monitor.hidden_items + len(job.items) - 1
-        if job.begin == "restart":
-            return hidden
-        seq = self._monitor.current or 0 if job.begin == "keep" else hidden + job.begin
-        return min(max(seq, hidden), last)
-
-    async def _start_mission(
-        self, seq: int, wire_items: Items, before: Onboard, stack: Stack
-    ) -> TransferResult:
-        """Start the mission on board; see ``vehicle/mission_activation.py``."""
-        address = Address(MAVSDK_IDS, self._target)
-        later = range(seq, len(wire_items))
-        shown = next((at for at in later if wire_items[at].command <= LAST_NAV), seq)
-        begin = self._begin = MissionActivation(
-            *(address, seq, shown, len(wire_items), mission_id_of(wire_items, stack)),
-            *(before._replace(seq=self._monitor.current), TransferTiming()),
-        )
-        try:
-            messages = begin.start(self._clock())
-            while begin.result is None:
-                for message in messages:
-                    await self._call(self._direct.send_message(raw_message(message, self._target)))
-                await asyncio.sleep(POLL_INTERVAL_S)
-                messages = begin.handle_timer(self._clock())
-            return begin.result
-        finally:
-            self._begin = None
-
-    async def _send_request(self, call: Coroutine[Any, Any, Any]) -> str:
-        """Send a transfer request, and return the name of MAVSDK's result."""
-        try:
-            await self._call(call)
-        except library().missions.MissionRawError as error:
-            return str(error.result.name)
-        except TimeoutError:
-            return NO_ANSWER
-        return "SUCCESS"
-
-    async def _read(self) -> tuple[Items | None, str]:
-        """Return the items as transmitted, or None if the download fails, and MAVSDK's result."""
-        try:
-            read = await self._call(self._missions.download_mission())
-        except library().missions.MissionRawError as error:
-            if error.result.name == "NO_MISSION_AVAILABLE":
-                return (), "SUCCESS"
-            return None, str(error.result.name)
-        except TimeoutError:
-            return None, NO_ANSWER
-        return tuple(item_of(raw) for raw in read), "SUCCESS"

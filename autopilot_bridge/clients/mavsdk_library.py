@@ -1,4 +1,4 @@
-"""Imports MAVSDK's modules, and converts between its types and ours."""
+"""Imports MAVSDK's modules, and converts between MAVSDK's types and ours."""
 
 import functools
 import json
@@ -11,7 +11,7 @@ from autopilot_bridge.missions.read_back import same_as_sent
 from autopilot_bridge.missions.transfer import Holds, TransferResult
 from autopilot_bridge.stacks.stacks import Stack
 
-MAVSDK_IDS = (245, 190)  # system and component ids of its ground stations
+MAVSDK_IDS = (245, 190)  # system and component ids of MAVSDK's ground stations
 ACCEPTED = TransferResult("accepted", "accepted", 0, holds="the new one")
 
 
@@ -36,7 +36,7 @@ def library() -> Library:
     def log(level: int, message: str, file: str | None, line: int) -> bool:
         if level >= LogLevel.ERROR:
             logging.getLogger("mavsdk").error("%s", message)
-        return True  # otherwise MAVSDK writes the line to standard output
+        return True  # with False, MAVSDK would print the line
 
     log_subscribe(log)
     return Library(mavsdk, mavsdk.asyncio, missions, direct)
@@ -70,8 +70,8 @@ def upload_result(
 ) -> TransferResult:
     """Return the result of an upload, given MAVSDK's ``verdict`` and the items that were ``read``.
 
-    ``read`` is None if the read-back failed. After a TIMEOUT the upload may still be complete,
-    because perhaps only the last reply was lost.
+    ``read`` is None if the read-back failed. After a TIMEOUT the upload may be complete, because
+    perhaps only the last reply was lost.
     """
     reason = f"MAVSDK: {verdict}"
     may_be_complete = verdict in ("SUCCESS", "TIMEOUT", "PROTOCOL_ERROR", "NO_ANSWER")

@@ -91,7 +91,7 @@ class NativeClient:
 
     @property
     def target_system(self) -> int | None:
-        """The vehicle's system id; None before the first HEARTBEAT if it was not given."""
+        """The vehicle's system id; None before the first HEARTBEAT if no id was given."""
         return self._target_system
 
     @property
@@ -124,11 +124,12 @@ class NativeClient:
         """Replace the mission, fence or rally points; TransferFinished reports the result.
 
         ``begin`` selects the item of the new mission to fly next: ``restart`` means the first item,
-        ``keep`` the item with the current number, and a number (from 0) that item. With ``check``
-        the list is read back after it was accepted. With ``holds_first`` a vehicle in its mission
-        holds during the upload if its autopilot would otherwise fly a partly overwritten list.
-        After a failed upload the vehicle continues to hold. With ``by_file`` the client uses MAVFTP
-        if the autopilot supports it. An upload replaces a queued upload of the same kind.
+        ``keep`` the item with the number of the current item, and a number (from 0) the item with
+        that number. With ``check`` the list is read back after it was accepted. With
+        ``holds_first`` a vehicle in its mission holds during the upload if its autopilot would
+        otherwise fly a partly overwritten list. After a failed upload the vehicle continues to
+        hold. With ``by_file`` the client uses MAVFTP if the autopilot supports it. An upload
+        replaces a queued upload of the same kind.
         """
         job = Job(0, "upload", kind, tuple(items), begin, check, holds_first, by_file)
         return self._add(job, now_us)
@@ -142,7 +143,7 @@ class NativeClient:
         return self._add(Job(0, "clear", kind), now_us)
 
     def cancel(self, transfer_id: int, now_us: int) -> None:
-        """Cancel a transfer; TransferFinished follows when the autopilot has also ended it."""
+        """Cancel a transfer; TransferFinished follows when the autopilot has ended the transfer."""
         self._send(*self._jobs.cancel(transfer_id, self._connected_stack(), now_us))
         self._advance(now_us)
 
@@ -178,7 +179,7 @@ class NativeClient:
         self._send(*messages)
         return drop_id
 
-    # Parameters; the ParametersFinished with the id reports the outcome.
+    # Parameters: each function returns an id; the ParametersFinished with this id has the outcome.
 
     def read_parameter(self, name: str, now_us: int) -> int:
         """Read one parameter."""
@@ -225,7 +226,7 @@ class NativeClient:
         return [self._codec.encode(message) for message in outgoing]
 
     def next_event(self) -> ClientEvent | None:
-        """Remove and return the oldest pending event; None if there is none."""
+        """Remove and return the oldest pending event; None if no event is pending."""
         return self._events.popleft() if self._events else None
 
     def report(self, event: ClientEvent) -> None:
@@ -243,7 +244,8 @@ class NativeClient:
             self._parameters.next_timer(),
             self._monitor.alarm_timer(),
             lost_us,
-            None if lost_us is None else self._rates.next_timer(),  # not on a lost link
+            # No requests are sent on a lost link.
+            None if lost_us is None else self._rates.next_timer(),
         )
         return min((heartbeat_us, *(timer_us for timer_us in timers if timer_us is not None)))
 
@@ -334,7 +336,7 @@ class NativeClient:
             *(self.stack, self._target(), monitor.current, total, self.armed, self.custom_mode),
             *(monitor.plan_id, monitor.unfit),
         )
-        self._send(*self._jobs.step(state, now_us))
+        self._send(*self._jobs.continue_jobs(state, now_us))
         self._send(*self._jobs.start_next(state, now_us))
 
     def validate_state(self) -> None:

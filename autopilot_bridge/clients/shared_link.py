@@ -44,8 +44,8 @@ class FleetEvent(NamedTuple):
 class SharedLink:
     """One link with its vehicles, which is the peer of a ``Connection``.
 
-    A vehicle that is detected by its heartbeat reports its events through ``next_event``. A vehicle
-    that is registered by ``expect`` reports them through the returned client.
+    ``next_event`` returns the events of vehicles that are detected by their heartbeats. The events
+    of a vehicle that is registered by ``expect`` are those of the client that ``expect`` returns.
     """
 
     def __init__(
@@ -61,7 +61,7 @@ class SharedLink:
     ) -> None:
         """Create the link; with ``expects`` only vehicles registered by ``expect`` are accepted.
 
-        ``signed`` tells whether the signatures of received frames are verified.
+        ``signed`` is True if the signatures of received frames are verified.
         """
         self.name = name
         self.called = ""  # the remote to which the link connects; "" if it listens
@@ -77,11 +77,12 @@ class SharedLink:
         self._signed = signed
         self._sources: dict[int, RemoteBinding] = {}
         self._heartbeat_due_us = 0
-        self._timers: list[tuple[int, int]] = []  # a heap; outdated entries are not removed
+        # A heap, from which outdated entries are not removed.
+        self._timers: list[tuple[int, int]] = []
         self._due_us: dict[int, int] = {}
 
     def expect(self, system: int, max_speed_m_s: float | None = None) -> NativeClient:
-        """Register a vehicle and return its client. Raises BridgeError if it exists."""
+        """Register a vehicle and return its client. Raises BridgeError if its id is in use."""
         if system in self.clients:
             raise BridgeError(f"link {self.name}: two vehicles with system id {system}")
         return self._client(system, max_speed_m_s)
@@ -103,7 +104,7 @@ class SharedLink:
             client = self.clients.get(system) or self._detected(message, system)
             if client is not None and self._is_accepted(remote, system, message, now_us):
                 client.receive_message(message, now_us)
-                # Telemetry changes no timer, unless a message must be sent because of it.
+                # Telemetry changes a timer only if it causes a message to be sent.
                 touched[system] = message.get_type() not in MESSAGES or bool(self._outgoing)
         for system, timer in touched.items():
             self._refresh(system, timer)
@@ -191,7 +192,7 @@ class SharedLink:
         due = []
         while self._timers and self._timers[0][0] <= now_us:
             due_us, system = heapq.heappop(self._timers)
-            if self._due_us.get(system) == due_us:  # otherwise outdated or a duplicate
+            if self._due_us.get(system) == due_us:  # otherwise the entry is outdated or a duplicate
                 del self._due_us[system]
                 due.append(system)
         for system in due:
@@ -199,7 +200,7 @@ class SharedLink:
             self._refresh(system)
 
     def next_event(self) -> FleetEvent | None:
-        """Remove and return the oldest pending event; None if there is none."""
+        """Remove and return the oldest pending event; None if no event is pending."""
         return self._events.popleft() if self._events else None
 
 

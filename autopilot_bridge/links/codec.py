@@ -18,8 +18,8 @@ from autopilot_bridge.links.framing import (
 
 Message = Any  # pymavlink's messages have no type annotations
 
-# Extension fields (all uint32), which follow the other fields. Some releases of pymavlink do not
-# have them.
+# Extension fields (all uint32), which follow the other fields. Some releases of pymavlink lack
+# these fields.
 _EXTENSIONS = {
     mavlink.MAVLink_mission_count_message: ("opaque_id",),
     mavlink.MAVLink_mission_ack_message: ("opaque_id",),
@@ -54,12 +54,12 @@ class Codec:
     def encode(self, message: Message) -> bytes:
         """Return the frame of a message, with the next sequence number.
 
-        The frame's source is the component of this end, or the message's ``from_component`` if that
-        is set.
+        The frame's source is the component of this end, or the message's ``from_component`` if the
+        message has one.
         """
         mav = self._mav
         mav.srcComponent = getattr(message, "from_component", self._component_id)
-        own_pack = "pack" in message.__dict__  # it has extension fields
+        own_pack = "pack" in message.__dict__  # the message has extension fields
         if message.get_msgId() in _NUMERIC and not own_pack:
             frame = _encode_numeric(message, (mav.seq, mav.srcSystem, mav.srcComponent))
         else:
@@ -96,7 +96,7 @@ def _encode_numeric(message: Message, sent: tuple[int, int, int]) -> bytes:
     """
     values = [getattr(message, name) for name in message.ordered_fieldnames]
     payload = message.unpacker.pack(*values).rstrip(b"\0") or b"\0"
-    message_id = message.get_msgId()  # not ``id``: some messages have a field of that name
+    message_id = message.get_msgId()  # not named ``id``, because some messages have a field ``id``
     low, high = message_id & 0xFFFF, message_id >> 16
     body = _HEADER_V2.pack(V2, len(payload), 0, 0, *sent, low, high) + payload
     crc: int = checksum(body[1:], message_id)

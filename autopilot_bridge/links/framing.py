@@ -1,10 +1,10 @@
 """Cuts the bytes from one remote into complete MAVLink frames, and skips noise.
 
 After a false start marker, pymavlink's parser discards as many bytes as the false header states,
-even valid frames among them. This parser consumes the bytes of a frame only if its checksum is
-right; otherwise it skips one byte and searches again. Therefore a frame is lost only if the noise
-before it has a right checksum by chance (1 in 65536). On a stream, bytes after a false start marker
-are buffered until as many have arrived as the false header states, at most 280 bytes.
+including valid frames. This parser consumes the bytes of a frame only if the checksum is correct;
+otherwise it skips one byte and searches again. A frame is therefore lost only if noise before it
+has a correct checksum by chance (1 in 65536). On a stream, bytes after a false start marker are
+buffered until as many bytes have arrived as the false header states, at most 280 bytes.
 """
 
 import re
@@ -130,7 +130,7 @@ def checksum(data: bytes, message_id: int) -> int:
 
 
 def frame_length(data: bytes, at: int, in_step: bool) -> int | None:
-    """Return the length of the frame at ``at``; 0 if there is none, None if bytes are missing."""
+    """Return the length of the frame at ``at``; 0 without a frame, None if bytes are missing."""
     have = len(data) - at
     marker = data[at]
     header = 10 if marker == V2 else 6
@@ -149,7 +149,7 @@ def frame_length(data: bytes, at: int, in_step: bool) -> int | None:
     message_id = message_id_of(data[at : at + header])
     definition = _DIALECT.get(message_id)
     if definition is not None and header == 6 and payload > definition[0]:
-        return 0  # MAVLink 1 payloads are not longer; this avoids most checksums of noise
+        return 0  # too long for a MAVLink 1 payload: probably noise
     if have < length:
         return None
     if definition is None:  # another dialect, checksum unknown: accepted only right after a frame

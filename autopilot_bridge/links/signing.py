@@ -5,19 +5,23 @@ bits of SHA-256 over the key, the frame, a link id and a timestamp. A *stream* i
 the same system, component and link id. Timestamps count units of 10 us since 2015 and increase with
 every frame of a stream.
 
-The implementation in pymavlink 2.4.50 (``MAVLink.check_signature``, ``decode``) has faults: - it
-stores a stream's timestamp before it checks the hash; after one forged frame with a timestamp far
-in the future every genuine frame fails; - it adopts the greatest timestamp received, even from a
-sender with a wrong clock; after our next frames each vehicle rejects every other station; - frames
-with a *wrong* signature are passed to the callback that allows unsigned ones; - frames of unknown
-messages are not verified, and signatures are compared with ``!=``. This module stores a timestamp
-only if the hash is right, and received timestamps do not change our own. A stream may be ahead of
-our clock only by a bounded time. A wrong signature is rejected for every message.
+The implementation in pymavlink 2.4.50 (``MAVLink.check_signature``, ``decode``) has faults:
+
+- it stores a stream's timestamp before it checks the hash, so that after one forged frame with a
+  timestamp far in the future every genuine frame fails;
+- it adopts the greatest timestamp received, even from a sender with a wrong clock, so that after
+  our next frames each vehicle rejects every other station;
+- it passes frames with a *wrong* signature to the callback that allows unsigned frames;
+- it does not verify frames of unknown messages, and compares signatures with ``!=``.
+
+This module stores a timestamp only if the hash is right, and received timestamps do not change our
+own. A stream may be ahead of our clock only by a bounded time. A wrong signature is rejected for
+every message.
 
 At every boot and with every new key, ArduPilot 4.6 (source: ``GCS_Signing.cpp``) starts from its
-saved timestamp plus 60 s. It uses UTC as soon as GPS provides it. It accepts unsigned frames on its
-first port (USB; SERIAL0 of the simulator), and rejects a stream that begins more than a minute
-behind its own timestamp. PX4 signs frames from version 1.18.
+saved timestamp plus 60 s. It uses UTC as soon as GPS provides the time. It accepts unsigned frames
+on its first port (USB; SERIAL0 of the simulator), and rejects a stream that begins more than a
+minute behind the timestamp of ArduPilot. PX4 signs frames from version 1.18.
 """
 
 import base64
@@ -46,7 +50,8 @@ from autopilot_bridge.links.framing import (
 EPOCH_US = 1_420_070_400_000_000  # 2015-01-01, microseconds since 1970
 TICKS_PER_S = 100_000
 OLDEST_BEGIN_S = 60
-# ArduPilot adds a minute at every boot without GPS, so a small lead is not a fault.
+# ArduPilot adds a minute to its timestamp at every boot without GPS, so a small lead over our clock
+# is not a fault.
 MAX_AHEAD_S = 300
 # Telemetry radios send their own status unsigned, because they have no keys.
 UNSIGNED_ALLOWED = frozenset({mavlink.MAVLINK_MSG_ID_RADIO_STATUS})
@@ -83,9 +88,11 @@ def key_of(text: str) -> Key:
     elif text:
         secret = hashlib.sha256(text.encode()).digest()
     else:
-        raise BridgeError("signing key: it is empty; give a passphrase, or hex: and 64 digits")
+        raise BridgeError(
+            "signing key: the text is empty; give a passphrase, or hex: and 64 digits"
+        )
     if len(secret) != 32:
-        raise BridgeError(f"signing key: it has {len(secret)} bytes; a key has 32")
+        raise BridgeError(f"signing key: it has {len(secret)} bytes; give 32 bytes")
     if not any(secret):
         raise BridgeError("signing key: a key of zeros turns signing off; use another key")
     return Key(secret)
@@ -114,7 +121,7 @@ def held(source: str, what: str) -> str:
         except UnicodeDecodeError:
             raise BridgeError(f"{what}: {name}: is not a text file") from None
     else:
-        raise BridgeError(f"{what}: give its place as file:PATH or env:NAME")
+        raise BridgeError(f"{what}: give its location as file:PATH or env:NAME")
     return text.partition("\n")[0].rstrip("\r")
 
 
@@ -161,7 +168,10 @@ class Timestamps:
         self._file = file
         self._last = self._reserved = 0 if file is None else _stored(file)
         if self._last == 0 and ticks_of(wall_us()) == 0:
-            raise BridgeError("signing: the clock is before 2015; set it, or no frame verifies")
+            raise BridgeError(
+                "signing: the clock is before 2015; set the clock, because receivers reject such "
+                "frames"
+            )
 
     def next(self) -> int:
         """Return the next frame's timestamp. Raises BridgeError if the file cannot be written."""
@@ -198,7 +208,7 @@ def _stored(file: Path) -> int:
         return 0
     except (OSError, ValueError):
         raise BridgeError(
-            f"signing: {file}: contains no timestamp; remove it if the clock is right"
+            f"signing: {file}: contains no timestamp; if the clock is right, remove the file"
         ) from None
 
 
@@ -211,9 +221,10 @@ class Counts:
 
     good: int = 0
     unsigned_allowed: int = 0
-    unsigned: int = 0  # rejected, like all frames that the fields below count
+    unsigned: int = 0  # rejected, like the frames counted in the fields below
     wrong: int = 0  # signed with another key, or altered in transit
-    repeated: int = 0  # not later than the last frame of the stream: replayed or reordered
+    # The timestamp is not later than the last one of the stream: replayed or reordered.
+    repeated: int = 0
     old: int = 0  # first frame of a stream, too far in the past
     ahead: int = 0  # too far in the future: the sender's clock or ours is wrong
 
@@ -230,7 +241,7 @@ class Signing:
         timestamps: Timestamps,
         allow_unsigned: frozenset[int] = UNSIGNED_ALLOWED,
     ) -> None:
-        """Create the signing for a key; messages with ids ``allow_unsigned`` need no signature."""
+        """Create the signing for a key; message ids in ``allow_unsigned`` need no signature."""
         self.counts = Counts()
         self._key = key
         self._timestamps = timestamps
@@ -238,7 +249,7 @@ class Signing:
         self._streams: dict[tuple[int, int, int], int] = {}
 
     def sign(self, frame: bytes, link_id: int) -> bytes:
-        """Return a MAVLink 2 frame with its signature; ``link_id`` is that of the sending link."""
+        """Return a MAVLink 2 frame with its signature; ``link_id`` is the sending link's id."""
         body = bytearray(frame[:-2])
         body[2] |= SIGNED
         crc = checksum(bytes(body[1:]), message_id_of(frame))
@@ -264,7 +275,7 @@ class Signing:
         return verdict in ("good", "unsigned_allowed")
 
     def lead_s(self, system_id: int | None = None) -> float:
-        """Return by how many seconds the streams are ahead of our clock at most.
+        """Return the largest lead, in seconds, of a stream over our clock.
 
         With ``system_id``, only streams from this system count. If the lead is above 60, the sender
         may reject our frames. If our clock was two minutes slow, an ArduPilot 4.6 sent valid frames

@@ -6,7 +6,7 @@ import socket
 from typing import cast
 
 from autopilot_bridge.errors import BridgeError
-from autopilot_bridge.links.link import LinkAddress
+from autopilot_bridge.links.link_address import LinkAddress
 
 RECEIVE_BUFFER_BYTES = 4 * 1024 * 1024
 # A TCP connection counts as lost after this time without acknowledgements.

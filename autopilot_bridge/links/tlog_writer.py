@@ -12,12 +12,12 @@ from typing import Self
 
 from autopilot_bridge.errors import BridgeError
 
-# MAVProxy stores the number of the link in the two lowest bits, and pymavlink reads it.
+# MAVProxy stores the number of the link in the two lowest bits, and pymavlink reads this number.
 _LINK_BITS = 3
 
 
 class Tlog:
-    """A .tlog file, open while its context is; ``wall_us`` returns microseconds since 1970.
+    """A .tlog file that is open within its context; ``wall_us`` returns microseconds since 1970.
 
     Records are appended to an existing file. Each record is passed to the operating system at once,
     so that no record is lost if the program crashes.

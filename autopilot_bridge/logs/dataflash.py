@@ -15,8 +15,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from autopilot_bridge.items import MissionItem
 from autopilot_bridge.logs.entries import (
     LATEST_US,
-    Damage,
     Entry,
+    Log,
     LogEvent,
     MissionLoaded,
     MissionReplaced,
@@ -62,15 +62,12 @@ LETTERS: dict[str, tuple[str, float]] = {
 ARMED, DISARMED = ("Throttle armed", "Arming motors"), ("Throttle disarmed", "Disarming motors")
 
 
-class DataFlashLog:
+class DataFlashLog(Log):
     """The reader of a .bin file, which contains no system id; the default is 1."""
 
     def __init__(self, path: Path, system_id: int = 1) -> None:
-        self.path = path
+        super().__init__(path)
         self.system_id = system_id
-        self.messages = 0
-        self.damage: list[Damage] = []
-        self.names: dict[int, str] = {}
 
     def unix_offset_us(self) -> int | None:
         """Return the offset to UTC, taken from the first GPS message with a valid time."""
@@ -122,7 +119,7 @@ class DataFlashLog:
 def _length_at(data: bytes, at: int, lengths: list[int]) -> int:
     """Return the length of the message at ``at``; 0 if there is no complete message.
 
-    Messages have no checksum: a message is accepted only if another follows it.
+    Messages have no checksum: a message is accepted only if another message follows it.
     """
     if data[at : at + 2] != HEAD or at + 3 > len(data):
         return 0
@@ -183,7 +180,7 @@ class _Flight:
         self.mode: int | None = None
         self.mode_name = ""  # "" before the text that names the firmware
         self.velocity = (0.0, 0.0, 0.0)  # north, east, down
-        self.by_filter = False  # whether the velocity is from the EKF, not from GPS
+        self.by_filter = False  # True if the velocity is from the EKF, False if from GPS
         self.yaw_deg = 0.0
         self.airspeed_m_s: float | None = None
         self.throttle_percent = 0

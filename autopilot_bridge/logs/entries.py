@@ -1,9 +1,10 @@
 """Defines the entries of a log: events of a vehicle's client, and events that only logs have."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 from autopilot_bridge.items import Items
 from autopilot_bridge.vehicle.client_events import (
@@ -32,7 +33,7 @@ class MissionLoaded:
 
 @dataclass(frozen=True, slots=True)
 class MissionReplaced:
-    """The replacement of the mission by one whose items are not in the log."""
+    """The replacement of the mission by a mission whose items are not in the log."""
 
     at_us: int
 
@@ -99,20 +100,23 @@ class Damage(NamedTuple):
         return f"{self.skipped_bytes} bytes at {self.at_byte}: {self.why}"
 
 
-class Log(Protocol):
+class Log(ABC):
     """A log file.
 
     ``messages`` is the number of messages read so far, including skipped ones. ``names`` contains
     the names of the vehicles by system id, if the file has them.
     """
 
-    path: Path
-    names: dict[int, str]
-    messages: int
-    damage: list[Damage]
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.messages = 0
+        self.damage: list[Damage] = []
+        self.names: dict[int, str] = {}
 
+    @abstractmethod
     def entries(self) -> Iterator[Entry]:
         """Yield the entries from the beginning. Raises BridgeError if the file is unreadable."""
 
+    @abstractmethod
     def unix_offset_us(self) -> int | None:
         """Return the microseconds from 1970 to the zero of the log's clock; None without a date."""

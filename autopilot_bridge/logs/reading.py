@@ -19,10 +19,11 @@ def open_log(path: Path) -> Log:
     """Open the log of a flight: ``.tlog``, DataFlash ``.bin`` or ULog ``.ulg``.
 
     Args:
-        path: The file; its first bytes select the format, or its suffix if they are unknown.
+        path: The file; its first bytes select the format, or its suffix if those bytes are unknown.
 
     Returns:
-        A reader; ``entries()`` yields events in the file's order, in microseconds of its clock.
+        A reader; ``entries()`` yields events in the file's order, in microseconds of the log's
+        clock.
 
     Raises:
         BridgeError: The file is empty, unreadable or in another format.

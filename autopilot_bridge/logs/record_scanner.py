@@ -34,7 +34,7 @@ def records(
     """Yield the data, offset and length of each record; count records and damage in the log.
 
     ``length_at(data, at, lost)`` returns 0 if no complete record begins at ``at``; it needs
-    ``ahead_bytes`` of data except at the end of the file. ``lost`` tells that the bytes before
+    ``ahead_bytes`` of data except at the end of the file. ``lost`` is True if the bytes before
     ``at`` were not a record. ``next_start(data, at)`` returns the next offset, from ``at`` on, at
     which a record may begin; -1 if there is none.
     """
@@ -105,6 +105,6 @@ def events_of(
         except KeyError as error:
             if name not in reported:
                 reported.add(name)
-                log.damage.append(Damage(0, 0, f"{name} has no {error}: omitted"))
+                log.damage.append(Damage(0, 0, f"{name} has no field {error} and is omitted"))
             continue
         yield from events

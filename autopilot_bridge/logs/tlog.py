@@ -4,13 +4,12 @@ The time is in microseconds since 1970, as written by MAVProxy, QGroundControl, 
 pymavlink and ``links/tlog_writer.py``. MAVProxy stores the number of the link in the lowest two
 bits. Only frames with a right checksum are accepted. A message of another dialect is skipped by its
 length if another record follows. If a simulator was faster or slower than the recorder's clock, the
-time is derived from the autopilots' time since boot (``boot_time.py``).
+time is derived from the autopilots' time since boot (``entry_times.py``).
 """
 
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import islice
-from pathlib import Path
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -24,21 +23,21 @@ from autopilot_bridge.links.framing import (
     message_id_of,
     source_of,
 )
-from autopilot_bridge.logs.boot_time import FlightTime, Sample, rate_of
+from autopilot_bridge.links.message_bounds import list_out_of_bounds, out_of_bounds
 from autopilot_bridge.logs.entries import (
     LATEST_US,
     Acknowledged,
-    Damage,
     Entry,
     GripperMoved,
+    Log,
     LogEvent,
     MissionLoaded,
     Outputs,
 )
+from autopilot_bridge.logs.entry_times import FlightTime, Sample, rate_of
 from autopilot_bridge.logs.record_scanner import LEAP_US, records
 from autopilot_bridge.missions.ftp_packet import ACK, CREATE, TERMINATE, WRITE, packet_of
 from autopilot_bridge.missions.mission_file import PATHS, decode_mission_file
-from autopilot_bridge.missions.value_bounds import list_out_of_bounds, out_of_bounds
 from autopilot_bridge.vehicle.client_events import AlarmEnded, ClientEvent, LinkAlarm
 from autopilot_bridge.vehicle.monitor import AUTOPILOT, VehicleMonitor
 from autopilot_bridge.vehicle.statustext import StatustextAssembler
@@ -73,14 +72,8 @@ MESSAGE_IDS = frozenset(
 )
 
 
-class TlogLog:
+class TlogLog(Log):
     """The reader of a .tlog file; systems that send frames from component 1 are vehicles."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self.messages = 0
-        self.damage: list[Damage] = []
-        self.names: dict[int, str] = {}
 
     def unix_offset_us(self) -> int | None:
         """Return 0, because the stamps are microseconds since 1970."""
@@ -97,7 +90,7 @@ class TlogLog:
                 continue
             message, (system_id, component_id) = decoded[0], source_of(frame)
             own = component_id == AUTOPILOT
-            at_us = time.at(stamp_us, system_id, _boot_us(message) if own else None)
+            at_us = time.flight_us(stamp_us, system_id, _boot_us(message) if own else None)
             yield from missions.receive(message, at_us, vehicles)
             if own:
                 if system_id not in vehicles:
@@ -139,7 +132,7 @@ def _boot_us(message: Message) -> int | None:
 
 
 def _without_leap(at_us: int, latest_us: int | None, after: bytes) -> int:
-    """Return a record's time, or the time of a neighbouring record if only this one leaps."""
+    """Return a record's time, or the time of a neighbouring record if only this time leaps."""
     if len(after) < STAMP_BYTES:
         return at_us if latest_us is None else latest_us
     after_us = int.from_bytes(after, "big") & ~LINK_BITS
@@ -163,7 +156,7 @@ def _record_length(data: bytes, at: int, lost: bool) -> int:
 
 
 def _length_unknown(data: bytes, begin: int) -> int:
-    """Return the length of a record in another dialect; 0 unless a record or the end follows."""
+    """Return the length of a record in another dialect; 0 unless a record or the end is next."""
     header = data[begin : begin + 10]
     if len(header) < 10 or in_dialect(message_id_of(header)):
         return 0
@@ -260,7 +253,7 @@ class _Missions:
                 return []
             try:
                 items = decode_mission_file(bytes(file), mavlink.MAV_MISSION_TYPE_MISSION)
-            except BridgeError:  # incomplete: the vehicle has also rejected it
+            except BridgeError:  # an incomplete file, which the vehicle has also rejected
                 return []
             if list_out_of_bounds(items):
                 return []

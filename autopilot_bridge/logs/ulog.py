@@ -13,9 +13,9 @@ from pathlib import Path
 from autopilot_bridge.logs.entries import (
     LATEST_US,
     Acknowledged,
-    Damage,
     Entry,
     GripperMoved,
+    Log,
     LogEvent,
     MissionReplaced,
     Outputs,
@@ -48,7 +48,7 @@ MAX_BYTES = dict.fromkeys(b"BFIMD", 65535) | dict.fromkeys(b"LC", 1024)
 MAX_BYTES |= {ord("P"): 300, ord("Q"): 301, ord("A"): 259, ord("R"): 2, ord("S"): 8, ord("O"): 2}
 PADDING_BYTES = 8  # maximum padding at the end of a topic, which files omit
 DATA = ord("D")
-BOOT_KEY = b"uint64_t boot_time_utc_us"  # by the autopilot's clock, if it has one
+BOOT_KEY = b"uint64_t boot_time_utc_us"  # time of boot by the autopilot's clock, if it has one
 LETTERS = {
     "int8_t": "b",
     "uint8_t": "B",
@@ -89,14 +89,11 @@ NAV_STATES = {
 }
 
 
-class UlogLog:
+class UlogLog(Log):
     """The reader of a .ulg file; the system id is the parameter MAV_SYS_ID, or 1 without it."""
 
     def __init__(self, path: Path) -> None:
-        self.path = path
-        self.messages = 0
-        self.damage: list[Damage] = []
-        self.names: dict[int, str] = {}
+        super().__init__(path)
         self._system_id = 1
         self._boot_unix_us: int | None = None
 
@@ -139,7 +136,7 @@ class UlogLog:
                     name, _, fields = body.decode("utf-8", "replace").partition(":")
                     formats[name] = fields
                 case "A" if len(body) > 3:
-                    subscribed.add(body, formats)
+                    subscribed.subscribe(body, formats)
                 case "R" if len(body) == 2:
                     subscribed.topics.pop(int.from_bytes(body[:2], "little"), None)
                 case "P" | "I" as kind if len(body) > 1:
@@ -169,8 +166,8 @@ class _Subscriptions:
         self.sizes: dict[int, int] = {}
         self._names = names
 
-    def add(self, body: bytes, formats: dict[str, str]) -> None:
-        """Process an ADD_LOGGED message; it is ignored as noise if it has no known format."""
+    def subscribe(self, body: bytes, formats: dict[str, str]) -> None:
+        """Process an ADD_LOGGED message; a message without a known format is ignored."""
         instance, number = struct.unpack_from("<BH", body)
         name = body[3:].decode("utf-8", "replace")
         if name not in formats:

@@ -1,7 +1,7 @@
 """Finds items of a mission that the autopilot would reject, change or fly wrongly.
 
-The functions apply the data in ``stacks/rules.py``. The items are those of a user: they do not
-contain ArduPilot's home, and DO_JUMP targets are indexes from 0.
+The functions apply the data in ``stacks/item_treatment.py``. The items are those of a user: they
+do not contain ArduPilot's home, and DO_JUMP targets are indexes from 0.
 """
 
 import math
@@ -22,7 +22,7 @@ from autopilot_bridge.missions.read_back import (
     takes_position,
     words_of,
 )
-from autopilot_bridge.stacks.rules import (
+from autopilot_bridge.stacks.item_treatment import (
     ENDLESS,
     INSTEAD,
     LAND_SEQUENCES,
@@ -36,7 +36,7 @@ from autopilot_bridge.stacks.stacks import Stack
 
 _JUMP = mavlink.MAV_CMD_DO_JUMP
 _PARAMS = ("param1", "param2", "param3", "param4")
-# Changes by these rules are not reported (see ``stacks/rules.py``).
+# Changes by these rules are not reported (see ``stacks/item_treatment.py``).
 _QUIET = ("keep", "hint", "hidden", "yaw", "side", "flag")
 _MAXIMA = {"u8": 255, "u16": 65535, "i8": 127, "i16": 32767, "cm16": 655.35, "radius": 65535}
 
@@ -52,7 +52,7 @@ def check(items: Sequence[MissionItem], stack: Stack, mission_type: int = MISSIO
     Returns:
         The problems, those of single items first; ``str`` of a problem is a line for users.
 
-    Source: see ``stacks/rules.py``.
+    Source: see ``stacks/item_treatment.py``.
     """
     rules = rules_of(stack)
     if mission_type == FENCE:
@@ -75,7 +75,7 @@ def _bad_item(index: int, item: MissionItem, stack: Stack, rules: Rules) -> Iter
         yield problem("refused", index, item, "command", reason, instead)
         return
     if item.command in rules.invalidates_mission:
-        reason = "it is stored, and then the whole mission is rejected"
+        reason = "the item is stored, and then the whole mission is rejected"
         yield problem("refused", index, item, "command", reason, instead)
     if item.command in rules.not_run:
         reason = f"an {stack.name} {stack.vehicle} stores it and skips it in flight"
@@ -147,7 +147,7 @@ def _bad_jumps(items: Sequence[MissionItem]) -> Iterator[Problem]:
     for index, item in enumerate(items):
         whole = math.isfinite(item.param1) and item.param1 == math.trunc(item.param1)
         if item.command == _JUMP and not (whole and 0 <= item.param1 < len(items)):
-            reason = "no item has this index; the jump is accepted, but the mission ends or errs"
+            reason = "no item has this index; the jump is accepted, but the mission fails"
             remedy = f"give an index from 0 to {len(items) - 1}"
             yield problem("dangerous", index, item, "param1", reason, remedy)
 
@@ -162,7 +162,14 @@ def _never_reached(items: Sequence[MissionItem], rules: Rules) -> Iterator[Probl
             if items[index].command in LAND_SEQUENCES or index in jumps:
                 break
             reason = f"the loiter at item {start} never ends"
-            yield problem("dropped", index, items[index], "command", reason, "move it before")
+            yield problem(
+                "dropped",
+                index,
+                items[index],
+                "command",
+                reason,
+                "move this item before the loiter",
+            )
             reported.add(index)
     navigation = [
         index
@@ -185,7 +192,7 @@ def _too_long(items: Sequence[MissionItem], stack: Stack) -> Iterator[Problem]:
 
 
 def adapted(items: Sequence[MissionItem], stack: Stack) -> Items:
-    """Return the mission, in which each item that has an exact equivalent on the stack is replaced.
+    """Return the mission with some items replaced by their exact equivalents on the stack.
 
     Args:
         items: The items of a mission.

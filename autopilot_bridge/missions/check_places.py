@@ -8,9 +8,9 @@ import shapely
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.items import MissionItem
-from autopilot_bridge.missions.fencefile import CIRCLES, POLYGONS
+from autopilot_bridge.missions.fence_file import CIRCLES, POLYGONS
 from autopilot_bridge.missions.problems import Kind, Problem, problem
-from autopilot_bridge.stacks.rules import FENCE_COMMANDS, TERRAIN_FRAMES, Rules
+from autopilot_bridge.stacks.item_treatment import FENCE_COMMANDS, TERRAIN_FRAMES, Rules
 
 _FRAME = "frames 0 (above sea level) and 3 (above home) are accepted"
 

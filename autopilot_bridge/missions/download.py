@@ -17,8 +17,8 @@ from autopilot_bridge.missions.transfer import (
     rejected,
 )
 
-# More retries for each item. With 20 % loss in each direction a request and its reply arrive with
-# probability 0.64, so some downloads of fifty items would fail without these retries.
+# Additional retries for each item. With 20 % loss in each direction a request and its reply arrive
+# with probability 0.64, so some downloads of fifty items would fail without these retries.
 MORE_RETRIES = 2
 
 

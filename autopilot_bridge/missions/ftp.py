@@ -1,19 +1,19 @@
 """Uploads and downloads ArduPilot's mission files over MAVFTP.
 
 opening --ACK--> moving --replies to all blocks--> closing --ACK--> ended
-opening: repeated on timeout with the same number, so that the autopilot sends its reply again;
-         while another session is open, requested again after three seconds and after six
+opening: the request is repeated on timeout with its sequence number, so that the autopilot repeats
+    its reply; if another session is open, the request is repeated after three and after six seconds
 moving:  up to five reads or writes are pending; each is repeated if its reply is late
 closing: the autopilot applies the written data only now
 
-Whenever the link is lost, the mission on board is the whole old mission or the whole new mission.
-Each write ends between two items. If a session is closed too early (by us or by another station),
-whole items are missing, and they are zeros in the autopilot's buffer. ArduPilot rejects a file with
-an item of zeros before it changes the old mission. Only a session that is certainly ours is closed.
-The caller must read back after every upload, because the applied mission can differ from the file
-although the autopilot acknowledged the closing. This happens if a command is rejected, or if the
-mission in flight was longer (``leaves_old_tail``). ``FtpDownload`` reads back; when it opens its
-file, an open session ends.
+If the link is lost, the mission on board is either the complete old mission or the complete new
+one. Each write ends between two items. If a session is closed too early (by us or by another
+station), complete items are missing; these are zeros in the autopilot's buffer. ArduPilot rejects a
+file with an item of zeros before it changes the old mission. This module closes a session only if
+the session is certainly ours. The caller must read back after every upload, because the applied
+mission can differ from the file although the autopilot acknowledged the closing. This happens if a
+command is rejected, or if the mission in flight was longer (``leaves_old_tail``). ``FtpDownload``
+reads back; when it opens a file, the autopilot ends an open session.
 """
 
 from collections import deque
@@ -23,6 +23,7 @@ from typing import Literal
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.items import MissionItem
 from autopilot_bridge.links.codec import Message
+from autopilot_bridge.links.message_bounds import list_out_of_bounds
 from autopilot_bridge.missions import ftp_packet as ftp
 from autopilot_bridge.missions.ftp_packet import Packet, error_words, packet_of
 from autopilot_bridge.missions.mission_file import (
@@ -36,11 +37,10 @@ from autopilot_bridge.missions.mission_file import (
 )
 from autopilot_bridge.missions.read_back import MISSION, with_unheld
 from autopilot_bridge.missions.transfer import Address, TransferResult, TransferTiming, is_for
-from autopilot_bridge.missions.value_bounds import list_out_of_bounds
 
-MAX_PENDING = 5  # the autopilot discards a sixth without a reply
+MAX_PENDING = 5  # the autopilot discards a sixth request without a reply
 FIRST_BLOCK_BYTES = HEADER.size + 6 * ITEM.size  # 238
-BLOCK_BYTES = 6 * ITEM.size  # 228; a write may have 239
+BLOCK_BYTES = 6 * ITEM.size  # 228 bytes; the maximum of a write is 239
 # An open session can be replaced if the autopilot sent no FTP reply for 3 s.
 BUSY_WAIT_US = 3_200_000
 MAX_OPENINGS = 3
@@ -49,7 +49,7 @@ MAX_BACK_OFF = 4
 
 
 def next_session(session: int) -> int:
-    """Return another session id for the next transfer, so that late packets have no effect."""
+    """Return a new session id for the next transfer, so that late packets have no effect."""
     return session % 255 + 1
 
 
@@ -105,7 +105,7 @@ class _FtpTransfer:
         raise NotImplementedError
 
     def _ended(self, closed: bool) -> TransferResult:
-        """Return the result; all blocks were acknowledged, and if ``closed`` the closing too."""
+        """Return the result after all blocks were acknowledged (and the closing if ``closed``)."""
         raise NotImplementedError
 
     def _aborted(self, reason: str) -> TransferResult:
@@ -119,8 +119,8 @@ class _FtpTransfer:
         self._progress_us = now_us
         if self.result is not None:
             return []
-        # The number differs from those of an earlier program: the autopilot may still repeat a
-        # reply to one of them.
+        # The sequence number differs from those that an earlier run of the program used: the
+        # autopilot may still repeat a reply to a request of that run.
         self._seq = now_us // 1000 % 65536
         return self._open(now_us)
 
@@ -217,7 +217,7 @@ class _FtpTransfer:
             busy = code in (ftp.FAIL, ftp.INVALID_SESSION, ftp.NO_SESSIONS)
             if busy and self._openings < MAX_OPENINGS:
                 # Another station has a session, active or idle. ArduPilot closes an idle session
-                # only for a new id. We do not close it: it may be in use.
+                # only for a new id. We do not close that session, because it may be in use.
                 self.session = next_session(self.session)
                 # The delay increases, because two stations with equal delays would block each
                 # other.
@@ -233,7 +233,7 @@ class _FtpTransfer:
         return []
 
     def cancel(self, cancels_after_us: int, now_us: int) -> list[Message]:
-        """Close the session before all items are written, so that the autopilot applies none."""
+        """Close the session before all items are written, so that the autopilot applies no item."""
         if self._state == "closing" or self.result is not None:
             return []
         return self._close("it was cancelled", now_us)
@@ -274,17 +274,18 @@ class _FtpTransfer:
         if self._state == "opening":
             self.result = TransferResult("failed", "the autopilot did not reply to FTP requests")
             return []
-        messages = self._close(None, now_us)  # if it arrives, it frees the session
+        messages = self._close(None, now_us)  # if this request arrives, the session is free again
         self.result = self._aborted("the autopilot stopped replying")
         return messages
 
 
 class FtpUpload(_FtpTransfer):
-    """The upload of a whole list of items; the caller must read back, whatever the result.
+    """The upload of a whole list of items; the caller must read back after every result.
 
-    ``accepted``: the file was closed. ``unknown``: all data was sent, and the autopilot applies it
-    now or when a station next opens a file. ``failed``: the old mission is on board. ``rejected``:
-    no data was sent; an upload item by item may work.
+    ``accepted``: the file was closed. ``unknown``: all data was sent, and the autopilot applies the
+    data now or when a station next opens a file. ``failed``: the old mission is on board.
+    ``rejected``: no data was sent; an upload by the mission protocol (item by item) may still
+    succeed.
     """
 
     kind = "upload"
@@ -297,7 +298,7 @@ class FtpUpload(_FtpTransfer):
         session: int,
         timing: TransferTiming,
     ) -> None:
-        """Create the upload of ``items``, home first; ``session`` must differ from the last one."""
+        """Create the upload of ``items``, home first; ``session`` differs from the last id."""
         super().__init__(address, ftp.CREATE, session, timing)
         self.items = items
         self._data = b""
@@ -321,7 +322,9 @@ class FtpUpload(_FtpTransfer):
     def _ended(self, closed: bool) -> TransferResult:
         if closed:
             return TransferResult("accepted", "written and closed", items=self.items)
-        return TransferResult("unknown", "all data was written, the closing was not acknowledged")
+        return TransferResult(
+            "unknown", "all data was written, but the closing was not acknowledged"
+        )
 
     def _aborted(self, reason: str) -> TransferResult:
         if self._waiting:

@@ -94,7 +94,7 @@ def encode_mission_file(
 
 
 def file_length(start: bytes, mission_type: int) -> int:
-    """Return the length that a file's header states. Raises BridgeError if it is damaged."""
+    """Return the length that a file's header states. Raises BridgeError for a damaged header."""
     if len(start) < HEADER.size:
         raise BridgeError(
             f"mission file: {len(start)} bytes, but the header has {HEADER.size}; read it again"

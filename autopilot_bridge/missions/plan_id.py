@@ -18,7 +18,7 @@ from autopilot_bridge.items import MissionItem
 from autopilot_bridge.stacks.stacks import Stack
 
 _ITEM = struct.Struct("<BHB4fiif")
-_INVERTED = 0xFFFFFFFF  # binascii inverts before and after, but PX4 does not
+_INVERTED = 0xFFFFFFFF  # binascii inverts the CRC at the start and the end, PX4 does not
 
 
 def mission_id_of(items: Sequence[MissionItem], stack: Stack) -> int | None:

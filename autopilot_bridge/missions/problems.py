@@ -12,7 +12,7 @@ Kind = Literal["refused", "dangerous", "dropped", "changed"]
 class Problem:
     """One problem of a mission for one stack.
 
-    The kind tells what the autopilot does. ``refused``: it rejects the item. ``dangerous``: it
+    The kind states what the autopilot does. ``refused``: it rejects the item. ``dangerous``: it
     accepts the item and does something else. ``dropped``: it accepts the item and never executes
     it. ``changed``: it stores another value. ``index`` is None for a problem of the whole mission.
     """

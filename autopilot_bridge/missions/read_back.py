@@ -1,4 +1,7 @@
-"""Computes which item an autopilot returns when an item is read back (see ``stacks/rules.py``)."""
+"""Computes the item that an autopilot returns on a read-back.
+
+The data are in ``stacks/item_treatment.py``.
+"""
 
 import math
 import struct
@@ -8,7 +11,7 @@ from dataclasses import replace
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.items import MissionItem, has_position, params_of
-from autopilot_bridge.stacks.rules import SAME_AS, TWIN, Rules, rules_of
+from autopilot_bridge.stacks.item_treatment import SAME_AS, TWIN, Rules, rules_of
 from autopilot_bridge.stacks.stacks import Stack, stack_named
 
 MISSION, FENCE, RALLY = (
@@ -126,8 +129,8 @@ def with_unheld(item: MissionItem, x: int = 0, y: int = 0, z: float = 0.0) -> Mi
     """Return an item of ArduPilot's mission file with x, y and z replaced where they are not used.
 
     In a file the unused fields contain old values from the autopilot's memory, because
-    ``AP_Mission::get_item`` does not initialise the item (source: 4.6.2). Observed was the position
-    of home in a DO_CHANGE_SPEED.
+    ``AP_Mission::get_item`` does not initialise the item (source: 4.6.2). For example, a
+    DO_CHANGE_SPEED contained the position of home (observed).
     """
     if takes_position(item, _IN_FILES):
         return item

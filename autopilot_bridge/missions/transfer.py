@@ -9,7 +9,8 @@ from autopilot_bridge.items import MissionItem
 from autopilot_bridge.links.codec import Message
 
 Outcome = Literal["accepted", "rejected", "unknown", "failed", "superseded", "cancelled"]
-# Which mission is on board after a transfer, in words that programs can compare.
+# The mission that is on board after a transfer; the words are fixed, so that programs can compare
+# them.
 Holds = Literal["the new one", "the old one", "a mixture", "one of both", "not known"]
 Kind = Literal["mission", "fence", "rally"]
 MISSION_TYPES: dict[Kind, int] = {
@@ -70,8 +71,9 @@ class TransferResult:
 
     ``rejected``: the autopilot rejected the transfer; ``code`` is its MAV_MISSION_RESULT, and
     ``seq`` is the last item that it requested. ``unknown``: all items were sent, but no final reply
-    arrived. ``failed``: the transfer was aborted. ``cancelled``: it was cancelled on request.
-    ``holds`` tells which mission is now on board, and ``items`` are its items if they were read.
+    arrived. ``failed``: the transfer was aborted. ``cancelled``: the transfer was cancelled on
+    request. ``holds`` states which mission is now on board, and ``items`` are its items if they
+    were read.
     """
 
     outcome: Outcome

@@ -1,15 +1,18 @@
 """Uploads a mission (MAVLink mission protocol, "Upload a Mission to the Vehicle").
 
-idle --start--> counted --request--> sending --last item sent--> sending
-counted: MISSION_COUNT is repeated on timeout
-sending: items are sent on request. If the autopilot accepts it, a few are sent before they are
-requested, until it repeats a request: then a message was lost, and each request is awaited
-any --MISSION_ACK--> ended
-sending --MISSION_ERROR--> sending, and ended after a timeout: it may be the reply to a duplicate
-(of MISSION_COUNT to PX4, of the last item to ArduPilot); then the transfer continues or succeeded
-sending, all sent, no MISSION_ACK --MISSION_CURRENT with the plan's id--> ended: it is on board
-any --cancel--> cancelling --OPERATION_CANCELLED or timeout--> ended
-cancelling: no further item is sent; PX4 ends the transfer when cancelled, ArduPilot after 8 s
+- idle --start--> counted --request--> sending --last item sent--> sending
+- counted: MISSION_COUNT is repeated on timeout
+- sending: items are sent on request. If the autopilot accepts early items, a few are sent before
+  they are requested. A repeated request means that a message was lost; from then on each request
+  is awaited
+- any --MISSION_ACK--> ended
+- sending --MISSION_ERROR--> sending, and ended after a timeout: the error may be the reply to a
+  duplicate (of MISSION_COUNT to PX4, of the last item to ArduPilot); then the transfer continues or
+  has succeeded
+- sending, all sent, no MISSION_ACK --MISSION_CURRENT with the plan's id--> ended: the plan is on
+  board
+- any --cancel--> cancelling --OPERATION_CANCELLED or timeout--> ended
+- cancelling: no further item is sent; PX4 ends the transfer when cancelled, ArduPilot after 8 s
 """
 
 from typing import Literal
@@ -26,7 +29,8 @@ from autopilot_bridge.missions.transfer import (
     rejected,
 )
 
-IDS = ("mission_id", "fence_id", "rally_points_id")  # of MISSION_CURRENT, by MAV_MISSION_TYPE
+# Fields of MISSION_CURRENT with the plan's id, by MAV_MISSION_TYPE.
+IDS = ("mission_id", "fence_id", "rally_points_id")
 
 
 class MissionUpload(Exchange):
@@ -49,7 +53,7 @@ class MissionUpload(Exchange):
         """
         super().__init__(address, timing)
         self.items = items
-        self.touched = False  # whether the upload may have changed the mission on board
+        self.touched = False  # True if the upload may have changed the mission on board
         self._first = first
         self._state: Literal["counted", "sending", "cancelling"] = "counted"
         self._tries = 0
@@ -114,7 +118,7 @@ class MissionUpload(Exchange):
         return item_message(self._address.target, seq, item, current, mission_type)
 
     def cancel(self, cancels_after_us: int, now_us: int) -> list[Message]:
-        """Cancel at once, or after ``cancels_after_us`` if the autopilot ignores cancellations."""
+        """Cancel now, or after ``cancels_after_us`` if the autopilot ignores cancellations."""
         if not cancels_after_us:
             self.result = TransferResult("cancelled", "cancelled")
         self._state = "cancelling"
@@ -128,7 +132,7 @@ class MissionUpload(Exchange):
 
     def _acknowledged(self, code: int, now_us: int) -> None:
         if code == mavlink.MAV_MISSION_INVALID_SEQUENCE:
-            return  # ArduPilot replies so to a duplicate, and continues
+            return  # ArduPilot's reply to a duplicate; it then continues
         if self._state == "cancelling" and code == mavlink.MAV_MISSION_OPERATION_CANCELLED:
             self.result = TransferResult("cancelled", "cancelled", code, self._requested_seq)
             return
@@ -145,13 +149,17 @@ class MissionUpload(Exchange):
         if self.result is not None or now_us < self._deadline_us:
             return []
         if self._state == "cancelling":
-            self.result = TransferResult("cancelled", "cancelled, the autopilot stopped replying")
+            self.result = TransferResult(
+                "cancelled", "cancelled; the autopilot has stopped replying"
+            )
             return []
         if self._possible_refusal is not None:
             self.result = self._possible_refusal
             return []
         if self._all_sent and self._plan_id and self._reported_id == self._plan_id:
-            words = "accepted: the acknowledgement was lost, the autopilot reports the plan's id"
+            words = (
+                "accepted: the acknowledgement was lost, but the autopilot reports the plan's id"
+            )
             self.result = TransferResult("accepted", words, items=self.items)
             return []
         self._tries += 1
@@ -161,7 +169,7 @@ class MissionUpload(Exchange):
         self.touched = True  # a lost MISSION_COUNT and a lost reply to it are indistinguishable
         seq = self._requested_seq
         if self._all_sent:
-            reason = "all items were sent, no acknowledgement arrived"
+            reason = "all items were sent, but no acknowledgement arrived"
             self.result = TransferResult("unknown", reason)
         elif self._state == "counted":
             reason = "the autopilot did not reply to MISSION_COUNT"

@@ -7,7 +7,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from autopilot_bridge.items import MissionItem
 from autopilot_bridge.missions.read_back import takes_position
 from autopilot_bridge.mock.mission_server import ACCEPTED, CIRCLES, FENCE, MISSION, RALLY, VERTICES
-from autopilot_bridge.stacks.rules import FENCE_COMMANDS, RALLY_POINT, rules_of
+from autopilot_bridge.stacks.item_treatment import FENCE_COMMANDS, RALLY_POINT, rules_of
 from autopilot_bridge.stacks.stacks import Stack
 
 

@@ -15,9 +15,9 @@ from autopilot_bridge.mock.battery import Battery
 from autopilot_bridge.mock.command_server import CommandServer, command_request_of
 from autopilot_bridge.mock.flight_model import FlightModel
 from autopilot_bridge.mock.ftp_server import FtpServer
-from autopilot_bridge.mock.intervals import Intervals
 from autopilot_bridge.mock.kinematics import CALM, STEP_US, Limits, Wind
 from autopilot_bridge.mock.local_frame import LocalFrame, Terrain
+from autopilot_bridge.mock.message_intervals import Intervals
 from autopilot_bridge.mock.mission_server import MissionServer, client_of, text
 from autopilot_bridge.mock.parameter_server import ParameterServer
 from autopilot_bridge.mock.payload import Answer, Output, Px4Gripper
@@ -160,7 +160,7 @@ class MockAutopilot:
             self.telemetry.report(self.flight, self._steps)
 
     def send_message(self, message: Message) -> None:
-        """Send a message that nobody requested, such as a stray acknowledgement."""
+        """Send a message that no station requested, such as a stray acknowledgement."""
         self._send(message)
 
     def reboot(self, now_us: int) -> None:
@@ -168,7 +168,7 @@ class MockAutopilot:
         self.flight = self.flight.rebooted()
         self.flight.return_m = self.parameters.return_m
         self.missions.forget_transfers()
-        self.telemetry.forget()
+        self.telemetry.stop_repeats()
         self.intervals.reset()
         self._boot_us, self._steps = now_us, 0
 
@@ -222,7 +222,7 @@ class MockAutopilot:
     def _restart(self) -> None:
         """Start a new mission at once, as PX4 does; loiter if there is no mission."""
         flight = self.flight
-        self.telemetry.forget()
+        self.telemetry.stop_repeats()
         if flight.mode == "mission" and not flight.items:
             self._send(text(2, "No valid mission available, loitering\t"))
             flight.set_mode("hold", self._now_s())
@@ -257,7 +257,7 @@ class MockAutopilot:
         requester = (message.get_srcSystem(), message.get_srcComponent())
         if self._gripper is not None and request.command == mavlink.MAV_CMD_DO_GRIPPER:
             action = round(request.params[1])
-            self._answer(request.command, self._gripper.execute(action, requester, self._now_us()))
+            self._answer(request.command, self._gripper.operate(action, requester, self._now_us()))
             return
         result = self._commands.execute(request, self.flight, self._now_s())
         if request.command == mavlink.MAV_CMD_DO_SET_MISSION_CURRENT and result == 0:

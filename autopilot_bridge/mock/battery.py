@@ -44,7 +44,7 @@ class Battery:
 
     @property
     def volts(self) -> float:
-        """The voltage, linear in the charge; that of a full battery if none is reported."""
+        """The voltage, linear in the charge; the full voltage if no battery is reported."""
         share = 1.0 if self.percent is None else self.percent / 100.0
         return VOLTS_EMPTY + (VOLTS_FULL - VOLTS_EMPTY) * share
 

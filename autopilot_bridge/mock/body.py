@@ -23,15 +23,15 @@ Place = tuple[float, float]  # metres north and east of home
 APPROACH_M = 60.0
 LAST_DESCENT_M, LAST_DESCENT_M_S = 10.0, 0.6  # the slow end of a copter's landing
 GLIDE = math.tan(math.radians(6.0))
-IN_PLACE_M = 2.0  # if the horizontal distance is shorter, a copter climbs or sinks vertically
+IN_PLACE_M = 2.0  # at a shorter horizontal distance, a copter climbs or sinks vertically
 HIGH_ENOUGH_M = 1.5
-WIDER_M = 12.0  # observed: 11 m at 12.6 m/s, 13 m at 22 m/s, at radii of 100 and 150 m
+WIDER_M = 12.0  # observed with radii of 100 and 150 m: 11 m at 12.6 m/s, 13 m at 22 m/s
 FALL_M_S = 8.0  # speed of a copter without power
 CIRCLE_RATE_RAD_S = math.radians(20.0)  # ArduCopter's CIRCLE_RATE
 
 
 def wider_m(stack: Stack) -> float:
-    """Return how much wider than commanded a plane circles: ArduPlane 4.6 10 to 13 m, PX4 0."""
+    """Return the excess of a plane's circle over the commanded radius."""
     return WIDER_M if stack.name == "ardupilot" else 0.0
 
 
@@ -56,7 +56,7 @@ class Body:
 
     @property
     def ground_amsl_m(self) -> float:
-        """The altitude of the terrain below; without terrain that of the last place on ground."""
+        """The altitude of the ground below; without terrain data, at the last place on ground."""
         if self.terrain is None:
             return self._stood_amsl_m
         return self.terrain(*self.frame.global_position(self.motion))

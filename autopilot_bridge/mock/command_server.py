@@ -11,13 +11,13 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.links.codec import Message
 from autopilot_bridge.mock.flight_model import FlightModel, Mode
-from autopilot_bridge.mock.intervals import Intervals
 from autopilot_bridge.mock.local_frame import RELATIVE_FRAMES
+from autopilot_bridge.mock.message_intervals import Intervals
 from autopilot_bridge.mock.mission_sequencer import DEFAULT_RADIUS_M
 from autopilot_bridge.mock.mission_server import MissionServer, text
 from autopilot_bridge.mock.parameter_server import ParameterServer
 from autopilot_bridge.mock.payload import ACCEPTED, DENIED, REJECTED
-from autopilot_bridge.stacks.rules import rules_of
+from autopilot_bridge.stacks.item_treatment import rules_of
 from autopilot_bridge.stacks.stacks import Stack
 
 UNSUPPORTED = int(mavlink.MAV_RESULT_UNSUPPORTED)
@@ -69,7 +69,7 @@ def command_request_of(message: Message) -> CommandRequest:
     )
 
 
-Handler = Callable[[CommandRequest, FlightModel, float], int]  # the MAV_RESULT
+Handler = Callable[[CommandRequest, FlightModel, float], int]  # returns the MAV_RESULT
 
 
 class CommandServer:

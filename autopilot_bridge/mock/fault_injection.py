@@ -1,4 +1,4 @@
-"""Adds faults to a mock and takes its place on a link."""
+"""Adds faults to a mock; the faulty mock replaces the mock on a link."""
 
 from collections.abc import Callable
 from functools import partial
@@ -8,7 +8,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from autopilot_bridge.clients.native import NativeClient
 from autopilot_bridge.items import Items, waypoint
 from autopilot_bridge.links.codec import Codec, Message
-from autopilot_bridge.links.link import MemoryLink
+from autopilot_bridge.links.memory_link import MemoryLink
 from autopilot_bridge.mock.autopilot import MockAutopilot
 from autopilot_bridge.mock.battery import EMERGENCY_PERCENT, LOW_PERCENT
 from autopilot_bridge.mock.fault_kinds import Faults, Span
@@ -146,7 +146,7 @@ class FaultyMock:
         self.mock.battery_percent = failsafe_percent - 1.0
 
     def _stray(self, now_us: int) -> None:
-        """Send MISSION_ACKs with an error, of which one field shows: not for the station."""
+        """Send MISSION_ACKs with an error; one field shows that they are not for the station."""
         error = int(mavlink.MAV_MISSION_ERROR)
         for target, mission_type in ((SECOND_GROUND, 0), (GROUND, 1)):
             self.mock.send_message(_ack(target, error, mission_type))

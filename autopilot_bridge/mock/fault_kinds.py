@@ -55,7 +55,7 @@ _TIMES = (
 def parse_faults(texts: Sequence[str]) -> Faults:
     """Return the faults in texts such as ``reboot@30`` and ``gps-loss@10..20`` (see ``FORMS``).
 
-    A span without an end lasts for ever. Raises BridgeError if a text is not valid.
+    A span without an end lasts until the end of the run. Raises BridgeError if a text is not valid.
     """
     faults = Faults()
     for text in texts:

@@ -9,7 +9,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.items import MissionItem, params_of
 from autopilot_bridge.mock.battery import Battery
-from autopilot_bridge.mock.body import Body, Place, wider_m
+from autopilot_bridge.mock.body import Body, Place
+from autopilot_bridge.mock.item_flight import Target, loitered, passed
 from autopilot_bridge.mock.kinematics import Limits
 from autopilot_bridge.mock.mission_sequencer import (
     DEFAULT_RADIUS_M,
@@ -18,38 +19,20 @@ from autopilot_bridge.mock.mission_sequencer import (
     NAVIGATION,
     TAKEOFFS,
     WAYPOINTS,
-    acceptance_m,
-    loiter_radius_m,
     next_of,
 )
 from autopilot_bridge.mock.payload import Payload
 from autopilot_bridge.mock.stack_constants import stack_constants_of
-from autopilot_bridge.stacks.rules import TERRAIN_FRAMES
 
 Mode = Literal["idle", "mission", "hold", "rtl", "guided", "takeoff", "land", "orbit"]
 
-NEAR_M = 5.0  # acceptance radius of a copter that does not stop
-STOP_WITHIN_M = 2.0  # acceptance radius of a copter that stops
 GLIDES_AT_M_S = 3.0  # minimum sink rate of a vehicle whose engine has failed
-GLIDES_BY = 0.7  # its share of the airspeed
+GLIDES_BY = 0.7  # minimum sink rate as a share of the airspeed
 # A copter lands at its estimated position after this time without satellites, with the default
 # parameters of the stacks (FS_EKF_ACTION = 1; PX4 without a remote control).
 BLIND_AFTER_S = {("ardupilot", "copter"): 8.0, ("px4", "copter"): 5.0}
 # Time on the ground until the vehicle disarms (LAND_DISARMDELAY, COM_DISARM_LAND).
 DISARM_AFTER_S = {("ardupilot", "plane"): 20.0, ("ardupilot", "copter"): 0.0}
-
-
-@dataclass(slots=True)
-class Target:
-    """The current item, and the leg that leads to it."""
-
-    item: MissionItem
-    leg_start: Place
-    begun_amsl_m: float
-    begun_at_s: float
-    arrived_at_s: float | None = None
-    turned_rad: float = 0.0
-    last_bearing: float | None = None
 
 
 @dataclass(slots=True)
@@ -64,7 +47,7 @@ class FlightModel(Body):
     mode: Mode = "idle"
     armed: bool = False
     crashed: bool = False
-    blind: bool = False  # whether it has no position; modes that need one are rejected
+    blind: bool = False  # whether there is no position; modes that need it are rejected
     failsafe: bool = False  # whether a failsafe is active
     engine_failed: bool = False
     fence: bool | None = None  # whether a fence is breached; None if no fence is enabled
@@ -128,7 +111,7 @@ class FlightModel(Body):
             self._hold_at = (motion.north_m, motion.east_m, motion.altitude_m)
             self.radius_m = DEFAULT_RADIUS_M
             self._return_amsl_m = self._return_altitude_amsl_m()
-            if self.stack.vehicle == "plane":  # a mode change ends a commanded speed
+            if self.stack.vehicle == "plane":  # a mode change cancels a commanded speed
                 self.limits = replace(self.limits, airspeed_m_s=self._cruise_m_s)
         if mode == "mission" and before != "mission":
             self.go_to(self.current, now_s)
@@ -155,7 +138,7 @@ class FlightModel(Body):
         return 100 if self.engine_failed else 60
 
     def fail_engine(self, failed: bool) -> None:
-        """Stop or restart the engine; without it the vehicle sinks and does not report this."""
+        """Stop or restart the engine; without its engine the vehicle sinks, without a report."""
         if failed == self.engine_failed:
             return
         self.engine_failed = failed
@@ -281,7 +264,7 @@ class FlightModel(Body):
             self.texts.append((6, f"Mission: {seq} {names.get(command, command)}"))
 
     def _run_waiting(self, now_s: float) -> None:
-        """Execute the queued DO items at once, in sequence, up to one that delays (as observed)."""
+        """Execute the queued DO items at once, in sequence, up to an item that causes a delay."""
         assert self.target is not None
         left_m = self.distance(self.frame.local(self.target.item))
         may_run = self._wait_until_s < now_s
@@ -298,9 +281,9 @@ class FlightModel(Body):
             self.loiter(target.leg_start, altitude_m, DEFAULT_RADIUS_M)
             done = self.motion.altitude_m >= altitude_m - 2.0
         elif item.command in LOITERS:
-            done = self._loitered(target, place, now_s)
+            done = loitered(self, target, place, self._altitude(item), now_s)
         elif item.command in WAYPOINTS:
-            done = self._passed(target, place, now_s)
+            done = passed(self, target, place, self._altitude(item), now_s)
         elif item.command == mavlink.MAV_CMD_NAV_DELAY:
             self.loiter(target.leg_start, target.begun_amsl_m, DEFAULT_RADIUS_M)
             done = now_s - target.begun_at_s >= item.param1
@@ -370,67 +353,6 @@ class FlightModel(Body):
             self.touch(self.ground_amsl_m)
             self._disarm_later(now_s)
 
-    def _loitered(self, target: Target, centre: Place, now_s: float) -> bool:
-        """Fly a loiter and return whether it has ended; time and turns count from the arrival."""
-        item, altitude_m = target.item, self._altitude(target.item)
-        radius_m = loiter_radius_m(item, self.stack)
-        turns = item.command == mavlink.MAV_CMD_NAV_LOITER_TURNS
-        if turns and self.stack.vehicle == "copter":
-            self.circle(centre, altitude_m, radius_m)
-        else:
-            self.loiter(centre, altitude_m, radius_m)
-        if item.command == mavlink.MAV_CMD_NAV_LOITER_UNLIM:
-            return False
-        if target.arrived_at_s is None:
-            on_circle = turns or self.stack.vehicle == "plane"
-            circle_m = abs(radius_m) * 1.1 + wider_m(self.stack) if on_circle else 0.0
-            if self.distance(centre) > circle_m + NEAR_M:
-                return False
-            target.arrived_at_s = now_s
-        if item.command == mavlink.MAV_CMD_NAV_LOITER_TO_ALT:
-            return abs(self.motion.altitude_m - altitude_m) < 2.0
-        if not turns:
-            return now_s - target.arrived_at_s >= item.param1
-        bearing = math.atan2(self.motion.east_m - centre[1], self.motion.north_m - centre[0])
-        if target.last_bearing is not None:
-            change = (bearing - target.last_bearing + math.pi) % math.tau - math.pi
-            target.turned_rad += abs(change)
-        target.last_bearing = bearing
-        return target.turned_rad >= item.param1 * math.tau
-
-    def _passed(self, target: Target, place: Place, now_s: float) -> bool:
-        """Fly to a waypoint; return True when it is reached and its holding time has ended."""
-        item, altitude_m = target.item, self._altitude(target.item)
-        # ArduPlane does not store the holding time.
-        hold_s = 0.0 if math.isnan(item.param1) else item.param1
-        if target.arrived_at_s is not None:
-            self.loiter(place, altitude_m, DEFAULT_RADIUS_M)
-            return now_s - target.arrived_at_s >= hold_s
-        if self.stack.vehicle == "copter":
-            stop = hold_s > 0.0
-            near_m = acceptance_m(item, self.stack, STOP_WITHIN_M if stop else NEAR_M)
-            rise_m = altitude_m - target.begun_amsl_m
-            rise_m = 0.0 if item.frame in TERRAIN_FRAMES else rise_m
-            arrived = self.straight(target.leg_start, place, altitude_m, rise_m, stop, near_m)
-        else:
-            self.follow(target.leg_start, place, altitude_m)
-            arrived = self._is_past(target, place)
-        if arrived and hold_s > 0.0:
-            target.arrived_at_s = now_s
-            return False
-        return arrived
-
-    def _is_past(self, target: Target, place: Place) -> bool:
-        """Return whether the vehicle is inside the acceptance radius or past the end of the leg."""
-        turn_radius_m = self.limits.airspeed_m_s / self.limits.turn_rate_rad_s
-        if self.distance(place) <= acceptance_m(target.item, self.stack, 0.7 * turn_radius_m):
-            return True
-        leg = (place[0] - target.leg_start[0], place[1] - target.leg_start[1])
-        beyond = (self.motion.north_m - place[0]) * leg[0] + (self.motion.east_m - place[1]) * leg[
-            1
-        ]
-        return beyond > 0.0 and self.distance(place) < 3.0 * turn_radius_m
-
     def _land(self, target: Target, place: Place, now_s: float) -> bool:
         """Land at an item's position; without terrain a plane lands at the item's altitude."""
         if self.stack.vehicle == "copter":
@@ -468,7 +390,7 @@ class FlightModel(Body):
         return False
 
     def _return_item(self, now_s: float) -> bool:
-        """Execute NAV_RETURN_TO_LAUNCH, which is a leg for ArduCopter and a new mode for others."""
+        """Execute NAV_RETURN_TO_LAUNCH, a leg for ArduCopter, a new mode for other vehicles."""
         if self.stack.name == "ardupilot" and self.stack.vehicle == "copter":
             return self._return(now_s)
         self.set_mode("rtl", now_s)

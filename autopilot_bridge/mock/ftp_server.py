@@ -79,7 +79,7 @@ class FtpServer:
         return [reply.message(source) for reply in replies]
 
     def _repeated(self, source: tuple[int, int], request: Packet) -> Packet | None:
-        """Return the last reply if the session and sequence number are repeated, otherwise None."""
+        """Return the last reply if the request repeats the last request, otherwise None."""
         if self._last is None or self._last[0] != source:
             return None
         last = self._last[1]

@@ -77,7 +77,7 @@ class Motion:
 
 
 def wrap(angle_rad: float) -> float:
-    """Return the angle between -pi and pi."""
+    """Return the equivalent angle from -pi to pi."""
     return (angle_rad + math.pi) % math.tau - math.pi
 
 
@@ -86,8 +86,8 @@ def course_along(
 ) -> float:
     """Return the course that joins the line from ``start`` to ``end`` and follows it.
 
-    The course is a vector field; at the distance ``approach_m`` from the line it meets the line at
-    45 degrees.
+    The course is a vector field; at the distance ``approach_m`` from the line, the angle between
+    the course and the line is 45 degrees.
     """
     leg_north, leg_east = end[0] - start[0], end[1] - start[1]
     length = math.hypot(leg_north, leg_east)
@@ -123,7 +123,8 @@ def crab(course_rad: float, airspeed_m_s: float, wind: Wind) -> tuple[float, flo
     If the crosswind exceeds the airspeed, the nose points into it.
     """
     north, east = math.cos(course_rad), math.sin(course_rad)
-    across = wind.east_m_s * north - wind.north_m_s * east  # from the left
+    # Positive if the wind comes from the left.
+    across = wind.east_m_s * north - wind.north_m_s * east
     along = wind.north_m_s * north + wind.east_m_s * east
     sine = max(-1.0, min(1.0, across / airspeed_m_s))
     speed = airspeed_m_s * math.sqrt(1.0 - sine * sine) + along
@@ -144,7 +145,7 @@ def step_plane(
     the path exactly.
     """
     airspeed = limits.airspeed_m_s
-    if motion.airspeed_m_s > 0.0:  # otherwise it is launched at its airspeed
+    if motion.airspeed_m_s > 0.0:  # otherwise the vehicle is launched at its airspeed
         gain = limits.acceleration_m_s2 * STEP_S
         airspeed = max(motion.airspeed_m_s - gain, min(motion.airspeed_m_s + gain, airspeed))
     heading_rad = course_rad
@@ -180,8 +181,8 @@ def step_copter(
 ) -> None:
     """Move a multirotor one step towards a point; with ``stop`` it slows down to hover there.
 
-    It keeps its ground speed unless this requires more than the maximum airspeed. The nose turns
-    into the course at the maximum yaw rate.
+    The vehicle keeps its ground speed unless this requires more than the maximum airspeed. The nose
+    turns into the course at the maximum yaw rate.
     """
     north, east = target[0] - motion.north_m, target[1] - motion.east_m
     distance = math.hypot(north, east)
@@ -198,7 +199,7 @@ def step_copter(
     if wind.speed_m_s > 0.0:
         air_north, air_east = north_m_s - wind.north_m_s, east_m_s - wind.east_m_s
         motion.airspeed_m_s = math.hypot(air_north, air_east)
-        if motion.airspeed_m_s > limits.max_airspeed_m_s:  # blown off
+        if motion.airspeed_m_s > limits.max_airspeed_m_s:  # the wind exceeds the airspeed
             share = limits.max_airspeed_m_s / motion.airspeed_m_s
             north_m_s = air_north * share + wind.north_m_s
             east_m_s = air_east * share + wind.east_m_s
@@ -230,7 +231,8 @@ def step_copter_around(
     north_m = motion.north_m + ahead_m * math.cos(course)
     east_m = motion.east_m + ahead_m * math.sin(course)
     distance_m = math.hypot(north_m - centre[0], east_m - centre[1])
-    if abs(distance_m - abs(radius_m)) < ahead_m:  # on the circle, so correct for the chord
+    # The vehicle is on the circle, so correct for the chord.
+    if abs(distance_m - abs(radius_m)) < ahead_m:
         scale = abs(radius_m) / distance_m
         north_m = centre[0] + (north_m - centre[0]) * scale
         east_m = centre[1] + (east_m - centre[1]) * scale

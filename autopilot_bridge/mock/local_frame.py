@@ -8,7 +8,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.items import MissionItem
 from autopilot_bridge.mock.kinematics import Motion
-from autopilot_bridge.stacks.rules import TERRAIN_FRAMES
+from autopilot_bridge.stacks.item_treatment import TERRAIN_FRAMES
 
 RELATIVE_FRAMES = (
     mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT,
@@ -19,7 +19,7 @@ Terrain = Callable[[float, float], float]  # (latitude, longitude) in degrees: m
 
 @dataclass(slots=True)
 class LocalFrame:
-    """The plane of metres north and east of home, with the WGS84 radii of curvature there.
+    """The plane of metres north and east of home, with the WGS84 radii of curvature at home.
 
     Args:
         lat_deg: Latitude of home in degrees.
@@ -60,7 +60,7 @@ class LocalFrame:
         )
 
     def altitude_amsl_m(self, item: MissionItem, terrain_amsl_m: float) -> float:
-        """Return an item's altitude above mean sea level, if the terrain has ``terrain_amsl_m``."""
+        """Return an item's altitude above mean sea level, for terrain at ``terrain_amsl_m``."""
         if item.frame in TERRAIN_FRAMES:
             return item.z + terrain_amsl_m
         return item.z + (self.altitude_m if item.frame in RELATIVE_FRAMES else 0.0)

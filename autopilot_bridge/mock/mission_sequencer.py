@@ -27,8 +27,8 @@ def next_of(
 ) -> tuple[list[int], int | None]:
     """Return the DO items from ``seq`` on, and the NAV item after them (None at the end).
 
-    DO_JUMPs are followed; ``jumps`` counts the jumps by item. A negative repeat count means without
-    end.
+    DO_JUMPs are followed; ``jumps`` counts the jumps by item. A negative repeat count means endless
+    repetition.
     """
     do_items: list[int] = []
     taken = 0

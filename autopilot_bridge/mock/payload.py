@@ -109,7 +109,7 @@ class Px4Gripper:
         self._state: int | None = GRAB  # None while it moves
         self._active: tuple[int, Requester, int] | None = None  # action, requester, end
 
-    def execute(self, action: int, requester: Requester, now_us: int) -> list[Answer]:
+    def operate(self, action: int, requester: Requester, now_us: int) -> list[Answer]:
         """Execute an action, and return the results, each with the ids of its requester."""
         answers: list[Answer] = []
         if self._active is not None:

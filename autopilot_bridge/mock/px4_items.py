@@ -16,7 +16,7 @@ from autopilot_bridge.mock.mission_server import (
     MISSION,
     VERTICES,
 )
-from autopilot_bridge.stacks.rules import FENCE_COMMANDS, RALLY_POINT, rules_of
+from autopilot_bridge.stacks.item_treatment import FENCE_COMMANDS, RALLY_POINT, rules_of
 from autopilot_bridge.stacks.stacks import Stack
 
 FRAME_MISSION = int(mavlink.MAV_FRAME_MISSION)
@@ -96,7 +96,7 @@ def usable_shapes(fence: list[MissionItem], home: Place, east_scale: float) -> l
 
 
 def first_outside(items: list[MissionItem], shapes: list[Shape], east_scale: float) -> int | None:
-    """Return the number of the first item at a position that the fence forbids; None if none is."""
+    """Return the number of the first item at a position that the fence forbids, or None."""
     inclusions = [shape for shape in shapes if shape[0].command in INCLUSIONS]
     exclusions = [shape for shape in shapes if shape[0].command not in INCLUSIONS]
     for seq, item in enumerate(items):

@@ -1,7 +1,7 @@
 """Simulates PX4's side of the mission protocol.
 
 The old list remains until the new list is complete. Each link (in the mock, each client) has its
-own state machine, and only one of the machines may receive at a time.
+own state machine, and only one of the machines may receive a list at a time.
 """
 
 import math

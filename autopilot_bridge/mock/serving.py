@@ -2,8 +2,8 @@
 
 from collections.abc import Callable, Sequence
 
+from autopilot_bridge.links.asyncio_connection import Connection, Peer
 from autopilot_bridge.links.codec import Codec
-from autopilot_bridge.links.connection import Connection, Peer
 from autopilot_bridge.links.framing import frames_of
 from autopilot_bridge.links.signing import Key, Signing, is_secret
 from autopilot_bridge.mock.autopilot import MockAutopilot

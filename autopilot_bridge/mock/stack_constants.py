@@ -1,6 +1,7 @@
 """Lists the differences between the two stacks' mission servers, as data.
 
-Observed on ArduPilot 4.6.2 and PX4 1.17.0 in simulation unless a comment names another source.
+The values were observed on simulated ArduPilot 4.6.2 and PX4 1.17.0, unless a comment names another
+source.
 """
 
 from dataclasses import dataclass
@@ -44,7 +45,7 @@ _NAMES = {
     42600: "Winch",
 }
 
-# From its source: PX4 stores up to 64 fence points and 32 safe points.
+# From PX4's source: it stores up to 64 fence points and 32 safe points.
 _PX4 = StackConstants(0, 262_000, 5_000_000, (5000, 64, 32), {})
 _CONSTANTS = {
     ("px4", "plane"): _PX4,

@@ -9,7 +9,8 @@ from autopilot_bridge.mock import telemetry_source
 from autopilot_bridge.mock.command_server import custom_mode_of
 from autopilot_bridge.mock.extension_fields import with_extension
 from autopilot_bridge.mock.flight_model import FlightModel
-from autopilot_bridge.mock.intervals import (
+from autopilot_bridge.mock.kinematics import STEP_US
+from autopilot_bridge.mock.message_intervals import (
     ATTITUDE,
     BATTERY_STATUS,
     EKF,
@@ -25,7 +26,6 @@ from autopilot_bridge.mock.intervals import (
     WIND_COV,
     Intervals,
 )
-from autopilot_bridge.mock.kinematics import STEP_US
 from autopilot_bridge.mock.mission_server import MissionServer, text
 from autopilot_bridge.stacks.stacks import Stack
 
@@ -34,7 +34,7 @@ HOME_EVERY_STEPS = 80
 
 
 class TelemetrySender:
-    """The sender of the messages that are due after each step; ``send`` encodes and sends one."""
+    """The sender of the messages that are due after each step; ``send`` sends one message."""
 
     def __init__(
         self,
@@ -51,7 +51,7 @@ class TelemetrySender:
         self._sent_current: object = None
         self._reached = self._reached_again = 0
 
-    def forget(self) -> None:
+    def stop_repeats(self) -> None:
         """Stop repeating MISSION_ITEM_REACHED, after a new mission or a reboot."""
         self._reached_again = 0
 
@@ -64,7 +64,7 @@ class TelemetrySender:
             self.send_current(flight)
         elif self._sent_current != (flight.current, *self._missions.progress()):
             self.send_current(flight)
-        due = self._intervals.due(steps)
+        due = self._intervals.due_in(steps)
         if flight.gps and POSITION in due:
             self._position(flight, steps)
         if due:

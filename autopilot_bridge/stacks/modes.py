@@ -22,7 +22,7 @@ ARDUPLANE: Modes = (
     *_numbered(24, "thermal", "loiter to qland"),
 )
 
-# In "loiter" the pilot's sticks control the vehicle; without a pilot it sinks at 2.5 m/s.
+# In "loiter" the pilot's sticks control the vehicle; without a pilot the vehicle sinks at 2.5 m/s.
 ARDUCOPTER: Modes = (
     *_numbered(0, "stabilised", "acro", "altitude", "mission", "guided", "loiter", "return"),
     *(("circle", 7), ("land", 9), ("drift", 11)),

@@ -50,11 +50,11 @@ class Stack:
     item_0_is_home: bool
     atomic_upload: bool  # a failed upload leaves the old mission unchanged
     mission_files: bool  # transfers whole missions by MAVFTP
-    keeps_target: bool  # after an upload it flies to its old target until an item is set
+    keeps_target: bool  # after an upload it flies to the old target until an item is set
     items_ahead: int  # number of items that may be sent before they are requested
     rerequest_us: int  # an unanswered request for an item is repeated after this delay
-    # It sends the MISSION_ACK OPERATION_CANCELLED after this time without messages. With 0 it
-    # aborts without a message.
+    # The autopilot sends the MISSION_ACK OPERATION_CANCELLED after this time without messages. 0
+    # means that it aborts without a message.
     cancels_after_us: int
     max_items: int
     mission_mode: int
@@ -69,7 +69,10 @@ class Stack:
         return next(names, f"mode {custom_mode}")
 
     def mode_number(self, name: str) -> int:
-        """Return the number of a mode. Raises a BridgeError that lists the modes if none fits."""
+        """Return the number of a mode.
+
+        Raises BridgeError for an unknown name; the message lists all modes.
+        """
         numbers = dict(self.modes)
         if name not in numbers:
             names = ", ".join(numbers)
@@ -170,7 +173,7 @@ def stack_named(name: str, vehicle: str) -> Stack:
 
 
 def stack_of(autopilot: int, mav_type: int) -> Stack | None:
-    """Return the stack for the autopilot and type of a HEARTBEAT; None if none fits."""
+    """Return the stack for the autopilot and type of a HEARTBEAT; None if no stack fits."""
     if mav_type not in (*PLANE_TYPES, *COPTER_TYPES):
         return None
     kind = (autopilot, "plane" if mav_type in PLANE_TYPES else "copter")

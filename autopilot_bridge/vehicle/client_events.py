@@ -151,7 +151,7 @@ class FenceStatus(Status):
 
     at_us: int
     breached: bool
-    kind: str  # "" without a breach
+    kind: str  # "" if the fence is not breached
 
 
 @dataclass(frozen=True, slots=True)
@@ -230,7 +230,7 @@ class ParametersFinished:
 
 @dataclass(frozen=True, slots=True)
 class ModeChanged:
-    """Flight mode or arming changed."""
+    """The flight mode has changed, or the vehicle was armed or disarmed."""
 
     at_us: int
     custom_mode: int
@@ -278,7 +278,7 @@ class RemoteChanged:
 
     def __str__(self) -> str:
         return (
-            f"messages arrive from {self.after} now, no longer from {self.before}; if the "
+            f"messages now arrive from {self.after} and no longer from {self.before}; if the "
             "autopilot was not restarted and its network has not changed, the sender may not be "
             "the vehicle"
         )
@@ -306,7 +306,7 @@ class AlarmEnded:
 
 @dataclass(frozen=True, slots=True)
 class ClockChanged:
-    """The autopilot's time since boot continues from another value, but it did not restart."""
+    """The autopilot's time since boot continues from another value, without a restart."""
 
     at_us: int
 

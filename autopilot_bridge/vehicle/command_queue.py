@@ -52,7 +52,7 @@ class _RequestQueue(Generic[R]):
         return self._after_messages(self._queue[0][1].handle_timer(now_us), now_us)
 
     def _after_messages(self, messages: list[Message], now_us: int) -> list[Message]:
-        """Return ``messages``; add those of the next request if the active one has ended."""
+        """Return ``messages``; if the active request has ended, add those of the next."""
         request_id, request = self._queue[0]
         if not self._reported(request_id, request, bool(messages), now_us):
             return messages
@@ -63,7 +63,7 @@ class _RequestQueue(Generic[R]):
     def _reported(self, request_id: int, request: R, sent: bool, now_us: int) -> bool:
         """Return whether the active request has ended, and report its end.
 
-        ``sent`` tells whether the request has just sent messages.
+        ``sent`` is True if the request has just sent messages.
         """
         raise NotImplementedError
 
@@ -81,7 +81,7 @@ class CommandQueue(_RequestQueue[CommandSequence]):
         super().__init__()
         self._own = own
         self._commanded_modes = commanded_modes
-        self._modes: dict[int, tuple[int, ...]] = {}  # modes commanded, by command id
+        self._modes: dict[int, tuple[int, ...]] = {}  # commanded modes, by command id
         self._timing = timing
         self._report = report
 
@@ -131,7 +131,7 @@ class CommandQueue(_RequestQueue[CommandSequence]):
 
     def _reported(self, request_id: int, request: CommandSequence, sent: bool, now_us: int) -> bool:
         if sent:
-            self._commanded_modes.add(self._modes[request_id], now_us)
+            self._commanded_modes.expect(self._modes[request_id], now_us)
         if request.outcome is None:
             return False
         del self._modes[request_id]

@@ -2,7 +2,7 @@
 
 sent --ACK accepted--> next step; sent --ACK in progress--> working; sent --ACK rejected--> ended
 sent: the command is repeated on timeout
-working: the command is not repeated: it was accepted, and may end late or never
+working: the command is not repeated, because it was accepted; its end may be reported late or never
 """
 
 from dataclasses import dataclass
@@ -36,7 +36,7 @@ def result_words(result: int) -> str:
 # The reason for a rejection may arrive later, as a text (ArduPilot queues its texts).
 TEXT_AFTER_US = 300_000
 WORKING_FOR_US = 60_000_000
-HEARTBEAT_US = 1_200_000  # a HEARTBEAT arrives within this time
+HEARTBEAT_US = 1_200_000  # time within which a HEARTBEAT arrives
 WARNING = mavlink.MAV_SEVERITY_WARNING
 TAKEN = (int(mavlink.MAV_RESULT_ACCEPTED), int(mavlink.MAV_RESULT_IN_PROGRESS))
 
@@ -88,7 +88,7 @@ class CommandSequence:
         With ``bytewise``, the bytes of an integer parameter are sent in the float. With
         ``after_heartbeats``, a command is repeated only right after a HEARTBEAT, because the
         HEARTBEAT shows whether the autopilot has changed the mode in the meantime. With
-        ``without_heartbeats``, the command is repeated even if no HEARTBEAT arrives.
+        ``without_heartbeats``, the command is also repeated while no HEARTBEAT arrives.
         """
         self.name = name
         self.outcome: tuple[bool, str] | None = None
@@ -182,7 +182,7 @@ class CommandSequence:
             words = result_words(message.result)
             self._refusal = f"{command_name(step.command)} {words}"
             if self._tries:
-                self._refusal += " when repeated; it may have been accepted before"
+                self._refusal += " when it was repeated; it may have been accepted before"
             self._deadline_us = now_us + TEXT_AFTER_US
             if self._text:
                 self._end_refused()

@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from autopilot_bridge.stacks.stacks import Stack, Step
 from autopilot_bridge.vehicle.command_sequence import AnyStep
 
-REPORTED_WITHIN_US = 10_000_000  # until heartbeats show a commanded mode; some are lost
+REPORTED_WITHIN_US = 10_000_000  # time until a heartbeat shows the mode; some heartbeats get lost
 DELAYED_US = 2_000_000  # a mode may be entered this long after another was commanded
 
 
@@ -41,7 +41,7 @@ class CommandedModes:
     def __init__(self) -> None:
         self._until_us: dict[int, int] = {}
 
-    def add(self, modes: tuple[int, ...], now_us: int) -> None:
+    def expect(self, modes: tuple[int, ...], now_us: int) -> None:
         """Record modes that are commanded now."""
         if not modes:
             return

@@ -27,8 +27,9 @@ FIRST_COMPONENT = int(mavlink.MAV_COMP_ID_USER1)
 PULSES_APART = 4
 RESET_INTERVAL_US = 50_000  # a dropper that is not reset cannot release another object
 MAX_RESETS = 40
-# PX4's gripper acknowledges a release with the first result when the reset arrives, and with the
-# second when a link has duplicated the command. In both cases the object may have been released.
+# PX4's gripper acknowledges a release with ``CANCELLED`` if the reset arrives during the release,
+# and with ``ALREADY_DOING_IT`` if a link has duplicated the command. In both cases the object may
+# have been released.
 CANCELLED = 6
 ALREADY_DOING_IT = int(mavlink.MAV_RESULT_TEMPORARILY_REJECTED)
 
@@ -70,7 +71,7 @@ class DropSender:
         lost: bool,
         now_us: int,
     ) -> tuple[int, list[Message]]:
-        """Return the id of the drop and the release, which is to be sent at once.
+        """Return the id of the drop, and the messages of the release, which must be sent at once.
 
         A drop is refused if it is late or if the link to the vehicle is ``lost``. Raises
         BridgeError if the stack has no command for this dropper.

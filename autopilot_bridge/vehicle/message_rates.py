@@ -1,12 +1,13 @@
 """Requests the rates of messages from a vehicle (MAV_CMD_SET_MESSAGE_INTERVAL).
 
-requested --COMMAND_ACK--> next message; repeated on timeout, then skipped
+requested --COMMAND_ACK--> next message; a request is repeated on timeout, then skipped
 after all requests: absent messages are requested again a few times
 
 Messages may stop because ArduCopter resets its rates when it restarts, and its heartbeat does not
 show a restart.
 
-An acknowledgement does not contain the message id, so the next request waits for it.
+An acknowledgement does not contain the message id, so each request is sent after the
+acknowledgement of the request before.
 """
 
 from collections.abc import Mapping
@@ -20,8 +21,8 @@ from autopilot_bridge.vehicle.command_sequence import command_message
 
 RatesHz = Mapping[int, float]
 
-# All messages that a client reports. Used by transfers from the command line, by MAVSDK, and when
-# the bridge is used without the service.
+# All messages that a client reports. They are used by transfers from the command line, by MAVSDK,
+# and without the service.
 ALL_RATES_HZ: RatesHz = {
     mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 4.0,
     mavlink.MAVLINK_MSG_ID_MISSION_CURRENT: 1.0,

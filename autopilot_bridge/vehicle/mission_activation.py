@@ -1,19 +1,19 @@
 """Activates an uploaded mission: starts it, and waits for proof that it is being flown.
 
 PX4 starts a new list without a command, at the item that was sent with ``current`` set.
-MISSION_CURRENT, sent once a second, has the id of the list and whether PX4 accepts it for flight.
-Its sequence number is weak evidence: a plane in the air skips its takeoff item at once, and a
-waypoint may be reached before the first message arrives. If the same list (the same id) was on
-board before, PX4 keeps its current item, and the first item must be commanded.
+MISSION_CURRENT, sent once a second, contains the id of the list, and whether PX4 accepts the list
+for flight. Its sequence number is weak evidence: a plane in the air skips its takeoff item at once,
+and a waypoint may be reached before the first message arrives. If the same list (the same id) was
+on board before, PX4 keeps its current item, and the first item must be commanded.
 
 ArduPilot flies on to its old target, and keeps its current item, until an item is commanded. It
 acknowledges that command. If the acknowledgement is lost, a sequence number that the vehicle could
-not have reached from the old current item is equal proof.
+not have reached from the old current item proves the start as well.
 
 sent --acknowledgement, or report of the new item--> ended
 sent --timeout after a report of the old item--> repeated; without a report: wait
-watching --the list's id, and it is fit--> ended
-either --the list's id, and it remains unfit--> ended, rejected
+watching --the list's id, and the list is fit--> ended
+either --the list's id, and the list remains unfit--> ended, rejected
 either --the id of another list several times--> ended, failed
 
 The command is repeated only after a report of the old item. Otherwise the vehicle may have advanced
@@ -35,9 +35,9 @@ from autopilot_bridge.missions.transfer import (
 from autopilot_bridge.stacks.stacks import Step
 from autopilot_bridge.vehicle.command_sequence import command_message, result_words
 
-SETTLED_US = 300_000  # PX4 checks a new mission after it acknowledges it (observed: 60 ms)
+SETTLED_US = 300_000  # PX4 checks a mission after its acknowledgement (observed: 60 ms later)
 UNFIT_FOR_US = 1_000_000
-ANSWERED_US = 700_000  # earlier messages after a command may have been sent before it
+ANSWERED_US = 700_000  # messages this soon after a command may have been sent before it
 OTHERS = 5  # consecutive messages with the id of another list
 TRIES = 12
 SET_CURRENT = mavlink.MAV_CMD_DO_SET_MISSION_CURRENT
@@ -55,7 +55,7 @@ class MissionActivation(Exchange):
     """An exchange that starts a new mission and waits for proof that it is flown.
 
     Of the ``count`` transmitted items, ``seq`` is the item to start with. ``shown`` is the item
-    number that the autopilot then reports, which differs because ArduPilot skips DO items.
+    number that the autopilot then reports; it differs from ``seq`` if ArduPilot skips DO items.
     ``plan_id`` is the id of the list; None on ArduPilot.
     """
 
@@ -162,7 +162,7 @@ class MissionActivation(Exchange):
     def _has_begun(self, seq: int) -> bool:
         """Return whether a sequence number alone proves that the mission has begun."""
         before = self._before.seq
-        if self._plan_id is not None:  # the same list: another item was commanded
+        if self._plan_id is not None:  # the list is the same; another item was commanded
             return seq != before
         if before is None or seq < self._shown:
             return False
@@ -171,7 +171,7 @@ class MissionActivation(Exchange):
         return seq < before
 
     def _unfit(self, now_us: int) -> None:
-        """Reject the mission after repeated reports; the first may describe the old mission."""
+        """Reject the mission after several reports; the first may be about the old mission."""
         if self._unfit_since_us is None:
             self._unfit_since_us = now_us
         elif now_us - self._unfit_since_us >= UNFIT_FOR_US:
@@ -190,7 +190,7 @@ class MissionActivation(Exchange):
         self._tries += 1
         if self._tries > TRIES:
             missing = "no MISSION_CURRENT" if self._last_seq is None else "no message"
-            self.result = TransferResult("failed", f"{missing} arrived that proves the start")
+            self.result = TransferResult("failed", f"{missing} that proves the start arrived")
             return []
         if self._needs_command and self._last_seq is not None:
             return self._send_request(now_us)

@@ -3,7 +3,7 @@
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.links.codec import Message
-from autopilot_bridge.missions.value_bounds import out_of_bounds
+from autopilot_bridge.links.message_bounds import out_of_bounds
 from autopilot_bridge.stacks.stacks import Stack, stack_of
 from autopilot_bridge.vehicle.client_events import (
     AlarmEnded,
@@ -22,8 +22,8 @@ from autopilot_bridge.vehicle.client_events import (
     Rebooted,
     Text,
 )
+from autopilot_bridge.vehicle.failure_states import system_state
 from autopilot_bridge.vehicle.plausibility import BootClock, Reach, TimeVerdict
-from autopilot_bridge.vehicle.status import system_state
 from autopilot_bridge.vehicle.telemetry import Telemetry, boot_time_us
 
 AUTOPILOT = mavlink.MAV_COMP_ID_AUTOPILOT1
@@ -39,7 +39,7 @@ NOT_USED = "the message is not used"
 
 
 class VehicleMonitor:
-    """The state of a vehicle; ``current`` and ``total`` are from MISSION_CURRENT, or None."""
+    """The state of a vehicle; ``current`` and ``total`` (or None) are those of MISSION_CURRENT."""
 
     def __init__(
         self, heartbeat_timeout_us: int = 3_000_000, max_speed_m_s: float | None = None
@@ -48,12 +48,12 @@ class VehicleMonitor:
         self.stack: Stack | None = None
         self.armed = False
         self.custom_mode = 0
-        self._restarted = False  # whether it has restarted since the last ModeChanged
+        self._restarted = False  # True if the autopilot has restarted since the last ModeChanged
         self.current: int | None = None
         self.total: int | None = None
         self.plan_id: int | None = None  # id of the mission on board; ArduPilot has none
-        self.unfit = False  # whether the mission on board is missing or cannot be flown
-        self.critical = False  # whether its heartbeat reports a failsafe
+        self.unfit = False  # True if the mission on board is missing or cannot be flown
+        self.critical = False  # True if the heartbeat reports a failsafe
         self._heartbeat_timeout_us = heartbeat_timeout_us
         self._received_us: int | None = None
         self._lost = False
@@ -62,9 +62,10 @@ class VehicleMonitor:
         self._reached: int | None = None
         self._clock = BootClock()
         self._reach = Reach(max_speed_m_s)
-        # Whether its position estimate has been healthy since its start; None before its reports.
+        # Whether the position estimate has been healthy since the autopilot's start; None before
+        # its first report.
         self._settled: bool | None = None
-        self._estimate_healthy = True  # by the last report
+        self._estimate_healthy = True  # whether the last report had no problem
         self._alarms: dict[AlarmKind, int] = {}  # active alarms with their end times
         self._backward_jump_us = 0  # 0 if the time since boot did not jump back
         self.undecided_until_us = 0  # until this time a restart may still be detected
@@ -100,7 +101,7 @@ class VehicleMonitor:
         return min(self._alarms.values(), default=None)
 
     def end_alarms(self, now_us: int) -> list[ClientEvent]:
-        """End the alarms that had no recent cause."""
+        """End the alarms whose causes have not occurred recently."""
         ended = [kind for kind, ends_us in self._alarms.items() if now_us >= ends_us]
         for kind in ended:
             del self._alarms[kind]
@@ -147,16 +148,14 @@ class VehicleMonitor:
         if verdict in ("kept", "ahead"):
             words = f"its time since boot jumped {jump}; {NOT_USED}"
             return self._alarm("clock", words, now_us)
-        self._telemetry.forget()
+        self._telemetry.reset()
         self._reach.forget_times()
         if verdict == "rebooted":
             self.current = self._reached = None
             self._restarted = True
             self._settled = None if self._estimate_healthy else False
             return [Rebooted(now_us)]
-        words = (
-            f"its time since boot jumped {jump} and continues from there; it is used from now on"
-        )
+        words = f"its time since boot jumped {jump} and continues from there; it is used now"
         return [ClockChanged(now_us), *self._alarm("clock", words, now_us, again=True)]
 
     def _position(self, position: Position) -> list[ClientEvent]:
@@ -171,7 +170,7 @@ class VehicleMonitor:
         self.position = position
         if verdict == "kept":
             return [position]
-        words = f"its position jumped by {beyond_m:.0f} m and remains; it is used from now on"
+        words = f"its position jumped by {beyond_m:.0f} m and remains there; it is used now"
         return [*self._alarm("jump", words, position.at_us, again=True), position]
 
     def _alarm(
@@ -228,4 +227,4 @@ class VehicleMonitor:
             self.armed, self.custom_mode = armed, message.custom_mode
             name = self.stack.mode_name(message.custom_mode)
             events.append(ModeChanged(now_us, message.custom_mode, armed, name))
-        return [*events, *self._telemetry.changed(system_state(message, now_us))]
+        return [*events, *self._telemetry.if_changed(system_state(message, now_us))]

@@ -101,7 +101,7 @@ def resume(stack: Stack) -> tuple[Step, ...]:
 
 
 def return_home(stack: Stack) -> tuple[Step, ...]:
-    """Return the step that flies to the launch position or the autopilot's set return point."""
+    """Return the step that flies to the launch position or the autopilot's return point."""
     return (stack.set_mode(stack.rtl_mode),)
 
 
@@ -112,7 +112,7 @@ def return_height(stack: Stack, height_m: float) -> Steps:
     at least at 15 m. PX4 returns at a height that decreases near home.
     """
     if stack.vehicle != "copter":
-        raise BridgeError("the height of returns is set for multirotors only")
+        raise BridgeError("the return height can be set only for multirotors")
     if not 1.0 <= height_m <= 3000.0:
         raise BridgeError(f"return at {height_m:g} m: give 1 to 3000 m above home")
     if stack.name == "px4":
@@ -171,7 +171,7 @@ def orbit(
 def climb_and_hold(stack: Stack, lat_deg: float, lon_deg: float, altitude_amsl_m: float) -> Steps:
     """Return the step with which a multirotor climbs at a position and holds there."""
     if stack.vehicle != "copter":
-        raise BridgeError("climb and hold is for multirotors; a plane cannot climb in place")
+        raise BridgeError("only a multirotor can climb and hold; a plane cannot climb in place")
     return reposition(stack, lat_deg, lon_deg, altitude_amsl_m)
 
 
@@ -273,7 +273,8 @@ def _place(lat_deg: float, lon_deg: float, altitude_amsl_m: float) -> Place:
     )
 
 
-AT_ONCE = TransferTiming(timeout_us=400_000, retries=40)  # for commands that need fast retries
+# Timing of commands that need fast retries.
+AT_ONCE = TransferTiming(timeout_us=400_000, retries=40)
 
 
 class OrderContext(NamedTuple):
@@ -290,9 +291,10 @@ class Order(NamedTuple):
 
     Attributes:
         steps: Returns the commands for the context and the arguments of the order.
-        urgent: Whether it replaces all orders that have not ended, and is repeated even if no
-            heartbeats arrive.
-        timing: Timeout and retries until it is acknowledged; None means those of the client.
+        urgent: Whether the order replaces all orders that have not ended, and is repeated even if
+            no heartbeats arrive.
+        timing: Timeout and retries until the order is acknowledged; None means those that the
+            client has by default.
         through_mavsdk: Returns the steps for MAVSDK, which cannot send NaN; None if MAVSDK cannot
             send the order.
     """

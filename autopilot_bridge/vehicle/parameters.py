@@ -5,8 +5,8 @@ read all: list requested --PARAM_VALUE ... pause--> missing indexes requested, s
     ended
 set: sent --PARAM_VALUE of that name--> ended; repeated on timeout
 
-A value is sent as a float. For an int32, PX4 puts its four bytes there, and ArduPilot converts the
-number to a float. Neither stack replies to a request with an unknown name.
+A value is sent as a float. Of an int32, PX4 puts the four bytes into the float, and ArduPilot
+converts the number to a float. Neither stack replies to a request with an unknown name.
 """
 
 import math
@@ -21,7 +21,7 @@ from autopilot_bridge.links.codec import Message
 from autopilot_bridge.missions.transfer import TransferTiming
 
 LONGEST_NAME = 16
-QUIET_US = 1_000_000  # a pause of this length means the end of the list or lost messages
+QUIET_US = 1_000_000  # a longer pause means the end of the list or lost messages
 FIRST_WAIT_US = 5_000_000  # ArduPilot counts its parameters before it sends the first
 MISSING_AT_A_TIME = 10
 REAL32 = mavlink.MAV_PARAM_TYPE_REAL32
@@ -197,7 +197,7 @@ class ParameterSet(_ParameterExchange):
             raise BridgeError(f"parameter {name}: {value} is not a finite number")
         self._value = value
         self._kind: int | None = None
-        self._reported: Parameter | None = None  # its value is a finite number
+        self._reported: Parameter | None = None  # valid only if its value is finite
 
     def start(self, now_us: int) -> list[Message]:
         """Request the parameter's type, or send the value if the type is available."""

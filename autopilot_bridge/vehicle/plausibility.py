@@ -5,25 +5,26 @@ message was recorded).
 
 *Times.* The time since boot advances as fast as the link's clock; in simulations it may be faster
 or slower. A line is fitted to the received times by medians, so that a minority of wrong times has
-no effect. A time is not used if it is ahead of the line by more than ``AHEAD_US`` (in simulations,
-what the vehicle's clock advances in ten seconds). Nor is it used if it is behind the latest time by
-more than ``BACK_US`` (likewise five seconds). Delayed messages and bursts are behind the line and
-are accepted.
+no effect; the line gives the expected time since boot at each moment. A time is not used if it is
+later than the expected time by more than ``AHEAD_US`` (in simulations: by more than the vehicle's
+clock advances in ten seconds). Nor is it used if it is earlier than the latest received time by
+more than ``BACK_US`` (in simulations: five seconds of the vehicle's clock). The times in delayed
+messages and in bursts are earlier than expected, and are accepted.
 
 Autopilots count from zero at their boot (``hrt_absolute_time`` in PX4, ``millis`` in ArduPilot). A
 new series of times is therefore a *restart* only if its first time since boot does not exceed the
-silence before it. The series must contain all messages for ``REBOOT_KEPT_US`` and at least ``KEPT``
-messages. Any other series that contains all messages for ``CHANGED_KEPT_US`` is adopted as the
-autopilot's new time: its clock was set, or this machine's clock stood still. Mission time then
-continues without a jump.
+length of the silence before the series. The series must contain all messages for ``REBOOT_KEPT_US``
+and at least ``KEPT`` messages. Any other series that contains all messages for ``CHANGED_KEPT_US``
+is adopted as the autopilot's new time: its clock was set, or this machine's clock stood still.
+Mission time then continues without a jump.
 
 *Positions.* A position is discarded if the airframe could not have flown there from its last
 positions in the time between them. Positions that are consistent with each other for
 ``PLACES_KEPT_US`` are adopted: a simulator's vehicle was moved, or a wrong position estimate was
 corrected. After the start of the autopilot the check begins when its position estimate is healthy.
 
-A forged message within these limits that comes from the vehicle's own address cannot be told from a
-true one. Signed links prevent forgery.
+A forged message within these limits that comes from the vehicle's own address cannot be
+distinguished from a true message. Signed links prevent forgery.
 """
 
 import math
@@ -83,11 +84,11 @@ class BootClock:
 
     def __init__(self) -> None:
         self._points: deque[tuple[int, int]] = deque(maxlen=POINTS)  # (now_us, boot_us)
-        self._since: list[tuple[int, int]] = []  # times since the last point
+        self._since: list[tuple[int, int]] = []  # times received since the last point
         self._latest_us: int | None = None  # time since boot
         self._received_us = 0
         self._rates: deque[float] = deque(maxlen=FITS)
-        self._peak = 1.0  # the third greatest of these rates, because two may be outliers
+        self._peak = 1.0  # the third greatest of ``_rates``, because two may be outliers
         self._slope = 1.0
         self._line = (0, 0.0)  # a point of the fitted line: (now_us, boot_us)
         self._other: _Base | None = None

@@ -16,9 +16,9 @@ On a link that connects to one address (``udpout``), that address takes preceden
 
 from autopilot_bridge.vehicle.client_events import AlarmEnded, RemoteChanged, SameSystemId
 
-ENDED_AFTER_US = 10_000_000  # after the last message from the other remote
+ENDED_AFTER_US = 10_000_000  # an alarm ends this long after the last message of the other remote
 MOVED_FOR_US = 60_000_000  # duration of the alarm that a change of remote raises
-MAX_RANKED = 8  # number of stored remotes
+MAX_RANKED = 8  # maximum number of stored remotes
 SourceAlarm = SameSystemId | RemoteChanged | AlarmEnded
 
 
@@ -41,7 +41,7 @@ class RemoteBinding:
     def accepts(self, remote: str, is_heartbeat: bool, now_us: int) -> bool:
         """Return whether to use a message from ``remote`` that has the vehicle's system id.
 
-        ``is_heartbeat`` tells whether the message is a HEARTBEAT of a supported autopilot.
+        ``is_heartbeat`` is True for a HEARTBEAT of a supported autopilot.
         """
         if remote != self.remote:
             if not self._may_take_over(remote, now_us):
@@ -51,7 +51,7 @@ class RemoteBinding:
                 return False
             self._bind(remote, now_us)
         self._received_us = now_us
-        if self._other is not None and now_us - self._other[1] < self._timeout_us:  # both
+        if self._other is not None and now_us - self._other[1] < self._timeout_us:  # both send
             self._raise(SameSystemId(now_us, remote, self._other[0]))
             self._alarm_until_us = self._other[1] + ENDED_AFTER_US
         return True

@@ -15,7 +15,7 @@ class StatustextAssembler:
         self._next_chunk = 0
 
     def receive(self, message: Message) -> list[Message]:
-        """Return the messages to process, in order: assembled texts, and others unchanged."""
+        """Return the messages to process, in order: assembled texts, other messages unchanged."""
         kind = message.get_type()
         if kind == "HEARTBEAT":
             return [*self._end(), message]
@@ -28,7 +28,7 @@ class StatustextAssembler:
                 return []  # duplicate
             if message.chunk_seq == self._next_chunk:
                 return self._add(message, self._begun.text + message.text)
-        before = self._end()  # another text, or a chunk was lost
+        before = self._end()  # the chunk is of another text, or a chunk was lost
         return [*before, *self._add(message, message.text)]
 
     def _add(self, chunk: Message, text: str) -> list[Message]:

@@ -21,9 +21,9 @@ from autopilot_bridge.vehicle.client_events import (
     TelemetryEvent,
     Wind,
 )
-from autopilot_bridge.vehicle.status import Estimator, fence_status, landed_state
+from autopilot_bridge.vehicle.failure_states import Estimator, fence_status, landed_state
 
-NO_PLACE_DEG_E7 = 1_000_000  # an area of sea, 500 km from any land
+NO_PLACE_DEG_E7 = 1_000_000  # an area of the sea, 500 km from any land
 UNKNOWN_VOLTAGE_MV = 65535
 FIXES = ("no gps", "no fix", "2d", "3d", "dgps", "rtk float", "rtk fixed", "static", "ppp")
 
@@ -172,7 +172,7 @@ class Changes:
         self._last: dict[tuple[str, int], ReportedOnChange] = {}
 
     def has(self, event: ReportedOnChange) -> bool:
-        """Return whether a state differs from the last one, and store it."""
+        """Store a state, and return whether it differs from the last state of its kind."""
         number = event.battery_id if isinstance(event, Battery) else 0
         key = (type(event).__name__, number)
         before = self._last.get(key)
@@ -181,7 +181,7 @@ class Changes:
 
 
 class Telemetry:
-    """The telemetry of one vehicle, without late or repeated messages and unchanged states."""
+    """The telemetry of one vehicle; late and repeated messages and unchanged states are dropped."""
 
     def __init__(self) -> None:
         self._boot_us: dict[str, int] = {}
@@ -190,7 +190,7 @@ class Telemetry:
         self._estimator = Estimator()
         self._has_battery_status = False
 
-    def forget(self) -> None:
+    def reset(self) -> None:
         """Forget all times and states, because the autopilot has restarted."""
         self._boot_us.clear()
         self._changes = Changes()
@@ -200,7 +200,7 @@ class Telemetry:
         """Return the events of a message; a repeated state is no event."""
         kind = message.get_type()
         if kind in ESTIMATOR_MESSAGES:
-            return self.changed(self._estimator.receive(message, at_us))
+            return self.if_changed(self._estimator.receive(message, at_us))
         decoders = _DECODERS.get(kind, ())
         if not decoders or self._late(kind, message):
             return []
@@ -216,7 +216,7 @@ class Telemetry:
                 found.append(event)
         return found
 
-    def changed(self, event: ReportedOnChange) -> list[TelemetryEvent]:
+    def if_changed(self, event: ReportedOnChange) -> list[TelemetryEvent]:
         """Return a list with the state, or an empty list if the state has not changed."""
         return [event] if self._changes.has(event) else []
 

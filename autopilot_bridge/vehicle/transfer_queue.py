@@ -3,7 +3,7 @@
 ``transfer_states.py`` contains the phases of a transfer and their allowed order.
 
 During an upload the vehicle holds if its autopilot would otherwise fly a partly overwritten list.
-The list is read back if a check is requested, or if the result of the upload does not tell which
+The list is read back if a check is requested, or if the result of the upload does not show which
 mission is on board. After a failsafe, or if a pilot changed the mode, a transfer does not change
 the mode and does not start a mission that needs a start command.
 """
@@ -36,7 +36,7 @@ from autopilot_bridge.vehicle.transfer_states import Action, Job, Phase, Transfe
 
 LANDINGS = (21, 85)  # MAV_CMD_NAV_LAND, MAV_CMD_NAV_VTOL_LAND
 LAST_NAV = 95  # MAV_CMD_NAV_LAST; commands with higher numbers are not legs of the flight
-# A vehicle never goes on to the item after one of these: endless loiter, return, land.
+# A vehicle never continues to the item after one of these items: endless loiter, return, land.
 LAST_FOR_GOOD = (17, 20, 21)
 Step = tuple[Phase, Transfer]
 Following = Step | TransferResult
@@ -74,7 +74,9 @@ class TransferQueue:
         for waiting in list(self._queue):
             if job.action == "upload" and (waiting.action, waiting.kind) == ("upload", job.kind):
                 self._queue.remove(waiting)
-                ended = TransferResult("superseded", "a newer one replaced it", holds="the old one")
+                ended = TransferResult(
+                    "superseded", "a newer upload replaced it", holds="the old one"
+                )
                 self._report(waiting, ended, now_us)
         self._queue.append(job)
         return job.transfer_id
@@ -106,7 +108,7 @@ class TransferQueue:
             job.exchange.result = TransferResult("cancelled", "an urgent order replaced it")
 
     def mode_overridden(self, why: str) -> None:
-        """Prevent the current upload from changing the mode, because something else changed it.
+        """Prevent the current upload from changing the mode.
 
         The autopilot or a pilot has changed the mode. Queued uploads check the mode when they
         begin.
@@ -192,7 +194,7 @@ class TransferQueue:
             return []
         messages = self._job.exchange.receive(message, now_us)
         if messages and isinstance(self._job.exchange, ModeChange):
-            self._commanded_modes.add((self._job.exchange.new_mode,), now_us)
+            self._commanded_modes.expect((self._job.exchange.new_mode,), now_us)
         return messages
 
     def next_timer(self) -> int | None:
@@ -207,13 +209,13 @@ class TransferQueue:
             return []
         return self._job.exchange.handle_timer(now_us)
 
-    def step(self, state: VehicleState, now_us: int) -> list[Message]:
+    def continue_jobs(self, state: VehicleState, now_us: int) -> list[Message]:
         """Start the next phase, or report the result, if the active exchange has ended."""
         job = self._job
         if job is None or job.exchange is None or job.exchange.result is None:
             return []
         if isinstance(job.exchange, FtpUpload | FtpDownload):
-            self._session = job.exchange.session  # the exchange may have changed it
+            self._session = job.exchange.session  # the exchange may have changed the list
         following = _AFTER[job.action, job.phase](self, job, job.exchange.result, state)
         if not isinstance(following, TransferResult):
             return self._begin(job, *following, now_us)
@@ -353,9 +355,7 @@ class TransferQueue:
 
     def _not_started(self, job: Job, result: TransferResult) -> TransferResult:
         if job.old_tail:
-            words = (
-                "the mission is on board, followed by the end of the old one, and was not started"
-            )
+            words = "the mission is on board, followed by old items, and was not started"
             return TransferResult("failed", f"{words}: {result.reason}", holds="a mixture")
         if result.outcome == "rejected":
             words = f"{result.reason}{likely_reason(job)}"
@@ -408,7 +408,7 @@ def users_items(job: Job, wire_items: tuple[MissionItem, ...]) -> tuple[MissionI
 
 
 def held_after(ended: MissionUpload, result: TransferResult, stack: Stack) -> Holds:
-    """Return which mission is on board after an upload, if its result tells this."""
+    """Return which mission is on board after an upload, if its result shows this."""
     if result.outcome == "accepted":
         return "the new one"
     if not ended.touched:

@@ -43,7 +43,7 @@ class Phase(Enum):
     QUEUED = "queued"
     WRITING_FILE = "writing the file"
     READING_FILE = "reading the file"
-    CUTTING_TAIL = "cutting off the old tail"
+    CUTTING_TAIL = "removing the last items of the old mission"
     HOLDING = "holding"
     SENDING_ITEMS = "sending items"
     READING_ITEMS = "reading items"
@@ -120,16 +120,16 @@ class Job:
     action: Action
     kind: Kind
     items: tuple[MissionItem, ...] = ()
-    begin: StartItem = "restart"  # which item of a new mission is flown next
+    begin: StartItem = "restart"  # the item of the new mission to fly next
     check: bool = False
-    holds_first: bool = False  # whether the vehicle holds while its list is overwritten
-    by_file: bool = True  # whether to send a file if the autopilot accepts files
+    holds_first: bool = False  # True if the vehicle holds while its list is overwritten
+    by_file: bool = True  # True to send a file if the autopilot accepts files
     exchange: Transfer | None = None
     wire_items: tuple[MissionItem, ...] = ()
     hidden: int = 0  # number of items that are not the user's: ArduPilot's home
-    shorter: bool = False  # than the mission in flight, whose last items a file does not remove
-    old_tail: bool = False  # whether old items follow the items of a new file on board
-    paused: bool = False  # whether the vehicle holds because of this job
+    shorter: bool = False  # the mission in flight is longer; a file does not remove its last items
+    old_tail: bool = False  # True if old items follow the items of a new file on board
+    paused: bool = False  # True if the vehicle holds because of this job
     uploaded: TransferResult | None = None  # result of the upload itself
     before: Onboard = NOTHING
     reread: bool = False  # whether the list was read back after the start failed

@@ -1,5 +1,5 @@
 #!/bin/sh
-# Generates a password once for each volume; the service reads it from the volume.
+# Generates a password once for each volume; the service reads the password from the volume.
 set -eu
 umask 077
 if [ ! -s /run/mqtt/password ]; then

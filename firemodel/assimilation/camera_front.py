@@ -6,7 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firemodel.arrays import Floats
-from firemodel.ellipses.observations import BURNED, BURNING, UNBURNED, PointObservation, Simulation
+from firemodel.ellipses.point_observations import (
+    BURNED,
+    BURNING,
+    UNBURNED,
+    PointObservation,
+    Simulation,
+)
 from firemodel.landscape.landscape import Landscape
 
 Bools = NDArray[np.bool_]

@@ -8,22 +8,23 @@ from firemodel.arrays import Floats, Mask
 from firemodel.assimilation.observation import BURNED, UNBURNED, UNSEEN
 
 BLOCK_CELLS = 8  # side of the blocks in which burned areas are compared
-MIN_BLOCK_CELLS = 32  # seen cells in a block
-MIN_FRONT_CELLS = 3  # observed front in a block with a measurable distance
-MIN_BURNED_CELLS = 2  # more than these count in a block that was seen without fire
+MIN_BLOCK_CELLS = 32  # a block with fewer observed cells is not compared
+MIN_FRONT_CELLS = 3  # a block with a shorter observed front gives no distance
+MIN_BURNED_CELLS = 2  # without observed fire, a block counts if a member burns more
 MIN_SD_CELLS = 0.3  # blocks in which the members differ less give no information
 
 
 def block_excess(state: NDArray[np.uint8], windows: Mask) -> tuple[Floats, Floats]:
-    """Return by how many cells each member has burned more than observed, in blocks of a window.
+    """Return how many more cells than observed each member has burned, in blocks of a window.
 
     Args:
         state: (y, x) the observed states.
         windows: (members, y, x) the burned cells of the members.
 
     Returns:
-        The excess (members, blocks), and the length of the front in each block in cells. Blocks in
-        which all members agree, or without an observed front and fire of any member, are left out.
+        The excess (members, blocks), and the length of the front in each block in cells. A block is
+        left out if all members agree in it, or if it contains neither an observed front nor fire of
+        a member.
     """
     rows, cols = state.shape
     across = -(-cols // BLOCK_CELLS)
@@ -49,7 +50,8 @@ def block_excess(state: NDArray[np.uint8], windows: Mask) -> tuple[Floats, Float
 def signed_distance_m(state: NDArray[np.uint8], cell_m: float) -> Floats:
     """Return the distance (y, x) in m to the observed front, positive in burned cells.
 
-    Without both burned and unburned cells it is the size of the window.
+    If the window does not contain both burned and unburned cells, the distance is the size of the
+    window.
     """
     burned, unburned = state == BURNED, state == UNBURNED
     if not (burned.any() and unburned.any()):

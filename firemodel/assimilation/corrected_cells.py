@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from firemodel.arrays import Floats, bounds_of
 from firemodel.assimilation.gaussian import GaussianCorrected
-from firemodel.ellipses.observations import BURNING, UNBURNED, Simulation
 from firemodel.ellipses.paths import StraightPaths
+from firemodel.ellipses.point_observations import BURNING, UNBURNED, Simulation
 from firemodel.landscape.landscape import Landscape
 from firemodel.spread.fire_scheme import check_shape
 from firemodel.spread.front import earliest_neighbour
@@ -79,8 +79,8 @@ class ArrivalRaster:
     def _between(self, row: Floats, col: Floats) -> Floats:
         """Interpolate arrival times bilinearly at fractional rows and columns.
 
-        If fire does not reach all four surrounding cells, the arrival time of the nearest cell
-        holds.
+        If fire does not reach all four surrounding cells, the arrival time of the nearest cell is
+        returned.
         """
         rows, cols = self.landscape.shape
         top, left = (

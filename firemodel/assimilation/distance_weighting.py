@@ -13,7 +13,7 @@ import numpy as np
 
 from firemodel.arrays import Floats
 from firemodel.compiled import kernel
-from firemodel.ellipses.observations import BURNING, UNBURNED, Simulation, errors_s
+from firemodel.ellipses.point_observations import BURNING, UNBURNED, Simulation, errors_s
 from firemodel.ellipses.tiles import first_of, tiles_of
 from firemodel.errors import FireModelError
 
@@ -37,10 +37,10 @@ class PaperCorrected:
     The columns of the observations are x, y, at_s and state. An observation has an effect within
     about ``length_m``.
 
-    A burned or unburned observation that agrees with the simulation has no weight. A place that the
-    simulated fire never reaches has no arrival time that could be shifted. It burns from the time
-    of the earliest burned or burning observation within ``length_m``, provided that the simulated
-    fire does not reach the place of that observation either.
+    A burned or unburned observation that agrees with the simulation has no weight. At a place that
+    the simulated fire never reaches there is no arrival time to shift. The place burns from the
+    time of the earliest burned or burning observation within ``length_m``, provided that the
+    simulated fire does not reach the place of that observation either.
     """
 
     def __init__(self, fire: Simulation, observations: Floats, length_m: float) -> None:

@@ -12,18 +12,18 @@ from firemodel.arrays import Floats, Mask, Place, bounds_of
 from firemodel.assimilation.perimeter_rates import FrontRates, Segments
 from firemodel.errors import FireModelError
 
-TIME_LOG_SD = 0.7  # of the logarithm of the time in which a member reaches a cell
+TIME_LOG_SD = 0.7  # standard deviation of ln of the time in which a member reaches a cell
 
 
 class Arrivals(NamedTuple):
     """The arrival times of one member in the window of its burned cells."""
 
-    here: Place  # the window
+    here: Place  # index of the window in the grid
     arrival_s: NDArray[np.float32]  # (y, x) infinity in unburned cells
 
 
 class LearnedFront(NamedTuple):
-    """The front at the start of a forecast, and the rates that were learned until then."""
+    """The front at the start of a forecast, and the rates that were estimated until then."""
 
     segments: Segments
     rates: FrontRates
@@ -31,10 +31,10 @@ class LearnedFront(NamedTuple):
 
 @dataclass(frozen=True)
 class Forecast:
-    """The forecast of an estimate, made from what was observed until ``at_s``.
+    """The forecast of an estimate that is based on the observations until ``at_s``.
 
-    ``burned`` (y, x) are the cells that have burned by then, as observed or likely. ``front`` is
-    None if the rates of the front are not known from mapped perimeters.
+    ``burned`` (y, x) are the cells that were observed as burned or have probably burned by
+    ``at_s``. ``front`` is None if the rates of the front are not known from mapped perimeters.
     """
 
     at_s: float
@@ -60,9 +60,9 @@ class Forecast:
         return likely_area(self.burn_probability(at_s))
 
     def travel_s(self) -> Floats:
-        """Return the modelled time (y, x) from ``at_s``: the geometric mean of the members.
+        """Return the modelled time (y, x) from ``at_s`` to arrival: the members' geometric mean.
 
-        A member that does not reach a cell counts with the longest simulated time. Cells that no
+        For a member that does not reach a cell, the longest simulated time is used. Cells that no
         member reaches have infinity.
         """
         longest_s = max(self.simulated_until_s - self.at_s, 1.0)
@@ -76,10 +76,9 @@ class Forecast:
         return found
 
     def median_arrival_s(self) -> Floats:
-        """Return the median (y, x) of the members' arrival times; infinity if most never burn it.
+        """Return the median (y, x) of the members' arrival times; infinity if most never arrive.
 
-        Cells that have burned by ``at_s`` as observed or likely, but not in most members, have
-        ``at_s``.
+        The result is ``at_s`` in cells of ``burned`` that have not burned in most members.
         """
         shape = (len(self.members), *self.burned.shape)
         every = np.full(shape, np.inf, dtype=np.float32)
@@ -91,9 +90,9 @@ class Forecast:
         return found
 
     def _share(self, at_s: float) -> Floats:
-        """Return the mean probability of members, with ``TIME_LOG_SD`` as the error of their times.
+        """Return the members' mean burn probability, with ``TIME_LOG_SD`` as error of their times.
 
-        The error stands for local rates, which the members' inputs do not contain.
+        This error represents local spread rates, which the members' inputs do not contain.
         """
         total = np.zeros(self.burned.shape)
         for member in self.members:

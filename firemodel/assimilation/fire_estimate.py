@@ -1,18 +1,18 @@
-"""Estimate a fire from observations: an ensemble of fires that follows what is seen.
+"""Estimate a fire by an ensemble of simulated fires that observations correct.
 
-There are two ways, chosen by what is observed:
+The method depends on the kind of observation:
 
 - A camera sees a small part of the fire at a time. Each member has its own wind and spread rates
-  and its own fire. An observation first updates these inputs (``member_inputs``) by the difference
-  between the burned areas in blocks of the window; it then replaces the member's fire in the
-  window. Cells that stay unburned against the expectation of most members are barriers in forecasts
-  (``held_cells``).
-- A mapped perimeter shows the whole fire, which all members then share. The observed spread since
-  the previous perimeter gives rates of the parts of the front (``perimeter_rates``), because wind
-  and fuel alone do not reproduce where a real fire stops. Members then differ in their inputs only.
+  and its own fire. An image first updates these inputs (``member_inputs``) by the difference
+  between observed and simulated burned areas in blocks of the window. It then replaces the member's
+  fire in the window. Cells that stay unburned although most members expect fire there are barriers
+  in forecasts (``held_cells``).
+- A mapped perimeter shows the whole fire, which all members then share. The spread observed since
+the previous perimeter gives a rate for each part of the front (``perimeter_rates``), because wind
+and fuel do not explain where a real fire stops. Members then differ only in their inputs.
 
-``python -m benchmarks.estimate_twins`` and ``benchmarks.perimeter_twins`` compare both with
-persistence and with the model alone, on simulated fires that the model does not reproduce.
+``python -m benchmarks.estimate_twins`` and ``benchmarks.perimeter_twins`` compare both methods with
+persistence and with the model alone, on simulated fires that differ from the model.
 """
 
 import copy
@@ -46,12 +46,13 @@ from firemodel.spread.fire_scheme import Burning, Ignition
 from firemodel.spread.local_spread import burnable_codes
 
 BARRIER = 99  # fuel code of held cells
-MODEL_ERROR_M = 25.0  # standard deviation of distances by local errors of the fuel map
-MODEL_ERROR_SHARE = 0.25  # of the distance itself
-REPEATED = 2.0  # variance of errors is multiplied by this: neighbouring blocks have common errors
+MODEL_ERROR_M = 25.0  # standard deviation of distances caused by local errors of the fuel map
+MODEL_ERROR_SHARE = 0.25  # further standard deviation, as a share of the distance
+REPEATED = 2.0  # factor of the variance, because neighbouring blocks have common errors
 SHRUNK_ERRORS = 6.0  # burned ground this many deviations outside a later perimeter stays burned
 MIN_KEPT = 0.5  # share of the burned area that a later perimeter must contain
-# How far travel times are simulated, in lengths of the forecast.
+# Travel times are simulated up to these multiples of the length of the forecast, the second if the
+# forecast is longer than ``LONG_S``.
 MAX_REACH, MAX_REACH_LONG, LONG_S = 5.0, 1.5, 4 * 3600.0
 REACH_CAMERA = 2.0
 
@@ -85,12 +86,12 @@ class FireEstimate:
         Args:
             landscape: Terrain and fuel.
             weather: The reported weather.
-            ignitions: (row, column, time in s) of reported ignitions. Without one, the estimate
-                begins with the first mapped perimeter.
+            ignitions: (row, column, time in s) of reported ignitions. Without an ignition, the
+                estimate begins with the first mapped perimeter.
             settings: The ensemble.
             burning: A known initial fire, if there is one.
-            wind_limit: As for AnyAngleFire.
-            precise: As for AnyAngleFire.
+            wind_limit: The argument of AnyAngleFire with this name.
+            precise: The argument of AnyAngleFire with this name.
 
         Raises:
             FireModelError: There are fewer than two members, or an ignition cannot burn.
@@ -100,19 +101,19 @@ class FireEstimate:
             raise FireModelError(f"members = {own.members}: an estimate needs at least 2")
         self.landscape, self.weather, self.time_s = landscape, weather, 0.0
         self._scheme = partial(AnyAngleFire, wind_limit=wind_limit, precise=precise)
-        self.model = self._scheme(landscape, weather, [])  # no fire; members start from it
+        self.model = self._scheme(landscape, weather, [])  # contains no fire; members start from it
         self._unburnable = np.isin(landscape.fuel_model, list(NON_BURNABLE))
         self._rng = np.random.default_rng((own.seed, 1))
         fuels = len(burnable_codes(landscape))
         draws = latin_draws(own.uncertainty, own.seed, own.members, fuels)
-        self.members = members_of(draws, weather.at(0.0))
+        self.members = members_of(draws, weather.weather_at(0.0))
         self._prior = own.rate_prior
         self._rates: FrontRates | None = None
         self._held = HeldCells(landscape.shape)
         self._shared = burning  # the state of all members after a mapped perimeter
         if burning is not None:
             self.time_s = burning.at_s
-        self._fires: list[MemberFire] | None = None  # of the members, if they differ
+        self._fires: list[MemberFire] | None = None  # the members' states, if they differ
         self._observed = np.full(landscape.shape, UNSEEN, dtype=np.uint8)
         self._forecast: Forecast | None = None
         if ignitions:
@@ -137,9 +138,9 @@ class FireEstimate:
         return found
 
     def light(self, cells: Sequence[tuple[int, int]], at_s: float, each: Each = map) -> None:
-        """Light cells (row, column) in all members at a time or, if past, as of that time.
+        """Light cells (row, column) in all members at a time, which may be in the past.
 
-        Raises FireModelError for a cell that cannot burn, if there is no fire yet.
+        Raises FireModelError if there is no fire yet and a cell cannot burn.
         """
         if not self.begun:
             self._begin_at([(*cell, at_s) for cell in cells])
@@ -154,10 +155,10 @@ class FireEstimate:
         ]
 
     def set_weather(self, weather: WeatherStream, at_s: float, each: Each = map) -> None:
-        """Use a newly reported weather from a time on.
+        """Use a new weather report from a time on.
 
-        The errors of the earlier wind that were learned no longer hold; the spread of the members'
-        winds stays.
+        The estimated errors of the earlier wind are discarded; the spread of the members' winds is
+        kept.
         """
         if self.begun:
             self.advance(max(at_s, self.time_s), each)
@@ -185,7 +186,7 @@ class FireEstimate:
     def advance(self, to_time_s: float, each: Each = map) -> None:
         """Advance all members to a time.
 
-        After a mapped perimeter they are advanced only when a camera's observation needs it.
+        After a mapped perimeter, members are advanced only when a camera's observation requires it.
         """
         if to_time_s < self.time_s:
             raise FireModelError(f"the estimate is at {self.time_s} s, after {to_time_s} s")
@@ -194,8 +195,8 @@ class FireEstimate:
         self._shared, self._rates = None, None
         self.time_s, self._forecast = to_time_s, None
 
-    def observe(self, observation: Observation, each: Each = map) -> None:
-        """Process an observation, which must not be earlier than the one before.
+    def assimilate(self, observation: Observation, each: Each = map) -> None:
+        """Process an observation, which must not be earlier than the previous one.
 
         Raises FireModelError for an observation that cannot be of this fire; nothing changes then.
         """
@@ -204,7 +205,7 @@ class FireEstimate:
             return
         if not self.begun:
             raise FireModelError(
-                f"{observation.source}: no fire is known yet; begin with an ignition or a perimeter"
+                f"{observation.source}: there is no fire yet; begin with an ignition or a perimeter"
             )
         if observation.at_s > self.time_s or self._fires is None:
             self.advance(max(observation.at_s, self.time_s), each)
@@ -229,7 +230,7 @@ class FireEstimate:
         front, reach = None, REACH_CAMERA
         if self._rates is not None:
             segments = segments_of(burned, self.landscape.cell_size_m)
-            # A copy: the forecast must not learn from later perimeters.
+            # A copy, because later perimeters must not change the forecast.
             front = LearnedFront(segments, self._rates.copy())
             reach = MAX_REACH if for_s <= LONG_S else MAX_REACH_LONG
         simulated_until_s = self.time_s + reach * for_s
@@ -243,7 +244,7 @@ class FireEstimate:
 
         ``model`` may have other fuels than the landscape.
         """
-        reported = self.weather.at(self.time_s)
+        reported = self.weather.weather_at(self.time_s)
         known = burnable_codes(self.landscape)
         place = [known.index(code) for code in burnable_codes(model.landscape)]
 
@@ -329,7 +330,7 @@ class FireEstimate:
         assert fires is not None
         state = despeckled(observation)
         windows = np.array([fire.arrival_s[here] <= at_s for fire in fires])
-        self._held.observe(here, state, at_s, windows.mean(axis=0))
+        self._held.add_observation(here, state, at_s, windows.mean(axis=0))
         self._update_members(state, windows, observation.position_sd_m)
         seen = self._observed[here]
         seen[state != UNSEEN] = np.maximum(seen, state)[state != UNSEEN]
@@ -339,7 +340,7 @@ class FireEstimate:
     def _update_members(
         self, state: NDArray[np.uint8], windows: Mask, position_sd_m: float
     ) -> None:
-        """Update the members' inputs by the burned areas in blocks of a window."""
+        """Update the members' inputs by comparing burned areas in blocks of a window."""
         excess, front = block_excess(state, windows)
         if not excess.shape[1]:
             return
@@ -351,7 +352,7 @@ class FireEstimate:
     def _rewritten(
         self, fire: MemberFire, here: Place, state: NDArray[np.uint8], at_s: float
     ) -> MemberFire:
-        """Return the fire of a member after an observation replaced it in a window."""
+        """Return a member's fire with its cells in a window replaced by an observation."""
         cell_m = self.landscape.cell_size_m
         found = with_image(fire.arrival_s, here, state, at_s, cell_m, self._unburnable)
         if found is None:
@@ -361,7 +362,7 @@ class FireEstimate:
         return fire.with_times(arrival_s, changed)
 
     def _remove_unseen_islands(self, arrival_s: Floats) -> Mask:
-        """Remove burned areas of which no cell was ever observed as burned, if others were.
+        """Remove burned areas without an observed burned cell, unless no area has such a cell.
 
         ``arrival_s`` (y, x) is changed. Returns the mask (y, x) of the removed cells.
         """

@@ -12,8 +12,9 @@ estimated together (Gauss-Newton, MAP). The position error of an observation, mu
 slowness there, is a time error; it is combined with ``TIME_SD_S``. The likelihood of a burning
 observation is a Student's t distribution, so that a few outliers have little influence. The
 likelihood of a burned or unburned observation is the probability of its state (Laplace's method).
-The prior sd and length of the field are those of a few candidates that are most likely (marginal
-likelihood of the linearised regression). See Rasmussen & Williams 2006, chapters 2, 3 and 5.
+From a few candidates for the prior sd and length of the field, those with the highest marginal
+likelihood (of the linearised regression) are used. See Rasmussen & Williams 2006, chapters 2, 3 and
+5.
 """
 
 import math
@@ -30,24 +31,24 @@ from threadpoolctl import ThreadpoolController
 from firemodel.arrays import Floats
 from firemodel.ellipses.ellipse import EllipseFire
 from firemodel.ellipses.gaussian_kernels import Field, slopes, stretch, variances
-from firemodel.ellipses.observations import BURNED, BURNING, UNBURNED
 from firemodel.ellipses.paths import AdjustableEllipses, AdjustableFire, StraightPaths
+from firemodel.ellipses.point_observations import BURNED, BURNING, UNBURNED
 
-PLACE_SD_M = 6.0  # of an observation's position
-TIME_SD_S = 15.0  # of an observation's time
-MIN_S = 45.0  # lower limit of the time along a path; shorter times have little information
-LOG_SD = 0.05  # of ln of the observed time along a path
-UNEXPLAINED_SD = 0.1  # of ln of the time along a path, because real fire goes around slow places
+PLACE_SD_M = 6.0  # standard deviation of an observation's position
+TIME_SD_S = 15.0  # standard deviation of an observation's time
+MIN_S = 45.0  # lower limit of the time along a path; shorter times contain little information
+LOG_SD = 0.05  # standard deviation of ln of the observed time along a path
+UNEXPLAINED_SD = 0.1  # further deviation of this ln: real fire goes around slow places
 FIELD_SDS = (0.2, 0.3, 0.4)  # candidates for the prior sd of the field
 # Length scales of the field, as fractions of the diagonal of the box of observations and sources.
 LENGTHS = (1 / 16, 1 / 8, 1 / 4)
-MIN_M = 100.0  # lower limit of that diagonal
+MIN_M = 100.0  # lower limit of the diagonal of that box
 NODES = 32  # maximum of the field's nodes along its longer side
-STEPS, PARTS = 5, (1.0, 0.5, 0.25, 0.1)  # of the iteration; fractions of a step that are tried
-CHOSEN_AT = 1  # step in which the prior of the field is chosen
+STEPS, PARTS = 5, (1.0, 0.5, 0.25, 0.1)  # number of steps; fractions of a step that are tried
+CHOSEN_AT = 1  # index of the step in which the prior of the field is chosen
 STEPS_NEAR = 2  # number of steps from the result of a similar correction
 GOOD_ENOUGH = 0.05  # gain in ln of the posterior density below which the iteration ends
-SMALL_RATE = 1e-3  # difference for numerical derivatives by the rates
+SMALL_RATE = 1e-3  # change of a rate for numerical derivatives
 MAX_LOG = 2.5  # limit of |w| in the field
 TAIL = 4.0  # degrees of freedom of Student's t
 
@@ -85,7 +86,7 @@ def _blas() -> ThreadpoolController:
 
 
 class _Evaluation(NamedTuple):
-    """The expected and observed times of the observations, for given rates and a given field."""
+    """The expected and the observed times along the paths, for given rates and a given field."""
 
     fire: AdjustableFire
     field: Field
@@ -103,8 +104,8 @@ class GaussianCorrected:
     are ignored, because fire at such a place needs another source.
 
     ``near`` is an earlier correction of the same fire by nearly the same observations. If it is
-    given, the fit keeps the prior of ``near`` and begins at its result. This takes a third of the
-    time and gives nearly the same result.
+    given, the fit keeps the prior of ``near`` and begins at its result. The fit then takes a third
+    of the time and gives nearly the same result.
     """
 
     def __init__(
@@ -217,7 +218,7 @@ class GaussianCorrected:
     def _start(
         self, fire: AdjustableFire, field: Field, prior: _Prior
     ) -> tuple[_Evaluation, Floats, float]:
-        """Return the result of ``_try`` for the most probable of the rates in ``first_rates``."""
+        """Return the result of ``_try`` for the most probable row of ``first_rates``."""
         found = []
         for rates in fire.first_rates:
             z = np.concatenate([rates / fire.rates_sd, np.zeros(field.slower.size)])
@@ -261,8 +262,9 @@ class GaussianCorrected:
         b: Floats,
         given: _Prior,
     ) -> _Prior:
-        """Return the prior whose sd and length make the burning observations most likely."""
-        burning = (self._reachable[:, 3] == BURNING) & (w > 0.0)  # no weight, no constraint
+        """Return the prior that gives the burning observations the highest likelihood."""
+        # Observations without weight are left out.
+        burning = (self._reachable[:, 3] == BURNING) & (w > 0.0)
         if np.count_nonzero(burning) < 3:
             return given
         y, sd2 = b[burning] / w[burning], 1.0 / w[burning]
@@ -287,7 +289,7 @@ def _same_place(one: Field, other: Field) -> bool:
 
 
 def _rates_slopes(fire: AdjustableFire, points: Floats, paths: StraightPaths) -> Floats:
-    """Compute the derivatives (n, k) of ln(time along each path) by each rate, numerically."""
+    """Compute numerically the derivatives (n, k) of ln(time along each path) by the rates."""
     found = np.empty((len(points), len(fire.rates_sd)))
     before_s = np.maximum(paths.takes_s, 1.0)
     for number in range(found.shape[1]):

@@ -1,4 +1,4 @@
-"""Find the cells at which a fire is held, for example by crews or by a barrier that no map has."""
+"""Find the cells at which a fire is held, for example by crews or by an unmapped barrier."""
 
 import copy
 
@@ -9,18 +9,18 @@ from scipy.ndimage import binary_closing, distance_transform_edt, uniform_filter
 from firemodel.arrays import Floats, Mask, Place, widened
 from firemodel.assimilation.observation import BURNED, UNBURNED, UNSEEN
 
-HELD_S = 400.0  # evidence from which a cell counts as held in forecasts
-MAX_GAP_S = 1200.0  # a cell that was not seen for longer gives this evidence
-LIKELY = 0.15  # share of members below which an unburned cell is expected
-FORGOTTEN_S = 600.0  # time in which the evidence falls to 1/e while unburned cells are expected
+HELD_S = 400.0  # a cell with at least this evidence counts as held in forecasts
+MAX_GAP_S = 1200.0  # a longer time between two sightings counts as this time
+LIKELY = 0.15  # members agree with an unburned cell if fewer of them burn it
+FORGOTTEN_S = 600.0  # time in which evidence falls to 1/e while the members agree
 CLOSING_CELLS = 2  # gaps of up to twice this width in a held line are closed
-FRONT_CELLS = 21  # side of the window in which at least half of the front is held
-BEHIND_CELLS = 60.0  # depth of the ground that is held behind such a front
+FRONT_CELLS = 21  # side of the window in which half of the front must be held
+BEHIND_CELLS = 60.0  # depth of the ground behind a held front that also counts as held
 SQUARE = np.ones((3, 3), dtype=bool)
 
 
 class HeldCells:
-    """Counts for how long cells stayed unburned although most members expected fire there."""
+    """Measures how long cells have stayed unburned although most members expected fire there."""
 
     def __init__(self, shape: tuple[int, int]) -> None:
         self._evidence_s = np.zeros(shape)
@@ -31,14 +31,16 @@ class HeldCells:
         """Return an independent copy."""
         return copy.deepcopy(self)
 
-    def observe(self, here: Place, state: NDArray[np.uint8], at_s: float, share: Floats) -> None:
+    def add_observation(
+        self, here: Place, state: NDArray[np.uint8], at_s: float, share: Floats
+    ) -> None:
         """Process an observation.
 
         Args:
             here: The window of the observation.
-            state: (y, x) the states of its cells.
-            at_s: Its time in s.
-            share: (y, x) the share of the members in which each cell has burned by then.
+            state: (y, x) the states of the window's cells.
+            at_s: The time of the observation in s.
+            share: (y, x) the share of the members in which each cell has burned by ``at_s``.
         """
         evidence_s, seen_s, burned = self._evidence_s[here], self._seen_s[here], self._burned[here]
         burned |= state == BURNED
@@ -62,9 +64,9 @@ class HeldCells:
 def ground_behind(held: Mask, front: Mask) -> Mask:
     """Return the ground (y, x) that fire could reach only around a held part of the front.
 
-    Without it, a forecast fire would turn around the ends of a line of held cells and burn the
-    ground that the line protects. A single held cell may be a slow patch of fuel and protects no
-    ground.
+    If this ground did not count as held, a forecast fire would spread around the ends of a line of
+    held cells and burn the ground that the line protects. A single held cell may be a slow patch of
+    fuel, so it protects no ground.
 
     Args:
         held: (y, x) held cells.
@@ -72,7 +74,7 @@ def ground_behind(held: Mask, front: Mask) -> Mask:
 
     Returns:
         (y, x) The cells within ``BEHIND_CELLS`` of a part of the front of which most cells are
-        held. The nearest cell of the front decides.
+        held. Each cell is assigned to the nearest cell of the front.
     """
     if not (held & front).any():
         return np.zeros(held.shape, dtype=bool)

@@ -6,7 +6,7 @@ import numpy as np
 import shapely
 
 from firemodel.arrays import Floats
-from firemodel.ellipses.observations import BURNED, BURNING, UNBURNED
+from firemodel.ellipses.point_observations import BURNED, BURNING, UNBURNED
 from firemodel.errors import FireModelError
 
 Shape = Literal["point", "line", "polygon"]
@@ -16,12 +16,13 @@ MIN_POINTS = {"point": 1, "line": 2, "polygon": 3}
 def observations_of(
     shape: Shape, points_m: Floats, at_s: float, state: int, spacing_m: float
 ) -> Floats:
-    """Return the observations (n, 4) that a shape with corners (k, 2) in metres represents.
+    """Return the observations (n, 4) for a drawn shape with corners (k, 2) in metres.
 
     The columns of the observations are x, y, at_s and state. A line, or the outline of a polygon,
-    is observed at its corners and at points between them, at most ``spacing_m`` apart. The outline
-    of a burning polygon is the front, so that no point inside is observed. A burned or unburned
-    polygon is also observed at a grid of points inside, ``spacing_m`` apart.
+    gives observations at its corners and at points between the corners, at most ``spacing_m``
+    apart. The outline of a burning polygon is the front, and points inside the polygon give no
+    observations. A burned or unburned polygon also gives observations at the points of a grid
+    inside the polygon, ``spacing_m`` apart.
 
     Raises FireModelError for too few points, values that are not finite, an unknown state, a
     spacing that is not positive, or a polygon whose outline crosses itself.
@@ -34,7 +35,9 @@ def observations_of(
     if not np.isfinite(points).all() or not np.isfinite(at_s):
         raise FireModelError(f"{shape} at {at_s} s: places and time must be finite numbers")
     if state not in (BURNED, BURNING, UNBURNED):
-        raise FireModelError(f"{shape}: state {state} is none of -1 burned, 0 burning, 1 unburned")
+        raise FireModelError(
+            f"{shape}: state {state}: give -1 (burned), 0 (burning) or 1 (unburned)"
+        )
     if not 0.0 < spacing_m < np.inf:
         raise FireModelError(f"{shape}: spacing_m = {spacing_m} must be more than 0")
     if shape == "line":

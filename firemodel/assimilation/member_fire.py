@@ -1,4 +1,4 @@
-"""Keep the fire of an ensemble's member, and the arrival times that images have changed since."""
+"""Store the fire of an ensemble's member, and the arrival times that images have changed."""
 
 from typing import NamedTuple
 
@@ -11,20 +11,20 @@ from firemodel.spread.anyangle import AnyAngleFire
 class MemberFire(NamedTuple):
     """The fire of one member at the time of the estimate.
 
-    Images change arrival times only. The fire itself is changed once, when it burns on.
+    Images change only the arrival times. The fire itself is changed when it next advances.
     """
 
     fire: AnyAngleFire
-    arrival_s: Floats  # (y, x) expected times of the fire with all changes
-    changed: Mask | None = None  # (y, x) the cells with other times than the fire
+    arrival_s: Floats  # (y, x) expected arrival times of the fire, with all changes
+    changed: Mask | None = None  # (y, x) cells whose times differ from those of the fire
 
     def with_times(self, arrival_s: Floats, changed: Mask) -> "MemberFire":
-        """Return this fire with other times (y, x), which differ in the cells ``changed``."""
+        """Return this fire with new arrival times (y, x), different in the cells ``changed``."""
         before = self.changed
         return MemberFire(self.fire, arrival_s, changed if before is None else changed | before)
 
     def burns(self, at_s: float) -> bool:
-        """Return whether some cells have burned by a time, but not all."""
+        """Return True if some cells have burned by a time, but not all."""
         burned = self.arrival_s <= at_s
         return bool(burned.any() and not burned.all())
 

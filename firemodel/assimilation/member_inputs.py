@@ -2,7 +2,7 @@
 
 A member's inputs are a vector in m/s that is added to the reported wind, and the logarithm of a
 factor of the spread rate in each fuel. Vectors of wind (true east, north) point to where the wind
-comes from. Observations update them by the ensemble Kalman filter (Evensen 1994, with
+comes from. Observations update these inputs by the ensemble Kalman filter (Evensen 1994, with
 perturbed observations: Burgers et al. 1998).
 """
 
@@ -15,11 +15,11 @@ from firemodel.arrays import Floats
 from firemodel.ensemble.draws import Draw
 from firemodel.physics.weather import Weather
 
-MIN_WIND_M_S = 0.1  # a member's wind is the reported one times a factor, which needs a wind
-MAX_LOG_RATE = 2.0  # a factor of the spread rate is at most 7.4
+MIN_WIND_M_S = 0.1  # lower limit of the reported wind, by which members' winds are divided
+MAX_LOG_RATE = 2.0  # limit of ln of a factor of the spread rate (7.4)
 MAX_WIND_OFFSET_M_S = 15.0
-# Random changes of the inputs between observations, for one hour: they follow a changing wind and
-# keep the members different.
+# Standard deviations of the random changes of the inputs in one hour. These changes represent a
+# changing wind and keep the members different.
 WIND_WALK_M_S = 0.4
 RATE_WALK_LOG = 0.08
 
@@ -55,10 +55,11 @@ def wind_vector(wind_m_s: float, from_deg: float) -> Floats:
 
 
 def members_of(draws: list[Draw], reported: Weather) -> Members:
-    """Return the members of draws of the errors, at the reported weather.
+    """Return the members for draws of the errors, in the reported weather.
 
-    The factor of the moisture becomes a factor of the spread rate: rates fall by about the share by
-    which the moisture of dead fuel rises (Rothermel 1972, for moistures around 5 to 10 %).
+    The factor of the moisture becomes a factor of the spread rate: if the moisture of dead fuel
+    rises by a small share, rates fall by about the same share (Rothermel 1972, for moistures of 5
+    to 10 %).
     """
     wind, rates = [], []
     for draw in draws:
@@ -77,10 +78,10 @@ def updated(
 
     Args:
         members: The members before the update.
-        excess_m: (members, observations) by how many m each member's front is ahead of the observed
-            front.
+        excess_m: (members, observations) the distance in m of each member's front ahead of the
+            observed front.
         error_sd_m: (observations) the standard deviations of the errors of these distances.
-        rng: A generator.
+        rng: The random generator.
     """
     inputs = np.hstack([members.wind_m_s, members.log_rate])
     deviation = inputs - inputs.mean(axis=0)
@@ -94,7 +95,7 @@ def updated(
 
 
 def walked(members: Members, for_s: float, rng: np.random.Generator) -> Members:
-    """Return the members after the random changes of their inputs in a time."""
+    """Return the members after random changes of their inputs during a time."""
     share = math.sqrt(max(for_s, 0.0) / 3600.0)
     wind = rng.standard_normal(members.wind_m_s.shape) * WIND_WALK_M_S * share
     rate = rng.standard_normal(members.log_rate.shape) * RATE_WALK_LOG * share

@@ -23,7 +23,7 @@ class Observation(NamedTuple):
     left: int
     state: NDArray[np.uint8]  # (y, x) UNSEEN, UNBURNED or BURNED
     position_sd_m: float = 10.0  # standard deviation of the position, common to the whole window
-    missed: float = 0.0  # share of burned cells that are reported as unburned
+    missed: float = 0.0  # share of the burned cells that are reported as unburned
     false_alarms: float = 0.0  # share of unburned cells that are reported as burned
     source: str = ""
     area: Any = None  # the burned area of a mapped perimeter; shapely, in the landscape's CRS
@@ -43,8 +43,8 @@ def mapped_perimeter(
         area: The burned area, a shapely Polygon or MultiPolygon in the landscape's CRS.
         landscape: The landscape; all its cells outside the area are unburned.
         at_s: The time of the mapping in s.
-        position_sd_m: The standard deviation of the error of its outline in m.
-        source: The source, for messages.
+        position_sd_m: The standard deviation of the error of the area's outline in m.
+        source: The name of the source, for error messages.
     """
     state = np.full(landscape.shape, UNBURNED, dtype=np.uint8)
     state[mask_of([area], landscape)] = BURNED
@@ -52,11 +52,11 @@ def mapped_perimeter(
 
 
 def despeckled(observation: Observation) -> NDArray[np.uint8]:
-    """Return the states (y, x) after a majority filter, if there are wrong cells.
+    """Return the states (y, x); a majority filter is applied if the image may have wrong cells.
 
     The filter sets each seen cell to the state of most of the seen cells in a window of 3 x 3. A
-    cell with fewer than ``MIN_SEEN`` of them becomes unseen: at the edge of an image, two or three
-    wrong cells would outvote the others.
+    cell with fewer than ``MIN_SEEN`` seen cells in its window becomes unseen, because at the edge
+    of an image two or three wrong cells could be the majority.
     """
     state = observation.state
     if not (observation.missed or observation.false_alarms):

@@ -1,11 +1,12 @@
-"""Learn from mapped perimeters how much faster or slower each part of a front moves than the model.
+"""Compute, from mapped perimeters, the ratio of real to modelled spread at each part of a front.
 
-The part of the landscape nearest to a segment of the front is the segment's ground. The ratio of
-real to modelled spread between two perimeters is the share of the interval in which the model burns
-as much of that ground as has burned. Its logarithm is a Gaussian process over place, direction of
-spread and time, with a mean that falls with the length of the forecast and with the age of the
-fire. A segment that does not move although the model expects it is held; the probability that it is
-held again comes from the counts of its surroundings and of the whole front.
+The part of the landscape nearest to a segment of the front is the segment's ground. The ratio
+between two perimeters is the time in which the model burns as much of that ground as really burned,
+divided by the length of the interval. The logarithm of the ratio is a Gaussian process over place,
+direction of spread and time. Its mean falls with the length of the forecast and with the age of the
+fire. A segment that does not move although the model expects a movement is *held*. The probability
+that it is held again is computed from the counts of held segments near it and along the whole
+front.
 """
 
 import math
@@ -20,38 +21,38 @@ from scipy.ndimage import binary_erosion, distance_transform_edt, gaussian_filte
 from firemodel.arrays import Floats, Mask
 
 HOUR_S = 3600.0
-MAX_SEGMENTS = 120  # of a front, approximately
+MAX_SEGMENTS = 120  # approximate maximum number in one front
 MIN_SEGMENT_CELLS = 4
-MAX_SAMPLES = 900  # the latest ones; the time of a prediction grows with their cube
+MAX_SAMPLES = 900  # only the latest samples are used: computing time grows as n**3
 SMOOTH_CELLS = 3.0  # standard deviation of the filter that gives the direction of spread
-NORMAL_S = 1800.0  # the length of a forecast from which on its mean rate falls
+NORMAL_S = 1800.0  # in longer forecasts the mean rate falls with their length
 MIN_RATIO, MAX_RATIO = 0.01, 5.0
 
 
 @dataclass(frozen=True, slots=True)
 class RatePrior:
-    """What is assumed about ratios of real to modelled spread; ``_sd`` are of their logarithm.
+    """The prior of the ratios of real to modelled spread; ``_sd`` is a deviation of the logarithm.
 
     The values were chosen on simulated fires with wrong models and on the Maria fire
     (``python -m benchmarks.perimeter_twins``, docs/estimate.md).
     """
 
     log_mean: float = -0.8
-    fall_with_length: float = 0.35  # of the mean, per natural logarithm of the length
-    fall_with_age: float = 0.24  # of the mean, per natural logarithm of the age in hours
-    common_sd: float = 0.34  # of the whole front
+    fall_with_length: float = 0.35  # change of the mean per ln of the length
+    fall_with_age: float = 0.24  # change of the mean per ln of the age in hours
+    common_sd: float = 0.34  # common to the whole front
     common_fades_h: float = 12.0
     direction_sd: float = 0.2
     direction_sharpness: float = 1.1
     local_sd: float = 0.23
     local_m: float = 120.0
-    fades_h: float = 2.6  # local and directional deviations
-    sample_sd: float = 0.16  # of one segment in one interval
+    fades_h: float = 2.6  # time scale of local and directional deviations
+    sample_sd: float = 0.16  # error of one segment in one interval
     interval_sd: float = 0.36  # common to all segments in one interval
     forecast_sd: float = 0.11
-    held: float = 0.12  # probability before anything is known
-    held_weight: float = 18.0  # of that probability, in segments of 300 m
-    held_common_weight: float = 1.3  # of the whole front's share, in segments of 300 m
+    held: float = 0.12  # prior probability that a segment is held
+    held_weight: float = 18.0  # weight of ``held``, in segments of 300 m
+    held_common_weight: float = 1.3  # weight of the held share of the whole front
     held_m: float = 340.0
     held_fades_h: float = 5.4
 
@@ -68,19 +69,19 @@ class Segments(NamedTuple):
 class SegmentRates(NamedTuple):
     """The prediction for each segment (n) of a front."""
 
-    log_mean: Floats  # of the ratio of real to modelled spread
+    log_mean: Floats  # mean of ln of the ratio of real to modelled spread
     log_sd: Floats
     held: Floats  # probability that the segment does not move
 
 
 class _Samples(NamedTuple):
-    """What was seen of segments (n): a value at a place, direction and time."""
+    """The samples of segments (n): each has a value at a place, direction and time."""
 
     centre_m: Floats
     outward: Floats
     at_s: Floats
     value: Floats
-    weight: Floats  # variance of ratios, or weight of counts
+    weight: Floats  # variances of the ratios, or weights of the counts
 
     def last(self, count: int) -> "_Samples":
         return _Samples(*(each[-count:] for each in self))
@@ -112,7 +113,7 @@ def _means(values: NDArray[np.floating | np.integer], number: NDArray[np.integer
 
 
 class FrontRates:
-    """The ratios of real to modelled spread, learned from perimeter to perimeter."""
+    """The ratios of real to modelled spread, updated by each mapped perimeter."""
 
     def __init__(self, began_s: float, prior: RatePrior | None = None) -> None:
         self._began_s = began_s
@@ -121,13 +122,13 @@ class FrontRates:
         self._counts: list[_Samples] = []
 
     def copy(self) -> "FrontRates":
-        """Return the same rates, which do not change when these learn more."""
+        """Return an independent copy."""
         found = FrontRates(self._began_s, self._prior)
         found._ratios, found._counts = list(self._ratios), list(self._counts)
         return found
 
     def mean_at(self, at_s: float, for_s: float) -> float:
-        """Return the prior mean of the log ratio for a forecast of a length from a time."""
+        """Return the prior mean of the log ratio for a forecast of a given length from a time."""
         prior, age_h = self._prior, max(at_s - self._began_s, 0.0) / HOUR_S
         return (
             prior.log_mean
@@ -136,7 +137,7 @@ class FrontRates:
         )
 
     def predict(self, segments: Segments, at_s: float, for_s: float) -> SegmentRates:
-        """Return the prediction for the segments of the front at a time, and a length in s."""
+        """Return the prediction for the segments of the front at a time and for a length in s."""
         count, prior = len(segments.cells), self._prior
         place = _Samples(
             segments.centre_m,
@@ -169,14 +170,16 @@ class FrontRates:
         map_error_m: float,
         cell_m: float,
     ) -> None:
-        """Learn from a perimeter.
+        """Update the rates by a perimeter.
 
         Args:
             segments: The segments of the front at the start of the interval.
-            travel_s: (y, x) the modelled time from that front to each cell, infinity if unknown.
+            travel_s: (y, x) the modelled time from the front at the start to each cell, infinity if
+                unknown.
             burned: (y, x) the cells that have burned by the end of the interval.
-            interval: Its start and end in s.
-            map_error_m: A front that moved less may not have moved.
+            interval: The start and the end of the interval in s.
+            map_error_m: The error of the mapping; a front that moved by less than this may not have
+                moved.
             cell_m: The size of the cells.
         """
         from_s, to_s = interval
@@ -249,7 +252,7 @@ def _squares(one: _Samples, other: _Samples) -> Floats:
 
 
 def _ratios(of: NDArray[np.int32], share: Floats, grown: NDArray[np.int64]) -> Floats:
-    """Return the share of the interval in which the model burns as many cells of each segment.
+    """Return the ratio of real to modelled spread of each segment.
 
     Args:
         of: (cells) the segment of each cell.

@@ -8,7 +8,7 @@ from scipy.spatial import cKDTree
 
 from firemodel.arrays import Floats, Mask
 
-SPACING_M = 30.0  # of points on outlines, between which distances are measured
+SPACING_M = 30.0  # distance between points on outlines
 LOW, HIGH = 0.1, 0.9  # probabilities between which 80 % of the true fronts should lie
 
 
@@ -43,10 +43,11 @@ def _outline(area: Any) -> Floats:
 
 
 def coverage(probability: Floats, observed: Mask) -> float | None:
-    """Return the share of the observed front that lies in the band of 80 % of a forecast.
+    """Return the share of the observed front that lies in a forecast's band of 10 to 90 %.
 
-    The front consists of the sides between burned and unburned cells. A side is in the band unless
-    its burned cell was unlikely (below 10 %) or its unburned cell likely (above 90 %).
+    The front consists of the common sides of burned and unburned cells. A side is in the band
+    unless the forecast probability of its burned cell is below 10 % or that of its unburned cell
+    above 90 %.
 
     Args:
         probability: (y, x) the forecast probability that a cell has burned.

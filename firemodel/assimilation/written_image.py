@@ -7,10 +7,11 @@ from firemodel.arrays import Floats, Mask, Place, bounds_of, widened
 from firemodel.assimilation.camera_window import signed_distance_m
 from firemodel.assimilation.observation import BURNED, UNSEEN
 
-# Assumed spread near an observed front until the fire burns on. It is that of slow parts of a
-# front: a faster one moves an ensemble's members too far, and they learn rates that are too low.
+# Assumed spread rate near an observed front until the fire advances. It is the rate of slow parts
+# of a front: a higher rate would move the members of an ensemble too far, so that the estimated
+# rates become too low.
 WRITE_M_S = 0.05
-WRITE_WITHIN_M = 60.0  # of the observed front
+WRITE_WITHIN_M = 60.0  # distance from the observed front up to which times are written
 
 
 def with_image(
@@ -21,12 +22,12 @@ def with_image(
     cell_m: float,
     unburnable: Mask,
 ) -> tuple[Floats, Mask] | None:
-    """Return the arrival times of a fire after an image replaced it, and the changed cells.
+    """Return a fire's arrival times after an image corrected them, and the changed cells.
 
     The result is None if the fire agrees with the image.
 
-    Only cells in another state than observed, and their neighbours, change. The other fronts keep
-    their place within the cells.
+    Only cells in another state than observed, and their neighbours, change. Other parts of the
+    front keep their position within the cells.
 
     Args:
         arrival_s: (y, x) arrival times of the whole grid; infinity in unburned cells.
@@ -34,7 +35,8 @@ def with_image(
         state: (y, x) the observed states in the window: UNSEEN, UNBURNED or BURNED.
         seen_s: The time of the image, or the times (y, x) at which the window's cells were seen.
         cell_m: The size of a cell.
-        unburnable: (y, x) the cells of the grid that cannot burn; an image of them is ignored.
+        unburnable: (y, x) the cells of the grid that cannot burn; in an image these cells are
+            ignored.
 
     Returns:
         Arrival times and changed cells (y, x) of the whole grid.
@@ -55,5 +57,5 @@ def with_image(
 
 
 def _margin_cells(cell_m: float) -> int:
-    """Return how far around a cell the image is needed for distances to its front."""
+    """Return the margin in cells in which the distances to an image's front are needed."""
     return int(np.ceil(WRITE_WITHIN_M / cell_m)) + 1

@@ -3,7 +3,7 @@
 The model is that of section IV of Beachly et al. ("Fire-Aware Planning of Aerial Trajectories and
 Ignitions"), with corrections to eqs. 1 and 2. After a time t, the ellipse of a point ignition spans
 from ``-back t`` to ``head t`` along the wind and ``flank t`` to each side. Fuel, moisture and wind
-are the same everywhere and the ground is level. Lines are series of points (``line_sources``).
+are the same everywhere and the ground is level. Lines are series of points (``line_ignitions``).
 
 If the wind changes, each point of the front starts its own ellipse (Huygens). The burned area is
 then the Minkowski sum of the ellipses of all wind periods. A place at the vector d from the source
@@ -15,7 +15,6 @@ time at which both sides are equal. That time has a closed form and, over n, onl
 
 import math
 from collections.abc import Callable, Sequence
-from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -29,8 +28,8 @@ from firemodel.physics.fuels import FUEL_MODELS
 from firemodel.physics.rothermel import FT_MIN_PER_M_S, fuel_bed, wind_factor
 from firemodel.physics.weather import WeatherStream, wind_adjustment_factor
 
-TILE = 64  # points in a tile
-DIRECTIONS = 12  # number of directions in which a source's reach is bounded
+TILE = 64  # average number of points in a tile
+DIRECTIONS = 12  # number of directions in which the reach of a source is bounded
 
 Places = NDArray[np.int32]
 
@@ -60,7 +59,7 @@ def spreads_of(
     """
     if fuel not in FUEL_MODELS:
         raise FireModelError(
-            f"fuel model {fuel}: unknown; give one of Anderson's or Scott & Burgan's"
+            f"fuel model {fuel}: unknown; give a fuel model of Anderson or of Scott & Burgan"
         )
     model = FUEL_MODELS[fuel]
     factor = float(wind_adjustment_factor(model.depth_ft))
@@ -73,30 +72,6 @@ def spreads_of(
         toward_rad = math.radians((90.0 - grid_deg(entry.wind_from_deg + 180.0)) % 360.0)
         found.append(Spread(entry.at_s, head_m_s, still_m_s, still_m_s, toward_rad))
     return tuple(found)
-
-
-def line_sources(points_m: Floats, at_s: float | Floats, spacing_m: float) -> Floats:
-    """Convert a line with corners (n, 2) to sources (k, 3), at most ``spacing_m`` apart.
-
-    A source is x, y, at_s, and each corner is a source. ``at_s`` is one time for the whole line or,
-    for a line lit on foot, one time for each corner (n,). Let s be the spacing and r the half-width
-    of the ellipses (``flank_m_s`` times the time). The front midway between two sources then lags
-    behind that of a continuous line by about s²/(8 r), which is 3 % of r at r = 2 s. Below r = s/2
-    the two ellipses do not touch. Raises FireModelError if there are no points or the spacing is
-    not positive.
-    """
-    points = np.asarray(points_m, dtype=np.float64).reshape(-1, 2)
-    if len(points) == 0 or not spacing_m > 0.0:
-        raise FireModelError(
-            f"line of {len(points)} points, spacing {spacing_m} m: give a point and more than 0 m"
-        )
-    times = np.broadcast_to(np.asarray(at_s, dtype=np.float64), len(points))
-    corners = np.column_stack([points, times])
-    parts = [corners[:1]]
-    for one, other in pairwise(corners):
-        count = math.ceil(math.hypot(*(other - one)[:2]) / spacing_m - 1e-9)
-        parts.append(one + (other - one) * (np.arange(1, count + 1) / max(count, 1))[:, None])
-    return np.concatenate(parts)
 
 
 class EllipseFire:

@@ -16,9 +16,9 @@ from firemodel.compiled import kernel
 from firemodel.ellipses.tiles import first_of
 
 MAX_STEPS = 100
-WARM_STEPS = 5  # from the solution of the last point, before the search starts with a bracket
-CLOSE = 1e-11  # relative error of the time at which the search ends
-SLACK = 1e-9  # relative delay behind another source up to which a source is kept
+WARM_STEPS = 5  # steps from the last point's solution before a search with a bracket
+CLOSE = 1e-11  # the search ends at this relative error of the time
+SLACK = 1e-9  # a source is kept if its relative delay behind another one is smaller
 
 
 class Bounds(NamedTuple):
@@ -261,8 +261,8 @@ def _limit(limit_s, table, bounds):  # type: ignore[no-untyped-def]
 def _too_late(x, y, half_x, half_y, sources, number, limit_s, bounds):  # type: ignore[no-untyped-def]
     """Return True if the fire of a source reaches a box only after the time limit.
 
-    This is so if there is at least one direction in which the fire does not cover the distance to
-    the box in time.
+    This is true if in at least one direction the fire does not cover the distance to the box in
+    time.
     """
     if sources[number, 2] > limit_s:
         return True

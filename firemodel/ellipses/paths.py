@@ -74,7 +74,7 @@ class AdjustableEllipses:
         self.fire = fire
 
     def rated(self, rates: Floats) -> "AdjustableEllipses":
-        """Return the fire with its rates and wind adjusted alike in all weather periods."""
+        """Return the fire with its rates and wind adjusted equally in all weather periods."""
         every, head, flank, turn_rad = (float(rate) for rate in rates)
         spreads = [
             spread._replace(

@@ -26,7 +26,7 @@ class Tiles(NamedTuple):
     order: NDArray[np.int64]  # (n) index of each sorted point in the input
     x: Floats  # (n) sorted
     y: Floats
-    boxes: Floats  # (all squares, 4) minimum and maximum x, then y, of the points in each
+    boxes: Floats  # (all squares, 4) minimum and maximum x, then y, of the points
 
 
 def tiles_of(points_m: Floats, points_a_tile: int, side_m: float = 0.0) -> Tiles:

@@ -9,21 +9,21 @@ from scipy.special import ndtr, ndtri
 from firemodel.arrays import Floats
 from firemodel.ensemble.uncertainty import Uncertainty
 
-COMMON = 6  # number of errors in a draw, without the factor of each fuel
+COMMON = 6  # number of errors in a draw, not counting the factors of single fuels
 # Number of different moisture factors. Members with the same factor share its spread rates.
 MOISTURES = 15
 
 
 class Draw(NamedTuple):
-    """The errors of one member. Its input is the given input times a factor, or plus an offset."""
+    """The errors of a member. Its inputs are the given inputs times factors, or plus offsets."""
 
     wind_factor: float
-    turn_deg: float  # clockwise
+    turn_deg: float  # clockwise turn of the wind
     spread_factor: float
-    moisture_factor: float  # of dead fuel
+    moisture_factor: float  # factor of dead fuel moisture
     north_m: float  # offset of the ignitions
     east_m: float
-    fuel_factors: tuple[float, ...]  # of the spread rate, for each burnable fuel by ascending code
+    fuel_factors: tuple[float, ...]  # for each burnable fuel, by ascending code
 
 
 def latin_draws(

@@ -2,7 +2,7 @@
 
 Members do not depend on each other and may be simulated in parallel. Functions that simulate
 several members have the argument ``each``: ``map``, or the ``map`` of a pool of threads (kernels
-release the GIL). The result does not depend on it.
+release the GIL). The result does not depend on ``each``.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -37,7 +37,7 @@ class Window(NamedTuple):
 class Start:
     """The common initial state of all members, and the spread rates that they share.
 
-    The fire may already have burned cells. It is not changed.
+    The given fire may already have burned cells; it is not changed.
     """
 
     def __init__(self, fire: Fire, ignitions: Sequence[Ignition] = ()) -> None:
@@ -112,9 +112,9 @@ class Start:
         """Return the effect of a factor of dead fuel moisture on spread rate and intensity.
 
         The first array (entries, fuels) is the spread rate relative to that at the given moisture.
-        The second has the intensity per spread rate, (kW/m)/(m/s). Dead fuel moisture changes only
-        the rate without wind and slope, to which all spread rates are proportional (Rothermel
-        1972).
+        The second array contains the intensity divided by the spread rate, in (kW/m)/(m/s). Dead
+        fuel moisture changes only the rate without wind and slope, to which all spread rates are
+        proportional (Rothermel 1972).
         """
         if factor not in self._by_moisture:
             land = self.fire.landscape
@@ -193,7 +193,9 @@ class Ensemble:
         they differ in landscape or time.
         """
         if len({(id(fire.landscape), fire.time_s) for fire in fires}) != 1:
-            raise FireModelError("ensemble: give one or more fires of one landscape at one time")
+            raise FireModelError(
+                "ensemble: give one or more fires on the same landscape and at the same time"
+            )
         self.fires = list(fires)
 
     @property

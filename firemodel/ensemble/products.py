@@ -31,7 +31,8 @@ def arrival_quantiles_s(
         shares: Fractions of the members, above 0 and at most 1.
 
     Returns:
-        Seconds after the start (shares, y, x); infinity where the cell burned in fewer members.
+        Seconds after the start (shares, y, x); infinity where the cell burned in a smaller share of
+        the members.
     """
     count = len(windows)
     # The smallest number of members that is at least the share, as an index of the sorted times;

@@ -12,24 +12,25 @@ class Uncertainty:
 
     Cruz & Alexander 2013 (Environ. Model. Softw. 47, 16-28) compared 1278 rates of spread: the best
     models have an error of 35 %, including errors of weather. Rates grow with the wind to a power
-    of 1.2 to 1.6. The three deviations of wind speed and rates (a common one, and one for each
-    fuel) therefore combine to 0.37. The equal size of the common error and of the error of each
-    fuel is an assumption.
+    of 1.2 to 1.6. The deviations of the wind speed, of the common factor of the rates and of the
+    factor of each fuel together therefore give 0.37. That the two factors of the rates have equal
+    deviations is an assumption.
 
     Models of the moisture of dead grass have a mean error of 1.16 percentage points (Fire 2019,
-    2(1), 2), which is a deviation of 0.15 at a moisture of 10 %. The deviations of the wind's
-    direction (two of three winds are within 15 degrees of the reported one) and of the ignition
-    are assumptions without a source.
+    2(1), 2); at a moisture of 10 % this corresponds to a standard deviation of 0.15. The deviations
+    of the wind direction (two thirds of the winds are within 15 degrees of the reported wind) and
+    of the ignition are assumptions without a source.
     """
 
-    wind_log_sd: float = 0.2  # of the factor of the wind speed
+    wind_log_sd: float = 0.2  # for the factor of the wind speed
     wind_turn_sd_deg: float = 15.0
-    spread_log_sd: float = 0.18  # of the factor of all spread rates
-    fuel_log_sd: float = 0.18  # of a further factor of the spread rate in each fuel
-    moisture_log_sd: float = 0.15  # of the factor of dead fuel moisture
-    ignition_sd_m: float = 50.0  # towards north and towards east
+    spread_log_sd: float = 0.18  # for the common factor of all spread rates
+    fuel_log_sd: float = 0.18  # for a further factor of the spread rate in each fuel
+    moisture_log_sd: float = 0.15  # for the factor of dead fuel moisture
+    ignition_sd_m: float = 50.0  # for the offset to the north and for that to the east
 
 
-# For estimates: the reported wind may be a forecast or that of a distant station, and its error
-# also stands for local winds. An assumption; the observations narrow it.
+# The errors that an estimate assumes. The reported wind may be a forecast or come from a distant
+# station, and its error includes local winds. The values are assumptions; observations reduce the
+# errors.
 UNMEASURED = Uncertainty(wind_log_sd=0.5, wind_turn_sd_deg=30.0, spread_log_sd=0.3)

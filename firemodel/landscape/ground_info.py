@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from firemodel.landscape.landscape import horn
 
-STEEP = 0.1  # rise over run above which slopes and aspects are compared
-MAX_SLOPE_RATIO = 1.5  # a note is given above this ratio of slopes, or below its inverse
+STEEP = 0.1  # slopes and aspects are compared on steeper ground (rise over run)
+MAX_SLOPE_RATIO = 1.5  # a larger ratio, or one below the inverse, gives a note
 OPPOSITE_DEG = 135.0
 
 

@@ -25,7 +25,7 @@ from firemodel.landscape.readers.bands import (
     missing_in,
     values_of,
 )
-from firemodel.landscape.readers.code_systems import NO_FUEL, renamed_code
+from firemodel.landscape.readers.fuel_code_systems import NO_FUEL, renamed_code
 from firemodel.landscape.readers.layers import (
     LEVEL_TAN,
     layer_of,
@@ -49,14 +49,14 @@ from firemodel.physics.fuels import FUEL_MODELS, NON_BURNABLE
 Description = dict[str, Any]
 
 USUAL_NODATA = (-9999, -32768)
-REAL = "iuf"  # kinds of NumPy types
+REAL = "iuf"  # the kinds of NumPy's numeric types
 MAX_CODES = 200  # a band with more distinct values is not a band of fuel codes
 
 
 def describe(path: Path, *, crs: str | None = None, nodata: float | None = None) -> Description:
     """Describe a file by the function for its kind.
 
-    These are ``describe_table``, ``describe_rasters`` and ``describe_shapes``.
+    The functions are ``describe_table``, ``describe_rasters`` and ``describe_shapes``.
     """
     table = describe_table(path)
     if table is not None:
@@ -88,7 +88,7 @@ def describe_rasters(
     layer, dtype, unit, nodata, least, most and no_data_cells. A band of fuel codes also has
     ``fuels`` (code, name, percent of the cells with a value) and non_burnable_pct. ``problems`` has
     one line for each reason for which ``read_landscape`` would reject the files, and ``notes`` one
-    for each fact that may be unintended or that a run ignores.
+    line for each value that is probably unintended and for data that a run ignores.
     """
     problems: list[str] = []
     pairs = _layers_and_bands(files, problems)
@@ -146,7 +146,7 @@ def _ignored(pairs: list[tuple[str, Band]]) -> Iterator[str]:
 
 
 def _table_note(band: Band, present: NDArray[Any]) -> Iterator[str]:
-    """Yield a note if a lookup table beside an unnamed band assigns its codes to other fuels."""
+    """Yield a note if a lookup table in the folder assigns other fuels to an unnamed band."""
     codes = np.unique(present)
     if codes.size <= MAX_CODES:
         other = renamed_code(band.path, {int(code) for code in codes}, FUEL_MODELS)
@@ -190,12 +190,12 @@ def _ground_notes(
 def describe_shapes(
     path: Path, *, crs: str | None = None, landscape: Landscape | None = None
 ) -> Description:
-    """Describe a file of shapes and check it; if a landscape is given, check its place too.
+    """Describe and check a file of shapes; with a landscape, check that the shapes lie on it.
 
     The keys of the result are ``file``, ``kind``, ``crs``, ``features`` (the number of features),
     ``types`` (the number of each type), ``extent`` (south, west, north, east in degrees) and
-    ``problems``. The last has one line for each reason for which ``read_shapes`` would reject the
-    file.
+    ``problems``. ``problems`` has one line for each reason for which ``read_shapes`` would reject
+    the file.
     """
     found: Description = {"file": str(path), "kind": "shapes"}
     problems: list[str] = []
@@ -268,7 +268,7 @@ def _band_lines(band: Description) -> Iterator[str]:
 
 
 def _kept(problems: list[str], function: Callable[..., Any], *arguments: Any) -> Any:
-    """Return the result of a function; if it raises, add the error to ``problems``, return None."""
+    """Return the result of a function; on an error, add it to ``problems`` and return None."""
     try:
         return function(*arguments)
     except FireModelError as error:
@@ -284,7 +284,7 @@ def _name(files: Sources) -> str:
 
 
 def _layers_and_bands(files: Sources, problems: list[str]) -> list[tuple[str, Band]]:
-    """Return each band with its layer, which is empty if the file does not name one."""
+    """Return each band with its layer, which is empty if the file names no layer."""
     if isinstance(files, Path):
         bands = _kept(problems, bands_of, files) or ()
         if len(bands) > 1:
@@ -297,7 +297,7 @@ def _layers_and_bands(files: Sources, problems: list[str]) -> list[tuple[str, Ba
 
 
 def _grid_problems(bands: list[Band], crs: str | None) -> Iterator[str]:
-    """Yield the problems of each band's grid, and its differences from the first valid one."""
+    """Yield the problems of each band's grid, and its differences from the first valid grid."""
     first: Band | None = None
     for band in bands:
         wrong = list(grid_problems(band, crs))

@@ -17,10 +17,10 @@ if TYPE_CHECKING:
     from pyproj import CRS, Transformer
 
 
-MAX_ELEVATION_M = 9000.0  # a larger elevation is a wrong unit or an undeclared nodata value
+MAX_ELEVATION_M = 9000.0  # a larger value means a wrong unit or an undeclared nodata value
 MAX_TREE_M = 120.0
 MAX_SLOPE = 1000.0  # rise over run
-MIN_CELL_M, MAX_CELL_M = 0.01, 1e6  # another cell size is a wrong unit or a damaged file
+MIN_CELL_M, MAX_CELL_M = 0.01, 1e6  # another cell size means a wrong unit or a damaged file
 ROWS_AT_ONCE = 256
 
 
@@ -112,7 +112,7 @@ def horn(elevation_m: NDArray[np.floating], cell_size_m: float) -> NDArray[np.fl
     """Compute the rise per metre (2, y, x) towards north and towards east from elevation (y, x).
 
     The rise is a weighted difference of the eight neighbours (Horn 1981, Proc. IEEE 69, 14-47).
-    Beyond the edge, the elevation at the edge holds. The computation is in float64, and in blocks
+    Beyond the edge, the elevation at the edge is used. The computation is in float64, and in blocks
     of rows to save memory.
     """
     rows, cols = elevation_m.shape
@@ -131,7 +131,7 @@ def horn(elevation_m: NDArray[np.floating], cell_size_m: float) -> NDArray[np.fl
 def bilinear(values: NDArray[Any], row: Any, col: Any) -> Any:
     """Return values (y, x) interpolated at float rows and columns, constant beyond the edge."""
     last_row, last_col = values.shape[0] - 1, values.shape[1] - 1
-    if isinstance(row, float):  # one place: much faster without arrays
+    if isinstance(row, float):  # for one place this is much faster without arrays
         row, col = min(max(float(row), 0.0), last_row), min(max(float(col), 0.0), last_col)
         top, left = min(int(row), last_row - 1), min(int(col), last_col - 1)
         north_west, north_east = values.item(top, left), values.item(top, left + 1)
@@ -155,11 +155,11 @@ class Landscape:
     ``west_m``, ``north_m`` are the outer north-west corner of cell (0, 0). The arrays are (y, x)
     with row 0 in the north. They are fuel codes (see ``fuels``), elevation in metres above sea
     level and, optionally, canopy cover (0 to 1), canopy height in metres and canopy base height in
-    metres. ``gradient`` (2, y, x) is the rise per metre towards north and towards east. If the
-    gradient is not given, it is computed from the elevation (see ``horn``); if it is given, the
+    metres. ``gradient`` (2, y, x) is the rise per metre towards north and towards east. If no
+    gradient is given, it is computed from the elevation (see ``horn``). If a gradient is given, the
     elevation may be missing. ``custom_fuels`` are the fuel models of codes that are not standard,
     or that differ from the standard models. A position in the grid is a pair of floats (row, col).
-    The centre of a cell has whole numbers, so that ``round`` of a position returns its cell.
+    The centre of a cell has whole numbers, so that ``round`` converts a position to its cell.
     Positions and coordinates may be scalars or arrays.
     """
 
@@ -207,7 +207,9 @@ class Landscape:
         elif self.elevation_m is not None:
             gradient = horn(self.elevation_m, self.cell_size_m)
         else:
-            raise FireModelError("landscape: neither elevation nor gradient; give one of them")
+            raise FireModelError(
+                "landscape: elevation and gradient are both missing; give one of them"
+            )
         object.__setattr__(self, "gradient", gradient)
 
     def _check_layer(
@@ -349,7 +351,7 @@ class Landscape:
     def digest(self) -> str:
         """Return the SHA-256 of the landscape's grid and layers.
 
-        The gradient is left out if it is the one computed from the elevation.
+        The gradient is left out if it was computed from the elevation.
         """
         sha = hashlib.sha256(
             repr(
@@ -379,7 +381,8 @@ class Landscape:
             del layers["gradient"]
         for name, layer in layers.items():
             if layer is not None:
-                # Elevation has no name, so that the digests of earlier records remain valid.
+                # The name of the elevation is not hashed, so that the digests in earlier records
+                # remain valid.
                 sha.update(b"" if name == "elevation" else name.encode())
                 sha.update(layer.astype("<f4").tobytes())
         return sha.hexdigest()

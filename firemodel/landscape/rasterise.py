@@ -14,7 +14,7 @@ from firemodel.landscape.landscape import Landscape
 from firemodel.physics.fuels import NON_BURNABLE
 
 BARE_GROUND = 99
-SHORTEST = 1e-12  # part of a segment
+SHORTEST = 1e-12  # shorter parts of a segment, as a share of its length, are left out
 
 
 def cells_of(geometries: Iterable[BaseGeometry], landscape: Landscape) -> NDArray[np.int32]:
@@ -22,7 +22,7 @@ def cells_of(geometries: Iterable[BaseGeometry], landscape: Landscape) -> NDArra
 
     Each cell is (row, col). A point touches its cell. A line touches all cells it crosses;
     consecutive cells have a common side. A polygon touches the cells whose centre is inside, or one
-    cell if it contains no centre. Parts off the grid are ignored.
+    cell if the polygon contains no centre. Parts off the grid are ignored.
     """
     return np.argwhere(mask_of(geometries, landscape)).astype(np.int32)
 
@@ -128,16 +128,16 @@ def _mark_polygon(polygon: BaseGeometry, landscape: Landscape, touched: NDArray[
 
 
 def _mark_line(line: BaseGeometry, landscape: Landscape, touched: NDArray[np.bool_]) -> None:
-    """Mark the cells of every segment, and a cell that joins two which touch only at a corner."""
-    if line.length == 0.0:  # an intersection would be empty
+    """Mark the cells of every segment; join cells that touch only at a corner."""
+    if line.length == 0.0:  # the intersection with the grid would be empty
         _mark(_col_row(line, landscape)[:1], touched)
         return
     rows, cols = touched.shape
-    near = shapely.box(-1.0, -1.0, cols + 1.0, rows + 1.0)  # leaves out parts far off the grid
+    near = shapely.box(-1.0, -1.0, cols + 1.0, rows + 1.0)  # removes parts far off the grid
     for part in _parts([shapely.LineString(_col_row(line, landscape)).intersection(near)]):
         vertices = shapely.get_coordinates(part)
         chain = np.floor(_steps(vertices) if len(vertices) > 1 else vertices)
-        joints = np.stack([chain[1:, 0], chain[:-1, 1]], axis=1)  # a side neighbour of both
+        joints = np.stack([chain[1:, 0], chain[:-1, 1]], axis=1)  # adjoins both cells
         _mark(chain, touched)
         _mark(joints, touched)
 

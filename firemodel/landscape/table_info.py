@@ -24,9 +24,9 @@ from firemodel.landscape.readers.weather_records import YEAR, records_in
 from firemodel.physics.fuels import FUEL_MODELS
 from firemodel.physics.rothermel import Moisture
 
-Described = tuple[list[str], list[str]]  # lines about the content, notes on data that are ignored
+Described = tuple[list[str], list[str]]  # lines about the content, and notes on ignored data
 
-DRY = Moisture(0.06, 0.08, 0.10, 0.70, 1.00)  # only to check files without moistures
+DRY = Moisture(0.06, 0.08, 0.10, 0.70, 1.00)  # used only to check files without moistures
 WEATHER = (".raws", ".wxs", ".wtr", ".csv")
 
 

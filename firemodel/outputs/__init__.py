@@ -1,6 +1,6 @@
 """Write simulated fires to files for GIS, and draw maps of them.
 
-``raster_layers`` defines the layers with their units, classes and colours. ``geotiff`` and
-``netcdf`` write rasters, ``front_files`` writes fronts, ``qgis_styles`` creates the styles beside
-these files, and ``arrival_map`` draws a PNG.
+``layer_legends`` defines the layers with their units, classes and colours. ``geotiff`` and
+``netcdf`` write rasters, ``front_files`` writes fronts, ``qgis_style_files`` creates QGIS styles
+for these files, and ``arrival_map`` draws a PNG.
 """

@@ -15,7 +15,7 @@ from firemodel.arrays import Floats
 from firemodel.landscape.landscape import Landscape
 from firemodel.outputs.front_files import M2_PER_ACRE
 from firemodel.outputs.graticule import Frame, draw_graticule, draw_north
-from firemodel.outputs.raster_layers import (
+from firemodel.outputs.layer_legends import (
     Layer,
     arrival_layer,
     arrival_layer_of,
@@ -27,7 +27,7 @@ from firemodel.physics.fuels import NON_BURNABLE
 from firemodel.spread.fire_scheme import Fire
 
 MAX_ISOCHRONES = 12
-MAX_TITLE = 90  # characters; a longer title does not fit in the figure
+MAX_TITLE = 90  # number of characters that fit in the figure
 FUEL_ALPHA, FIRE_ALPHA = 0.45, 0.85
 NOTE = "Simulated fire. Not for navigation. {crs}, graticule WGS 84, arrow to true north."
 
@@ -81,7 +81,7 @@ def status_line(fire: Fire, time_zero: datetime | None = None) -> str:
 
 
 def time_in_words(time_s: float, time_zero: datetime | None) -> str:
-    """Return a time after mission time 0, with its date if there is one."""
+    """Return a text with a time after mission time 0, and its date if ``time_zero`` is given."""
     after = f"{time_s / 3600.0:.4g} h after mission time 0"
     if time_zero is None:
         return f"{after} (no calendar date)"
@@ -113,7 +113,7 @@ def start_map(
     """Return a figure and its axes, which show the base map and the fire, with a legend.
 
     The axes are in km from the south-west corner, and labelled with the graticule. The classes of
-    arrival are those of ``layer``; without it they are made from the times on the map.
+    arrival are those of ``layer``; without a layer, the classes are made from the times on the map.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.colors import LightSource
@@ -188,7 +188,7 @@ def _draw_legend(axes: Any, parts: Mapping[str, Sequence[tuple[str, str]]]) -> N
     )  # fmt: skip
     for text in legend.get_texts():
         text.set_fontweight("bold" if text.get_text() in parts else "normal")
-    axes.add_artist(legend)  # remains when a caller adds a legend of its own
+    axes.add_artist(legend)  # it remains if a caller adds another legend
     legend.set_clip_box(None)  # lies outside the axes
 
 
@@ -250,7 +250,7 @@ def _draw_scale(axes: Any, frame: Frame) -> None:
 
 
 def _round_step(span: float, most: int) -> float:
-    """Return the smallest of ..., 1, 2, 5, 10, ... that makes at most ``most`` steps of a span."""
+    """Return the smallest of ..., 1, 2, 5, 10, ... with at most ``most`` steps in a span."""
     if span <= 0.0:
         return 1.0
     power = 10.0 ** math.floor(math.log10(span / most))

@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
 from firemodel.outputs.fronts_kml import fronts_kml
-from firemodel.outputs.qgis_styles import fronts_qml
-from firemodel.outputs.raster_layers import after_zero, arrival_layer_of
+from firemodel.outputs.layer_legends import after_zero, arrival_layer_of
+from firemodel.outputs.qgis_style_files import fronts_qml
 from firemodel.outputs.whole_file import write_whole
 from firemodel.spread.fire_scheme import Fire
 
 M2_PER_ACRE = 4046.8564224
-MIN_DEG, DECIMALS = 1e-7, 7  # a centimetre
+MIN_DEG, DECIMALS = 1e-7, 7  # about a centimetre
 
 
 def area_geometry(area: Any, landscape: Landscape) -> dict[str, Any]:
@@ -39,7 +39,7 @@ def area_geometry(area: Any, landscape: Landscape) -> dict[str, Any]:
 
     rounded = _within_180_deg(set_precision(transform(area, to_lon_lat), MIN_DEG))
     shapes = [orient(part) for part in get_parts(rounded) if part.geom_type == "Polygon"]
-    # Rounded again: multiples of 1e-7 degrees from shapely are not exact decimals as floats.
+    # Rounded again, because shapely's multiples of 1e-7 degrees have more decimals as floats.
     return {
         "type": "MultiPolygon",
         "coordinates": [
@@ -118,8 +118,8 @@ def write_fronts(
 ) -> None:
     """Write the burned area at each time as GeoJSON (RFC 7946; see ``fronts_geojson``).
 
-    Two files of the same name are written beside it: a QGIS style (.qml), and KML (.kml) with the
-    calendar times, if there are any.
+    Two files of the same name are written beside the GeoJSON: a QGIS style (.qml), and KML (.kml)
+    with the calendar times, if there are any.
 
     Args:
         path: The GeoJSON file to write.

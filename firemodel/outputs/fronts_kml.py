@@ -6,7 +6,7 @@ from itertools import pairwise
 from typing import Any
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
-from firemodel.outputs.raster_layers import Layer, after_zero, class_of
+from firemodel.outputs.layer_legends import Layer, after_zero, class_of
 
 NOTE = "Simulated, not approved. Not for navigation."
 
@@ -15,7 +15,7 @@ def fronts_kml(collection: dict[str, Any], name: str, layer: Layer, zero: dateti
     """Convert the GeoJSON of ``fronts_geojson`` to KML.
 
     With a calendar date each front has a TimeSpan that ends when the next front begins, so that the
-    time slider of Google Earth shows the fire's growth. Without a date it has no time.
+    time slider of Google Earth shows the fire's growth. Without a date the fronts have no times.
 
     Args:
         collection: The result of ``fronts_geojson``, in order of time.

@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
-from firemodel.outputs.qgis_styles import raster_qml
-from firemodel.outputs.raster_layers import (
+from firemodel.outputs.layer_legends import (
     FLAME_LENGTH_LAYER,
     INTENSITY_LAYER,
     SPREAD_RATE_LAYER,
@@ -20,19 +19,20 @@ from firemodel.outputs.raster_layers import (
     arrival_layer_of,
     fuel_layer,
 )
+from firemodel.outputs.qgis_style_files import raster_qml
 from firemodel.outputs.whole_file import whole_file, write_whole
 from firemodel.spread.behaviour import behaviour_of
 from firemodel.spread.fire_scheme import Fire
 
-NO_VALUE = -1.0  # of float32 layers, none of which has negative values
+NO_VALUE = -1.0  # nodata value of float32 layers, which have no negative values
 
 
 def write_raster(path: Path, values: NDArray[Any], landscape: Landscape, layer: Layer) -> None:
     """Write an array as a cloud-optimised GeoTIFF, and a QGIS style of the same name (.qml).
 
-    The band has the layer's description and unit, codes have a colour table, and a raster of more
-    than 512 cells has overviews: the mean of values, or the most frequent code. Equal arrays give
-    identical files. An existing file is replaced completely or not at all.
+    The band has the layer's description and unit, and codes have a colour table. A raster with more
+    than 512 rows or columns has overviews with the mean of the values or the most frequent code.
+    Equal arrays give identical files. An existing file is replaced completely or not at all.
 
     Args:
         path: The file to write, ending in .tif, in an existing folder.
@@ -61,7 +61,7 @@ def write_raster(path: Path, values: NDArray[Any], landscape: Landscape, layer: 
         array = np.where(np.isfinite(values), values, NO_VALUE).astype(np.float32)
         # The arithmetic mean of directions has no meaning.
         nodata, overviews = NO_VALUE, "NEAREST" if layer.unit == "degree" else "AVERAGE"
-    # In memory, because GDAL reports a full disk by an exception that is not public.
+    # Written in memory first: for a full disk GDAL raises an exception that is not public.
     with MemoryFile() as memory:
         with memory.open(
             driver="COG",
@@ -94,7 +94,8 @@ def write_rasters(
     Args:
         folder: An existing folder.
         fire: A fire that has been advanced to the time of interest.
-        time_zero: The calendar time of 0 s, if there is one; the style of the arrival contains it.
+        time_zero: The calendar time of 0 s, if there is one; the style of the arrival times
+            contains this time.
 
     Returns:
         The path of each layer: arrival_time_s, spread_rate_m_s, spread_toward_deg, flame_length_m,

@@ -11,7 +11,7 @@ from firemodel.landscape.landscape import Landscape
 Frame = tuple[float, float, float, float]  # west, east, south, north in km from the SW corner
 STEPS_MIN = (0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 15, 20, 30, 60, 120, 300, 600)
 MAX_LINES = 6
-POINTS = 40  # on each line, which is curved on most projections
+POINTS = 40  # number of points on each line; lines are curved in most projections
 
 
 def km_of(land: Landscape, lat_deg: Any, lon_deg: Any) -> tuple[Any, Any]:
@@ -87,12 +87,12 @@ def _edge_places(land: Landscape, frame: Frame) -> tuple[Floats, Floats]:
 
 
 def _step_min(span_deg: float) -> float:
-    """Return the smallest round step, in minutes, that makes at most ``MAX_LINES`` steps."""
+    """Return the smallest round step, in minutes, that gives at most ``MAX_LINES`` lines."""
     return next((step for step in STEPS_MIN if span_deg * 60 <= MAX_LINES * step), STEPS_MIN[-1])
 
 
 def _crossing(along: Floats, across: Floats, at: float) -> float:
-    """Return where a line crosses an edge of the frame; NaN if it does not."""
+    """Return the position at which a line crosses an edge of the frame; NaN if there is none."""
     order = np.argsort(along)
     return float(np.interp(at, along[order], across[order], left=math.nan, right=math.nan))
 

@@ -12,7 +12,7 @@ from firemodel.arrays import Floats
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
 from firemodel.outputs.front_files import check_increasing
-from firemodel.outputs.raster_layers import (
+from firemodel.outputs.layer_legends import (
     FLAME_LENGTH_LAYER,
     INTENSITY_LAYER,
     SPREAD_RATE_LAYER,
@@ -29,7 +29,7 @@ from firemodel.spread.fire_scheme import Fire
 if TYPE_CHECKING:
     from netCDF4 import Dataset
 
-MAX_CHUNK = 512  # cells in each direction
+MAX_CHUNK = 512  # size of a chunk in each direction
 GRID: dict[str, Any] = {"grid_mapping": "crs", "coordinates": "lat lon"}
 
 
@@ -51,10 +51,11 @@ def write_netcdf(
     """Write a fire as NetCDF-4 (CF-1.8) on the landscape's grid.
 
     The variables (y, x) are arrival_time, spread_rate, spread_toward, flame_length and
-    fireline_intensity (float32, missing where nothing burned), fuel_model, lat and lon; over time
-    they are state (time, y, x) and burned_area (time), the total area of burned cells. The first
-    row is in the north. Without a calendar date the dimension time is named elapsed, because the CF
-    conventions have no time axis without a date. Equal fires give identical files.
+    fireline_intensity (float32, missing where nothing burned), fuel_model, lat and lon; the
+    variables over time are state (time, y, x) and burned_area (time), the total area of burned
+    cells. The first row is in the north. Without a calendar date the dimension time is named
+    elapsed, because the CF conventions have no time axis without a date. Equal fires give identical
+    files.
 
     Args:
         path: The file to write, in an existing folder.
@@ -85,7 +86,7 @@ def write_netcdf(
             _add_grid(file, fire.landscape)
             _add_behaviour(file, fire, time_zero)
             _add_times(file, fire, times_s, time_zero)
-    except RuntimeError as error:  # from the library, for example on a full disk
+    except RuntimeError as error:  # raised by the library, for example on a full disk
         raise write_error(Path(path), error) from None
 
 

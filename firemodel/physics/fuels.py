@@ -1,6 +1,6 @@
 """Define Anderson's 13 fuel models (INT-122) and Scott & Burgan's 40 (RMRS-GTR-153).
 
-Anderson's were published in 1982, Scott & Burgan's in 2005.
+Anderson's models were published in 1982, Scott & Burgan's models in 2005.
 """
 
 from collections.abc import Mapping
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from firemodel.errors import FireModelError
 
-SAV_10H, SAV_100H = 109.0, 30.0  # 1/ft, the same in every model
+SAV_10H, SAV_100H = 109.0, 30.0  # in 1/ft; the same in every model
 LB_FT2_PER_TON_ACRE = 2000.0 / 43560.0
 NON_BURNABLE = {
     code: {91: "urban", 92: "snow or ice", 93: "agriculture", 98: "water", 99: "bare ground"}.get(
@@ -28,9 +28,9 @@ class FuelModel:
     The dead classes are 1 h, 10 h and 100 h; the live classes are herbaceous and woody. In every
     model the SAV of the 10-h class is 109 1/ft and that of the 100-h class 30 1/ft. The extinction
     moisture of the dead fuel is a fraction of the oven-dry weight. The herbaceous fuel of a dynamic
-    model dies as it dries (``rothermel.cured_fraction``). ``heat_live_btu_lb`` is the heat content
-    of the live fuel if it differs from that of the dead fuel. The spread rate is multiplied by
-    ``rate_factor``, which the user can adjust.
+    model becomes dead fuel as it dries (``rothermel.cured_fraction``). ``heat_live_btu_lb`` is the
+    heat content of the live fuel if it differs from that of the dead fuel. The spread rate is
+    multiplied by ``rate_factor``, which the user can adjust.
     """
 
     name: str

@@ -8,7 +8,7 @@ import numpy as np
 
 from firemodel.arrays import Floats
 
-TIME_LAGS_H = np.array([1.0, 10.0, 100.0])  # of the 1-h, 10-h and 100-h fuel
+TIME_LAGS_H = np.array([1.0, 10.0, 100.0])  # time lags of the 1-h, 10-h and 100-h fuel
 HOUR_S, DAY_S = 3600.0, 86400.0
 
 
@@ -42,9 +42,8 @@ def after_time_lag(
 ) -> Floats:
     """Return the moisture of fuel classes after ``elapsed_h`` hours.
 
-    After one time lag, 1/e of the difference from ``tends_to`` is left.
-
-    The equation is from Byram 1963 and Fosberg 1970.
+    After one time lag, the difference from ``tends_to`` has fallen to 1/e (Byram 1963; Fosberg
+    1970).
     """
     return tends_to + (moisture - tends_to) * np.exp(-elapsed_h / time_lag_h)
 
@@ -66,8 +65,8 @@ def dead_moistures_pct(
 ) -> Floats:
     """Return the moistures (n, 3) of 1-h, 10-h and 100-h fuel from n records of weather.
 
-    The times increase. Each record holds until the next; rain counts by its duration, not its
-    amount. The moistures at the first time are ``initial_pct``.
+    The times increase. Each record is used until the next. The effect of rain depends on its
+    duration, not its amount. The moistures at the first time are ``initial_pct``.
     """
     equilibrium = equilibrium_moisture_pct(temperature_c, humidity_pct)
     rained_h = rain_hours(at_s, rain_mm)

@@ -26,7 +26,7 @@ KW_M_PER_BTU_FT_S = 3.464140419
 SIZE_CLASS_SAV_1_FT = (1200.0, 192.0, 96.0, 48.0, 16.0)
 # Indices of the dead (1 h, 10 h, 100 h, cured herbaceous) and the live classes of a fuel bed.
 DEAD, LIVE = slice(0, 4), slice(4, 6)
-MAX_LENGTH_TO_BREADTH = 8.0  # as in `behave`; Anderson has no bound
+MAX_LENGTH_TO_BREADTH = 8.0  # as in `behave`; Anderson gives no limit
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,7 +116,7 @@ def effective_heating_number(sav_1_ft: float) -> float:
 def wind_coefficients(sav_1_ft: float, relative_packing: float) -> tuple[float, float]:
     """Return B and C·(β/β_op)^-E of the wind factor (Rothermel 1972, eqs. 47-50).
 
-    They are for wind speeds in ft/min.
+    The coefficients are for wind speeds in ft/min.
     """
     c = 7.47 * math.exp(-0.133 * math.pow(sav_1_ft, 0.55))
     b = 0.02526 * math.pow(sav_1_ft, 0.54)
@@ -133,8 +133,8 @@ def cured_fraction(live_herb_moisture: float) -> float:
     """Return the fraction of a dynamic model's herbaceous load that is dead.
 
     ``live_herb_moisture`` is a fraction. The result is 1 below 30 % moisture and 0 above 120 %
-    (Scott & Burgan 2005). Between these moistures it is linear, with the rounded numbers of
-    `behave`, so that at exactly 120 % it is 0.001.
+    (Scott & Burgan 2005). Between these moistures it is linear. The numbers are rounded as in
+    `behave`, so that the result at exactly 120 % is 0.001.
     """
     if live_herb_moisture < 0.30:
         return 1.0
@@ -173,7 +173,7 @@ def live_extinction_moisture(fuel: FuelModel, moisture: Moisture) -> float:
 
 
 def net_load_weights(shares: Floats, savs_1_ft: Floats) -> Floats:
-    """Return the weight g_ij of each class: the surface area of all classes of its size.
+    """Return the weight g_ij of each class: the area share of all classes of its size.
 
     The classes are all dead or all live (Albini 1976, p. 15). ``shares`` are their fractions of the
     common surface area.

@@ -1,4 +1,4 @@
-"""Define weather streams, in which an entry holds from its time until that of the next entry."""
+"""Define weather streams: each entry is in effect from its time until the next entry."""
 
 import bisect
 import math
@@ -24,8 +24,8 @@ class Weather:
 
     The wind is 6.1 m (20 ft) above the vegetation; its direction is the direction from which it
     blows, in degrees clockwise from north. Moistures are in percent of the oven-dry weight.
-    ``of_fuels`` has pairs of a fuel code and the moistures (fractions) of this fuel, for fuels with
-    different moistures.
+    ``of_fuels`` contains pairs of a fuel code and its moistures (fractions), for fuels with
+    moistures of their own.
     """
 
     at_s: float
@@ -39,7 +39,7 @@ class Weather:
     of_fuels: tuple[tuple[int, Moisture], ...] = field(default=(), kw_only=True)
 
     def moisture_of(self, code: int) -> Moisture:
-        """Return the moistures of a fuel as fractions, from ``of_fuels`` if it is there."""
+        """Return the moistures of a fuel as fractions, from ``of_fuels`` if the fuel is in it."""
         return dict(self.of_fuels).get(code, self.moisture)
 
     @property
@@ -57,8 +57,9 @@ class Weather:
 class WeatherSource(NamedTuple):
     """The file of a stream, for messages about its records.
 
-    ``start`` is the time in the file at 0 s, or None if its times are in seconds. ``humidity_pct``
-    has the humidity of each entry of the stream; it is None if the file has no humidity.
+    ``start`` is the time in the file that is 0 s of the stream, or None if its times are in
+    seconds. ``humidity_pct`` has the humidity of each entry of the stream; it is None if the file
+    has no humidity.
     """
 
     name: str
@@ -99,14 +100,17 @@ class WeatherStream:
         """Return the index of the entry in effect at a time."""
         return max(bisect.bisect_right(self._times, time_s) - 1, 0)
 
-    def at(self, time_s: float) -> Weather:
+    def weather_at(self, time_s: float) -> Weather:
         """Return the entry in effect at a time."""
         return self.entries[self.index_at(time_s)]
 
     def blown(self, speed_m_s: float, from_deg: float, at_s: float) -> "WeatherStream":
-        """Return the stream with a new wind from ``at_s`` on, and without later entries."""
+        """Return the stream with a new, constant wind from ``at_s`` on, without later entries."""
         entry = replace(
-            self.at(at_s), at_s=at_s, wind_speed_m_s=speed_m_s, wind_from_deg=from_deg % 360.0
+            self.weather_at(at_s),
+            at_s=at_s,
+            wind_speed_m_s=speed_m_s,
+            wind_from_deg=from_deg % 360.0,
         )
         return WeatherStream((*(each for each in self.entries if each.at_s < at_s), entry))
 
@@ -190,7 +194,7 @@ def wind_adjustment_factor(
 
     The fuel depth is in ft; canopy cover and crown ratio are fractions. All arguments are numbers
     or arrays of one shape. Crowns are cones, so that they fill cover times crown ratio / 3 of the
-    volume. Fuel is sheltered where crowns fill at least 5 % of the volume and, as in `behave`, the
+    volume. Fuel is sheltered if crowns fill at least 5 % of the volume and, as in `behave`, the
     canopy is at least 6 ft high. See RMRS-GTR-266. Raises FireModelError for a cover or ratio
     outside 0 to 1.
     """

@@ -1,15 +1,16 @@
 """Compute arrival times along straight lines, at any angle, from sources to the corners of cells.
 
 Within a cell the slowness of fire is constant, so that the fastest path is a chain of straight
-lines that bend on the edges of cells. Here they bend at corners or, with ``precise``, also at the
-middles of edges (``labels``). A source is a node that fire has reached, a lit place, or a point on
-the front when the weather changes. A node that fire reaches has two paths to each node of its
-cells: a straight line from its own source, and a straight line from itself. The time along a line
-is the sum of the times in the cells that it crosses, along an edge at the speed of the faster cell
-(``travel_time``). Nodes are processed in order of time (Dijkstra 1959). A node's source is chosen
-like a parent in "Theta*" (Nash et al. 2007); before fire spreads from the node, the nodes beside
-that source are tried as well. Where conditions are uniform, lines may have any length and arrival
-times are those of the exact ellipse. Everywhere they are times of real paths and thus never early.
+lines that bend on the edges of cells. In this scheme they bend at corners of cells or, with
+``precise``, also at the middles of edges (``labels``). A source is a node that fire has reached, a
+lit place, or a point on the front when the weather changes. When fire reaches a node, two paths to
+each other node of the same cells are tried: a straight line from the node's source, and a straight
+line from the node itself. The time along a line is the sum of the times in the cells that it
+crosses; a line along an edge has the time of the faster of the two cells (``travel_time``). Nodes
+are processed in order of time (Dijkstra 1959). A node's source is chosen like a parent in "Theta*"
+(Nash et al. 2007); before fire spreads from the node, the nodes beside that source are tried as
+well. Where conditions are uniform, lines may have any length, and arrival times are those of the
+exact ellipse. Every arrival time is the time along a possible path and therefore never too early.
 
 A path from a near source may also bend once on an edge between the source and the node (``bend``):
 from a point, because there are few nodes near an ignition at which paths could bend, and from a
@@ -17,9 +18,10 @@ node, if fire spreads at different rates in the first and the last cell. Such a 
 
 When the weather changes, each line along which fire is moving is cut at the position of the fire,
 and that point becomes the source of the remaining line. Only the remaining line has the new spread
-rate, so that the progress of the fire is kept. The cuts on the best lines are the tips of the
-front. The front between two neighbouring tips is also stored as points (``front_of``), and the
-source of a node may be moved along it (``slide_on_front``). Fire thus spreads from the whole front.
+rate, so that the progress of the fire is kept. The cuts on the fastest lines are the tips of the
+front. The front between two neighbouring tips is stored as points (``front_of``), and the source of
+a node may be moved along this part of the front (``slide_on_front``). In this way fire spreads from
+the whole front.
 """
 
 import bisect
@@ -101,14 +103,14 @@ class AnyAngleFire(Fire):
         self._start(burning, ignitions)
 
     def _start(self, burning: Burning | None, ignitions: Sequence[Ignition]) -> None:
-        """Set the state at ``time_s``, and burn what burns at that time."""
+        """Set the state at ``time_s``, and light the ignitions of that time."""
         shape = self.landscape.shape
         burnable = self._ground.terrain.fuel.reshape(shape) >= 0
         self._labels = empty_labels(burnable, self._lattice)
         self.arrival_time_s = np.full(shape, np.inf)
         self._queue, self._size, self._waits = _empty_queue(1024), 0, 0
         self._points, self._used = empty_points(64), 0
-        self._used_before = 0  # number of points when those without use were dropped last
+        self._used_before = 0  # number of points after unused points were last dropped
         self._paths = empty_paths(0)
         self._entry = bisect.bisect_right(self._changes_s, self.time_s)
         self._since_s = self.time_s  # time of the last change of weather
@@ -133,8 +135,8 @@ class AnyAngleFire(Fire):
     ) -> Self:
         """Return a fire on the same landscape and in the same weather from another state.
 
-        The other arguments are those of ``perturb`` and apply from the start. All that depends only
-        on landscape and weather is shared with this fire, so that many fires cost less.
+        The other arguments are those of ``perturb`` and apply from the start. Data that depend only
+        on landscape and weather are shared with this fire, which saves time and memory.
         """
         check_burning(burning, self.landscape)
         found = copy.copy(self)
@@ -157,7 +159,7 @@ class AnyAngleFire(Fire):
         turn_deg: float = 0.0,
         spread_factor: float | Floats = 1.0,
     ) -> Self:
-        """Return a copy that burns on in the weather of another fire on the same landscape.
+        """Return a copy that continues in the weather of another fire on the same landscape.
 
         The other arguments are those of ``perturb`` and replace earlier ones.
         """
@@ -171,10 +173,10 @@ class AnyAngleFire(Fire):
         return found
 
     def rewritten(self, arrival_s: Floats, changed: Mask) -> Self:
-        """Return a fire in which some cells have burned at other times, or have not burned.
+        """Return a fire in which some cells have new arrival times or are unburned.
 
-        Elsewhere the fire burns on from where it is. A fire that is begun from arrival times loses
-        its progress within the cells next to the front.
+        In all other cells the fire keeps its progress. A new fire started from arrival times would
+        lose the progress within the cells next to the front.
 
         Args:
             arrival_s: (y, x) ``expected_s()`` with the new times; infinity in unburned cells. Times
@@ -211,7 +213,7 @@ class AnyAngleFire(Fire):
         return found
 
     def _drop_unused_points(self) -> None:
-        """Drop points without use if there may be many; otherwise each change would add some."""
+        """Drop unused points if there may be many. Without this, each change would add points."""
         if self._used <= 2 * self._used_before + SOME_POINTS:
             return
         at, beside = self._points
@@ -412,7 +414,7 @@ def _widened(cells: Mask) -> Mask:
 
 
 def _within(cells: Mask, at: Floats) -> Mask:
-    """Return which positions (k, 2 or more), as y and x from the grid's corner, are in a mask."""
+    """Return True for each position (k; y, x from the grid's corner) that is in a mask of cells."""
     rows, cols = cells.shape
     row = np.clip(np.nan_to_num(at[:, 0]), 0, rows - 1).astype(np.int64)
     col = np.clip(np.nan_to_num(at[:, 1]), 0, cols - 1).astype(np.int64)

@@ -1,4 +1,4 @@
-"""Reach the nodes in order of time: the inner loop of ``anyangle``."""
+"""Process the nodes in order of arrival time: the inner loop of ``anyangle``."""
 
 import numpy as np
 
@@ -28,7 +28,7 @@ from firemodel.spread.travel_time import (
 MAX_LINE_CELLS = 32  # longest line over ground that is not uniform
 IGNITES = 17  # distance in i and j up to which the centre of a lit cell has paths to nodes
 IGNITION_ROOM = (2 * IGNITES + 1) ** 2
-ADJOINS = 5  # distance in i and j of the nodes to which a path from there is kept
+ADJOINS = 5  # paths from an ignition are stored for nodes within this distance in i and j
 ROOM = 100  # maximum number of entries that a node adds to the heap or to the points
 BETWEEN_CELLS = 3.0  # largest distance between two sources on a front that are joined
 MAX_SLIDES = 12  # largest number of points on a front that a source passes at once
@@ -95,7 +95,7 @@ def kind_of(i, j, lattice):  # type: ignore[no-untyped-def]
 def _source_of(key, points, labels, ground, lattice):  # type: ignore[no-untyped-def]
     """Return a node's source: its key, position (y, x), time and cell, and a distance.
 
-    The distance, in cells, is that up to which all cells have the conditions of the source's cell.
+    Within the distance (in cells), all cells have the same conditions as the source's cell.
     """
     source = np.int64(labels.source[key])
     y, x, at_s = place_of(source, points, labels, lattice)
@@ -120,7 +120,7 @@ def step_s(i, j, di, dj, ground, lattice):  # type: ignore[no-untyped-def]
     """
     north, east = -0.5 * di * ground.cell_m, 0.5 * dj * ground.cell_m
     length2 = north * north + east * east
-    row, col = (2 * i + di) >> 2, (2 * j + dj) >> 2  # of the middle between the nodes
+    row, col = (2 * i + di) >> 2, (2 * j + dj) >> 2  # position of the middle between the nodes
     along_row = di == 0 and i % 2 == 0
     along_col = dj == 0 and j % 2 == 0
     cell, found = row * lattice.cols + col, 0.0
@@ -139,11 +139,11 @@ def step_s(i, j, di, dj, ground, lattice):  # type: ignore[no-untyped-def]
 def burn_until(  # type: ignore[no-untyped-def]
     to_time_s, clock_s, since_s, queue, size, waits, points, used, labels, ground, lattice, entry
 ):
-    """Reach nodes from the queue until a time, but stop when the queue or the points are full.
+    """Process nodes of the queue until a time, but stop when the queue or the points are full.
 
-    A path may be found when a node beyond it has been reached. The time of a node may then be
-    before that of nodes that were reached earlier; the time of a centre never is before
-    ``clock_s``, the latest time reached so far.
+    A faster path to a node may be found after later nodes were processed. The time of a node may
+    then be earlier than that of nodes processed before it. The time of a centre is never earlier
+    than ``clock_s``, the latest time processed so far.
 
     Returns the heap's new size, the number of waiting centres, the number of points in use, and the
     clock.
@@ -248,8 +248,9 @@ def burn_until(  # type: ignore[no-untyped-def]
                 if other < 0:
                     waiting[waits] = target
                     waits += 1
-        # A node that becomes the source of most nodes ahead also tries the knight's moves: in only
-        # eight directions the arrival between two directions of a narrow ellipse would be late.
+        # A node that becomes the source of most nodes ahead also tries the knight's moves (two
+        # steps and one step): with only eight directions, the arrival between two directions of a
+        # narrow ellipse would be late.
         if lattice.step == 1 or far + 1.0 <= reachable:
             continue
         for side in range(8):
@@ -268,7 +269,7 @@ def burn_until(  # type: ignore[no-untyped-def]
 
 @kernel
 def arrive(to_time_s, waiting, waits, arrival_s, labels, lattice):  # type: ignore[no-untyped-def]
-    """Set the arrival times of the waiting centres that fire reached by a time.
+    """Set the arrival times of the waiting centres that fire has reached by a time.
 
     Returns the number of centres that still wait.
     """
@@ -454,7 +455,7 @@ def ignite(  # type: ignore[no-untyped-def]
 
 @kernel
 def expect_neighbours(expected_s, arrival_s, points, labels, ground, lattice, entry):  # type: ignore[no-untyped-def]
-    """Lower the expected times (y, x) next to burned cells where fire has reached no corner yet."""
+    """Lower expected times (y, x) next to burned cells, in cells with no corner reached by fire."""
     for row in range(lattice.rows):
         for col in range(lattice.cols):
             if arrival_s[row, col] == np.inf:

@@ -30,7 +30,7 @@ class Behaviour(NamedTuple):
 
     spread_rate_m_s: NDArray[np.float32]  # along the slope
     toward_deg: NDArray[np.float32]  # direction in which the front moved, from true north
-    intensity_kw_m: NDArray[np.float32]  # Byram's
+    intensity_kw_m: NDArray[np.float32]  # Byram's intensity
     flame_length_m: NDArray[np.float32]
 
 

@@ -14,7 +14,7 @@ from firemodel.spread.fire_scheme import Burning, check_shape
 from firemodel.spread.front import front_polygons
 
 APART_CELLS = 0.5  # maximum distance of points on a front
-EDGE_CELLS = 1e-6  # an outline closer to the edge of the grid is not a front
+EDGE_CELLS = 1e-6  # an outline this close to the edge of the grid is not a front
 
 
 def burning_from_perimeter(
@@ -32,7 +32,7 @@ def burning_from_perimeter(
     front = _front_on(area, landscape)
     if front.size == 0:
         raise FireModelError(
-            "burning: no outline of the perimeter is on the landscape; check the CRS, or take a "
+            "burning: no outline of the perimeter is on the landscape; check the CRS, or use a "
             "larger landscape"
         )
     arrival_s = np.full(landscape.shape, np.inf)
@@ -52,12 +52,12 @@ def burning_from_arrival(arrival_s: Floats, landscape: Landscape, at_s: float) -
     if not burned.any():
         raise FireModelError(
             f"burning: no cell has an arrival by {at_s} s (the first is at {arrival_s.min()} s); "
-            "take a later time"
+            "give a later time"
         )
     if burned.all():
         raise FireModelError(
-            f"burning: every cell has an arrival by {at_s} s; take an earlier time, and leave "
-            "unburned cells without a value"
+            f"burning: every cell has an arrival by {at_s} s; give an earlier time, and store no "
+            "value in unburned cells"
         )
     area = front_polygons(arrival_s, at_s, landscape)
     extended = shapely.MultiPolygon([part for part in area.geoms if part.area > 0.0])

@@ -6,10 +6,10 @@ slope and wind, projected onto the map. The remaining distance is stored for eac
 a change of weather changes the rate but not the progress. The next event is always the earliest
 arrival on the landscape.
 
-Spread in only eight directions burns less than the ellipse. On uniform ground it burns an octagon
-whose corners are on the ellipse. If the wind blows along one of the directions, the octagon has 78
-% of the ellipse's area at a length-to-width ratio of 1.43 and 60 % at 2.21. If the wind blows
-between two directions, the area is up to 5 percentage points smaller.
+Because fire spreads in only eight directions, the burned area is smaller than the ellipse. On
+uniform ground it is an octagon whose corners are on the ellipse. If the wind blows along one of the
+directions, the octagon has 78 % of the ellipse's area at a length-to-width ratio of 1.43 and 60 %
+at 2.21. If the wind blows between two directions, the area is up to 5 percentage points smaller.
 """
 
 import copy
@@ -42,7 +42,7 @@ from firemodel.spread.front import neighbours_of
 from firemodel.spread.heap import push
 from firemodel.spread.local_spread import beds_of, perturbed, tables_of, terrain_of
 
-# The papers give no value; des-fire uses 0.
+# The papers give no value for the threshold; des-fire uses 0.
 IGNITION_INTENSITY_KW_M = 0.0
 
 

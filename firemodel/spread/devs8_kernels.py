@@ -26,7 +26,7 @@ class Ground(NamedTuple):
     cell_m: float
     terrain: Terrain
     tables: Tables
-    slowest_m_s: Floats  # (entries, fuels) rate above which a cell ignites and spreads
+    slowest_m_s: Floats  # (entries, fuels) a cell ignites and spreads above this rate
 
 
 class EventHeap(NamedTuple):

@@ -23,7 +23,7 @@ class Burning(NamedTuple):
     """An initial fire that the model continues (see ``burning``)."""
 
     at_s: float
-    arrival_s: Floats  # (y, x) infinity where it has not burned
+    arrival_s: Floats  # (y, x) arrival times; infinity in unburned cells
     front: Floats  # (k, 2) points on the front as float (row, column), at most a cell apart
     area: Any = None  # mapped burned area, if there is one; shapely, landscape's CRS
 
@@ -46,7 +46,7 @@ class Fire(ABC):
     weather: WeatherStream
     wind_limit: bool
     time_s: float
-    start_area: StartArea | None  # of an initial fire; None if the scheme has only cells
+    start_area: StartArea | None  # area of an initial fire; None if the scheme has only cells
     arrival_time_s: Floats
 
     def __init__(
@@ -221,8 +221,8 @@ def check_burning(burning: Burning, landscape: Landscape) -> None:
         row, col = divmod(int(np.argmax(wrong)), landscape.shape[1])
         raise FireModelError(
             f"burning: arrival_s is {arrival_s[row, col]} at row {row}, column {col} "
-            f"({np.count_nonzero(wrong)} such cells); it must be a time by at_s = {at_s}, or "
-            "infinity where it has not burned"
+            f"({np.count_nonzero(wrong)} such cells); it must be at most at_s = {at_s}, or "
+            "infinity in unburned cells"
         )
     if front.ndim != 2 or front.shape[1] != 2:
         raise FireModelError(

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from firemodel.arrays import Floats, bounds_of
 from firemodel.landscape.landscape import Landscape
 
-MIN_S = 1e-6  # minimum time assumed beyond a front that has just reached a cell
+MIN_S = 1e-6  # minimum time of travel assumed beyond a front
 # Neighbours clockwise from west, as (row, col) steps.
 _AROUND = ((0, -1), (-1, -1), (-1, 0), (-1, 1), (0, 1), (1, 1), (1, 0), (1, -1))
 
@@ -55,7 +55,7 @@ def perimeter(burned: NDArray[np.bool_]) -> NDArray[np.int32]:
         before = _AROUND[(side - 1) % 8]
         came_from = _AROUND.index((before[0] - step[0], before[1] - step[1]))
     if len(loop) > 1:
-        loop.pop()  # the start, which is repeated at the end
+        loop.pop()  # the start cell is repeated at the end
     return np.array(loop[::-1], dtype=np.int32) - 1
 
 

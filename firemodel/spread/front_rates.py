@@ -1,4 +1,4 @@
-"""Compute the outward speed of a fire front, whose straight parts move along their normals."""
+"""Compute the speed at which each part of a fire front moves outward along its normal."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,7 @@ class FrontRates:
         self._terrain = terrain_of(landscape)
         self._tables = tables_of(landscape, weather.entries, wind_limit)
 
-    def at(
+    def speeds_m_s(
         self, rows: Integers, cols: Integers, north: Floats, east: Floats, at_s: float
     ) -> Floats:
         """Return the speed (n,) in m/s at which the front in each cell moves along its normal.

@@ -21,7 +21,8 @@ class Lattice(NamedTuple):
     """The numbering of the nodes: cell by cell, so that neighbours are close in memory.
 
     A cell has its north-west corner and its centre; between them, if there are middles of edges,
-    the middles of its north and west edges. There is one more row and column of cells.
+    the middles of its north and west edges. The lattice has one row and one column of cells more
+    than the grid.
     """
 
     step: int  # spacing in i and j of the nodes on edges: 2 with corners alone, 1 with middles
@@ -34,18 +35,18 @@ class Labels(NamedTuple):
     """The arrival time and the source of fire at each node."""
 
     best_s: Floats  # (keys) earliest arrival found so far; minus infinity if never reached
-    source: NDArray[np.int32]  # (keys) a key, or number of keys + index of a point; -1 if unknown
+    source: NDArray[np.int32]  # (keys) a node's key, or keys + index of a point; -1: unknown
 
 
 class Points(NamedTuple):
-    """Sources that are no nodes: lit places, bends, and the front at a change of weather."""
+    """Sources that are not nodes: lit places, bends, and the front at a change of weather."""
 
     at: Floats  # (k, 3) position and time: y, x, s
     beside: NDArray[np.int32]  # (k, 2) the next points to both sides on the front; -1 for none
 
 
 class Queue(NamedTuple):
-    """What fire reaches next: a heap of nodes on edges (see ``heap``), and a list of centres."""
+    """The nodes that fire reaches next: a heap of those on edges (``heap``), a list of centres."""
 
     times: Floats
     keys: NDArray[np.int32]
@@ -64,7 +65,7 @@ class ActivePaths(NamedTuple):
 
 
 class Tips(NamedTuple):
-    """The position of fire on the best line to each node next to it."""
+    """The position of fire on the fastest line to each node next to the fire."""
 
     target: NDArray[np.int32]  # (k) key of the node
     at: Floats  # (k, 2) position: y, x; NaN if not known
@@ -94,8 +95,8 @@ def at_centres(values: NDArray[Any], lattice: Lattice) -> NDArray[Any]:
 def empty_labels(burnable: NDArray[np.bool_], lattice: Lattice) -> Labels:
     """Return the labels before any fire for the mask (y, x) of the cells that can burn.
 
-    Fire cannot pass a corner at which two cells that cannot burn touch. Such a corner and nodes
-    without a burnable cell are never reached.
+    Fire cannot pass a corner at which two unburnable cells touch. Fire never reaches such a corner,
+    or a node that adjoins no burnable cell.
     """
     count = (lattice.rows + 1) * (lattice.cols + 1) * lattice.each
     labels = Labels(np.full(count, np.inf), np.full(count, -1, dtype=np.int32))
@@ -116,8 +117,8 @@ def settle(
 ) -> None:
     """Set the labels of an initial fire with the arrival times (y, x) of its burned cells.
 
-    A node on an edge has burned if all burnable cells beside it have burned; its label is the last
-    of their times.
+    A node on an edge has burned if all burnable cells beside it have burned; the time of its label
+    is the latest of their arrival times.
     """
     last_s = np.pad(np.where(burnable, arrival_s, -np.inf), 1, constant_values=-np.inf)
     nw, ne, sw, se = last_s[:-1, :-1], last_s[:-1, 1:], last_s[1:, :-1], last_s[1:, 1:]
@@ -156,7 +157,7 @@ def replace_labels(
 
 
 def tips_with(tips: Tips, chosen: NDArray[np.bool_], further: NDArray[np.int32]) -> Tips:
-    """Return the chosen tips (mask), and unknown tips at further nodes."""
+    """Return the tips in a mask, followed by unknown tips at further nodes."""
     new = empty_tips(further.size)
     return Tips(
         np.concatenate([tips.target[chosen], further]),
@@ -252,8 +253,9 @@ def paths_to_centres(found, arrival_s, cell_m, points, labels, lattice):  # type
 def without_unused(points: Points, labels: Labels, since_s: float) -> tuple[Points, Labels]:
     """Return the points that are still needed, and the labels with their new numbers.
 
-    A node that was reached before the last change of weather at ``since_s`` needs the position of
-    its source only. Other nodes also need all points of the front on which their source lies.
+    For a node that was reached before ``since_s``, the last change of weather, only the point that
+    is its source is kept. For all other nodes, all points of the front on which the source lies are
+    kept.
     """
     count, keys = len(points.at), labels.best_s.size
     at_point = np.flatnonzero(labels.source >= keys)

@@ -19,7 +19,7 @@ from firemodel.physics import rothermel
 from firemodel.physics.rothermel import FT_MIN_PER_M_S, FuelBed, fuel_bed
 from firemodel.physics.weather import Weather, crown_ratio_from_base, wind_adjustment_factor
 
-MAX_FACTOR = 1e6  # of wind and spread rates
+MAX_FACTOR = 1e6  # limit of factors of wind and spread rates
 
 _length_to_breadth = kernel(rothermel.length_to_breadth)
 _eccentricity = kernel(rothermel.eccentricity)
@@ -28,7 +28,7 @@ _eccentricity = kernel(rothermel.eccentricity)
 class Terrain(NamedTuple):
     """The inputs of a cell's spread that do not change with time; cells are flattened (n)."""
 
-    fuel: NDArray[np.int16]  # (n) index in the tables, -1 where nothing burns
+    fuel: NDArray[np.int16]  # (n) index of the fuel in the tables; -1 if it does not burn
     gradient: NDArray[np.float32]  # (2, n) rise per metre towards north and east
     midflame: NDArray[np.float32]  # (n) midflame wind over wind 20 ft above the vegetation
 
@@ -61,7 +61,7 @@ def _midflame(landscape: Landscape, codes: Sequence[int]) -> NDArray[np.float32]
     base_m = np.zeros(1, np.float32) if landscape.canopy_base_m is None else landscape.canopy_base_m
     base_m = np.broadcast_to(base_m, landscape.shape)
     found = np.empty(landscape.shape, dtype=np.float32)
-    for top in range(0, landscape.shape[0], ROWS_AT_ONCE):  # in blocks, to save memory
+    for top in range(0, landscape.shape[0], ROWS_AT_ONCE):  # computed in blocks to save memory
         rows = slice(top, top + ROWS_AT_ONCE)
         ratio = crown_ratio_from_base(height_m[rows], base_m[rows])
         depths = depth_ft[landscape.fuel_model[rows]]
@@ -112,7 +112,7 @@ def tables_of(landscape: Landscape, entries: Sequence[Weather], wind_limit: bool
 def perturbed(
     tables: Tables, entry: int, wind_factor: float, turn_deg: float, spread_factor: float | Floats
 ) -> Tables:
-    """Return tables with an entry split into two, of which the second part is changed.
+    """Return tables with one entry split into two parts and the second part changed.
 
     All later entries are changed too. In these entries the wind speed is multiplied by
     ``wind_factor``, the wind direction is turned clockwise by ``turn_deg``, and the spread rate is

@@ -7,9 +7,9 @@ no weather.
 The paper leaves these points open:
 
 - The burning time of a cell. "Cells that were burning in the previous time step become burned"
-  means ``burning_steps = 1``. With p_spread = 0.01, however, such a fire dies out after one or two
-  updates, because a cell ignites 0.04 others; the paper's fires burn for 190 updates. By default a
-  cell therefore burns until all its neighbours have burned.
+  means ``burning_steps = 1``. With p_spread = 0.01, however, a cell would then ignite 0.04 other
+  cells on average, and the fire would die out after one or two updates; the paper's fires burn for
+  190 updates. By default a cell therefore burns until all its neighbours have burned.
 - The neighbours of a cell. Here they are the four cells that share a side with it. With p_spread =
   0.01 and the default burning time, fires of 460 and 2600 cells grow in 190 updates to 830 and 3430
   cells on average; table 2 has about 800 and 3400. With eight neighbours, these fires would grow to
@@ -85,7 +85,7 @@ class ProbabilisticFire(Fire):
         self.burned_out_s = np.full(landscape.shape, np.inf)
         self._ignitions = sorted(((t, row, col) for row, col, t in ignitions), reverse=True)
         self._cells = np.empty(0, dtype=np.int64)  # burning cells
-        self._lasted = np.empty(0, dtype=np.int64)  # number of updates each has burned
+        self._lasted = np.empty(0, dtype=np.int64)  # updates for which each has burned
         if burning:
             self._take_over(burning)
         self.advance(self.time_s)
@@ -121,7 +121,7 @@ class ProbabilisticFire(Fire):
         return found
 
     def perturb(self, wind_factor: float, turn_deg: float, spread_factor: float | Floats) -> None:
-        """Multiply p_spread by ``spread_factor`` or its mean, and ignore the other arguments."""
+        """Multiply p_spread by the (mean) ``spread_factor``, and ignore the other arguments."""
         self._p_spread = min(self._p_spread * float(np.mean(spread_factor)), 1.0)
 
     def draw_from(self, rng: np.random.Generator) -> None:

@@ -34,11 +34,12 @@ from firemodel.spread.travel_time import STEP_COL, STEP_ROW, from_segment, trave
 NEAR_FRONT = 4  # distance in i and j up to which a point of a front has paths to nodes
 WINDOW = 6  # maximum distance in i and j of a node from the segment of the front that ignites it
 SEGMENT_CELLS = 1.5  # largest distance between two neighbouring tips that are joined
-FARTHER = 1.5  # length of a line beyond the chord between two tips
+FARTHER = 1.5  # lines go this many times as far as the chord between two tips
 PIECES = 4  # number of pieces into which the front between two tips is divided
-POINTS_PER_TIP = 2 + 2 * (PIECES - 1)  # maximum number; one for the slide of its node
+POINTS_PER_TIP = 2 + 2 * (PIECES - 1)  # maximum; includes one point for the slide of the tip's node
 APPROACH = 0.25  # smallest cosine between the paths from two tips and the line that joins them
-NEXT_I = np.array([0, 1, 1, 1])  # each pair of neighbours on edges once, times the lattice's step
+# Steps to four neighbours on edges; with them each pair occurs once.
+NEXT_I = np.array([0, 1, 1, 1])
 NEXT_J = np.array([1, 0, 1, -1])
 
 
@@ -138,7 +139,7 @@ def active_paths(  # type: ignore[no-untyped-def]
 
 @kernel
 def _approach(at, tip, other, i, j, other_i, other_j):  # type: ignore[no-untyped-def]
-    """Return True if fire moves from both tips towards the other tip: they are two fronts."""
+    """Return True if fire moves from each tip towards the other: they are on two fronts."""
     tip_y, tip_x, other_y, other_x = at[tip, 0], at[tip, 1], at[other, 0], at[other, 1]
     down, right = other_y - tip_y, other_x - tip_x
     near_y, near_x = 0.5 * i - tip_y, 0.5 * j - tip_x
@@ -234,8 +235,8 @@ def _beside(k, tips, marks, lattice):  # type: ignore[no-untyped-def]
 def _divide(k, other, side, at_s, first, tips, points, used, ground, lattice, entry):  # type: ignore[no-untyped-def]
     """Add points on the front between tips k and ``other``, which is on ``side`` of tip k.
 
-    Each point is on a line from a place between the two sources, so that the front is not a chord
-    of its curve. Returns the number of points in use.
+    Each point is on a line from a place between the sources of the two tips, so that the points lie
+    on the curved front and not on its chord. Returns the number of points in use.
     """
     before = first + k
     for number in range(1, PIECES):

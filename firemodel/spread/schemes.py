@@ -23,7 +23,7 @@ class Scheme(NamedTuple):
     module: str
     fire: str  # the name of the class
     settings: tuple[str, ...]  # keyword arguments, and keys of a scenario's table [fire]
-    random: bool = False  # takes a random generator, ``rng``
+    random: bool = False  # True if the class has the argument ``rng``, a random generator
 
 
 SCHEMES: dict[SchemeName, Scheme] = {

@@ -14,7 +14,7 @@ from firemodel.physics.weather import Weather
 from firemodel.spread.local_spread import Tables, Terrain, slowness_of, tables_of, terrain_of
 
 ONE, TWO, FOUR, SIX, SEVEN = (np.uint64(each) for each in (1, 2, 4, 6, 7))
-TOUCH = 1e-9  # share of a line in a cell that it only touches at a corner
+TOUCH = 1e-9  # smaller shares of a line in a cell mean that it only touches a corner
 LAST = 1.0 - TOUCH
 # North, north-east, east, ... as steps of (row, col); odd ones are diagonal.
 STEP_ROW = np.array([-1, -1, 0, 1, 1, 1, 0, -1])
@@ -28,7 +28,7 @@ class Ground(NamedTuple):
     cell_m: float
     terrain: Terrain
     tables: Tables
-    reach: NDArray[np.int16]  # (n) distance in cells within which all cells are like this one
+    reach: NDArray[np.int16]  # (n) all cells within this distance, in cells, are equal to this cell
     # One record of 32 bytes for each cell, read in one memory access: A, B north, B east in float64
     # (places 0 to 2 of 4; A is NaN if not yet computed and inf where no fire spreads), and the rise
     # towards north and east in float32 (places 6 and 7 of 8).
@@ -67,7 +67,7 @@ def with_tables(ground: Ground, tables: Tables) -> Ground:
 
 @compiled
 def _reach(terrain, cols):  # type: ignore[no-untyped-def]
-    """Return the chessboard distance from each cell to the nearest cell with an unlike neighbour.
+    """Return each cell's chessboard distance to the nearest cell with a different neighbour.
 
     The algorithm is the two-pass algorithm of Rosenfeld & Pfaltz 1966.
     """
@@ -151,7 +151,7 @@ def crossing_s(cell, north, east, length2, ground):  # type: ignore[no-untyped-d
     in the cell, and NaN if its slowness is not known (``prepare``).
     """
     slowness, rise = ground.slowness, ground.rise
-    at = np.uint64(cell) * FOUR  # unsigned: an index that is never negative is faster
+    at = np.uint64(cell) * FOUR  # unsigned, because an index that is never negative is faster
     up = rise[at + at + SIX] * north + rise[at + at + SEVEN] * east
     return (
         slowness[at] * math.sqrt(length2 + up * up)
@@ -170,7 +170,7 @@ def cell_at(y, x, ground):  # type: ignore[no-untyped-def]
 
 @kernel
 def evenest_cell(y, x, ground):  # type: ignore[no-untyped-def]
-    """Return the cell at a position, or beside it, around which most cells are alike."""
+    """Return the cell at or beside a position that has the most equal cells around it."""
     rows, found = ground.reach.size // ground.cols, -1
     for row in range(max(math.ceil(y) - 1, 0), min(math.floor(y) + 1, rows)):
         for col in range(max(math.ceil(x) - 1, 0), min(math.floor(x) + 1, ground.cols)):
@@ -332,11 +332,11 @@ def from_segment(y, x, other_y, other_x, to_y, to_x, most_cells, ground, entry):
 
     The result is the time and the point (y, x).
 
-    The slowness of the last cell of the path from the middle of the piece is used for the whole
-    path. Let d be the vector along the piece, w the vector from its start to the place, and s the
-    fraction of d. The time A |w - s d| - B (w - s d) has its minimum where its derivative by s is
-    0. Its unit is s/m times cells. The time is infinite if the ends are more than ``most_cells``
-    apart, or if fire does not spread in the cell.
+    For the whole path, the slowness of one cell is used: the last cell on the path from the middle
+    of the piece. Let d be the vector along the piece, w the vector from its start to the place, and
+    s the fraction of d. The time A |w - s d| - B (w - s d) has its minimum where its derivative by
+    s is 0. Its unit is s/m times cells. The time is infinite if the ends are more than
+    ``most_cells`` apart, or if fire does not spread in the cell.
     """
     d_north, d_east = y - other_y, other_x - x
     d2 = d_north * d_north + d_east * d_east

@@ -7,7 +7,13 @@ from typing import Any
 
 import click
 
-from mission_service.cli.options import JSON, OUT_REQUIRED, OVERRIDE, echo, folder
+from mission_service.cli.options import (
+    JSON,
+    OUT_REQUIRED,
+    OVERRIDE,
+    echo,
+)
+from mission_service.cli.output_folder import output_folder
 from mission_service.cli.request_commands import (
     OUT,
     RequestGroup,
@@ -37,7 +43,7 @@ def burn() -> None:
 @OUT
 @JSON
 def status(out: Path, as_json: bool) -> None:
-    """Show the plan, its approvals, the GO list and the vehicle."""
+    """Show the plan, its approvals, the GO/NO-GO checklist and the vehicle."""
     from mission_service.guidance.burn.plan_summary import describe_status
     from mission_service.interfaces.control.control_client import ControlClient
 
@@ -52,7 +58,7 @@ def status(out: Path, as_json: bool) -> None:
 def watch(out: Path, by: str, station: str | None, as_json: bool, every_s: float) -> None:
     """Show the state every second and report the user's presence to the service, until Ctrl-C.
 
-    An approval is valid only while a user is present at its station.
+    An approval is valid only while a user is present at the station of the approval.
     """
     from mission_service.guidance.burn.plan_summary import describe_status
     from mission_service.interfaces.control.control_client import ControlClient
@@ -79,7 +85,7 @@ def watch(out: Path, by: str, station: str | None, as_json: bool, every_s: float
 @click.option("--yes", is_flag=True, help="Do not prompt.")
 @user_options
 def approve(out: Path, by: str, station: str | None, as_json: bool, hash_: str, yes: bool) -> None:
-    """Approve the plan HASH (at least its first 8 digits) after showing a summary and a prompt."""
+    """Show a summary of plan HASH (8 or more of its first digits), ask, and approve the plan."""
     from mission_service.errors import RequestError
     from mission_service.guidance.burn.plan_summary import describe_plan
     from mission_service.interfaces.control.control_client import ControlClient
@@ -91,7 +97,7 @@ def approve(out: Path, by: str, station: str | None, as_json: bool, hash_: str, 
         click.echo("\n".join(describe_plan(proposed, name)), err=as_json)
         if shown["open_items"]:
             items = "; ".join(shown["open_items"])
-            raise RequestError(f"the GO list must be complete first; open: {items}")
+            raise RequestError(f"the GO/NO-GO checklist must be complete first; open: {items}")
         if not yes and not click.confirm(f"Approve it as {by} at {station}?", err=as_json):
             raise RequestError("not approved")
         print_reply(client.ask(do="approve", by=by, station=station, hash=name), as_json)
@@ -110,4 +116,4 @@ def preview(config: str, out: Path, overrides: tuple[str, ...], as_json: bool) -
     from mission_service.config.scenario import load_scenario
     from mission_service.guidance.burn.preview import preview as run
 
-    echo(run(load_scenario(config, overrides), folder(out)), as_json)
+    echo(run(load_scenario(config, overrides), output_folder(out)), as_json)

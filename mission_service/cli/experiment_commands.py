@@ -8,7 +8,8 @@ from pathlib import Path
 
 import click
 
-from mission_service.cli.options import JSON, folder, progress_line
+from mission_service.cli.options import JSON, progress_line
+from mission_service.cli.output_folder import output_folder
 
 OUT = click.option(
     "-o",
@@ -32,7 +33,7 @@ def islam_hu(out: Path | None, as_json: bool) -> None:
     from mission_service.experiments.islam_hu.run import run
     from mission_service.experiments.islam_hu.tables import in_text
 
-    found = run(folder(out) if out else None, progress=progress_line)
+    found = run(output_folder(out) if out else None, progress=progress_line)
     click.echo(json.dumps(found) if as_json else in_text(found))
 
 
@@ -52,7 +53,7 @@ def bent(out: Path | None, speed_m_s: float, as_json: bool) -> None:
     from mission_service.experiments.bent.run import run
     from mission_service.experiments.bent.tables import in_text
 
-    found = run(folder(out) if out else None, speed_m_s, progress_line)
+    found = run(output_folder(out) if out else None, speed_m_s, progress_line)
     click.echo(json.dumps(found) if as_json else in_text(found))
 
 
@@ -64,7 +65,7 @@ def virtual_agents(out: Path | None, as_json: bool) -> None:
     from mission_service.experiments.virtual_agents.run import run
     from mission_service.experiments.virtual_agents.tables import in_text
 
-    found = run(folder(out) if out else None, progress=progress_line)
+    found = run(output_folder(out) if out else None, progress=progress_line)
     click.echo(json.dumps(found) if as_json else in_text(found))
 
 
@@ -76,5 +77,5 @@ def beachly(out: Path | None, as_json: bool) -> None:
     from mission_service.experiments.beachly.run import run
     from mission_service.experiments.beachly.tables import in_text
 
-    found = run(folder(out) if out else None, progress_line)
+    found = run(output_folder(out) if out else None, progress_line)
     click.echo(json.dumps(found) if as_json else in_text(found))

@@ -22,8 +22,8 @@ from mission_service.cli.options import (
     cores_option,
     echo,
     echo_warning,
-    results_in,
 )
+from mission_service.cli.output_folder import results_in
 
 MAX_RUNS = 100_000
 SCORED = ("estimate", "free", "persistence")
@@ -159,7 +159,7 @@ def fire_sweep(
     "--out",
     type=Folder(),
     metavar="DIR",
-    help="Write a picture of each forecast, the forecast from the last perimeter, all scores.",
+    help="Write pictures of the forecasts, the forecast from the last perimeter, and all scores.",
 )
 @click.option("--workers", type=click.IntRange(1), help="Threads; by default one for each core.")
 @OVERRIDE
@@ -174,9 +174,9 @@ def fire_assimilate(
 ) -> None:
     """Forecast each mapped perimeter of a fire from the earlier ones, and score the forecasts.
 
-    Beside each score are those of persistence (the last perimeter does not change) and of the model
-    alone. SCENARIO has landscape and weather; without an ignition the first perimeter starts the
-    fire, at mission time 0 unless time_zero is given.
+    The output also has the scores of two simpler forecasts: persistence (the last perimeter does
+    not change) and the model alone. SCENARIO has landscape and weather; without an ignition the
+    first perimeter starts the fire, at mission time 0 unless time_zero is given.
     """
     from mission_service.config.scenario import load_scenario
     from mission_service.simulation.fire_assimilation import assimilate
@@ -227,7 +227,7 @@ def fire_info(
     units: tuple[str, ...],
     as_json: bool,
 ) -> None:
-    """Describe a landscape or a file of shapes. The exit code is 1 if it has problems.
+    """Describe a landscape or a file of shapes. The exit code is 1 if problems are found.
 
     FILE is a raster or a file of shapes. For the layers of a landscape, give LAYER=FILE for each of
     them: fuel, elevation, slope, aspect, canopy_cover, canopy_height, canopy_base.

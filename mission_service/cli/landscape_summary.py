@@ -1,4 +1,4 @@
-"""Parses the arguments of ``fire info`` and describes the files that they name."""
+"""Parses the arguments of ``fire info``, and describes the files named in these arguments."""
 
 from pathlib import Path
 

@@ -9,10 +9,11 @@ from typing import Any
 
 import click
 
-from mission_service.cli.options import JSON, OUT_FOLDER, folder
+from mission_service.cli.options import JSON, OUT_FOLDER
+from mission_service.cli.output_folder import output_folder
 
 DEFAULT_FORMATS = ("geojson", "kml", "csv", "plan")
-MAX_MISSIONS = 10  # up to this number, each mission has its own line
+MAX_MISSIONS = 10  # if a log has more missions, they share one line
 
 LOGS = click.argument(
     "logs", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="LOG..."
@@ -103,7 +104,7 @@ def log_export(logs: tuple[Path, ...], out: Path, formats: tuple[str, ...]) -> N
 
     check_libraries(formats)
     opened = [open_flight(path) for path in logs]
-    files = export(opened, folder(out), formats)
+    files = export(opened, output_folder(out), formats)
     for each in opened:
         for damage in each.damage:
             click.echo(f"{each.path}: DAMAGED: {damage}", err=True)

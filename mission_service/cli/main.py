@@ -22,14 +22,13 @@ from mission_service.cli.options import (
     OVERRIDE,
     SIGNING_KEY,
     TLOG,
-    Interrupted,
     ReportOptions,
     echo,
     echo_warning,
-    folder,
     report_address,
     report_options,
 )
+from mission_service.cli.output_folder import Interrupted, output_folder
 from mission_service.cli.replay_commands import replay
 from mission_service.cli.report_commands import report
 from mission_service.cli.request_commands import request
@@ -93,17 +92,17 @@ def demo(
     SCENARIO is a file or the name of a shipped scenario (default: demo).
     """
     from mission_service.config.scenario import flying, load_run
-    from mission_service.config.service import HttpSection
+    from mission_service.config.service_section import HttpSection
     from mission_service.journal.private_files import private
     from mission_service.live.daemon import Run
     from mission_service.simulation.demo import run_demo
 
     loaded, settings = load_run(scenario, overrides)
-    if settings.http is None:  # a demo always serves a map
+    if settings.http is None:  # the demo always serves a map
         settings = settings.model_copy(update={"http": HttpSection(listen="127.0.0.1:0")})
     options = ReportOptions(**reporting)
     progress = options.progress()
-    journal = folder(out) / "journal.jsonl"
+    journal = output_folder(out) / "journal.jsonl"
     run = Run(flying(loaded), journal, now_text(), settings, logs=options.logs, resume=False)
     with private():
         summary = run_demo(run, scenario, speedup, progress, partial(report_address, out))
@@ -118,12 +117,12 @@ def demo(
 def sim(scenario: str, out: Path, overrides: tuple[str, ...], as_json: bool) -> None:
     """Fly SCENARIO (a file, or the name of a shipped scenario) in virtual time."""
     from mission_service.config.scenario import flying, load_scenario
-    from mission_service.runtime.outputs import write_outputs
     from mission_service.runtime.progress import SimProgress
+    from mission_service.runtime.run_outputs import write_outputs
     from mission_service.simulation.sim import simulate
 
     loaded = flying(load_scenario(scenario, overrides))
-    made = folder(out)
+    made = output_folder(out)
     with SimProgress(loaded.name, loaded.duration_s, as_json) as progress:
         record, fire = simulate(loaded, made / "journal.jsonl", now_text(), progress)
     _finish(write_outputs(made, loaded, record, fire), out, as_json)
@@ -185,7 +184,7 @@ def run(config: str, **values: Any) -> None:
     from mission_service.interfaces.mqtt.peer_exchange import channel_of
     from mission_service.journal.private_files import private
     from mission_service.live.daemon import Run, serve
-    from mission_service.runtime.outputs import write_outputs
+    from mission_service.runtime.run_outputs import write_outputs
 
     options = RunOptions(**values)
     loaded, settings = load_run(config, options.overrides)
@@ -196,7 +195,7 @@ def run(config: str, **values: Any) -> None:
     scenario = one_of_many(scenario, options.vehicle, peer_messaging=channel is not None)
     if options.signing_key is not None:
         scenario = with_signing_key(scenario, options.signing_key)
-    made = folder(options.out)
+    made = output_folder(options.out)
     progress = options.progress()
     live_run = Run(
         scenario,
@@ -243,8 +242,8 @@ def plan(scenario: str, output: Path, vehicle: str | None, overrides: tuple[str,
 def decide_alone(journal: Path, rule: str | None, as_json: bool) -> None:
     """Run only the planners, on the positions and observations in a journal.
 
-    If the rule is that of the journal, each decision is compared with the recorded one, and the
-    exit code is 1 if one of them differs.
+    If the rule is that of the journal, each decision is compared with the recorded decision, and
+    the exit code is 1 if they differ.
     """
     from mission_service.replay.decisions import decide, in_text, summary_of
 
@@ -271,14 +270,14 @@ def config_check(file: str, overrides: tuple[str, ...], as_json: bool) -> None:
     from mission_service.core.core import Core
     from mission_service.errors import MissionServiceError, ScenarioError
     from mission_service.fire.scenario_check import check
-    from mission_service.fire.setup import landscape_of
+    from mission_service.fire.scenario_fire import landscape_of
 
     loaded = load_scenario(file, overrides)
     try:
         summary = check(loaded)
         if loaded.vehicles and loaded.planner.rule not in own_ways():
-            Core(loaded, landscape_of(loaded))  # makes the planners of another package
-    except (FireModelError, MissionServiceError) as error:  # they do not name the file
+            Core(loaded, landscape_of(loaded))  # also creates the planners of other packages
+    except (FireModelError, MissionServiceError) as error:  # the text does not name the file
         raise ScenarioError(f"{scenario_path(file)}: {error}") from None
     for line in summary["warnings"]:
         echo_warning(line)

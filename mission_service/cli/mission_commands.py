@@ -42,8 +42,8 @@ def mission_upload(plan_file: Path, as_json: bool, **link: Any) -> None:
 
     The fence and the rally points on board remain unless the plan contains others.
     """
-    from autopilot_bridge.missions.planfile import read_any
-    from mission_service.cli.transfers import upload
+    from autopilot_bridge.missions.plan_file import read_any
+    from mission_service.cli.mission_transfers import upload
 
     echo(upload(read_any(plan_file), _line(link)), as_json)
 
@@ -53,7 +53,7 @@ def mission_upload(plan_file: Path, as_json: bool, **link: Any) -> None:
 @link_options
 def mission_download(output: Path, as_json: bool, **link: Any) -> None:
     """Download mission, fence and rally points (.plan file), or only the mission (.waypoints)."""
-    from mission_service.cli.transfers import download
+    from mission_service.cli.mission_transfers import download
 
     echo(download(output, _line(link)), as_json)
 
@@ -63,13 +63,13 @@ def mission_download(output: Path, as_json: bool, **link: Any) -> None:
 @link_options
 def mission_clear(everything: bool, as_json: bool, **link: Any) -> None:
     """Remove the autopilot's mission."""
-    from mission_service.cli.transfers import clear
+    from mission_service.cli.mission_transfers import clear
 
     echo(clear(_line(link), everything), as_json)
 
 
 def _line(link: dict[str, Any]) -> Any:
-    from mission_service.cli.transfers import Line
+    from mission_service.cli.mission_transfers import Line
 
     return Line(**link, warn=progress_line)
 

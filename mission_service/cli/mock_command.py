@@ -39,8 +39,8 @@ class MockOptions:
 @click.option("--stack", type=click.Choice(["px4", "ardupilot"]), default="px4")
 @click.option(
     "--vehicle",
-    help="plane or copter; with SCENARIO the name of one of its vehicles (default: all vehicles on "
-    "their links; with --link or --listen only the first vehicle).",
+    help="plane or copter; with SCENARIO, the name of one of its vehicles (default: all vehicles, "
+    "on their links; with --link or --listen, the first vehicle).",
 )
 @click.option("--count", type=click.IntRange(1, 250), default=1, help="Number of vehicles.")
 @click.option(
@@ -48,7 +48,8 @@ class MockOptions:
 )
 @click.option("--home", default="36.6,-84.2,300", help="Home as LAT,LON,ALTITUDE_AMSL_M.")
 @click.option(
-    "--link", help="Default: udpout:127.0.0.1:14550; with SCENARIO the vehicle's link in it."
+    "--link",
+    help="Default: udpout:127.0.0.1:14550; with SCENARIO, the vehicle's link in the scenario.",
 )
 @click.option("--listen", help="Instead of --link: listen on HOST:PORT (UDP), udpin or tcpin.")
 @click.option("--speedup", type=click.FloatRange(0.1, 100), default=1.0, show_default=True)
@@ -84,7 +85,7 @@ class MockOptions:
 @click.option("--seed", type=click.IntRange(min=0), default=0, help="Seed of random faults.")
 @SIGNING_KEY
 @click.option("--json", "as_json", is_flag=True, help="Print each vehicle as JSON.")
-@click.option("--until-eof", is_flag=True, hidden=True)  # used by ``demo``
+@click.option("--until-eof", is_flag=True, hidden=True)  # set only by ``demo``
 def mock(scenario: str | None, **values: Any) -> None:
     """Run mock autopilots in a separate process, until Ctrl-C.
 
@@ -93,7 +94,7 @@ def mock(scenario: str | None, **values: Any) -> None:
     signs its frames. The key comes from --signing-key, from SCENARIO or from a SETUP_SIGNING
     message.
     """
-    from mission_service.simulation.mocks import (
+    from mission_service.simulation.mock_processes import (
         MockEnvironment,
         MocksOnLink,
         by_hand,
@@ -109,7 +110,7 @@ def mock(scenario: str | None, **values: Any) -> None:
     if scenario and options.count > 1:
         raise click.UsageError("--count is for mocks without a scenario")
     if not scenario and vehicle not in (None, "plane", "copter"):
-        raise click.UsageError(f"--vehicle {vehicle}: without a scenario it is plane or copter")
+        raise click.UsageError(f"--vehicle {vehicle}: without a scenario, give plane or copter")
     environment = MockEnvironment(
         read_wind(options.wind),
         options.battery_minutes,

@@ -5,8 +5,7 @@ import math
 import os
 import re
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import wraps
 from pathlib import Path
@@ -20,7 +19,7 @@ SCHEDULER = re.compile(r"((tcp|tls|ws|wss)://)?([^\s:/\[\]]+|\[[\da-fA-F:.]+\]):
 def seconds(
     context: click.Context, parameter: click.Parameter, value: float | None
 ) -> float | None:
-    """Return an option's value if it is a finite time of 0 s or more; else raise BadParameter."""
+    """Return a finite option value of 0 s or more; raise BadParameter for any other value."""
     if value is not None and not 0.0 <= value < math.inf:
         raise click.BadParameter(f"{value:g}: give seconds, 0 or more")
     return value
@@ -29,16 +28,10 @@ def seconds(
 def scheduler_address(
     context: click.Context, parameter: click.Parameter, value: str | None
 ) -> str | None:
-    """Return an option's value if it is the address of a Dask scheduler; else BadParameter."""
+    """Return a valid address of a Dask scheduler; raise BadParameter for any other value."""
     if value is not None and SCHEDULER.fullmatch(value) is None:
         raise click.BadParameter(f"{value!r}: give HOST:PORT, as in tcp://10.0.0.1:8786")
     return value
-
-
-class Interrupted(click.ClickException):
-    """Ctrl-C ended the command."""
-
-    exit_code = 130  # as usual after this signal
 
 
 class Folder(click.Path):
@@ -48,7 +41,7 @@ class Folder(click.Path):
         super().__init__(file_okay=False, path_type=Path)
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return the path. Empty text, which would be the working folder, is refused."""
+        """Return the path; refuse an empty text, which ``Path`` reads as the working folder."""
         if value == "":
             self.fail("is empty; give a folder, or . for the working folder", param, ctx)
         return super().convert(value, param, ctx)
@@ -80,7 +73,7 @@ TLOG = click.option(
 
 
 def seconds_option(name: str, words: str) -> Callable[[Command], Command]:
-    """Return a decorator for the option ``--NAME`` (0 s or more) for the parameter ``NAME_s``."""
+    """Return a decorator that adds the option ``--NAME`` (0 s or more) as parameter ``NAME_s``."""
     key = f"{name.removeprefix('--')}_s"
     return click.option(name, key, type=float, callback=seconds, metavar="S", help=words)
 
@@ -99,7 +92,7 @@ class ReportOptions:
         return self.log is not None
 
     def progress(self) -> Callable[[Any, Any], None]:
-        """Return the function that shows progress; if a log is written, it shows nothing."""
+        """Return the function that shows progress; with a log, this function shows nothing."""
         if self.log is None:
             from mission_service.runtime.progress import LiveReport
 
@@ -128,9 +121,10 @@ def report_options(command: Command) -> Command:
 
 
 class Cores(NamedTuple):
-    """Where a command computes: the address of a Dask scheduler or None, and a number of workers.
+    """The workers of a command, on a Dask cluster or on this machine.
 
-    The number of threads or processes on this machine is used only without a scheduler.
+    ``scheduler`` is the address of the Dask scheduler. Without it, ``workers`` threads or processes
+    run on this machine.
     """
 
     scheduler: str | None
@@ -165,47 +159,8 @@ def cores_option(workers: str) -> Callable[[Callable[..., None]], Callable[..., 
     return decorate
 
 
-def folder(out: Path) -> Path:
-    """Create the folder ``out`` if it is missing, check that it is writable, and return it.
-
-    Raises MissionServiceError if it cannot be used.
-    """
-    from tempfile import TemporaryFile
-
-    from mission_service.errors import MissionServiceError
-    from mission_service.journal.private_files import FOLDER_MODE
-
-    try:
-        out.mkdir(FOLDER_MODE, parents=True, exist_ok=True)
-    except OSError as error:
-        raise MissionServiceError(f"{out}: cannot be created: {error.strerror}") from None
-    try:
-        with TemporaryFile(dir=out):  # fails now, not after an hour of simulation
-            pass
-    except OSError as error:
-        raise MissionServiceError(f"{out}: cannot be written to: {error.strerror}") from None
-    return out
-
-
-@contextmanager
-def results_in(out: Path, after_interrupt: str) -> Iterator[Path]:
-    """Yield the folder ``out``, which ``folder`` creates; remove it if it remains empty.
-
-    After Ctrl-C the command raises Interrupted with a line that ends in ``after_interrupt``.
-    """
-    created = [each for each in (out, *out.parents) if not each.exists()]
-    try:
-        yield folder(out)
-    except KeyboardInterrupt:
-        raise Interrupted(f"interrupted; {after_interrupt}") from None
-    finally:
-        with suppress(OSError):  # it is not empty
-            for each in created:
-                each.rmdir()
-
-
 def echo(result: dict[str, Any], as_json: bool) -> None:
-    """Print a result as JSON, or as one line per key without ``warnings``, which go to stderr."""
+    """Print a result as JSON, or one line per key on stdout and the ``warnings`` on stderr."""
     if as_json:
         click.echo(json.dumps(result))
     else:
@@ -219,7 +174,7 @@ def echo_warning(text: str) -> None:
 
 
 def report_address(out: Path, address: str) -> None:
-    """Print the address of the map, and its token only on a terminal, never to a log."""
+    """Print the address of the map; its token is printed only on a terminal, never to a log."""
     if sys.stderr.isatty():
         click.echo(f"map: {address}", err=True)
     else:

@@ -14,10 +14,10 @@ import click
 from mission_service.cli.options import (
     OVERRIDE,
     ReportOptions,
-    folder,
     report_options,
     seconds_option,
 )
+from mission_service.cli.output_folder import output_folder
 from mission_service.runtime.clocks import now_text
 
 if TYPE_CHECKING:
@@ -113,8 +113,8 @@ def replay(words: tuple[str, ...], **values: Any) -> None:
 
     --verify recomputes a journal; the exit code is 1 if anything differs. The stage "file" checks
     the checksum of each line. The stage "fire" compares the cameras' observations with those in a
-    new simulation of the fire. The stage "planner" compares the decisions on the recorded
-    observations, and the stage "core" all commands, bit for bit.
+    new simulation of the fire. The stage "planner" recomputes the decisions from the recorded
+    observations, and the stage "core" recomputes all commands; both compare bit for bit.
 
     --what-if planner=predictive alpha=1.5 --out DIR flies a journal's scenario again with mock
     autopilots and these settings. One page compares both runs.
@@ -162,12 +162,12 @@ def _batch(
 
     found = None if choice == ScenarioChoice() else chosen_scenario(flight, choice)
     if found is None and choice.at_s is not None:
-        raise click.UsageError("--at is mission time of a scenario; give one with --scenario")
+        raise click.UsageError("--at is a mission time of a scenario; add --scenario")
     if found is None:
-        analysis, made = analysis_of(name, flight), out and folder(out)
+        analysis, made = analysis_of(name, flight), out and output_folder(out)
     else:
         pairing = pair(flight, survey(flight), found[0], choice.at_s)
-        made = out and folder(out)
+        made = out and output_folder(out)
         analysis = analysis_with_fire(name, pairing, made, now_text())
     files = write_report(made, [analysis]) if made else []
     figures = figures_of(analysis)
@@ -204,7 +204,7 @@ def _what_if(journal: Path, words: tuple[str, ...], out: Path, as_json: bool) ->
 
     scenario, _ = with_settings(JournalReader(journal), words)  # checked before files are written
     with SimProgress(scenario.name, scenario.duration_s, as_json) as progress:
-        found = what_if(journal, words, folder(out), now_text(), progress)
+        found = what_if(journal, words, output_folder(out), now_text(), progress)
     runs = {"recorded": journal, "what-if": out}
     write_report(out, [analysis_of(name, flight_of([str(path)])) for name, path in runs.items()])
     if as_json:

@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mission_service.cli.options import folder, report_address
+from mission_service.cli.options import report_address
+from mission_service.cli.output_folder import output_folder
 
 if TYPE_CHECKING:
     from mission_service.cli.replay_commands import ReplayOptions
-    from mission_service.config.service import ServiceSection
+    from mission_service.config.service_section import ServiceSection
     from mission_service.replay.flights.flight_logs import Flight
     from mission_service.replay.flights.scenario_pairing import Pairing, ScenarioChoice
     from mission_service.runtime.play_head import Speed
@@ -55,7 +56,7 @@ def played(flight: "Flight", choice: "ScenarioChoice") -> "tuple[Pairing, Servic
     plain = fireless_scenario(found, first.path.stem).model_dump(mode="json")
     loaded, settings = run_of(plain, first.path, choice.overrides)
     replay = pair(flight, found, loaded, choice.at_s or 0.0)
-    # Without a fire, the vehicles are deployed only after the end of the flight.
+    # The scenario without a fire deploys its vehicles only after the end of the flight.
     undeployed = replay.scenario.model_copy(update={"deploy_at_s": loaded.deploy_at_s})
     return replay._replace(scenario=undeployed), settings
 
@@ -63,8 +64,8 @@ def played(flight: "Flight", choice: "ScenarioChoice") -> "tuple[Pairing, Servic
 def play(flight: "Flight", choice: "ScenarioChoice", speed: str, options: "ReplayOptions") -> None:
     """Play logged flights on the map and over MQTT like a live run, until Ctrl-C.
 
-    The interfaces show the observations and decisions that the service would have made. They refuse
-    orders.
+    The interfaces show the observations and decisions that the service would have made. The
+    interfaces refuse orders.
     """
     import asyncio
     from functools import partial
@@ -72,13 +73,13 @@ def play(flight: "Flight", choice: "ScenarioChoice", speed: str, options: "Repla
 
     from mission_service.replay.flights.replay_server import ReplayRun, serve_flight
     from mission_service.runtime.clocks import now_text
-    from mission_service.runtime.outputs import summary_of, write_outputs
+    from mission_service.runtime.run_outputs import summary_of, write_outputs
 
     factor, out = speed_of(speed), options.out
     replay, settings = played(flight, choice)
     settings = _with_map(settings, options.listen)
     with contextlib.ExitStack() as stack:
-        made = folder(out or Path(stack.enter_context(TemporaryDirectory(prefix="replay-"))))
+        made = output_folder(out or Path(stack.enter_context(TemporaryDirectory(prefix="replay-"))))
         show = ReplayRun(
             replay, made, now_text(), settings, factor, options.until_end, options.logs
         )
@@ -98,7 +99,7 @@ def _with_map(settings: "ServiceSection", listen: str | None) -> "ServiceSection
     """Return the settings with a map at ``listen``, at its configured address or on a free port."""
     from pydantic import ValidationError
 
-    from mission_service.config.service import HttpSection
+    from mission_service.config.service_section import HttpSection
     from mission_service.errors import MissionServiceError
 
     section = {} if settings.http is None else settings.http.model_dump()

@@ -8,7 +8,13 @@ from pathlib import Path
 
 import click
 
-from mission_service.cli.options import JSON, OUT_REQUIRED, OVERRIDE, folder, seconds_option
+from mission_service.cli.options import (
+    JSON,
+    OUT_REQUIRED,
+    OVERRIDE,
+    seconds_option,
+)
+from mission_service.cli.output_folder import output_folder
 
 
 @click.command()
@@ -53,7 +59,7 @@ def report(
     words = [run.split("+") for run in runs]
     names = distinct([run_name([path_of(log) for log in each]) for each in words])
     flights = [flight_of(each) for each in words]
-    made = folder(out)
+    made = output_folder(out)
     analyses = []
     for name, flight in zip(names, flights, strict=True):
         if scenario is None or isinstance(flight.logs[0], JournalLog):

@@ -1,7 +1,7 @@
 """Defines ``mission-service request``, which sends operators' requests to a live run.
 
-The table of requests (``core/request_events.py``) defines the commands, arguments and options; it
-is imported only for a command that needs it.
+The table of requests (``core/request_events.py``) defines the commands, arguments and options. The
+table is imported only for a command that needs the table.
 """
 
 import getpass
@@ -111,7 +111,7 @@ def print_reply(reply: dict[str, Any], as_json: bool) -> None:
 
 
 class RequestGroup(click.Group):
-    """A group with one command for each request in a table; added commands take precedence."""
+    """A group with a command for each request in a table; an added command comes first."""
 
     def __init__(self, *args: Any, table: Callable[[], dict[str, Any]], **attrs: Any) -> None:
         """Store ``table``, a function that returns the requests by command name."""
@@ -189,7 +189,7 @@ def _parameters(do: str, field: Any) -> list[click.Parameter]:
         case "item":
             return [click.Argument([name], nargs=-1, required=True)]
     required = field.required and (do, name) not in COMPLETED
-    if required and not name.endswith("_m"):  # a radius is an option, distinct from LAT,LON
+    if required and not name.endswith("_m"):  # a radius is an option, unlike LAT,LON
         return [click.Argument([name], type=_type_of(kinds))]
     unit = next((each for each in UNITS if name.endswith(each)), "")
     word = name.removesuffix(unit).replace("_", "-")
@@ -247,8 +247,8 @@ def _completed(do: str, given: dict[str, Any], status: Status) -> list[dict[str,
 def proposed_plan(status: dict[str, Any], digits: str) -> tuple[Any, str]:
     """Return the proposed plan whose hash begins with ``digits``, and its hash.
 
-    The hash is computed from the plan in ``status``. Raises RequestError if it differs from the
-    reported hash, or unless exactly one plan has a hash with these digits.
+    The hash is computed from the plan in ``status``. Raises RequestError if the computed hash
+    differs from the hash in ``status``, or unless exactly one plan has a hash with these digits.
     """
     import msgspec
 
@@ -283,9 +283,9 @@ def _refuse_not_finite(do: str, fields: dict[str, Any]) -> None:
 
 
 def _items(items: list[str], text: str) -> list[str]:
-    """Return the items that ``text`` selects by number (from 1), by their beginning, or with "all".
+    """Return the items that ``text`` selects: by number (from 1), by first letters, or "all".
 
-    Raises RequestError if another text than "all" does not select exactly one item.
+    Raises RequestError unless ``text`` is "all" or selects exactly one item.
     """
     from mission_service.errors import RequestError
 

@@ -3,23 +3,23 @@
 from typing import Any, TypeVar
 
 from autopilot_bridge.clients.native import NativeClient
-from autopilot_bridge.links.connection import Connection
+from autopilot_bridge.links.asyncio_connection import Connection
 from autopilot_bridge.links.signing import Key, Signing, read_key
 from autopilot_bridge.missions.transfer import TransferTiming
 from autopilot_bridge.vehicle.client_events import Connected, TransferFinished
 from autopilot_bridge.vehicle.monitor import AUTOPILOT
-from mission_service.cli.transfers import Line, connected, within
+from mission_service.cli.mission_transfers import Line, connected, within
 from mission_service.errors import MissionServiceError
 from mission_service.runtime.clocks import clock_us, wall_us
 from mission_service.runtime.link_signing import refusal
 
 OWN = (255, 190)
-TIMING = TransferTiming(retries=3)  # a vehicle with another key never answers
+TIMING = TransferTiming(retries=3)  # a vehicle whose key differs never answers
 Event = TypeVar("Event", Connected, TransferFinished)
 
 
 def set_up(line: Line, old_key: str | None, system_id: int | None) -> dict[str, Any]:
-    """Set the vehicle's key to that of ``line``, then read its mission over signed frames.
+    """Set the vehicle's key to the key of ``line``, then read the mission over signed frames.
 
     ``old_key`` is the source of the vehicle's present key. Raises MissionServiceError if the
     vehicle does not answer with signed frames.
@@ -29,7 +29,7 @@ def set_up(line: Line, old_key: str | None, system_id: int | None) -> dict[str, 
 
 
 def turn_off(line: Line, system_id: int | None) -> dict[str, Any]:
-    """Remove the vehicle's key (that of ``line``), then read its mission over unsigned frames."""
+    """Remove the vehicle's key (the key of ``line``), then read the mission in unsigned frames."""
     return _change(line, line.signing_key, None, system_id)
 
 
@@ -56,7 +56,7 @@ async def _change_and_check(
         system = client.target_system
         assert system is not None
         connection.set_up_signing(OWN, (system, AUTOPILOT), key, wall_us(), signing)
-        client.download(clock_us(), by_file=False)  # the answer shows whether it signs
+        client.download(clock_us(), by_file=False)  # the answer shows whether the vehicle signs
         connection.flush()
         answer = await _until(client, connection, TransferFinished)
         if answer.result.outcome != "accepted" or connection.receives_signed:
@@ -65,7 +65,7 @@ async def _change_and_check(
 
 
 def _failure(link: str, system: int, connection: Connection, signing: Signing | None) -> str:
-    """Return the error message for a vehicle that does not answer as required."""
+    """Return the error message for a vehicle whose answer does not confirm the change of key."""
     vehicle, counts = f"{link}: vehicle {system}", connection.counts
     if signing is None:
         return f"{vehicle} still signs, or does not answer; check its key, and that it is disarmed"

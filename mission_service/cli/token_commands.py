@@ -22,7 +22,7 @@ ROLES = ("look", "correct", "fly", "approve")
     "path",
     type=click.Path(dir_okay=False, path_type=Path),
     required=True,
-    help="The tokens file to add it to (created if missing).",
+    help="The tokens file to which the token is added (created if missing).",
 )
 def token(name: str, roles: str, station: str, path: Path) -> None:
     """Create a token for NAME and print it; the file contains only its SHA-256 sum.

@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 from firemodel.ensemble.uncertainty import Uncertainty
 from firemodel.landscape import LAYERS
 from firemodel.spread.schemes import SchemeName
-from mission_service.config.section import (
+from mission_service.config.section_base import (
     Finite,
     Latitude,
     Longitude,
@@ -20,7 +20,7 @@ from mission_service.config.section import (
 
 Bearing = Annotated[float, Field(ge=0, le=360)]
 Percent = Annotated[float, Field(ge=0, le=400)]
-LogSd = Annotated[float, Field(ge=0, le=1)]  # standard deviation of a logarithm
+LogSd = Annotated[float, Field(ge=0, le=1)]  # the standard deviation of a logarithm
 
 DEFAULT_ERRORS = Uncertainty()
 RASTER_KEYS = (
@@ -34,16 +34,16 @@ class LandscapeSection(Section):
 
     Level ground ("flat") is centred on ``lat_deg``, ``lon_deg`` and has one fuel and the elevation
     ``elevation_m``. Rasters are given as one file per layer, or as one ``file`` with all layers.
-    Such a file is an .lcp, or a stack with bands that are described in the file or named in
+    This one file is an .lcp, or a stack whose bands are described in the file or named in
     ``bands``. ``fuel_codes`` replaces codes of the fuel raster. ``custom_fuels`` is a .fmd file
-    with further fuel models, and ``rate_factors`` an .adj file with factors of the spread rate.
+    with further fuel models, and ``rate_factors`` is an .adj file with factors of the spread rate.
     """
 
     source: Literal["jacksboro", "flat", "files"] = "jacksboro"
     rows: Annotated[int, Field(ge=20, le=4000)] = 200
     cols: Annotated[int, Field(ge=20, le=4000)] = 200
     cell_size_m: Positive = 30.0
-    lat_deg: Annotated[float, Field(ge=-80, le=84)] | None = None  # the range of UTM zones
+    lat_deg: Annotated[float, Field(ge=-80, le=84)] | None = None  # latitudes that UTM zones cover
     lon_deg: Longitude | None = None
     elevation_m: Annotated[float, Field(ge=-500, le=9000)] = 0.0
     fuel_model: int = 1
@@ -107,7 +107,7 @@ class FuelMoisture(Section):
 
 
 class WeatherEntry(FuelMoisture):
-    """The weather from ``at_s`` on; the wind is that at 6.1 m (20 ft) above the vegetation."""
+    """The weather from ``at_s`` on; the wind applies 6.1 m (20 ft) above the vegetation."""
 
     at_s: NotNegative
     wind_speed_m_s: Annotated[float, Field(ge=0, le=100)]
@@ -118,9 +118,10 @@ class WeatherFile(FuelMoisture):
     """A weather file (.raws, .wxs, .wtr, .csv); ``start`` is mission time 0 in its local time.
 
     A .wtr file has no wind; ``wind`` is the .wnd file (default: the one with the same name). The
-    file may also be an inputs file of FARSITE. The moistures in this table are used if the file has
-    none; ``fuel_moistures`` is an .fms file with moistures of single fuels. With ``conditioned``,
-    dead fuels start with these moistures, which then follow temperature, humidity and rain.
+    file may also be an inputs file of FARSITE. The moistures in this table are used if the weather
+    file has no moistures; ``fuel_moistures`` is an .fms file with moistures of single fuels. With
+    ``conditioned``, dead fuels start with these moistures, and then their moistures follow
+    temperature, humidity and rain.
     """
 
     path: Path
@@ -149,12 +150,13 @@ class Ignition(Section):
 class FireSection(Section):
     """The scheme of fire spread, and the area that has already burned at the start.
 
-    ``precise`` lets the paths of the any-angle scheme bend in the middles of edges too.
-    ``perimeter`` is a file with polygons of the area that has burned by ``burning_at_s``. If only
-    one of its features is used, ``perimeter_feature`` is its number. With ``repair_perimeter``,
-    closed lines and invalid polygons become valid polygons. ``arrival`` is a raster of arrival
-    times. ``p_spread`` and ``update_s`` apply to the probabilistic scheme. That scheme can also
-    start with a fire of ``initial_cells`` cells, which it grows from the ignitions.
+    With ``precise``, paths of the any-angle scheme may also bend in the middle of a cell's edge.
+    ``perimeter`` is a file with polygons of the area that has burned by ``burning_at_s``.
+    ``perimeter_feature`` is the number of the only feature to use, if not all are used. With
+    ``repair_perimeter``, closed lines and invalid polygons become valid polygons. ``arrival`` is a
+    raster of arrival times. ``p_spread`` and ``update_s`` apply to the probabilistic scheme. The
+    probabilistic scheme can also start with a fire of ``initial_cells`` cells, which the scheme
+    grows from the ignitions.
     """
 
     scheme: SchemeName = "anyangle"
@@ -186,7 +188,7 @@ class FireSection(Section):
 
 
 class EnsembleSection(Section):
-    """The standard deviations of the errors of a fire's inputs, for ensembles and forecasts.
+    """The standard deviations of the errors in a fire's inputs, for ensembles and forecasts.
 
     ``firemodel/ensemble/uncertainty.py`` has the sources of the defaults. Factors are log-normal
     with a median of 1. Each error is constant during a fire and independent of the others.
@@ -204,7 +206,7 @@ class EstimateSection(Section):
     """The ensemble that estimates a fire from observations.
 
     ``perimeter_error_m`` is the standard deviation of the outlines of mapped perimeters.
-    ``sensors`` are the names of other packages' sensors (``fire/sensors.py``) that are used.
+    ``sensors`` names the sensors of other packages (``fire/sensors.py``) to use.
     """
 
     members: Annotated[int, Field(ge=2, le=1000)] = 24
@@ -228,10 +230,11 @@ class SimulatedFireSection(Section):
 class SimulatedCameraSection(Section):
     """The simulated cameras.
 
-    The other keys do not apply to ``ideal`` cameras. ``gps_sd_m`` and ``gimbal_sd_deg`` are
+    Only the key ``kind`` applies to ``ideal`` cameras. ``gps_sd_m`` and ``gimbal_sd_deg`` are
     standard deviations of the position and of the camera's direction. ``missed`` is the share of
-    burned cells that an image shows as unburned, and ``false_alarms`` the reverse. Smoke covers the
-    ground up to ``smoke_m`` downwind of burning cells; thermal cameras see through it.
+    burned cells that an image shows as unburned, and ``false_alarms`` is the share of unburned
+    cells that an image shows as burned. Smoke covers the ground up to ``smoke_m`` downwind of
+    burning cells; thermal cameras see through it.
     """
 
     kind: Literal["ideal", "thermal", "visible"] = "ideal"
@@ -243,7 +246,7 @@ class SimulatedCameraSection(Section):
 
 
 class SimulationSection(Section):
-    """What is simulated; without ``fire`` no fire is simulated and no simulated camera observes."""
+    """The simulated fire and the cameras that observe it; without ``fire`` neither is simulated."""
 
     fire: SimulatedFireSection | None = None
     camera: SimulatedCameraSection = SimulatedCameraSection()

@@ -33,7 +33,7 @@ def read_broker(text: str, option: str = "--broker", port: int = PORT) -> Broker
 def is_host(text: str) -> bool:
     """Return whether a host name is valid (IDNA).
 
-    For some invalid names Python raises UnicodeError.
+    Python's encoder raises UnicodeError for some invalid names.
     """
     try:
         text.encode("idna")
@@ -43,7 +43,7 @@ def is_host(text: str) -> bool:
 
 
 def check_prefix(prefix: str, option: str = "--prefix") -> str:
-    """Return a prefix of topics if it is valid; else raise MissionServiceError."""
+    """Return a valid prefix of topics; raise MissionServiceError for an invalid prefix."""
     if re.fullmatch(r"[^/+#$\s\0][^+#\s\0]*(?<!/)", prefix) is None:
         raise MissionServiceError(
             f"{option} {prefix}: write the beginning of a topic, as in uav/east"

@@ -1,9 +1,9 @@
-"""Earlier keys and values in scenario files, for an error that states the present ones."""
+"""Earlier keys and values of scenario files, for errors that state the present key or value."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-# By table; ``[[vehicles]]`` is a list of tables.
+# Renamed keys by table; ``[[vehicles]]`` is a list of tables.
 RENAMED: Mapping[str, Mapping[str, str]] = {
     "planner": {
         "worst_age_s": "max_revisit_s",
@@ -25,7 +25,7 @@ RENAMED: Mapping[str, Mapping[str, str]] = {
     },
     "service": {"keep": "journal"},
 }
-# By table and key.
+# Renamed values by table and key.
 RENAMED_VALUES: Mapping[tuple[str, str], Mapping[str, str]] = {
     ("planner", "rule"): {"damped": "islam_hu_damped", "literal": "islam_hu"},
     ("landscape", "source"): {"geotiff": "files"},
@@ -33,13 +33,13 @@ RENAMED_VALUES: Mapping[tuple[str, str], Mapping[str, str]] = {
 
 
 def renamed_keys(data: Mapping[str, Any]) -> Iterator[str]:
-    """Yield the earlier keys and values in a scenario, each as a line with the present one.
+    """Yield the earlier keys and values in a scenario, each in a line that states its successor.
 
     Args:
         data: The scenario as parsed from TOML.
 
     Yields:
-        ``TABLE.OLD: was renamed in version 0.2; write NEW``, or the same of a value.
+        ``TABLE.OLD: was renamed in version 0.2; write NEW``, or a like line for a renamed value.
     """
     for table, names in RENAMED.items():
         found = data.get(table)

@@ -1,8 +1,8 @@
 """Finds the way of flying for a ``planner.rule`` when a scenario is checked.
 
-Ways of flying are plug-ins. Those of this package are listed in ``guidance/registry.py``; those of
-other packages are entry points of ``GROUP``, each named like its rule. Both are loaded by the text
-``module:object``, so this module imports no planner.
+Ways of flying are plug-ins. ``guidance/registry.py`` lists the ways of flying of this package.
+Other packages register their ways of flying as entry points of ``GROUP``, each with the name of its
+rule. A way of flying is loaded by its address ``module:object``, so this module imports no planner.
 """
 
 import re
@@ -18,11 +18,11 @@ from mission_service.errors import MissionServiceError, PlannerError
 
 GROUP = "mission_service.planners"
 OWN = EntryPoint("own", "mission_service.guidance.registry:WAYS", GROUP)
-NAME = r"[a-z][a-z0-9_]*"  # names of other packages' rules and of their tables
+NAME = r"[a-z][a-z0-9_]*"  # rules of other packages, and the tables of these rules
 
 
 class Way(Protocol):
-    """The part of a way of flying that a scenario needs; see ``guidance/way_of_flying.py``."""
+    """The attributes of a way of flying that a scenario reads (``guidance/way_of_flying.py``)."""
 
     @property
     def rules(self) -> tuple[str, ...]:
@@ -58,14 +58,14 @@ def rules() -> list[str]:
 
 
 def versions_of_others() -> dict[str, str]:
-    """Return the versions of other packages that have rules, by the entry point of each rule."""
+    """Return the versions of other packages with rules, by the address of each entry point."""
     points = entry_points(group=GROUP)
     return {each.value: "" if each.dist is None else each.dist.version for each in points}
 
 
 @cache
 def way_named(rule: str) -> Way:
-    """Return the way of flying of a rule. Raises ValueError if it cannot be found or loaded."""
+    """Return the way of flying of a rule. Raises ValueError if no such rule can be loaded."""
     own = own_ways().get(rule)
     found = list(entry_points(group=GROUP, name=rule))
     if own is not None and found:
@@ -107,7 +107,7 @@ def _described(point: EntryPoint) -> str:
 
 
 def blamed(rule: str) -> str | None:
-    """Return the end of an error's text that names a rule of another package as the cause."""
+    """Return text that names a rule of another package as the probable cause of an error."""
     if rule in own_ways():
         return None
     where = ", ".join(_described(point) for point in entry_points(group=GROUP, name=rule))

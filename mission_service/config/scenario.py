@@ -18,7 +18,7 @@ from pydantic import (
 )
 
 from autopilot_bridge.errors import BridgeError
-from autopilot_bridge.links.link import parse_link
+from autopilot_bridge.links.link_address import parse_link
 from mission_service.config.fire_sections import (
     EnsembleSection,
     EstimateSection,
@@ -31,7 +31,7 @@ from mission_service.config.fire_sections import (
 )
 from mission_service.config.renamed_keys import renamed_keys
 from mission_service.config.rule_lookup import Way, own_ways, rules, way_named
-from mission_service.config.section import Line, NotNegative, Section
+from mission_service.config.section_base import Line, NotNegative, Section
 from mission_service.config.sections import (
     KEY_SOURCE,
     BurnSection,
@@ -41,14 +41,15 @@ from mission_service.config.sections import (
     PlannerSection,
     VehicleSection,
 )
-from mission_service.config.service import ServiceSection
+from mission_service.config.service_section import ServiceSection
 from mission_service.errors import OptionError, ScenarioError
 from mission_service.value_errors import got, missing_key, remedy, schema_at
 
 SHIPPED = Path(__file__).parents[1] / "scenarios"
 MAX_DURATION_S = 3.2e8  # ten years
 S = TypeVar("S", bound=Section)
-OWN_ERRORS = ("value_error", "assertion_error")  # errors of the validators in this package
+# The error types that pydantic reports for exceptions of this package's validators.
+OWN_ERRORS = ("value_error", "assertion_error")
 
 
 def _in_use(time: datetime) -> datetime:
@@ -195,7 +196,7 @@ def load_run(name: str, overrides: tuple[str, ...] = ()) -> tuple[Scenario, Serv
 def run_of(
     data: dict[str, Any], path: Path, overrides: tuple[str, ...] = ()
 ) -> tuple[Scenario, ServiceSection]:
-    """Return what ``load_run`` returns, for the content of a file or of a journal's header."""
+    """Return the result of ``load_run`` for the content of a file or of a journal's header."""
     for override in overrides:
         apply_override(data, override)
     if renamed := list(renamed_keys(data)):
@@ -210,7 +211,7 @@ def run_of(
 
 
 def _of_override(error: ScenarioError, path: Path, overrides: tuple[str, ...]) -> ScenarioError:
-    """Return an error about a value that an override has set as an OptionError."""
+    """Convert an error about a value from an override to OptionError."""
     problem = str(error).removeprefix(f"{path}: ")
     keys = [override.partition("=")[0] for override in overrides]
     if problem.startswith(tuple(f"{key}{end}" for key in keys for end in (": ", "."))):
@@ -226,14 +227,14 @@ def parse_scenario(data: dict[str, Any], path: Path) -> Scenario:
 
 
 def rule_in(data: dict[str, Any]) -> str | None:
-    """Return the rule in the content of a scenario that is not checked yet; None without one."""
+    """Return the rule in the unchecked content of a scenario, or None without a rule."""
     planner = data.get("planner")
     rule = planner.get("rule") if isinstance(planner, dict) else None
     return rule if isinstance(rule, str) else None
 
 
 def recorded_scenario(data: dict[str, Any], path: Path, rule: str | None = None) -> Scenario:
-    """Return the checked scenario of a journal.
+    """Return the checked scenario that a journal's header contains.
 
     ``rule`` replaces the journal's rule. Raises ScenarioError for a rule whose package is not
     installed.
@@ -255,14 +256,17 @@ def _with_table_of(rule: str | None) -> type[Scenario]:
     """Return the scenario model that includes the table of the planner's rule."""
     try:
         section = None if rule is None else way_named(rule).section
-    except ValueError:  # the model reports the invalid rule with its key
+    except ValueError:  # the model's own check reports the invalid rule
         return Scenario
     return Scenario if rule is None or section is None else _with_table(rule, section)
 
 
 @cache
 def _with_table(name: str, section: type[BaseModel]) -> type[Scenario]:
-    """Return the scenario model with a further table. Raises ScenarioError if it has that table."""
+    """Return the scenario model with a further table.
+
+    Raises ScenarioError if the scenario already has a table of this name.
+    """
     if name in Scenario.model_fields:
         raise ScenarioError(f"rule {name}: [{name}] is a table of all scenarios; rename the rule")
     needed = any(field.is_required() for field in section.model_fields.values())
@@ -271,7 +275,7 @@ def _with_table(name: str, section: type[BaseModel]) -> type[Scenario]:
 
 
 def own_table(scenario: Scenario, section: type[S]) -> S:
-    """Return the table named after the scenario's rule, or the defaults if it is missing.
+    """Return the table named after the scenario's rule; its defaults if the table is missing.
 
     Raises ScenarioError for a missing table whose keys have no defaults.
     """

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field, field_validator, model_validator
 
 from mission_service.config.rule_lookup import way_named
-from mission_service.config.section import (
+from mission_service.config.section_base import (
     Finite,
     Latitude,
     Line,
@@ -19,7 +19,7 @@ from mission_service.config.section import (
 
 Share = Annotated[float, Field(ge=0, lt=1)]
 
-ALL = "all"  # instead of a vehicle's name, in requests that are possible for all vehicles
+ALL = "all"  # stands for all vehicles in requests of operators
 KEY_SOURCE = r"file:.+|env:[A-Za-z_]\w*"
 
 
@@ -30,9 +30,10 @@ class PlannerSection(Section):
     """
 
     rule: str = "predictive"
-    importance: Literal["linear", "exponential"] = "linear"  # of teams
-    negotiation: Literal["importance", "centre", "arrival"] = "importance"  # of Bent's teams
-    # The targets of a team. The team announces how many vehicles it needs to meet them.
+    importance: Literal["linear", "exponential"] = "linear"  # used by teams only
+    # Used only by teams with Bent's rules.
+    negotiation: Literal["importance", "centre", "arrival"] = "importance"
+    # The targets of a team. The team announces how many vehicles it needs to meet these targets.
     max_revisit_s: Positive | None = None
     max_unseen_advance_m: Positive | None = None
     alpha: NotNegative = 1.0
@@ -64,7 +65,7 @@ class PlannerSection(Section):
 
 
 class FormationSection(Section):
-    """The settings of ``rule = "formation"``; the defaults are those in the paper's table 1.
+    """The settings of ``rule = "formation"``; the defaults are the values in the paper's table 1.
 
     Altitude, loiter radius, camera and airspeeds are set in the sections of the vehicles.
     """
@@ -78,7 +79,7 @@ class FormationSection(Section):
     avoidance: Literal["intent", "none"] = "intent"
     vertical_separation_m: Positive | None = None  # height difference that needs no avoidance
     synchronises: bool = True
-    peer_messaging: bool = False  # with UAVs of other processes
+    peer_messaging: bool = False  # exchange messages with UAVs of other processes
 
 
 LatLon = tuple[Latitude, Longitude]
@@ -88,7 +89,7 @@ GO_ITEMS = (
     "firing plan approved by the burn boss",
     "two remote pilots, or one as the burn plan allows",
     "communication with the burn boss tested",
-    "launch place, altitudes and the way home agreed",
+    "launch site, altitudes and return route agreed",
     "people and equipment are out of the unit",
     "weather is within the prescription",
     "payload checked: spheres, fluid, dropper",
@@ -121,7 +122,7 @@ class LitLine(Section):
 
 
 class Dropper(Section):
-    """The release of a sphere by setting an output, which is reset after ``hold_s``."""
+    """The output that releases a sphere; the output is set, and reset after ``hold_s``."""
 
     by: Literal["servo", "gripper", "actuator"] = "servo"
     number: Annotated[int, Field(ge=1, le=16)] = 9
@@ -130,7 +131,8 @@ class Dropper(Section):
     hold_s: Annotated[float, Field(gt=0, le=5)] = 0.2
     # For a sphere of 32 mm and 5 g with a drag coefficient of 0.47.
     terminal_speed_m_s: Positive = 15.0
-    delay_s: NotNegative = 0.2  # from the order until the sphere falls, in link and dropper
+    # Delay in link and dropper between the order and the fall of the sphere.
+    delay_s: NotNegative = 0.2
 
     @property
     def output(self) -> tuple[Literal["servo", "gripper", "actuator"], int, float, float, float]:
@@ -155,7 +157,7 @@ class BurnSection(Section):
     stations: Annotated[tuple[Station, ...], Field(min_length=1)]
     go_items: tuple[str, ...] = GO_ITEMS
     lit: tuple[LitLine, ...] = ()
-    fuel_model: int = 1  # of the fire simulation; moistures are those of the weather
+    fuel_model: int = 1  # fuel of the simulated fire; the weather sets its moistures
     corrections: Literal["paper", "gaussian"] = "gaussian"
     camera_corrects: bool = True
     line_spacing_m: Positive = 20.0
@@ -173,9 +175,9 @@ class BurnSection(Section):
     spheres: Annotated[int, Field(ge=0)] = 450
     max_drops_per_min: Positive = 120.0
     ignition_delay_s: NotNegative = 30.0
-    battery_s: Positive = 1500.0  # flight time per load
+    battery_s: Positive = 1500.0  # flight time with one load of spheres
     battery_reserve_s: NotNegative = 240.0
-    reload_s: NotNegative = 300.0  # on the ground between two loads
+    reload_s: NotNegative = 300.0  # time on the ground between two loads
     dropper: Dropper = Dropper()
     max_miss_m: Positive = 4.0  # a sphere with a larger predicted miss is not dropped
     approval_s: Positive = 600.0  # validity of an approval
@@ -205,8 +207,8 @@ class MissionSection(Section):
     """The settings for converting decisions to missions.
 
     With ``approval = "each"`` a mission is sent to its vehicle only after an operator has accepted
-    it. A vehicle without ``altitude_agl_m`` flies ``layer_m`` higher than the vehicle listed before
-    it. The required vertical separation between vehicles is ``separation_m``.
+    it. A vehicle without ``altitude_agl_m`` flies ``layer_m`` higher than the vehicle that precedes
+    it in the scenario. The required vertical separation between vehicles is ``separation_m``.
     """
 
     horizon_m: Positive = 2500.0
@@ -236,12 +238,13 @@ class VehicleSection(Section):
     link: str = "udpin:127.0.0.1:14550"
     system_id: Annotated[int, Field(ge=1, le=250)] = 1
     backend: Literal["native", "mavsdk"] = "native"
-    signing_key: str | None = None  # source of the key; the journal would contain the key itself
-    signing_link_id: Annotated[int, Field(ge=0, le=255)] | None = None  # default: index from 0
+    signing_key: str | None = None  # source of the key; journals must not contain the key itself
+    # The default is the vehicle's index in the scenario, from 0.
+    signing_link_id: Annotated[int, Field(ge=0, le=255)] | None = None
     home_lat_deg: Latitude
     home_lon_deg: Longitude
     airspeed_m_s: Positive = 18.0
-    min_airspeed_m_s: Positive = 10.0  # for planes in a formation, like ``max_airspeed_m_s``
+    min_airspeed_m_s: Positive = 10.0  # used for planes in a formation, like ``max_airspeed_m_s``
     max_airspeed_m_s: Positive = 25.0
     altitude_agl_m: Positive = 150.0
     turn_radius_m: Positive = 60.0
@@ -252,7 +255,7 @@ class VehicleSection(Section):
     camera_fov_deg: Annotated[float, Field(gt=0, lt=170)] = 100.0
     camera_along_deg: Annotated[float, Field(gt=0, lt=170)] | None = None
     camera_rate_hz: Annotated[float, Field(gt=0, le=4)] = 1.0
-    endurance_s: Positive | None = None  # time in the air; the vehicle is recalled before its end
+    endurance_s: Positive | None = None  # time in the air; the recall is earlier
     endurance_reserve_s: NotNegative = 120.0  # remaining endurance on arrival at home
     autostart: bool = False
     landing: bool = True  # a PX4 plane's missions end with a landing at home

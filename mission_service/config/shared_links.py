@@ -1,8 +1,8 @@
-"""Groups the vehicles of a scenario by link, and checks shared links. Pure."""
+"""Groups the vehicles of a scenario by link, and checks the links that vehicles share. Pure."""
 
 from collections.abc import Sequence
 
-from autopilot_bridge.links.link import SerialAddress, parse_link
+from autopilot_bridge.links.link_address import SerialAddress, parse_link
 from mission_service.config.sections import VehicleSection
 from mission_service.errors import ScenarioError
 
@@ -23,7 +23,7 @@ def sharing(sections: Sequence[VehicleSection]) -> list[list[VehicleSection]]:
                 if other.system_id == section.system_id:
                     raise ScenarioError(
                         f"{other.name} and {section.name} have the system id {section.system_id} "
-                        f"on one link, {section.link}: give them different ones (system_id, and "
+                        f"on one link, {section.link}: give them different ids (system_id, and "
                         "MAV_SYS_ID or SYSID_THISMAV of the autopilot), or separate links"
                     )
     return list(of_link.values())
@@ -34,7 +34,7 @@ def _place_of(link: str) -> str:
     address = parse_link(link)
     if isinstance(address, SerialAddress):
         return f"serial:{address.device}"
-    if address.kind in ("udpin", "tcpin"):  # one port for all addresses of this machine
+    if address.kind in ("udpin", "tcpin"):  # a port is open at all addresses of this machine
         return f"{address.kind}:{address.port}"
     return link
 

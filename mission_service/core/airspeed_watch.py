@@ -11,8 +11,8 @@ from mission_service.vehicles.availability import MISSION
 from mission_service.vehicles.vehicle_state import Vehicle
 
 AIRSPEED = "airspeed"
-DIFFERENCE_M_S, DIFFERENCE_SHARE = 2.0, 0.15  # the larger of the two is the tolerance
-LASTS_S = 60.0  # longer than climbs and turns
+DIFFERENCE_M_S, DIFFERENCE_SHARE = 2.0, 0.15  # tolerance: the larger of the speed and the share
+LASTS_S = 60.0  # longer than the differences in climbs and turns
 
 
 def airspeed_compared(vehicle: Vehicle, at_s: float) -> list[AnyCommand]:

@@ -1,8 +1,8 @@
 """Converts an autopilot's reports to announcements and alarms for operators. Pure.
 
-An alarm is raised when its cause is reported and cleared when the end of the cause is reported. The
-end of a text's cause is not reported, so a text's alarm is cleared ``TEXT_STANDS_S`` after the last
-text.
+An alarm is raised when the autopilot reports the cause, and cleared when the autopilot reports the
+end of the cause. Autopilots do not report when the cause of a text has ended, so the alarm of a
+text is cleared ``TEXT_STANDS_S`` after the last text.
 """
 
 from mission_service import events
@@ -22,7 +22,7 @@ LANDED, THRUST = "landed", "thrust"
 
 
 def reported(vehicle: Vehicle, event: events.VehicleEvent) -> list[AnyCommand]:
-    """Return announcements and alarms for an autopilot's report; none for other events."""
+    """Return the announcements and alarms for an autopilot's report; an empty list for others."""
     match event:
         case events.AutopilotText():
             return _text(vehicle, event)
@@ -45,7 +45,7 @@ def reported(vehicle: Vehicle, event: events.VehicleEvent) -> list[AnyCommand]:
             return [announce(vehicle, "landing", warning=True)]
         case events.LandedStateChanged():
             mode = vehicle.availability.mode
-            lands = mode in GOING_HOME  # the autopilot disarms next
+            lands = mode in GOING_HOME  # after a landing the autopilot disarms
             down = vehicle.availability.airborne and event.state == "on ground" and not lands
             words = f"on the ground in {named_mode(mode)}, and armed"
             return _alarm(vehicle, LANDED, down, words, "severe")
@@ -90,7 +90,7 @@ def _text(vehicle: Vehicle, event: events.AutopilotText) -> list[AnyCommand]:
 
 
 def _uploads(vehicle: Vehicle, at_s: float) -> bool:
-    """Return whether the service uploads a mission to the vehicle, or has just done so."""
+    """Return whether the service uploads, or has just uploaded, a mission to the vehicle."""
     return vehicle.pending is not None or at_s - vehicle.upload_ended_at_s < AFTER_UPLOAD_S
 
 

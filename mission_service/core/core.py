@@ -18,8 +18,11 @@ from mission_service.core.autopilot_reports import (
     taken_over,
     texts_over,
 )
+from mission_service.core.continuation import Continuation
 from mission_service.core.decision_engine import DecisionEngine
+from mission_service.core.mission_starts import WAITS, MissionStarts
 from mission_service.core.operator_orders import OperatorOrders, hold_again
+from mission_service.core.request_results import RequestResults
 from mission_service.guidance.protocol import Decision, Guidance
 from mission_service.guidance.registry import way_of
 from mission_service.guidance.way_of_flying import WayOfFlying
@@ -27,31 +30,20 @@ from mission_service.missions.landing import Landing
 from mission_service.position_fix import PositionFix
 from mission_service.vehicles.approvals import MissionApprovals
 from mission_service.vehicles.availability import (
-    GOING_HOME,
     LEADS_TO,
     MISSION,
     VehicleAvailability,
     named_mode,
 )
 from mission_service.vehicles.missions_sent import MissionsSent
-from mission_service.vehicles.reconciliation import in_words, recognised, unconfirmed
+from mission_service.vehicles.reconciliation import unconfirmed
 from mission_service.vehicles.traffic import TrafficManager
 from mission_service.vehicles.vehicle_state import (
-    MissionPhase,
-    Pending,
-    UnconfirmedState,
     Vehicle,
     announce,
 )
 
-RETRY_S = 5.0
-START_AGAIN_S = 10.0
-CHECK_EVERY_S = 2.0
-TAKEOFF_EVERY_S = 20.0
-BEFORE_MODES = ("", "initialising")  # before the first report, and while ArduPlane boots
-WAITS = "on the ground: it waits for an operator's order to start"
-# Commands that are sent often: only their refusal is announced.
-UNANNOUNCED = ("orbit", "change speed")
+BEFORE_MODES = ("", "initialising")  # modes before the first report, and while ArduPlane boots
 
 
 class Core:
@@ -82,8 +74,17 @@ class Core:
             )
             for section in scenario.flown
         }
+        self._starts = MissionStarts(scenario, self.traffic, self.guidance)
+        self._results = RequestResults(self.guidance, self._starts)
+        self._continuation = Continuation(
+            self._way.prescribed, self.decision_engine, self.guidance, self._results
+        )
         self._orders = OperatorOrders(
-            scenario, self.decision_engine, self.vehicles, self._start, self._approvals
+            scenario,
+            self.decision_engine,
+            self.vehicles,
+            self._starts.start_mission,
+            self._approvals,
         )
 
     @property
@@ -100,7 +101,7 @@ class Core:
         if self._approvals is not None and not isinstance(event, events.MissionAccepted):
             commands = self._approvals.held_back(commands, self.vehicles, at_s)
         commands = [command for command in commands if not self._withheld(command)]
-        commands += self.guidance.after(event, commands, self.vehicles)
+        commands += self.guidance.further_commands(event, commands, self.vehicles)
         for command in commands:
             self.decision_engine.on_command(command, at_s)
             if isinstance(command, StartMission):
@@ -137,7 +138,7 @@ class Core:
         return [*commands, *self.guidance.on_vehicle(vehicle, event)]
 
     def _on_operator(self, event: events.AnyOperatorEvent) -> list[AnyCommand]:
-        if isinstance(event, events.Resumed):  # links and commands under way are unknown
+        if isinstance(event, events.Resumed):  # the restart leaves links and commands unconfirmed
             for vehicle in self.vehicles.values():
                 if self._approvals is not None and vehicle.proposed is not None:
                     vehicle.due = vehicle.due or vehicle.proposed.due
@@ -158,13 +159,20 @@ class Core:
             case events.VehicleRebooted():
                 return self._rebooted(vehicle, event.at_us / 1e6, was)
             case events.EstimatorStatusChanged() if not (was.airborne or was.estimator_healthy):
-                # The problems of an estimator that starts change often: announced once.
+                # While the estimator starts, its problems change often: the alarm is enough.
                 return [each for each in reported(vehicle, event) if not isinstance(each, Announce)]
             case events.SystemStateChanged() | events.FenceStatusChanged():
                 commands = reported(vehicle, event)
-                if vehicle.availability.taken_over and not was.taken_over:  # hold by a failsafe
+                # The failsafe reported by this event caused the hold.
+                if vehicle.availability.taken_over and not was.taken_over:
                     commands += self._taken_over(vehicle)
                 return commands
+            case events.UploadFinished():
+                return self._results.upload_finished(vehicle, event)
+            case events.CommandFinished():
+                return self._results.command_finished(vehicle, event)
+            case events.MissionReadBack():
+                return self._continuation.read_back(vehicle, event)
             case _:
                 answer = self._ANSWERS.get(type(event))
                 return reported(vehicle, event) if answer is None else answer(self, vehicle, event)
@@ -174,7 +182,7 @@ class Core:
     ) -> list[AnyCommand]:
         commands = texts_over(vehicle, at_s) + airspeed_compared(vehicle, at_s)
         if vehicle.availability.airborne and not was.airborne:
-            vehicle.start_again_at_s = None  # the due start was this takeoff
+            vehicle.start_again_at_s = None  # the takeoff was the start that was due
             commands += self._found_in_air(vehicle, was)
         return [*commands, *self._moved(vehicle, at_s, decision)]
 
@@ -201,7 +209,7 @@ class Core:
         return []
 
     def _progressed(self, vehicle: Vehicle, event: events.MissionProgress) -> list[AnyCommand]:
-        vehicle.takes_off &= event.current_seq == 0  # later, the takeoff item is completed
+        vehicle.takes_off &= event.current_seq == 0  # after item 0 the takeoff is complete
         return []
 
     def _moved(self, vehicle: Vehicle, at_s: float, decision: Decision | None) -> list[AnyCommand]:
@@ -225,15 +233,15 @@ class Core:
             return [*commands, *self._deploy(vehicle, fix)]
         if not availability.airborne:
             return [*commands, *self._on_the_ground(vehicle, fix)]
-        if self._start_is_due(vehicle, at_s):
-            return [*commands, *self._start(vehicle, at_s)]
-        if vehicle.pending is None and self._must_return(vehicle, fix):
+        if self._starts.is_due(vehicle, at_s):
+            return [*commands, *self._starts.start_mission(vehicle, at_s)]
+        if vehicle.pending is None and _must_return(vehicle, fix):
             led_home = self.guidance.way_home(vehicle, fix)
             return [*commands, *(self._send_home(vehicle, fix) if led_home is None else led_home)]
         return [*commands, *self.guidance.lead(vehicle, fix)]
 
     def _takes_no_decision(self, vehicle: Vehicle) -> bool:
-        """Return whether decisions are suspended for a vehicle without an operator's order."""
+        """Return whether decisions for a vehicle are suspended, apart from operators' orders."""
         availability = vehicle.availability
         if vehicle.unconfirmed is not None and not self._way.prescribed:
             return True  # wait until its mission is read back
@@ -252,42 +260,12 @@ class Core:
 
     def _on_the_ground(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand]:
         """Repeat a refused start, or upload a mission to a vehicle that has none."""
-        if self._start_is_due(vehicle, fix.at_s):
-            return self._start(vehicle, fix.at_s)
+        if self._starts.is_due(vehicle, fix.at_s):
+            return self._starts.start_mission(vehicle, fix.at_s)
         idle = not vehicle.awaits_mission and vehicle.flown_line is None
         if idle and fix.at_s >= vehicle.not_before_s:
             return self._deploy(vehicle, fix)
         return []
-
-    def _start_is_due(self, vehicle: Vehicle, at_s: float) -> bool:
-        """Return whether a start that was refused or waited for a mission is due now."""
-        again_at_s = vehicle.start_again_at_s
-        return again_at_s is not None and at_s >= again_at_s and vehicle.flown_line is not None
-
-    def _start(self, vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
-        """Start the mission. A takeoff requires separation and, after a landing, also an order."""
-        vehicle.start_again_at_s = None
-        if vehicle.availability.taken_over:
-            return []
-        if vehicle.waits_for_operator and not vehicle.availability.airborne:
-            return [announce(vehicle, WAITS, warning=True)]
-        measured = vehicle.availability.position_good or not vehicle.availability.airborne
-        if measured and (vehicle.availability.airborne or self._may_take_off(vehicle, at_s)):
-            return [StartMission(vehicle.name)]
-        vehicle.start_again_at_s = at_s + CHECK_EVERY_S
-        return []
-
-    def _may_take_off(self, vehicle: Vehicle, at_s: float) -> bool:
-        """Return whether a vehicle on the ground may take off now.
-
-        Vehicles of other processes report no position during their takeoff, so each vehicle has a
-        different earliest takeoff time.
-        """
-        if self.scenario.only is not None:
-            number = [section.name for section in self.scenario.vehicles].index(vehicle.name)
-            if at_s < self.scenario.start_s + number * TAKEOFF_EVERY_S:
-                return False
-        return self.traffic.may_take_off(vehicle.name, at_s)
 
     def _deploy(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand]:
         """Upload the mission to the fire as soon as the guidance has a path."""
@@ -297,20 +275,6 @@ class Core:
         vehicle.deployed = True
         items = self.guidance.items(vehicle, path, fix)
         return [self._missions.upload(vehicle, path, items, fix, "fly to the fire")]
-
-    def _must_return(self, vehicle: Vehicle, fix: PositionFix) -> bool:
-        """Return whether the remaining endurance is needed for the flight home and the reserve."""
-        section = vehicle.section
-        if vehicle.sent_home or vehicle.going_home:
-            return not vehicle.sent_home
-        if section.endurance_s is None:
-            return False
-        against_m_s = max(
-            section.airspeed_m_s - vehicle.availability.wind_m_s, section.airspeed_m_s / 3
-        )
-        home_s = math.dist((fix.x_m, fix.y_m), vehicle.home_m) / against_m_s
-        flown_s = fix.at_s - vehicle.availability.took_off_at_s
-        return flown_s + home_s + section.endurance_reserve_s >= section.endurance_s
 
     def _send_home(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand]:
         self.decision_engine.recall(vehicle.name, fix.at_s)
@@ -364,13 +328,13 @@ class Core:
         return [] if self._approvals is None else [*self._approvals.withdraw(vehicle, why)]
 
     def _was_overridden(self, vehicle: Vehicle, was: "_Was") -> bool:
-        """Return whether another than the service has changed the mode on the ground."""
+        """Return whether the autopilot or the pilot changed the mode of a vehicle on the ground."""
         mode, booted = vehicle.availability.mode, was.mode not in BEFORE_MODES
         changed = booted and mode != was.mode and mode not in LEADS_TO[StartMission]
         return changed and not vehicle.availability.airborne
 
     def _start_ended(self, vehicle: Vehicle) -> list[AnyCommand]:
-        """End a start that has not taken effect; the next one requires an order or an approval."""
+        """End a start that has not taken effect; the next start needs an order or an approval."""
         vehicle.waits_for_operator |= not self._way.prescribed
         why = f"{named_mode(vehicle.availability.mode)} was not ordered"
         chosen = f"start ended: {why}, selected by its autopilot or pilot"
@@ -384,156 +348,10 @@ class Core:
         ended += back_under_control(vehicle)
         if not has_landed:
             return [*ended, announce(vehicle, f"disarmed {WAITS}", warning=True)]
-        # The mission on board begins in the air: a takeoff needs a new one.
+        # The mission on board begins in the air: a takeoff needs a new mission.
         vehicle.flown_line = vehicle.refusal = None
         self.traffic.forget(vehicle.name)
         return [*ended, announce(vehicle, "landed")]
-
-    def _read_back(self, vehicle: Vehicle, event: events.MissionReadBack) -> list[AnyCommand]:
-        """Continue with the mission read back after a restart; in a burn, only announce it."""
-        at_s, availability = event.at_us / 1e6, vehicle.availability
-        was, vehicle.unconfirmed = vehicle.unconfirmed, None
-        if was is None:
-            return []
-        words = announce(vehicle, in_words(event))
-        if self._way.prescribed:
-            return [words]
-        accepted: list[AnyCommand] = []
-        vehicle.read_back = recognised(vehicle, was, event)
-        if vehicle.read_back == "new":
-            assert was.pending is not None
-            accepted = self._accepted(vehicle, was.pending, at_s)
-        sent_home = was.recalled and not vehicle.ordered and not availability.taken_over
-        if sent_home and availability.airborne and vehicle.mode not in GOING_HOME:
-            self.decision_engine.recall(vehicle.name, at_s)
-            return [words, Return(vehicle.name)]
-        if vehicle.ordered:
-            if vehicle.mode in ("mission", *GOING_HOME):
-                vehicle.hold_again_at_s = at_s
-            held = "an earlier order to hold applies until an operator orders resume"
-            return [words, announce(vehicle, held, warning=True)]
-        if not availability.airborne:
-            return [words, *accepted, *self._continued_on_ground(vehicle, was, at_s)]
-        starts = any(isinstance(command, StartMission) for command in accepted)
-        return [words, *accepted, *self._continued_in_air(vehicle, was, starts)]
-
-    def _continued_on_ground(
-        self, vehicle: Vehicle, was: UnconfirmedState, at_s: float
-    ) -> list[AnyCommand]:
-        """Repeat a start that was under way before the restart, unless it requires an order."""
-        waits, on_board = vehicle.waits_for_operator, vehicle.flown_line is not None
-        if not waits and was.starting and on_board:
-            vehicle.start_again_at_s = at_s
-        elif not waits and not on_board and (was.starting or vehicle.start_again_at_s):
-            vehicle.holding, vehicle.start_again_at_s = True, None
-        else:  # the vehicle landed or rebooted meanwhile
-            waits = waits or (vehicle.started and not vehicle.start_again_at_s)
-        return [announce(vehicle, WAITS, warning=True)] if waits else []
-
-    def _continued_in_air(
-        self, vehicle: Vehicle, was: UnconfirmedState, starts: bool
-    ) -> list[AnyCommand]:
-        """Start the mission of a vehicle that an operator resumed, or that holds before a start."""
-        if vehicle.availability.taken_over:
-            return []
-        if was.resumed and vehicle.read_back == "unknown":
-            vehicle.started = False  # a new mission is uploaded and started
-            return []
-        if was.resumed:
-            return [StartMission(vehicle.name)]
-        in_mission = vehicle.mode == MISSION or not self.guidance.in_mission(vehicle.name)
-        if vehicle.availability.recalled or in_mission:
-            return []
-        if not was.starting and was.pending is None:
-            return []
-        if vehicle.flown_line is None:
-            vehicle.holding = True
-            return []
-        return [] if starts else [StartMission(vehicle.name)]
-
-    # Missions ---------------------------------------------------------------------------------
-
-    def _upload_finished(self, vehicle: Vehicle, event: events.UploadFinished) -> list[AnyCommand]:
-        if vehicle.pending is None or vehicle.pending.mission_id != event.mission_id:
-            return []
-        vehicle.upload_ended_at_s = event.at_us / 1e6
-        pending, accepted = vehicle.pending, event.outcome == "accepted"
-        vehicle.enter(MissionPhase.ACCEPTED if accepted else MissionPhase.FAILED)
-        if accepted:
-            return self._accepted(vehicle, pending, event.at_us / 1e6)
-        vehicle.flown_line = None
-        vehicle.not_before_s = event.at_us / 1e6 + RETRY_S
-        failure = f"mission {event.mission_id} {event.outcome}: {event.reason}"
-        words = f"{failure}; trying again in {RETRY_S:.0f} s"
-        commands: list[AnyCommand] = [announce(vehicle, words, warning=True)]
-        in_mission = vehicle.availability.flies and self.guidance.in_mission(vehicle.name)
-        if in_mission and vehicle.started:
-            # PX4 loiters after an infeasible mission. ArduPilot may have parts of the old and of
-            # the new mission on board.
-            vehicle.holding = True
-            if not vehicle.atomic_upload:
-                commands.append(Hold(vehicle.name))
-        return commands
-
-    def _accepted(self, vehicle: Vehicle, pending: Pending, at_s: float) -> list[AnyCommand]:
-        vehicle.flown_line, vehicle.accepted = pending.line, pending
-        vehicle.takes_off = pending.takes_off
-        if vehicle.ordered:  # the hold was ordered during the upload
-            vehicle.hold_again_at_s = at_s
-            return []
-        if not vehicle.started and vehicle.section.autostart and not vehicle.availability.recalled:
-            vehicle.started = True
-            return self._start(vehicle, at_s)
-        if vehicle.holding:
-            vehicle.holding = False
-            return self._start(vehicle, at_s)
-        return []
-
-    def _command_finished(
-        self, vehicle: Vehicle, event: events.CommandFinished
-    ) -> list[AnyCommand]:
-        was_starting = event.command == "start mission" and vehicle.start_under_way
-        if event.command == "start mission":
-            vehicle.start_under_way = False
-            vehicle.start_again_at_s = None
-        if event.command == "hold":
-            vehicle.hold_under_way_s = None
-            if vehicle.ordered == "hold" and event.accepted:
-                vehicle.hold_again_at_s = None
-        if event.command == "return" and event.accepted:
-            vehicle.return_again_at_s = None
-        if event.accepted:
-            unannounced = event.command in UNANNOUNCED or self._start_was_announced(vehicle, event)
-            return [] if unannounced else [announce(vehicle, f"{event.command}: accepted")]
-        vehicle.start_confirmed = False
-        refused = f"{event.command} refused: {event.reason}"
-        again_at_s = event.at_us / 1e6 + START_AGAIN_S
-        if event.command == "return" and vehicle.availability.recalled:
-            vehicle.return_again_at_s = again_at_s
-        elif was_starting and self._may_start_again(vehicle):
-            vehicle.start_again_at_s = again_at_s
-        else:
-            return [announce(vehicle, refused, warning=True)]
-        refused += f"; trying again in {START_AGAIN_S:.0f} s"
-        return [announce(vehicle, refused, warning=True)]
-
-    def _may_start_again(self, vehicle: Vehicle) -> bool:
-        """Return whether a refused start is repeated.
-
-        On the ground it is repeated, because autopilots refuse to arm until they have a position.
-        In the air it is repeated only for a vehicle that flies by its mission.
-        """
-        availability = vehicle.availability
-        if availability.taken_over or availability.recalled or vehicle.ordered:
-            return False
-        return self.guidance.in_mission(vehicle.name) or not availability.airborne
-
-    def _start_was_announced(self, vehicle: Vehicle, event: events.CommandFinished) -> bool:
-        """Return whether a start in flight was announced before and nothing has ended it since."""
-        announced = vehicle.start_confirmed and vehicle.availability.airborne
-        if event.command in ("start mission", "hold", "return"):
-            vehicle.start_confirmed = event.command == "start mission"
-        return announced and event.command == "start mission"
 
     def _rebooted(self, vehicle: Vehicle, at_s: float, was: "_Was") -> list[AnyCommand]:
         """Reset a vehicle whose autopilot was restarted; an order to return remains valid.
@@ -555,14 +373,11 @@ class Core:
         words = announce(vehicle, f"autopilot restarted: {then}", warning=True)
         return [*ended, *back_under_control(vehicle), words]
 
-    # Handlers of events that do not depend on the vehicle's earlier state.
+    # Handlers that do not depend on the vehicle's state before the event.
     _ANSWERS: ClassVar[dict[type[events.VehicleEvent], Callable[..., list[AnyCommand]]]] = {
-        events.UploadFinished: _upload_finished,
         events.VehicleConnected: _connected,
         events.LinkLost: _link_lost,
         events.LinkRestored: _link_restored,
-        events.CommandFinished: _command_finished,
-        events.MissionReadBack: _read_back,
         events.AirspeedMeasured: _airspeed_measured,
         events.MissionProgress: _progressed,
     }
@@ -582,3 +397,18 @@ class _Was(NamedTuple):
 def _announce_return(vehicle: Vehicle, mode: str) -> Announce:
     where = "returning home" if mode != "land" else "landing at its position"
     return announce(vehicle, f"{where} ({mode})", warning=True)
+
+
+def _must_return(vehicle: Vehicle, fix: PositionFix) -> bool:
+    """Return whether the remaining endurance is needed for the flight home and the reserve."""
+    section = vehicle.section
+    if vehicle.sent_home or vehicle.going_home:
+        return not vehicle.sent_home
+    if section.endurance_s is None:
+        return False
+    against_m_s = max(
+        section.airspeed_m_s - vehicle.availability.wind_m_s, section.airspeed_m_s / 3
+    )
+    home_s = math.dist((fix.x_m, fix.y_m), vehicle.home_m) / against_m_s
+    flown_s = fix.at_s - vehicle.availability.took_off_at_s
+    return flown_s + home_s + section.endurance_reserve_s >= section.endurance_s

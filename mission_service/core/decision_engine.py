@@ -1,6 +1,7 @@
 """Updates the vehicles' availability from events, and runs their planners.
 
-The core converts decisions to missions. ``decide`` runs this part alone on a journal.
+The core converts decisions to missions. The command ``decide`` runs the planners alone on a
+journal.
 """
 
 import math
@@ -53,7 +54,7 @@ class DecisionEngine:
         return None
 
     def recall(self, name: str, at_s: float) -> None:
-        """Record an order to return; an order given on the ground is valid until takeoff."""
+        """Record an order to return; if given on the ground, the order is valid until takeoff."""
         availability = self.availability[name]
         availability.recalled, availability.recalled_on_ground = True, not availability.airborne
         self.planners[name].left(at_s)
@@ -147,8 +148,8 @@ class DecisionEngine:
             availability.mode_is_ordered = True
             availability.expected_until_s.clear()
             self.planners[event.vehicle].left(at_s)
-        elif event.mode == MISSION:  # under control, for any cause of the change
-            if (event.mode, event.armed) != before:  # not a repeated report
+        elif event.mode == MISSION:  # ordered, even if a pilot selected the mode
+            if (event.mode, event.armed) != before:  # the report differs from the previous report
                 availability.recalled &= availability.recalled_on_ground
             availability.held_by_upload, availability.mode_is_ordered = False, True
         else:
@@ -185,7 +186,7 @@ class DecisionEngine:
         availability: VehicleAvailability,
         event: events.GpsFixChanged | events.EstimatorStatusChanged,
     ) -> None:
-        """Record whether positions are reliable; if not, the vehicle leaves its planner."""
+        """Record whether positions are reliable; if not, remove the vehicle from its planner."""
         was_good = availability.position_good
         if isinstance(event, events.GpsFixChanged):
             availability.fix_good = event.good
@@ -210,7 +211,7 @@ class DecisionEngine:
         if not availability.airborne and telemetry.altitude_relative_m >= self._airborne_m:
             availability.airborne, availability.took_off_at_s = True, at_s
             availability.recalled_on_ground = False
-            if availability.mode in GOING_HOME:  # the mode was reported before the takeoff
+            if availability.mode in GOING_HOME:  # the mode's report preceded the takeoff
                 self.recall(telemetry.vehicle, at_s)
         if not availability.flies or at_s < self._deploy_at_s:
             return None

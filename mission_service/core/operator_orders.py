@@ -90,7 +90,7 @@ class OperatorOrders:
         return [announce(vehicle, words, warning=True)]
 
     def _obstacle(self, vehicle: Vehicle, order: events.Order) -> str:
-        """Return why an order cannot be carried out even if it is confirmed; "" if it can."""
+        """Return why an order cannot be carried out, even if it is confirmed; "" if it can."""
         availability, on_board = vehicle.availability, self._resumes_mission
         if order == "start" and vehicle.ordered:
             return "a hold is ordered: order resume first"
@@ -122,7 +122,8 @@ class OperatorOrders:
                 vehicle.sent_home = True
                 if availability.airborne and availability.online:
                     return [announce(vehicle, words), Return(vehicle.name)]
-                # Also on the ground: a start that was ordered before may still take effect.
+                # A vehicle on the ground also needs a hold: an earlier order to start may still
+                # take effect.
                 vehicle.return_again_at_s = at_s
                 if availability.airborne:
                     return [announce(vehicle, words)]
@@ -169,12 +170,12 @@ class OperatorOrders:
             vehicle.unconfirmed = replace(vehicle.unconfirmed, resumed=True)
             return [announce(vehicle, f"resumed by {by}: executed when its mission is read back")]
         if on_board:
-            if vehicle.flown_line is None:  # its mission on board is unknown
+            if vehicle.flown_line is None:  # the mission on board is unknown
                 vehicle.deployed, vehicle.holding = False, True
                 return [announce(vehicle, f"resumed by {by}: executed when it has a mission")]
             # The mission ends at the fire's edge; from there the formation controls the vehicle.
             return [announce(vehicle, f"resumed by {by}"), StartMission(vehicle.name)]
-        if vehicle.availability.airborne:  # by a new mission, because the front has moved
+        if vehicle.availability.airborne:  # resumed by a new mission, because the front has moved
             vehicle.holding, vehicle.flown_line = True, None
         elif vehicle.started:
             vehicle.flown_line = None
@@ -218,20 +219,20 @@ class OperatorOrders:
                 words = f"mission {mission.mission_id} accepted by {event.by}"
                 return [announce(vehicle, words), mission]
         elif self._approvals.refused(vehicle, event.mission_hash, event.by):
-            words = "no similar one is proposed until the front or the reason changes"
+            words = "no similar mission is proposed until the front or the reason changes"
             return [announce(vehicle, f"mission refused by {event.by}: {words}")]
         words = f"{REJECTED} no such mission is proposed; load the proposal again"
         return [announce(vehicle, words, warning=True)]
 
 
 def hold_again(vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
-    """Repeat a hold until the autopilot accepts it, each time after the previous answer."""
+    """Repeat an unaccepted hold; each repetition waits for the answer to the previous command."""
     if vehicle.hold_again_at_s is None or at_s < vehicle.hold_again_at_s:
         return []
     since_s, availability = vehicle.hold_under_way_s, vehicle.availability
     if since_s is not None and at_s - since_s < UNANSWERED_S:
         return []
     if not (availability.airborne or availability.armed):
-        return []  # on the ground and disarmed
+        return []  # the vehicle is on the ground and disarmed
     vehicle.hold_again_at_s = at_s + HOLD_AGAIN_S
     return [Hold(vehicle.name)]

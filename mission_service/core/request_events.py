@@ -29,8 +29,8 @@ from mission_service.value_errors import in_words
 if TYPE_CHECKING:
     from mission_service.config.scenario import Scenario
 
-ELSEWHERE = "mqtt"  # "mqtt:west": users of MQTT have no station, so they are never present
-STATUS = "status"  # a query for the state, which makes no event
+ELSEWHERE = "mqtt"  # as in "mqtt:west": MQTT users have no station and never count as present
+STATUS = "status"  # a query for the state, without an event
 ABORT, REPLAY = name_of(Abort), name_of(Replay)
 
 
@@ -39,7 +39,7 @@ def _table(*kinds: type[Request]) -> dict[str, type[Request]]:
 
 
 REQUESTS = _table(*OF_EVERY_RUN, *(kind for way in WAYS for kind in way.requests))
-# All requests, including that of replays, which makes no event.
+# All requests, including the request ``replay``, which makes no event.
 ALL_REQUESTS = REQUESTS | _table(Replay)
 
 
@@ -53,10 +53,11 @@ class RequestScope:
     """The requests that a run accepts, and the names that they may contain.
 
     Attributes:
-        stations: The stations from which requests are accepted; empty: any. items: The items of the
-        GO list; None: any. on_map: Returns whether a place (latitude, longitude, in degrees) is on
-        the landscape. vehicles: The names of the vehicles; None: any. accepted: The names of the
-        requests.
+        stations: The stations from which requests are accepted; empty: any.
+        items: The items of the GO/NO-GO checklist; None: any.
+        on_map: Returns whether a place (latitude, longitude, in degrees) is on the landscape.
+        vehicles: The names of the vehicles; None: any.
+        accepted: The names of the requests.
     """
 
     stations: Collection[str] = ()
@@ -74,6 +75,7 @@ def event_of(
     at_us: int,
     scope: RequestScope = ANYWHERE,
     may_approve: bool | None = None,
+    role: str = "",
 ) -> AnyOperatorEvent:
     """Return the event of a request.
 
@@ -83,6 +85,7 @@ def event_of(
         scope: The scope that the request is checked against.
         may_approve: Whether the user has the role approve. None for an interface that does not
             check users: the role is then assumed for the requests that need it.
+        role: The highest role of the user, which observations contain; empty for such an interface.
 
     Returns:
         The event.
@@ -108,7 +111,10 @@ def event_of(
         if not scope.on_map(*place):
             raise RequestError(f"{do}: {place[0]:.6g}, {place[1]:.6g} is outside the landscape")
     approver = kind.role == "approve" if may_approve is None else may_approve
-    return msgspec.structs.replace(parsed.event(at_us), may_approve=approver)
+    event = msgspec.structs.replace(parsed.event(at_us), may_approve=approver)
+    if isinstance(event, events.FireObserved):
+        return msgspec.structs.replace(event, role=role)
+    return event
 
 
 def _check_names(request: Request, scope: RequestScope) -> None:
@@ -120,7 +126,7 @@ def _check_names(request: Request, scope: RequestScope) -> None:
     item, vehicle = getattr(request, "item", ""), getattr(request, "vehicle", "")
     if item and items is not None and item not in items:
         listed = "; ".join(items) or "the list is empty"
-        raise RequestError(f"no item {_cut(item)} on the GO list: {listed}")
+        raise RequestError(f"no item {_cut(item)} on the GO/NO-GO checklist: {listed}")
     if vehicle and vehicles is not None and vehicle not in vehicles:
         raise RequestError(f"no vehicle {_cut(vehicle)}; the run has {', '.join(vehicles)}")
 
@@ -146,8 +152,8 @@ def _places(request: Request) -> tuple[tuple[float, float], ...]:
         return ((lat_deg, lon_deg),)
     points: tuple[tuple[float, float], ...] = getattr(request, "points", ())
     if points:
-        # Twice around the corners: half of the length includes the side from the last to the first
-        # corner.
+        # The line goes around the corners twice: half of its length includes the side from the last
+        # to the first corner.
         outline = shapely.LineString([(lon, lat) for lat, lon in points * 2])
         length_m = M_PER_DEG * outline.length / 2.0
         if length_m > request.max_length_m:

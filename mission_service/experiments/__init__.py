@@ -1,1 +1,1 @@
-"""Run the papers' experiments: fly planners over fires that are simulated once."""
+"""Run the papers' experiments: fly planners over fires, each simulated once."""

@@ -1,7 +1,7 @@
 """Fly along the true front of a burn from cell to cell, as Islam & Hu assume.
 
-"We assume that the UAS has the capability of boundary following and always flies on top of the
-fire perimeter" (section III). A planner decides the direction; this module gives the next cell.
+"We assume that the UAS has the capability of boundary following and always flies on top of the fire
+perimeter" (section III). A planner decides the direction; this module finds the next cell.
 """
 
 import heapq
@@ -17,8 +17,8 @@ AROUND = ((-1, 0), (-1, 1), (0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1))
 def enclosed_s(arrival_s: Floats) -> Floats:
     """Return the time (y, x) at which each cell burns or is cut off from the outside.
 
-    Holes and closed inlets are not part of the front around the fire. The best path out of a cell,
-    across sides of cells, is the one that stays free of fire for the longest time (Dijkstra).
+    Holes and closed inlets are not part of the front around the fire. The best path out of a cell
+    crosses only sides of cells and stays free of fire for the longest time (Dijkstra).
     """
     rows, cols = arrival_s.shape
     found = np.full((rows + 2, cols + 2), -np.inf)
@@ -41,7 +41,7 @@ def enclosed_s(arrival_s: Floats) -> Floats:
 
 
 class BoundaryFollower:
-    """A vehicle on the front of a growing fire, with its cell and the side that is outside."""
+    """A vehicle on the front of a growing fire, with its cell and the side outside the fire."""
 
     def __init__(self, fire_s: Floats, at_s: float) -> None:
         """Start at the northernmost cell of the filled fire (``enclosed_s``)."""
@@ -71,7 +71,7 @@ class BoundaryFollower:
             if fire[row, col] <= at_s:
                 break
         else:
-            return  # a single cell
+            return  # the fire is a single cell
         before_row, before_col = AROUND[(side - turn) % 8]
         empty = (before_row - step_row, before_col - step_col)
         self._outside = AROUND.index(empty)

@@ -1,4 +1,4 @@
-"""Simulate the fires of the papers' experiments once, to evaluate them at any time."""
+"""Simulate the fires of the papers' experiments once, so that each has a state at any time."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -28,9 +28,9 @@ class Burn:
     landscape: Landscape
     weather: WeatherStream
     ignition: tuple[int, int]  # row, column
-    deploy_s: float  # when the vehicles arrive at the front
+    deploy_s: float  # time at which the vehicles arrive at the front
     end_s: float
-    speed_m_s: float  # of the vehicles
+    speed_m_s: float  # speed of the vehicles
     arrival_s: Floats
 
     def burned(self, at_s: float) -> NDArray[np.bool_]:

@@ -3,7 +3,7 @@
 DEAP is one small package, while pymoo depends on autograd, cma and others. DEAP uses Python's
 global random generator, which is seeded before the search and restored afterwards. Only breeding
 draws random numbers. Evaluations draw none, and their results are in a fixed order. A run is
-therefore bitwise reproducible with any number of processes, and on machines of the same kind.
+therefore bitwise reproducible with any number of processes, and on any machine of one kind.
 """
 
 import random
@@ -28,8 +28,8 @@ from mission_service.simulation.task_pool import dask_client
 Genes = tuple[float, ...]
 Evaluate = Callable[[Sequence[Genes]], list[float]]
 
-MIN_GENE, MAX_GENE = 0.0, 20.0  # exclusive bounds of genes
-CLOSE = 1e-3  # minimum distance from the bounds
+MIN_GENE, MAX_GENE = 0.0, 20.0  # bounds of genes, both excluded
+CLOSE = 1e-3  # minimum distance of a gene from its bounds
 ELITE, FITTEST = 0.1, 0.5  # shares of the population
 MUTATION, CHANGE = 0.1, 1.0  # probability per gene, and maximum change
 POPULATION, GENERATIONS = 50, 200
@@ -165,7 +165,7 @@ def on_cores(workers: int, seed: int) -> Iterator[Evaluate]:
 def on_cluster(scheduler: str, seed: int) -> Iterator[Evaluate]:
     """Yield a function that evaluates on the workers of a Dask scheduler (tcp://HOST:8786).
 
-    The requirements of the workers and the errors are the same as in ``task_pool.on_cluster``.
+    ``task_pool.on_cluster`` states the requirements of the workers, and the errors.
     """
     with dask_client(scheduler, "tune") as client:
 

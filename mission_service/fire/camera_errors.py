@@ -1,4 +1,4 @@
-"""Simulate the errors of cameras: of their position and direction, of their detection, and smoke.
+"""Simulate errors of cameras: in position, direction and detection, and through smoke.
 
 Equal seeds, vehicles and times give equal errors, however often and in which order images are
 taken.
@@ -17,10 +17,10 @@ from mission_service.config.scenario import Scenario
 from mission_service.events import Telemetry
 from mission_service.fire.camera_views import Footprint
 
-STREAM = 3  # of random numbers; others are used elsewhere with the same seed
-GPS_PERIOD_US = 60_000_000  # the error of a position changes in this time
+STREAM = 3  # random numbers of this module; other modules use other streams of the same seed
+GPS_PERIOD_US = 60_000_000  # the error of a position changes over this time
 SMOKING_S = 1200.0  # time for which a burning cell emits smoke
-CALM_M_S = 0.5  # smoke rises without covering the ground
+CALM_M_S = 0.5  # in a weaker wind, smoke rises and does not cover the ground
 
 
 class Shown(NamedTuple):
@@ -61,7 +61,7 @@ class CameraErrors:
 
     def _behind_smoke(self, fire: Fire, at_s: float, footprint: Footprint) -> Mask:
         """Return the cells (y, x) of a window that lie downwind of burning cells."""
-        weather, land = fire.weather.at(at_s), fire.landscape
+        weather, land = fire.weather.weather_at(at_s), fire.landscape
         reach = math.floor(self.settings.smoke_m / land.cell_size_m)
         covered = np.zeros(footprint.beyond.shape, dtype=bool)
         if weather.wind_speed_m_s < CALM_M_S:

@@ -20,11 +20,11 @@ class Footprint(NamedTuple):
     top: int
     left: int
     beyond: Mask  # (y, x) the cells of the window that lie outside the footprint
-    height_m: float  # of the camera above the ground
+    height_m: float  # height of the camera above the ground
 
 
 class CameraViews:
-    """The cameras of all vehicles: their footprints, periods and positions' reliability."""
+    """The cameras of all vehicles: footprints, periods, and whether positions are reliable."""
 
     def __init__(self, scenario: Scenario) -> None:
         self._cameras = {section.name: camera_of(section) for section in scenario.vehicles}
@@ -37,7 +37,8 @@ class CameraViews:
     def is_due(self, fix: events.Telemetry) -> bool:
         """Return whether an image is due; if so, the next image becomes due one period later.
 
-        No image is due while the vehicle's position is unreliable; it would be misplaced.
+        No image is due while the vehicle's position is unreliable, because the image would be
+        misplaced.
         """
         if self._faults[fix.vehicle] or fix.at_us < self._due_us[fix.vehicle]:
             return False
@@ -90,7 +91,7 @@ def observed(
 def image_of(
     fix: events.Telemetry, shown: Footprint, burned: Mask, unseen: Mask | None = None
 ) -> events.Observed:
-    """Return the image of the burned cells (y, x) in a footprint, without the ``unseen`` ones."""
+    """Return the image of the burned cells (y, x) in a footprint, without ``unseen`` cells."""
     codes = np.where(burned, ord("b"), ord("u")).astype(np.uint8)
     codes[shown.beyond if unseen is None else shown.beyond | unseen] = ord(".")
     return events.Observed(fix.at_us, fix.vehicle, shown.top, shown.left, in_letters(codes))

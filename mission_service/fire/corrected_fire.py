@@ -1,4 +1,4 @@
-"""Correct a cellular fire by operators' pens, eraser, undo and wind reports.
+"""Correct a cellular fire by operators' drawings, erasures, undo and wind reports.
 
 The fire without corrections is simulated in parallel, so that an undo restores it. After each
 correction, the corrected fire is restarted from corrected arrival times at that time. If there are
@@ -9,14 +9,13 @@ fire without corrections, is no longer listed and cannot be undone.
 import copy
 from collections.abc import Callable, Sequence
 
+import msgspec
 import numpy as np
-import shapely
-from numpy.typing import NDArray
-from shapely.geometry.base import BaseGeometry
 
 from firemodel.arrays import Floats
+from firemodel.assimilation.observation import BURNED, UNBURNED, UNSEEN
+from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
-from firemodel.landscape.rasterise import cells_of
 from firemodel.physics.weather import WeatherStream
 from firemodel.spread.anyangle import AnyAngleFire
 from firemodel.spread.burning import burning_from_arrival
@@ -25,14 +24,13 @@ from mission_service.events import AnyOperatorEvent, Corrected, Erased, Redone, 
 from mission_service.fire.correction_log import (
     CorrectionLog,
     Held,
-    drawn_shape,
-    not_erased,
     observations_held,
     observations_of_correction,
 )
 from mission_service.fire.late_observation import Begin
+from mission_service.fire.reported_observations import observation_of
 
-AHEAD_S = 3600.0  # forecast of the fire before the fit, for observations ahead of its front
+AHEAD_S = 3600.0  # before a fit, the fire is forecast this far, for observations ahead of its front
 OBSERVATION_SPACING_CELLS = 1.0
 MAX_STEPS = 256  # the time of a correction grows with the number of observations
 MAX_OBSERVATIONS = 150  # the time of a fit grows with the cube of their number
@@ -49,16 +47,23 @@ class CorrectedFire:
         self._landscape = landscape
         self._begin = begin
         self._spacing_m = OBSERVATION_SPACING_CELLS * landscape.cell_size_m
-        self._base: Fire | None = None  # the fire without corrections; None if there are none
+        # The fire without corrections; None while there are no corrections.
+        self._base: Fire | None = None
 
-    def check(self, event: AnyOperatorEvent) -> None:
+    def copy(self) -> "CorrectedFire":
+        """Return an independent copy."""
+        found = copy.copy(self)  # ``apply_report`` replaces the log and does not change it
+        found._base = None if self._base is None else self._base.copy()
+        return found
+
+    def check_report(self, event: AnyOperatorEvent) -> None:
         """Raise FireModelError for a report that has no effect or an unusable shape."""
         self.log.refuse_no_effect(event)
         if isinstance(event, Corrected):
             observations_of_correction(event, self._landscape, self._spacing_m)
 
-    def changed(self, fire: Fire, change: Callable[[Fire], Fire]) -> Fire:
-        """Apply a change to the fire and to the fire without corrections; return the first.
+    def change(self, fire: Fire, change: Callable[[Fire], Fire]) -> Fire:
+        """Apply a change to the fire and to the fire without corrections; return the changed fire.
 
         Each ignition and each image is such a change.
         """
@@ -69,7 +74,7 @@ class CorrectedFire:
     def apply_report(self, event: AnyOperatorEvent, fire: Fire) -> Fire:
         """Apply a report and return the fire from now on, which is ``fire`` itself if unchanged.
 
-        Raises FireModelError for a report that is invalid or has no effect, which changes nothing.
+        Raises FireModelError, and changes nothing, for a report that is invalid or has no effect.
         """
         match event:
             case WindSet():
@@ -79,7 +84,11 @@ class CorrectedFire:
                 if self._base is None:
                     return self._in_weather(fire, stream)
                 base = self._in_weather(self._base_at(fire), stream)
-                found, self._base = self._set_right(base, self.log.held()), base
+                try:
+                    found = self._set_right(base, self.log.held())
+                except FireModelError:  # nothing or everything burns; the wind changes all the same
+                    found = self._in_weather(fire, stream)
+                self._base = base
                 return found
             case Corrected() | Erased() | Undone() | Redone():
                 self.log.refuse_no_effect(event)
@@ -110,13 +119,14 @@ class CorrectedFire:
         return self._base
 
     def _set_right(self, base: Fire, held: Sequence[Held]) -> Fire:
-        """Return the corrected fire, or ``base`` itself if the corrections give no observation."""
+        """Return the corrected fire, or ``base`` itself if the corrections have no observation."""
         observations = thinned(observations_held(held, self._landscape, self._spacing_m))
         if not len(observations):
             return base
         ahead = copy.deepcopy(base)
         ahead.advance(base.time_s + AHEAD_S)
-        from firemodel.assimilation.corrected_cells import corrected_arrival  # SciPy takes a while
+        # The import of SciPy is slow.
+        from firemodel.assimilation.corrected_cells import corrected_arrival
 
         arrival_s = ahead.arrival_time_s
         if np.isfinite(arrival_s).any():
@@ -129,7 +139,8 @@ class CorrectedFire:
 def thinned(observations: Floats) -> Floats:
     """Return at most ``MAX_OBSERVATIONS`` evenly chosen rows of observations (n, 4).
 
-    These are sufficient to correct the fire around them; ``as_drawn`` sets all drawn cells exactly.
+    So many observations are sufficient to correct the fire around them; ``as_drawn`` sets all drawn
+    cells exactly.
     """
     if len(observations) <= MAX_OBSERVATIONS:
         return observations
@@ -146,11 +157,12 @@ def burning_now(fire: Fire) -> Burning | None:
 
 
 def drawn_at_s(held: Sequence[Held], landscape: Landscape) -> Floats:
-    """Return the latest time (y, x) for which each cell was drawn; -infinity if it was not."""
+    """Return the latest time (y, x) for which each cell was drawn; -infinity if never."""
     found = np.full(landscape.shape, -np.inf)
     for each in held:
-        index = _cells_drawn(drawn_shape(each.correction, landscape), each, landscape)
-        found[index] = np.maximum(found[index], each.correction.marked_at_us / 1e6)
+        drawn = observation_of(each.correction, landscape, each.erasures)
+        part = found[drawn.where]
+        part[drawn.state != UNSEEN] = np.maximum(part[drawn.state != UNSEEN], drawn.at_s)
     return found
 
 
@@ -163,24 +175,20 @@ def as_drawn(arrival_s: Floats, held: Sequence[Held], landscape: Landscape) -> F
     """
     found = arrival_s.copy()
     for each in held:
-        shape, at_s = drawn_shape(each.correction, landscape), each.correction.marked_at_us / 1e6
-        index = _cells_drawn(shape, each, landscape)
-        match each.correction.state:
-            case "unburned":
-                found[index] = np.maximum(found[index], np.nextafter(at_s, np.inf))
-            case "burned":
-                found[index] = np.minimum(found[index], at_s)
-            case _:
-                found[index] = np.minimum(found[index], at_s)
-                front = shape.exterior if isinstance(shape, shapely.Polygon) else shape
-                found[_cells_drawn(front, each, landscape)] = at_s
+        drawn = observation_of(each.correction, landscape, each.erasures)
+        part, at_s = found[drawn.where], drawn.at_s
+        burned, unburned = drawn.state == BURNED, drawn.state == UNBURNED
+        part[unburned] = np.maximum(part[unburned], np.nextafter(at_s, np.inf))
+        part[burned] = np.minimum(part[burned], at_s)
+        if each.correction.state == "burning":
+            front = observation_of(outline_of(each.correction), landscape, each.erasures)
+            found[front.where][front.state == BURNED] = at_s
     return found
 
 
-def _cells_drawn(
-    shape: BaseGeometry, held: Held, landscape: Landscape
-) -> tuple[NDArray[np.int32], ...]:
-    """Return the rows and columns of the cells of a shape without the erased ones."""
-    cells = cells_of([shape], landscape)
-    centres_m = np.column_stack(landscape.xy_of(*cells.T.astype(float)))
-    return tuple(cells[not_erased(centres_m, held.erasures, landscape)].T)
+def outline_of(correction: Corrected) -> Corrected:
+    """Return the outline of an area as a line, and any other correction itself."""
+    if correction.shape != "polygon":
+        return correction
+    points = (*correction.points, correction.points[0])
+    return msgspec.structs.replace(correction, shape="line", points=points)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
 from firemodel.assimilation.map_drawing import observations_of
-from firemodel.ellipses.observations import BURNED, BURNING, UNBURNED
+from firemodel.ellipses.point_observations import BURNED, BURNING, UNBURNED
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
 from mission_service.events import AnyEvent, Corrected, Erased, FireObserved, Redone, Undone

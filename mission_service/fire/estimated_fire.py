@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 
 from firemodel.assimilation.camera_front import CameraFront
 from firemodel.assimilation.distance_weighting import PaperCorrected
-from firemodel.ellipses.ellipse import EllipseFire, Spread, line_sources, spreads_of
-from firemodel.ellipses.observations import Simulation
+from firemodel.ellipses.ellipse import EllipseFire, Spread, spreads_of
+from firemodel.ellipses.line_ignitions import line_sources
+from firemodel.ellipses.point_observations import Simulation
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.weather import Weather, WeatherStream
 from mission_service import events
@@ -26,11 +27,11 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-LINE_SPACING_M = 2.0  # between the point sources of a line
-OBSERVATION_SPACING_M = 5.0  # along a drawn line or polygon
+LINE_SPACING_M = 2.0  # spacing of the point sources of a line
+OBSERVATION_SPACING_M = 5.0  # spacing of observations along a drawn line or polygon
 PAPER_LENGTH_M = 40.0  # the best value in benchmarks.beachly_lengths
 OWN_WITHIN_M = 20.0
-CAMERA_EVERY_S = 15.0  # between corrections by cameras, each of which takes 0.1 s
+CAMERA_EVERY_S = 15.0  # interval of corrections by cameras; each takes 0.1 s to compute
 WHOLE_AFTER = 1.25  # growth of the number of observations that causes a new fit from the start
 
 
@@ -94,7 +95,7 @@ class EstimatedFire:
             return base
         if self._burn.corrections == "paper":
             return PaperCorrected(base, self._observations, PAPER_LENGTH_M)
-        from firemodel.assimilation.gaussian import GaussianCorrected  # SciPy takes a while
+        from firemodel.assimilation.gaussian import GaussianCorrected  # the import of SciPy is slow
 
         count = len(self._observations)
         near = (
@@ -165,7 +166,7 @@ class EstimatedFire:
 
     def weather_at(self, at_s: float) -> Weather:
         """Return the weather entry in effect at a time."""
-        return WeatherStream(tuple(self._entries)).at(at_s)
+        return WeatherStream(tuple(self._entries)).weather_at(at_s)
 
     def _collect_observations(self) -> None:
         """Collect the observations from corrections and cameras."""

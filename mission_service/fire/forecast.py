@@ -19,13 +19,14 @@ from mission_service.fire.run_estimate import RunEstimate
 
 __all__ = ["LONGEST_S", "Arrival", "Forecasts"]
 
-LENGTHS_S = (3600.0, 3 * 3600.0, 6 * 3600.0)  # from now; requests are rounded up to these
+# Lengths of forecasts; a request is rounded up to one of them.
+LENGTHS_S = (3600.0, 3 * 3600.0, 6 * 3600.0)
 LONGEST_S = LENGTHS_S[-1]
-# Added to the length, so that later requests for "now plus three hours" use the same forecast.
+# Forecasts are longer by this, so that later requests for "now plus three hours" can use them.
 FURTHER_S = 1200.0
-PRESENT_S = 10.0  # the estimate is a little older than the clock; until then a time is now
-OLD_S = 180.0  # age in mission time at which a forecast is computed again
-FOLLOW_EVERY_S = 5.0  # real time
+PRESENT_S = 10.0  # times up to this far ahead count as now: the estimate lags the clock
+OLD_S = 180.0  # a forecast is computed again at this age in mission time
+FOLLOW_EVERY_S = 5.0  # interval in real time at which waiting inputs are processed
 REST_S = 10.0  # minimum real time between two forecasts, unless operators changed the fire
 
 Floats = NDArray[np.float64]
@@ -36,10 +37,10 @@ class Arrival(NamedTuple):
     """The arrival times of a fire: estimated in the past, forecast in the future."""
 
     at_s: float  # time of the forecast
-    until_s: float  # at least the requested time
+    until_s: float  # end of the forecast, at least the requested time
     arrival_s: Floats  # (y, x); after until_s finite only next to the fire
     version: int
-    start_area: StartArea | None = None  # of an initial fire, used for fronts
+    start_area: StartArea | None = None  # area of the initial fire, used for fronts
 
 
 class _Made(NamedTuple):
@@ -53,9 +54,9 @@ class Forecasts:
     """The forecasts of the estimate that ``estimate_of()`` returns.
 
     ``version_of()`` changes with each correction of the fire. Forecasts are computed only on
-    request. All computation runs in one thread, in which kernels release the GIL; the ensemble
-    processes the inputs that wait there too. Concurrent requests share one computation. One object
-    must not be used in several event loops.
+    request. All computation runs in one thread, in which kernels release the GIL; the same thread
+    processes the waiting inputs of the ensemble. Concurrent requests share one computation. One
+    object must not be used in several event loops.
     """
 
     def __init__(
@@ -65,8 +66,8 @@ class Forecasts:
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="forecast")
         self.took_s = 0.0  # computing time of the last forecast
         self._newest: _Made | None = None
-        self._begun_s = -math.inf  # real time
-        self._length_s = 0.0  # longest requested so far
+        self._begun_s = -math.inf  # start of the newest forecast's computation, in real time
+        self._length_s = 0.0  # longest length requested so far
         self._work: asyncio.Task[None] | None = None
         self._processing = asyncio.Lock()
 
@@ -131,7 +132,7 @@ class Forecasts:
     async def follow(self) -> None:
         """Let the ensemble process its inputs as they come until cancelled.
 
-        Without this coroutine the first forecast has to process all of them.
+        Without this coroutine the first forecast has to process all inputs.
         """
         while True:
             await asyncio.sleep(FOLLOW_EVERY_S)
@@ -139,7 +140,7 @@ class Forecasts:
             await self._processed_until(estimate.ensemble, estimate.fire.time_s)
 
     async def _processed_until(self, ensemble: RunEnsemble, at_s: float) -> FireEstimate:
-        """Return the ensemble after its inputs until a time, which a thread processes."""
+        """Process the ensemble's inputs until a time in the thread, and return the ensemble."""
         async with self._processing:
             before, inputs = ensemble.processed, ensemble.inputs_until(at_s)
             if not inputs:

@@ -1,6 +1,7 @@
 """Bring a fire in line with an observation of an earlier time. Pure."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,37 +12,102 @@ from firemodel.physics.weather import WeatherStream
 from firemodel.spread.anyangle import AnyAngleFire
 from firemodel.spread.burning import burning_from_arrival
 from firemodel.spread.fire_scheme import Burning, Fire
+from firemodel.spread.probabilistic import ProbabilisticFire
 
 Begin = Callable[[Burning | None, WeatherStream, float], Fire]
+MAX_AGE_S = 6 * 3600.0  # of observations
+WINDS_APART_S = 60.0  # of the wind reports that are stored for late observations
 EQUAL_S = 1.0  # smaller differences of arrival times are rounding
 
 
-def with_observation(fire: Fire, seen: Observation, unburnable: Mask, begin: Begin) -> Fire:
+def with_observation(
+    fire: Fire, seen: Observation, unburnable: Mask, begin: Begin, weather: WeatherStream
+) -> Fire:
     """Return a fire at its present time after an observation, ``fire`` itself if both agree.
 
-    The fire at the time of the observation is changed as observed, and burns on to the present. It
-    does so twice, with and without the change; the arrival times that differ are adopted. So the
-    fire elsewhere keeps its progress within the cells, which a restart would lose.
+    The fire is simulated twice from the time of the observation to the present, with and without
+    the observed change. Only arrival times that differ are changed. Elsewhere the fire keeps its
+    progress within the cells, which a restart would lose.
 
     Args:
         fire: The fire; it is not changed.
         seen: The observation; its time may be earlier than that of the fire, but not later.
         unburnable: (y, x) the cells of the grid that cannot burn.
         begin: Starts a fire from its state (None if nothing has burned) and weather at a time.
+        weather: The weather since the time of the observation; that of the fire may begin later.
     """
     cell_m, arrival_s = fire.landscape.cell_size_m, fire.expected_s()
-    late = fire if isinstance(fire, AnyAngleFire) and seen.at_s < fire.time_s else None
-    known_s = arrival_s if late is None else np.where(arrival_s <= seen.at_s, arrival_s, np.inf)
+    is_late = seen.at_s < fire.time_s
+    known_s = np.where(arrival_s <= seen.at_s, arrival_s, np.inf) if is_late else arrival_s
     found = with_image(known_s, seen.where, seen.state, seen.at_s, cell_m, unburnable)
     if found is None:
         return fire
     new_s, changed = found
-    if late is not None:
-        without_s, with_s = (_burned_on(each, seen.at_s, late) for each in (known_s, new_s))
-        sooner, later = with_s < without_s - EQUAL_S, with_s > without_s + EQUAL_S
-        new_s = np.where(sooner, np.minimum(arrival_s, with_s), np.where(later, with_s, arrival_s))
+    if is_late:
+        new_s = _burned_on(fire, known_s, new_s, seen.at_s, _Past(fire, weather, begin))
         changed = new_s != arrival_s
     return rewritten(fire, new_s, changed, begin)
+
+
+class _Past:
+    """Burns fires of earlier times on to the present of a fire."""
+
+    def __init__(self, fire: Fire, weather: WeatherStream, begin: Begin) -> None:
+        self._fire, self._weather, self._begin = fire, weather, begin
+        self._model: AnyAngleFire | None = None  # shares its tables with the fires
+        if isinstance(fire, AnyAngleFire):
+            self._model = fire
+            if weather is not fire.weather:
+                model = begin(None, weather, fire.time_s)
+                assert isinstance(model, AnyAngleFire)
+                self._model = model
+
+    def burned_on(self, arrival_s: Floats, at_s: float) -> Floats:
+        """Return the expected arrival times (y, x) of a fire that burned so until ``at_s``."""
+        if not (arrival_s <= at_s).any():
+            return np.full(arrival_s.shape, np.inf)
+        burning = burning_from_arrival(arrival_s, self._fire.landscape, at_s)
+        if self._model is None:
+            found = self._begin(burning, self._weather, at_s)
+        else:
+            found = self._model.restarted(burning)
+        found.advance(self._fire.time_s)
+        return found.expected_s()
+
+
+def _burned_on(fire: Fire, known_s: Floats, new_s: Floats, at_s: float, past: _Past) -> Floats:
+    """Return the arrival times (y, x) of a fire after the change of its state at ``at_s``.
+
+    Args:
+        fire: The fire at the present time.
+        known_s: (y, x) its arrival times until ``at_s``.
+        new_s: (y, x) these times after the change.
+        at_s: The time of the change.
+        past: Burns on to the present.
+    """
+    arrival_s = fire.expected_s()
+    if isinstance(fire, ProbabilisticFire):
+        # Two random fires differ everywhere, so only the ground of the change is burned again.
+        before, after = known_s <= at_s, new_s <= at_s
+        added_s = past.burned_on(np.where(after & ~before, new_s, np.inf), at_s)
+        found = np.minimum(arrival_s, added_s)
+        removed = before & ~after
+        return np.where(removed, past.burned_on(new_s, at_s), found) if removed.any() else found
+    without_s, with_s = past.burned_on(known_s, at_s), past.burned_on(new_s, at_s)
+    sooner, later = with_s < without_s - EQUAL_S, with_s > without_s + EQUAL_S
+    return np.where(sooner, np.minimum(arrival_s, with_s), np.where(later, with_s, arrival_s))
+
+
+def with_wind(past: WeatherStream, speed_m_s: float, from_deg: float, at_s: float) -> WeatherStream:
+    """Return the weather of the last hours after a wind report, for late observations.
+
+    Of reports within ``WINDS_APART_S`` it contains the last.
+    """
+    found = past.blown(speed_m_s, from_deg, at_s).since(at_s - MAX_AGE_S)
+    if len(found.entries) > 2 and at_s - found.entries[-2].at_s < WINDS_APART_S:
+        *others, before, last = found.entries
+        found = WeatherStream((*others, replace(last, at_s=before.at_s)))
+    return found
 
 
 def rewritten(fire: Fire, arrival_s: Floats, changed: Mask, begin: Begin) -> Fire:
@@ -54,12 +120,3 @@ def rewritten(fire: Fire, arrival_s: Floats, changed: Mask, begin: Begin) -> Fir
         return fire.rewritten(arrival_s, changed)
     burning = burning_from_arrival(arrival_s, fire.landscape, fire.time_s)
     return begin(burning, fire.weather, fire.time_s)
-
-
-def _burned_on(arrival_s: Floats, at_s: float, fire: AnyAngleFire) -> Floats:
-    """Return the expected arrival times (y, x) of a fire that burned so until ``at_s``."""
-    if not (arrival_s <= at_s).any():
-        return np.full(arrival_s.shape, np.inf)
-    found = fire.restarted(burning_from_arrival(arrival_s, fire.landscape, at_s))
-    found.advance(fire.time_s)
-    return found.expected_s()

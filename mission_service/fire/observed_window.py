@@ -22,7 +22,7 @@ AROUND_CELLS = 3  # margin of a reported window, which includes the edge of the 
 STATE_OF_LETTER = np.full(256, UNSEEN, dtype=np.uint8)
 STATE_OF_LETTER[ord("b")], STATE_OF_LETTER[ord("u")] = BURNED, UNBURNED
 
-LETTERS = np.frombuffer(b".ub", dtype=np.uint8)  # by state
+LETTERS = np.frombuffer(b".ub", dtype=np.uint8)  # the letter of each state
 
 
 class Window(NamedTuple):
@@ -50,9 +50,9 @@ def window_around(cells: Mask, fire: Fire) -> Window:
 
 
 def observation_in(image: Observed) -> Observation:
-    """Return the observation in a camera's image, without its errors of detection.
+    """Return a camera's image as an observation, without errors of detection.
 
-    A majority filter removes them, if the sensor makes any.
+    A majority filter removes these errors if the sensor makes any.
     """
     seen = Observation(
         image.at_us / 1e6,

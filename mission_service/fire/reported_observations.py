@@ -1,55 +1,134 @@
-"""Convert reported observations of the fire to observed cells, and check them. Pure.
+"""Convert images, reports and corrections to observed cells, and check reports. Pure."""
 
-A report that the estimate explains within its error of position changes nothing. A burned place
-elsewhere counts at once if its source makes no false alarms, otherwise only after a second report
-of another time or source nearby.
-"""
+from collections.abc import Sequence
+from typing import NamedTuple
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from firemodel.arrays import Floats, Mask, Place, bounds_of, widened, window_at
+from firemodel.arrays import Floats, Mask, bounds_of
 from firemodel.assimilation.observation import BURNED, UNBURNED, UNSEEN, Observation
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
 from firemodel.landscape.rasterise import mask_of
-from mission_service.events import FireObserved
-from mission_service.fire.correction_log import drawn_shape
+from mission_service.events import Corrected, Erased, FireObserved, Observed
+from mission_service.fire.correction_log import drawn_shape, not_erased
+from mission_service.fire.late_observation import MAX_AGE_S
+from mission_service.fire.observed_window import observation_in
 
-MAX_AGE_S = 6 * 3600.0
 MAX_CONTRADICTED = 0.5  # share of the cells that images or other reports show
 SHORTLY_S, SEVERAL_CELLS = 120.0, 5
-WITHIN_SD = 2.0  # standard deviations of the position
-CONFIRMED_WITHIN_S, APART_S = 1800.0, 10.0
+# Fuel ignites at this temperature in the spread model (Rothermel 1972, Research Paper INT-115,
+# heat of preignition). Hot ground below it may be ash, or heated by the sun or by fire nearby.
+IGNITION_C = 320.0
+COOL_FALSE_ALARMS = 0.5  # at least; any share requires a second report
+CORRECTION_SD_M = 1.0  # operators' drawings are certain
+SMOKE_S = 600.0  # before and after a report of smoke
+MAX_SMOKE = 100  # reports of smoke that are stored
+STATES = {
+    "burned": BURNED,
+    "burning": BURNED,
+    "hot": BURNED,
+    "unburned": UNBURNED,
+    "smoke": UNSEEN,
+}
 
 
-def observation_of(event: FireObserved, landscape: Landscape) -> Observation:
-    """Return the cells that a report contains, in the state that it states.
+def observation_of(
+    event: Observed | FireObserved | Corrected,
+    landscape: Landscape,
+    erasures: Sequence[Erased] = (),
+) -> Observation:
+    """Return the cells that an image, a report or a correction shows, with their time and errors.
 
-    Raises FireModelError if the report is too old or contains no cell of the landscape.
+    Args:
+        event: The event. A burning area has burned inside.
+        landscape: The landscape.
+        erasures: The later erasures; the cells in their circles are not shown.
+
+    Returns:
+        The cells. An image has no errors of detection, because a filter has removed them. The
+        window is empty if a report contains no cell of the landscape.
     """
-    at_s = event.seen_at_us / 1e6
+    if isinstance(event, Observed):
+        return observation_in(event)
+    mask = mask_of([drawn_shape(event, landscape)], landscape)
+    here = bounds_of(mask) if mask.any() else (slice(0, 0), slice(0, 0))
+    row, col = np.nonzero(mask[here])
+    top, left = (int(each.start) for each in here)
+    state = np.full(mask[here].shape, UNSEEN, dtype=np.uint8)
+    if erasures:
+        centres_m = np.column_stack(landscape.xy_of(row + float(top), col + float(left)))
+        kept = not_erased(centres_m, erasures, landscape)
+        row, col = row[kept], col[kept]
+    state[row, col] = STATES[event.state]
+    sender = f"{event.by} at {event.station}"
+    if isinstance(event, Corrected):
+        at_s = event.marked_at_us / 1e6
+        return Observation(at_s, top, left, state, CORRECTION_SD_M, source=sender)
+    false_alarms = event.false_alarms
+    if event.temperature_c is not None and event.temperature_c < IGNITION_C:
+        false_alarms = max(false_alarms, COOL_FALSE_ALARMS)
+    return Observation(
+        event.seen_at_us / 1e6,
+        top,
+        left,
+        state,
+        event.position_sd_m,
+        event.missed,
+        false_alarms,
+        event.source or sender,
+    )
+
+
+def check_report(event: FireObserved, landscape: Landscape) -> None:
+    """Raise FireModelError for a report that is too old or contains no cell of the landscape."""
     age_s = (event.at_us - event.seen_at_us) / 1e6
     if age_s > MAX_AGE_S:
         raise FireModelError(
             f"observe: age_s = {age_s:g}: observations older than {MAX_AGE_S:g} s are not used"
         )
-    mask = mask_of([drawn_shape(event, landscape)], landscape)
-    if not mask.any():
+    if not observation_of(event, landscape).state.size:
         raise FireModelError("observe: contains no cell of the landscape; check its place")
-    here = bounds_of(mask)
-    code = UNBURNED if event.state == "unburned" else BURNED
-    state = np.where(mask[here], code, UNSEEN).astype(np.uint8)
-    top, left = (int(each.start) for each in here)
-    return Observation(
-        at_s,
-        top,
-        left,
-        state,
-        event.position_sd_m,
-        false_alarms=event.false_alarms,
-        source=event.source or f"{event.by} at {event.station}",
-    )
+
+
+class Smoke(NamedTuple):
+    """Cells that smoke covered at a time, for a source of images or, if it is "", for reports."""
+
+    at_s: float
+    source: str
+    top: int  # row and column of the window's north-west cell
+    left: int
+    covered: Mask  # (y, x) of the window
+
+
+def smoke_of(event: FireObserved, landscape: Landscape) -> Smoke:
+    """Return the cells of a report of smoke."""
+    found = observation_of(msgspec.structs.replace(event, state="burned"), landscape)
+    return Smoke(found.at_s, event.source, found.top, found.left, found.state != UNSEEN)
+
+
+def behind_smoke(seen: Observation, smoke: Sequence[Smoke], source: str) -> Observation:
+    """Return an observation in which unburned cells behind smoke are unseen.
+
+    Args:
+        seen: The observation.
+        smoke: The reports of smoke.
+        source: The source of an image, "" for a report, to which all reports of smoke apply.
+    """
+    hidden: Mask = np.zeros(seen.state.shape, dtype=bool)
+    for each in smoke:
+        if abs(each.at_s - seen.at_s) > SMOKE_S or source not in ("", each.source):
+            continue
+        row, col = np.nonzero(each.covered)
+        row, col = row + each.top - seen.top, col + each.left - seen.left
+        inside = (row >= 0) & (col >= 0) & (row < hidden.shape[0]) & (col < hidden.shape[1])
+        hidden[row[inside], col[inside]] = True
+    if not hidden.any():
+        return seen
+    state = np.where(hidden & (seen.state == UNBURNED), UNSEEN, seen.state).astype(np.uint8)
+    return seen._replace(state=state)
 
 
 def refuse_contradicted(seen: Observation, state: NDArray[np.uint8], seen_s: Floats) -> None:
@@ -75,50 +154,3 @@ def refuse_contradicted(seen: Observation, state: NDArray[np.uint8], seen_s: Flo
             f"observe: images or other reports contradict it in {contradict} of "
             f"{contradict + agree} cells that they show; check its place and age, or use correct"
         )
-
-
-class Confirmation:
-    """The last burned places that sources with false alarms have reported."""
-
-    def __init__(self, shape: tuple[int, int]) -> None:
-        """Begin without reports on a grid of this shape."""
-        self._at_s = np.full(shape, -np.inf)  # (y, x)
-        self._source = np.full(shape, -1, dtype=np.int64)  # (y, x) numbers of the sources
-        self._numbers: dict[str, int] = {}
-
-    def surprising(self, seen: Observation, burned: Mask, cell_m: float) -> Observation:
-        """Return the part of an observation that changes the estimate.
-
-        Args:
-            seen: A reported observation.
-            burned: (y, x) the cells of the grid that the estimate has as burned at its time.
-            cell_m: The size of a cell.
-        """
-        reach = int(WITHIN_SD * seen.position_sd_m / cell_m)
-        state = seen.state.copy()
-        state[(state == BURNED) & _near(burned, seen.where, reach)] = UNSEEN
-        state[(state == UNBURNED) & _near(~burned, seen.where, reach)] = UNSEEN
-        if seen.false_alarms:
-            state[(state == BURNED) & ~self._confirmed(seen, reach + 1)] = UNSEEN
-        return seen._replace(state=state, missed=0.0, false_alarms=0.0)
-
-    def _confirmed(self, seen: Observation, reach: int) -> Mask:
-        """Return the window's cells (y, x) near another report, and store this report."""
-        number = self._numbers.setdefault(seen.source, len(self._numbers))
-        apart_s = np.abs(self._at_s - seen.at_s)
-        other = (self._source != number) | (apart_s >= APART_S)
-        near = _near(other & (apart_s <= CONFIRMED_WITHIN_S), seen.where, reach)
-        waits = ~other & (apart_s <= CONFIRMED_WITHIN_S)  # for a later report of this source
-        new = (seen.state == BURNED) & ~waits[seen.where]
-        self._at_s[seen.where][new] = seen.at_s
-        self._source[seen.where][new] = number
-        return near
-
-
-def _near(cells: Mask, where: Place, reach: int) -> Mask:
-    """Return the cells (y, x) of a window that have one of ``cells`` within some cells."""
-    rows, cols = (slice(max(each.start - reach, 0), each.stop + reach) for each in where)
-    part = widened(cells[rows, cols], reach)
-    top, left = where[0].start - rows.start, where[1].start - cols.start
-    shape = (where[0].stop - where[0].start, where[1].stop - where[1].start)
-    return part[window_at(top, left, shape)]

@@ -1,7 +1,7 @@
-"""Follow the fire of a run by an ensemble, which learns wind and spread rates from observations.
+"""Track the fire of a run by an ensemble, which estimates wind and spread rates as well.
 
-The ensemble (``firemodel.assimilation.fire_estimate``) is expensive. It therefore receives its
-inputs as a list, which a thread processes when a forecast is requested. Equal inputs give equal
+The ensemble (``firemodel.assimilation.fire_estimate``) is expensive. Its inputs are therefore
+collected in a list, which a thread processes when a forecast is requested. Equal inputs give equal
 ensembles, however they are divided among the requests.
 """
 
@@ -11,21 +11,23 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from firemodel.arrays import Floats
 from firemodel.assimilation.fire_estimate import EstimateSettings, FireEstimate
 from firemodel.assimilation.observation import BURNED, Observation
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.weather import WeatherStream
-from firemodel.spread.fire_scheme import Burning
+from firemodel.spread.burning import burning_from_arrival
+from firemodel.spread.fire_scheme import Burning, Fire
 from mission_service.config.scenario import Scenario
-from mission_service.fire.setup import burning_of, estimate_errors, ignitions_of, weather_of
+from mission_service.fire.scenario_fire import burning_of, estimate_errors, ignitions_of, weather_of
 
 IMAGES_PERIOD_S = 120.0
-INPUTS_PER_MARK = 60  # two hours of images
-ADVANCED_EVERY_S = 600.0  # without other inputs, so that a forecast need not begin long ago
+INPUTS_PER_MARK = 60  # the number of periods in two hours
+ADVANCED_EVERY_S = 600.0  # maximum time between inputs, so that a forecast has little to compute
 
 
 class Lit(NamedTuple):
-    """Cells (row, column) that were lit at a time; known at ``known_s``."""
+    """Cells (row, column) that were lit at ``at_s``, as reported at ``known_s``."""
 
     known_s: float
     at_s: float
@@ -40,7 +42,7 @@ class WeatherSet(NamedTuple):
 
 
 class Images(NamedTuple):
-    """What cameras saw in a period, in order of time; the ensemble is advanced once for all."""
+    """The images of a period in order of time; the ensemble is advanced once for all of them."""
 
     at_s: float
     seen: Sequence[Observation]
@@ -51,33 +53,40 @@ class _Mark(NamedTuple):
 
     inputs: int
     weather: WeatherStream
-    burning: Burning | None
+    at_s: float
+    arrival_s: Floats  # (y, x)
+
+    def burning(self, landscape: Landscape) -> Burning | None:
+        """Return the burning state, or None if nothing has burned."""
+        if not (self.arrival_s <= self.at_s).any():
+            return None
+        return burning_from_arrival(self.arrival_s, landscape, self.at_s)
 
 
 Input = Images | Observation | Lit | WeatherSet
 
 
 def _time_of(each: Input) -> float:
-    """Return the time at which an input takes its place among the others."""
+    """Return the time by which inputs are ordered."""
     return each.known_s if isinstance(each, Lit) else each.at_s
 
 
 class RunEnsemble:
-    """The inputs of the ensemble, and the ensemble after those processed so far.
+    """The inputs of the ensemble, and the ensemble after the processed inputs.
 
     A snapshot of a run contains only the inputs, which are then processed again.
     """
 
     def __init__(self, scenario: Scenario, landscape: Landscape) -> None:
-        """Begin with the fire that the scenario names; its later ignitions are inputs."""
+        """Begin with the initial fire of the scenario; its later ignitions are inputs."""
         self._scenario, self._landscape = scenario, landscape
         self._begun_from: _Mark | None = None  # None for the beginning of the run
         self._mark: _Mark | None = None
-        self._processed: FireEstimate | None = None  # made when it is first needed
+        self._processed: FireEstimate | None = None  # created when first needed
         self._count = 0  # number of processed inputs
         lit = sorted(ignitions_of(scenario, landscape), key=lambda each: each[2])
         self._inputs: list[Input] = []
-        self._images: list[Observation] = []  # of the present period
+        self._images: list[Observation] = []  # images of the present period
         self._last_s = 0.0  # time of the last input
         self._scheduled = [Lit(at_s, at_s, [(row, col)]) for row, col, at_s in lit]
 
@@ -89,7 +98,7 @@ class RunEnsemble:
             if self._begun_from is None:
                 start = (weather_of(scenario), burning_of(scenario, landscape))
             else:
-                start = self._begun_from[1:]
+                start = (self._begun_from.weather, self._begun_from.burning(landscape))
             self._processed = new_estimate(scenario, landscape, *start)
         return self._processed
 
@@ -103,20 +112,20 @@ class RunEnsemble:
         self._images.append(new)
         self._end_period_by(new.at_s)
 
-    def add(self, new: Observation | Lit | WeatherSet) -> None:
-        """Add another input, which must not be earlier than the one before."""
+    def add_input(self, new: Observation | Lit | WeatherSet) -> None:
+        """Add another input, which must not be earlier than the input before."""
         at_s = _time_of(new)
         self._end_period_by(at_s)
         self._end_period(at_s)
         self._inputs.append(new)
 
     def add_late(self, new: Observation) -> None:
-        """Add an observation that may be earlier than inputs before it, at its place in time.
+        """Insert an observation by its time, which may be earlier than the times of other inputs.
 
         If later inputs were processed, the ensemble processes all inputs again.
         """
         if new.at_s >= self._last_s:
-            self.add(new)
+            self.add_input(new)
             return
         later = (number for number, each in enumerate(self._inputs) if _time_of(each) > new.at_s)
         place = next(later, len(self._inputs))
@@ -127,7 +136,7 @@ class RunEnsemble:
             self._processed, self._count = None, 0
 
     def inputs_until(self, at_s: float) -> list[Input]:
-        """Return the inputs until a time that wait.
+        """Return the unprocessed inputs until a time.
 
         The images of the present period and later ignitions of the scenario are not among them.
         """
@@ -163,11 +172,11 @@ class RunEnsemble:
         kept = 0 if self._mark is None else self._mark.inputs
         return len(self._inputs) - kept >= INPUTS_PER_MARK
 
-    def forget(self, weather: WeatherStream, burning: Burning | None) -> None:
+    def forget_before_mark(self, fire: Fire) -> None:
         """Forget the inputs before the last mark, and set a mark with this state of the fire.
 
-        Without this, the inputs of a long run would fill the memory. The ensemble keeps what it has
-        learned from them, but only until a restart of the service.
+        Without this, the inputs of a long run would fill the memory. The effect of these inputs on
+        the ensemble remains, but only until a restart of the service.
         """
         mark = self._mark
         if mark is not None:
@@ -175,10 +184,10 @@ class RunEnsemble:
             self._begun_from = mark
             self._processed = None if self._count < mark.inputs else self._processed
             self._count = max(self._count - mark.inputs, 0)
-        self._mark = _Mark(len(self._inputs), weather, burning)
+        self._mark = _Mark(len(self._inputs), fire.weather, fire.time_s, fire.arrival_time_s.copy())
 
     def replace(self, before: FireEstimate, after: FireEstimate, count: int) -> None:
-        """Replace the ensemble by the result of ``count`` inputs; if it has changed, do nothing."""
+        """Replace the ensemble ``before`` by ``after``, unless it was replaced already."""
         if self.processed is before:
             self._processed = after
             self._count += count
@@ -204,7 +213,7 @@ def new_estimate(
 
 
 def processed(estimate: FireEstimate, inputs: Sequence[Input]) -> FireEstimate:
-    """Return an ensemble after inputs, which are in order of time; the given one is unchanged."""
+    """Return an ensemble after inputs, which are in order of time; ``estimate`` is unchanged."""
     found = estimate.copy()
     for each in inputs:
         match each:
@@ -225,7 +234,7 @@ def processed(estimate: FireEstimate, inputs: Sequence[Input]) -> FireEstimate:
 def _see(estimate: FireEstimate, seen: Observation) -> None:
     """Process a window; the first burned cells that are seen begin the fire."""
     if estimate.begun:
-        estimate.observe(seen)
+        estimate.assimilate(seen)
         return
     row, col = np.nonzero(seen.state == BURNED)
     if row.size:

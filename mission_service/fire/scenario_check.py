@@ -7,8 +7,8 @@ from firemodel.landscape.landscape import crs_label
 from mission_service.config.scenario import Scenario
 from mission_service.config.shared_links import sharing
 from mission_service.errors import ScenarioError
+from mission_service.fire.scenario_fire import check_fire, landscape_of, warnings_on
 from mission_service.fire.sensors import sensors_of
-from mission_service.fire.setup import check_fire, landscape_of, warnings_on
 
 
 def check(scenario: Scenario) -> dict[str, Any]:

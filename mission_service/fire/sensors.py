@@ -1,6 +1,6 @@
 """Sensors of other packages: sources of observations of the fire, found by entry points.
 
-A scenario names them in ``estimate.sensors``. The service's own simulated cameras
+A scenario names its sensors in ``estimate.sensors``. The service's own simulated cameras
 (``simulated_cameras``) have the same method ``observe``.
 """
 
@@ -21,16 +21,17 @@ GROUP = "mission_service.sensors"
 class Sensor(Protocol):
     """A source of observations of the fire.
 
-    Its methods are called on the event loop and must return at once. A sensor that waits for files
-    or sockets does so in a thread and returns from ``observe`` what has arrived since.
+    The methods of a sensor are called on the event loop and must return at once. A sensor that
+    waits for files or sockets does so in a thread and returns from ``observe`` what has arrived
+    since.
     """
 
     def observe(self, fix: Telemetry) -> Observed | None:
         """Return a new observation, or None.
 
         The method is called with each position of a vehicle, before the position is processed. The
-        window of the observation lies on the landscape's grid. Its time is that of the position or
-        earlier, and its vehicle that of the position.
+        window of the observation lies on the landscape's grid. The time of the observation is that
+        of the position or earlier, and the vehicle is the same.
         """
 
     def on_event(self, event: AnyEvent) -> None:
@@ -49,7 +50,7 @@ class Sensors:
         self.failed: dict[str, str] = {}
 
     def observe(self, fix: Telemetry) -> list[Observed]:
-        """Return what the sensors observed until a vehicle's position."""
+        """Return the observations of all sensors up to a vehicle's position."""
         found = []
         for name, sensor in list(self._sensors.items()):
             try:
@@ -69,7 +70,7 @@ class Sensors:
                 self._fail(name, error)
 
     def _checked(self, name: str, seen: Observed, fix: Telemetry) -> Observed:
-        """Return an observation with its source. Raises ValueError if it cannot be used."""
+        """Return an observation with its source. Raises ValueError for an unusable observation."""
         if not isinstance(seen, Observed):
             raise ValueError(f"it returned {type(seen).__name__} instead of Observed")
         seen = msgspec.convert(msgspec.to_builtins(seen), Observed)  # checks types and limits
@@ -92,7 +93,7 @@ class Sensors:
         del self._sensors[name]
         try:
             words = " ".join(f"{type(error).__name__}: {error}".split())
-        except Exception:  # of the error's own text
+        except Exception:  # the error's own ``__str__`` may fail
             words = type(error).__name__
         self.failed[name] = f"sensor {name} failed and is not used until a restart: {words}"
 

@@ -1,5 +1,6 @@
 """Keep the last sighting of each cell of the landscape's grid. Pure."""
 
+import copy
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +17,7 @@ class Mosaic(NamedTuple):
     here: Place  # the window
     state: NDArray[np.uint8]  # (y, x) UNSEEN, UNBURNED or BURNED
     seen_s: Floats  # (y, x) the time of the sighting
-    position_sd_m: float  # the largest of its observations
+    position_sd_m: float  # the largest value of its observations
 
     def observation(self) -> Observation:
         """Return the sightings as one observation at ``at_s``."""
@@ -38,6 +39,12 @@ class Sightings:
         self._is_empty = True
         self._position_sd_m = 0.0
 
+    def copy(self) -> "Sightings":
+        """Return an independent copy."""
+        found = copy.copy(self)
+        found.state, found.seen_s = self.state.copy(), self.seen_s.copy()
+        return found
+
     def add(self, seen: Observation) -> None:
         """Add an observation without errors of detection (``observation_in``)."""
         self._add_cells(seen.where, seen.state, np.full(seen.state.shape, seen.at_s))
@@ -49,7 +56,7 @@ class Sightings:
         self._position_sd_m = max(self._position_sd_m, seen.position_sd_m)
 
     def _add_cells(self, here: Place, state: NDArray[np.uint8], seen_s: Floats) -> None:
-        """Add states (y, x) of a window with their times; later sightings of a cell replace it."""
+        """Add the states (y, x) of a window; of two sightings of a cell the later remains."""
         new = (state != UNSEEN) & (self.seen_s[here] <= seen_s)
         self.state[here][new] = state[new]
         self.seen_s[here][new] = seen_s[new]

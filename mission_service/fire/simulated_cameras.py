@@ -67,7 +67,8 @@ class SimulatedCameras:
         self._views.on_event(event)
         reported = self._ignitions.reported_in(event)
         if reported is not None:
-            self.fire.advance(event.at_us)  # else ignition would be at the last observation's time
+            # Otherwise the fire would ignite at the time of the last observation.
+            self.fire.advance(event.at_us)
             self.fire.light(*reported)
 
     def on_command(self, command: AnyCommand) -> None:

@@ -12,7 +12,7 @@ from firemodel.physics.weather import Weather, WeatherStream
 from firemodel.spread.fire_scheme import Fire
 from mission_service.config.fire_sections import SimulatedFireSection
 from mission_service.config.scenario import Scenario
-from mission_service.fire.setup import cells_lit, fire_of, weather_of
+from mission_service.fire.scenario_fire import cells_lit, fire_of, weather_of
 
 
 class SimulatedFire:
@@ -48,7 +48,7 @@ def simulated_fire_of(scenario: Scenario, landscape: Landscape) -> SimulatedFire
 def simulated_weather(scenario: Scenario) -> WeatherStream:
     """Return the weather that drives the simulated fire and moves simulated vehicles.
 
-    It is the scenario's weather, changed by the keys of [simulation.fire].
+    This is the scenario's weather, changed by the keys of [simulation.fire].
     """
     reported, section = weather_of(scenario), scenario.simulation.fire or SimulatedFireSection()
     if section == SimulatedFireSection(spread_factor=section.spread_factor):

@@ -1,7 +1,7 @@
 """Compare what several sources of images see, and find sources that contradict the others. Pure.
 
 A burned cell stays burned. If one source sees a cell as burned and another sees it as unburned at a
-later time, one of them is wrong. This holds for any fire and needs no model of its spread.
+later time, one of them is wrong. This rule holds for any fire and needs no model of its spread.
 """
 
 import math
@@ -13,12 +13,12 @@ from firemodel.arrays import widened
 from firemodel.assimilation.observation import BURNED, UNBURNED, UNSEEN, Observation
 from mission_service.fire.sightings import Sightings
 
-COMPARED_EVERY_S = 5.0  # each source
+COMPARED_EVERY_S = 5.0  # interval of the comparisons of one source
 REMEMBERED_S = 900.0  # age up to which sightings are compared
 FORGOTTEN_S = 600.0  # time in which the weight of a comparison falls to 1/e
 MIN_CELLS = 30.0  # weight of the cells that two sources must have in common
-CONTRADICTORY = 0.1  # share of these cells
-BESIDE_CELLS = 3  # only burned cells this near to unburned ones count: all agree on the others
+CONTRADICTORY = 0.1  # sources contradict each other if they differ in more than this share of cells
+BESIDE_CELLS = 3  # only burned cells this near to unburned cells are compared
 WITHIN_SD = 2.0  # cells within this many standard deviations of a front are not compared
 
 
@@ -30,7 +30,7 @@ class Comparison(NamedTuple):
     contradict: float = 0.0
 
     def with_cells(self, at_s: float, agree: int, contradict: int) -> "Comparison":
-        """Return the comparison with further cells at a time."""
+        """Return the comparison after adding cells that were compared at a time."""
         kept = math.exp(-max(at_s - self.at_s, 0.0) / FORGOTTEN_S)
         return Comparison(
             max(at_s, self.at_s), kept * self.agree + agree, kept * self.contradict + contradict
@@ -49,13 +49,13 @@ class SourceAgreement:
     def __init__(self, shape: tuple[int, int], cell_m: float) -> None:
         """Begin without sources on a grid of this shape."""
         self._shape, self._cell_m = shape, cell_m
-        self._sightings: dict[str, Sightings] = {}  # by source
+        self._sightings: dict[str, Sightings] = {}  # last sightings by source
         self._compared: dict[tuple[str, str], Comparison] = {}
-        self._due_s: dict[str, float] = {}  # of the next comparison of each source
-        self._at_s = -math.inf  # of the last comparison
+        self._due_s: dict[str, float] = {}  # time of the next comparison, by source
+        self._at_s = -math.inf  # time of the last comparison
         self.distrusted: frozenset[str] = frozenset()
 
-    def add(self, image: Observation) -> None:
+    def add_image(self, image: Observation) -> None:
         """Add an image without errors of detection (``observation_in``)."""
         source = image.source
         if source not in self._sightings:
@@ -89,10 +89,10 @@ class SourceAgreement:
                 self._compared[pair] = known.with_cells(image.at_s, agree, contradict)
 
     def _contradicting_most(self) -> frozenset[str]:
-        """Return the sources that contradict most of the others, if a majority agrees.
+        """Return the sources that contradict most of the others, if the other sources are reliable.
 
-        The sources that remain must be more than those, and must not contradict each other:
-        otherwise it is unknown which are wrong.
+        The other sources are reliable if they are the majority and do not contradict each other.
+        Otherwise it is unknown which sources are wrong, and the result is empty.
         """
         odds: dict[str, list[bool]] = {name: [] for name in self._sightings}
         for pair, compared in self._compared.items():

@@ -76,7 +76,7 @@ class FireMap:
 
     ``baseline_s`` is the minimum time between the two visits from which a spread rate is computed.
     If it is 0, the map works as in the paper: whenever a new cell is seen on a bearing, the outer
-    cell becomes the inner cell, whatever its age.
+    cell becomes the inner cell, whatever the age of its view.
     """
 
     def __init__(
@@ -116,7 +116,7 @@ class FireMap:
         """Whether the front has been seen on every bearing."""
         return not bool(np.isnan(self.outer).any())
 
-    def observe(
+    def add_window(
         self, row: int, col: int, window: NDArray[np.uint8], at_s: float
     ) -> NDArray[np.bool_]:
         """Update the map from one camera window; return which bearings are in view (360)."""
@@ -125,7 +125,7 @@ class FireMap:
         self._visit(seen, in_view, at_s)
         return np.asarray(in_view)
 
-    def correct(self, row: int, col: int, window: NDArray[np.uint8], at_s: float) -> None:
+    def correct_window(self, row: int, col: int, window: NDArray[np.uint8], at_s: float) -> None:
         """Apply an operator's correction, a window that may set burned ground to unburned."""
         not_burned, still_burned = taken_back(
             row, col, window, (self.centre_row, self.centre_col), self.burned
@@ -133,7 +133,7 @@ class FireMap:
         self.burned[not_burned] = still_burned[not_burned]
         for front in (self.outer, self.inner, self._next_inner):
             front[not_burned] = np.fmin(front[not_burned], still_burned[not_burned])
-        self.observe(row, col, window, at_s)
+        self.add_window(row, col, window, at_s)
 
     def _visit(self, seen: Floats, in_view: NDArray[np.bool_], at_s: float) -> None:
         if self.baseline_s <= 0.0:
@@ -191,7 +191,7 @@ def taken_back(
 
 
 def circular_mean(values: Floats, half_width: int) -> Floats:
-    """Return the moving mean over ``half_width`` neighbours on each side of each place."""
+    """Return the moving mean of values on a circle, over ``half_width`` neighbours on each side."""
     if half_width <= 0:
         return values
     padded = np.concatenate([values[-half_width:], values, values[:half_width]])
@@ -219,7 +219,7 @@ def _seen(window, bearings, distances, spans, burned):  # type: ignore[no-untype
     """Return the front's distance on each bearing and whether it is in view; update ``burned``."""
     front = front_in_window(window)
     seen = np.full(BEARINGS, -np.inf)
-    spanned = np.full(BEARINGS, -np.inf)  # as ``seen``, on all bearings that a front cell spans
+    spanned = np.full(BEARINGS, -np.inf)  # like ``seen``, for all bearings that a cell spans
     for row in range(window.shape[0]):
         for col in range(window.shape[1]):
             if window[row, col] != BURNED:
@@ -247,14 +247,14 @@ def _rate(outer, outer_at_s, inner, inner_at_s):  # type: ignore[no-untyped-def]
     for bearing in range(BEARINGS):
         elapsed_s = outer_at_s[bearing] - inner_at_s[bearing]
         moved = outer[bearing] - inner[bearing]
-        if elapsed_s > 0.0 and moved > 0.0:  # both are false if the front has not been seen
+        if elapsed_s > 0.0 and moved > 0.0:  # NaN, before the front has been seen, fails both tests
             found[bearing] = moved / elapsed_s
     return found
 
 
 @compiled
 def _fill_gaps(seen, in_view):  # type: ignore[no-untyped-def]
-    """Mark the bearings between two neighbouring front cells as seen, on the line between them."""
+    """Fill the bearings between two neighbouring front cells by the line between these cells."""
     seen_at = np.flatnonzero(in_view)
     for place in range(seen_at.size if seen_at.size > 1 else 0):
         start, end = seen_at[place], seen_at[(place + 1) % seen_at.size]

@@ -41,7 +41,7 @@ class Decision:
     """A decision on the flying direction at one cell of the front.
 
     ``importance_back`` is the value of turning back, and ``importance_front`` is the value of
-    keeping the direction. Both are in the planner's unit (Islam & Hu: eqs. 5 and 6).
+    keeping the direction. Both values are in the planner's unit (Islam & Hu: eqs. 5 and 6).
     """
 
     clockwise: bool
@@ -135,7 +135,7 @@ class Awaited(NamedTuple):
     """The operator input that the guidance awaits.
 
     ``plan_hash`` identifies the plan to approve ("" if there is none). ``answers`` is whether
-    answers to the GO list are awaited.
+    answers to the GO/NO-GO checklist are awaited.
     """
 
     plan_hash: str
@@ -185,7 +185,7 @@ class Guidance(ABC):
         """Return whether this airborne vehicle flies the mission on board."""
         return True
 
-    def after(
+    def further_commands(
         self, event: AnyEvent, leaving: list[AnyCommand], vehicles: Mapping[str, Vehicle]
     ) -> list[AnyCommand]:
         """Return further commands after an event, given the commands ``leaving`` that it caused."""

@@ -1,6 +1,6 @@
-"""The ways of flying in this package; other packages register theirs as entry points.
+"""The ways of flying in this package; other packages add ways of flying by entry points.
 
-``config/rule_lookup.py`` finds the way of flying for a rule, in this package or another one.
+``config/rule_lookup.py`` finds the way of flying for a rule, in this package or in another package.
 """
 
 from typing import TYPE_CHECKING, cast

@@ -28,7 +28,8 @@ def later(address: str) -> Callable[..., Any]:
     return lambda *given: resolve_name(address)(*given)
 
 
-FIRST_MISSION = later("mission_service.missions.approach:approach_mission")  # to the fire
+# The mission to the fire.
+FIRST_MISSION = later("mission_service.missions.first_mission:approach_mission")
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,9 +46,9 @@ class WayOfFlying:
         along_front: Whether planners decide the direction, and missions are renewed as the front
             moves.
         prescribed: Whether vehicles ignite the unit in the table ``[burn]``. Operators then approve
-            each plan, and their corrections change the estimated fire, not the simulated one.
+            each plan, and their corrections change the estimated fire, not the simulated fire.
         resumes_mission: Whether a vehicle that is ordered to resume flies the mission on board
-            instead of a new one.
+            instead of a new mission.
         messages_peers: Whether vehicles exchange messages with vehicles of other processes.
         changes_airspeed: Whether guidance commands airspeeds up to a vehicle's
             ``max_airspeed_m_s``.
@@ -55,7 +56,7 @@ class WayOfFlying:
         rates_hz: The message rates that differ from the defaults, by message id.
         return_height_m: Computes the safe height above home for a return. None leaves the
             autopilot's setting.
-        lock: Makes the lock, which checks commands last, if the scenario's tables need one.
+        lock: Makes the lock, the last check of commands, if the scenario's tables need one.
     """
 
     rules: tuple[str, ...]

@@ -65,7 +65,7 @@ MISSION = MissionState(
     on_board=Mission(41, 4_212_000_000, "follow the front", "accepted", "", HASH, (ITEM,)),
 )
 ALARM = Alarm("link/hawk", AT_US, "hawk", "severe", "hawk: link lost")
-ANNOUNCEMENT = Announcement(17, AT_US, "hawk", "info", "turns back: what is behind matters more")
+ANNOUNCEMENT = Announcement(17, AT_US, "hawk", "info", "turns back: importance is higher behind")
 REPLAY = ReplayState(
     AT_US,
     ("flight.tlog",),

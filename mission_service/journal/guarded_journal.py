@@ -69,7 +69,7 @@ class GuardedJournal:
     def retry(self) -> bool:
         """Try to write the waiting lines, and return whether the journal works again."""
         try:
-            self.journal.lines(self._waiting, to_disk=True)
+            self.journal.write_lines(self._waiting, to_disk=True)
         except OSError as error:
             self._failed(error)
             return False
@@ -78,7 +78,7 @@ class GuardedJournal:
         return True
 
     def _failed(self, error: OSError) -> None:
-        if not self.journal.durable:  # a simulation, which ends with the error
+        if not self.journal.durable:  # a simulation ends with the error
             raise error
         full = error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
         self.trouble = "disk full" if full else f"cannot be written: {error.strerror}"

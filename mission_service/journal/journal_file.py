@@ -5,10 +5,10 @@ event or one command; a last line marks the regular end of the run. Every line e
 that depends on all lines between it and the header, so that a changed, lost, added or moved line is
 detected. The checksum of the header covers only the header.
 
-An event is written before it is handled. Each line that is written can be read back. It is decoded
-before it is written, and refused if the result differs (msgspec writes NaN as null) or a value
-exceeds the limits of its type. Only their user can read a journal and its states. A symbolic link
-in their place is refused.
+An event is written before it is handled. Each line that is written can be read back. A line is
+decoded before it is written, and refused if the result differs (msgspec writes NaN as null) or a
+value exceeds the limits of its type. Only the owner of a journal and its states can read these
+files. A symbolic link in their place is refused.
 """
 
 import contextlib
@@ -103,14 +103,14 @@ class Journal:
             OSError: The event could not be written.
         """
         body = event_body(event) if body is None else body
-        self.lines([body], to_disk=isinstance(event, OperatorEvent))
+        self.write_lines([body], to_disk=isinstance(event, OperatorEvent))
 
     def write_commands(self, commands: list[AnyCommand]) -> None:
         """Append the commands of the last event."""
         if commands:
-            self.lines([command_body(command) for command in commands])
+            self.write_lines([command_body(command) for command in commands])
 
-    def lines(self, bodies: list[bytes], to_disk: bool = False) -> None:
+    def write_lines(self, bodies: list[bytes], to_disk: bool = False) -> None:
         """Append either all or none of these lines, given without their checksums."""
         crc, lines = self.rest.crc, []
         for body in bodies:
@@ -129,7 +129,7 @@ class Journal:
 
     def end(self) -> None:
         """Write the last line, the mark of a regular end; no line may follow."""
-        self.lines([_END + b"true"], to_disk=True)
+        self.write_lines([_END + b"true"], to_disk=True)
 
     def close(self) -> None:
         """Flush the buffer and close the file; a second call has no effect."""
@@ -287,7 +287,8 @@ def _line(body: bytes, crc: int) -> tuple[bytes, int]:
 class Entry:
     """One line of a journal: an event or a command, and whether its checksum matches.
 
-    ``sure`` is False after a skipped line: the commands of a replay may then differ from these.
+    ``sure`` is False after a skipped line: the commands of a replay may then differ from the
+    recorded commands.
     """
 
     line: int
@@ -348,7 +349,7 @@ class SegmentReader:
         for number, body, intact in self.lines(place):
             if not intact:
                 why = "was altered: its checksum does not match"
-                if number == altered + 1:  # the checksum before it may be lost
+                if number == altered + 1:  # the checksum of the line before may be lost
                     why = (
                         f"was altered or cannot be checked: its checksum depends on line {altered}"
                     )
@@ -380,7 +381,7 @@ class SegmentReader:
                     yield number, body, intact
 
     def entry(self, number: int, body: bytes, intact: bool) -> Entry:
-        """Decode a line. Raises JournalError if it is neither an event nor a command."""
+        """Decode an event or a command. Raises JournalError for any other line."""
         try:
             if body.startswith(_EVENT):
                 return Entry(number, _decode_event(body[len(_EVENT) :]), True, intact)

@@ -1,4 +1,4 @@
-"""Handles files that only their user can read: mode 0600, folders 0700, no symbolic links.
+"""Handles files that only their owner can read: mode 0600, folders 0700, no symbolic links.
 
 Through a symbolic link in place of a journal or a state, another user could make the service write
 to any file of the service's user. Symbolic links are therefore refused and never followed.
@@ -49,7 +49,7 @@ def sync(path: Path) -> None:
 
 @contextmanager
 def private() -> Iterator[None]:
-    """Set the umask to 077 within the context: new files are readable by their user only."""
+    """Set the umask to 077 within the context: new files are readable by their owner only."""
     before = os.umask(0o077)
     try:
         yield

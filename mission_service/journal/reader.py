@@ -13,7 +13,7 @@ from mission_service.core.core import Core
 from mission_service.errors import JournalError, StateError
 from mission_service.events import LinesSkipped
 from mission_service.fire.run_estimate import RunEstimate
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 from mission_service.fire.simulated_cameras import SimulatedCameras, cameras_of
 from mission_service.journal.journal_file import Entry, SegmentReader
 from mission_service.journal.segments import Chain, begin_state, journal_of
@@ -23,7 +23,7 @@ SKIPPED = b'{"event":{"type":"LinesSkipped"'
 
 
 class JournalReader:
-    """The journal of a run, from its oldest segment on. Raises JournalError if it cannot be read.
+    """The journal of a run, from its oldest segment on. Raises JournalError if unreadable.
 
     If its first segments were deleted, core and fire are those of the state that was saved at the
     beginning of the oldest existing segment.

@@ -56,7 +56,7 @@ class _Turn:
         return list(found)  # type: ignore[arg-type]
 
     def gives(self, commands: list[AnyCommand]) -> bool:
-        """Return whether ``commands`` equal the recorded commands, as far as those are readable."""
+        """Return whether ``commands`` equal the recorded commands, as far as these are readable."""
         return len(commands) == len(self.commands) and all(
             each is None or each[1].content == command
             for each, command in zip(self.commands, commands, strict=True)
@@ -140,7 +140,8 @@ class InterruptedRun:
         Raises JournalError if the core's commands differ from the journal's, and UnhandledLineError
         if ``handle`` fails (``skip_line`` can then skip the line). Afterwards ``last_us`` is the
         latest mission time, and ``missing`` are commands of the last event that the journal lacks.
-        They were not executed, because commands are journalled before they are executed.
+        The missing commands were not executed, because commands are journalled before they are
+        executed.
         """
         sure, self.missing = True, ()
         for turn in self._turns():
@@ -215,7 +216,7 @@ class InterruptedRun:
                 if not skipped:
                     raise JournalError(f"{entry.why}{SKIP}{FRESH}")
                 hole = hole or turn is None
-                if turn is not None:  # the line is one of its commands or an event after it
+                if turn is not None:  # the line is a command of this event, or a later event
                     turn.commands.append(None)
             elif entry.is_event:
                 if turn is not None:
@@ -249,7 +250,7 @@ def unfinished(
     except JournalError as error:
         is_burn = scenario.burn_flown is not None
         if not (is_burn or closed_segments(path) or begins_journal(path)):
-            return None  # not a journal; ``rename_old`` renames it
+            return None  # the file is not a journal; ``rename_old`` renames it
         raise JournalError(f"{error}{FRESH}") from None
     same = (
         header["scenario"] == scenario.model_dump(mode="json")
@@ -261,7 +262,7 @@ def unfinished(
 
 
 def rename_old(path: Path) -> Path | None:
-    """Rename the journal at ``path`` to make room for a new one, and return its new path.
+    """Rename the journal at ``path`` to make room for a new journal, and return the new path.
 
     Journals are deleted only because of ``keep_mb``. However, a file without a complete header
     contains no entry and is deleted; closed segments without a current segment are renamed too.
@@ -274,7 +275,7 @@ def rename_old(path: Path) -> Path | None:
         path.unlink()
     if not path.exists() and not closed_segments(path):
         for state in states(path):
-            state.unlink()  # a state without a journal
+            state.unlink()  # the state has no journal
         return None
     number = 1
     while (to := path.with_name(f"{path.stem}-{number}{path.suffix}")).exists() or closed_segments(

@@ -21,7 +21,7 @@ from mission_service.journal.journal_file import (
 )
 from mission_service.journal.private_files import sync
 
-NEVER_DELETED = 2  # segments: the one being written, and the one before
+NEVER_DELETED = 2  # number of segments: the segment being written, and the segment before
 
 
 def closed_segments(path: Path) -> dict[int, Path]:
@@ -115,8 +115,8 @@ def trim(path: Path, keep_bytes: int) -> list[Path]:
 class Chain:
     """The segments of a journal, read in order as one file.
 
-    Raises JournalError if a segment cannot be read, is missing, or does not continue the one before
-    it.
+    Raises JournalError if a segment cannot be read, is missing, or does not continue the segment
+    before it.
     """
 
     def __init__(self, path: Path) -> None:

@@ -119,7 +119,7 @@ class Frozen:
     """Pickled objects, which do not change when the original objects change."""
 
     def __init__(self, objects: dict[str, Any], shared: Known) -> None:
-        """Pickle the objects, which takes about as long as a copy; ``write`` may use a thread."""
+        """Pickle the objects, in about the time of a copy; ``write`` may run in a thread."""
         pickled, buffers = _pickled(objects, shared)
         self.parts = [pickled, *(bytes(each.raw()) for each in buffers)]
         self.shared = shared
@@ -255,7 +255,7 @@ def header_of(path: Path, shared: Known) -> Header:
 
 
 def read(path: Path, shared: Known) -> dict[str, Any]:
-    """Return a state's objects. Raises StateError if it is damaged or belongs to another run."""
+    """Return a state's objects. Raises StateError for a damaged state or another run's state."""
     header = header_of(path, shared)
     with path.open("rb") as file:
         file.readline()

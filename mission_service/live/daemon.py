@@ -13,13 +13,13 @@ from firemodel.landscape.landscape import Landscape
 from firemodel.spread.fire_scheme import Fire
 from mission_service.config.rule_lookup import faults_of
 from mission_service.config.scenario import Scenario
-from mission_service.config.service import ServiceSection
+from mission_service.config.service_section import ServiceSection
 from mission_service.config.shared_links import sharing
 from mission_service.core.core import Core
 from mission_service.errors import UnhandledLineError
 from mission_service.events import SERVICE, OrderGiven
 from mission_service.fire.run_estimate import RunEstimate
-from mission_service.fire.setup import landscape_of, warnings_on
+from mission_service.fire.scenario_fire import landscape_of, warnings_on
 from mission_service.fire.simulated_cameras import SimulatedCameras, cameras_of
 from mission_service.guidance.registry import way_of
 from mission_service.interfaces.control.control_client import NAME
@@ -29,12 +29,19 @@ from mission_service.journal.journal_file import Journal, header_of
 from mission_service.journal.private_files import refuse_links, writable_by_others
 from mission_service.journal.recovery import InterruptedRun, rename_old, resumed, unfinished
 from mission_service.journal.snapshot import Frozen, Known, restore
-from mission_service.live.interfaces import RunInterface, interfaces_of, request_handler_of
+from mission_service.live.estimate_worker import EstimateWorker
+from mission_service.live.interface_setup import (
+    RunInterface,
+    flush,
+    interfaces_of,
+    request_handler_of,
+)
+from mission_service.runtime.alarms.health_monitor import HealthMonitor
+from mission_service.runtime.alarms.proximity_alarms import ProximityAlarms
 from mission_service.runtime.clocks import clock_us, last_written_s, wall_us
 from mission_service.runtime.engine import Engine, Progress, no_broadcast, unshown
 from mission_service.runtime.freed_memory import give_back_freed
 from mission_service.runtime.gateway import Gateway, MissionClock
-from mission_service.runtime.health_monitor import HealthMonitor
 from mission_service.runtime.journal_retention import JournalRetention
 from mission_service.runtime.peer_listener import PeerListener
 from mission_service.runtime.run_context import RunContext
@@ -103,7 +110,14 @@ async def serve(
             run.settings, run.out, scenario.name, stack, address, run.logs
         )
         links = await open_links(
-            stack, scenario, landscape, clock, clock_us, wall_us, run.tlog_path, announcements.add
+            stack,
+            scenario,
+            landscape,
+            clock,
+            clock_us,
+            wall_us,
+            run.tlog_path,
+            announcements.show,
         )
         gateways = {name: link.gateway for name, link in links.items()}
         exchange = None
@@ -111,7 +125,8 @@ async def serve(
             exchange = PeerExchange(run.channel, gateways, latest_us)
         service = await _engine_of(run, landscape, clock, gateways, exchange, announcements, stack)
         retention = JournalRetention(service, service.shared_references, run.settings.journal)
-        context = _context_of(run, service, clock, links)
+        worker = EstimateWorker(service, clock_us, partial(flush, links))
+        context = _context_of(run, service, clock, links, worker)
         context.gauges["state_seconds"] = lambda: retention.write_s
         check = _Check(context, watch, progress)
         stop = asyncio.Event()
@@ -120,7 +135,8 @@ async def serve(
             *(partial(_fly, on_it) for on_it in connected(links)),
             lambda context: serve_control(listening, context.request_handler),
             *run_interfaces,
-            lambda context: retention.run(clock),
+            lambda context: retention.maintain(clock),
+            lambda context: worker.fold_inputs(),
         ]
         is_over = await _run_tasks(context, tasks, exchange, check, stop, latest_us)
         # After SIGTERM, sent by a supervisor, the next start resumes the run.
@@ -173,7 +189,7 @@ class _Announcements:
         self.engine: Engine | None = None
         self._early: list[tuple[str, str]] = []
 
-    def add(self, vehicle: str, text: str) -> None:
+    def show(self, vehicle: str, text: str) -> None:
         """Announce a text about a vehicle, or buffer it."""
         if self.engine is None:
             self._early.append((vehicle, text))
@@ -183,7 +199,7 @@ class _Announcements:
     def add_early(self) -> None:
         """Announce the buffered texts."""
         for vehicle, text in self._early:
-            self.add(vehicle, text)
+            self.show(vehicle, text)
 
 
 async def _engine_of(
@@ -202,7 +218,7 @@ async def _engine_of(
     if run.resume:
         interrupted = unfinished(run.journal_path, references, run.scenario, run.skip_unreadable)
     down_from_s = last_written_s(run.journal_path) if interrupted else 0.0
-    journal = _journal_of(run, references, interrupted, announcements.add)
+    journal = _journal_of(run, references, interrupted, announcements.show)
     stack.callback(journal.close)
     broadcast = no_broadcast if exchange is None else exchange.broadcast
     core, cameras, estimate, state_view = _initial_state(
@@ -222,14 +238,18 @@ async def _engine_of(
 
 
 def _context_of(
-    run: Run, service: Engine, clock: MissionClock, links: dict[str, Link]
+    run: Run,
+    service: Engine,
+    clock: MissionClock,
+    links: dict[str, Link],
+    worker: EstimateWorker,
 ) -> RunContext:
     """Return the interfaces' context, which is ready after a heartbeat from each vehicle."""
     context = RunContext(
         run.scenario,
         run.settings,
         service,
-        request_handler_of(run.scenario, service, clock, links),
+        request_handler_of(run.scenario, service, clock, links, worker.outcome),
         clock,
         links,
         run.journal_path,
@@ -246,16 +266,21 @@ class _Check:
         self._watch = watch
         self._progress = progress
         self._links = LinkMonitor(context.links, clock_us())
-        separation_m = context.scenario.mission.separation_m
-        self._health = HealthMonitor(context.state_view, separation_m, round(STATUS_EVERY_S * 1e6))
+        view, separation_m = context.state_view, context.scenario.mission.separation_m
+        self._health = HealthMonitor(view, round(STATUS_EVERY_S * 1e6))
+        self._proximity = ProximityAlarms(view, separation_m)
 
     def __call__(self) -> None:
-        """Check links and alarms, and show progress. Raises the engine's defect if it has one."""
+        """Check links and alarms, and show progress. Raises the engine's defect, if any."""
         context = self._context
         self._watch()
         if context.service.defect is not None:
             raise context.service.defect
-        _check_state(context, self._health, self._links)
+        now_us = clock_us()
+        context.service.clock_read(now_us)
+        self._health.check_delay(now_us)
+        self._proximity.check_pairs(now_us)
+        _check_links(context, self._links, now_us)
         self._progress(context.state_view, context.estimate.fire)
         context.ring()
 
@@ -266,7 +291,7 @@ def _journal_of(
     interrupted: InterruptedRun | None,
     report: Callable[[str, str], None],
 ) -> Journal:
-    """Return the journal of the resumed run, or a new one; an earlier run's journal is renamed."""
+    """Return the journal of the resumed run, or a new journal; an earlier journal is renamed."""
     renamed = None if interrupted else rename_old(run.journal_path)
     if renamed is not None:
         report("service", f"begins a new run; the earlier journal was renamed to {renamed.name}")
@@ -341,12 +366,9 @@ def replay(interrupted: InterruptedRun, service: Engine) -> None:
             return
 
 
-def _check_state(context: RunContext, health: HealthMonitor, link_monitor: LinkMonitor) -> None:
-    """Check for silent links, refused frames and other alarms, and advance the fires."""
-    now_us = clock_us()
-    context.service.clock_read(now_us)
-    health.check(now_us)
-    for name, line in link_monitor.announcements(now_us):
+def _check_links(context: RunContext, link_monitor: LinkMonitor, now_us: int) -> None:
+    """Announce silent links and refused frames, and raise or clear their alarms."""
+    for name, line in link_monitor.silent_vehicles(now_us):
         context.service.announce(name, line)
         context.state_view.alarm(f"silent/{name}", f"{name}: {line}", "warning", name)
     for name, kind, words in alarms(context.links):
@@ -354,10 +376,10 @@ def _check_state(context: RunContext, health: HealthMonitor, link_monitor: LinkM
             context.service.announce(name, words)
             context.state_view.alarm(f"{kind}/{name}", f"{name}: {words}", SEVERITIES[kind], name)
         else:
-            context.state_view.clear(f"{kind}/{name}")
+            context.state_view.clear_alarm(f"{kind}/{name}")
     for name, link in context.links.items():
         connection = link.connection
-        for line in link.refusals.announcements(connection.counts, connection.receives_signed):
+        for line in link.refusals.new_reports(connection.counts, connection.receives_signed):
             context.service.announce(name, line)
     context.clock.wall_passed(now_us)
     context.service.advance_fire(context.clock.now_us)

@@ -15,7 +15,7 @@ from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario
 from mission_service.config.sections import VehicleSection
 from mission_service.errors import ScenarioError
-from mission_service.fire.setup import weather_of
+from mission_service.fire.scenario_fire import weather_of
 
 Floats = NDArray[np.float64]
 
@@ -41,13 +41,13 @@ class Landing:
         self._weather = weather_of(scenario) if needs_landing(section) else None
         self._items: tuple[MissionItem, ...] = ()
         self._wind_from_deg = math.nan  # the wind that the items are planned for
-        self.at(scenario.start_s)
+        self.items_at(scenario.start_s)
 
-    def at(self, at_s: float) -> tuple[MissionItem, ...]:
+    def items_at(self, at_s: float) -> tuple[MissionItem, ...]:
         """Return the items of a landing into the wind at a mission time; () if none is needed."""
         if self._weather is None:
             return ()
-        wind_from_deg = self._weather.at(at_s).wind_from_deg
+        wind_from_deg = self._weather.weather_at(at_s).wind_from_deg
         if wind_from_deg != self._wind_from_deg:
             self._items = landing_of(self._section, self._landscape, wind_from_deg)
             self._wind_from_deg = wind_from_deg

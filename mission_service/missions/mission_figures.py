@@ -12,7 +12,7 @@ from mission_service.missions.separation import track_of
 
 
 class Figures(msgspec.Struct):
-    """The figures of a mission; heights are the lowest above the landscape's terrain."""
+    """The figures of a mission; ``min_height_…`` describes the lowest point above the terrain."""
 
     items: int
     length_m: float

@@ -16,7 +16,7 @@ Items = tuple[MissionItem, ...]
 def as_uploaded(items: Items, stack: Stack | None) -> Items:
     """Return a mission in the form that is sent to an autopilot."""
     if stack is not None and (stack.name, stack.vehicle) == ("px4", "copter"):
-        return yaw_left_open(items)  # 0 would turn the vehicle north
+        return yaw_left_open(items)  # a yaw of 0 would turn the vehicle north
     return items
 
 
@@ -41,10 +41,10 @@ class MissionsHeld:
             if isinstance(command, UploadMission):
                 held = self._may_hold.setdefault(command.vehicle, [])
                 held.append(command)
-                del held[1 : len(held) + 1 - MAX_HELD]  # the first may be on board
+                del held[1 : len(held) + 1 - MAX_HELD]  # the first of them may be on board
 
     def recognised(self, vehicle: str, read: Items, stack: Stack) -> int:
-        """Return the number of the newest sent mission that equals the one read back, or 0."""
+        """Return the number of the newest sent mission that equals the mission read back, or 0."""
         for sent in reversed(self._may_hold.get(vehicle, [])):
             due = as_uploaded(sent.items, stack)
             if len(due) == len(read) and all(

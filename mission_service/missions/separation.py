@@ -1,11 +1,11 @@
 """Separation of vehicles: altitude layers, and the rule by which one of two vehicles gives way.
 
 Layers are heights above the terrain under each leg, and the legs of two vehicles end at different
-points, so that a higher layer may be close to a lower one over a slope. A mission is therefore also
-placed above the missions of vehicles in lower layers (``Track``, ``heights_below``). Two vehicles
-may fly at nearly the same altitude, because the scenario places them in one layer, or during a
-climb or a return. If they approach each other, one moves away from the fire and loiters until the
-other has passed. Coordinates are in metres, x east, y north.
+points, so that a higher layer may be close to a lower layer over a slope. A mission is therefore
+also placed above the missions of vehicles in lower layers (``Track``, ``heights_below``). Two
+vehicles may fly at nearly the same altitude, because the scenario places them in one layer, or
+during a climb or a return. If they approach each other, one moves away from the fire and loiters
+until the other has passed. Coordinates are in metres, x east, y north.
 """
 
 import math
@@ -145,7 +145,7 @@ def is_near(
 
 
 def gives_way(own: PositionFix, other: PositionFix, own_comes_later: bool) -> bool:
-    """Return whether ``own`` gives way, as the vehicle behind or else as the later in order."""
+    """Return whether ``own`` gives way: the rear vehicle, or the later one if neither is behind."""
     east_m, north_m = other.x_m - own.x_m, other.y_m - own.y_m
     towards = own.east_m_s * east_m + own.north_m_s * north_m > 0.0
     comes = other.east_m_s * east_m + other.north_m_s * north_m < 0.0

@@ -1,7 +1,7 @@
 """Runs only the planners on a journal's positions and observations; missions are not planned.
 
-With the journal's own rule, the decisions must equal the recorded ones. With another rule, the
-decisions are those that it would make at the recorded positions.
+With the journal's own rule, the decisions must equal the recorded decisions. With another rule, the
+decisions are made by that rule at the recorded positions.
 """
 
 from collections.abc import Iterable, Mapping
@@ -178,7 +178,7 @@ def with_rule(scenario: Scenario, rule: str) -> Scenario:
 
 
 def _flies_along_front(rule: str) -> bool:
-    """Return whether a rule flies along a front; False for one that cannot be loaded."""
+    """Return whether a rule flies along a front; False for a rule that cannot be loaded."""
     try:
         return way_for(rule).along_front
     except ValueError:

@@ -30,7 +30,7 @@ class TrueShape:
         # Time at which ground at this or a larger distance first burned; it rises with distance.
         self._reached_s = np.minimum.accumulate(along[:, ::-1], axis=1)[:, ::-1]
 
-    def at(self, at_s: float) -> Floats:
+    def distances_at(self, at_s: float) -> Floats:
         """Return the distance of the front on 360 bearings, in cells, accurate to half a cell."""
         reached: NDArray[np.int64] = _reached(self._reached_s, at_s)
         distance: Floats = np.maximum(reached - 1, 0) / SAMPLES_PER_CELL

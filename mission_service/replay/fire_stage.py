@@ -20,14 +20,14 @@ EDGE_WITHIN_CELLS = 1e-6
 UNSEEN = "."
 
 Cell = tuple[int, int]  # row, col
-Source = SimulatedCameras | RunEstimate  # of images
+Source = SimulatedCameras | RunEstimate  # sources of images
 
 
 def fire_stage(recorded: JournalReader) -> Stage:
     """Recompute every observation from the position that follows it in the journal."""
     comparison = _Comparison(recorded)
     for reader, entry in recorded.readable():
-        comparison.read(reader, entry)
+        comparison.read_entry(reader, entry)
         comparison.burn(entry)
     return comparison.stage()
 
@@ -42,11 +42,12 @@ class _Comparison:
         self._counts = dict.fromkeys(kinds, 0)
         self._without_position = 0
         self._unsure = 0  # observations between a skipped line and the restart
-        self._pending: tuple[str, Observed] | None = None  # with its line number as text
+        # Waits for its position; with its line number as text.
+        self._pending: tuple[str, Observed] | None = None
         self._difference: str | None = None  # the first difference
         self._details: list[dict[str, Any]] = []
 
-    def read(self, reader: SegmentReader, entry: Entry) -> None:
+    def read_entry(self, reader: SegmentReader, entry: Entry) -> None:
         """Store an observation; compare it with the fire when its position follows."""
         content = entry.content
         if not entry.sure:  # the fire of the live run may have differed
@@ -69,7 +70,7 @@ class _Comparison:
                     self._compare(place, recorded, content)
             case FireReachedEdge() if entry.sure and entry.intact:
                 self._compare_edge(self._recorded.place(reader, entry), content)
-            case Resumed() | Aborted() if self._pending:  # its position was not journalled
+            case Resumed() | Aborted() if self._pending:  # the position was not journalled
                 self._without_position, self._pending = self._without_position + 1, None
             case _:
                 pass
@@ -129,7 +130,7 @@ class _Comparison:
 def _cells(
     recorded: Observed, again: Observed | None, fix: Telemetry, source: Source
 ) -> Iterator[dict[str, Any]]:
-    """Yield the cells in which two observations differ, and whether the tolerance excuses each."""
+    """Yield the cells in which two observations differ, and whether the tolerance allows it."""
     before, after = _letters(recorded), _letters(again)
     at_s = recorded.at_us / 1e6
     edge: set[Cell] | None = None

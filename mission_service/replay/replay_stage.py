@@ -18,4 +18,4 @@ class Stage:
     details: list[dict[str, Any]] = field(default_factory=list)
     note: str = ""
     left_out: bool = False
-    killed_at_line: int | None = None  # the kill of the run prevented this line
+    killed_at_line: int | None = None  # number of the line that the kill of the run prevented

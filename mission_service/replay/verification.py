@@ -1,8 +1,9 @@
 """Verifies a journal by replay in independent stages.
 
 The stage "file" checks the checksum of every line. The stage "fire" compares the cameras'
-observations with those in a new simulation of the fire. The stage "planner" compares the decisions
-on the recorded observations, and the stage "core" all commands, bit for bit.
+observations with those in a new simulation of the fire. The stage "planner" recomputes the
+decisions from the recorded observations, and the stage "core" recomputes all commands; both compare
+bit for bit.
 
 A journal is verified from its first line, or from the state at the beginning of its oldest existing
 segment. A single closed segment is verified from the state at its beginning.
@@ -39,7 +40,7 @@ class Verification:
 
     @property
     def difference(self) -> str | None:
-        """The difference of the first stage that found one; None if all stages agree."""
+        """The first difference that a stage found; None if all stages agree."""
         return next((each.difference for each in self.stages if each.difference), None)
 
     @property

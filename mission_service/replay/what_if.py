@@ -33,11 +33,11 @@ from mission_service.events import (
 from mission_service.fire.run_estimate import RunEstimate
 from mission_service.journal.reader import JournalReader
 from mission_service.runtime.engine import Progress, unshown
-from mission_service.runtime.outputs import summary_of, write_outputs
+from mission_service.runtime.run_outputs import summary_of, write_outputs
 from mission_service.runtime.run_statistics import RunStatistics
 from mission_service.runtime.state_view import StateView
-from mission_service.simulation.crew import SimulatedCrew
 from mission_service.simulation.sim import simulate
+from mission_service.simulation.simulated_crew import SimulatedCrew
 
 SHORT = {"planner": "rule"}
 NOT_REPEATED = (Approved, Rejected, MissionAccepted, MissionRefused, Resumed)
@@ -58,7 +58,7 @@ class PastRun:
         """The figures of the run."""
         return self.state_view.statistics
 
-    def add(self, event: AnyEvent, commands: list[AnyCommand]) -> None:
+    def apply(self, event: AnyEvent, commands: list[AnyCommand]) -> None:
         """Add an event and its commands."""
         self.estimate.apply_history(event)
         for command in commands:
@@ -85,10 +85,10 @@ def past_run(journal: JournalReader) -> PastRun:
             commands.append(entry.content)  # type: ignore[arg-type]
             continue
         if event is not None:
-            run.add(event, commands)
+            run.apply(event, commands)
         event, commands = entry.content, []  # type: ignore[assignment]
     if event is not None:
-        run.add(event, commands)
+        run.apply(event, commands)
     run.estimate.advance(run.record.at_us)
     return run
 
@@ -118,7 +118,7 @@ def what_if(
     if any(each.path.resolve().parent == out.resolve() for each in journal.readers):
         raise ScenarioError(f"{out}: is the folder of the journal; choose another with --out")
     if scenario.only is not None:
-        raise JournalError(f"{path}: is the journal of one process of several; use all of them")
+        raise JournalError(f"{path}: one of several processes wrote it; fly its scenario with sim")
     past = past_run(journal)
     until_s = past.record.at_us / 1e6
     if until_s <= scenario.start_s:
@@ -130,7 +130,9 @@ def what_if(
         scenario = scenario.model_copy(update={"mission": section})
     script = repeatable_requests(past.requests, changed)
     if scenario.burn_flown is not None:
-        notes.append("a simulated crew confirms the GO list, is present and approves the plans")
+        notes.append(
+            "a simulated crew confirms the GO/NO-GO checklist, is present and approves the plans"
+        )
         script = [event for event in script if not isinstance(event, CREW_EVENTS)]
         due = SimulatedCrew(scenario.burn_flown, script=script).due
     else:
@@ -160,7 +162,7 @@ class Script:
 def with_settings(journal: JournalReader, words: Sequence[str]) -> tuple[Scenario, dict[str, Any]]:
     """Return the journal's scenario with ``KEY=VALUE`` settings of [planner], and these settings.
 
-    A word may contain several settings. Raises ScenarioError for an unknown setting.
+    An argument may contain several settings. Raises ScenarioError for an unknown setting.
     """
     data = msgspec.to_builtins(journal.readers[0].header["scenario"])
     keys = list[str]()

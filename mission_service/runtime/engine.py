@@ -7,12 +7,13 @@ commands and executes them. At each position a simulated camera, if there is one
 content. The engine first applies each request to a copy of all projections (core, state view,
 interlock, missions), as a restart does, and journals it only if none of them raises an exception.
 The copy takes milliseconds, or tens of milliseconds with the maps of a formation. The estimated
-fire is too large to be copied. It is therefore the first projection to apply a request, and it
-applies it completely or not at all. Events of vehicles are too frequent for a copy. Their types
-limit their values (``events.py``), and the journal refuses other values. An event of a vehicle that
-still raises an exception is a defect. The engine removes it from the journal and executes none of
-its commands. The run then ends with an error of one line, because memory and journal differ. A
-restart resumes the run.
+fire takes too long. It folds the request after the journal line is written, in a live run in a
+thread (``estimate_worker``), completely or not at all: a request that it cannot fold changes
+nothing, then and in a restart. Events of vehicles are too frequent for a copy. Their types limit
+their values (``events.py``), and the journal refuses other values. An event of a vehicle that still
+raises an exception is a defect. The engine removes it from the journal and executes none of its
+commands. The run then ends with an error of one line, because memory and journal differ. A restart
+resumes the run.
 """
 
 import copy
@@ -29,7 +30,6 @@ from firemodel.spread.fire_scheme import Fire
 from mission_service.commands import (
     AnyCommand,
     BroadcastMessage,
-    ClimbAndHold,
     Drop,
     Hold,
     Level,
@@ -44,15 +44,12 @@ from mission_service.events import (
     Aborted,
     AnyEvent,
     AnyOperatorEvent,
-    AutopilotText,
     CommandFinished,
     DropFinished,
     FireReachedEdge,
     HostTime,
     LinesSkipped,
-    ModeChanged,
     Observed,
-    OperatorEvent,
     PeerLinkChanged,
     PeerMessage,
     Resumed,
@@ -60,20 +57,21 @@ from mission_service.events import (
     UploadFinished,
     VehicleEvent,
 )
+from mission_service.fire.best_fire import Folded
 from mission_service.fire.observed_window import Window
-from mission_service.fire.run_estimate import OF_FIRE, RunEstimate
+from mission_service.fire.run_estimate import OF_FIRE, RunEstimate, UnusedReportError
 from mission_service.fire.sensors import sensors_of
 from mission_service.fire.simulated_cameras import SimulatedCameras, fires_of_run
 from mission_service.guidance.registry import lock_of
 from mission_service.journal.guarded_journal import GuardedJournal
-from mission_service.journal.journal_file import Journal, command_body, event_body
+from mission_service.journal.journal_file import Journal, command_body
 from mission_service.journal.snapshot import Known, copied
 from mission_service.missions.recognition import MissionsHeld
 from mission_service.peer_messages import AnyMessage
+from mission_service.runtime.alarms.unrecorded_events import UnrecordedEvents
 from mission_service.runtime.gateway import Gateway
 from mission_service.runtime.run_statistics import RunStatistics
 from mission_service.runtime.state_view import StateView
-from mission_service.vehicles.availability import MISSION, named_mode
 
 NO_BURN = "the scenario has no burn"
 HOST_TIME_EVERY_US = 1_000_000
@@ -89,7 +87,7 @@ SNAPSHOT_FIELDS = (
     "_interlock",
     "_acknowledged",
 )
-# The fields on copies of which a request is tried.
+# The fields that are copied to try a request.
 TRIED = tuple(name for name in SNAPSHOT_FIELDS if name not in ("cameras", "estimate"))
 
 Progress = Callable[[StateView, Fire], None]
@@ -129,19 +127,18 @@ class Engine:
         self.state_view = state_view
         self.recording = GuardedJournal(journal)
         self._missions = MissionsHeld()
-        # Corrected windows that a vehicle's planner has not received yet.
-        self._undelivered: dict[str, Window] = {}
+        # Corrected windows that a vehicle's planner has not received yet, in their order.
+        self._undelivered: dict[str, tuple[Window, ...]] = {}
         self._estimate_due_us = 0  # of the next check of the estimate
         self._down_since_us = 0
         self._host_time_due_us = -(2**63)
         self._gateways = gateways
         self._broadcast = broadcast
         self._acknowledged: dict[tuple[str, str], int] = {}
-        self._unrecorded_modes: dict[str, str] = {}  # selected while the journal fails
+        self._unrecorded = UnrecordedEvents()
         self._held_back: deque[DropFinished | UploadFinished] = deque()
         self._interlock = lock_of(scenario, estimate.landscape)
-        self._refusals: set[str] = set()  # alarms about refused events
-        self.defect: RefusedEventError | None = None  # memory and journal differ
+        self.defect: RefusedEventError | None = None  # set when memory and journal differ
 
     @property
     def statistics(self) -> RunStatistics:
@@ -158,9 +155,10 @@ class Engine:
         self.clock_read(now_us)
         for event in events:
             if not isinstance(event, Telemetry):
-                if not self._handle(event, now_us):
-                    self._show_unrecorded(event)
-            elif (body := self._body_of(event)) is not None:  # before the image is taken
+                if not self._handle(event, now_us) and self.recording.trouble:
+                    self._unrecorded.show(event, self.state_view)
+            # Check the position before an image is taken there.
+            elif (body := self._unrecorded.line_of(event, self.state_view)) is not None:
                 for image in self._images(event):
                     self._handle(self._with_trust(image), now_us)
                 if self._written(event, body):
@@ -176,6 +174,8 @@ class Engine:
         """
         at_us = self.statistics.at_us
         if at_us < self._estimate_due_us or self.recording.trouble:
+            return
+        if self.estimate.in_background and self.estimate.is_behind:  # a replay is not
             return
         self._estimate_due_us = at_us + ESTIMATE_CHECK_EVERY_US
         self.estimate.advance(at_us)
@@ -212,31 +212,6 @@ class Engine:
         for fire in fires_of_run(self.cameras, self.estimate):
             fire.advance(at_us)
 
-    def _show_unrecorded(self, event: VehicleEvent) -> None:
-        """Show operators an event that could not be journalled and was not handled.
-
-        Only modes, which the autopilot or the pilot selected, and texts of autopilots are shown.
-        """
-        if not self.recording.trouble:
-            return
-        name = event.vehicle
-        if isinstance(event, ModeChanged):
-            self._unrecorded_modes[name] = event.mode
-            words = (
-                f"{name}: {named_mode(event.mode)}, selected while the journal cannot be written"
-            )
-            self.state_view.alarm(f"unrecorded/{name}", words, "severe", name)
-        elif isinstance(event, AutopilotText):
-            self.announce(name, f"autopilot: {event.text}")
-
-    def _keeps_mode(self, command: AnyCommand) -> bool:
-        """Return whether an abort must not end the vehicle's mode, which was not journalled."""
-        mode = self._unrecorded_modes.get(command.vehicle, MISSION)
-        if not isinstance(command, Hold | ClimbAndHold) or mode == MISSION:
-            return False
-        self.announce(command.vehicle, f"stays in {named_mode(mode)}, which was selected meanwhile")
-        return True
-
     def clock_read(self, now_us: int) -> None:
         """In a burn, handle the host's monotonic time about once a second."""
         if self._interlock is None or now_us < self._host_time_due_us:
@@ -246,12 +221,14 @@ class Engine:
             self._handle(HostTime(self.statistics.at_us, name, now_us), now_us)
 
     def on_peer_message(self, message: AnyMessage, at_us: int, now_us: int) -> None:
-        """Handle a message from a vehicle of another process, for each vehicle of this one."""
+        """Handle a message from a vehicle of another process, for each vehicle of this process."""
         for name in self._gateways:
             self._handle(PeerMessage(at_us, name, message), now_us)
 
     def submit(self, event: AnyOperatorEvent, now_us: int) -> None:
         """Handle an operator's event, and flush it to the disk before returning.
+
+        In the background a report of the fire is journalled, but not folded into the estimate yet.
 
         Raises NotRecordedError if the journal cannot be written, FireModelError for an impossible
         correction of the fire, and RefusedEventError for an event that a projection cannot handle.
@@ -259,19 +236,38 @@ class Engine:
         """
         self.clock_read(now_us)
         self._try(event, now_us)
+        self.estimate.check(event)
         if not self._written(event):
             reason = self.recording.trouble
             raise NotRecordedError(f"not recorded: {reason}; the request was not executed")
         try:
             window = self._apply_to_fire(event)
+        except UnusedReportError as error:  # its line remains: others may depend on its time
+            self._process(event, now_us)
+            raise self.unused(event, error.reason) from error
         except Exception as error:
             self.recording.remove_last()
-            if isinstance(error, FireModelError):
-                raise
             raise _defect(event, error, self._scenario.planner.rule) from error
         self._process(event, now_us)
         self._queue(window)
         self._deliver(event.at_us, now_us)
+
+    def adopt(self, found: Folded) -> AnyOperatorEvent | None:
+        """Adopt an input of the estimate that a thread has folded; return the report, if it is one.
+
+        ``deliver_next`` delivers the change to the vehicles' planners.
+        """
+        report = self.estimate.adopt(found)
+        if report is not None:
+            self.state_view.fire_changed()
+        self._queue(found.change.window)
+        return report
+
+    def unused(self, event: AnyOperatorEvent, error: Exception) -> Exception:
+        """Return the error for the sender of a report that the estimate cannot use."""
+        if isinstance(error, FireModelError):
+            return error
+        return _defect(event, error, self._scenario.planner.rule)
 
     def _try(self, event: AnyOperatorEvent, now_us: int) -> None:
         """Apply a request to a copy of the state. Raises RefusedEventError if this fails."""
@@ -285,7 +281,7 @@ class Engine:
                 if trial._interlock is not None:
                     trial._interlock.on_commands([command])
         except Exception as error:
-            if isinstance(event, Aborted):  # the core cannot handle it
+            if isinstance(event, Aborted):  # an abort that the core cannot handle
                 for name, gateway in self._gateways.items():
                     gateway.execute(Hold(name), now_us)
             raise _defect(event, error, self._scenario.planner.rule) from error
@@ -298,7 +294,7 @@ class Engine:
         return found
 
     def on_peer_link(self, connected: bool, at_us: int, now_us: int) -> None:
-        """Handle a lost or restored link to other processes, for each vehicle of this one."""
+        """Handle a lost or restored link to other processes, for each vehicle of this process."""
         for name in self._gateways:
             self._handle(PeerLinkChanged(at_us, name, connected), now_us)
 
@@ -314,7 +310,7 @@ class Engine:
         self._show(event, commands)
         self._queue(window)
         if isinstance(event, Observed) and event.corrects:
-            self._undelivered.pop(event.vehicle, None)
+            self._received(event.vehicle)
         if self._interlock is not None:
             self._interlock.apply(event)
             self._interlock.on_commands(commands)
@@ -346,9 +342,7 @@ class Engine:
         """Try to write the journal again, and return whether it can be written."""
         if not self.recording.retry():
             return False
-        for name in self._unrecorded_modes:
-            self.state_view.clear(f"unrecorded/{name}")
-        self._unrecorded_modes.clear()  # the restart reports each vehicle's mode again
+        self._unrecorded.forget_modes(self.state_view)
         down_us = max(at_us - self._down_since_us, 0)
         self._restart(Resumed(at_us, "service", "", down_us / 1e6), now_us)
         return not self.recording.trouble
@@ -368,13 +362,34 @@ class Engine:
 
     def _queue(self, window: Window | None) -> None:
         if window is not None:
-            self._undelivered = dict.fromkeys(self._gateways, window)
+            waiting = self._undelivered
+            self._undelivered = {name: (*waiting.get(name, ()), window) for name in self._gateways}
+
+    def _received(self, vehicle: str) -> None:
+        later = self._undelivered.pop(vehicle, ())[1:]
+        if later:
+            self._undelivered[vehicle] = later
 
     def _deliver(self, at_us: int, now_us: int) -> None:
         """Deliver operators' corrections of the fire to each vehicle's planner."""
-        for name, window in list(self._undelivered.items()):
-            if self._handle(Observed(at_us, name, *window, corrects=True), now_us):
-                del self._undelivered[name]
+        for name, windows in list(self._undelivered.items()):
+            for _ in windows:
+                self._deliver_to(name, at_us, now_us)
+
+    def deliver_next(self, now_us: int) -> bool:
+        """Deliver one change to one vehicle's planner; return whether there was one to deliver.
+
+        A planner may take a third of the time for which the event loop may be held.
+        """
+        name = next(iter(self._undelivered), None)
+        return name is not None and self._deliver_to(name, self.statistics.at_us, now_us)
+
+    def _deliver_to(self, vehicle: str, at_us: int, now_us: int) -> bool:
+        window = self._undelivered[vehicle][0]
+        delivered = self._handle(Observed(at_us, vehicle, *window, corrects=True), now_us)
+        if delivered:
+            self._received(vehicle)
+        return delivered
 
     def acknowledged_by(self, command: str, since_us: int) -> set[str]:
         """Return the vehicles that have acknowledged a command since a mission time."""
@@ -387,36 +402,11 @@ class Engine:
 
     def _handle(self, event: AnyEvent, now_us: int) -> bool:
         """Journal and apply an event; if it cannot be journalled, return False instead."""
-        body = self._body_of(event)
+        body = self._unrecorded.line_of(event, self.state_view)
         if body is None or not self._written(event, body):
             return False
         self._process(event, now_us)
         return True
-
-    def _body_of(self, event: AnyEvent) -> bytes | None:
-        """Return an event's journal line; if it cannot be journalled, raise an alarm, return None.
-
-        The alarm remains until an event of the same type can be journalled.
-        """
-        try:
-            body = event_body(event)
-        except RefusedEventError as error:
-            self._refuse(event, str(error))
-            return None
-        if self._refusals:
-            key = _alarm_of(event)
-            self._refusals.discard(key)
-            self.state_view.clear(key)
-        return body
-
-    def _refuse(self, event: AnyEvent, why: str) -> None:
-        key = _alarm_of(event)
-        if key in self._refusals:
-            return
-        name = "service" if isinstance(event, OperatorEvent) else event.vehicle
-        self._refusals.add(key)
-        self.announce(name, f"event refused: {why}")
-        self.state_view.alarm(key, f"{name}: {why}", "warning", name)
 
     def _written(self, event: AnyEvent, body: bytes | None = None) -> bool:
         if self.defect is not None:
@@ -431,7 +421,7 @@ class Engine:
             commands = self._apply(event)
             self._apply_event_to_fire(event)
             may_act = self.recording.write_commands(commands)
-        except OSError:  # the journal of a simulation
+        except OSError:  # a simulation cannot write its journal
             raise
         except Exception as error:
             self.recording.remove_last()
@@ -440,7 +430,7 @@ class Engine:
         for command in commands if may_act else ():
             if isinstance(command, BroadcastMessage):
                 self._broadcast(command.message)
-            elif self._keeps_mode(command):
+            elif self._unrecorded.keeps_mode(command, self.state_view):
                 pass
             elif (refused := self._refused(command)) is not None:
                 self._held_back.append(refused)
@@ -491,11 +481,6 @@ class Engine:
             why = "interlock: the mission contains an item that may drop"
             return UploadFinished(at_us, command.vehicle, command.mission_id, "refused", why)
         return None
-
-
-def _alarm_of(event: AnyEvent) -> str:
-    name = "" if isinstance(event, OperatorEvent) else event.vehicle
-    return f"refused/{name}/{type(event).__name__}"
 
 
 def _defect(event: AnyEvent, error: Exception, rule: str) -> RefusedEventError:

@@ -1,10 +1,11 @@
 """Sets the C library's allocator for a process that runs for weeks.
 
-glibc maps each large block separately and unmaps it when it is freed. When the first such block is
-freed, glibc by default raises its threshold to the size of that block. Later blocks of this size
-are then allocated in its heaps, where other allocations behind them prevent their release. States,
-forecasts and corrections allocate and free arrays of a few hundred KiB to a few MiB every few
-seconds, in several threads with separate heaps. ``benchmarks.weeks`` measures the memory.
+glibc maps each large block of memory separately and unmaps the block when it is freed. When the
+first such block is freed, glibc by default raises the threshold of a large block to the size of
+that block. glibc then allocates later blocks of this size in its heaps. The blocks are not released
+there as long as other blocks lie behind them. States, forecasts and corrections allocate and free
+arrays of a few hundred KiB to a few MiB every few seconds, in several threads with separate heaps.
+``benchmarks.weeks`` measures the memory.
 """
 
 import ctypes

@@ -60,8 +60,8 @@ StatusChanged = (
     SystemStateChanged | LandedStateChanged | FenceStatusChanged | EstimatorStatusChanged
 )
 
-# If a vehicle's clock lags this far behind mission time for this long, its time is set to mission
-# time.
+# If a vehicle's clock lags behind mission time by BEHIND_US for BEHIND_FOR_US, its time is set to
+# mission time.
 BEHIND_US = 1_000_000
 BEHIND_FOR_US = 5_000_000
 
@@ -96,7 +96,7 @@ class MissionClock:
         self._began_us: int | None = None
 
     def go_on(self, mission_us: int, wall_us: int) -> None:
-        """Set mission time at a time of the machine's clock, before any vehicle is connected."""
+        """Set mission time for the machine's time ``wall_us``, before any vehicle is connected."""
         self.now_us = self.latest_us = self._start_us = mission_us
         self._began_us = wall_us if self.wall else None
 
@@ -114,7 +114,7 @@ class MissionClock:
         self.latest_us = max(self.latest_us, mission_us)
 
     def others_passed(self, mission_us: int, wall_us: int) -> None:
-        """Advance to another process's mission time, at which vehicles that are behind then join.
+        """Advance to another process's mission time; vehicles that lag behind join at that time.
 
         A small lag of a vehicle remains, because all events of a process share one time.
         """
@@ -145,10 +145,11 @@ class Gateway:
         self._clock = clock
         self._dropper = dropper
         self._return_height_m = return_height_m
-        self._drops: dict[int, Drop] = {}  # unfinished drops by the client's number
+        self._drops: dict[int, Drop] = {}  # unfinished drops by the number that the client assigned
         self._queued: deque[VehicleEvent] = deque()  # events that the gateway itself creates
         self._battery_pct: dict[int, float] = {}
-        self._last: dict[type, VehicleEvent] = {}  # the last event of each kind sent on change
+        # Last event of each kind that is sent only on a change.
+        self._last: dict[type, VehicleEvent] = {}
         self._status: dict[type, StatusChanged] = {}  # the newest event of each kind
         self._speed_reports = SpeedReports()
         self._texts: dict[str, int] = {}  # time of each text's last report on the link's clock
@@ -157,7 +158,7 @@ class Gateway:
         self._watched_from_us = 0
         self._mission_of_transfer: dict[int, int] = {}
         self._recognise: Recognise | None = None
-        self._reading: int | None = None  # the client's number of the download
+        self._reading: int | None = None  # number of the download, as assigned by the client
         self._mode: tuple[int, bool, str] | None = None
         # Kind and text; an empty text ends the alarm.
         self.link_alarms: deque[tuple[str, str]] = deque()
@@ -175,7 +176,7 @@ class Gateway:
         stack = self.client.stack
         if stack is not None and self._connected and not self._lost:
             at_us = self._clock.now_us
-            if self._mode is not None:  # reported before any command
+            if self._mode is not None:  # the mode is reported before any command
                 self._queued.append(ModeChanged(at_us, self.name, *self._mode))
             self._queued.append(_connected(at_us, self.name, stack))
             for status in self._status.values():
@@ -289,7 +290,7 @@ class Gateway:
 
     def _rebooted(self, event: bridge.Rebooted, now_us: int) -> VehicleRebooted:
         self._offset_us = None
-        self._last.clear()  # all states are reported again
+        self._last.clear()  # so that all states are reported again
         self._speed_reports = SpeedReports()
         self._texts.clear()
         return VehicleRebooted(now_us, self.name)
@@ -376,7 +377,7 @@ class Gateway:
         return status
 
     def _changed(self, event: BatteryUpdated | GpsFixChanged) -> VehicleEvent | None:
-        """Return the event; None if it repeats the last event of its kind."""
+        """Return the event, or None if it repeats the last event of its kind."""
         before = self._last.get(type(event))
         self._last[type(event)] = event
         if before is not None and msgspec.structs.replace(before, at_us=event.at_us) == event:

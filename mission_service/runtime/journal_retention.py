@@ -1,14 +1,14 @@
 """Writes states periodically, divides the journal into segments and deletes old segments.
 
-It also handles a full disk. A state is pickled on the event loop between two events; a thread
-compresses and writes it.
+This module also handles a full disk. A state is pickled on the event loop between two events; a
+thread compresses and writes it.
 """
 
 import asyncio
 from collections.abc import Callable
 from pathlib import Path
 
-from mission_service.config.service import JournalSection
+from mission_service.config.service_section import JournalSection
 from mission_service.journal.journal_file import Rest
 from mission_service.journal.segments import (
     begin_state,
@@ -36,9 +36,9 @@ class JournalRetention:
         self._settings = settings
         self._written = service.recording.journal.rest
         self._written_us = clock_us()
-        self.write_s = 0.0  # time that the last state took, from pickling to the disk
+        self.write_s = 0.0  # time to write the last state, from pickling to the disk
 
-    async def run(self, clock: MissionClock) -> None:
+    async def maintain(self, clock: MissionClock) -> None:
         """Maintain the journal until cancelled."""
         while True:
             self._alarm_journal()
@@ -64,7 +64,7 @@ class JournalRetention:
             await self.write_state()
 
     async def write_state(self) -> None:
-        """Write the newest state, after renaming the previous one (``earlier_state``)."""
+        """Write the newest state, after renaming the previous state (``earlier_state``)."""
         path, rest = self._service.recording.journal.path, self._service.recording.journal.rest
         await self._write(lambda frozen: _write_newest(path, frozen, rest), rest)
 
@@ -93,7 +93,7 @@ class JournalRetention:
             self._alarm_state(error)
         else:
             self.write_s = (clock_us() - began_us) / 1e6
-            self._service.state_view.clear("state")
+            self._service.state_view.clear_alarm("state")
 
     def _alarm_state(self, error: OSError) -> None:
         """Raise the alarm for a state that was not written."""
@@ -106,7 +106,7 @@ class JournalRetention:
             text = f"the journal is not written, so only aborts are executed: {trouble}"
             state_view.alarm("journal", text, "severe")
         else:
-            state_view.clear("journal")
+            state_view.clear_alarm("journal")
 
 
 def _write_newest(path: Path, frozen: Frozen, rest: Rest) -> None:

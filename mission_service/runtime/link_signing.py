@@ -9,11 +9,12 @@ from autopilot_bridge.links.signing import Counts, Key, Signing, Timestamps, key
 from mission_service.errors import MissionServiceError
 from mission_service.runtime.redaction import hide
 
-COMMAND_LINK_ID = 255  # of CLI commands; a service running at the same time uses other link ids
-REPORT_FROM_FRAMES = 10  # fewer may be transmission errors, or frames of another station nearby
+COMMAND_LINK_ID = 255  # link id of CLI commands; a service that runs at the same time uses others
+# Fewer refused frames may be transmission errors or frames of another station.
+REPORT_FROM_FRAMES = 10
 LEAD_REPORTED_S = 60.0
 CHECK_CLOCKS = "check the clocks of this machine and the vehicle"
-WORDS = {  # by the verdict on a frame: its description and the remedy
+WORDS = {  # description and remedy for each verdict on a frame
     "unsigned": ("without a signature", "set the vehicle's key (mission-service signing set-up)"),
     "wrong": ("with a wrong signature", "check that the vehicle has this key"),
     "repeated": ("with repeated timestamps", "check whether frames arrive twice"),
@@ -69,12 +70,12 @@ def refusal(counts: Counts, link: str, from_frames: int = 1) -> str | None:
 
 
 def key_missing(link: str) -> str:
-    """Return one line on a link whose vehicle signs its frames while this program has no key."""
+    """Return one line on a link whose vehicle signs frames while this program has no key."""
     return f"frames on {link} are signed, and no signing key is given; the vehicle may not answer"
 
 
 class SigningRefusals:
-    """The reports on the signing of one vehicle's link; each is returned only once."""
+    """The reports on the signing of one vehicle's link; each report is returned only once."""
 
     def __init__(self, link: str, system_id: int, signing: Signing | None) -> None:
         self._link = link
@@ -82,7 +83,7 @@ class SigningRefusals:
         self._signing = signing
         self._reported: set[str] = set()
 
-    def announcements(self, counts: Counts, receives_signed: bool) -> list[str]:
+    def new_reports(self, counts: Counts, receives_signed: bool) -> list[str]:
         """Return the new reports, one line each."""
         lines: dict[str, str | None] = {}
         if self._signing is None:
@@ -93,7 +94,7 @@ class SigningRefusals:
             if lead_s > LEAD_REPORTED_S:
                 lines["lead"] = (
                     f"its frames on {self._link} are signed {lead_s:.0f} s ahead of this machine's "
-                    "clock; it may refuse frames of the service: set the clock"
+                    "clock; the vehicle may refuse frames of the service: set the clock"
                 )
         new = {key: line for key, line in lines.items() if line and key not in self._reported}
         self._reported |= new.keys()

@@ -20,7 +20,7 @@ class ReplayState(msgspec.Struct, tag="replay/1", tag_field="schema"):
     logs: tuple[str, ...]
     log_begin_us: int
     log_end_us: int
-    log_at_us: int  # during a seek, its destination
+    log_at_us: int  # during a seek, the destination of the seek
     begin_us: int  # the mission time of ``log_begin_us``
     speed: Speed
     paused: bool
@@ -39,9 +39,9 @@ def checked_speed(speed: Speed) -> Speed:
 class PlayHead:
     """A play head that advances on the log's clock ``speed`` times as fast as the machine's.
 
-    Its position is the time up to which all entries were played. ``due_us`` returns the time up to
-    which entries are due, and ``reached`` sets the position, so that the play head waits for a slow
-    machine. ``now_us`` is the machine's clock.
+    The position of the play head is the time up to which all entries were played. ``due_us``
+    returns the time up to which entries are due, and ``reached`` sets the position, so that the
+    play head waits for a slow machine. ``now_us`` is the machine's clock.
     """
 
     def __init__(self, begin_us: int, end_us: int, speed: Speed = 1.0) -> None:

@@ -27,7 +27,7 @@ class TelemetryState(msgspec.Struct, tag="telemetry/1", tag_field="schema"):
 class OrbitState(msgspec.Struct):
     """The ordered circle around a virtual agent, anticlockwise with a negative radius.
 
-    The camera covers a ring along it, ``view_width_m`` wide from the vehicle's height over ground.
+    The camera covers a ring along the circle, ``view_width_m`` wide from the vehicle's height.
     """
 
     lat_deg: float
@@ -111,7 +111,7 @@ class MissionState(msgspec.Struct, tag="mission/1", tag_field="schema"):
 class Alarm(msgspec.Struct, tag="alarm/1", tag_field="schema"):
     """A fault, active until it is cleared."""
 
-    alarm: str  # its key: link/hawk, broker, journal
+    alarm: str  # key of the alarm: link/hawk, broker, journal
     at_us: int
     vehicle: str
     severity: Severity
@@ -141,7 +141,7 @@ class DropState(msgspec.Struct, tag="drop/1", tag_field="schema"):
     outcome: str = "ordered"
 
     @property
-    def place(self) -> tuple[float, float]:
+    def lat_lon(self) -> tuple[float, float]:
         """The latitude and longitude in degrees."""
         return self.lat_deg, self.lon_deg
 

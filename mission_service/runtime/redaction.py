@@ -3,7 +3,7 @@
 import re
 
 HIDDEN = "[hidden]"
-MIN_SECRET = 6  # characters; a shorter secret would match ordinary words
+MIN_SECRET = 6  # minimum length in characters; a shorter secret would match ordinary words
 _LOOKS_SECRET = re.compile(
     r"((?:bearer|basic)\s+|[\w-]*(?:token|passw(?:or)?d|secret|signing[ _-]?key|api[ _-]?key)"
     r"[\"']?\s*[=:]\s*[\"']?)(?!file:|env:)[^\s\"',;&]+",

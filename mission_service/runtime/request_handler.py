@@ -1,7 +1,7 @@
 """Converts operators' requests to events, and the events' results to replies."""
 
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Awaitable, Callable
+from typing import Any, NamedTuple
 
 import msgspec
 
@@ -13,6 +13,9 @@ from mission_service.errors import MissionServiceError
 from mission_service.events import AnyOperatorEvent, Corrected, Erased, FireObserved, Redone, Undone
 
 Answer = dict[str, Any]
+# Returns what waits until the estimate uses a report and then returns why it cannot, or None; or
+# None if no report waits.
+Outcome = Callable[[AnyOperatorEvent], Awaitable[Exception | None] | None]
 CHANGES_AREA = (Corrected, FireObserved, Erased, Undone, Redone)
 OWN_ERRORS = (MissionServiceError, FireModelError, BridgeError)
 
@@ -27,17 +30,20 @@ class RequestHandler:
         now_us: Callable[[], int],
         scope: RequestScope = ANYWHERE,
         burned_ha: Callable[[], float] | None = None,
+        outcome: Outcome | None = None,
     ) -> None:
         """Set the functions that handle events; ``submit`` returns the resulting announcements.
 
         ``scope`` contains the data for checking requests. ``burned_ha`` returns the burned area if
         corrections change it; replies to corrections then contain the old and the new area.
+        ``outcome`` waits for reports in a live run.
         """
         self._submit = submit
         self._status = status
         self._now_us = now_us
         self.scope = scope
         self._burned_ha = burned_ha
+        self._outcome = outcome
 
     def ask(self, request: Any, may_approve: bool | None = None) -> Answer:
         """Handle one request and return the reply; no content of a request raises an exception.
@@ -45,35 +51,85 @@ class RequestHandler:
         ``may_approve`` states whether the user has the role approve (``request_events.event_of``).
         ``confirm`` in the reply means that the order was not executed, because it would end a mode
         that the autopilot or the pilot selected. The same request with ``confirmed`` is executed.
+
+        In a live run the reply does not wait until the estimate uses a report (``ask_or_wait``).
         """
+        found = self._submitted(request, may_approve)
+        return found if isinstance(found, dict) else self._reply(found)
+
+    def ask_or_wait(
+        self, request: Any, may_approve: bool | None = None, role: str = ""
+    ) -> Answer | Awaitable[Answer]:
+        """Handle one request as ``ask``; the reply to a report waits until the estimate uses it.
+
+        ``role`` is the highest role of the user, if the interface identifies users.
+        """
+        found = self._submitted(request, may_approve, role)
+        if isinstance(found, dict):
+            return found
+        outcome = None if self._outcome is None else self._outcome(found.event)
+        return self._reply(found) if outcome is None else self._reply_after(found, outcome)
+
+    async def ask_and_wait(
+        self, request: Any, may_approve: bool | None = None, role: str = ""
+    ) -> Answer:
+        """Return the reply of ``ask_or_wait``."""
+        found = self.ask_or_wait(request, may_approve, role)
+        return found if isinstance(found, dict) else await found
+
+    async def _reply_after(
+        self, found: "_Submitted", outcome: Awaitable[Exception | None]
+    ) -> Answer:
+        unused = await outcome
+        return self._reply(found) if unused is None else wrong(str(unused))
+
+    def _submitted(
+        self, request: Any, may_approve: bool | None, role: str = ""
+    ) -> "_Submitted | Answer":
+        """Submit the event of a request; return the reply instead if there is no event."""
         if isinstance(request, dict) and request.get("do") == STATUS:
             return {"ok": True, "status": self._status()}
         try:
-            event = event_of(request, self._now_us(), self.scope, may_approve)
+            event = event_of(request, self._now_us(), self.scope, may_approve, role)
             burned_ha = self._burned_ha if isinstance(event, CHANGES_AREA) else None
             before_ha = None if burned_ha is None else burned_ha()
-            messages = self._submit(event)
+            return _Submitted(request["do"], event, before_ha, self._submit(event))
         except OWN_ERRORS as error:
             return wrong(str(error))
-        if any(line.startswith(REJECTED) for line in messages):
-            lines = dict.fromkeys(line.removeprefix(REJECTED).strip() for line in messages)
+
+    def _reply(self, found: "_Submitted") -> Answer:
+        if any(line.startswith(REJECTED) for line in found.messages):
+            lines = dict.fromkeys(line.removeprefix(REJECTED).strip() for line in found.messages)
             words = "; ".join(lines)
-            return wrong(f"{request['do']}: {words}")
+            return wrong(f"{found.do}: {words}")
+        event = found.event
         answer: Answer = {"ok": True, "at_s": event.at_us / 1e6, "event": type(event).__name__}
-        if burned_ha is not None:
-            answer |= {"burned_ha_before": before_ha, "burned_ha_after": burned_ha()}
-        answer["messages"] = messages
-        if any(line.startswith(CONFIRM) for line in messages):
+        if found.burned_ha is not None and self._burned_ha is not None:
+            answer |= {
+                "burned_ha_before": found.burned_ha,
+                "burned_ha_after": self._burned_ha(),
+            }
+        answer["messages"] = found.messages
+        if any(line.startswith(CONFIRM) for line in found.messages):
             answer["confirm"] = True
         return answer
 
-    def answer(self, line: bytes) -> Answer:
-        """Return the reply to one line of JSON; no content of a line raises an exception."""
+    def answer(self, line: bytes) -> Answer | Awaitable[Answer]:
+        """Return the reply to one line of JSON, as ``ask_or_wait``."""
         try:
             request = msgspec.json.decode(line)
         except (msgspec.DecodeError, RecursionError) as error:
             return wrong(f"not a line of JSON: {error}")
-        return self.ask(request)
+        return self.ask_or_wait(request)
+
+
+class _Submitted(NamedTuple):
+    """An event that was journalled, the burned area before it, and its announcements."""
+
+    do: str
+    event: AnyOperatorEvent
+    burned_ha: float | None
+    messages: list[str]
 
 
 def wrong(text: str) -> Answer:

@@ -9,7 +9,7 @@ from autopilot_bridge.items import Items
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.weather import Weather
 from mission_service.config.scenario import Scenario
-from mission_service.config.service import ServiceSection
+from mission_service.config.service_section import ServiceSection
 from mission_service.core.core import Core
 from mission_service.fire.run_estimate import RunEstimate
 from mission_service.missions.mission_figures import Figures, figures_of
@@ -47,7 +47,7 @@ class RunContext:
         self.not_ready: dict[str, str] = {}  # unmet conditions by name, with the reasons
         self.stopping = False
         self.gauges: dict[str, Callable[[], float]] = {}  # further metrics, by name
-        self.replay: Callable[[], ReplayState] | None = None  # in a replay of a logged flight
+        self.replay: Callable[[], ReplayState] | None = None  # set in a replay of a logged flight
         self._bell = asyncio.Event()
 
     @property
@@ -103,7 +103,11 @@ class RunContext:
     def weather(self) -> Weather:
         """Return the present weather: that of the scenario, or as operators have set it."""
         at_s, of_burn = self.clock.now_us / 1e6, self.estimated_fire
-        return self.estimate.fire.weather.at(at_s) if of_burn is None else of_burn.weather_at(at_s)
+        return (
+            self.estimate.fire.weather.weather_at(at_s)
+            if of_burn is None
+            else of_burn.weather_at(at_s)
+        )
 
     def preview(self, vehicle: str) -> Items | None:
         """Return the mission that the service would send to the vehicle now, without sending it.

@@ -31,8 +31,9 @@ from mission_service.runtime.sortie import Sortie
 from mission_service.runtime.track import Track
 from mission_service.vehicles.availability import AIRBORNE_M
 
-MAX_REVERSALS = 5_000  # latest positions kept for each vehicle; the journal has all
-MAX_REASONS = 100  # distinct reasons of missions (they may name users); others count as OTHER
+MAX_REVERSALS = 5_000  # latest positions stored for each vehicle; the journal has all positions
+# Distinct reasons of missions (they may name users); further reasons count as OTHER.
+MAX_REASONS = 100
 OTHER = "other"
 RECEIVED_WITHIN_US = 2_000_000  # older positions are not used for the closest pair
 
@@ -50,7 +51,7 @@ class VehicleStatistics:
     direction: str = ""
     uploads: Counter[str] = field(default_factory=Counter)
     upload_reasons: Counter[str] = field(default_factory=Counter)
-    orders: Counter[str] = field(default_factory=Counter)  # of orbits and speeds, by kind
+    orders: Counter[str] = field(default_factory=Counter)  # orders of orbits and speeds, by kind
     fix: tuple[int, float, float, float] | None = None
     plans: dict[str, IgnitionPlan] = field(default_factory=dict)  # proposed plans by hash
     drops: list[DropState] = field(default_factory=list)
@@ -76,9 +77,9 @@ class RunStatistics:
         self.observations = 0
         self.closest: ClosestPair | None = None
         self._in_air: dict[str, Telemetry] = {}
-        self.requests: Counter[str] = Counter()  # of operators, by the event's name
-        self.restarts = 0  # of the service
-        self.alarms: Counter[str] = Counter()  # raised, by kind; counted by the state view
+        self.requests: Counter[str] = Counter()  # requests of operators, by the event's name
+        self.restarts = 0  # restarts of the service
+        self.alarms: Counter[str] = Counter()  # alarms raised, by kind; the state view counts them
 
     def apply(self, event: AnyEvent, commands: list[AnyCommand]) -> None:
         """Process an event and its commands."""
@@ -86,7 +87,7 @@ class RunStatistics:
         if isinstance(event, Resumed):
             self.restarts += 1
         elif isinstance(event, FireReachedEdge):
-            pass  # not a request; its alarm is counted
+            pass  # not a request of an operator; the alarm is counted instead
         elif isinstance(event, OperatorEvent):
             self.requests[type(event).__name__] += 1
         else:

@@ -61,7 +61,7 @@ async def log_announcements(context: RunContext) -> None:
         while True:
             follower.catch_up(context)
             await context.changed(context.state_view.version)
-            await asyncio.sleep(LOG_EVERY_S)  # collects lines of the same time
+            await asyncio.sleep(LOG_EVERY_S)  # collects lines that appear together
     finally:
         follower.catch_up(context)
 

@@ -6,15 +6,15 @@ from collections import deque
 from autopilot_bridge.vehicle.client_events import Speed
 from mission_service.events import AirspeedMeasured, ThrustStatusChanged
 
-AIRSPEED_OVER_US = 10_000_000  # gusts and turns average out
+AIRSPEED_OVER_US = 10_000_000  # long enough to average gusts and turns
 AIRSPEED_CHANGED_M_S = 0.5
 # Neither PX4 1.17 nor ArduPlane 4.6 reports a failed engine: both continue their mission at full
 # throttle, sink, and lose airspeed. A plane that levels off or descends fast gains airspeed.
 FULL_THROTTLE_PERCENT, SINKING_M_S, SLOWER_M_S = 75, 1.0, 1.5
-# An airspeed is compared with the mean over this time before it, or before the vehicle began to
-# sink at full throttle: a mean that fell with the airspeed would hide a slow loss.
+# The airspeed is compared with its mean over this period. Values measured while the vehicle sinks
+# at full throttle are left out, because they would hide a slow loss.
 SLOWER_THAN_US = 10_000_000
-CLIMB_OVER_US = 2_000_000  # gusts average out
+CLIMB_OVER_US = 2_000_000  # long enough to average gusts
 SINKING_FOR_US = 1_000_000
 RECOVERED_FOR_US = 10_000_000
 
@@ -23,13 +23,13 @@ class SpeedReports:
     """The mean airspeed and the thrust status of one vehicle."""
 
     def __init__(self) -> None:
-        self._airspeeds_m_s: list[float] = []  # since the last mean
+        self._airspeeds_m_s: list[float] = []  # measured since the last mean
         self._airspeeds_from_us = 0
         self._reported_m_s = math.nan
-        self._before: deque[tuple[int, float]] = deque()  # mission time, airspeed
-        self._climbs: deque[tuple[int, float]] = deque()  # mission time, climb
+        self._before: deque[tuple[int, float]] = deque()  # mission time and airspeed
+        self._climbs: deque[tuple[int, float]] = deque()  # mission time and climb rate
         self._thrust_sufficient = True
-        self._otherwise_since_us: int | None = None  # time since which thrust differs from it
+        self._otherwise_since_us: int | None = None  # time since which the thrust status differs
 
     def of(
         self, speed: Speed, name: str, now_us: int
@@ -39,7 +39,7 @@ class SpeedReports:
         return [each for each in found if each is not None]
 
     def _airspeed(self, speed: Speed, name: str, now_us: int) -> AirspeedMeasured | None:
-        """Return the mean of ``AIRSPEED_OVER_US`` if it has changed."""
+        """Return the mean airspeed over ``AIRSPEED_OVER_US``, if it has changed."""
         if speed.airspeed_m_s is None:
             return None
         if not self._airspeeds_m_s:
@@ -72,7 +72,7 @@ class SpeedReports:
         sinks = full_throttle and climb_m_s <= -SINKING_M_S
         if self._thrust_sufficient and not slower:
             sinks = False
-        if sinks != self._thrust_sufficient:  # the last report is still correct
+        if sinks != self._thrust_sufficient:  # the last reported status is still correct
             self._otherwise_since_us = None
             return None
         if self._otherwise_since_us is None:
@@ -86,7 +86,7 @@ class SpeedReports:
 
 
 def _add(values: deque[tuple[int, float]], value: float, now_us: int, over_us: int) -> None:
-    """Append a value and remove those that are older than ``over_us``."""
+    """Append a value and remove the values that are older than ``over_us``."""
     values.append((now_us, value))
     while values[0][0] < now_us - over_us:
         values.popleft()

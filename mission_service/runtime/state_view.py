@@ -2,13 +2,12 @@
 
 HTTP, MQTT, metrics and feeds read this state view and keep no state of their own. Each part has a
 key (``vehicle/hawk``, ``fire``, ...) and the version at which it last changed, so that a slow
-reader misses intermediate states but never the current one. States are flat JSON with units in
+reader misses intermediate states but never the current state. States are flat JSON with units in
 their keys. The figures of the run (``statistics``) are part of it.
 """
 
 import math
-from collections import deque
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, ClassVar
 
 from firemodel.landscape.landscape import Landscape
@@ -26,7 +25,6 @@ from mission_service.commands import (
     ProposeMission,
     ProposePlan,
     RaiseAlarm,
-    Severity,
     UploadMission,
     WithdrawMission,
     WithdrawPlan,
@@ -63,9 +61,8 @@ from mission_service.events import (
 from mission_service.fire.camera import camera_of
 from mission_service.ignition_plan import IgnitionPlan
 from mission_service.missions.mission_hash import mission_hash
+from mission_service.runtime.alarms.notices import Notices
 from mission_service.runtime.published_states import (
-    Alarm,
-    Announcement,
     Mission,
     MissionState,
     OrbitState,
@@ -75,8 +72,6 @@ from mission_service.runtime.published_states import (
 )
 from mission_service.runtime.run_statistics import RunStatistics
 
-MAX_ANNOUNCEMENTS = 500
-MAX_CLEARED = 50
 FIRE_EVERY_US = 30_000_000
 LOW_BATTERY_PCT, GOOD_BATTERY_PCT = 25.0, 30.0
 OF_FIRE = ("edge", "input")  # prefixes of the alarms about the fire, which a restart keeps
@@ -104,16 +99,14 @@ def _of_flight(alarm: str) -> bool:
     return alarm.partition("/")[0] in OF_FLIGHT
 
 
-class StateView:
+class StateView(Notices):
     """The states of a run. ``apply`` processes an event; ``version`` grows with each change."""
 
     def __init__(
         self, scenario: Scenario, landscape: Landscape, at_us: int, warnings: Sequence[str] = ()
     ) -> None:
         """Begin at ``at_us`` with an alarm for each of the warnings about the scenario."""
-        self.at_us = at_us
-        self.version = 1
-        self.changed: dict[str, int] = {}
+        super().__init__(at_us, RunStatistics(tuple(each.name for each in scenario.flown), at_us))
         self.vehicles = {
             section.name: VehicleState(
                 at_us,
@@ -128,19 +121,12 @@ class StateView:
         }
         self.missions = {name: MissionState(at_us, name) for name in self.vehicles}
         self.telemetry: dict[str, TelemetryState] = {}
-        self.alarms: dict[str, Alarm] = {}
-        self.cleared: deque[Alarm] = deque(maxlen=MAX_CLEARED)
-        self.announcements: deque[Announcement] = deque(maxlen=MAX_ANNOUNCEMENTS)
-        self.announcement_id = 0
-        self.announcement_count = 0
-        self.last_id_before_restart = 0  # the last announcement from before a restart
         self.plan: IgnitionPlan | None = None
         self.plan_hash = ""
         self.fire_version = 1  # grows when operators change the fire
         self.wind_set: WindSet | None = None
         self.reached_edge: FireReachedEdge | None = None
-        self.telemetry_count = 0  # with positions that could not be journalled
-        self.statistics = RunStatistics(tuple(self.vehicles), at_us)
+        self.telemetry_count = 0  # includes positions that could not be journalled
         self._landscape = landscape
         self._view_width_m = {
             section.name: round(2.0 * camera_of(section).half_width_m(section.altitude_agl_m), 1)
@@ -182,60 +168,6 @@ class StateView:
             self._fire_shown_us = self.at_us
             self._touch("fire")
 
-    def alarm(self, key: str, text: str, severity: Severity = "warning", vehicle: str = "") -> None:
-        """Raise an alarm, or update its text."""
-        before = self.alarms.get(key)
-        if before is not None and (before.text, before.severity) == (text, severity):
-            return
-        since_us = self.at_us if before is None else before.at_us
-        self.alarms[key] = Alarm(key, since_us, vehicle, severity, text)
-        if before is None:
-            self.statistics.alarms[key.partition("/")[0]] += 1
-        self._touch("alarms")
-
-    def show_alarms(self, prefix: str, texts: Mapping[str, str], severity: Severity) -> None:
-        """Raise ``prefix/NAME`` for each name with a text, and clear all others of the prefix."""
-        for key in [key for key in self.alarms if key.startswith(f"{prefix}/")]:
-            if key.partition("/")[2] not in texts:
-                self.clear(key)
-        for name, text in texts.items():
-            self.alarm(f"{prefix}/{name}", text, severity)
-
-    def clear(self, key: str) -> None:
-        """Clear an alarm."""
-        alarm = self.alarms.pop(key, None)
-        if alarm is not None:
-            alarm.cleared_at_us = self.at_us
-            self.cleared.append(alarm)
-            self._touch("alarms")
-
-    def clear_all_but(self, *prefixes: str) -> None:
-        """Clear all other alarms; their sources raise them again if the cause persists."""
-        for key in [key for key in self.alarms if key.partition("/")[0] not in prefixes]:
-            self.clear(key)
-
-    def announce(self, vehicle: str, text: str, level: str = "info") -> None:
-        """Add an announcement to the operators."""
-        self.announcement_id = self.version + 1  # the id is also the version of the change
-        self.announcement_count += 1
-        self.announcements.append(
-            Announcement(self.announcement_id, self.at_us, vehicle, level, text)
-        )
-        self._touch("announcements")
-
-    def _warn(self, key: str, text: str) -> None:
-        """Raise an alarm about the fire and announce it."""
-        self.alarm(key, text)
-        self.announce("fire", text, "warning")
-
-    def announcements_after(self, line_id: int) -> list[Announcement]:
-        """Return the announcements after ``line_id`` to forward; none from before a restart."""
-        return [
-            line
-            for line in self.announcements
-            if line.id > max(line_id, self.last_id_before_restart)
-        ]
-
     def fire_changed(self) -> None:
         """Note that an operator has changed the fire."""
         self.fire_version += 1
@@ -248,21 +180,16 @@ class StateView:
     def take_the_place_of(self, before: "StateView") -> None:
         """Replace the view of another time, so that all states count as changed for readers.
 
-        Its announcements count as already forwarded.
+        The announcements of this view count as already forwarded.
         """
         self.version = max(self.version, before.version)
         self.fire_version = max(self.fire_version, before.fire_version) + 1
         of_service = {key: alarm for key, alarm in before.alarms.items() if not _of_flight(key)}
         self.alarms = {key: alarm for key, alarm in self.alarms.items() if _of_flight(key)}
         self.alarms |= of_service
-        self._touch("replay")  # first: its readers then read all states again
+        self._touch("replay")  # first, so that readers read all states again
         self._touch(*(self.changed.keys() - {"replay"}))
         self.announcement_id = self.last_id_before_restart = self.version
-
-    def _touch(self, *keys: str) -> None:
-        self.version += 1
-        for key in keys:
-            self.changed[key] = self.version
 
     def _asked(self, event: AnyOperatorEvent, not_ordered: set[str]) -> None:
         """Process a request; the orders to vehicles ``not_ordered`` are not carried out."""
@@ -303,7 +230,7 @@ class StateView:
             if event.vehicle in ("", name) and name not in not_ordered:
                 self._order(vehicle, order)
         if event.order in ("resume", "start") and not not_ordered:
-            self.clear("abort")
+            self.clear_alarm("abort")
 
     def _order(self, vehicle: VehicleState, order: str) -> None:
         vehicle.order = order
@@ -337,10 +264,10 @@ class StateView:
             self.alarm(f"link/{name}", f"{name}: link lost", "severe", name)
             return
         vehicle.link = "online"
-        self.clear(f"link/{name}")
+        self.clear_alarm(f"link/{name}")
         if isinstance(event, VehicleConnected):
             vehicle.detected_stack = event.stack
-            self.clear(f"silent/{name}")
+            self.clear_alarm(f"silent/{name}")
 
     def _rebooted(self, vehicle: VehicleState, event: VehicleRebooted) -> None:
         self.missions[vehicle.vehicle] = MissionState(event.at_us, vehicle.vehicle)
@@ -356,7 +283,7 @@ class StateView:
         name = vehicle.vehicle
         vehicle.position_good, vehicle.position_fix = event.good, event.fix
         if event.good:
-            self.clear(f"position/{name}")
+            self.clear_alarm(f"position/{name}")
         else:
             self.alarm(f"position/{name}", f"{name}: no position fix", "severe", name)
 
@@ -393,7 +320,7 @@ class StateView:
         if event.percent < LOW_BATTERY_PCT:
             self.alarm(f"battery/{name}", f"{name}: battery low", "warning", name)
         elif event.percent >= GOOD_BATTERY_PCT:
-            self.clear(f"battery/{name}")
+            self.clear_alarm(f"battery/{name}")
 
     def _uploaded(self, vehicle: VehicleState, event: UploadFinished) -> None:
         name = vehicle.vehicle
@@ -408,7 +335,7 @@ class StateView:
         mission.at_us = event.at_us
         if event.outcome == "accepted":
             mission.on_board, mission.sending = sent, None
-            self.clear(f"mission/{name}")
+            self.clear_alarm(f"mission/{name}")
         else:
             text = f"{name}: mission {event.outcome}: {event.reason}"
             self.alarm(f"mission/{name}", text, "warning", name)
@@ -418,7 +345,7 @@ class StateView:
         name = vehicle.vehicle
         key = f"order/{name}/{event.command}"
         if event.accepted:
-            self.clear(key)
+            self.clear_alarm(key)
         else:
             text = f"{name}: {event.command} refused: {event.reason}"
             self.alarm(key, text, "warning", name)
@@ -446,7 +373,7 @@ class StateView:
                 text = f"{name}: {command.text}"
                 self.alarm(f"{command.alarm}/{name}", text, command.severity, name)
             case ClearAlarm():
-                self.clear(f"{command.alarm}/{name}")
+                self.clear_alarm(f"{command.alarm}/{name}")
             case WithdrawMission():
                 proposed = self.missions[name].proposed
                 if proposed and proposed.mission_id == command.mission_id:

@@ -20,7 +20,7 @@ def notify_systemd(state: str) -> bool:
     address = os.environ.get("NOTIFY_SOCKET", "")
     if not address.startswith(("/", "@")):
         return False
-    if address.startswith("@"):  # abstract socket
+    if address.startswith("@"):  # the address of an abstract socket
         address = "\0" + address[1:]
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sock:
         sock.setblocking(False)
@@ -49,7 +49,7 @@ def status_of(context: RunContext) -> str:
 
 
 async def pulse(context: RunContext, notify: Callable[[str], bool] = notify_systemd) -> None:
-    """Notify systemd from the event loop until cancelled, so that it detects a blocked loop."""
+    """Notify systemd from the event loop until cancelled; systemd then detects a blocked loop."""
     loop = asyncio.get_running_loop()
     lags_s = deque([0.0], maxlen=LAG_OF_BEATS)
     context.gauges["event_loop_lag_seconds"] = lambda: max(lags_s)

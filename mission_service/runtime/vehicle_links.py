@@ -14,7 +14,7 @@ from pathlib import Path
 from autopilot_bridge.clients.client_protocol import VehicleClient
 from autopilot_bridge.clients.mavsdk import MavsdkClient
 from autopilot_bridge.clients.shared_link import SharedLink
-from autopilot_bridge.links.connection import Connection
+from autopilot_bridge.links.asyncio_connection import Connection
 from autopilot_bridge.links.signing import Signing
 from autopilot_bridge.links.tlog_writer import Tlog
 from firemodel.landscape.landscape import Landscape
@@ -22,7 +22,7 @@ from mission_service.commands import Severity
 from mission_service.config.scenario import Scenario
 from mission_service.config.sections import VehicleSection
 from mission_service.config.shared_links import sharing
-from mission_service.fire.setup import weather_of
+from mission_service.fire.scenario_fire import weather_of
 from mission_service.guidance.registry import way_of
 from mission_service.runtime.gateway import Gateway, MissionClock, dropper_of, rates_hz
 from mission_service.runtime.link_signing import SigningRefusals, refusal, signings
@@ -31,7 +31,7 @@ REPORT_SILENCE_AFTER_US = 4_000_000
 # Vehicles exceed the commanded airspeed: ArduPlane flew at 23 instead of 15 m/s, and faster in a
 # dive.
 FASTER = 2.0
-STRONGEST_WIND_M_S = 30.0  # assumed for flights, unless the scenario has stronger wind
+STRONGEST_WIND_M_S = 30.0  # wind assumed for flights, unless the scenario has stronger wind
 SEVERITIES: dict[str, Severity] = {
     "source": "severe",
     "clock": "severe",
@@ -90,7 +90,7 @@ async def open_links(
     tlog = stack.enter_context(Tlog(tlog_path, wall_us)) if tlog_path else None
     system_ids = {section.system_id for section in scenario.flown}
     if tlog is not None and len(system_ids) < len(scenario.flown):
-        words = "vehicles with the same system id cannot be distinguished in it; give them others"
+        words = "vehicles with the same system id cannot be distinguished in it; change their ids"
         report("service", f"{tlog_path}: {words}")
     sources = [section.signing_key for section in scenario.flown]
     signing_of = stack.enter_context(
@@ -171,7 +171,7 @@ class LinkMonitor:
         self._unreported = dict(links)
         self._report_at_us = now_us + REPORT_SILENCE_AFTER_US
 
-    def announcements(self, now_us: int) -> list[tuple[str, str]]:
+    def silent_vehicles(self, now_us: int) -> list[tuple[str, str]]:
         """When the report is due, return the vehicles without a heartbeat, with possible causes."""
         if now_us < self._report_at_us:
             return []

@@ -1,4 +1,4 @@
-"""Runs the demo: mock autopilots in child processes, connected by UDP to the daemon in this one."""
+"""Runs the demo: mock autopilots in child processes, connected by UDP to the daemon."""
 
 import asyncio
 import contextlib
@@ -9,17 +9,17 @@ from pathlib import Path
 from typing import Any
 
 from autopilot_bridge.items import Plan
-from autopilot_bridge.links.link import other_end
-from autopilot_bridge.missions.planfile import write_any
+from autopilot_bridge.links.link_address import other_end
+from autopilot_bridge.missions.plan_file import write_any
 from autopilot_bridge.stacks.stacks import stack_named
 from mission_service.config.scenario import Scenario, flying, load_scenario, scenario_path
 from mission_service.config.sections import VehicleSection
 from mission_service.errors import MissionServiceError, ScenarioError
-from mission_service.fire.setup import home_of, landscape_of
+from mission_service.fire.scenario_fire import home_of, landscape_of
 from mission_service.guidance.registry import way_of
 from mission_service.live.daemon import Run, serve
 from mission_service.runtime.engine import Progress
-from mission_service.runtime.outputs import write_outputs
+from mission_service.runtime.run_outputs import write_outputs
 
 
 def run_demo(
@@ -74,7 +74,7 @@ def _mock_process(
 
 
 def vehicle_of(scenario: Scenario, name: str | None) -> VehicleSection:
-    """Return the vehicle of this name, or the first one for None; raises ScenarioError."""
+    """Return the vehicle of this name, or the first vehicle for None; raises ScenarioError."""
     if name is None:
         return scenario.vehicles[0]
     for section in scenario.vehicles:

@@ -18,11 +18,11 @@ from firemodel.spread.edge import at_edge
 from firemodel.spread.fire_scheme import Fire
 from mission_service.config.scenario import Scenario
 from mission_service.errors import ScenarioError
-from mission_service.fire.setup import fire_of, landscape_of, warnings_on
+from mission_service.fire.scenario_fire import fire_of, landscape_of, warnings_on
 from mission_service.runtime.progress import fire_progress
 from mission_service.simulation.result_files import check_command
 
-STEPS = 200  # progress reports of a run
+STEPS = 200  # number of progress reports of a run
 MAX_FRONTS = 10_000
 
 
@@ -62,7 +62,7 @@ def run_fire(
     with writing(folder):
         remove_parts(folder)
         path = folder / "fire.nc"
-        path.unlink(missing_ok=True)  # of an earlier run
+        path.unlink(missing_ok=True)  # files of an earlier run
         if netcdf:
             write_netcdf(path, fire, times_s, scenario.name, scenario.time_zero)
         return _write(scenario, fire, folder, times_s, lines)

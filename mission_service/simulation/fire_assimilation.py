@@ -23,7 +23,7 @@ from firemodel.landscape.landscape import Landscape
 from firemodel.landscape.readers.perimeter_files import Perimeter, read_perimeters
 from firemodel.landscape.readers.shapes import box_of
 from firemodel.outputs.geotiff import write_raster
-from firemodel.outputs.raster_layers import PROBABILITY_LAYER
+from firemodel.outputs.layer_legends import PROBABILITY_LAYER
 from firemodel.outputs.whole_file import write_whole
 from firemodel.physics.weather import WeatherStream
 from firemodel.spread.burning import burning_from_perimeter
@@ -31,7 +31,7 @@ from firemodel.spread.front import front_polygons
 from mission_service.config.scenario import Scenario
 from mission_service.errors import ScenarioError
 from mission_service.fire.run_ensemble import new_estimate
-from mission_service.fire.setup import (
+from mission_service.fire.scenario_fire import (
     ignitions_of,
     landscape_of,
     weather_of,
@@ -47,13 +47,13 @@ MAX_PICTURES = 40
 
 
 class Step(NamedTuple):
-    """One forecast from a perimeter to the next, with what was observed."""
+    """One forecast from a perimeter to the next, with the next perimeter as observed."""
 
     before: Observation
     after: Observation
     probability: Floats  # (y, x) the forecast probability of burned cells
     likely: Mask  # (y, x) the forecast burned area
-    free: Mask  # (y, x) the area that the model alone burns
+    free: Mask  # (y, x) the area burned in the model without assimilation
 
 
 def assimilate(
@@ -111,7 +111,7 @@ def assimilate(
         if not intervals and len(perimeters) > 1:
             warnings.append(
                 f"{observations}: no perimeter agrees with the first, {perimeters[0].source}; if "
-                "that is wrong, remove it"
+                f"the first is wrong, remove it"
             )
             warn(warnings[-1])
         forecast = estimate.forecast(estimate.time_s + AHEAD_H[-1] * 3600.0, pool.map)
@@ -134,7 +134,7 @@ def assimilate(
             _draw(steps, landscape, scenario.name, zero, part)
             _write_ahead(ahead, landscape, part)
             write_whole(part / "assimilation.json", json.dumps(summary, indent=2) + "\n")
-            for picture in folder.glob("forecast_*.png"):  # of an earlier run
+            for picture in folder.glob("forecast_*.png"):  # pictures of an earlier run
                 if not (part / picture.name).exists():
                     picture.unlink()
     return summary
@@ -165,8 +165,8 @@ def _observations(
     """Yield the perimeters at their mission times, and before them the ignition if there is one."""
     if scenario.ignition and scenario.time_zero is None:
         raise ScenarioError(
-            f"{scenario.name}: an ignition needs time_zero, the date of mission time 0, which "
-            "relates it to the perimeters; give time_zero, or leave the ignition out"
+            f"{scenario.name}: without time_zero (the date of mission time 0) the ignition has no "
+            f"date; give time_zero, or leave the ignition out"
         )
     error_m = scenario.estimate.perimeter_error_m
     if scenario.ignition:
@@ -201,7 +201,7 @@ def _steps(
     warnings: list[str],
     warn: Callable[[str], None],
 ) -> Iterator[Step]:
-    """Forecast and process all observations; one that cannot be of the fire is left out."""
+    """Forecast and process all observations, without observations that do not fit the fire."""
     before: Observation | None = None
     for after in observed:
         step = None
@@ -213,7 +213,7 @@ def _steps(
             probability = forecast.burn_probability(after.at_s)
             step = Step(before, after, probability, likely_area(probability), free.burned())
         try:
-            estimate.observe(after, each)
+            estimate.assimilate(after, each)
         except FireModelError as error:
             warnings.append(f"{error}; it is left out")
             warn(warnings[-1])
@@ -224,13 +224,14 @@ def _steps(
 
 
 def _scores(step: Step, landscape: Landscape, zero: datetime) -> dict[str, Any]:
-    """Return the scores of one forecast, and those of persistence and of the model alone."""
+    """Return the scores of one forecast, of persistence and of the model alone."""
     before, after, probability, likely, free = step
     burned, observed = before.state == BURNED, after.state == BURNED
     cell_ha = landscape.cell_size_m**2 / 1e4
 
     def distance(mask: Mask) -> float:
-        area = front_polygons(np.where(mask, 0.0, 1.0), 0.5, landscape)  # along sides of cells
+        # Outline along the sides of cells.
+        area = front_polygons(np.where(mask, 0.0, 1.0), 0.5, landscape)
         return round(mean_distance_m(area, after.area), 1)
 
     return {

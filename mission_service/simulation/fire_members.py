@@ -20,7 +20,7 @@ from firemodel.ensemble.uncertainty import Uncertainty
 from firemodel.landscape.landscape import Landscape
 from firemodel.outputs.arrival_map import area_in_words, draw_arrival, time_in_words
 from firemodel.outputs.geotiff import write_raster
-from firemodel.outputs.raster_layers import (
+from firemodel.outputs.layer_legends import (
     FLAME_LENGTH_LAYER,
     PROBABILITY_LAYER,
     arrival_layer,
@@ -31,7 +31,7 @@ from firemodel.spread.edge import BEYOND_EDGE, reaches_edge
 from firemodel.spread.fire_scheme import Burning, Ignition, check_ignitions
 from firemodel.spread.schemes import SchemeName, new_fire
 from mission_service.config.scenario import Scenario
-from mission_service.fire.setup import (
+from mission_service.fire.scenario_fire import (
     burning_of,
     ignitions_of,
     landscape_of,
@@ -61,7 +61,10 @@ MEMBER_AT_EDGE = f"the fire of one or more members reached the edge of the lands
 
 @dataclass(frozen=True)
 class Job:
-    """The data for simulating members. Each worker receives it and prepares the start once."""
+    """The data for simulating members.
+
+    Each worker receives this data and prepares the start once.
+    """
 
     landscape: Landscape
     weather: WeatherStream
@@ -75,7 +78,7 @@ class Job:
     until_s: float
 
     @cached_property
-    def start(self) -> Start:
+    def start_state(self) -> Start:
         """The common state at the start; each member then adds its moved ignitions."""
         fire = new_fire(
             self.scheme,
@@ -91,7 +94,7 @@ class Job:
     @cached_property
     def draws(self) -> list[Draw]:
         """The draws of all members."""
-        return latin_draws(self.uncertainty, self.seed, self.count, self.start.fuels)
+        return latin_draws(self.uncertainty, self.seed, self.count, self.start_state.fuels)
 
 
 def job_of(scenario: Scenario, count: int) -> Job:
@@ -120,7 +123,7 @@ def job_of(scenario: Scenario, count: int) -> Job:
 
 def burned_member(number: int, job: Job) -> Window:
     """Return the result of one member of a job (a worker's task)."""
-    return next(burned_windows(job.start, job.draws, [number], job.until_s, job.seed))
+    return next(burned_windows(job.start_state, job.draws, [number], job.until_s, job.seed))
 
 
 def run_members(

@@ -1,4 +1,4 @@
-"""Simulates the fire of a scenario for all combinations of values of some of its keys."""
+"""Simulates the fire of a scenario for all combinations of values that some keys may have."""
 
 import csv
 import json
@@ -22,7 +22,13 @@ from firemodel.spread.schemes import SCHEMES
 from mission_service.config.fire_sections import LandscapeSection
 from mission_service.config.scenario import Scenario, load_scenario
 from mission_service.errors import OptionError, ScenarioError
-from mission_service.fire.setup import check_fire, fire_of, landscape_in, require_fire, warnings_on
+from mission_service.fire.scenario_fire import (
+    check_fire,
+    fire_of,
+    landscape_in,
+    require_fire,
+    warnings_on,
+)
 from mission_service.runtime.progress import fire_progress
 from mission_service.simulation.fire_alone import check_times, writing
 from mission_service.simulation.result_files import (
@@ -134,7 +140,7 @@ def run_sweep(sweep: Sweep, folder: Path, run: Run, warn: Callable[[str], None])
 
     Each run is stored in a file in the folder ``runs``: the front at the end, with the results. If
     the command is stopped and repeated with the same scenario and values, only the missing runs are
-    simulated. The inputs of all runs are checked before the first one.
+    simulated. The inputs of all runs are checked before the first run.
 
     Args:
         sweep: The scenario and the values of its keys.
@@ -248,7 +254,7 @@ def _write(folder: Path, features: list[dict[str, Any]]) -> None:
     (folder / "fronts.geojson").write_text(json.dumps(collection) + "\n", encoding="utf-8")
     hidden = {"IncidentName", "FeatureCategory", "MapMethod", "FeatureStatus", "PolygonDateTime"}
     names = [name for name in features[0]["properties"] if name not in hidden]
-    names.sort(key=lambda name: name != "run")  # the first column
+    names.sort(key=lambda name: name != "run")  # makes ``run`` the first column
     with (folder / "sweep.csv").open("w", encoding="utf-8", newline="") as file:
         table = csv.DictWriter(file, names, extrasaction="ignore", lineterminator="\n")
         table.writeheader()

@@ -82,7 +82,7 @@ def draw_forecast(
 
 
 def _extent(landscape: Landscape) -> tuple[float, float, float, float]:
-    """Return west, east, south and north of the cell centres in km, as the axes have them."""
+    """Return west, east, south and north of the cell centres in km, for the axes."""
     rows, cols = landscape.shape
     cell_km = landscape.cell_size_m / 1e3
     return 0.5 * cell_km, (cols - 0.5) * cell_km, 0.5 * cell_km, (rows - 0.5) * cell_km

@@ -1,7 +1,7 @@
 """Stores the results of many runs in a folder, so that a stopped command can be resumed.
 
-Each result is one file, and never an incomplete file. The file ``recipe.json`` has the inputs of
-the computation (the recipe); a folder is used again only for the same recipe.
+Each result is one file, which is written completely or not at all. The file ``recipe.json`` has the
+inputs of the computation (the recipe); a folder is used again only for the same recipe.
 """
 
 import hashlib
@@ -92,13 +92,14 @@ def check_command(folder: Path, command: str) -> None:
 
 
 def results_folder(folder: Path, recipe: Recipe) -> Path:
-    """Create a folder for the results of a recipe, or check that an existing one has this recipe.
+    """Create a folder for the results of a recipe, or check the recipe of an existing folder.
 
     Raises MissionServiceError for a folder with the results of another recipe.
     """
     folder.mkdir(exist_ok=True)
     path, recipe = folder / RECIPE, json.loads(json.dumps(recipe))
-    if not any(each.name[0].isdigit() for each in folder.iterdir()):  # no results yet
+    # The folder has no results yet.
+    if not any(each.name[0].isdigit() for each in folder.iterdir()):
         write_whole(path, json.dumps(recipe, indent=1) + "\n")
         return folder
     try:
@@ -169,9 +170,9 @@ def complete(
         folder: The folder of the results.
         count: The number of all results.
         suffix: The suffix of the results' files.
-        compute: Returns the results of some numbers, in their order.
+        compute: Takes numbers of results, and returns these results in the same order.
         save: Writes a result to a file.
-        progress: Is called with the number of the results in the folder after each new one.
+        progress: Is called after each new result with the number of results in the folder.
 
     Returns:
         The number of the results that were missing.

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from autopilot_bridge.clients.native import NativeClient
-from autopilot_bridge.links.link import MemoryLink
+from autopilot_bridge.links.memory_link import MemoryLink
 from autopilot_bridge.mock.autopilot import MockAutopilot
 from autopilot_bridge.mock.kinematics import Wind
 from autopilot_bridge.mock.local_frame import LocalFrame
@@ -21,7 +21,7 @@ from mission_service.config.sections import LinkSection, VehicleSection
 from mission_service.core.core import Core
 from mission_service.events import AnyOperatorEvent
 from mission_service.fire.run_estimate import RunEstimate
-from mission_service.fire.setup import home_of, landscape_of, warnings_on
+from mission_service.fire.scenario_fire import home_of, landscape_of, warnings_on
 from mission_service.fire.simulated_cameras import cameras_of
 from mission_service.fire.simulated_fire import simulated_weather
 from mission_service.guidance.registry import way_of
@@ -88,10 +88,10 @@ class SimulatedVehicle:
         arriving_us = (at_us for at_us in arrivals_us if at_us is not None)
         return min(self._mock_due_us, self.client.next_timer(), *arriving_us)
 
-    def advance(self, now_us: int, service: Engine) -> None:
+    def handle_due(self, now_us: int, service: Engine) -> None:
         """Handle all datagrams and timers that are due at ``now_us``."""
         if self._weather is not None:
-            self._blow(self._weather.at(self._clock.now_us / 1e6))
+            self._blow(self._weather.weather_at(self._clock.now_us / 1e6))
         arrived = self._up.receive(now_us)
         for datagram in arrived:
             self.mock.receive_data(datagram, now_us)
@@ -127,7 +127,7 @@ class Simulation:
     ) -> None:
         """Set up the run; a burn has a simulated crew unless ``crew`` is given."""
         if crew is None and scenario.burn_flown is not None:
-            from mission_service.simulation.crew import SimulatedCrew
+            from mission_service.simulation.simulated_crew import SimulatedCrew
 
             crew = SimulatedCrew(scenario.burn_flown).due
         self.clock = MissionClock(round(scenario.start_s * 1e6), wall=False)
@@ -148,7 +148,7 @@ class Simulation:
         self._report_us = self.clock.now_us
         self._heap = [(0, index) for index in range(len(self.rigs))]
 
-    def run(self, until_s: float) -> None:
+    def run_until(self, until_s: float) -> None:
         """Run until mission time ``until_s``."""
         end_us = round(until_s * 1e6)
         while self._heap and self.clock.now_us < end_us:
@@ -162,10 +162,11 @@ class Simulation:
     def step(self) -> None:
         """Handle the next timer of a vehicle, then the events of the crew."""
         now_us, index = heapq.heappop(self._heap)
-        self.rigs[index].advance(now_us, self.service)
+        self.rigs[index].handle_due(now_us, self.service)
         if self._crew is not None:
             for event in self._crew(self.clock.now_us, self.core):
-                with contextlib.suppress(FireModelError):  # refused, as in a live run
+                # The fire refuses the event, as in a live run.
+                with contextlib.suppress(FireModelError):
                     self.service.submit(event, now_us)
         heapq.heappush(self._heap, (max(self.rigs[index].next_timer(), now_us), index))
         if self.clock.now_us >= self._report_us:
@@ -195,7 +196,7 @@ def simulate(
     journal = Journal(journal_path, header_of(scenario, landscape.digest(), created), durable=False)
     try:
         simulation = Simulation(scenario, journal, landscape, crew, progress)
-        simulation.run(scenario.duration_s if until_s is None else until_s)
+        simulation.run_until(scenario.duration_s if until_s is None else until_s)
     finally:
         journal.close()
     simulation.service.advance_fire(simulation.clock.now_us)

@@ -77,7 +77,8 @@ def dask_client(scheduler: str, command: str) -> Iterator[Any]:
                 f"{command}: {scheduler}: no certificates; set distributed.comm.tls in Dask's "
                 "configuration"
             )
-    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # it also raises its errors
+    # The client raises these errors as well.
+    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
     client_of: Any = distributed.Client
     try:
         client = client_of(scheduler, timeout=SECONDS_TO_CONNECT, set_as_default=False)

@@ -23,8 +23,10 @@ from mission_service.vehicles.vehicle_state import (
 )
 
 SAMPLED_EVERY_M = 20.0
-GOOD_FOR_S = 60.0  # validity of a proposal; then a new one is planned, because the front moves
-AHEAD_SHARE = 0.5  # of the horizon; a mission that extends farther beyond a refused one differs
+# Validity of a proposal; afterwards a new mission is planned, because the front moves.
+GOOD_FOR_S = 60.0
+# A mission differs if it extends by this share of the horizon beyond a refused mission.
+AHEAD_SHARE = 0.5
 
 
 @dataclass(frozen=True)
@@ -45,8 +47,8 @@ class MissionApprovals:
     def __init__(self, path_tolerance_m: float, horizon_m: float) -> None:
         """Set the distances at which a mission differs from a refused mission.
 
-        These are ``path_tolerance_m`` beside the refused mission, and a share of the horizon
-        beyond its end.
+        These are ``path_tolerance_m`` at right angles to the refused mission's path, and a share of
+        ``horizon_m`` beyond the end of the path.
         """
         self._proposals: dict[str, Proposal] = {}
         self._announced: set[str] = set()  # vehicles with a proposal that waits for an answer
@@ -72,7 +74,7 @@ class MissionApprovals:
         self, command: UploadMission, vehicle: Vehicle, at_s: float
     ) -> list[ProposeMission | Announce]:
         pending, earlier = vehicle.pending, self._proposals.get(vehicle.name)
-        assert pending is not None  # by ``MissionsSent``
+        assert pending is not None  # set by ``MissionsSent``
         why = command.why
         if vehicle.refusal is not None:
             if not self._differs(vehicle.refusal, pending):
@@ -94,7 +96,7 @@ class MissionApprovals:
         return [proposed, announce(vehicle, words)]
 
     def _differs(self, refusal: Refusal, pending: Pending) -> bool:
-        """Return whether a mission differs from a refused one in its path or its reason."""
+        """Return whether a mission differs from a refused mission in its path or its reason."""
         if pending.due not in ("", refusal.due):
             return True
         line = shapely.segmentize(pending.line, SAMPLED_EVERY_M)
@@ -106,7 +108,7 @@ class MissionApprovals:
         return bool((apart_m > max_m).any())
 
     def accepted(self, vehicle: Vehicle, named: str) -> UploadMission | None:
-        """Return the proposed mission with this hash, to be sent; None if it is not proposed."""
+        """Return the proposed mission with this hash, to be sent; None if there is none."""
         proposal = self._take_proposal(vehicle, named)
         if proposal is None:
             return None
@@ -115,7 +117,7 @@ class MissionApprovals:
         return proposal.command
 
     def refused(self, vehicle: Vehicle, named: str, by: str) -> bool:
-        """Refuse the mission with this hash and similar ones; False if it is not proposed."""
+        """Refuse the proposed mission with this hash and similar missions; False without one."""
         proposal = self._take_proposal(vehicle, named)
         if proposal is None:
             return False
@@ -129,9 +131,9 @@ class MissionApprovals:
         if proposal is None or at_s - proposal.at_s < GOOD_FOR_S:
             return []
         vehicle.due = vehicle.due or proposal.pending.due
-        why = f"no answer for {GOOD_FOR_S:.0f} s: a new one is planned"
+        why = f"no answer for {GOOD_FOR_S:.0f} s: a new mission is planned"
         withdrawn = self.withdraw(vehicle, why)
-        self._announced.add(vehicle.name)  # the new one is not announced
+        self._announced.add(vehicle.name)  # the new proposal is not announced
         return withdrawn
 
     def withdraw(self, vehicle: Vehicle, why: str) -> list[WithdrawMission]:
@@ -140,7 +142,7 @@ class MissionApprovals:
         proposal = self._proposals.pop(vehicle.name, None)
         if proposal is None:
             return []
-        if vehicle.proposed is not None:  # else another proposal replaces it
+        if vehicle.proposed is not None:  # unless another proposal has replaced it
             vehicle.enter(MissionPhase.WITHDRAWN)
         return [WithdrawMission(vehicle.name, proposal.command.mission_id, why)]
 

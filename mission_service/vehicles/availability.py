@@ -19,7 +19,7 @@ from mission_service.events import Order
 from mission_service.position_fix import PositionFix
 
 AIRBORNE_M = 15.0
-GOING_HOME = ("return", "land")  # modes, by the bridge's names
+GOING_HOME = ("return", "land")  # modes, as the bridge names them
 MISSION = "mission"
 # The modes, by the bridge's names, that each command of the service causes. The autopilot or the
 # pilot selected any other mode. During an upload ArduPilot is commanded to hold, and PX4 holds if
@@ -33,8 +33,8 @@ LEADS_TO: dict[type[AnyCommand], tuple[str, ...]] = {
     ClimbAndHold: ("guided", "hold"),
 }
 ANSWERS = {name: kind for kind, name in ORDER_NAMES.items() if kind in LEADS_TO}
-UNANSWERED_S = 60.0  # in which a command without acknowledgement may change the mode
-TAKES_EFFECT_S = 5.0  # in which an acknowledged command may change the mode
+UNANSWERED_S = 60.0  # time in which a command without acknowledgement may change the mode
+TAKES_EFFECT_S = 5.0  # time in which an acknowledged command may change the mode
 FAILSAFE_STATES = ("critical", "emergency", "flight termination")  # HEARTBEAT.system_status
 
 
@@ -49,15 +49,15 @@ class VehicleAvailability:
 
     online: bool = False
     airborne: bool = False
-    recalled: bool = False  # flies home, or is ordered home
-    recalled_on_ground: bool = False  # ordered home before takeoff
+    recalled: bool = False  # whether the vehicle flies home, or is ordered home
+    recalled_on_ground: bool = False  # whether the vehicle was ordered home before takeoff
     took_off_at_s: float = np.inf
     wind_m_s: float = 0.0
-    mode: str = ""  # by the last report
+    mode: str = ""  # mode in the last report
     armed: bool = False
-    mode_is_ordered: bool = True  # False: autopilot or pilot selected it
-    on_ground: bool = False  # by EXTENDED_SYS_STATE; a crashed vehicle may remain armed
-    held_by_upload: bool = False  # it holds, and nothing but an upload can be the cause
+    mode_is_ordered: bool = True  # False if the autopilot or the pilot selected the mode
+    on_ground: bool = False  # as EXTENDED_SYS_STATE reports; a crashed vehicle may remain armed
+    held_by_upload: bool = False  # the vehicle holds, and only an upload can be the cause
     system_state: str = ""  # HEARTBEAT.system_status
     fence_breached: bool = False
     fix_good: bool = True
@@ -67,12 +67,12 @@ class VehicleAvailability:
 
     @property
     def position_good(self) -> bool:
-        """Whether its position is reliable, with a 3-D fix and a healthy estimator."""
+        """Whether the vehicle's position is reliable: a 3-D fix and a healthy estimator."""
         return self.fix_good and self.estimator_healthy
 
     @property
     def in_failsafe(self) -> bool:
-        """Whether its autopilot reports a failsafe or a breached fence."""
+        """Whether the autopilot reports a failsafe or a breached fence."""
         return self.system_state in FAILSAFE_STATES or self.fence_breached
 
     @property
@@ -82,7 +82,7 @@ class VehicleAvailability:
 
     @property
     def flies(self) -> bool:
-        """Whether planners may use it: online, airborne, position reliable, under control."""
+        """Whether planners may use the vehicle: online, airborne, under control, position good."""
         counted_on = self.online and self.airborne and not self.recalled
         return counted_on and self.position_good and not self.taken_over
 

@@ -11,7 +11,7 @@ def unconfirmed(vehicle: Vehicle) -> None:
 
     Operators' orders remain valid.
     """
-    was = vehicle.unconfirmed  # another restart before the first read-back
+    was = vehicle.unconfirmed  # the service restarted again before the read-back
     pending = vehicle.pending or (was.pending if was else None)
     sent_home = vehicle.availability.recalled and vehicle.sent_home
     recalled = sent_home or bool(was and was.recalled)
@@ -25,9 +25,9 @@ def unconfirmed(vehicle: Vehicle) -> None:
 def recognised(
     vehicle: Vehicle, was: UnconfirmedState, event: MissionReadBack
 ) -> Literal["same", "new", "unknown"]:
-    """Return which mission is on board: "same" (the accepted one), "new" (being sent), "unknown".
+    """Return which mission is on board: "same" (as accepted), "new" (being sent) or "unknown".
 
-    The vehicle continues the accepted mission, unless a new one is due.
+    The vehicle continues the accepted mission, unless a new mission is due.
     """
     pending, accepted = was.pending, vehicle.accepted
     if pending is not None and event.mission_id == pending.mission_id:
@@ -45,4 +45,4 @@ def in_words(event: MissionReadBack) -> str:
         return "its mission could not be read back: a new mission is sent"
     if event.mission_id:
         return f"read back: mission {event.mission_id} is on board"
-    return f"read back: {event.items} items on board, which are no mission of the service"
+    return f"read back: {event.items} items on board, not a mission of the service"

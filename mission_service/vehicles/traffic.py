@@ -10,7 +10,7 @@ from autopilot_bridge.items import MissionItem
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario
 from mission_service.config.sections import VehicleSection
-from mission_service.fire.setup import fire_position
+from mission_service.fire.scenario_fire import fire_position
 from mission_service.missions.from_path import LeastAltitude
 from mission_service.missions.separation import (
     MARGIN_M,
@@ -32,7 +32,7 @@ Floats = NDArray[np.float64]
 
 TAKEOFF_CLEAR_M = 300.0
 TAKES_OFF_WITHIN_S = 60.0
-LEAVES_M, LEAVES_WITHIN_S = 400.0, 30.0  # for a vehicle that flies to its waiting position
+LEAVES_M, LEAVES_WITHIN_S = 400.0, 30.0  # distance and time of the flight to a waiting position
 WAITS_AT_MOST_S = 120.0
 STALE_S = 5.0  # an older position is not used
 
@@ -45,11 +45,11 @@ class Flown:
     availability: VehicleAvailability
     home_m: tuple[float, float]
     track: Track | None = None
-    sent: int = 0  # number of missions
+    sent: int = 0  # number of missions sent
     compared: tuple[int, ...] = ()  # ``sent`` of the vehicles below at the last comparison
     gave_way_to: str | None = None
     waits_since_s: float = 0.0
-    waits_at: Floats | None = None  # (1, 2)
+    waits_at: Floats | None = None  # (1, 2) waiting position
     started_at_s: float = -1e9
 
 
@@ -121,11 +121,11 @@ class TrafficManager:
     # Giving way -------------------------------------------------------------------------------
 
     def gave_way_to(self, name: str) -> str | None:
-        """Return the vehicle that this one waits for, if any."""
+        """Return the vehicle that a vehicle waits for, if any."""
         return self._all[name].gave_way_to
 
     def give_way_to(self, name: str) -> str | None:
-        """Return the vehicle that this one must give way to now, if any, and record it."""
+        """Return the vehicle that a vehicle must give way to now, if any, and record it."""
         own = self._all[name]
         fix = own.availability.fix
         assert fix is not None
@@ -179,7 +179,7 @@ class TrafficManager:
         return other in self._below[own.section.name] and above_m >= self._separation_m / 2.0
 
     def may_turn_back(self, name: str) -> bool:
-        """Return whether no other vehicle is now giving way to this one nearby."""
+        """Return whether no other vehicle nearby is now giving way to a vehicle."""
         fix = self._all[name].availability.fix
         for other in self._all.values():
             other_fix = other.availability.fix
@@ -216,7 +216,7 @@ class TrafficManager:
 
 
 def _reported_fixes(own: Flown, other: Flown) -> tuple[PositionFix, PositionFix] | None:
-    """Return two vehicles' positions; None unless a recent one shows the other in the air."""
+    """Return two vehicles' positions; None unless a recent position shows the other in the air."""
     fix, other_fix = own.availability.fix, other.availability.fix
     if fix is None or other_fix is None or not other.availability.airborne:
         return None

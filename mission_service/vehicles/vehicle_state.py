@@ -16,20 +16,21 @@ from mission_service.missions.landing import Landing
 from mission_service.vehicles.availability import VehicleAvailability
 
 Floats = NDArray[np.float64]
-HISTORY_LENGTH = 20  # of phases, for the error of an invalid transition
+HISTORY_LENGTH = 20  # number of phases that the error about an invalid transition lists
 
 
 class MissionPhase(Enum):
     """The phases of a vehicle's next mission, up to its outcome."""
 
     NONE = "none"
-    PROPOSED = "proposed"  # to the operators
+    PROPOSED = "proposed"  # proposed to the operators
     UPLOADING = "uploading"
-    ACCEPTED = "accepted"  # by the autopilot
+    ACCEPTED = "accepted"  # accepted by the autopilot
     FAILED = "failed"
-    REFUSED = "refused"  # by an operator, or similar to a refused mission
+    REFUSED = "refused"  # refused by an operator, or similar to a refused mission
     WITHDRAWN = "withdrawn"
-    DROPPED = "dropped"  # during its upload, by a restart or because it is not needed any more
+    # Dropped during its upload, by a restart or because it is not needed any more.
+    DROPPED = "dropped"
 
 
 _NEXT = (MissionPhase.UPLOADING,)
@@ -50,8 +51,8 @@ class Pending:
 
     mission_id: int
     line: shapely.LineString
-    takes_off: bool = False  # its first item is a takeoff
-    due: str = ""  # the reason why it was due at once
+    takes_off: bool = False  # whether the first item is a takeoff
+    due: str = ""  # the reason why the mission was due at once
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,7 @@ class Refusal:
     """A proposed mission that an operator refused; similar missions are not proposed again."""
 
     by: str
-    due: str  # the reason why it was due at once; else empty
+    due: str  # the reason why the mission was due at once; else empty
     line: shapely.LineString
 
 
@@ -68,9 +69,9 @@ class UnconfirmedState:
     """The state at the end of the last run, which the vehicle has not confirmed yet."""
 
     pending: Pending | None
-    recalled: bool  # ordered home
+    recalled: bool  # whether the vehicle was ordered home
     starting: bool
-    resumed: bool = False  # by an operator since then; the start follows the read-back
+    resumed: bool = False  # an operator has ordered resume; the start follows the read-back
 
 
 @dataclass
@@ -80,39 +81,41 @@ class Vehicle:
     section: VehicleSection
     availability: VehicleAvailability
     home_m: tuple[float, float]
-    landing: Landing  # of its missions
+    landing: Landing  # the landing of its missions
     atomic_upload: bool = False
     deployed: bool = False
     started: bool = False
     holding: bool = False
-    ordered: Literal["", "hold"] = ""  # by an operator
-    hold_under_way_s: float | None = None  # when a hold without acknowledgement was sent
-    hold_again_at_s: float | None = None  # until the autopilot accepts it
-    waits_for_operator: bool = False  # has flown; its next start requires an operator's order
+    ordered: Literal["", "hold"] = ""  # order of an operator
+    hold_under_way_s: float | None = None  # time at which a hold without acknowledgement was sent
+    hold_again_at_s: float | None = None  # time of the next hold, until the autopilot accepts it
+    # The vehicle has flown; the next start requires an operator's order.
+    waits_for_operator: bool = False
     start_again_at_s: float | None = None
     return_again_at_s: float | None = None
-    going_home: bool = False  # its endurance is nearly exhausted
+    going_home: bool = False  # whether the endurance is nearly exhausted
     sent_home: bool = False
-    next_mission: Pending | None = None  # while it is proposed or being uploaded
+    next_mission: Pending | None = None  # the mission that is proposed or being uploaded
     mission_phases: deque[MissionPhase] = field(
         default_factory=lambda: deque([MissionPhase.NONE], HISTORY_LENGTH)
     )
     refusal: Refusal | None = None
-    airspeed_m_s: float | None = None  # a mean of measurements
-    airspeed_differs_since_s: float | None = None  # from the commanded airspeed
+    airspeed_m_s: float | None = None  # mean of measured airspeeds
+    # Time since which it differs from the commanded airspeed.
+    airspeed_differs_since_s: float | None = None
     airspeed_alarm: bool = False
     text_at_s: float | None = None  # time of the last text that raised an alarm
     flown_line: shapely.LineString | None = None  # path of the confirmed mission on board
-    takes_off: bool = False  # flies the takeoff item of its mission
+    takes_off: bool = False  # whether the vehicle flies the takeoff item of its mission
     uploaded_at_s: float = -1e9
     upload_ended_at_s: float = -1e9
     not_before_s: float = -1e9
     due: str = ""  # the reason why a new mission is due at once
-    mode: str = ""  # by the last report
+    mode: str = ""  # mode in the last report
     accepted: Pending | None = None  # the last mission that the autopilot accepted
     start_under_way: bool = False
-    start_confirmed: bool = False  # its mission was started, and not ended since
-    unconfirmed: UnconfirmedState | None = None  # after a restart, until its mission is read back
+    start_confirmed: bool = False  # the mission was started, and has not ended since
+    unconfirmed: UnconfirmedState | None = None  # set by a restart until the mission is read back
     read_back: Literal["", "same", "new", "unknown"] = ""
 
     @property
@@ -161,7 +164,7 @@ class Vehicle:
         assert self.ordered or self.hold_again_at_s is None, f"{self.name}: holds without an order"
 
     def end_intentions(self) -> None:
-        """Cancel commands that are to be repeated or to follow another command."""
+        """Cancel commands that would be repeated or would follow another command."""
         self.start_again_at_s = self.return_again_at_s = None
         self.holding = self.start_under_way = False
 

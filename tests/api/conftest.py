@@ -1,4 +1,4 @@
-"""A run in the air, for all tests that only look at it or do not mind what others have done."""
+"""Fixtures: a run with vehicles in the air, for tests that do not depend on its exact state."""
 
 import subprocess
 from pathlib import Path
@@ -10,7 +10,7 @@ from tests.api.worlds import World, scenario_of, world_in
 
 @pytest.fixture(scope="session")
 def flying(tmp_path_factory: pytest.TempPathFactory) -> World:
-    """Two vehicles, one of them in the air on its way to the fire."""
+    """Return a run with two vehicles; one of them is in the air on its way to the fire."""
     world = world_in(tmp_path_factory.mktemp("run"), scenario_of())
     world.fly(3700.0)
     return world
@@ -18,13 +18,13 @@ def flying(tmp_path_factory: pytest.TempPathFactory) -> World:
 
 @pytest.fixture
 def standing(tmp_path: Path) -> World:
-    """A run that has not begun."""
+    """Return a run that has not begun."""
     return world_in(tmp_path, scenario_of())
 
 
 @pytest.fixture(scope="session")
 def certificate(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
-    """A certificate of our own for 127.0.0.1, and its key."""
+    """Return a self-signed certificate for 127.0.0.1 and its key."""
     folder = tmp_path_factory.mktemp("tls")
     certificate, key = folder / "cert.pem", folder / "key.pem"
     line = [

@@ -1,5 +1,6 @@
-"""Tokens: made, kept, read, taken back; and how often one may ask."""
+"""Tokens: creation, storage, validation, removal; and rate limits."""
 
+import asyncio
 import re
 import stat
 from copy import deepcopy
@@ -12,9 +13,12 @@ from hypothesis import strategies as st
 
 from mission_service.cli.main import main
 from mission_service.errors import MissionServiceError
+from mission_service.events import FireObserved
 from mission_service.interfaces.api.access.auth import ROLES, Tokens, own_token, read_tokens, sum_of
 from mission_service.interfaces.api.access.limits import MAX_CLIENTS, RateLimiter
 from mission_service.interfaces.api.access.token_file import added
+from tests.api.worlds import client as http_client
+from tests.api.worlds import scenario_of, served, world_in
 
 GOOD = f'[[tokens]]\nname = "anna"\nroles = ["fly"]\nstation = "north"\nsha256 = "{"0" * 64}"\n'
 
@@ -23,7 +27,7 @@ def test_a_run_has_one_token_that_only_its_user_can_read(tmp_path: Path) -> None
     token = own_token(tmp_path)
     assert len(token) >= 40
     assert stat.S_IMODE((tmp_path / "token").stat().st_mode) == 0o600
-    assert own_token(tmp_path) == token  # of a restarted service too
+    assert own_token(tmp_path) == token  # also valid in a restarted service
     tokens = Tokens.of_run(tmp_path)
     user = tokens.user_of(token)
     assert user is not None
@@ -83,7 +87,7 @@ def test_a_tokens_file_that_changes_is_read_again(
     assert tokens.still(user)
     ben = added(path, "ben", ("approve",), "")
     assert tokens.user_of(ben) is not None
-    # A typing error locks no user out, and is reported once.
+    # A syntax error in the file locks no user out, and is reported once.
     before = path.read_text()
     path.write_text(before + "[[tokens")
     for _ in range(3):
@@ -131,14 +135,14 @@ def test_no_client_sends_more_requests_than_the_bucket_allows(
 ) -> None:
     buckets, rate_s, burst = RateLimiter(2.0, 5.0), 2.0, 5.0
     now_s, taken = 0.0, {"a": 0, "b": 0}
-    for pause_s, client in steps:
+    for pause_s, peer in steps:
         now_s += pause_s
-        wait_s = buckets.consume(client, now_s)
-        taken[client] += wait_s == 0.0
-        assert taken[client] <= burst + rate_s * now_s + 1e-6
-        if wait_s > 0.0:  # the announced wait is long enough
-            assert deepcopy(buckets).consume(client, now_s + wait_s + 1e-9) == 0.0
-            assert deepcopy(buckets).consume(client, now_s + 0.9 * wait_s) > 0.0
+        wait_s = buckets.consume(peer, now_s)
+        taken[peer] += wait_s == 0.0
+        assert taken[peer] <= burst + rate_s * now_s + 1e-6
+        if wait_s > 0.0:  # the wait in Retry-After is long enough
+            assert deepcopy(buckets).consume(peer, now_s + wait_s + 1e-9) == 0.0
+            assert deepcopy(buckets).consume(peer, now_s + 0.9 * wait_s) > 0.0
 
 
 def test_buckets_drop_the_client_with_the_oldest_request() -> None:
@@ -147,3 +151,23 @@ def test_buckets_drop_the_client_with_the_oldest_request() -> None:
         buckets.consume(str(number), 0.0)
     assert len(buckets._left) == MAX_CLIENTS
     assert buckets.consume(str(3 * MAX_CLIENTS - 1), 0.0) > 0.0
+
+
+@pytest.mark.parametrize(("named", "role"), [(True, "approve"), (False, "")])
+def test_the_journal_has_the_role_of_who_reports_an_observation(
+    tmp_path: Path, named: bool, role: str
+) -> None:
+    async def post() -> None:
+        service = served(world, named=named)
+        async with http_client(service.app) as http:
+            body = {"state": "burning", "shape": "points", "points": [[36.364232, -84.140907]]}
+            response = await http.post(
+                "/api/v1/fire/observations", json=body, headers=service.headers()
+            )
+            assert response.status_code == 200, response.text
+
+    world = world_in(tmp_path, scenario_of())
+    asyncio.run(post())
+    (event,) = world.submitted
+    assert isinstance(event, FireObserved)
+    assert (event.role, event.by) == (role, "all")

@@ -1,4 +1,4 @@
-"""What came whole is done, whatever the client does next: closes, resets, sends no more."""
+"""A request that arrived completely is carried out, even if the client closes or resets."""
 
 import asyncio
 import json
@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from mission_service.config.service import HttpSection
+from mission_service.config.service_section import HttpSection
 from mission_service.events import Aborted, AnyOperatorEvent, OrderGiven
 from mission_service.interfaces.api.server import tls_of
 from tests.api.worlds import Served, World, listened_to, served
@@ -25,7 +25,7 @@ ABORT, HOLD_ALL = "/api/v1/abort", "/api/v1/vehicles/all/hold"
 def request_bytes(
     service: Served, port: int, path: str, body: bytes = b"", length: int | None = None
 ) -> bytes:
-    """A POST; ``length`` is that of the body by its header, where it is another."""
+    """Return a POST request; ``length`` is the Content-Length, if it differs from the body's."""
     lines = [f"POST {path} HTTP/1.1", f"Host: 127.0.0.1:{port}"]
     lines += [f"Authorization: Bearer {service.tokens['all']}"]
     lines += [f"Content-Length: {len(body) if length is None else length}", "", ""]
@@ -37,7 +37,7 @@ def close(sock: socket.socket) -> None:
 
 
 def reset(sock: socket.socket) -> None:
-    """Close with RST: what the kernel still holds for the other side may be dropped."""
+    """Close with RST, so that the kernel may discard data that the other side has not read."""
     sock.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
     sock.close()
 
@@ -48,7 +48,7 @@ def reset(sock: socket.socket) -> None:
     [
         (ABORT, b"", None, Aborted),
         (ABORT, b"{}", None, Aborted),
-        (ABORT, b'{"by":', 4000, Aborted),  # the rest of the body never comes
+        (ABORT, b'{"by":', 4000, Aborted),  # the rest of the body is never sent
         (HOLD_ALL, b"{}", None, OrderGiven),
         (HOLD_ALL, json.dumps({"by": "x" * 70}).encode(), None, OrderGiven),
     ],
@@ -70,7 +70,7 @@ def test_what_was_sent_whole_is_done_though_the_client_closes_at_once(
             sent = request_bytes(service, address[1], path, body, length)
             for number in range(TIMES):
                 sock = socket.create_connection(address)
-                if number % 2:  # the server has the connection before the request
+                if number % 2:  # the server accepts the connection before the request is sent
                     await asyncio.sleep(0)
                     await asyncio.sleep(0)
                 sock.sendall(sent)
@@ -103,7 +103,7 @@ def test_a_body_in_many_parts_is_read_to_its_end(flying: World) -> None:
 
 
 def test_an_abort_takes_no_body(flying: World) -> None:
-    """It is done on its headers, while the connection stays open and nothing more is sent."""
+    """It is carried out when its headers have arrived, while the connection stays open."""
     before = len(flying.submitted)
 
     async def go() -> None:
@@ -138,7 +138,7 @@ def test_half_an_order_is_no_order(flying: World, caplog: pytest.LogCaptureFixtu
     with caplog.at_level(logging.WARNING):
         asyncio.run(go())
     assert [type(event) for event in flying.submitted[before:]] == [Aborted]
-    assert caplog.text == ""  # a client that is cut off fills no log
+    assert caplog.text == ""  # a client that disconnects writes no traceback to the log
 
 
 def test_over_tls_too(flying: World, certificate: tuple[Path, Path]) -> None:
@@ -152,7 +152,7 @@ def test_over_tls_too(flying: World, certificate: tuple[Path, Path]) -> None:
 
             def order(path: str, orderly: bool) -> None:
                 plain = socket.create_connection(address)
-                # Else the kernel holds the request back until the handshake is acknowledged.
+                # Otherwise the kernel holds the request back until the handshake is acknowledged.
                 plain.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
                 sock = context.wrap_socket(plain, server_hostname="127.0.0.1")
                 sock.sendall(request_bytes(service, address[1], path, b"{}"))

@@ -1,4 +1,4 @@
-"""Crowds of clients without a token take no capacity from clients with one."""
+"""Many clients without a token do not slow down clients with a token."""
 
 import asyncio
 import contextlib
@@ -23,7 +23,7 @@ CROWD = 200
 
 
 async def status_line(address: tuple[str, int], head: str, body: bytes = b"") -> bytes:
-    """The first line of the answer to one request on a connection of its own."""
+    """Return the first line of the response to one request on a separate connection."""
     reader, writer = await asyncio.open_connection(*address)
     try:
         lines = [head, f"Host: 127.0.0.1:{address[1]}", f"Content-Length: {len(body)}"]
@@ -40,7 +40,7 @@ def bearing(service: Served, name: str = "all") -> str:
 
 @contextlib.asynccontextmanager
 async def crowd(address: tuple[str, int], sent: bytes) -> AsyncIterator[list[socket.socket]]:
-    """Connections that have sent something and read nothing."""
+    """Open connections that send some bytes and read nothing."""
     opened: list[socket.socket] = []
     loop = asyncio.get_running_loop()
     try:
@@ -50,9 +50,10 @@ async def crowd(address: tuple[str, int], sent: bytes) -> AsyncIterator[list[soc
             one.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
             one.setblocking(False)
             await loop.sock_connect(one, address)
-            with contextlib.suppress(ConnectionError):  # it may be cut already
+            # The server may already have closed the connection.
+            with contextlib.suppress(ConnectionError):
                 await loop.sock_sendall(one, sent)
-        for _ in range(100):  # all of it is read, and whatever waits, waits
+        for _ in range(100):  # all data is read, and waiting connections keep waiting
             await asyncio.sleep(0)
         yield opened
     finally:
@@ -61,7 +62,7 @@ async def crowd(address: tuple[str, int], sent: bytes) -> AsyncIterator[list[soc
 
 
 async def all_get_through(service: Served, address: tuple[str, int], world: World) -> None:
-    """What has a token, and whether the service lives."""
+    """Check that requests with a token and the liveness route are answered."""
     before = len(world.submitted)
     assert await status_line(address, "GET /healthz HTTP/1.1") == b"HTTP/1.1 200 OK"
     look = "GET /api/v1/vehicles HTTP/1.1" + bearing(service, "look")
@@ -101,7 +102,7 @@ def test_idle_connections_half_headers_and_slow_bodies_delay_no_other_client(fly
             for sent in ("", "GET /healthz HTTP/1.1\r\nHo", slow):
                 await stack.enter_async_context(crowd(address, sent.encode()))
             await all_get_through(service, address, flying)
-            # With slow bodies of a valid token as well, an abort does.
+            # An abort is carried out even if clients with a valid token send slow bodies.
             await stack.enter_async_context(crowd(address, authenticated.encode()))
             abort = "POST /api/v1/abort HTTP/1.1" + bearing(service, "look")
             assert await status_line(address, abort) == b"HTTP/1.1 200 OK"
@@ -114,7 +115,7 @@ def test_idle_connections_half_headers_and_slow_bodies_delay_no_other_client(fly
 def test_without_a_file_left_the_oldest_stranger_goes(
     flying: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """As if the process had no file descriptor left for the next connection."""
+    """Simulate a process that has no file descriptor left for the next connection."""
 
     async def go() -> None:
         service = served(flying)
@@ -129,7 +130,7 @@ def test_without_a_file_left_the_oldest_stranger_goes(
                 return await accept(listening)
 
             monkeypatch.setattr(loop, "sock_accept", accept_or_fail)
-            for _ in range(2):  # the first was accepted by the call that waited
+            for _ in range(2):  # the pending call has already accepted the first connection
                 assert await status_line(address, "GET /healthz HTTP/1.1") == b"HTTP/1.1 200 OK"
             assert failures[0] == 3
             assert sum(_is_cut(one) for one in opened) >= 3
@@ -149,7 +150,7 @@ def _is_cut(opened: socket.socket) -> bool:
 def test_during_a_handshake_too_the_oldest_goes(
     flying: World, certificate: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from mission_service.config.service import HttpSection
+    from mission_service.config.service_section import HttpSection
     from mission_service.interfaces.api.server import tls_of
 
     monkeypatch.setattr(client_connections, "MAX_OF_AN_ADDRESS", 20)
@@ -189,7 +190,7 @@ def test_of_too_many_the_oldest_of_the_busiest_address_goes(
         come("1.1.1.1", f"more{number}")
     assert "quiet" not in cut
     came = 6 + 2 + 9
-    assert came - len(cut) == 6  # are left, and the authenticated one
+    assert came - len(cut) == 6  # these connections remain, and the authenticated one
     all_of.cut_one()
     assert came - len(cut) == 5
 

@@ -1,6 +1,6 @@
-"""The whole API by its own description: whatever is sent, the answer is one that it names.
+"""Requests generated from the OpenAPI description; each response matches the description.
 
-``python -m benchmarks.api_fuzz`` does the same with many more, over a socket.
+``python -m benchmarks.api_fuzz`` sends many more requests over a socket.
 """
 
 import asyncio
@@ -19,6 +19,7 @@ from schemathesis.specs.openapi.checks import (
 
 from mission_service.interfaces.api.access.guard import AccessGuard
 from tests.api.worlds import World, client, served
+from tests.patience import PATIENCE_S
 
 CHECKS = [
     not_a_server_error,
@@ -39,11 +40,11 @@ FEW = settings(
 def test_all_answers_are_as_described(flying: World, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(AccessGuard, "_check_rate", lambda *_: None)
     service = served(flying)
-    service.app.api.streams.stopping.set()  # a live stream would never end
+    service.app.api.streams.stopping.set()  # excluded, because a live stream never ends
     schema = schemathesis.openapi.from_dict(service.app.routes.openapi())
     answers: Counter[int] = Counter()
     with asyncio.Runner() as runner:
-        http = client(service.app, headers=service.headers(), timeout=30.0)
+        http = client(service.app, headers=service.headers(), timeout=PATIENCE_S)
 
         def ask(case: Any) -> None:
             arguments = case.as_transport_kwargs(base_url="http://127.0.0.1:8765")
@@ -53,7 +54,7 @@ def test_all_answers_are_as_described(flying: World, monkeypatch: pytest.MonkeyP
             if "data" in arguments:
                 sent["content"] = arguments["data"]
             headers = {name.lower(): value for name, value in arguments["headers"].items()}
-            headers |= service.headers()  # instead of one that it made up
+            headers |= service.headers()  # an existing name instead of a generated one
             request = http.build_request(
                 arguments["method"], arguments["url"], **sent, headers=headers
             )
@@ -67,5 +68,5 @@ def test_all_answers_are_as_described(flying: World, monkeypatch: pytest.MonkeyP
         service.app.api.close()
         runner.run(http.aclose())
     assert answers.total() >= EXAMPLES * 45
-    assert answers[200] > 20  # much of it is done,
-    assert answers[401] == answers[403] == 0  # and nothing is only turned away
+    assert answers[200] > 20  # many requests are carried out
+    assert answers[401] == answers[403] == 0  # and not all requests are refused

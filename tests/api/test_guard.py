@@ -23,7 +23,7 @@ V1 = "/api/v1"
 
 
 def asked(world: World, ask: Callable[[Served, httpx.AsyncClient], Awaitable[None]]) -> Served:
-    """Run something against a run's application; its live streams end at once."""
+    """Run a coroutine against a run's application; its live streams end at once."""
     service = served(world)
 
     async def go() -> None:
@@ -271,11 +271,12 @@ def test_too_many_requests_wait_but_an_abort_never_does(flying: World) -> None:
             await http.post(f"{V1}/fire/undo", headers=service.headers("correct"))
             for _ in range(60)
         ]
-        # Other tests may have drawn corrections; after those there is nothing to undo (422).
+        # Other tests may have drawn corrections; after their removal there is nothing to undo
+        # (422).
         assert {each.status_code for each in undo[:30]} <= {200, 422}
         assert undo[-1].status_code == 429
         assert int(undo[-1].headers["retry-after"]) >= 1
-        # Others are not slowed down, nor is the same person's abort.
+        # Other users are not slowed down, and aborts of the same user are not limited.
         other = await http.post(f"{V1}/fire/undo", headers=service.headers("all"))
         assert other.status_code in (200, 422)
         for _ in range(100):
@@ -347,7 +348,7 @@ def test_with_a_tokens_file_everybody_acts_under_their_own_name(flying: World) -
 
 @pytest.mark.parametrize("named", [True, False])
 def test_an_event_has_a_field_for_whether_its_user_may_approve(tmp_path: Path, named: bool) -> None:
-    """The role of a token that is a user's own; without names what takes the role shows it."""
+    """In a user's own token, the role decides; without users, the role of the request decides."""
     world = world_in(tmp_path, scenario_of("burn", ()))
     item = world.context.burn()["go_items"][0]  # type: ignore[index]
 

@@ -1,4 +1,4 @@
-"""The live stream: the newest of each, in order, in bounded memory, and disconnected clients."""
+"""The live stream: newest states in order, bounded memory, and disconnected clients."""
 
 import asyncio
 import gc
@@ -17,7 +17,7 @@ from tests.patience import PATIENCE_S, until
 
 
 def events_of(text: bytes) -> list[tuple[str, int, Any]]:
-    """(event, id, data) of each event; comments are left out."""
+    """Return (event, id, data) of each event, without comment lines."""
     found = []
     for block in text.decode().split("\n\n"):
         if block and not block.startswith(":"):
@@ -27,7 +27,7 @@ def events_of(text: bytes) -> list[tuple[str, int, Any]]:
 
 
 class Reader:
-    """A client of a stream, without a network: it can stop reading, and go away."""
+    """A client of a stream without a network; it can stop reading and disconnect."""
 
     def __init__(self, service: Served, since: int = 0) -> None:
         user = service.app.api.tokens.user_of(service.tokens["look"])
@@ -58,12 +58,12 @@ class Reader:
         return events_of(b"".join(self.batches))
 
     async def until(self, count: int) -> None:
-        """Wait until so many batches have come."""
+        """Wait until this number of batches has arrived."""
         await until(lambda: len(self.batches) >= count)
 
 
 def moves(world: World, lat_deg: float) -> None:
-    """A vehicle has moved."""
+    """Change the position of a vehicle."""
     state_view = world.context.state_view
     before = state_view.telemetry["hawk"]
     fields = {**msgspec.structs.asdict(before), "lat_deg": lat_deg}
@@ -106,7 +106,7 @@ def test_a_hundred_changes_are_one_for_a_client_that_did_not_read(flying: World)
         reader.reads.set()
         await until(lambda: reader.events[-1][2]["lat_deg"] == 36.099)
         places = [position["lat_deg"] for _, _, position in reader.events[1:]]
-        assert len(places) <= 3  # the one that was under way, and the newest
+        assert len(places) <= 3  # the batch that was being sent, and the newest batch
         assert places[-1] == 36.099
         reader.disconnected.set()
         await reader.task
@@ -127,7 +127,7 @@ def test_a_reconnected_client_gets_what_it_missed_and_no_line_twice(flying: Worl
         (announcements, moved) = reader.events
         assert [line["text"] for line in announcements[2]] == ["three"]
         assert moved[0] == "telemetry"
-        # A restarted service counts from the beginning: all is sent again.
+        # After a restart the versions begin again, so all states are sent again.
         late = Reader(service, state_view.version + 1000)
         await late.until(1)
         assert len(late.events) > 6
@@ -239,7 +239,7 @@ def test_telemetry_is_sent_at_once_and_not_with_the_next_beat(
 
     monkeypatch.setattr(live_stream, "SENT_EVERY_S", 2 * PATIENCE_S)
     asyncio.run(go())
-    assert sorted(took_s)[len(took_s) // 2] < PATIENCE_S  # benchmarks.load has the time
+    assert sorted(took_s)[len(took_s) // 2] < PATIENCE_S  # benchmarks.load measures the delay
 
 
 def test_a_client_that_does_not_read_is_disconnected_and_holds_no_memory(
@@ -268,13 +268,14 @@ def test_a_client_that_does_not_read_is_disconnected_and_holds_no_memory(
                     await asyncio.sleep(0.002)
                     most = max(most, buffered())
             assert streams.count == 0
-            await until(lambda: buffered() == 0)  # what it did not read is forgotten
+            # Batches that the client did not read are discarded.
+            await until(lambda: buffered() == 0)
             writer.close()
 
     asyncio.run(go())
     assert (
         0 < most < 3_000_000
-    )  # announcements of 500 lines of 5 kB, and what the transport may hold
+    )  # 500 announcements of 5 kB, and the data that the transport may buffer
 
 
 def test_a_disconnected_client_is_noticed(flying: World) -> None:

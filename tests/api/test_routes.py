@@ -1,4 +1,4 @@
-"""What the routes answer, of a run that flies."""
+"""Responses of the routes of a run with vehicles in the air."""
 
 import asyncio
 import errno
@@ -16,7 +16,7 @@ import pytest
 import shapely
 from PIL import Image
 
-from autopilot_bridge.missions.planfile import read_any
+from autopilot_bridge.missions.plan_file import read_any
 from mission_service.events import Corrected, OrderGiven, SettingsChanged, WindSet
 from mission_service.guidance.protocol import Planner
 from mission_service.interfaces.api.access.guard import AccessGuard
@@ -25,19 +25,20 @@ from mission_service.interfaces.api.journal_lines import JournalLines
 from mission_service.journal.journal_file import Journal, SegmentReader
 from mission_service.missions.mission_hash import mission_hash
 from tests.api.worlds import SMALL, Served, World, calls, client, scenario_of, served, world_in
+from tests.patience import PATIENCE_S
 
 V1 = "/api/v1"
 CENTRE = (36.364232, -84.140907)
-# Three kilometres on a side.
+# The landscape is three kilometres wide.
 SQUARE = [(36.340, -84.176), (36.340, -84.139), (36.368, -84.139), (36.368, -84.176)]
 
 
 def asked(world: World, ask: Callable[[httpx.AsyncClient], Awaitable[None]]) -> Served:
-    """Run something against a run's application, with all roles."""
+    """Run a coroutine against a run's application, with a token for all roles."""
     service = served(world)
 
     async def go() -> None:
-        async with client(service.app, headers=service.headers(), timeout=30.0) as http:
+        async with client(service.app, headers=service.headers(), timeout=PATIENCE_S) as http:
             await ask(http)
         service.app.api.close()
 
@@ -149,7 +150,7 @@ def test_a_preview_changes_nothing_and_a_renewal_is_sent(tmp_path: Path) -> None
         preview = await posted(http, "/vehicles/hawk/mission/preview")
         assert (
             world.context.state_view.missions["hawk"].on_board is before
-        )  # asking changes nothing
+        )  # a preview changes nothing
         assert preview["figures"]["min_height_agl_m"] > 100.0
         assert preview["figures"]["problems"] == []
         assert preview["figures"]["farthest_from_home_m"] > 500.0
@@ -211,7 +212,7 @@ def test_importances_are_those_of_the_last_decision(tmp_path: Path) -> None:
         assert sum(cell[2] for cell in found["cells"][:half]) == pytest.approx(
             found["importance_back"]
         )
-        # The first cell is that of the vehicle, or next to it.
+        # The first cell is that of the vehicle or a neighbour.
         fix = world.context.state_view.telemetry["hawk"]
         away = np.hypot(found["cells"][0][0] - fix.lat_deg, found["cells"][0][1] - fix.lon_deg)
         assert away < 0.01
@@ -233,7 +234,7 @@ def test_importances_of_the_predictive_planner_are_expected_errors(tmp_path: Pat
         assert len(values) == 360
         assert found["importance_back"] == pytest.approx(sum(values[:180]))
         assert found["importance_front"] == pytest.approx(sum(values[180:]))
-        # After the first lap the part behind was observed last.
+        # After the first lap the part behind the vehicle was observed most recently.
         assert sum(values[:120]) < sum(values[240:])
         fix = world.context.state_view.telemetry["hawk"]
         away = np.hypot(found["cells"][0][0] - fix.lat_deg, found["cells"][0][1] - fix.lon_deg)
@@ -472,7 +473,7 @@ def test_lines_are_found_in_a_journal_that_grows_and_is_replaced(tmp_path: Path)
     assert after(2000, 2) == (b"2001\n2002\n", 2002)
     assert after(0, 1) == (b"1\n", 1)
     with path.open("ab") as file:
-        file.write(b"2501\n25")  # the last line is not whole yet
+        file.write(b"2501\n25")  # the last line is not complete yet
     assert after(2499) == (b"2500\n2501\n", 2501)
     assert after(2501) == (b"", 2501)
     assert after(99_999) == (b"", 99_999)
@@ -480,7 +481,7 @@ def test_lines_are_found_in_a_journal_that_grows_and_is_replaced(tmp_path: Path)
     path.rename(tmp_path / "journal-000001.jsonl")
     path.write_bytes(b"one\ntwo\n")
     assert after(1) == (b"two\n", 2)
-    path.write_bytes(b"a\n")  # as short as it never was
+    path.write_bytes(b"a\n")  # the file is shorter than the requested position
     assert after(0) == (b"a\n", 1)
 
 

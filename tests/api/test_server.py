@@ -1,4 +1,4 @@
-"""The server in the daemon: its port, TLS, its end, and connections that dawdle."""
+"""The HTTP server in the daemon: port, TLS, shutdown, and slow connections."""
 
 import asyncio
 import contextlib
@@ -12,7 +12,7 @@ from typing import Any
 import httpx
 import pytest
 
-from mission_service.config.service import HttpSection
+from mission_service.config.service_section import HttpSection
 from mission_service.errors import MissionServiceError
 from mission_service.interfaces.api import server
 from mission_service.interfaces.api.access import client_connections, guard
@@ -23,7 +23,7 @@ from tests.patience import PATIENCE_S, until
 
 
 async def response_of(address: tuple[str, int], *parts: bytes) -> bytes:
-    """All that is answered until the server closes the connection."""
+    """Return all data that the server sends until it closes the connection."""
     reader, writer = await asyncio.open_connection(*address)
     try:
         for part in parts:
@@ -47,7 +47,7 @@ def test_a_port_in_use_is_reported_in_one_line() -> None:
             bound(HttpSection(listen=f"127.0.0.1:{port}")),
         ):
             pass
-    with bound(HttpSection(listen=f"127.0.0.1:{port}")):  # and it is free again
+    with bound(HttpSection(listen=f"127.0.0.1:{port}")):  # the port is free again
         pass
 
 
@@ -82,18 +82,18 @@ def test_it_ends_without_waiting_for_streams_and_leaves_signals_alone(
             assert handlers() == before
             reader, writer = await stream_of(service, address)
             all_of_it = asyncio.create_task(reader.read())
-            # One that sends nothing, and one that has sent half a request.
+            # One connection sends nothing, another sends half a request.
             opened = [await asyncio.open_connection(*address) for _ in range(2)]
             opened[1][1].write(b"GET / HTTP/1.1\r\n")
             began_s = time.monotonic()
             await stack.aclose()
             took_s = time.monotonic() - began_s
-        assert (await all_of_it).endswith(b"\r\n0\r\n\r\n")  # the stream ended in order
+        assert (await all_of_it).endswith(b"\r\n0\r\n\r\n")  # the stream ended without an error
         for each in (writer, opened[0][1], opened[1][1]):
             each.close()
         return took_s
 
-    # With any of them waited for it would be longer: a request has this time, a stream has none.
+    # Waiting for any of these would take longer: a request has this time limit, a stream has none.
     monkeypatch.setattr(server, "REQUEST_WITHIN_S", 2 * PATIENCE_S)
     assert asyncio.run(go()) < PATIENCE_S
 
@@ -107,7 +107,7 @@ def test_a_stream_that_is_not_read_does_not_delay_the_shutdown(
             address = await stack.enter_async_context(listened_to(service))
             _, writer = await stream_of(service, address, limit=1024)
             writer.transport.pause_reading()  # type: ignore[attr-defined]
-            for number in range(60):  # more than the kernel takes
+            for number in range(60):  # more than the kernel buffers
                 standing.context.state_view.announce("hawk", f"{number} " + "x" * 200_000)
             standing.context.ring()
             await until(lambda: service.app.api.streams.count == 1)
@@ -118,7 +118,7 @@ def test_a_stream_that_is_not_read_does_not_delay_the_shutdown(
         return took_s
 
     monkeypatch.setattr(guard, "SEND_WITHIN_S", 2 * PATIENCE_S)
-    assert asyncio.run(go()) < PATIENCE_S  # or the reader was waited for
+    assert asyncio.run(go()) < PATIENCE_S  # otherwise the server would have waited for the reader
     assert caplog.text == ""
 
 
@@ -147,7 +147,8 @@ def test_a_client_with_a_slow_request_is_disconnected(
 
     async def go() -> None:
         async with listened_to(served(flying)) as address:
-            assert await response_of(address) == b""  # nothing sent, no answer, closed
+            # Nothing was sent: the server closes without a response.
+            assert await response_of(address) == b""
             reader, writer = await asyncio.open_connection(*address)
             with contextlib.suppress(ConnectionError):
                 async with asyncio.timeout(PATIENCE_S):
@@ -159,7 +160,7 @@ def test_a_client_with_a_slow_request_is_disconnected(
                             break
             assert reader.at_eof() or writer.is_closing() or reader.exception() is not None
             writer.close()
-            # A client that sent one request may send another later.
+            # A client that has sent one request may send another one later.
             reader, writer = await asyncio.open_connection(*address)
             ask = f"GET /healthz HTTP/1.1\r\nHost: 127.0.0.1:{address[1]}\r\n\r\n".encode()
             for _ in range(2):
@@ -174,7 +175,7 @@ def test_a_client_with_a_slow_request_is_disconnected(
 
 
 def is_disconnected(opened: tuple[asyncio.StreamReader, asyncio.StreamWriter]) -> bool:
-    """Whether the server has closed a connection."""
+    """Return whether the server has closed a connection."""
     return opened[0].at_eof() or opened[0].exception() is not None
 
 
@@ -193,7 +194,8 @@ def test_of_too_many_connections_those_without_a_token_go(
                 idle = [await asyncio.open_connection(*address) for _ in range(30)]
                 await until(lambda: sum(map(bool, map(is_disconnected, idle))) >= 22)
                 stop = await http.post(f"{url}/api/v1/abort", headers=service.headers("look"))
-                assert stop.status_code == 200  # in reach, however many there are
+                # The service is reachable despite the number of connections.
+                assert stop.status_code == 200
                 assert reading.status_code == 200
                 assert service.app.api.streams.count == 1
             for _, writer in idle:

@@ -1,4 +1,4 @@
-"""Perimeters that others send are read in a process that may die."""
+"""Uploaded perimeters are read in a separate process, which may crash."""
 
 import asyncio
 import json
@@ -24,7 +24,7 @@ HANGS = "import signal; signal.pause()"
 
 
 def comb(world: World, teeth: int) -> dict[str, Any]:
-    """A valid polygon with many teeth, on the landscape."""
+    """Return a valid polygon with many teeth on the landscape."""
     land = world.context.landscape
     rows, cols = land.shape
     south, west = land.lat_lon_of(*land.xy_of(rows * 0.6, cols * 0.4))
@@ -95,7 +95,7 @@ def test_a_reader_that_dies_or_hangs_is_one_line(
     assert len(standing.submitted) == before
     monkeypatch.setattr(perimeter_routes, "WORKER", whole)
     monkeypatch.setattr(perimeter_routes, "WITHIN_S", 120.0)
-    (answer,) = sent(standing, drawn)  # and the next is taken
+    (answer,) = sent(standing, drawn)  # the next upload is accepted
     assert answer.status_code == 200
 
 
@@ -107,7 +107,7 @@ def test_thinning_keeps_what_spans_most() -> None:
 
 
 def test_thinned_rings_do_not_cross_themselves() -> None:
-    slit = [(5.1, 5.0), (5.0, -0.2), (4.9, 5.0)]  # it ends in the bulge of the other side
+    slit = [(5.1, 5.0), (5.0, -0.2), (4.9, 5.0)]  # the line ends in a bulge of the other side
     ring = [(0.0, 0.0), (4.0, 0.0), (5.0, -0.5), (6.0, 0.0), (10.0, 0.0), (10.0, 5.0)]
     ring += [*slit, (0.0, 5.0)]
     assert shapely.Polygon(ring).is_valid
@@ -119,7 +119,7 @@ def test_thinned_rings_do_not_cross_themselves() -> None:
 
 
 def around(world: World, row: float, col: float, half_m: float) -> list[list[float]]:
-    """A closed square ring around a place, as longitude and latitude."""
+    """Return a closed square ring around a place, with longitude and latitude."""
     land = world.context.landscape
     x_m, y_m = (float(each) for each in land.xy_of(row, col))
     corners = ((-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1))
@@ -136,7 +136,7 @@ def posted(world: World, *polygons: list[list[list[float]]]) -> dict[str, Any]:
 
 
 def test_the_inside_of_a_perimeter_has_burned_and_its_edge_burns(standing: World) -> None:
-    standing.simulation.service.cameras = None  # else images remove what does not burn
+    standing.simulation.service.cameras = None  # otherwise images remove ground that does not burn
     standing.fly(3600.0)
     (accepted,) = posted(standing, [around(standing, 30, 118, 700.0)])["accepted"]
     assert accepted["burned_ha_before"] < 40.0

@@ -1,4 +1,4 @@
-"""A run in virtual time with its hub, as the daemon's interfaces have it."""
+"""A run in virtual time with the run context that the interfaces of the daemon use."""
 
 import asyncio
 import contextlib
@@ -11,14 +11,15 @@ from typing import Any
 import httpx
 
 from mission_service.config.scenario import Scenario, load_scenario
-from mission_service.config.service import HttpSection, ServiceSection
+from mission_service.config.service_section import HttpSection, ServiceSection
 from mission_service.core.request_events import RequestScope, accepted_in
 from mission_service.events import AnyOperatorEvent
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 from mission_service.interfaces.api.access.auth import ROLES, Tokens, User, new_token, sum_of
 from mission_service.interfaces.api.app import Application, app_of, role_of, routes_of
 from mission_service.interfaces.api.server import bound, serving
 from mission_service.journal.journal_file import Journal, header_of
+from mission_service.live.estimate_worker import EstimateWorker
 from mission_service.requests import Role
 from mission_service.runtime.request_handler import RequestHandler
 from mission_service.runtime.run_context import RunContext
@@ -26,7 +27,8 @@ from mission_service.simulation.sim import Simulation
 
 SMALL = (
     *("landscape.rows=150", "landscape.cols=150", "vehicles.1.autostart=false"),
-    'planner.rule="islam_hu_damped"',  # it has importances and settings that may change in flight
+    # A planner with importance values and settings that may change in flight.
+    'planner.rule="islam_hu_damped"',
 )
 HOST = "127.0.0.1:8765"
 ANY = HttpSection(listen="127.0.0.1:0")
@@ -34,15 +36,16 @@ ANY = HttpSection(listen="127.0.0.1:0")
 
 @dataclass
 class World:
-    """A simulation and its run context; ``submitted`` are the events made from requests."""
+    """A simulation and its run context; ``submitted`` contains the events made from requests."""
 
     simulation: Simulation
     context: RunContext
+    worker: EstimateWorker  # not running: reads fold the estimate's inputs
     submitted: list[AnyOperatorEvent] = field(default_factory=list)
 
     def fly(self, until_s: float) -> None:
-        """Go on until mission time has come so far, and signal the announcements."""
-        self.simulation.run(until_s)
+        """Continue until a mission time, and publish the announcements."""
+        self.simulation.run_until(until_s)
         self.simulation.estimate.advance(self.simulation.clock.now_us)
         self.context.ring()
 
@@ -56,7 +59,7 @@ def scenario_of(name: str = "demo", changes: tuple[str, ...] = SMALL) -> Scenari
 
 
 def world_in(out: Path, scenario: Scenario) -> World:
-    """A run that has not begun, with its files in ``out``."""
+    """Return a run that has not begun, with its files in ``out``."""
     landscape = landscape_of(scenario)
     header = header_of(scenario, landscape.digest(), "2026-11-21T00:00:00+00:00")
     journal = Journal(out / "journal.jsonl", header, durable=True)
@@ -86,7 +89,10 @@ def world_in(out: Path, scenario: Scenario) -> World:
         accepted_in(scenario),
     )
     area = None if burn is not None else burned_ha
-    request_handler = RequestHandler(submit, service.status, lambda: clock.now_us, scope, area)
+    worker = EstimateWorker(service, lambda: simulation.link_us, lambda: None)
+    request_handler = RequestHandler(
+        submit, service.status, lambda: clock.now_us, scope, area, worker.outcome
+    )
     settings = ServiceSection(http=HttpSection())
     context = RunContext(
         scenario,
@@ -97,7 +103,7 @@ def world_in(out: Path, scenario: Scenario) -> World:
         {},
         out / "journal.jsonl",
     )
-    return World(simulation, context, submitted)
+    return World(simulation, context, worker, submitted)
 
 
 @dataclass
@@ -113,27 +119,27 @@ class Served:
 
 
 def served(world: World, named: bool = False, page: Path = Path("no page")) -> Served:
-    """``named``: each token belongs to one user."""
+    """Return the application; with ``named``, each token belongs to a user."""
     secret = {name: new_token() for name in (*ROLES, "all")}
     roles: dict[str, frozenset[Role]] = {role: frozenset([role]) for role in ROLES}
     roles["all"] = frozenset(ROLES)
     users = tuple(User(name, roles[name], sum_of(secret[name])) for name in secret)
     tokens = Tokens(users)
     tokens.named = named
-    world.context.ring()  # a bell of its own for each event loop
+    world.context.ring()  # a separate signal for each event loop
     app = app_of(world.context, tokens, page)
     return Served(world, app, secret)
 
 
 def client(app: Application, **keywords: Any) -> httpx.AsyncClient:
-    """A client that calls the application directly."""
+    """Return a client that calls the application directly."""
     transport = httpx.ASGITransport(app=app.asgi, raise_app_exceptions=False)
     return httpx.AsyncClient(transport=transport, base_url=f"http://{HOST}", **keywords)
 
 
 @dataclass(frozen=True)
 class Call:
-    """A request that is valid but for its user."""
+    """A request that is valid except for its user."""
 
     method: str
     path: str
@@ -145,7 +151,7 @@ class Call:
 
 
 def calls(app: Application) -> list[Call]:
-    """One for each route and method, with the example of its description."""
+    """Return one request for each route and method, with the example of its description."""
     found = []
     for route in routes_of(app.routes):
         path = route.path
@@ -162,7 +168,7 @@ def calls(app: Application) -> list[Call]:
 async def listened_to(
     service: Served, tls: ssl.SSLContext | None = None
 ) -> AsyncIterator[tuple[str, int]]:
-    """The application on a port of its own."""
+    """Serve the application on a separate port."""
     with bound(ANY) as listening:
         async with serving(service.app.asgi, listening, service.app.api.streams.stopping, tls):
             yield listening.getsockname()
@@ -171,7 +177,7 @@ async def listened_to(
 async def stream_of(
     service: Served, address: tuple[str, int], limit: int = 2**16
 ) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
-    """A connection that has asked for the live stream."""
+    """Return a connection that has requested the live stream."""
     reader, writer = await asyncio.open_connection(*address, limit=limit)
     lines = ["GET /api/v1/live HTTP/1.1", f"Host: 127.0.0.1:{address[1]}"]
     lines += [f"Authorization: Bearer {service.tokens['look']}", "", ""]

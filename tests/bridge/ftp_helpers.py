@@ -1,11 +1,11 @@
-"""One transfer and a mock autopilot joined by two memory links, in virtual time."""
+"""One transfer and a mock autopilot, connected by two memory links in virtual time."""
 
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 from autopilot_bridge.items import MissionItem
 from autopilot_bridge.links.codec import Codec, Message
-from autopilot_bridge.links.link import MemoryLink
+from autopilot_bridge.links.memory_link import MemoryLink
 from autopilot_bridge.missions import ftp_packet as ftp
 from autopilot_bridge.missions.ftp import FtpDownload, FtpUpload
 from autopilot_bridge.missions.ftp_packet import Packet, packet_of
@@ -15,12 +15,13 @@ from autopilot_bridge.stacks.stacks import stack_named
 from tests.bridge.helpers import SECOND, line_of, mock_of
 
 ARDUPILOT = stack_named("ardupilot", "plane")
-OLD, NEW = line_of(30, first=1), line_of(40, first=2)  # NEW with home is written in 7 pieces
+# The mission NEW, with home, is written in 7 blocks.
+OLD, NEW = line_of(30, first=1), line_of(40, first=2)
 STATION, OTHER_STATION, VEHICLE = (255, 190), (254, 190), (1, 1)
 
 
 class Transfer(Protocol):
-    """What all transfers have in common."""
+    """The common methods of all transfers."""
 
     result: TransferResult | None
 
@@ -44,19 +45,19 @@ def download_of(session: int = 2, mission_type: int = 0) -> FtpDownload:
     return FtpDownload(Address(STATION, VEHICLE, mission_type), session, TransferTiming())
 
 
-# Another station's opening of a file.
+# The request of another station to open a file.
 THEIRS = Packet(5, 77, ftp.CREATE, 18, data=b"@MISSION/fence.dat")
 
 
 @dataclass
 class Bench:
-    """A mock on two links; ``run`` carries one transfer out."""
+    """A mock on two links; ``run`` executes one transfer."""
 
     mock: MockAutopilot = field(default_factory=lambda: mock_of(ARDUPILOT))
     up: MemoryLink = field(default_factory=MemoryLink)
     down: MemoryLink = field(default_factory=MemoryLink)
     now_us: int = 20 * SECOND
-    sent: list[Packet] = field(default_factory=list)  # FTP requests put on the link
+    sent: list[Packet] = field(default_factory=list)  # number of FTP requests sent on the link
     codec: Codec = field(default_factory=lambda: Codec(*STATION))
 
     def run(self, transfer: Transfer, within_s: float = 3000.0) -> TransferResult:
@@ -71,7 +72,7 @@ class Bench:
         self._send(transfer.start(self.now_us))
 
     def step(self, transfer: Transfer | None, until_us: int | None = None) -> None:
-        """On to the next thing that happens."""
+        """Advance to the next timer."""
         own_us = until_us if transfer is None else transfer.next_timer()
         timers = (own_us, self.up.next_timer(), self.down.next_timer(), self.mock.next_timer())
         due_us = min(timer for timer in timers if timer is not None)
@@ -89,13 +90,13 @@ class Bench:
             self._send(transfer.handle_timer(self.now_us))
 
     def idle(self, seconds: float) -> None:
-        """Let time pass without a request."""
+        """Advance the time without a request."""
         end_us = self.now_us + round(seconds * SECOND)
         while self.now_us < end_us:
             self.step(None, end_us)
 
     def ask(self, packet: Packet, station: tuple[int, int] = OTHER_STATION) -> list[Packet]:
-        """Send one packet of a station past the links; its replies within 50 ms."""
+        """Send a station's packet directly to the mock; return its replies within 50 ms."""
         self.push(packet, station)
         return self.replies(station)
 
@@ -123,7 +124,7 @@ class Bench:
             self.up.send(self.codec.encode(message), self.now_us)
 
     def held(self) -> tuple[MissionItem, ...]:
-        """What the mock holds, without home."""
+        """Return the items of the mock, without home."""
         return tuple(self.mock.missions.items[1:])
 
 
@@ -138,7 +139,7 @@ def holding(items: tuple[MissionItem, ...] = OLD) -> Bench:
 
 
 class Cut(MemoryLink):
-    """Loses everything from the FTP message with this number on (both directions share it)."""
+    """A link that fails from the n-th FTP message on (counted in both directions)."""
 
     def __init__(self, counter: list[int], after: int, **more: Any) -> None:
         super().__init__(**more)
@@ -154,7 +155,7 @@ class Cut(MemoryLink):
 
 
 class Losing(MemoryLink):
-    """Loses the packets that ``lost`` picks."""
+    """A link that loses the packets selected by ``lost``."""
 
     def __init__(self, lost: Any) -> None:
         super().__init__()

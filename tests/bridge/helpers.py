@@ -1,4 +1,4 @@
-"""A client and a mock autopilot joined by two memory links, in virtual time."""
+"""A client and a mock autopilot, connected by two memory links in virtual time."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -8,7 +8,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from autopilot_bridge.clients.native import NativeClient
 from autopilot_bridge.items import MissionItem, loiter_unlimited, takeoff, waypoint
 from autopilot_bridge.links.codec import Codec, Message
-from autopilot_bridge.links.link import MemoryLink
+from autopilot_bridge.links.memory_link import MemoryLink
 from autopilot_bridge.missions.transfer import TransferResult
 from autopilot_bridge.mock.autopilot import MockAutopilot
 from autopilot_bridge.mock.local_frame import LocalFrame
@@ -20,7 +20,7 @@ SECOND = 1_000_000
 
 
 def mock_of(stack: Stack, landing_required: int = 0, **more: Any) -> MockAutopilot:
-    """A mock; the lines flown by these tests have no landing, so PX4 planes need none."""
+    """Return a mock that, as a PX4 plane, requires no landing (these missions have none)."""
     mock = MockAutopilot(
         stack,
         LocalFrame(HOME[0], HOME[1], HOME[2]),
@@ -32,7 +32,7 @@ def mock_of(stack: Stack, landing_required: int = 0, **more: Any) -> MockAutopil
 
 
 def line_of(count: int, first: int = 0) -> tuple[MissionItem, ...]:
-    """Waypoints to the north-east and a loiter at the end; ``first`` makes missions differ."""
+    """Return waypoints to the north-east and a final loiter; ``first`` makes missions differ."""
     points = [
         waypoint(36.302 + 0.001 * index, -84.2 + 0.001 * (index + first), 400.0 + first)
         for index in range(count - 1)
@@ -45,7 +45,7 @@ def flight_of() -> tuple[MissionItem, ...]:
 
 
 class Noting(MemoryLink):
-    """Keeps the messages that were sent on it, lost or not."""
+    """A link that records all sent messages, including lost ones."""
 
     def __init__(self, **more: Any) -> None:
         super().__init__(**more)
@@ -68,7 +68,7 @@ class Noting(MemoryLink):
 
 @dataclass
 class Pair:
-    """Client and mock; ``drop`` decides the fate of each frame (True loses it)."""
+    """A client and a mock; ``drop`` decides for each frame whether it is lost."""
 
     mock: MockAutopilot
     up: MemoryLink = field(default_factory=MemoryLink)
@@ -79,7 +79,7 @@ class Pair:
     mock_alive: bool = True
 
     def run(self, until_us: int) -> None:
-        """Let time pass."""
+        """Advance the time."""
         while True:
             timers = [self.client.next_timer(), self.up.next_timer(), self.down.next_timer()]
             if self.mock_alive:
@@ -92,7 +92,7 @@ class Pair:
             self.exchange()
 
     def exchange(self) -> None:
-        """Move what is under way, and what was just asked for."""
+        """Deliver messages in transit, and messages that were just requested."""
         now_us = self.now_us
         for datagram in self.up.receive(now_us):
             if self.mock_alive:
@@ -114,7 +114,7 @@ class Pair:
         self.run(self.now_us + round(seconds * SECOND))
 
     def result_of(self, transfer_id: int, within_s: float = 300.0) -> TransferResult:
-        """Run until a transfer has ended; fails the test when it does not end in time."""
+        """Run until a transfer has ended; fail the test if it does not end in time."""
         end_us = self.now_us + round(within_s * SECOND)
         while self.now_us < end_us:
             for event in self.events:

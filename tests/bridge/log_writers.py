@@ -1,4 +1,4 @@
-"""Small logs to be read: what autopilots write, by the specifications, a few messages long."""
+"""Writes small logs of a few messages by the specifications of the formats."""
 
 import math
 import struct
@@ -38,7 +38,7 @@ SCALED = {"c": 100, "C": 100, "e": 100, "E": 100, "L": 10_000_000}
 
 
 def dataflash(messages: Iterable[tuple[Any, ...]]) -> bytes:
-    """A .bin file: a name of ``FORMATS`` and its values for each message."""
+    """Return a .bin file; each message is a name of ``FORMATS`` with values."""
     numbers = {name: 129 + number for number, name in enumerate(FORMATS)}
     parts = [_described(128, "FMT", "BBnNZ", "Type,Length,Name,Format,Columns")]
     parts += [_described(numbers[name], name, *columns) for name, columns in FORMATS.items()]
@@ -95,7 +95,7 @@ C_TYPES = {
 
 
 def ulog(messages: Iterable[tuple[Any, ...]], system_id: int = 3) -> bytes:
-    """A .ulg file: a topic and its values for each message, or ``L``, level, time and text."""
+    """Return a .ulg file; a message is a topic with values, or ``L`` with level, time, text."""
     parts = [b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 1000), _record("B", bytes(40))]
     parts += [_record("F", f"{name}:{fields};".encode()) for name, fields in TOPICS.items()]
     key = b"int32_t MAV_SYS_ID"
@@ -125,7 +125,7 @@ def _record(kind: str, body: bytes) -> bytes:
 
 
 def bin_flight() -> bytes:
-    """A plane takes off and flies to its second item."""
+    """Return the log of a plane that takes off and flies to its second item."""
     items = [(0, 16, 36.3, -84.2, 300.0), (1, 22, 36.3, -84.2, 50.0), (2, 16, 36.31, -84.2, 90.0)]
     messages: list[tuple[Any, ...]] = [("MSG", 1_000_000, "ArduPlane V4.6.2 (deadbeef)")]
     messages += [
@@ -152,7 +152,7 @@ def bin_flight() -> bytes:
 
 
 def ulg_flight() -> bytes:
-    """A PX4 plane drops something on its way."""
+    """Return the log of a PX4 plane that drops an object during its flight."""
     messages: list[tuple[Any, ...]] = [
         ("L", ord("6"), 1_000_000, "logging\t"),
         ("home_position", 1_000_000, 300.0),
@@ -182,7 +182,10 @@ def ulg_flight() -> bytes:
 def round_flight(
     turns_at_s: float = 100.0, end_s: float = 160.0, lat_deg: float = 36.35, lon_deg: float = -84.16
 ) -> bytes:
-    """A plane flies round a place at 400 m, 15 m/s: clockwise until it turns back. Drops two."""
+    """Return the log of a plane that circles a place at 400 m and 15 m/s.
+
+    It flies clockwise, turns back, and drops two objects.
+    """
     radius_m, speed_m_s, per_deg = 400.0, 15.0, 111_195.0
     items = [(0, 16, lat_deg, lon_deg, 300.0), (1, 16, lat_deg, lon_deg, 100.0)]
     messages: list[tuple[Any, ...]] = [("MSG", 1_000_000, "ArduPlane V4.6.2 (deadbeef)")]

@@ -1,4 +1,4 @@
-"""Short exchanges with a mock: messages to send to it, and its replies in brief."""
+"""Short exchanges with a mock: messages to the mock, and its replies in short form."""
 
 from typing import Any
 
@@ -53,7 +53,7 @@ def command(number: int, *params: float) -> Any:
 
 
 def brief(lines: list[Line]) -> list[tuple[str, int]]:
-    """The exchange: each message with the number that matters in it."""
+    """Return the exchange; each message is shortened to its decisive number."""
     keys = ("type", "result", "seq", "count")
     return [
         (line.name, next(line.fields[key] for key in keys if key in line.fields))
@@ -67,7 +67,7 @@ def texts(lines: list[Line]) -> list[str]:
 
 
 def upload(player: Player, items: tuple[MissionItem, ...], mission_type: int = 0) -> list[Line]:
-    """Follows the requests; returns the replies to the last item."""
+    """Upload a mission as requested; return the replies to the last item."""
     replies = player.send(count(len(items), mission_type))
     for _ in range(len(items)):
         asked = [line for line in replies if line.name.startswith("MISSION_REQUEST")]
@@ -79,7 +79,7 @@ def upload(player: Player, items: tuple[MissionItem, ...], mission_type: int = 0
 
 
 def read(player: Player, mission_type: int = 0) -> list[MissionItem]:
-    """A download, closed with an acknowledgement."""
+    """Download a mission, and acknowledge it at the end."""
     (counted,) = (x for x in player.send(listing(mission_type)) if x.name == "MISSION_COUNT")
     found = []
     for seq in range(counted.fields["count"]):

@@ -1,4 +1,4 @@
-"""A mock autopilot as a process of its own that calls a port, for clients of other makes."""
+"""A mock autopilot in a separate process that connects to a port, for other MAVLink clients."""
 
 import socket
 import subprocess
@@ -13,7 +13,7 @@ HOME = (36.3, -84.2, 300.0)
 
 
 def free_port() -> int:
-    """A UDP port of this machine that no process uses now."""
+    """Return a UDP port of this machine that is not in use."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
         sock.bind(("127.0.0.1", 0))
         port: int = sock.getsockname()[1]
@@ -24,13 +24,13 @@ def free_port() -> int:
 def mock_process(
     port: int, stack: str, kind: str = "plane", speedup: float = 1.0, link: str = "udpout"
 ) -> Iterator["subprocess.Popen[bytes]"]:
-    """The mock of a stack standing at HOME, calling the port.
+    """Start the mock of a stack at HOME; it connects to the port.
 
-    Sped up, it also waits for items less long: at 20 PX4 gives up after a quarter of a second.
+    With a speed-up its timeouts are shorter: at 20, PX4 aborts after a quarter of a second.
     """
     command = [sys.executable, "-m", "mission_service.cli", "mock", "--stack", stack]
     command += ["--vehicle", kind, "--home", ",".join(str(value) for value in HOME)]
-    if stack == "px4":  # these missions have no landing
+    if stack == "px4":  # the missions have no landing
         command += ["--param", "MIS_TKO_LAND_REQ=0"]
     command += ["--speedup", str(speedup), "--link", f"{link}:127.0.0.1:{port}"]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
@@ -42,7 +42,7 @@ def mock_process(
 
 
 def short_mission(legs: int = 3) -> tuple[MissionItem, ...]:
-    """Takeoff, waypoints 111 m apart to the north, an endless loiter over the last."""
+    """Return a takeoff, waypoints 111 m apart to the north, and an endless loiter at the last."""
     lat, lon, altitude_m = HOME
     points = [waypoint(lat + 0.001 * leg, lon, altitude_m + 20.0) for leg in range(1, legs + 1)]
     last = loiter_unlimited(lat + 0.001 * legs, lon, altitude_m + 20.0, 80.0)

@@ -1,4 +1,4 @@
-"""Each rule about what an autopilot refuses, changes, drops or misflies."""
+"""Each rule about items that an autopilot refuses, changes, drops or misinterprets."""
 
 import math
 from dataclasses import replace
@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from autopilot_bridge.items import NO_POSITION, Items, MissionItem, jumps_moved
 from autopilot_bridge.missions.check import adapted, check
 from autopilot_bridge.missions.read_back import FENCE, RALLY
-from autopilot_bridge.stacks.rules import rules_of
+from autopilot_bridge.stacks.item_treatment import rules_of
 from autopilot_bridge.stacks.stacks import STACKS, Stack
 from tests.bridge.helpers import flight_of, line_of
 
@@ -24,23 +24,23 @@ NAN, INF = math.nan, math.inf
 
 
 def at(command: int, *params: Any, **more: Any) -> MissionItem:
-    """An item with a position, above home."""
+    """Return an item with a position and an altitude above home."""
     frame, x, y, z = AT
     return replace(MissionItem(command, frame, x, y, z, *params), **more)
 
 
 def bare(command: int, *params: Any, **more: Any) -> MissionItem:
-    """An item without position, in MAV_FRAME_MISSION."""
+    """Return an item without a position, in MAV_FRAME_MISSION."""
     return replace(MissionItem(command, 2, 0, 0, 0.0, *params), **more)
 
 
 def takes(stack: Stack) -> Items:
-    """A mission that the stack takes as it is."""
+    """Return a mission that the stack accepts without changes."""
     yaw = NAN if stack in BOTH_PX4 else 0.0
     return (at(22, 12.0, param4=yaw), at(16, param4=yaw), bare(211, 1.0, 0.0), at(17, 0, 0, -90.0))
 
 
-# Of one item each: which stacks, the item, (kind, field), words of the reason or the remedy.
+# Cases with one item: stacks, item, (kind, field), and words of the reason or the remedy.
 RULES: list[tuple[tuple[Stack, ...], MissionItem, tuple[str, str], str]] = [
     # Commands.
     (ALL, bare(31999), ("refused", "command"), "does not accept this command"),
@@ -80,12 +80,12 @@ RULES: list[tuple[tuple[Stack, ...], MissionItem, tuple[str, str], str]] = [
     (ARDUPILOT, at(16, z=83000.0), ("refused", "z"), "under 83000 m"),
     (BOTH_PX4, at(22, z=0.0), ("refused", "z"), "home's altitude"),
     (BOTH_PX4, at(84, z=-1.0), ("refused", "z"), "home's altitude"),
-    # Numbers that are none.
+    # Values that are not numbers.
     (ARDUPILOT, at(17, 0, 0, NAN), ("refused", "param3"), "it is not a number"),
     (ARDUPILOT, at(19, 1.0, 0, 1.0, NAN), ("refused", "param4"), "it is not a number"),
     (ARDUPILOT, bare(183, 9.0, INF), ("refused", "param2"), "infinite"),
     (BOTH_PX4, bare(187, INF), ("dangerous", "param1"), "infinite"),
-    # Values that wrap or are cut.
+    # Values that overflow or are truncated.
     (ARDUPILOT, at(17, 0, 0, 70000.0), ("dangerous", "param3"), "becomes 4464; give"),
     (ARDUPILOT, at(17, 0, 0, -70000.0), ("dangerous", "param3"), "becomes -4464"),
     (ARDUPILOT, at(17, 0, 0, 123.7), ("changed", "param3"), "becomes 123"),
@@ -144,7 +144,7 @@ def test_a_bad_item_is_reported_once(
     assert "\n" not in str(problem)
 
 
-# What looks alike but is well, so that the rules do not report too much.
+# Valid items that are similar to invalid ones, for which no problem may be reported.
 WELL: list[tuple[tuple[Stack, ...], MissionItem]] = [
     (ALL, at(16, param4=NAN)),
     (ALL, at(16, frame=6)),
@@ -170,7 +170,7 @@ WELL: list[tuple[tuple[Stack, ...], MissionItem]] = [
     (BOTH_PX4, at(22, 0, frame=0, z=0.0)),
     (BOTH_PX4, at(201, 3.0)),
     (BOTH_PX4, bare(187, 0.5, NAN, NAN)),
-    # What can drop a load.
+    # Commands that can drop a load.
     (ARDUPILOT, bare(181, 1.0, 1.0)),
     (ARDUPILOT, bare(182, 1.0, 2.0, 1.5)),
     (ARDUPILOT, bare(216, 1.0)),
@@ -315,7 +315,7 @@ ADAPTED: list[tuple[tuple[Stack, ...], MissionItem, MissionItem]] = [
     (BOTH_PX4, bare(211, 1.0, frame=3), bare(211, 1.0)),
     (BOTH_PX4, at(189), bare(189)),
     (BOTH_PX4, at(80, 3.0), at(201, 3.0)),
-    # Without an equivalent, or ambiguous: left for check() to report.
+    # Items without an equivalent, or with several: adapted() leaves them to check().
     (BOTH_PX4, at(16, frame=10), at(16, frame=10)),
     (BOTH_PX4, bare(183, 9.0, 1900.0), bare(183, 9.0, 1900.0)),
     (BOTH_PX4, at(179, 0.0), at(179, 0.0)),

@@ -1,4 +1,4 @@
-"""One contract for both clients of a vehicle, against mock processes of both stacks over UDP."""
+"""One contract for both vehicle clients, tested with mocks of both stacks over UDP."""
 
 import asyncio
 import time
@@ -14,7 +14,7 @@ from autopilot_bridge.clients.mavsdk import MavsdkClient
 from autopilot_bridge.clients.native import NativeClient
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.items import Items
-from autopilot_bridge.links.connection import Connection
+from autopilot_bridge.links.asyncio_connection import Connection
 from autopilot_bridge.missions.read_back import as_read_back
 from autopilot_bridge.missions.transfer import TransferResult
 from autopilot_bridge.stacks.stacks import stack_named
@@ -33,7 +33,7 @@ def clock_us() -> int:
 
 
 class Station:
-    """One vehicle's client on its link; its events are waited for here."""
+    """The client of one vehicle on its link, with a function that waits for events."""
 
     def __init__(self, vehicle: VehicleClient, link: Connection | MavsdkClient) -> None:
         self.vehicle = vehicle
@@ -44,7 +44,7 @@ class Station:
     async def next(
         self, kind: type[Event], what: Callable[[Event], bool] = lambda event: True
     ) -> Event:
-        """The next event of a kind, after the last one that was waited for."""
+        """Return the next event of a type, after the last one that was returned."""
         self.link.flush()
         async with asyncio.timeout(PATIENCE_S):
             while True:
@@ -128,10 +128,10 @@ async def flies_and_is_sent_elsewhere(backend: str, name: str) -> None:
             assert {1, 4} <= set(reached)
             assert len(reached) == len(set(reached))
 
-            refused = replace(second[1], command=34)  # DO_ORBIT is no mission item
+            refused = replace(second[1], command=34)  # DO_ORBIT is not a mission item
             result = await client.transfer(vehicle.upload((*second, refused), clock_us()))
             assert result.outcome == "rejected"
-            if name == "px4" or backend == "mavsdk":  # it checks first
+            if name == "px4" or backend == "mavsdk":  # it first checks the mission
                 assert (result.seq, result.holds) == (7, "the old one")
                 read = await client.transfer(vehicle.download(clock_us()))
                 assert read.items == read_back(second, name)
@@ -182,7 +182,7 @@ async def loses_its_link_and_gets_it_back(backend: str) -> None:
         vehicle.upload(mission, clock_us())
         await asyncio.sleep(0.2)
         began = time.monotonic()
-    assert time.monotonic() - began < PATIENCE_S  # a call that is under way is waited for
+    assert time.monotonic() - began < PATIENCE_S  # waits for the call in progress
 
 
 @pytest.mark.parametrize("backend", BACKENDS)

@@ -1,4 +1,4 @@
-"""Messages that the installed dialect has only in part; ids of plans."""
+"""Messages that the installed dialect contains only in part; ids of plans."""
 
 import json
 import math
@@ -65,7 +65,7 @@ def test_a_datagram_of_noise_costs_the_next_one_nothing() -> None:
 
 
 def crc_bit_by_bit(data: bytes) -> int:
-    """CRC-32, reflected, from 0 and not inverted."""
+    """Return the reflected CRC-32 that begins with 0 and is not inverted."""
     crc = 0
     for byte in data:
         crc ^= byte
@@ -92,7 +92,7 @@ def test_the_mock_gives_the_same_id() -> None:
     mock.receive_data(station.encode(mavlink.MAVLink_mission_count_message(1, 1, 5, 0)), 0)
     for seq, item in enumerate(items):
         mock.receive_data(station.encode(item_message((1, 1), seq, item, seq == 0, 0)), 0)
-    mock.handle_timer(SECOND)  # MISSION_CURRENT comes once a second
+    mock.handle_timer(SECOND)  # MISSION_CURRENT is sent once a second
     received = [m for datagram in mock.data_to_send() for m in Codec(9, 9).decode(datagram)]
     (ack,) = [m for m in received if m.get_type() == "MISSION_ACK"]
     current = [m for m in received if m.get_type() == "MISSION_CURRENT"][-1]
@@ -107,7 +107,7 @@ def item_of_record(fields: dict[str, Any]) -> MissionItem:
 
 
 def uploads_of(path: Path) -> list[tuple[int, int | None]]:
-    """Of each upload PX4 accepted whole: the id it sent, and ours of what was sent."""
+    """Return PX4's id and the id computed from the items, for each upload that PX4 accepted."""
     found: list[tuple[int, int | None]] = []
     items: dict[int, MissionItem] = {}
     count = -1

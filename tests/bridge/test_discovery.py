@@ -1,4 +1,4 @@
-"""Vehicles are found on their links, kept apart, lost and received again."""
+"""Vehicles are detected on their links, distinguished, lost and found again."""
 
 import asyncio
 from typing import Any
@@ -8,9 +8,9 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.clients.native import NativeClient
 from autopilot_bridge.clients.shared_link import FleetEvent, SharedLink, VehicleKey
+from autopilot_bridge.links.asyncio_connection import Connection
 from autopilot_bridge.links.codec import Codec
-from autopilot_bridge.links.connection import Connection
-from autopilot_bridge.links.link import MemoryLink
+from autopilot_bridge.links.memory_link import MemoryLink
 from autopilot_bridge.mock.autopilot import MockAutopilot
 from autopilot_bridge.mock.local_frame import LocalFrame
 from autopilot_bridge.mock.serving import MockGroup
@@ -33,10 +33,10 @@ COPTER = stack_named("ardupilot", "copter")
 
 
 class Air:
-    """Links with mocks on them, in virtual time. A remote is a list of mocks behind one address."""
+    """Links with mocks in virtual time; a remote is a list of mocks with one address."""
 
     def __init__(self, **remotes: list[MockAutopilot]) -> None:
-        """``remotes`` are named ``link_remote``."""
+        """Create the links; names of remotes are ``link_remote``."""
         self.links: dict[str, SharedLink] = {}
         self.remotes: dict[tuple[str, str], tuple[MockGroup, MemoryLink, MemoryLink]] = {}
         self.events: list[FleetEvent] = []
@@ -147,7 +147,7 @@ def test_the_same_id_twice_on_one_link_is_reported_and_not_mixed() -> None:
     second.flight.motion.north_m = 5_000.0
     first.handle_timer(0)
     second.handle_timer(-SECOND)
-    second.handle_timer(0)  # its messages are the newer ones
+    second.handle_timer(0)  # its messages are more recent
     second.data_to_send()
     air = Air(a_first=[first], a_second=[second, mock_of(COPTER, system_id=2)])
     air.run_for(20.0)
@@ -155,7 +155,8 @@ def test_the_same_id_twice_on_one_link_is_reported_and_not_mixed() -> None:
     assert (conflict.kept, conflict.left_out) == ("first", "second")
     assert "second are discarded: give it another system id or a separate link" in str(conflict)
     assert all(event.lat_deg == pytest.approx(36.3, abs=1e-4) for event in air.of(Position, 1))
-    assert len(air.of(Connected)) == 2  # the other one behind the second remote is received
+    # Messages of the other vehicle behind the second remote are received.
+    assert len(air.of(Connected)) == 2
 
 
 def test_a_vehicle_may_come_back_from_another_address() -> None:
@@ -233,7 +234,7 @@ def test_a_timer_that_goes_back_to_where_it_was_is_handled_once() -> None:
     link.handle_timer(5 * SECOND)
     link.handle_timer(6 * SECOND)
     assert handled == [5 * SECOND]
-    assert link.next_timer() == 7 * SECOND  # the link's own heartbeat
+    assert link.next_timer() == 7 * SECOND  # the heartbeat of the link itself
     link.handle_timer(9 * SECOND)
     assert handled == [5 * SECOND, 9 * SECOND]
 
@@ -295,7 +296,10 @@ def test_what_is_for_one_vehicle_is_sent_to_its_remote_only() -> None:
 
 
 def test_each_of_250_vehicles_has_its_own_client_and_events() -> None:
-    """Ten seconds of traffic; ``benchmarks.streaming`` measures the share of a core."""
+    """The test runs ten seconds of traffic;
+
+    ``benchmarks.streaming`` measures the share of a core.
+    """
     link = SharedLink("a")
     mock = mock_of(PX4)
     traffic: list[tuple[int, Any]] = []

@@ -1,4 +1,4 @@
-"""DropSender by order: each release once, at its time or not at all; what comes back."""
+"""DropSender sends each release once, at its time or not at all, and reports its outcome."""
 
 import math
 from dataclasses import replace
@@ -10,7 +10,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.items import loiter_unlimited, takeoff, waypoint
 from autopilot_bridge.links.codec import Codec
-from autopilot_bridge.links.link import MemoryLink
+from autopilot_bridge.links.memory_link import MemoryLink
 from autopilot_bridge.mock.autopilot import MockAutopilot
 from autopilot_bridge.stacks.stacks import Stack, stack_named
 from autopilot_bridge.vehicle import orders
@@ -34,12 +34,12 @@ each_means = pytest.mark.parametrize(
     ids=lambda value: value.name if isinstance(value, Stack) else value.by,
 )
 copters = pytest.mark.parametrize("stack", [PX4, ARDUPILOT], ids=lambda stack: stack.name)
-# At the mock: what is switched by a release.
+# The outputs of the mock that a release switches.
 RELEASED = {"servo": 1900.0, "gripper": 0.0, "actuator": 1.0}
 
 
 class RecordingMock(MockAutopilot):
-    """Notes when each frame came."""
+    """A mock that records the time of each frame."""
 
     received: list[tuple[int, Any]]
 
@@ -48,7 +48,7 @@ class RecordingMock(MockAutopilot):
         super().receive_data(data, now_us)
 
     def releases(self, dropper: Dropper) -> list[int]:
-        """When a frame came that lets go."""
+        """Return the times of the frames that release a sphere."""
         number, params = _release_of(dropper)
         return [
             at_us
@@ -74,7 +74,7 @@ def listening(stack: Stack) -> RecordingMock:
 
 
 def flying(stack: Stack, **link: Any) -> tuple[Pair, RecordingMock]:
-    """A copter on its mission, on a link of a seed."""
+    """Return a copter that flies its mission, on a link with a seed."""
     mock = listening(stack)
     seed = link.pop("seed", 3)
     pair = Pair(mock)
@@ -90,7 +90,7 @@ def flying(stack: Stack, **link: Any) -> tuple[Pair, RecordingMock]:
 
 
 def drop(pair: Pair, dropper: Dropper) -> None:
-    """Order a drop; the datagram goes out at once."""
+    """Order a drop; the datagram is sent at once."""
     pair.client.drop(dropper, pair.now_us)
     pair.exchange()
 
@@ -100,7 +100,7 @@ def outcomes(pair: Pair) -> list[str]:
 
 
 def let_go(mock: MockAutopilot, dropper: Dropper) -> int:
-    """How many spheres fell: how often the output came from rest to release."""
+    """Return the number of spheres that fell: the changes of the output from rest to release."""
     fallen, before = 0, math.nan
     for _, what, number, value in mock.outputs:
         if (what, number) == (dropper.by, dropper.number):
@@ -118,10 +118,11 @@ def test_each_drop_lets_go_once_and_is_set_back(stack: Stack, dropper: Dropper) 
     assert outcomes(pair) == ["done"] * 3
     assert len(mock.releases(dropper)) == let_go(mock, dropper) == 3
     values = [value for _, what, _, value in mock.outputs if what == dropper.by]
-    assert len(values) == 6  # each set back once: it was acknowledged
+    assert len(values) == 6  # each release was followed by one reset, which was acknowledged
     assert values[0] == RELEASED[dropper.by] != values[-1]
     released, back = (at_us for at_us, *_ in mock.outputs[:2])
-    assert (back - released) / 1e6 == pytest.approx(dropper.hold_s, abs=0.13)  # a mock's step
+    # One time step of the mock.
+    assert (back - released) / 1e6 == pytest.approx(dropper.hold_s, abs=0.13)
     assert mock.flight.mode == "mission"
 
 
@@ -138,19 +139,21 @@ def test_120_a_minute_keep_their_time_on_a_slow_link_with_losses(
         pair.run_for(0.5)
     pair.run_for(3.0)
     came_us = [at_us - 100_000 for at_us in mock.releases(dropper)]
-    assert set(came_us) <= set(ordered_us)  # to the microsecond: none late, none that was not meant
+    # To the microsecond: no release is late, and none is unplanned.
+    assert set(came_us) <= set(ordered_us)
     assert len(came_us) == len(set(came_us)) > 40
     ids_of: dict[str, set[int]] = {"done": set(), "refused": set(), "unknown": set()}
     for event in pair.of(DropFinished):
         ids_of[event.outcome].add(event.drop_id)
-        # Three heartbeats in a row may be lost.
+        # Three consecutive heartbeats may be lost.
         assert event.outcome != "refused" or event.reason == "the link is lost"
     assert sum(map(len, ids_of.values())) == len(pair.of(DropFinished)) == 60
     came = {ordered_us.index(at_us) + 1 for at_us in came_us}
-    assert ids_of["done"] <= came  # none is reported as done that did not arrive
-    assert came <= ids_of["done"] | ids_of["unknown"]  # nor as refused that did
+    assert ids_of["done"] <= came  # no release is reported as done that did not arrive
+    # No release is reported as refused that arrived.
+    assert came <= ids_of["done"] | ids_of["unknown"]
     assert len(ids_of["done"]) > 36
-    assert let_go(mock, dropper) == len(came_us)  # it was always set back between
+    assert let_go(mock, dropper) == len(came_us)  # the output was always reset between two releases
 
 
 @each_means
@@ -169,7 +172,7 @@ def test_a_doubled_datagram_sets_the_same_again_and_lets_go_of_one(
 @copters
 def test_a_drop_goes_past_orders_and_transfers_that_wait(stack: Stack) -> None:
     pair, mock = flying(stack)
-    pair.down = MemoryLink(loss=1.0)  # nothing is acknowledged any more
+    pair.down = MemoryLink(loss=1.0)  # from now on nothing is acknowledged
     pair.client.upload(line_of(30, 7), pair.now_us)
     for speed in (6.0, 7.0, 8.0):
         pair.client.command("change speed", pair.now_us, speed)
@@ -203,8 +206,8 @@ def test_a_refusal_is_reported_as_text_and_only_for_the_release() -> None:
     drop(pair, SERVO._replace(number=9))
     pair.run_for(0.1)
     assert outcomes(pair) == ["done"]
-    mock.flight.payload.servos_us = mock.flight.payload.servos_us[:4]  # no such output any more
-    pair.run_for(0.5)  # so the setting back is refused
+    mock.flight.payload.servos_us = mock.flight.payload.servos_us[:4]  # the output no longer exists
+    pair.run_for(0.5)  # so the reset is refused
     assert outcomes(pair) == ["done"]
     pair.run_for(3.0)
     drop(pair, SERVO)
@@ -334,7 +337,8 @@ def test_it_takes_the_place_of_orders_under_way_and_is_repeated_soon(stack: Stac
 
 
 def test_an_upload_under_way_does_not_fly_on_after_it() -> None:
-    # ArduCopter by items: it holds, takes the items, flies on. Unless ordered to climb meanwhile.
+    # ArduCopter's upload by items: it holds, receives the items, and flies on, unless it is ordered
+    # to climb in the meantime.
     for after_s in (0.0, 0.03, 0.06, 0.1, 0.2, 0.4):
         pair, mock = flying(ARDUPILOT, delay_us=20_000)
         pair.client.upload(
@@ -352,7 +356,7 @@ def test_an_upload_under_way_does_not_fly_on_after_it() -> None:
 
 @copters
 def test_without_satellites_a_mock_lands_blind_as_the_real_ones_do(stack: Stack) -> None:
-    # ArduCopter 4.6 after 8 s, PX4 1.17 after 5 s; until then it climbs, then no more.
+    # Without a position ArduCopter 4.6 lands after 8 s, PX4 1.17 after 5 s; until then they climb.
     pair, mock = flying(stack)
     mock.positions = False
     pair.run_for(3.0)
@@ -374,7 +378,7 @@ def test_without_satellites_a_mock_lands_blind_as_the_real_ones_do(stack: Stack)
 
 @copters
 def test_a_return_leads_home_as_high_as_was_set(stack: Stack) -> None:
-    # As delivered ArduCopter 4.6 comes home from a drop line at the height of the line (seen).
+    # By default ArduCopter 4.6 returns from a drop line at the height of the line (observed).
     heights = []
     for height_m in (None, 75.0):
         pair, _ = flying(stack, loss=0.1)
@@ -416,8 +420,8 @@ def test_after_it_a_new_mission_is_flown_from_its_beginning(stack: Stack) -> Non
 
 
 def test_px4s_gripper_reports_its_movements_like_the_real_one() -> None:
-    # Recorded from PX4 1.17: result and the component it is sent to, for a release and a setting
-    # back 0.2 s later, and then a release that the link doubles.
+    # Recorded from PX4 1.17: the results and their target components, for a release and a reset 0.2
+    # s later, and for a release that the link duplicates.
     pair, mock = flying(PX4)
     received: list[tuple[int, int]] = []
     codec, number = Codec(255, 190), mavlink.MAV_CMD_DO_GRIPPER

@@ -1,4 +1,4 @@
-"""The face of the package: its names load when used, with documented arguments and results."""
+"""The face of the package: names are imported at first use and have documented arguments."""
 
 import inspect
 import subprocess

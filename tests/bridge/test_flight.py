@@ -1,11 +1,11 @@
-"""The mock flies missions; the client receives its reports."""
+"""The mock flies missions, and the client receives its reports."""
 
 import math
 
 import pytest
 
 from autopilot_bridge.items import Items, change_speed
-from autopilot_bridge.links.link import MemoryLink
+from autopilot_bridge.links.memory_link import MemoryLink
 from autopilot_bridge.missions.read_back import as_read_back
 from autopilot_bridge.mock.body import wider_m
 from autopilot_bridge.mock.kinematics import Limits, Motion, course_around, step_plane
@@ -140,7 +140,7 @@ NEW = (*line_of(5, first=20)[:2], *line_of(6, first=30)[2:])
 
 
 class CutAfter(MemoryLink):
-    """Shares a count of frames with the other direction; dead for good when it is used up."""
+    """A link that fails for ever after a number of frames, counted in both directions."""
 
     left = 0
 
@@ -154,7 +154,7 @@ SHORTER = (*line_of(3, first=20)[:1], *line_of(3, first=30)[2:])
 
 
 def frames_of_a_reupload(stack: Stack, by_file: bool, new: Items) -> int:
-    """How many frames pass, both ways, from the call to its end."""
+    """Return the number of frames, in both directions, from the call to the end of an upload."""
     CutAfter.left = 10_000
     pair = flying(stack)
     pair.run_for(60.0)
@@ -177,7 +177,7 @@ def test_a_reupload_cut_at_any_message_leaves_the_old_the_new_or_a_hold(
     old, new = (
         tuple(as_read_back(item, stack) for item in items) for items in (flight_of(), replacement)
     )
-    # A shorter file leaves the old items behind its own endless loiter until they are cut off.
+    # After a shorter file, old items remain behind its endless loiter until they are removed.
     whole_ones = (old, new, (*new, *old[len(new) :])) if by_file else (old, new)
     hidden = 1 if stack.item_0_is_home else 0
     for frames in range(frames_of_a_reupload(stack, by_file, replacement)):
@@ -190,8 +190,8 @@ def test_a_reupload_cut_at_any_message_leaves_the_old_the_new_or_a_hold(
             pair.run_for(0.1)
             flight = pair.mock.flight
             if flight.mode == "mission":
-                # All that is still to come is of one mission. A plane that got a whole file flies
-                # on to the item it had until it gets a start item.
+                # All remaining items belong to one mission. After a file upload a plane flies to
+                # its old target until an item is set.
                 whole = tuple(flight.items[hidden:])
                 assert whole in whole_ones, frames
                 assert flight.target is not None
@@ -222,7 +222,7 @@ def test_a_shorter_mission_goes_to_an_ardupilot_without_a_hold(vehicle: str) -> 
 def test_a_mission_with_a_speed_goes_to_an_ardupilot_without_a_hold(
     vehicle: str, items: Items
 ) -> None:
-    """Seen on ArduPlane 4.6.2: a file shows home's place in items that have none."""
+    """ArduPlane 4.6.2 stores the position of home in a file's items without position (observed)."""
     pair = flying(stack_named("ardupilot", vehicle))
     pair.run_for(60.0)
     pair.events.clear()
@@ -238,4 +238,4 @@ def test_a_shorter_mission_that_goes_on_behind_its_end_is_not_laid_over_the_old_
     pair.run_for(60.0)
     pair.events.clear()
     assert pair.result_of(reupload(pair, True, line_of(4)[:3])).outcome == "accepted"
-    assert pair.of(ModeChanged) != []  # it held meanwhile
+    assert pair.of(ModeChanged) != []  # it held during the upload

@@ -1,4 +1,4 @@
-"""Bytes to frames: torn, foreign, noisy."""
+"""Framing of bytes that are incomplete, noisy, or of another dialect."""
 
 import pytest
 from hypothesis import given, settings
@@ -10,7 +10,7 @@ from autopilot_bridge.links.framing import Framer
 
 
 def text(words: str) -> bytes:
-    """A frame that holds these words: 13 bytes and one for each letter."""
+    """Return a frame that contains this text; its length is 13 bytes plus one for a character."""
     return Codec(1, 1).encode(mavlink.MAVLink_statustext_message(6, words.encode()))
 
 
@@ -27,7 +27,7 @@ def signed(words: str) -> bytes:
 
 
 def of_another_dialect(payload: bytes) -> bytes:
-    """A frame whose message no installed dialect has, so that its checksum cannot be checked."""
+    """Return a frame of an unknown message, so that its checksum cannot be verified."""
     return (
         bytes((0xFD, len(payload), 0, 0, 7, 1, 1))
         + (60_999).to_bytes(3, "little")
@@ -60,7 +60,7 @@ def test_a_damaged_frame_is_passed_over() -> None:
 
 
 def test_a_false_start_does_not_cost_the_frames_it_claims() -> None:
-    # 200 bytes of payload are claimed: pymavlink's parser loses both frames.
+    # The header states 200 bytes of payload: pymavlink's parser loses both frames.
     false = bytes((0xFD, 200, 0, 0, 0, 1, 1, 0, 0, 0))
     frames = [text("inside the false frame"), text("too")]
     assert Framer().feed(false + b"".join(frames) + bytes(200)) == frames
@@ -73,7 +73,7 @@ noise = st.binary(max_size=40) | st.binary(max_size=9).map(lambda tail: b"\xfd\x
 @given(st.lists(noise, min_size=1, max_size=6), st.integers(1, 90), st.booleans())
 def test_noise_between_frames_costs_no_frame(gaps: list[bytes], cut: int, old: bool) -> None:
     frames = [(mavlink_1 if old else text)(f"number {index}") for index in range(len(gaps))]
-    # Noise that begins like a frame of another dialect may pass for one: let none begin so.
+    # Noise may look like the start of a frame of another dialect, so such starts are removed here.
     parts = [b"\x00" + gap + frame for gap, frame in zip(gaps, frames, strict=True)]
     stream = b"".join(parts) + bytes(300)
     framer = Framer()

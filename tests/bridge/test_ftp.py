@@ -1,4 +1,4 @@
-"""Mission files over MAVFTP between our client and the mock, over good, bad and dying links."""
+"""Mission files over MAVFTP between client and mock, over good, lossy and failing links."""
 
 from dataclasses import replace
 from typing import Any
@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from autopilot_bridge.links.link import MemoryLink
+from autopilot_bridge.links.memory_link import MemoryLink
 from autopilot_bridge.missions import ftp_packet as ftp
 from autopilot_bridge.missions.ftp_packet import Packet
 from autopilot_bridge.missions.read_back import as_read_back
@@ -39,7 +39,7 @@ def test_650_items_go_up_and_come_down_in_less_than_a_second_each() -> None:
     assert read.items is not None
     assert read.items[1:] == sent
     assert bench.now_us - began_us < SECOND
-    # Nothing was dropped by the autopilot's queue of five, so nothing had to be sent twice.
+    # The autopilot's queue of five dropped nothing, so nothing was sent twice.
     assert len(bench.sent) == 2 * (1 + 109 + 1)
 
 
@@ -130,7 +130,8 @@ def test_a_link_cut_at_any_message_leaves_the_old_mission_or_the_new_one() -> No
         assert bench.held() == (NEW if result.outcome == "accepted" else OLD) or (
             result.outcome == "unknown" and bench.held() == NEW
         )
-        # The next opening by any client closes the dead session and applies what is in it.
+        # When any client next opens a file, the autopilot closes the dead session and applies its
+        # data.
         bench.idle(4.0)
         assert bench.ask(Packet(5, 77, ftp.OPEN_TO_READ, 20, data=b"@MISSION/mission.dat"))
         if result.outcome == "unknown":
@@ -234,7 +235,8 @@ def test_a_piece_that_never_arrives_leaves_the_old_mission(piece: int) -> None:
     result = bench.run(upload_of(wire(NEW)), within_s=30.0)
     assert result.outcome in ("failed", "unknown")
     bench.idle(1.0)
-    assert bench.mock.ftp.session is None  # the farewell got through: closed, and refused
+    # The request to close arrived: the session is closed and the file refused.
+    assert bench.mock.ftp.session is None
     assert bench.held() == OLD
 
 

@@ -1,4 +1,4 @@
-"""The behaviour of ArduPilot's MAVFTP that matters to a client, in the mock."""
+"""The mock's MAVFTP server behaves like ArduPilot's where clients depend on it."""
 
 from dataclasses import replace
 
@@ -18,7 +18,7 @@ CLOSE = Packet(99, 7, ftp.TERMINATE)
 
 
 def write(bench: Bench, data: bytes, step: int = 239) -> None:
-    """Open the file and write all of the data, by hand."""
+    """Open the file and write all data with explicit requests."""
     assert [reply.opcode for reply in bench.ask(CREATE)] == [ftp.ACK]
     for seq, begin in enumerate(range(0, len(data), step), start=1):
         piece = data[begin : begin + step]
@@ -69,7 +69,7 @@ def test_a_mission_being_flown_is_not_cleared_so_a_shorter_file_leaves_the_old_t
     bench.mock.flight.armed, bench.mock.flight.mode = True, "mission"
     assert bench.run(upload_of(wire(line_of(20)))).outcome == "accepted"
     assert bench.held() == (*line_of(20), *line_of(40, first=1)[20:])
-    read = bench.run(download_of())  # which is how a client sees it
+    read = bench.run(download_of())  # a client detects the limit in this way
     assert read.items is not None
     assert len(read.items) == 41
     longer = line_of(50, first=2)
@@ -98,7 +98,7 @@ def test_240_bytes_are_refused() -> None:
 def test_a_session_can_be_taken_over_after_three_seconds_of_silence_or_when_ended() -> None:
     bench = holding()
     bench.ask(CREATE)
-    for seq in range(100, 103):  # asking keeps it busy
+    for seq in range(100, 103):  # a request keeps the session active
         bench.idle(2.0)
         (reply,) = bench.ask(replace(READ_OPEN, seq=seq))
         assert (reply.opcode, reply.data) == (ftp.NAK, bytes([ftp.INVALID_SESSION]))

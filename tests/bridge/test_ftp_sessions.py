@@ -1,4 +1,4 @@
-"""Sessions of MAVFTP: dead ones, living ones of others, lost and stray replies, refusals."""
+"""MAVFTP sessions: idle and active ones of other stations, lost and stray replies, refusals."""
 
 from dataclasses import replace
 
@@ -43,7 +43,8 @@ def test_two_stations_that_wait_for_a_dead_session_do_not_keep_each_other_out() 
     first, second = upload_of(wire(NEW), session=3), download_of(session=40)
     asking = replace(THEIRS, session=40)
     bench.begin(first)
-    due_us = [bench.now_us + SECOND, bench.now_us + round(4.2 * SECOND)]  # as another of ours
+    # Another client of this program.
+    due_us = [bench.now_us + SECOND, bench.now_us + round(4.2 * SECOND)]
     while first.result is None:
         bench.step(first)
         if due_us and bench.now_us >= due_us[0]:
@@ -127,7 +128,7 @@ def test_a_reply_to_another_client_or_to_another_request_ends_nothing() -> None:
         assert upload.receive(message, bench.now_us) == []
     (message,) = Codec(1, 1).decode(Codec(*VEHICLE).encode(right.message(STATION)))
     assert len(upload.receive(message, bench.now_us)) == 5
-    assert upload.receive(message, bench.now_us) == []  # doubled on the way
+    assert upload.receive(message, bench.now_us) == []  # duplicated by the link
 
 
 def test_items_that_would_be_refused_midway_are_not_sent_at_all() -> None:

@@ -1,4 +1,4 @@
-"""Bad frames of all kinds, in small numbers; ``python -m benchmarks.fuzz_frames`` has a million."""
+"""A small number of bad frames of all kinds; ``python -m benchmarks.fuzz_frames`` has a million."""
 
 import random
 

@@ -1,4 +1,4 @@
-"""What an autopilot chose in failsafe is left alone: by a transfer, and by a command under way."""
+"""Transfers and commands in progress do not override a mode that a failsafe has selected."""
 
 from collections.abc import Callable
 from random import Random
@@ -8,7 +8,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.items import takeoff
 from autopilot_bridge.links.codec import Codec
-from autopilot_bridge.links.link import MemoryLink
+from autopilot_bridge.links.memory_link import MemoryLink
 from autopilot_bridge.stacks.stacks import Stack, stack_named
 from autopilot_bridge.vehicle.client_events import CommandFinished, Rebooted, TransferFinished
 from autopilot_bridge.vehicle.commanded_modes import CommandedModes
@@ -21,7 +21,7 @@ LONG_S = 25.0
 
 
 class Deaf(MemoryLink):
-    """Loses the acknowledgements of commands, so that they are repeated; one may get through."""
+    """A link that loses acknowledgements of commands, so that commands are repeated."""
 
     def __init__(self, but: int = 0) -> None:
         super().__init__()
@@ -49,18 +49,19 @@ def flying(stack: Stack, mode: str = "mission") -> Pair:
 
 
 def failsafe(pair: Pair) -> None:
-    """The battery is low: it goes home by itself."""
+    """Simulate a low battery: the vehicle returns home by itself."""
     pair.mock.battery_percent = 14.0
 
 
 def run_with_failsafe(pair: Pair, after_s: float) -> None:
-    """Go on for so long, then have the failsafe, then go on for a minute."""
+    """Run for a time, trigger the failsafe, then run for a minute."""
     pair.run_for(after_s)
     failsafe(pair)
     pair.run_for(LONG_S)
 
 
-# The moments of an upload: each quarter of a second from before the first message to after the end.
+# The moments of an upload, every quarter of a second from before its first message to after its
+# end.
 MOMENTS = [at / 4.0 for at in range(20)]
 
 
@@ -77,7 +78,7 @@ def test_a_failsafe_at_any_moment_of_an_upload_is_left_alone(stack: Stack, by_fi
         assert pair.mock.flight.mode == "rtl", after_s
         (ended,) = pair.of(TransferFinished)
         by_autopilot = "its autopilot" in ended.result.reason
-        detected_us = pair.now_us - (LONG_S - 1.3) * SECOND  # by a heartbeat
+        detected_us = pair.now_us - (LONG_S - 1.3) * SECOND  # the change is reported by a heartbeat
         assert by_autopilot or ended.at_us < detected_us, (after_s, ended.result)
 
 
@@ -115,14 +116,14 @@ ORDERS: dict[str, tuple[str, Order]] = {
 @pytest.mark.parametrize("name", ORDERS)
 @pytest.mark.parametrize("stack", [PX4, ARDUPLANE], ids=lambda s: s.name)
 def test_an_order_is_not_repeated_against_a_failsafe(stack: Stack, name: str) -> None:
-    """Its acknowledgements get lost, so it would go out again and again."""
+    """Acknowledgements are lost, so the command would be repeated again and again."""
     mode, order = ORDERS[name]
     for at in range(1, 33, 2):
         pair = flying(stack, mode)
         pair.down = Deaf()
         order(pair)
         run_with_failsafe(pair, at / 4.0)
-        if at < 28:  # the order has not ended when it comes
+        if at < 28:  # the order is in progress when the failsafe begins
             (ended,) = pair.of(CommandFinished)
             assert not ended.accepted
             assert "changed to return meanwhile" in ended.reason
@@ -151,7 +152,7 @@ def test_a_person_may_still_order_it_out_of_its_failsafe() -> None:
 
 
 def test_an_order_that_took_anothers_place_is_not_stopped_by_that_ones_mode() -> None:
-    """Start was sent and takes effect late; the hold that took its place goes on until it holds."""
+    """A start takes effect late; the hold that replaced it continues until the vehicle holds."""
     pair = flying(PX4, "hold")
     slow = MemoryLink(delay_us=900_000)
     pair.up = slow
@@ -185,9 +186,9 @@ def test_a_vehicle_that_disarms_is_not_armed_by_a_start_under_way() -> None:
 
 def test_a_mode_that_was_asked_for_may_come_late_and_one_before_it_not_much_later() -> None:
     asked = CommandedModes()
-    asked.add((10,), 0)
+    asked.expect((10,), 0)
     assert asked.has(10, 9 * SECOND)
-    asked.add((12,), 1 * SECOND)
+    asked.expect((12,), 1 * SECOND)
     assert asked.has(12, 10 * SECOND)
     assert asked.has(10, 2 * SECOND)
     assert not asked.has(10, 4 * SECOND)
@@ -202,7 +203,7 @@ def test_a_failsafe_that_keeps_the_mode_is_not_thrown_out_of_its_landing() -> No
     pair.run_for(0.1)
     pair.mock.flight.failsafe = True
     reached = pair.mock.flight.current
-    for _ in range(16):  # it goes on in its mission, and is never thrown back
+    for _ in range(16):  # it continues its mission, and the landing is never interrupted
         pair.run_for(0.5)
         assert pair.mock.flight.current >= reached
         reached = pair.mock.flight.current
@@ -235,7 +236,7 @@ def test_no_command_is_repeated_or_continued_while_the_autopilot_may_have_restar
 
 
 class Noted(MemoryLink):
-    """Notes when a command is sent; requests of rates are none."""
+    """Records when a command is sent, except requests of message rates."""
 
     def __init__(self) -> None:
         super().__init__()

@@ -1,4 +1,4 @@
-"""Links; one exchange over real UDP."""
+"""Links, and one exchange over real UDP."""
 
 import asyncio
 import contextlib
@@ -9,15 +9,15 @@ import pytest
 
 from autopilot_bridge.clients.native import NativeClient
 from autopilot_bridge.errors import BridgeError
-from autopilot_bridge.links.connection import Connection
-from autopilot_bridge.links.link import (
+from autopilot_bridge.links.asyncio_connection import Connection
+from autopilot_bridge.links.link_address import (
     LinkAddress,
-    MemoryLink,
     SerialAddress,
     other_end,
     parse_link,
-    reconnect_wait_s,
 )
+from autopilot_bridge.links.memory_link import MemoryLink
+from autopilot_bridge.links.reconnection import reconnect_wait_s
 from autopilot_bridge.missions.transfer import TransferResult
 from autopilot_bridge.mock.serving import serve
 from autopilot_bridge.stacks.stacks import stack_named
@@ -40,7 +40,8 @@ def test_link_strings_are_read() -> None:
     assert parse_link("udpin:0.0.0.0:14550") == LinkAddress("udpin", "0.0.0.0", 14550)
     for kind in ("udpin", "udpout", "tcp", "tcpin"):
         assert parse_link(f"{kind}:host:5760") == LinkAddress(kind, "host", 5760)
-    by_path = "/dev/serial/by-path/pci-0000:00:14.0-usb-0:2:1.0"  # udev's names hold colons
+    # Udev's device names contain colons.
+    by_path = "/dev/serial/by-path/pci-0000:00:14.0-usb-0:2:1.0"
     assert parse_link(f"serial:{by_path}:57600") == SerialAddress(by_path, 57600)
     assert str(parse_link("serial:/dev/ttyACM0:115200")) == "serial:/dev/ttyACM0:115200"
 

@@ -1,4 +1,4 @@
-"""Logs of flights: their contents, where they are cut off, and where they are damaged."""
+"""Flight logs: their contents, truncated files and damaged files."""
 
 import json
 import math
@@ -14,7 +14,7 @@ from pymavlink import DFReader, mavutil
 from pyulog import ULog
 
 from autopilot_bridge.errors import BridgeError
-from autopilot_bridge.links.link import MemoryLink
+from autopilot_bridge.links.memory_link import MemoryLink
 from autopilot_bridge.links.tlog_writer import Tlog
 from autopilot_bridge.logs import record_scanner
 from autopilot_bridge.logs.dataflash import DataFlashLog
@@ -55,7 +55,7 @@ FLIGHTS = Path(__file__).parents[3] / "shared" / "data" / "flights"
 
 
 class JournalReader(MemoryLink):
-    """A link whose frames go into a .tlog as they leave."""
+    """A link whose frames are written to a .tlog when they are sent."""
 
     def __init__(self, tlog: list[tuple[int, bytes]]) -> None:
         super().__init__()
@@ -68,7 +68,7 @@ class JournalReader(MemoryLink):
 
 @pytest.fixture(scope="module", params=["ardupilot", "px4"])
 def recorded(request: Any, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Pair]:
-    """Half a minute of a mock's flight, with its upload; then it is silent for a while."""
+    """Record half a minute of a mock's flight with its upload, followed by a period of silence."""
     path = tmp_path_factory.mktemp("log") / f"{request.param}.tlog"
     frames: list[tuple[int, bytes]] = []
     up, down = JournalReader(frames), JournalReader(frames)
@@ -101,7 +101,7 @@ def test_a_tlog_holds_the_events_of_the_client_and_the_missions_of_both_directio
     entries = list(log.entries())
     assert log.damage == []
     assert {entry.system_id for entry in entries} == {pair.mock.system_id}
-    # On one link frames come at once, so its times are the client's, but for the link's number.
+    # Times in the log equal those of the client, apart from the two bits of the link number.
     flown, reported = of(entries, Position), pair.of(Position)
     assert len(flown) == len(reported) > 100
     for mine, client in zip(flown, reported, strict=True):
@@ -129,7 +129,8 @@ def test_a_dataflash_log_reproduces_the_flight(tmp_path: Path) -> None:
     place = of(entries, Position)[7]
     assert (place.at_us, place.lat_deg, place.altitude_amsl_m) == (1_800_000, 36.3, 307.0)
     assert place.lon_deg == pytest.approx(-84.2 + 7e-4, abs=1e-7)
-    assert (place.velocity_north_m_s, place.velocity_east_m_s) == (0.5, 14.5)  # the first EKF's
+    # Value of the first EKF.
+    assert (place.velocity_north_m_s, place.velocity_east_m_s) == (0.5, 14.5)
     assert (place.altitude_relative_m, place.heading_deg) == (7.0, 271.5)
     assert of(entries, Attitude)[0].pitch_deg == 12.25
     wind = of(entries, Wind)[0]
@@ -146,7 +147,7 @@ def test_a_dataflash_log_reproduces_the_flight(tmp_path: Path) -> None:
     assert modes == [("mission", False), ("mission", True), ("mission", False)]
     assert of(entries, Connected)[0].stack.vehicle == "plane"
     assert [each.pulse_us[1] for each in of(entries, Outputs)].count(1900) == 19
-    # Of GPS week 2445, 100.1 s after its beginning.
+    # 100.1 s after the beginning of GPS week 2445.
     offset = log.unix_offset_us()
     assert offset is not None
     assert offset + 1_100_000 == (315_964_800 + 2445 * 604_800 + 100 - 18) * SECOND
@@ -160,7 +161,7 @@ def test_a_ulog_reproduces_the_flight(tmp_path: Path) -> None:
     assert log.damage == []
     assert {entry.system_id for entry in entries} == {3}
     places = of(entries, Position)
-    assert len(places) == 40  # what is not valid is none
+    assert len(places) == 40  # invalid values become None
     assert (places[5].lat_deg, places[5].altitude_relative_m) == (pytest.approx(36.3005), 50.0)
     assert places[5].heading_deg == pytest.approx(math.degrees(1.0))
     assert places[5].velocity_down_m_s == -1.0
@@ -184,7 +185,7 @@ def test_the_libraries_read_the_same_of_them(tmp_path: Path) -> None:
 
 
 def compare_dataflash(path: Path) -> int:
-    """Each position, by pymavlink; returns how many."""
+    """Compare each position with pymavlink's; return the number of positions."""
     reader = DFReader.DFReader_binary(str(path))
     theirs = []
     while (message := reader.recv_match(type=["POS"])) is not None:
@@ -196,7 +197,7 @@ def compare_dataflash(path: Path) -> int:
 
 
 def compare_ulog(path: Path) -> int:
-    """Each position, by pyulog; returns how many."""
+    """Compare each position with pyulog's; return the number of positions."""
     data = ULog(str(path), ["vehicle_global_position"]).data_list[0].data
     valid = data["lat_lon_valid"].astype(bool)
     columns = [data[name][valid].tolist() for name in ("timestamp", "lat", "lon", "alt")]
@@ -217,7 +218,7 @@ READERS: dict[str, tuple[Callable[[Path], Log], Callable[[], bytes]]] = {
 
 
 def tlog_at(path: Path, frames: list[tuple[int, bytes]], rate: float) -> Path:
-    """Frames of a simulation that ran so much faster than the recorder's clock."""
+    """Return the frames of a simulation that ran at this speed relative to the recorder's clock."""
     now = [0]
     with Tlog(path, lambda: BEGIN_US + now[0]) as tlog:
         for at_us, frame in frames:
@@ -260,7 +261,7 @@ def test_stamps_hold_where_the_autopilots_clock_is_only_inexact(tmp_path: Path) 
 
 @pytest.fixture(scope="module", params=["tlog", "bin", "ulg"])
 def written(request: Any, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, bytes, Any]:
-    """A log's path, its bytes and its reader."""
+    """Return a log's path, its bytes and its reader."""
     path = tmp_path_factory.mktemp("cut") / f"flight.{request.param}"
     if request.param == "tlog":
         pair = Pair(mock_of(stack_named("ardupilot", "plane")), down=JournalReader([]))
@@ -318,13 +319,13 @@ def test_noise_in_a_log_costs_what_it_covers_and_is_reported(
     assert found[-1] == whole[-1] or log.damage
     texts = [repr(entry) for entry in found]
     expected = {repr(entry) for entry in whole}
-    # Noise may look like a message where there are no checksums (in a .tlog: a time).
+    # In formats without checksums noise may look like a message (in a .tlog, like a time).
     assert sum(text not in expected for text in texts) <= (4 if reader is TlogLog else 6)
     assert len(found) >= len(whole) - 40
 
 
 def test_noise_is_reported_as_damage(written: tuple[Path, bytes, Any]) -> None:
-    """Seldom noise looks like a message that is skipped, such as one of another dialect."""
+    """Noise rarely looks like a message that is skipped, such as one of another dialect."""
     path, good, reader = written
     chance, damaged = random.Random(5), 0
     for _ in range(40):
@@ -336,7 +337,7 @@ def test_noise_is_reported_as_damage(written: tuple[Path, bytes, Any]) -> None:
 
 def test_noise_that_looks_like_a_subscription_ends_no_topic(tmp_path: Path) -> None:
     good = ulg_flight()
-    noise = b"\x00J\x05A\x00\x00\x00"  # found by the property above
+    noise = b"\x00J\x05A\x00\x00\x00"  # found by the property test above
     whole, _ = entries_of(tmp_path / "good.ulg", good, UlogLog)
     found, log = entries_of(tmp_path / "bad.ulg", good[:4096] + noise + good[4096:], UlogLog)
     assert log.damage
@@ -365,7 +366,7 @@ def _stamp(reader: Any, at_us: int) -> bytes:
 def test_a_log_that_begins_again_is_read_on(written: tuple[Path, bytes, Any]) -> None:
     path, good, reader = written
     if reader is not TlogLog:
-        return  # theirs begin once
+        return  # the others begin once
     whole, _ = entries_of(path, good, reader)
     later = bytearray(good)
     for each in {entry.event.at_us for entry in whole}:
@@ -377,7 +378,7 @@ def test_a_log_that_begins_again_is_read_on(written: tuple[Path, bytes, Any]) ->
 
 
 def test_a_mission_that_is_replaced_unseen_is_no_way_back(tmp_path: Path) -> None:
-    """ArduPilot does not log missions that came as files, PX4 no items at all."""
+    """ArduPilot does not log missions that were uploaded as files, and PX4 logs no items."""
     bin_path, ulg_path = tmp_path / "file.bin", tmp_path / "file.ulg"
     messages: list[tuple[Any, ...]] = [("MSG", 1, "ArduPlane V4.6.2 (deadbeef)")]
     messages += [("MISE", 1_000_000 * n, 9, n) for n in range(1, 6)]
@@ -390,7 +391,7 @@ def test_a_mission_that_is_replaced_unseen_is_no_way_back(tmp_path: Path) -> Non
     for path, replaced_us in ((bin_path, 7_000_000), (ulg_path, 3_000_000)):
         entries = list(open_log(path).entries())
         assert [each.at_us for each in of(entries, MissionReplaced)] == [replaced_us]
-        # The last step back is one within the same mission.
+        # The last return to an earlier item is within one mission.
         seqs = [each.current_seq for each in of(entries, MissionProgress)]
         assert seqs[-2:] in ([1, 0], [2, 1])
 
@@ -406,7 +407,9 @@ def test_columns_that_are_missing_are_reported_and_skipped(
     path.write_bytes(dataflash(messages))
     log = open_log(path)
     assert len(of(list(log.entries()), ModeChanged)) == 1
-    assert [str(each) for each in log.damage] == ["0 bytes at 0: POS has no 'Lat': omitted"]
+    assert [str(each) for each in log.damage] == [
+        "0 bytes at 0: POS has no field 'Lat' and is omitted"
+    ]
 
 
 def test_a_mode_has_a_name_when_the_firmware_is_known(tmp_path: Path) -> None:
@@ -449,9 +452,9 @@ def test_several_logs_are_one_by_time(tmp_path: Path, recorded: tuple[Path, Pair
     assert [each.log for each in entries].count(1) == len(list(logs[1].entries()))
     times = [each.at_us for each in entries]
     assert times == sorted(times)
-    assert {each.log for each in entries[:60]} == {0, 1}  # they flew at once
+    assert {each.log for each in entries[:60]} == {0, 1}  # the flights were simultaneous
     alone = next(merged([logs[0]]))
-    assert alone.at_us == alone.entry.event.at_us  # on its own clock
+    assert alone.at_us == alone.entry.event.at_us  # each log has its own clock
 
 
 # Real flights ---------------------------------------------------------------------------------
@@ -501,7 +504,7 @@ def test_real_tlogs(name: str) -> None:
     mine = of(entries, Position)
     assert log.damage == []
     assert [(p.lat_deg, p.lon_deg, p.altitude_amsl_m) for p in mine] == theirs
-    if name == "arduplane_perimeter":  # it was sent back at 134 s
+    if name == "arduplane_perimeter":  # it was ordered back at 134 s
         begin_us = json.loads((FLIGHTS / f"{name}.mission.json").read_text())["tlog_start_unix_us"]
         back = [
             (each.at_us - begin_us) / 1e6

@@ -1,4 +1,4 @@
-"""MAVProxy, driven by its own prompt, on the mock."""
+"""MAVProxy, controlled by its prompt, with the mock."""
 
 import os
 import subprocess
@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from autopilot_bridge.items import Items, Plan
-from autopilot_bridge.missions.wpl import write_wpl
+from autopilot_bridge.missions.wpl_file import write_wpl
 from tests.bridge.mock_process import HOME, free_port, mock_process, short_mission
 from tests.patience import PATIENCE_S
 
@@ -20,7 +20,7 @@ MODULES = "wp,mode,arm,misc,cmdlong,ftp"
 
 
 class Prompt:
-    """What MAVProxy prints, and a way to type."""
+    """The output of MAVProxy, and a function to enter commands."""
 
     def __init__(self, process: "subprocess.Popen[str]") -> None:
         self._process = process
@@ -35,14 +35,14 @@ class Prompt:
             self._text += letters.decode(errors="replace")
 
     def type(self, line: str) -> None:
-        """Enter a line; ``wait`` looks only at what is printed from now on."""
+        """Enter a line; ``wait`` then searches only later output."""
         assert self._process.stdin is not None
         self._seen = len(self._text)
         self._process.stdin.write(line + "\n")
         self._process.stdin.flush()
 
     def wait(self, words: str, within_s: float = PATIENCE_S) -> None:
-        """Return when the words are printed."""
+        """Wait until the words are printed."""
         end = time.monotonic() + within_s
         while words not in self._text[self._seen :]:
             if time.monotonic() > end:
@@ -75,7 +75,8 @@ def mavproxy(port: int, folder: Path) -> Iterator[Prompt]:
         process.stdout.close()
 
 
-# Each autopilot's way from the ground into its mission, and a mode where the mission can go.
+# For each autopilot: the way from the ground into its mission, and a mode in which uploads are
+# allowed.
 FLY = {
     ("ardupilot", "plane"): ("arm throttle", "mode AUTO"),
     ("px4", "plane"): ("arm throttle", "long DO_SET_MODE 1 4 4"),
@@ -83,7 +84,7 @@ FLY = {
 
 
 def written(folder: Path, mission: Items, home: tuple[float, float, float] | None) -> Path:
-    """A WPL file; PX4 has no home, so there the first item takes its place."""
+    """Write a WPL file; PX4 has no home, so its first item is at the place of home."""
     path = folder / "sent.txt"
     write_wpl(path, Plan(mission, home=home))
     if home is None:
@@ -95,7 +96,7 @@ def written(folder: Path, mission: Items, home: tuple[float, float, float] | Non
 
 
 def saved(path: Path) -> list[tuple[int, ...]]:
-    """Command, latitude and longitude (1e-6 deg) and altitude (m) of a file's items."""
+    """Return command, latitude, longitude (1e-6 deg) and altitude (m) of the items in a file."""
     rows = [line.split("\t") for line in path.read_text(encoding="utf-8").splitlines()[1:]]
     return [
         (int(row[3]), round(float(row[8]) * 1e6), round(float(row[9]) * 1e6), round(float(row[10])))

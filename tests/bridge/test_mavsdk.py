@@ -1,4 +1,4 @@
-"""MAVSDK, an independent client, on the mock: it must take the mock for an autopilot."""
+"""MAVSDK, an independent client, detects the mock as an autopilot and controls it."""
 
 import json
 import subprocess
@@ -11,10 +11,11 @@ from autopilot_bridge.items import MissionItem
 from autopilot_bridge.missions.read_back import same_as_sent
 from autopilot_bridge.stacks.stacks import stack_named
 from tests.bridge.mock_process import free_port, mock_process, short_mission
+from tests.patience import PATIENCE_S
 
 STACKS = [("px4", "plane"), ("ardupilot", "plane"), ("ardupilot", "copter")]
 
-# In a process of its own: MAVSDK is a C library with threads.
+# In a separate process, because MAVSDK is a C library with threads.
 CLIENT = """
 import json, sys, time
 from mavsdk import ComponentType, Configuration, Mavsdk
@@ -23,9 +24,10 @@ from mavsdk.plugins.mission_raw import MissionItem, MissionRaw
 from mavsdk.plugins.telemetry import FlightMode, Telemetry
 
 link, first, items = sys.argv[1], int(sys.argv[2]), json.loads(sys.argv[3])
+patience_s = float(sys.argv[4])
 
-def until(what, within_s=60.0):
-    end = time.monotonic() + within_s
+def until(what):
+    end = time.monotonic() + patience_s
     while not what():
         assert time.monotonic() < end, "it did not happen"
         time.sleep(0.05)
@@ -38,7 +40,7 @@ def listed(items):
 
 client = Mavsdk(Configuration.create_with_component_type(ComponentType.GROUND_STATION))
 client.add_any_connection(link)
-vehicle = client.first_autopilot(15.0)
+vehicle = client.first_autopilot(patience_s)
 missions, action, telemetry = MissionRaw(vehicle), Action(vehicle), Telemetry(vehicle)
 telemetry.set_rate_position(4.0)  # ArduCopter streams nothing unasked
 sent = [
@@ -81,11 +83,12 @@ def test_mavsdk_uploads_downloads_flies_and_clears_on_the_mock(name: str, kind: 
     port = free_port()
     with mock_process(port, name, kind, speedup=20.0):
         arguments = [f"udpin://127.0.0.1:{port}", str(hidden), json.dumps([*map(astuple, sent)])]
+        arguments.append(str(PATIENCE_S))
         client = subprocess.run(
             [sys.executable, "-c", CLIENT, *arguments],
             capture_output=True,
             text=True,
-            timeout=60,
+            timeout=2 * PATIENCE_S,
             check=False,
         )
     assert client.returncode == 0, client.stderr
@@ -96,7 +99,7 @@ def test_mavsdk_uploads_downloads_flies_and_clears_on_the_mock(name: str, kind: 
     for ours, theirs in zip(sent[hidden:], items[hidden:], strict=True):
         assert same_as_sent(ours, theirs, stack)
     assert flown[-1] == len(sent) - 1
-    assert sorted(flown) == flown  # none was flown twice
+    assert sorted(flown) == flown  # no item was flown twice
     assert height_m > 15.0
     assert back == hidden + 1
     assert left == hidden  # ArduPilot's item 0 is its home

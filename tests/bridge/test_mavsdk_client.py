@@ -1,4 +1,4 @@
-"""What only the MAVSDK client has: its verdicts, and what it cannot do."""
+"""Behaviour of the MAVSDK client only: its verdicts, and unsupported requests."""
 
 from dataclasses import replace
 
@@ -20,14 +20,15 @@ PROGRESS = events.MissionProgress
 async def transfers_over_tcp() -> None:
     port, mission = free_port(), short_mission(legs=100)
     async with station("mavsdk", port, "tcpin") as client:
-        # In real time: a fast mock repeats requests so soon that a busy MAVSDK ends the transfer.
+        # In real time: a fast mock repeats requests so quickly that MAVSDK ends the transfer.
         with mock_process(port, "ardupilot", speedup=1.0, link="tcp"):
             await client.next(events.Connected)
             for _ in range(UPLOADS_TRIED):
                 sent = client.vehicle.upload(mission, clock_us(), begin=2)
                 if (reason := (await client.transfer(sent)).reason) == "accepted":
                     break
-                assert "INVALID_SEQUENCE" in reason  # MAVSDK's word for a request that came twice
+                # MAVSDK's result for a request that arrived twice.
+                assert "INVALID_SEQUENCE" in reason
             assert reason == "accepted"
             numbers = [event.current_seq for event in client.seen if isinstance(event, PROGRESS)]
             assert numbers[-1] == 2
@@ -43,7 +44,7 @@ def test_frames_may_come_several_at_once() -> None:
     ("name", "result_name", "read", "outcome", "holds"),
     [
         ("px4", "SUCCESS", "sent", "accepted", "the new one"),
-        ("px4", "TIMEOUT", "sent", "accepted", "the new one"),  # only the last answer was lost
+        ("px4", "TIMEOUT", "sent", "accepted", "the new one"),  # only the last reply was lost
         ("px4", "TIMEOUT", "other", "failed", "the old one"),
         ("px4", "UNSUPPORTED", "other", "rejected", "the old one"),
         ("px4", "SUCCESS", None, "unknown", "one of both"),

@@ -1,4 +1,4 @@
-"""A mission that was uploaded in flight: what is reported of it is what is held and flown."""
+"""Uploads in flight: the reported mission is the mission that the vehicle holds and flies."""
 
 from random import Random
 from typing import Any
@@ -22,7 +22,7 @@ CODEC = Codec(1, 1)
 
 
 def flying(stack: Stack, **more: Any) -> Pair:
-    """In its mission, some items into it."""
+    """Return a vehicle that has flown some items of its mission."""
     pair = Pair(mock_of(stack), **more)
     pair.run_for(1.0)
     pair.result_of(pair.client.upload((takeoff(*HOME[:2], 340.0), *line_of(6)), pair.now_us))
@@ -42,7 +42,7 @@ def kept(items: Items, stack: Stack) -> Items:
 
 
 def near(pair: Pair, count: int) -> Items:
-    """Waypoints ahead, so near that the first are soon passed."""
+    """Return waypoints ahead that are so near that the first are passed soon."""
     position = pair.client.position
     assert position is not None
     place = (position.lat_deg, position.lon_deg)
@@ -57,7 +57,7 @@ def near(pair: Pair, count: int) -> Items:
 def test_over_a_lossy_link_report_and_vehicle_agree_in_flight(
     stack: Stack, loiters: bool, ten: int
 ) -> None:
-    """Twenty per cent lost, both ways; 200 uploads in all."""
+    """The link loses 20 % of the frames in each direction; the test makes 200 uploads in total."""
     for seed in range(10 * ten, 10 * ten + 10):
         rng = Random(seed)
         pair = flying(stack)
@@ -79,15 +79,17 @@ def test_over_a_lossy_link_report_and_vehicle_agree_in_flight(
         assert result.holds == "the new one"
         assert (pair.mock.flight.mode == "mission") != loiters, seed
         reached = pair.mock.flight.current
-        for _ in range(20):  # nothing that is still under way throws it back
+        for _ in range(20):  # no message in transit resets the current item
             pair.run_for(0.5)
             assert pair.mock.flight.current >= reached, seed
             reached = pair.mock.flight.current
 
 
 def test_px4_that_passes_over_the_takeoff_is_flying_the_new_mission() -> None:
-    """As seen on PX4 1.17: it reported item 1 alone, was asked for item 0 six times, and the upload
-    was reported as failed."""
+    """PX4 1.17 behaved as in this test.
+
+    It reported only item 1, item 0 was commanded six times, and the upload was reported as failed.
+    """
     pair = flying(PX4)
     pair.up = Noting()
     new = (takeoff(*HOME[:2], 340.0), *line_of(8, first=2))
@@ -107,12 +109,12 @@ def test_px4_is_asked_to_begin_where_it_holds_the_very_same_mission() -> None:
     result = pair.result_of(pair.client.upload(same, pair.now_us))
     assert result.outcome == "accepted"
     assert len(pair.up.asked_to_begin()) == 1
-    assert pair.mock.flight.current == 1  # the takeoff is passed over
+    assert pair.mock.flight.current == 1  # the takeoff is skipped
 
 
 @pytest.mark.parametrize("loiters", [False, True], ids=["in mission", "in loiter"])
 def test_what_px4_holds_and_would_not_fly_is_refused_with_the_reason(loiters: bool) -> None:
-    """Seen on PX4 1.17 in LOITER: acknowledged as accepted, "Mission rejected" in its log."""
+    """PX4 1.17 in LOITER acknowledged the mission as accepted and logged "Mission rejected"."""
     pair = flying(PX4)
     if loiters:
         pair.client.command("hold", pair.now_us)
@@ -182,9 +184,10 @@ def test_an_arduplane_that_is_seen_on_its_old_way_is_asked_again() -> None:
     job.start(0)
     job.receive(current(5), 1 * SECOND)
     assert len(job.handle_timer(1_500_000)) == 1
-    job.receive(current(6), 2_400_000)  # the old target was reached: on in the new list from there
+    # The vehicle has reached the old target and continues in the new list.
+    job.receive(current(6), 2_400_000)
     assert len(job.handle_timer(3_000_000)) == 1
-    job.receive(current(2), 3_500_000)  # the acknowledgement got lost
+    job.receive(current(2), 3_500_000)  # the acknowledgement was lost
     assert job.result is not None
     assert job.result.outcome == "accepted"
 
@@ -192,7 +195,7 @@ def test_an_arduplane_that_is_seen_on_its_old_way_is_asked_again() -> None:
 def test_an_arduplane_that_went_on_from_the_first_item_is_not_thrown_back() -> None:
     job = begun(ARDUPLANE, seq=1, before=Onboard(1, None, False))
     job.start(0)
-    job.receive(current(1), 1 * SECOND)  # the old target or the new one: it cannot be determined
+    job.receive(current(1), 1 * SECOND)  # the old or the new target; it cannot be determined
     assert job.result is None
     job.receive(current(2), 1_400_000)
     assert job.result is not None

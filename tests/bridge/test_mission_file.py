@@ -1,4 +1,4 @@
-"""The mission file as bytes."""
+"""Encoding and decoding of mission files."""
 
 import math
 import struct
@@ -44,7 +44,7 @@ def test_a_file_is_a_header_and_the_payloads_of_the_item_messages() -> None:
     payloads = b""
     for seq, item in enumerate(sent):
         frame = item_message((1, 1), seq, item, 0, 0).pack(codec)
-        payloads += bytes(frame[10:-2]).ljust(38, b"\0")  # MAVLink 2 cuts zeros at the end
+        payloads += bytes(frame[10:-2]).ljust(38, b"\0")  # MAVLink 2 omits trailing zeros
     data = encode_mission_file(sent, 0, (1, 1))
     assert data[:10] == struct.pack("<5H", 0x763D, 0, 0, 0, 5)
     assert data[10:] == payloads

@@ -1,4 +1,4 @@
-"""Faults to order, and several mocks on one link."""
+"""Faults of the mock on request, and several mocks on one link."""
 
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink

@@ -1,4 +1,4 @@
-"""Faults to order: their words, and what they do to a mock on a link."""
+"""Faults of the mock on request: their syntax, and their effects on a link."""
 
 from dataclasses import replace
 from typing import Any
@@ -54,7 +54,7 @@ def test_bad_faults_are_reported_in_one_line(word: str) -> None:
 
 
 class Listener:
-    """A ground station that receives all and sends the given messages."""
+    """A ground station that receives all messages and sends the given ones."""
 
     def __init__(self, faults: Faults, stack: Any = PLANE, seed: int = 0) -> None:
         self.peer = FaultyMock(mock_of(stack), faults, seed)
@@ -84,7 +84,7 @@ class Listener:
         return [(at_s, m) for at_s, m in self.received if m.get_type() == name]
 
     def upload(self, items: tuple[Any, ...]) -> None:
-        """As requests are received; one that is not answered is asked again."""
+        """Upload items as requested; repeat an unanswered message."""
         self.send(count(len(items)))
         answered: set[int] = set()
         for _ in range(1000):
@@ -102,7 +102,7 @@ class Listener:
 def test_a_silence_has_a_beginning_and_an_end() -> None:
     link = Listener(Faults(silence=[(5.0, 12.0)]))
     link.run(8.0)
-    link.send(count(3))  # not received
+    link.send(count(3))  # the mock did not receive the message
     link.run(20.0)
     times = [at_s for at_s, _ in link.received]
     assert [at_s for at_s in times if 5.0 <= at_s < 12.0] == []
@@ -177,7 +177,7 @@ def test_a_second_station_uploads_and_downloads(stack: Any) -> None:
     before = len(link.peer.mock.missions.items)
     link.run(15.0)
     assert before == 0
-    assert len(link.peer.mock.missions.items) in (3, 4)  # with home
+    assert len(link.peer.mock.missions.items) in (3, 4)  # including home
     link.run(40.0)
     counts = [(at_s, m.target_system) for at_s, m in link.of("MISSION_COUNT")]
     by_file = [at_s for at_s, _ in link.of("FILE_TRANSFER_PROTOCOL") if at_s >= 20.0]
@@ -203,7 +203,8 @@ def test_loss_delay_and_duplication_hold_both_ways() -> None:
     assert delayed.received[0][0] == pytest.approx(plain.received[0][0] + 0.4)
     delayed.send(listing())
     delayed.run(62.0)
-    assert delayed.of("MISSION_COUNT")[0][0] == pytest.approx(60.82, abs=0.03)  # there and back
+    # The loss occurs in both directions.
+    assert delayed.of("MISSION_COUNT")[0][0] == pytest.approx(60.82, abs=0.03)
 
 
 def test_the_same_seed_gives_the_same_faults() -> None:

@@ -1,4 +1,4 @@
-"""What the mock reports of a mission that it flies."""
+"""Reports of the mock about a mission in flight."""
 
 from autopilot_bridge.items import MissionItem, takeoff
 from autopilot_bridge.mock.autopilot import MockAutopilot
@@ -22,7 +22,7 @@ DROP = MissionItem(211, 2, 0, 0, 0.0, 1.0, 0.0)
 
 
 def flown(stack: Stack, seconds: float) -> tuple[Player, list[Line]]:
-    """Takeoff, a waypoint, a release, two waypoints and a loiter; the messages sent meanwhile."""
+    """Fly a takeoff, a waypoint, a release, two waypoints, a loiter; return the sent messages."""
     player = player_of(stack)
     first, second, *rest = line_of(4)
     home = (first,) if stack.item_0_is_home else ()
@@ -64,7 +64,7 @@ def test_ardupilot_reports_waypoints_once_and_names_what_it_begins() -> None:
 
 def test_arducopter_begins_its_item_again_at_every_change() -> None:
     player, _ = flown(COPTER, 0.5)
-    lines = player.send(count(4))  # cut from 7
+    lines = player.send(count(4))  # truncated from 7
     assert texts(lines) == ["Mission: 1 Takeoff", "Auto mission changed, restarted command"]
     for seq in (0, 1):
         lines = player.send(item(seq, line_of(4, 9)[seq]))

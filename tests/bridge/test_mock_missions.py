@@ -1,4 +1,4 @@
-"""The main features of each stack's mission protocol, in short exchanges made for these tests."""
+"""The main features of each stack's mission protocol, in short exchanges."""
 
 from dataclasses import replace
 
@@ -65,7 +65,8 @@ def test_a_silent_uploader_is_asked_again_and_given_up() -> None:
     player.send(count(3))
     replies = player.listen(12.0)
     assert len(brief(replies)) == pytest.approx(19, abs=1)
-    assert {name for name, _ in brief(replies)} == {"MISSION_REQUEST_INT"}  # and no ACK
+    # The mock sends no MISSION_ACK.
+    assert {name for name, _ in brief(replies)} == {"MISSION_REQUEST_INT"}
     assert texts(replies) == ["Operation timeout"]
 
 
@@ -73,7 +74,7 @@ def test_a_cancelled_upload_ends_on_px4_and_goes_on_on_ardupilot() -> None:
     for stack, still_asks in ((PX4, False), (PLANE, True)):
         player = player_of(stack)
         player.send(count(3))
-        player.send(ack(15, 1))  # of another list
+        player.send(ack(15, 1))  # for another list
         assert brief(player.send(item(0, line_of(3)[0])))[0][1] == 1
         assert brief(player.send(ack(15))) == []
         assert bool(brief(player.listen(3.0))) == still_asks

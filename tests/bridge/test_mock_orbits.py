@@ -1,4 +1,4 @@
-"""The mock on orbits, as the real ones fly them (PX4 1.17, ArduPlane 4.6.2)."""
+"""Orbits of the mock, compared with those of PX4 1.17 and ArduPlane 4.6.2."""
 
 import math
 
@@ -37,7 +37,7 @@ def test_a_px4_plane_orbits_its_own_position_by_its_own_radius_by_default() -> N
     pair.client._send(orbit)
     pair.run_for(120.0)
     there = (position.lat_deg, position.lon_deg)
-    assert distances_m(pair, there)[-1] == pytest.approx(80.0, abs=8.0)  # it moved on meanwhile
+    assert distances_m(pair, there)[-1] == pytest.approx(80.0, abs=8.0)  # it moved in the meantime
     assert turned_deg(pair, there) > 0.0
     assert pair.of(Position)[-1].altitude_amsl_m == pytest.approx(position.altitude_amsl_m, abs=5.0)
 

@@ -1,4 +1,4 @@
-"""Every item of a mission is flown or switched, in the order of the stack."""
+"""The mock flies or switches every item of a mission, in the order of the stack."""
 
 import math
 from dataclasses import replace
@@ -34,7 +34,7 @@ def north(metres: float, **more: float) -> MissionItem:
 
 
 def do(command: int, *params: float) -> MissionItem:
-    """A DO item with params 1 to 4."""
+    """Return a DO item with params 1 to 4."""
     p1, p2, p3, p4 = (*params, *(0.0,) * (4 - len(params)))
     return MissionItem(command, 2, 0, 0, 0.0, p1, p2, p3, p4)
 
@@ -51,7 +51,7 @@ def test_ardupilot_switches_all_it_has() -> None:
         do(42600, 1, 1, 12.5, 1.0),
         do(42600, 1, 2, 12.5, 1.5),
         do(216, 1),
-        do(183, 1, 1900),  # the aileron's
+        do(183, 1, 1900),  # the output of the aileron
     )
     flight = flown(COPTER, (UP, north(60), *dos, HOVER))
     flight.steps(60.0)
@@ -89,7 +89,7 @@ def test_servo_outputs_are_sent_over_the_link() -> None:
     mock = flight.mock
     mock.intervals.set(mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW, 1e6)
     mock.handle_timer(0)
-    for minute in range(80):  # beyond 2**32 microseconds
+    for minute in range(80):  # later than 2**32 microseconds
         mock.handle_timer(60_000_000 * minute)
     received = [m for datagram in mock.data_to_send() for m in Codec(255, 190).decode(datagram)]
     servos = [m for m in received if m.get_type() == "SERVO_OUTPUT_RAW"]
@@ -172,7 +172,7 @@ def test_loiter_time_ends_after_its_time_and_turns_by_its_sign(stack: Stack, sig
         assert math.copysign(1.0, turned) == sign
         centre = flight.mock.flight.frame.local(place)
         off = math.hypot(motions[-1].north_m - centre[0], motions[-1].east_m - centre[1])
-        # ArduPilot keeps of this radius only the sign.
+        # ArduPilot stores only the sign of this radius.
         asked_m = 80.0 if stack.name == "ardupilot" else 100.0
         assert off == pytest.approx(asked_m + wider_m(stack), abs=3.0)
 
@@ -247,7 +247,7 @@ def test_the_return_item_brings_it_home(stack: Stack) -> None:
 
 @each_stack
 def test_what_the_checks_let_through_is_taken(stack: Stack) -> None:
-    """Upload of the items above to the mission server."""
+    """Upload the items above to the mission server."""
     player = player_of(stack)
     ardupilot = stack.name == "ardupilot"
     dos = (183, 181, 216, 112, 114) if ardupilot else (187,)

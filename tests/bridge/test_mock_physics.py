@@ -1,4 +1,4 @@
-"""How the mock moves: wind, limits, terrain, battery."""
+"""Motion of the mock: wind, limits, terrain, battery."""
 
 import math
 from dataclasses import dataclass, replace
@@ -30,13 +30,13 @@ M = 1e-5 / 1.10974  # about a metre of latitude, in degrees
 
 @dataclass
 class Flown:
-    """A mock on its mission without a link."""
+    """A mock that flies its mission without a link."""
 
     mock: MockAutopilot
     now_s: float = 0.0
 
     def steps(self, seconds: float) -> list[Motion]:
-        """Fly on; a copy of the motion after each step."""
+        """Advance step by step; return a copy of the motion after each step."""
         seen = []
         for _ in range(round(seconds / STEP_S)):
             self.now_s += STEP_S
@@ -46,7 +46,7 @@ class Flown:
 
 
 def flown(stack: Stack, items: tuple[MissionItem, ...], **more: Any) -> Flown:
-    """Armed, in its mission."""
+    """Return an armed mock in its mission."""
     mock = mock_of(stack, **more)
     home = (waypoint(*HOME),) if stack.item_0_is_home else ()
     mock.flight.items = (*home, *items)
@@ -56,7 +56,7 @@ def flown(stack: Stack, items: tuple[MissionItem, ...], **more: Any) -> Flown:
 
 
 def north_then_east(z: float = 360.0) -> tuple[MissionItem, ...]:
-    """2 km north, then 3 km east."""
+    """Return a mission of 2 km to the north, then 3 km to the east."""
     first = waypoint(36.3 + 2000 * M, -84.2, z)
     return (takeoff(*HOME[:2], z), first, waypoint(36.3 + 2000 * M, -84.2 + 3000 * M / 0.809, z))
 
@@ -135,7 +135,7 @@ def test_climb_sink_and_yaw_have_limits() -> None:
     motion = Motion(0.0, 0.0, 100.0)
     for _ in range(8):
         step_copter(motion, (0.0, 500.0), 100.0, limits, stop=True)
-    assert motion.speed_m_s == pytest.approx(3.0)  # after a second
+    assert motion.speed_m_s == pytest.approx(3.0)  # the motion after one second
     assert math.degrees(motion.heading_rad) == pytest.approx(45.0, abs=8.0)
     assert motion.course_rad == pytest.approx(math.pi / 2)
 
@@ -155,7 +155,7 @@ def test_a_copter_holds_its_place_in_wind_up_to_its_highest_airspeed() -> None:
 
 
 def hill(lat_deg: float, lon_deg: float) -> float:
-    """From 300 m up to 500 m within 2 km north of home."""
+    """Return the terrain: it rises from 300 m to 500 m within 2 km north of home."""
     return 300.0 + max(0.0, min((lat_deg - 36.3) / M / 10.0, 200.0))
 
 
@@ -182,7 +182,7 @@ def test_a_vehicle_that_flies_into_the_ground_has_crashed_and_stays_there(stack:
     assert mock.flight.motion.north_m == pytest.approx(1000.0, abs=30.0)
     assert any(words.startswith("SIM Hit ground") for _, words in mock.flight.texts)
     before = replace(mock.flight.motion)
-    mock.flight.armed = True  # what a station may try
+    mock.flight.armed = True  # commands that a station may send
     flight.steps(10.0)
     assert mock.flight.motion == before
     assert not mock.flight.armed

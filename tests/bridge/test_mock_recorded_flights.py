@@ -1,4 +1,4 @@
-"""The mock flies the missions of recorded flights in about the time that they took."""
+"""The mock flies recorded missions in about the recorded time."""
 
 import json
 from dataclasses import replace
@@ -22,7 +22,7 @@ SITL_WIND = Wind(240.0, 5.0)
 
 
 def messages(path: Path) -> list[tuple[float, Any]]:
-    """(seconds, message) of a tlog."""
+    """Return (seconds, message) of a tlog."""
     data, decoder = path.read_bytes(), mavlink.MAVLink(None)
     found, at = [], 0
     while at < len(data):
@@ -39,7 +39,7 @@ def item_of(fields: dict[str, Any]) -> MissionItem:
 
 
 def legs(times: dict[int, float]) -> dict[tuple[int, int], float]:
-    """Seconds from each item to the next one reported."""
+    """Return the seconds from each item to the next reported one."""
     seqs = sorted(times)
     return {(a, b): times[b] - times[a] for a, b in pairwise(seqs)}
 
@@ -67,7 +67,7 @@ def test_legs_take_as_long_as_recorded(
     items = tuple(item_of(fields) for fields in recorded_missions["missions"][mission]["items"])
     received = messages(FOLDER / f"{name}.tlog")
     speeds = [m.airspeed for _, m in received if m.get_type() == "VFR_HUD" and m.airspeed > 3.0]
-    reached: list[dict[int, float]] = [{}]  # of each mission
+    reached: list[dict[int, float]] = [{}]  # items of each mission
     for at_s, message in received:
         if message.get_type() == "MISSION_ITEM_REACHED":
             if message.seq < max(reached[-1], default=0):
@@ -87,7 +87,7 @@ def test_legs_take_as_long_as_recorded(
         vehicle.reached.clear()
     expected = {leg: s for leg, s in legs(reached[mission]).items() if leg[0] >= after}
     given = legs(flown)
-    short = [leg for leg in expected if items[leg[1]].command != 20]  # not the way home
+    short = [leg for leg in expected if items[leg[1]].command != 20]  # the way home is not compared
     assert len(short) >= 5
     assert {leg: given[leg] for leg in short} == pytest.approx(
         {leg: expected[leg] for leg in short}, abs=within_s

@@ -1,4 +1,4 @@
-"""Orders in flight, each stack's own way; a refusal is reported as text."""
+"""Commands in flight on each stack; a refusal is reported as text."""
 
 import itertools
 import math
@@ -7,7 +7,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.errors import BridgeError
-from autopilot_bridge.links.link import MemoryLink
+from autopilot_bridge.links.memory_link import MemoryLink
 from autopilot_bridge.missions.transfer import TransferTiming
 from autopilot_bridge.mock.body import wider_m
 from autopilot_bridge.stacks.stacks import STACKS, Stack, Step, stack_named
@@ -22,12 +22,12 @@ each_stack = pytest.mark.parametrize("stack", STACKS, ids=lambda s: f"{s.name}-{
 circling = pytest.mark.parametrize(
     "stack", [PX4, PX4_COPTER, PLANE], ids=lambda s: f"{s.name}-{s.vehicle}"
 )
-NORTH_M, EAST_M = 110_974.0, 89_830.0  # a degree at home
+NORTH_M, EAST_M = 110_974.0, 89_830.0  # length of a degree at home
 PLACE = (36.304, -84.196)
 
 
 def outcome(pair: Pair, command_id: int, within_s: float = 30.0) -> CommandFinished:
-    """Run until an order has ended."""
+    """Run until a command has ended."""
     for _ in range(round(within_s * 20)):
         for event in pair.of(CommandFinished):
             if event.command_id == command_id:
@@ -65,7 +65,7 @@ def distances_m(pair: Pair, place: tuple[float, float], last: int = 80) -> list[
 
 
 def turned_deg(pair: Pair, place: tuple[float, float]) -> float:
-    """How far the bearing from a place went round, clockwise positive."""
+    """Return the change of bearing from a place in degrees, clockwise positive."""
     bearings = [
         math.degrees(
             math.atan2((at.lon_deg - place[1]) * EAST_M, (at.lat_deg - place[0]) * NORTH_M)
@@ -252,7 +252,7 @@ def test_a_return_takes_the_place_of_orders_that_have_not_ended() -> None:
 
 
 def test_no_order_outlives_a_restart_of_the_autopilot() -> None:
-    """The new mode ends it, sooner than the times since boot show the restart."""
+    """The new mode ends the command before the times since boot show the restart."""
     pair = airborne(COPTER)
     pair.up = MemoryLink(loss=1.0)
     command_id = pair.client.command("start mission", pair.now_us)
@@ -388,7 +388,7 @@ def test_repeats_are_counted_and_a_refusal_after_one_is_reported_with_that() -> 
     sequence.handle_timer(1_400_000)
     assert sequence.outcome == (
         False,
-        "NAV_TAKEOFF failed when repeated; it may have been accepted before",
+        "NAV_TAKEOFF failed when it was repeated; it may have been accepted before",
     )
     silent = begun()
     for second in (1, 2, 3):

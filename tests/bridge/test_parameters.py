@@ -1,4 +1,4 @@
-"""Parameters: read one, read all, set, in each stack's encoding, over links that lose."""
+"""Parameters: read one, read all, set one, in each stack's encoding, over lossy links."""
 
 import struct
 
@@ -6,7 +6,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.errors import BridgeError
-from autopilot_bridge.links.link import MemoryLink
+from autopilot_bridge.links.memory_link import MemoryLink
 from autopilot_bridge.stacks.stacks import STACKS, Stack, stack_named
 from autopilot_bridge.vehicle.client_events import ParametersFinished
 from autopilot_bridge.vehicle.parameters import (

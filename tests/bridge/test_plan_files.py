@@ -1,4 +1,4 @@
-"""Plan files: what is written is read again, by this reader and by others."""
+"""Plan files: this reader and other programs read what was written."""
 
 import json
 import math
@@ -12,12 +12,12 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.items import NO_POSITION, Items, MissionItem, Plan, jumps_moved, params_of
-from autopilot_bridge.missions.planfile import read_any, write_any, write_plan
-from autopilot_bridge.missions.wpl import write_wpl
+from autopilot_bridge.missions.plan_file import read_any, write_any, write_plan
+from autopilot_bridge.missions.wpl_file import write_wpl
 from autopilot_bridge.stacks.stacks import stack_named
 from tests.bridge.helpers import HOME, flight_of
 
-# From the plan file format page of QGroundControl's developer guide.
+# From the page "Plan File Format" of QGroundControl's developer guide.
 DOCUMENTED = """{
  "fileType": "Plan", "groundStation": "QGroundControl", "version": 1,
  "geoFence": {
@@ -93,7 +93,7 @@ def test_a_plan_file_comes_back_as_it_was(
     path = tmp_path_factory.mktemp("plan") / "a.plan"
     plan = Plan(mission, fence, rally, home)
     write_plan(path, plan, stack_named("px4", "plane"))
-    assert repr(read_any(path)) == repr(plan)  # repr: NaN is like NaN
+    assert repr(read_any(path)) == repr(plan)  # repr, because NaN is not equal to NaN
 
 
 @given(missions(), homes)
@@ -139,7 +139,7 @@ def test_the_written_plan_has_what_qgroundcontrol_requires(tmp_path: Path) -> No
     assert first["params"][4:] == [36.3, -84.2, 360.0]
     assert relative["AltitudeMode"] == 1
     assert (terrain["AltitudeMode"], terrain["params"][3]) == (4, None)
-    assert last["params"][0] == 2.0  # the doJumpId of the item at place 1
+    assert last["params"][0] == 2.0  # the doJumpId of the item at index 1
     assert "Altitude" not in last
     assert content["geoFence"] == {"circles": [], "polygons": [], "version": 2}
 
@@ -168,7 +168,7 @@ def test_an_open_position_is_null_in_the_file(tmp_path: Path) -> None:
 
 
 def changed(tmp_path: Path, change: dict[str, Any]) -> Path:
-    """The documented plan with other values at dotted keys."""
+    """Return the documented plan with other values at dotted keys."""
     content = json.loads(DOCUMENTED)
     for key, value in change.items():
         *way, last = (int(part) if part.isdigit() else part for part in key.split("."))
@@ -312,7 +312,8 @@ def test_a_wpl_file_holds_no_fence(tmp_path: Path) -> None:
 
 def test_positions_are_kept_in_the_units_of_their_frame() -> None:
     assert params_of(MissionItem(16, 0, 10_000_000, 0, 0.0))[4] == 1.0
-    assert params_of(MissionItem(187, 2, 1, 0, 0.0))[4] == 1.0  # a bare param 5
+    # Param 5 of an item without a position.
+    assert params_of(MissionItem(187, 2, 1, 0, 0.0))[4] == 1.0
     assert params_of(MissionItem(203, mavlink.MAV_FRAME_GLOBAL, 1, 0, 0.0))[4] == 1.0
     assert params_of(MissionItem(16, mavlink.MAV_FRAME_LOCAL_NED, 10_000, 0, 0.0))[4] == 1.0
 

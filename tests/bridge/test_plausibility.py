@@ -1,4 +1,4 @@
-"""Times since boot and places that cannot be, remotes that are not the vehicle's."""
+"""Implausible times since boot and positions, and remotes that are not the vehicle's."""
 
 import math
 import random
@@ -12,7 +12,7 @@ from autopilot_bridge.clients.native import NativeClient
 from autopilot_bridge.clients.shared_link import SharedLink
 from autopilot_bridge.items import MissionItem
 from autopilot_bridge.links.codec import Codec
-from autopilot_bridge.missions.value_bounds import (
+from autopilot_bridge.links.message_bounds import (
     BOUNDS,
     UNKNOWN,
     list_out_of_bounds,
@@ -56,7 +56,7 @@ def position(boot_us: int, north_m: float = 0.0, up_m: float = 0.0) -> Any:
 def stream(
     clock: BootClock, rate: float, seconds: float, every_s: float = 0.25, at_us: int = 0
 ) -> int:
-    """Times of an autopilot that booted at 0 of the link's clock; all must be kept."""
+    """Process times of an autopilot that booted at 0 of the link's clock; all must be accepted."""
     end_us = at_us + round(seconds * SECOND)
     while at_us < end_us:
         assert clock.judge(round(rate * at_us), at_us) == "kept"
@@ -139,7 +139,7 @@ def test_one_true_message_keeps_another_time_out() -> None:
 
 @pytest.mark.parametrize("rate", [1.0, 20.0])
 def test_times_ahead_that_are_used_make_no_true_one_old(rate: float) -> None:
-    """Those within what bursts and simulations may be off by."""
+    """The times ahead are within the tolerance for bursts and simulations."""
     clock = BootClock()
     now_us = stream(clock, rate, 60.0)
     used = 0
@@ -161,7 +161,7 @@ def test_one_value_again_and_again_is_no_clock() -> None:
 
 
 def delays(chance: random.Random, longest_s: float) -> Iterator[float]:
-    """In seconds: a link that stops now and then and sends all that has waited in one burst."""
+    """Return delays in s of a link that sometimes stops and then delivers all data in a burst."""
     while True:
         for _ in range(chance.randrange(20, 200)):
             yield chance.uniform(0.0, 0.8)
@@ -178,14 +178,14 @@ def test_delays_and_bursts_are_in_order(rate: float, longest_s: float, seed: int
         sent_us += SECOND // 4
         arrivals.append((sent_us + round(delay_s * SECOND), round(rate * sent_us)))
     latest_us = 0
-    for at_us, boot_us in arrivals:  # a link keeps the order
+    for at_us, boot_us in arrivals:  # a link does not change the order
         latest_us = max(latest_us, at_us)
         assert clock.judge(boot_us, latest_us) == "kept"
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_a_simulation_may_fall_behind_and_catch_up(seed: int) -> None:
-    """As the mock does at 20 times real time on a machine that is busy for seconds."""
+    """The mock at 20 times real time falls behind if the machine is busy for seconds."""
     chance, clock = random.Random(seed), BootClock()
     now_us = boot_us = 0
     busy_until_us = 0
@@ -203,7 +203,7 @@ def test_a_simulation_may_fall_behind_and_catch_up(seed: int) -> None:
 
 
 class Vehicle:
-    """A client fed with one vehicle's messages, at 4 positions a second."""
+    """A client that receives the messages of one vehicle with 4 positions a second."""
 
     def __init__(self, max_speed_m_s: float | None = 60.0) -> None:
         self.client = NativeClient(max_speed_m_s=max_speed_m_s)
@@ -268,7 +268,7 @@ def test_a_vehicle_that_stays_where_it_was_moved_to_is_there() -> None:
     vehicle.fly(9.0)
     assert max(vehicle.norths_m()) == 9600
     assert [event.kind for event in vehicle.of(Implausible)] == ["jump", "jump"]
-    assert "used from now on" in str(vehicle.of(Implausible)[1])
+    assert "is used now" in str(vehicle.of(Implausible)[1])
 
 
 def test_places_a_little_off_do_not_lead_away() -> None:
@@ -351,7 +351,7 @@ ABSURD = (math.nan, math.inf, -math.inf, 1e38, -1e38, 3.4e38)
 
 
 def filled(kind: str, value: float) -> Iterator[tuple[str, Any]]:
-    """The message with this value in one float field after another."""
+    """Yield the message once for each float field, with this value in the field."""
     message_class = next(each for each in mavlink.mavlink_map.values() if each.msgname == kind)
     for field, type_name in zip(message_class.fieldnames, message_class.fieldtypes, strict=True):
         if type_name == "float":
@@ -401,7 +401,7 @@ def test_an_item_that_is_nowhere_is_not_read() -> None:
     assert out_of_bounds(item(0, 0, math.inf)) == "MISSION_ITEM_INT.z is inf"
     assert out_of_bounds(item(0, 0, 0.0, 1e38)) == "MISSION_ITEM_INT.param1 is 1e+38"
     good, bad = (MissionItem(16, 3, 0, 0, z) for z in (100.0, math.nan))
-    assert list_out_of_bounds((good, bad)) is None  # an altitude that is left open
+    assert list_out_of_bounds((good, bad)) is None  # an altitude that is undefined
     worse = MissionItem(16, 3, 0, 0, math.inf)
     assert list_out_of_bounds((good, worse)) == "item 1: MISSION_ITEM_INT.z is inf"
 
@@ -441,7 +441,7 @@ def test_another_remote_takes_over_after_silence_by_a_heartbeat(signed: bool) ->
     assert not source.accepts("other", False, 3 * SECOND)
     assert source.accepts("other", True, 3 * SECOND)
     assert kinds(source) == ([] if signed else [RemoteChanged])
-    assert source.accepts("own", True, 4 * SECOND)  # it was first
+    assert source.accepts("own", True, 4 * SECOND)  # it was bound first
     assert not source.accepts("other", True, 4 * SECOND + 1)
     assert source.accepts("own", False, 4 * SECOND + 2)
     assert kinds(source) == [SameSystemId]

@@ -1,4 +1,4 @@
-"""pymavlink's own waypoint code (mavwp, mavftp, mavutil) on the mock, as its examples use it."""
+"""pymavlink's waypoint code (mavwp, mavftp, mavutil) with the mock, as in its examples."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -15,31 +15,32 @@ from autopilot_bridge.missions.mission_file import encode_mission_file
 from autopilot_bridge.missions.read_back import as_read_back
 from autopilot_bridge.stacks.stacks import Stack, stack_named
 from tests.bridge.mock_process import mock_process, short_mission
+from tests.patience import PATIENCE_S
 
 mavlink = mavutil.mavlink
 SPEEDUP = 20.0
 TIMEOUT_S = 15.0
-TRIES = 4
+TRIES = 40
 
 
 @contextmanager
 def vehicle(name: str, kind: str = "plane", speedup: float = SPEEDUP) -> Iterator[Any]:
-    """A connection that has received the mock's heartbeat."""
+    """Return a connection that has received the mock's heartbeat."""
     with closing(mavutil.mavlink_connection("udpin:127.0.0.1:0")) as connection:
         port = connection.port.getsockname()[1]
         with mock_process(port, name, kind, speedup=speedup):
-            assert connection.wait_heartbeat(timeout=TIMEOUT_S) is not None
+            assert connection.wait_heartbeat(timeout=PATIENCE_S) is not None
             yield connection
 
 
 def received(connection: Any, *kinds: str) -> Any:
-    message = connection.recv_match(type=list(kinds), blocking=True, timeout=TIMEOUT_S)
+    message = connection.recv_match(type=list(kinds), blocking=True, timeout=PATIENCE_S)
     assert message is not None, f"no {' or '.join(kinds)}"
     return message
 
 
 def asked(connection: Any, ask: Callable[[], Any], *kinds: str) -> Any:
-    """The answer to a message, which is sent again if a full socket buffer dropped either."""
+    """Return the reply to a message; repeat it in case a full socket buffer dropped a datagram."""
     for _ in range(TRIES):
         ask()
         message = connection.recv_match(type=list(kinds), blocking=True, timeout=TIMEOUT_S)
@@ -49,7 +50,7 @@ def asked(connection: Any, ask: Callable[[], Any], *kinds: str) -> Any:
 
 
 def loader_of(items: Items) -> mavwp.MAVWPLoader:
-    """The waypoints as pymavlink keeps them: floats in degrees."""
+    """Return the waypoints as pymavlink stores them, with degrees as floats."""
     loader = mavwp.MAVWPLoader(1, 1)
     for item in items:
         loader.add(
@@ -63,7 +64,7 @@ def loader_of(items: Items) -> mavwp.MAVWPLoader:
 
 
 def uploaded(connection: Any, loader: mavwp.MAVWPLoader, as_int: bool) -> int:
-    """The classic loop; returns the ACK."""
+    """Upload with the classic loop; return the MISSION_ACK."""
     cleared = asked(connection, connection.waypoint_clear_all_send, "MISSION_ACK")
     assert cleared.type == mavlink.MAV_MISSION_ACCEPTED
     send = partial(connection.waypoint_count_send, loader.count())
@@ -85,7 +86,7 @@ def uploaded(connection: Any, loader: mavwp.MAVWPLoader, as_int: bool) -> int:
 
 
 def downloaded(connection: Any) -> mavwp.MAVWPLoader:
-    """The classic loop the other way, with MISSION_REQUEST and floats."""
+    """Download with the classic loop, by MISSION_REQUEST and floats."""
     loader = mavwp.MAVWPLoader(1, 1)
     listed = asked(connection, connection.waypoint_request_list_send, "MISSION_COUNT")
     for seq in range(listed.count):
@@ -96,9 +97,9 @@ def downloaded(connection: Any) -> mavwp.MAVWPLoader:
 
 
 def rows(loader: mavwp.MAVWPLoader) -> list[tuple[int, ...]]:
-    """Command, latitude and longitude (1e-5 deg: floats), altitude (m).
+    """Return command, latitude, longitude (1e-5 deg, because of floats) and altitude (m).
 
-    Frames are left out: PX4 has another one for floats.
+    Frames are left out, because PX4 returns another frame for floats.
     """
     items = [loader.wp(index) for index in range(loader.count())]
     return [
@@ -119,9 +120,9 @@ def start(connection: Any, stack: Stack) -> None:
 
 
 def until_current(connection: Any, seq: int) -> list[int]:
-    """The items reported as current up to this one, each once."""
+    """Return the items reported as current up to this one, each once."""
     seqs: list[int] = []
-    end = time.monotonic() + TRIES * TIMEOUT_S
+    end = time.monotonic() + PATIENCE_S
     while not seqs or seqs[-1] != seq:
         assert time.monotonic() < end, f"item {seq} was never current, but {seqs} were"
         current = received(connection, "MISSION_CURRENT").seq
@@ -169,7 +170,7 @@ def test_pymavlinks_ftp_reads_and_writes_the_mission_file(tmp_path: Path) -> Non
     sent.write_bytes(encode_mission_file(items, 0, (1, 1)))
     with vehicle("ardupilot") as connection:
         files = mavftp.MAVFTP(connection, 1, 1)
-        files.ftp_settings.idle_detection_time = 1.2  # it waits for this long after a put
+        files.ftp_settings.idle_detection_time = 1.2  # the delay of pymavlink after a put
         files.cmd_put([str(sent), "@MISSION/mission.dat"])
         put = files.process_ftp_reply("CreateFile", timeout=TIMEOUT_S)
         assert put.error_code == mavftp.FtpError.Success

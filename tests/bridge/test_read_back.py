@@ -1,4 +1,4 @@
-"""What read-back shows: rule by rule, and as recorded in SITL (where the transcripts are)."""
+"""Read-back of items, rule by rule, and as recorded in SITL if the transcripts exist."""
 
 import json
 import math
@@ -24,7 +24,7 @@ def item(command: int, frame: int, z: float, *params: Any) -> MissionItem:
     return MissionItem(command, frame, X, Y, z, *params)
 
 
-# As in the transcripts frame_rounding, frame_terrain and the facts about ArduPilot and PX4.
+# As in the transcripts frame_rounding and frame_terrain, and in the notes on both stacks.
 READ: list[tuple[Stack, MissionItem, MissionItem]] = [
     (PLANE, item(16, 3, 50.126, 7.6, 30.4, 40.5, 91.5), item(16, 3, 50.12, 0, 30, 40, 0)),
     (COPTER, item(16, 3, 50.126, 7.6, 30.4, 40.5, 91.5), item(16, 3, 50.12, 7, 0, 0, 0)),
@@ -73,7 +73,7 @@ OTHERS: list[tuple[Stack, int, MissionItem, MissionItem]] = [
 
 
 def close(one: MissionItem, other: MissionItem) -> bool:
-    """Equal but for single precision."""
+    """Return whether two items are equal in single precision."""
     pairs = [(getattr(one, name), getattr(other, name)) for name in ("z", *PARAMS)]
     exact = [replace(each, z=0.0, param1=0, param2=0, param3=0, param4=0) for each in (one, other)]
     return exact[0] == exact[1] and all(
@@ -131,7 +131,7 @@ def test_a_nan_is_read_back_as_any_number_where_it_is_kept() -> None:
 TRANSCRIPTS = Path("/work/shared/data/transcripts")
 NAMES = {"arduplane": PLANE, "arducopter": COPTER, "px4_fixedwing": PX4}
 NAMES["px4_multicopter"] = PX4_COPTER
-# Ends for other reasons than the items: a transfer that breaks off, or is cut into.
+# Transfers that end for other reasons than the items, such as an abort or an interruption.
 ABOUT_ITEMS = (
     "fence_bad",
     "fence_ok",
@@ -150,7 +150,7 @@ ABOUT_ITEMS = (
 
 @dataclass
 class Transfer:
-    """One upload or download of a transcript."""
+    """One upload or download in a transcript."""
 
     mission_type: int
     count: int
@@ -160,7 +160,7 @@ class Transfer:
 
 
 def transfers(path: Path) -> Iterator[Transfer]:
-    """The transfers of client A in a transcript, in order."""
+    """Return the transfers of client A in a transcript, in order."""
     exchange: Transfer | None = None
     for line in path.read_text(encoding="utf-8").splitlines():
         entry = json.loads(line)
@@ -184,7 +184,7 @@ def transfers(path: Path) -> Iterator[Transfer]:
 
 
 def own(transfer: Transfer, stack: Stack) -> Items:
-    """The user's items: without ArduPilot's home."""
+    """Return the user's items, without ArduPilot's home."""
     home = stack.item_0_is_home and transfer.mission_type == MISSION
     return tuple(transfer.items[int(home) :])
 

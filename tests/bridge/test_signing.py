@@ -1,4 +1,4 @@
-"""Signed links: what is accepted, what is counted, what never gets into a log."""
+"""Signed links: accepted frames, counts, and that no key is logged."""
 
 import asyncio
 import base64
@@ -12,8 +12,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.clients.native import NativeClient
 from autopilot_bridge.errors import BridgeError
+from autopilot_bridge.links.asyncio_connection import Connection
 from autopilot_bridge.links.codec import Codec
-from autopilot_bridge.links.connection import Connection
 from autopilot_bridge.links.framing import frames_of, message_id_of
 from autopilot_bridge.links.signing import (
     EPOCH_US,
@@ -49,7 +49,7 @@ KEY, OTHER_KEY = Key(bytes(range(32))), Key(bytes(range(1, 33)))
 
 
 class Clock:
-    """A wall clock that stands until it is moved."""
+    """A wall clock that does not advance by itself."""
 
     def __init__(self) -> None:
         self.now_us = NOW_US
@@ -63,7 +63,7 @@ def signing(clock: Clock | None = None, key: Key = KEY, file: Path | None = None
 
 
 def by_pymavlink(words: str, ticks: int, key: Key = KEY, link_id: int = 3) -> bytes:
-    """A frame of a vehicle that signs, from the other implementation."""
+    """Return a frame of a signing vehicle, made by pymavlink."""
     mav = mavlink.MAVLink(None, 1, 1)
     mav.signing.secret_key, mav.signing.sign_outgoing = key.secret, True
     mav.signing.timestamp, mav.signing.link_id = ticks, link_id
@@ -110,7 +110,7 @@ def test_every_change_of_a_signed_frame_is_noticed() -> None:
             ours = signing()
             accepted = [f for f in frames_of(bytes(changed)) if ours.accepts(f)]
             assert accepted == [], (place, bit)
-            assert ours.accepts(frame)  # and the forgery has moved nothing
+            assert ours.accepts(frame)  # the forged frame has changed no timestamp
 
 
 def test_another_key_is_counted_and_rejected() -> None:
@@ -154,7 +154,7 @@ def test_a_stream_may_begin_a_minute_back_and_no_earlier() -> None:
 
 
 def test_a_forged_frame_from_the_future_locks_no_sender_out() -> None:
-    """pymavlink stores its timestamp and then refuses every genuine frame."""
+    """pymavlink stores the forged timestamp and then refuses every genuine frame."""
     far = NOW + 10**9
     forged = by_pymavlink("forged", far, OTHER_KEY)
     theirs = mavlink.MAVLink(None, 255, 190)
@@ -188,7 +188,7 @@ def test_no_timestamp_is_used_twice_though_the_clock_was_set_back(tmp_path: Path
     clock.now_us -= 86_400_000_000
     assert Timestamps(clock, file).next() > last  # after a crash
     before.close()
-    assert Timestamps(clock, file).next() == last + 1  # after an orderly end
+    assert Timestamps(clock, file).next() == last + 1  # after a normal shutdown
 
 
 def test_a_crash_costs_less_than_the_lead_receivers_allow(tmp_path: Path) -> None:
@@ -301,7 +301,7 @@ def test_a_key_is_sent_on_demand_and_never_recorded(tmp_path: Path) -> None:
 
 
 class TextPeer(Peer):
-    """Receives texts and nothing else."""
+    """A peer that only receives texts."""
 
     def receive_data(self, data: bytes, now_us: int) -> None:
         for frame in frames_of(data):

@@ -1,4 +1,4 @@
-"""StatustextAssembler of autopilots as events: whole ones, however many chunks they come in."""
+"""StatustextAssembler: complete texts, for any number of chunks."""
 
 from typing import Any
 
@@ -11,15 +11,15 @@ from autopilot_bridge.vehicle.client_events import MissionProgress, Text
 from autopilot_bridge.vehicle.monitor import VehicleMonitor
 from tests.bridge.helpers import Pair, mock_of
 
-# As PX4 1.17 sent it: 50 characters, then the rest.
+# As sent by PX4 1.17: 50 characters, then the rest.
 FIRST, LAST = b"RTL: start return at 460 m (100 m above destinatio", b"n)\t"
 WHOLE = "RTL: start return at 460 m (100 m above destination)"
 OTHER = (b"Takeoff detected\t", 0, 0)
-Chunk = tuple[bytes, int, int]  # words, id, chunk_seq
+Chunk = tuple[bytes, int, int]  # text, id, chunk_seq
 
 
 def texts_of(*chunks: Chunk, then_s: float = 0.0) -> list[str]:
-    """What a client reports of STATUSTEXTs that arrive so."""
+    """Return the texts that a client reports for these STATUSTEXTs."""
     pair = Pair(mock_of(stack_named("px4", "plane")))
     pair.run_for(2.0)
     pair.events.clear()
@@ -44,7 +44,7 @@ def texts_of(*chunks: Chunk, then_s: float = 0.0) -> list[str]:
         ([(FIRST, 7, 0), (LAST, 7, 2)], [FIRST.decode(), "n)"]),
         ([(FIRST, 7, 0), (FIRST, 7, 1), (LAST, 7, 2)], [FIRST.decode() + WHOLE]),
         ([(FIRST, 7, 0)], []),
-        ([(FIRST, 0, 0), (LAST, 0, 1)], [WHOLE]),  # PX4 counts its long ones from 0
+        ([(FIRST, 0, 0), (LAST, 0, 1)], [WHOLE]),  # PX4 numbers its long texts from 0
         (
             [(FIRST, 0, 0), (FIRST, 0, 0), OTHER],
             [FIRST.decode(), FIRST.decode(), "Takeoff detected"],

@@ -1,4 +1,4 @@
-"""Telemetry as events: units, directions, order, and rates that are asked for until they hold."""
+"""Telemetry events: units, directions, order, and requests of message rates."""
 
 import math
 from pathlib import Path
@@ -8,7 +8,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.links.codec import Codec
-from autopilot_bridge.links.link import MemoryLink
+from autopilot_bridge.links.memory_link import MemoryLink
 from autopilot_bridge.mock import telemetry_source
 from autopilot_bridge.mock.kinematics import Wind as Breeze
 from autopilot_bridge.stacks.stacks import STACKS, Stack, stack_named
@@ -40,7 +40,7 @@ each_stack = pytest.mark.parametrize("stack", STACKS, ids=lambda s: f"{s.name}-{
 
 
 def event_of(message: Any) -> Any:
-    """The one event of a message."""
+    """Return the only event of a message."""
     (event,) = Telemetry().events(message, 7)
     return event
 
@@ -58,20 +58,20 @@ def test_both_stacks_report_the_same_wind(from_deg: float) -> None:
 def test_a_south_wind_blows_north() -> None:
     message = mavlink.MAVLink_wind_cov_message(1, 5.0, 0.0, 0.0, 0.1, 0.1, 300.0, 0.0, 0.0)
     assert event_of(message) == Wind(7, 180.0, 5.0)
-    # As ArduPlane sent it in a simulated wind of 5 m/s from 240 degrees.
+    # As sent by ArduPlane in a simulated wind of 5 m/s from 240 degrees.
     assert event_of(mavlink.MAVLink_wind_message(-121.52, 5.35, 0.0)).from_deg == pytest.approx(
         238.48
     )
 
 
 def test_no_estimate_of_the_wind_is_not_a_calm() -> None:
-    # As ArduCopter 4.6.2 sent it all through a flight in 6 m/s.
+    # As sent by ArduCopter 4.6.2 during a whole flight in 6 m/s of wind.
     assert Telemetry().events(mavlink.MAVLink_wind_message(-180.0, 0.0, 0.0), 7) == []
 
 
 @pytest.mark.parametrize("place", [(0, 0), (3155, 359)])  # degrees times 1e7
 def test_a_place_without_a_fix_is_no_place(place: tuple[int, int]) -> None:
-    # ArduPlane 4.6.2 in its first seconds; the service ended with it.
+    # As sent by ArduPlane 4.6.2 in its first seconds; these values ended an earlier service.
     nowhere = mavlink.MAVLink_global_position_int_message(9, *place, -80, -85, 0, 0, 0, 681)
     assert Telemetry().events(nowhere, 7) == []
 
@@ -101,7 +101,7 @@ def test_batteries_add_up_their_cells() -> None:
 
 
 def test_unhealthy_sensors_are_reported_by_name() -> None:
-    # As ArduPlane sent it on the ground before its EKF was ready, and PX4 without a receiver.
+    # As sent by ArduPlane on the ground before its EKF was ready, and by PX4 without a receiver.
     words = {(306282559, 51478591): ("terrain", "prearm check"), (65536, 0): ("rc receiver",)}
     for (enabled, healthy), expected in words.items():
         message = mavlink.MAVLink_sys_status_message(
@@ -118,7 +118,7 @@ def test_late_and_doubled_messages_are_dropped_for_each_kind() -> None:
 
     assert [attitude(ms) for ms in (0, 100, 100, 50, 200)] == [1, 1, 0, 0, 1]
     at_150 = mavlink.MAVLink_global_position_int_message(150, 360000000, 0, 0, 0, 0, 0, 0, 0)
-    assert len(telemetry.events(at_150, 0)) == 1  # another kind may be behind
+    assert len(telemetry.events(at_150, 0)) == 1  # a message of another kind may be older
 
 
 def test_states_are_reported_when_they_change() -> None:
@@ -136,7 +136,7 @@ def test_states_are_reported_when_they_change() -> None:
             )
         )
     ]
-    # Once BATTERY_STATUS comes, SYS_STATUS does not contradict it.
+    # After the first BATTERY_STATUS, SYS_STATUS is not used for the battery.
     assert kinds == [["Health", "Battery"], [], ["Battery"], ["Health"], ["Battery"], []]
 
 
@@ -173,7 +173,7 @@ def test_arducopter_is_asked_again_after_a_restart() -> None:
     pair = Pair(mock_of(COPTER))
     pair.run_for(10.0)
     pair.mock.reboot(pair.now_us)
-    pair.mock.intervals.set(mavlink.MAVLINK_MSG_ID_ATTITUDE, SECOND)  # it is sent already
+    pair.mock.intervals.set(mavlink.MAVLINK_MSG_ID_ATTITUDE, SECOND)  # the message is already sent
     pair.run_for(4.5)
     assert len(pair.of(Rebooted)) == 1
     before = len(pair.of(Position))
@@ -182,7 +182,7 @@ def test_arducopter_is_asked_again_after_a_restart() -> None:
 
 
 def test_a_restart_too_short_to_be_missed_is_noticed_by_what_stops() -> None:
-    """ArduCopter falls silent but for its heartbeat, which carries no time since boot."""
+    """ArduCopter then sends only heartbeats, which contain no time since boot."""
     pair = Pair(mock_of(COPTER))
     pair.run_for(20.0)
     pair.mock.reboot(pair.now_us)

@@ -1,4 +1,4 @@
-"""Recordings, as pymavlink reads them; missions over every kind of link."""
+"""Recordings as pymavlink reads them; missions over every kind of link."""
 
 import asyncio
 import contextlib
@@ -15,13 +15,13 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.items import Plan
+from autopilot_bridge.links.asyncio_connection import Connection
 from autopilot_bridge.links.codec import Codec
-from autopilot_bridge.links.connection import Connection
-from autopilot_bridge.links.link import other_end
+from autopilot_bridge.links.link_address import other_end
 from autopilot_bridge.links.tlog_writer import Tlog
 from autopilot_bridge.mock.serving import serve
 from autopilot_bridge.stacks.stacks import stack_named
-from mission_service.cli.transfers import Line, download, upload
+from mission_service.cli.mission_transfers import Line, download, upload
 from tests.bridge.helpers import line_of, mock_of
 from tests.bridge.transport_helpers import (
     Peer,
@@ -38,13 +38,13 @@ BEGIN_US = 1_790_000_000_000_000
 
 
 def wall_clock() -> Any:
-    """A wall clock that moves on by an odd third of a second at each look."""
+    """Return a wall clock that advances by a third of a second at each reading."""
     looks = iter(range(1_000_000))
     return lambda: BEGIN_US + 333_333 * next(looks)
 
 
 def read(path: Path) -> list[tuple[float, int, str]]:
-    """Time in s, system and message of each record, by pymavlink."""
+    """Return time in s, system and message of each record, read by pymavlink."""
     log = mavutil.mavlink_connection(str(path), dialect="ardupilotmega")
     found = []
     while (message := log.recv_match()) is not None:
@@ -58,7 +58,7 @@ def test_a_record_is_the_time_and_the_frame(tmp_path: Path) -> None:
     path = tmp_path / "flight.tlog"
     with Tlog(path, lambda: BEGIN_US + 7) as tlog:
         tlog.record([text("a"), text("bc")])
-    stamp = struct.pack(">Q", BEGIN_US + 4)  # the two lowest bits are the link's number: 0
+    stamp = struct.pack(">Q", BEGIN_US + 4)  # the two lowest bits are the link number: 0
     assert path.read_bytes() == stamp + text("a") + stamp + text("bc")
 
 
@@ -69,7 +69,8 @@ def test_both_directions_are_recorded_and_pymavlink_reads_them_back(tmp_path: Pa
         port, peer = free_port(), Peer()
         link = f"udpin:127.0.0.1:{port}"
         async with Connection(link, peer, clock_us, tlog=tlog) as connection:
-            peer.outgoing = [text("without a target")]  # not sent, so not recorded
+            # The frame was not sent and therefore not recorded.
+            peer.outgoing = [text("without a target")]
             connection.flush()
             with udp_socket() as other:
                 other.sendto(b"\x00noise" + text("in") + text("and in"), ("127.0.0.1", port))
@@ -114,7 +115,7 @@ def test_an_invalid_recording_is_reported_in_one_line(tmp_path: Path) -> None:
 
 @contextlib.contextmanager
 def autopilot_on(link: str) -> Iterator[Any]:
-    """A mock autopilot that flies in a thread."""
+    """Run a mock autopilot in a thread."""
     mock = mock_of(stack_named("ardupilot", "plane"))
     loop = asyncio.new_event_loop()
     flight = loop.create_task(serve(mock, link, 10.0, clock_us))
@@ -143,5 +144,5 @@ def test_a_mission_goes_up_and_down_over_every_kind_of_link(kind: str, tmp_path:
         assert tuple(mock.missions.items[1:]) == line_of(20)
         assert download(tmp_path / "back.plan", line)["items"] == 20
     recorded = [(system, words) for _, system, words in read(path)]
-    for system in (255, 1):  # 20 items in 4 pieces, up, read back and down
+    for system in (255, 1):  # 20 items in 4 blocks: uploaded, read back and downloaded
         assert recorded.count((system, "FILE_TRANSFER_PROTOCOL")) >= 3 * 4

@@ -1,4 +1,4 @@
-"""The mock answers as the autopilots it stands for did."""
+"""The mock replies as the recorded autopilots did."""
 
 from functools import cache
 
@@ -27,7 +27,7 @@ def ground(name: str) -> dict[str, list[str]]:
 @cache
 def flights(name: str) -> dict[str, list[str]]:
     stack = STACKS[name]
-    airspeed_m_s = 18.0 if stack.vehicle == "plane" else 6.0  # near those recorded
+    airspeed_m_s = 18.0 if stack.vehicle == "plane" else 6.0  # close to the recorded ones
     return play_flights(mock_of(stack, airspeed_m_s=airspeed_m_s), FOLDER / name)
 
 

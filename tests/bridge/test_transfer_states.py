@@ -1,4 +1,4 @@
-"""The table of a transfer's phases: what may follow what, and what must hold between events."""
+"""The table of a transfer's phases: allowed transitions, and invariants between events."""
 
 import pytest
 

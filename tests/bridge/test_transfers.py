@@ -1,4 +1,4 @@
-"""Uploads and downloads between the client and the mock, over good and bad links."""
+"""Uploads and downloads between client and mock, over good and lossy links."""
 
 from collections import Counter
 from random import Random
@@ -11,7 +11,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.items import MissionItem
 from autopilot_bridge.links.codec import Codec
-from autopilot_bridge.links.link import MemoryLink
+from autopilot_bridge.links.memory_link import MemoryLink
 from autopilot_bridge.missions.read_back import as_read_back
 from autopilot_bridge.missions.transfer import Address, TransferResult, TransferTiming
 from autopilot_bridge.missions.upload import MissionUpload
@@ -26,7 +26,7 @@ both = pytest.mark.parametrize("stack", [PX4, ARDUPILOT], ids=lambda s: s.name)
 
 
 class Choosy(MemoryLink):
-    """Loses the frames that ``drop`` picks by message name and count."""
+    """A link that loses the frames that ``drop`` selects by message name and count."""
 
     def __init__(self, drop: Any) -> None:
         super().__init__()
@@ -40,17 +40,17 @@ class Choosy(MemoryLink):
 
 
 def held(pair: Pair) -> tuple[MissionItem, ...]:
-    """What the mock holds, without ArduPilot's home."""
+    """Return the items of the mock, without ArduPilot's home."""
     return tuple(pair.mock.missions.items[1 if pair.mock.stack.item_0_is_home else 0 :])
 
 
 def kept(items: Items, stack: Stack) -> tuple[MissionItem, ...]:
-    """What the mock is to hold of items sent."""
+    """Return the items that the mock should store for the sent items."""
     return tuple(as_read_back(item, stack) for item in items)
 
 
 def upload(pair: Pair, items: Items, by_file: bool = False, **more: Any) -> int:
-    """By items, which this is about, unless given otherwise."""
+    """Upload item by item, unless requested otherwise."""
     return pair.client.upload(items, pair.now_us, by_file=by_file, **more)
 
 
@@ -160,7 +160,7 @@ links: st.SearchStrategy[dict[str, Any]] = st.builds(
 
 
 class Watched(MemoryLink):
-    """Notes the names of the messages that get lost."""
+    """A link that records the names of lost messages."""
 
     def __init__(self, lost: set[str], **more: Any) -> None:
         super().__init__(**more)
@@ -175,7 +175,7 @@ class Watched(MemoryLink):
 
 
 def agrees(result: TransferResult, old: Items, new: Items, now: Items, stack: Stack) -> bool:
-    """Whether a result states what the vehicle holds."""
+    """Return whether a result agrees with the vehicle's mission."""
     match result.holds:
         case "the new one":
             return now == new
@@ -215,7 +215,7 @@ def test_over_a_bad_link_an_upload_ends_and_reports_what_the_vehicle_holds(hundr
         )
         transfer_id = upload(pair, new, rng.random() < 0.5, check=rng.random() < 0.5)
         result = pair.result_of(transfer_id, within_s=200.0)
-        pair.run_for(10.0)  # what is still under way must not change it either
+        pair.run_for(10.0)  # messages in transit must not change it either
         now = held(pair)
         assert agrees(result, kept(old, stack), kept(new, stack), now, stack), (
             seed,
@@ -324,7 +324,7 @@ def test_a_cancelled_upload_has_really_ended(stack: Stack, after_items: int) -> 
     assert held(pair) == before
     assert (result.holds == "the old one") == stack.atomic_upload
     assert before == (result.items or old)
-    # The next one finds nothing in its way.
+    # The next transfer is not disturbed.
     assert pair.result_of(upload(pair, new), within_s=5.0).holds == "the new one"
 
 
@@ -391,7 +391,7 @@ def test_items_go_ahead_of_the_requests_until_one_is_asked_for_again() -> None:
 
     job.start(0)
     assert [asked(seq) for seq in (0, 1, 2)] == [[0, 1, 2, 3], [4], [5]]
-    assert asked(2) == [2]  # it got lost, and with it what came behind
+    assert asked(2) == [2]  # it was lost, with the messages behind it
     assert [asked(seq) for seq in (3, 4, 11)] == [[3], [4], [11]]
 
 

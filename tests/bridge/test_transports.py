@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 from autopilot_bridge.errors import BridgeError
-from autopilot_bridge.links.connection import Connection
-from autopilot_bridge.links.transports import MAX_UNSENT_BYTES
+from autopilot_bridge.links.asyncio_connection import Connection
+from autopilot_bridge.links.streams import MAX_UNSENT_BYTES
 from tests.bridge.transport_helpers import (
     Peer,
     clock_us,
@@ -29,7 +29,7 @@ NOISE = b"\x00noise\xfd\x40\x00\x01 and \xfe more"
 
 
 class Server:
-    """A TCP server that can go away and come back on its port."""
+    """A TCP server that can stop and start again on its port."""
 
     def __init__(self) -> None:
         self.port = free_port(socket.SOCK_STREAM)
@@ -67,7 +67,7 @@ def test_torn_datagrams_of_two_remotes_do_not_spoil_each_other() -> None:
                 one.sendto(first[:12], where)
                 two.sendto(second[:15], where)
                 one.sendto(first[12:], where)
-                two.sendto(NOISE, where)  # this one's own frame is lost
+                two.sendto(NOISE, where)  # the frame of this remote is lost
                 two.sendto(text("third of two"), where)
                 await receive_exactly(connection, peer, "first of one", "third of two")
 
@@ -140,7 +140,7 @@ def test_an_unreachable_network_is_silence_but_a_forbidden_address_is_reported()
                 wire.error_received(OSError(code, os.strerror(code)))  # type: ignore[attr-defined]
             with pytest.raises(TimeoutError):
                 await asyncio.wait_for(connection.wait(), 0.05)
-        # Broadcasting without leave: a mistake in the link, not a lost connection.
+        # Broadcast without permission is an error of the link address, not a lost connection.
         async with Connection("udpout:255.255.255.255:14550", peer, clock_us) as connection:
             peer.outgoing = [text("to all")]
             connection.flush()
@@ -159,7 +159,7 @@ def test_a_burst_waits_in_the_socket_while_the_program_is_busy() -> None:
         port, peer = free_port(), Peer()
         async with Connection(f"udpin:127.0.0.1:{port}", peer, clock_us) as connection:
             with udp_socket() as one:
-                names = [str(index) for index in range(1500)]  # the usual buffer holds some 280
+                names = [str(index) for index in range(1500)]  # a usual buffer contains about 280
                 for name in names:
                     one.sendto(text(name), ("127.0.0.1", port))
                 await receive_exactly(connection, peer, *names)
@@ -179,7 +179,7 @@ def test_frames_torn_over_tcp_come_whole() -> None:
             for piece in (text("one")[:9], text("one")[9:] + NOISE + text("two")[:1]):
                 writer.write(piece)
                 await writer.drain()
-                await asyncio.sleep(0.02)  # so that each piece is read by itself
+                await asyncio.sleep(0.02)  # so that each part is read separately
             writer.write(text("two")[1:] + text("three" * 9) + bytes(100))
             await receive_exactly(connection, peer, "one", "two", "three" * 9)
             writer.close()
@@ -192,7 +192,7 @@ def test_a_server_that_goes_away_and_comes_back_is_called_again() -> None:
     async def exchange() -> None:
         server, peer = Server(), Peer()
         async with Connection(server.link, peer, clock_us) as connection:
-            await asyncio.sleep(0.05)  # no client yet
+            await asyncio.sleep(0.05)  # no client is connected yet
             await server.come()
             for name in ("first", "second", "third"):
                 reader, writer = await server.called()
@@ -205,7 +205,7 @@ def test_a_server_that_goes_away_and_comes_back_is_called_again() -> None:
                 assert await reader.readexactly(len(text("received " + name))) == text(
                     "received " + name
                 )
-                writer.write(text("torn")[:8])  # not to be joined to what comes after
+                writer.write(text("torn")[:8])  # must not be joined to later bytes
                 await writer.drain()
                 writer.close()
                 if name == "first":
@@ -246,7 +246,7 @@ def test_tcpin_serves_several_and_answers_all() -> None:
             peer.outgoing = [text("to you")]
             connection.flush()
             assert await two_in.readexactly(len(text("to you"))) == text("to you")
-        assert await two_in.read() == b""  # hung up on
+        assert await two_in.read() == b""  # the connection was closed
         two.close()
 
     run(exchange)
@@ -316,7 +316,7 @@ def test_a_host_that_cannot_be_is_named(kind: str) -> None:
 
 @contextlib.contextmanager
 def line_at(path: Path) -> Iterator[int]:
-    """A pseudo-terminal plugged in as ``path``; its other end."""
+    """Return the other end of a pseudo-terminal that is connected as ``path``."""
     master, device = os.openpty()
     path.unlink(missing_ok=True)
     path.symlink_to(os.ttyname(device))
@@ -346,7 +346,7 @@ def test_a_serial_line_carries_frames_both_ways_and_is_opened_again(tmp_path: Pa
         with line_at(device) as line:
             connection = Connection(f"serial:{device}:57600", peer, clock_us)
             await connection.__aenter__()
-            every_byte = bytes(range(256))  # nothing may be taken for a control character
+            every_byte = bytes(range(256))  # no byte may be interpreted as a control character
             os.write(line, every_byte + text("torn")[:6])
             await asyncio.sleep(0.03)
             os.write(line, text("torn")[6:] + bytes(300))
@@ -355,13 +355,13 @@ def test_a_serial_line_carries_frames_both_ways_and_is_opened_again(tmp_path: Pa
             peer.outgoing = [frame]
             connection.flush()
             assert await read_exactly(line, len(frame)) == frame
-        device.unlink()  # unplugged
+        device.unlink()  # disconnected
         await asyncio.sleep(0.4)
         peer.outgoing = [text("lost")]
         connection.flush()
         with line_at(device) as line:
             peer.received.clear()
-            while not peer.received:  # opening throws away what came before
+            while not peer.received:  # opening discards earlier data
                 os.write(line, text("back"))
                 await asyncio.sleep(0.05)
             assert peer.received[0] == "back"

@@ -6,8 +6,8 @@ import time
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from autopilot_bridge.links.asyncio_connection import Connection
 from autopilot_bridge.links.codec import Codec
-from autopilot_bridge.links.connection import Connection
 from tests.bridge.transport_helpers import (
     Peer,
     clock_us,
@@ -21,7 +21,7 @@ from tests.patience import PATIENCE_S
 
 
 def order(target: int) -> bytes:
-    """A command for one system; 0 is all."""
+    """Return a command for one system; 0 means all systems."""
     zeros = [0.0] * 7
     return Codec(255, 190).encode(mavlink.MAVLink_command_long_message(target, 1, 16, 0, *zeros))
 
@@ -77,7 +77,7 @@ def test_bursts_of_several_remotes_arrive_whole_and_in_order() -> None:
 
 
 class Alarms(Peer):
-    """Is called at the times it was given."""
+    """A peer that records the times at which its timer expires."""
 
     def __init__(self, first_us: int) -> None:
         super().__init__()

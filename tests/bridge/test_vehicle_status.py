@@ -1,4 +1,4 @@
-"""Failsafes as events: what shows that an autopilot is in trouble, reported once each time."""
+"""Failure states as events: each is reported once."""
 
 from typing import Any
 
@@ -20,17 +20,17 @@ from autopilot_bridge.vehicle.monitor import VehicleMonitor
 from autopilot_bridge.vehicle.telemetry import Telemetry
 from tests.bridge.helpers import SECOND, Pair, flight_of, mock_of
 
-ALL_WELL = 0x033F  # attitude, velocities, positions and their predictions
+ALL_WELL = 0x033F  # attitude, velocities, positions and predicted positions
 LOST = ALL_WELL & ~mavlink.ESTIMATOR_POS_HORIZ_ABS
 
 
 def ekf(flags: int) -> Any:
-    """ArduPilot's."""
+    """Return an EKF_STATUS_REPORT of ArduPilot."""
     return mavlink.MAVLink_ekf_status_report_message(flags, 0.1, 0.1, 0.1, 0.1, 0.1)
 
 
 def estimator(flags: int) -> Any:
-    """PX4's."""
+    """Return an ESTIMATOR_STATUS of PX4."""
     return mavlink.MAVLink_estimator_status_message(1, flags, 0, 0, 0, 0, 0, 0, 1.0, 1.0)
 
 
@@ -64,7 +64,7 @@ def test_states_are_reported_when_they_change_and_again_after_a_restart() -> Non
     position = mavlink.MAVLink_global_position_int_message
     place = (363000000, -842000000, 300000, 0, 0, 0, 0, 0)
     watch.receive(position(60_000, *place), 3)
-    for quarter in range(5):  # it is a restart when all goes on from zero for a second
+    for quarter in range(5):  # the jump is a restart if all times continue from zero for a second
         watch.receive(position(1_000 + 250 * quarter, *place), 4 + 250_000 * quarter)
     fresh = watch.receive(heartbeat("px4", 4), 1_000_005)
     assert [type(event) for event in fresh] == [ModeChanged, SystemState]
@@ -132,7 +132,7 @@ def test_before_it_has_begun_an_estimate_has_one_problem() -> None:
 
 
 def flown_with(stack: str, *faults: str, vehicle: str = "plane", until_s: float = 60.0) -> Pair:
-    """A flight of a mission to whose mock this happens; times are seconds."""
+    """Fly a mission and apply these changes to the mock; times are in seconds."""
     mock = mock_of(stack_named(stack, vehicle))
     pair = Pair(FaultyMock(mock, parse_faults(faults)))  # type: ignore[arg-type]
     pair.run_for(2.0)
@@ -173,7 +173,8 @@ def test_a_fence_breach_is_reported_within_two_seconds(stack: str, mode: str) ->
     assert states(pair, FenceStatus) == fence
     if stack == "ardupilot":
         assert pair.of(FenceStatus)[0].at_us / SECOND <= 42.0
-    critical = ["critical"] if stack == "px4" else []  # ArduPlane's heartbeat has no such state
+    # ArduPlane's heartbeat does not report such a state.
+    critical = ["critical"] if stack == "px4" else []
     assert [state.state for state in pair.of(SystemState)][2:] == critical
 
 

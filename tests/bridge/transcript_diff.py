@@ -1,4 +1,4 @@
-"""Where two exchanges differ, and what may differ."""
+"""Finds differences between two exchanges, apart from allowed ones."""
 
 import math
 from collections.abc import Iterator
@@ -7,20 +7,17 @@ from typing import Any
 
 from autopilot_bridge.mock.autopilot import MockAutopilot
 
-# What differs rightly, and nothing else:
-# - the order between texts, progress and answers: they wait in different queues, so each of the
-#   three is compared by itself; of MISSION_CURRENT its content, not how often, nor at which
-#   moment of its second (PX4's two links differ in it too);
-# - how often a question is repeated while there is no answer, by one;
-# - texts of the estimator and the arming checks, and those sent again to link B on connecting;
-# - the running number of a text;
-# - ArduPilot's home position, centimetres off;
-# - the last digit of numbers in single precision.
-# In flight besides:
-# - when a place is reached: the mock flies at its own speed, so what was sent after the autopilot
-#   reported its progress is sent after the mock reported the same;
-# - texts that are not about the mission, and how far off a waypoint was passed;
-# - PX4's second acknowledgement of a change of mode, and how often it reports an item as reached.
+# Only these differences are allowed. On the ground: (1) the order between texts, progress and
+# replies, which wait in different queues: each of the three is compared separately; for
+# MISSION_CURRENT only the content is compared, because PX4's two links differ in number and time;
+# (2) one repetition more or less of an unanswered request; (3) texts of the estimator and the
+# arming checks, and texts that are sent again when link B connects; (4) the running number of a
+# text; (5) ArduPilot's home position, by centimetres; (6) the last digit of numbers in single
+# precision. In flight also: (7) the time at which a place is reached, because the mock flies at its
+# own speed: messages that were sent after a progress report are sent after the same report of the
+# mock; (8) texts that do not concern the mission, and the distance at which a waypoint was passed;
+# (9) PX4's second acknowledgement of a mode change, and the number of its reports of a reached
+# item.
 FLIGHT_TEXTS = ("Mission:", "Flight plan", "Auto mission changed", "No valid mission")
 EXCHANGE = (
     "MISSION_REQUEST",
@@ -40,7 +37,7 @@ PERIOD_S = 1.0  # between two MISSION_CURRENT
 
 @dataclass(frozen=True)
 class Line:
-    """One message of a transcript, or of the mock."""
+    """One message of a transcript or of the mock."""
 
     at_s: float
     link: str
@@ -53,7 +50,7 @@ class Line:
 
 
 def differences(recorded: list[Line], received: list[Line], mock: MockAutopilot) -> list[str]:
-    """Where the mock's answers are not the autopilot's."""
+    """Return the differences between the mock's replies and the autopilot's."""
     found: list[str] = []
     for link in ("A", "B"):
         expected = list(collapsed(exchange(recorded, link)))
@@ -68,7 +65,7 @@ def differences(recorded: list[Line], received: list[Line], mock: MockAutopilot)
 
 
 def once(lines: list[tuple[Line, int]]) -> list[tuple[Line, int]]:
-    """Without the second of two same acknowledgements of a command."""
+    """Remove the second of two equal acknowledgements of a command."""
     return [
         entry
         for index, entry in enumerate(lines)
@@ -79,9 +76,9 @@ def once(lines: list[tuple[Line, int]]) -> list[tuple[Line, int]]:
 
 
 def progress_fault(expected: list[Line], received: list[Line]) -> str:
-    """What the mock has not reported in turn of the recorded progress, once a second at most.
+    """Return the recorded progress that the mock has not reported in the same order.
 
-    An item reported as reached again, and progress reported again, count once.
+    Repeated reports of a reached item and of progress count once.
     """
     for name in PROGRESS:
         given = iter(_changes(received, name))
@@ -115,7 +112,7 @@ def texts(lines: list[Line]) -> list[Line]:
 
 
 def collapsed(lines: list[Line]) -> Iterator[tuple[Line, int]]:
-    """Questions repeated, as one with their number."""
+    """Combine repeated requests into one with their number."""
     before: Line | None = None
     times = 0
     for line in lines:
@@ -172,7 +169,7 @@ def _same_value(expected: Any, given: Any) -> bool:
 
 
 def _progress_differs(expected: list[Line], received: list[Line]) -> Iterator[str]:
-    """Each MISSION_CURRENT recorded, against the mock's own before it and after it."""
+    """Compare each recorded MISSION_CURRENT with the mock's before and after it."""
     current = [line for line in received if line.name == "MISSION_CURRENT"]
     for line in expected:
         if line.name != "MISSION_CURRENT":

@@ -1,7 +1,7 @@
-"""Recorded exchanges with real autopilots, played to the mock in virtual time.
+"""Recorded exchanges with real autopilots, sent to the mock in virtual time.
 
-A transcript is JSON lines: see the README next to them. What the client sent is sent again at its
-time; what the mock answers is compared with what the autopilot answered.
+A transcript consists of JSON lines (see the README beside the transcripts). Messages of the client
+are sent again at their times, and the mock's replies are compared with the autopilot's.
 """
 
 import json
@@ -33,10 +33,10 @@ from tests.bridge.transcript_diff import (
 
 FOLDER = Path("/work/shared/data/transcripts")
 LINKS = {(255, 190): "A", (254, 190): "B"}
-PAUSE_S = 10.0  # longer than any transfer is left open
+PAUSE_S = 10.0  # longer than any open transfer
 
-# The cases in the order of the recording, in the order of their initial states; True: the six
-# items of upload_ok were put on board again before it, unrecorded.
+# The cases in the order of the recording and of their initial states. True: the six items of
+# upload_ok were uploaded again before the case, without a recording.
 GROUND: tuple[tuple[str, bool], ...] = (
     ("upload_feasibility_rejected", False),
     ("upload_ok", False),
@@ -73,7 +73,7 @@ FLIGHTS = ("takeoff_loiter_drop", "reupload_in_auto", "clear_and_zero_in_auto")
 
 @dataclass
 class Transcript:
-    """One case."""
+    """One case of a transcript."""
 
     meta: dict[str, Any]
     sent: list[tuple[tuple[int, int], Line]] = field(default_factory=list)
@@ -82,7 +82,7 @@ class Transcript:
 
 
 def read_transcript(path: Path) -> Transcript:
-    """One case from its file."""
+    """Return one case from its file."""
     records = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
     transcript = Transcript(records[0]["meta"])
     for record in records[1:]:
@@ -96,7 +96,7 @@ def read_transcript(path: Path) -> Transcript:
 
 
 def message_of(line: Line) -> Any:
-    """The message a client sent."""
+    """Return the message that a client sent."""
     build = getattr(mavlink, f"MAVLink_{line.name.lower()}_message")
     fields = {k: math.nan if v is None else v for k, v in line.fields.items()}
     fields.pop("opaque_id", None)
@@ -111,7 +111,7 @@ _EXTENDED = {
 
 
 def line_of_frame(message: Any, at_s: float) -> Line:
-    """A message of the mock, with the fields that the dialect lacks."""
+    """Return a message of the mock, with the fields that the dialect does not contain."""
     fields = message.to_dict()
     name = fields.pop("mavpackettype")
     if name in _EXTENDED:
@@ -124,7 +124,7 @@ def line_of_frame(message: Any, at_s: float) -> Line:
 
 
 class Player:
-    """A mock that transcripts are played to, and its messages."""
+    """A mock that receives the messages of transcripts, and its messages."""
 
     def __init__(self, mock: MockAutopilot) -> None:
         self.mock = mock
@@ -135,7 +135,7 @@ class Player:
         self._decoder = Codec(255, 190)
 
     def run(self, until_us: int) -> None:
-        """Let time pass."""
+        """Advance the time."""
         while (due_us := max(self.mock.next_timer(), self.now_us)) <= until_us:
             self.now_us = due_us
             self.mock.handle_timer(due_us)
@@ -143,7 +143,7 @@ class Player:
         self.now_us = until_us
 
     def play(self, transcript: Transcript) -> list[Line]:
-        """Send what the clients sent; returns the messages of the mock."""
+        """Send the clients' messages; return the messages of the mock."""
         self._begin()
         for source, line in transcript.sent:
             self.run(self._began_us + round(line.at_s * SECOND))
@@ -152,12 +152,12 @@ class Player:
         return self.received
 
     def fly(self, transcript: Transcript) -> list[Line]:
-        """Send what the clients sent, in step with the reported progress; returns the messages."""
+        """Send the clients' messages when the recorded progress is reached; return the replies."""
         (first, *_) = (line for line in transcript.received if line.name == "MISSION_CURRENT")
         give_up_us = self.now_us + 200 * SECOND
         while self.mock.stack.item_0_is_home and self.now_us < give_up_us:
             if self.mock.flight.current == first.fields["seq"]:
-                break  # ArduPilot's index outlives the end of the case before
+                break  # ArduPilot's item number remains after the end of the previous case
             self.run(self.now_us + SECOND)
         self.received = []
         self._began_us = self.now_us
@@ -181,7 +181,7 @@ class Player:
         return self.received
 
     def upload(self, items: list[Any]) -> None:
-        """An upload as it should be, of MISSION_ITEM_INT messages."""
+        """Upload MISSION_ITEM_INT messages by the protocol."""
         self._begin()
         self._send((255, 190), mavlink.MAVLink_mission_count_message(1, 1, len(items), 0))
         for _ in range(200 * len(items)):
@@ -192,14 +192,14 @@ class Player:
             self.run(self.now_us + 1000)
 
     def send(self, message: Any, source: tuple[int, int] = (255, 190)) -> list[Line]:
-        """Send a message; returns the replies within 25 ms."""
+        """Send a message; return the replies within 25 ms."""
         self.received = []
         self._send(source, message)
         self.run(self.now_us + 25_000)
         return self.received
 
     def listen(self, seconds: float) -> list[Line]:
-        """The messages of a period."""
+        """Return the messages of a period."""
         self.received = []
         self.run(self.now_us + round(seconds * SECOND))
         return self.received
@@ -222,7 +222,7 @@ class Player:
 
 
 def play_ground(mock: MockAutopilot, folder: Path) -> dict[str, list[str]]:
-    """All ground cases of a stack on one mock; the differences of each."""
+    """Run all ground cases of a stack on one mock; return the differences of each."""
     player = Player(mock)
     found: dict[str, list[str]] = {}
     standard = [
@@ -252,7 +252,7 @@ def _set_parameters(mock: MockAutopilot, transcript: Transcript) -> None:
 
 
 def play_flights(mock: MockAutopilot, folder: Path) -> dict[str, list[str]]:
-    """The flights of a stack on one mock; the differences of each."""
+    """Run the flights of a stack on one mock; return the differences of each."""
     player = Player(mock)
     player.run(2 * SECOND)
     found: dict[str, list[str]] = {}

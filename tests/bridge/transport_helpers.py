@@ -1,4 +1,4 @@
-"""A peer that listens, and what the tests of real links share."""
+"""A peer that receives texts, and other parts that tests of real links share."""
 
 import asyncio
 import socket
@@ -8,8 +8,8 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from autopilot_bridge.links.asyncio_connection import Connection
 from autopilot_bridge.links.codec import Codec
-from autopilot_bridge.links.connection import Connection
 from tests.patience import PATIENCE_S
 
 WITHIN_S = 2 * PATIENCE_S
@@ -27,12 +27,12 @@ def free_port(kind: socket.SocketKind = socket.SOCK_DGRAM) -> int:
 
 
 def text(words: str) -> bytes:
-    """A frame that holds these words."""
+    """Return a frame that contains this text."""
     return Codec(1, 1).encode(mavlink.MAVLink_statustext_message(6, words.encode()))
 
 
 class Peer:
-    """A peer: the texts it received, and the frames it is to send."""
+    """A peer: the texts that it received, and the frames to send."""
 
     def __init__(self) -> None:
         self.received: list[str] = []
@@ -54,7 +54,7 @@ class Peer:
 
 
 def run(test: Callable[[], Coroutine[Any, Any, Any]]) -> Any:
-    """Run a test's coroutine; it fails when it takes too long."""
+    """Run a coroutine of a test; fail if it takes too long."""
 
     async def bounded() -> Any:
         return await asyncio.wait_for(test(), WITHIN_S)
@@ -63,7 +63,7 @@ def run(test: Callable[[], Coroutine[Any, Any, Any]]) -> Any:
 
 
 async def receive_exactly(connection: Connection, peer: Peer, *expected: str) -> None:
-    """Wait until the peer has received exactly this."""
+    """Wait until the peer has received exactly these texts."""
     try:
         async with asyncio.timeout(PATIENCE_S):
             while len(peer.received) < len(expected):
@@ -74,7 +74,7 @@ async def receive_exactly(connection: Connection, peer: Peer, *expected: str) ->
 
 
 def udp_socket() -> socket.socket:
-    """A remote of one's own."""
+    """Return a separate UDP socket, as another remote."""
     sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     sock.bind(("127.0.0.1", 0))
     sock.settimeout(PATIENCE_S)

@@ -1,4 +1,4 @@
-"""Cursor on Target: what is in the events, and that they come by each way."""
+"""Cursor on Target: the contents of events, and their transmission by each transport."""
 
 import asyncio
 import re
@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from mission_service.config.service import CotSection, MqttSection
+from mission_service.config.service_section import CotSection, MqttSection
 from mission_service.interfaces.cot import cot_sender as cot_sender
 from mission_service.interfaces.cot.cot_events import MAX_CORNERS, fire_events, vehicle_event, zulu
 from mission_service.interfaces.cot.cot_sender import cot_interface
@@ -38,7 +38,7 @@ def test_a_vehicle_is_at_its_reported_position_and_grows_stale() -> None:
     assert point is not None
     assert track is not None
     assert (point.get("lat"), point.get("lon")) == ("36.5000000", "-84.2500000")
-    assert point.get("hae") == "9999999.0"  # not the height above the sea
+    assert point.get("hae") == "9999999.0"  # not the height above sea level
     assert (track.get("course"), track.get("speed")) == ("43.2", "18.25")
     assert event.findtext("detail/remarks") == "560 m above the sea, 150 m above ground"
     copter = vehicle_event(state, "copter", "east", UNIX_US, 1)
@@ -72,7 +72,7 @@ def test_the_fire_is_closed_shapes_the_largest_first_with_corners_enough_for_a_d
     for event, most in ((large, MAX_CORNERS), (little, 4)):
         links = [link.get("point") for link in event.iterfind("detail/link")]
         assert 4 <= len(links) <= most
-        assert links[0] == links[-1]  # closed
+        assert links[0] == links[-1]  # the connection is closed
         assert re.fullmatch(r"3[56]\.\d{6},-8[345]\.\d{6}", str(links[0]))
         assert len(ElementTree.tostring(event)) < 20_000
     assert "12.3 ha" in (large.findtext("detail/remarks") or "")
@@ -105,7 +105,7 @@ def test_events_are_sent_by_udp_and_only_for_vehicles_with_a_new_position() -> N
                     while "Fire-more.hawk" not in uids or "Fire-more.fire.1" not in uids:
                         event = ElementTree.fromstring(await loop.sock_recv(sock, 65_536))
                         uids.append(event.get("uid"))
-                    # In the rounds after that it is not among them any more.
+                    # In later rounds the part is not sent any more.
                     fires = 0
                     while fires < 3:
                         data = await loop.sock_recv(sock, 65_536)
@@ -120,9 +120,9 @@ def test_a_server_may_come_late_go_and_come_again(monkeypatch: pytest.MonkeyPatc
     got = bytearray()
 
     async def take(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        writer.write(b"<event/>" * 100)  # of others, which the client ignores
+        writer.write(b"<event/>" * 100)  # data of the server, which the client ignores
         got.extend(await reader.readuntil(b"</event>"))
-        writer.close()  # and it is closed
+        writer.close()  # the connection is closed
 
     async def look() -> None:
         with socket.socket() as sock:

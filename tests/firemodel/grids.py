@@ -1,4 +1,4 @@
-"""Small landscapes and weathers that several tests share."""
+"""Small landscapes and weather that several tests share."""
 
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ def landscape(
     elevation: np.ndarray[tuple[int, int], np.dtype[np.floating]] | None = None,
     shape: tuple[int, int] = (41, 41),
 ) -> Landscape:
-    """A grid of one fuel (or the given codes), flat unless an elevation is given."""
+    """Return a landscape of one fuel (or the given codes), flat unless an elevation is given."""
     if elevation is not None:
         shape = elevation.shape
     codes = np.full(shape, fuel) if isinstance(fuel, int) else fuel
@@ -30,19 +30,19 @@ def landscape(
 
 
 def weather(wind_speed_m_s: float = 0.0, wind_from_deg: float = 0.0, at_s: float = 0.0) -> Weather:
-    """Dry weather with this wind."""
+    """Return dry weather with this wind."""
     return Weather(at_s, wind_speed_m_s, wind_from_deg, 6.0, 7.0, 8.0, 60.0, 90.0)
 
 
 def steady(wind_speed_m_s: float = 0.0, wind_from_deg: float = 0.0) -> WeatherStream:
-    """One weather for all time."""
+    """Return a stream with constant weather."""
     return WeatherStream([weather(wind_speed_m_s, wind_from_deg)])
 
 
 def write_raster(
     path: Path, bands: NDArray[Any], names: tuple[str, ...] = (), **changes: Any
 ) -> Path:
-    """A GeoTIFF on the usual grid; ``changes`` override rasterio's profile."""
+    """Write a GeoTIFF on the usual grid; ``changes`` override rasterio's profile."""
     profile = {
         "driver": "GTiff",
         "height": bands.shape[-2],

@@ -1,4 +1,4 @@
-"""The project's data for tests only, which is not in the repository."""
+"""Access to the project's test data, which are not in the repository."""
 
 from pathlib import Path
 
@@ -6,7 +6,7 @@ import pytest
 
 
 def shared_file(name: str) -> Path:
-    """A file below ``shared/data`` next to the repository; without it the test is skipped."""
+    """Return a file below ``shared/data`` beside the repository; skip the test if it is missing."""
     for folder in Path(__file__).parents:
         path = folder / "shared" / "data" / name
         if path.exists():

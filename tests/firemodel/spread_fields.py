@@ -1,4 +1,4 @@
-"""Spread in every cell of a landscape, by the kernels that the schemes run."""
+"""Computes the spread in every cell of a landscape by the kernels of the schemes."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,9 +22,9 @@ def _heads(entry, terrain, tables):  # type: ignore[no-untyped-def]
 
 
 def spread_fields(landscape: Landscape, weather: Weather) -> tuple[Floats, Floats, Floats]:
-    """Of each cell (y, x): fastest spread (m/s), its direction (rad), eccentricity.
+    """Return the fastest spread (m/s), its direction (rad) and eccentricity of each cell (y, x).
 
-    The direction is clockwise from the grid's north. Cells that do not burn have rate 0.
+    The direction is clockwise from grid north. The rate is 0 in cells that do not burn.
     """
     tables = tables_of(landscape, [weather])
     rate, north, east, e = _heads(0, terrain_of(landscape), tables).reshape(4, *landscape.shape)

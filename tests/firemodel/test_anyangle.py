@@ -1,4 +1,4 @@
-"""What the any-angle scheme must do, against exact answers wherever there are any."""
+"""Requirements of the any-angle scheme, compared with exact solutions if there are any."""
 
 import math
 
@@ -20,13 +20,13 @@ Floats = NDArray[np.float64]
 
 
 def offsets_m(land: Landscape, row: float, col: float) -> tuple[Floats, Floats]:
-    """North and east of a position, of every cell."""
+    """Return the offsets north and east of a position for every cell, in m."""
     rows, cols = np.indices(land.shape)
     return np.asarray((row - rows) * CELL_M), np.asarray((cols - col) * CELL_M)
 
 
 def ellipse_s(land: Landscape, entry: Weather, row: int, col: int) -> Floats:
-    """Arrival times on flat ground all of one fuel, straight from the ellipse."""
+    """Return the arrival times of the exact ellipse on flat ground with one fuel."""
     rate, heading, e = (float(field[0, 0]) for field in spread_fields(land, entry))
     north, east = offsets_m(land, row, col)
     along = north * math.cos(heading) + east * math.sin(heading)
@@ -34,7 +34,7 @@ def ellipse_s(land: Landscape, entry: Weather, row: int, col: int) -> Floats:
 
 
 def first_near(times_s: Floats) -> Floats:
-    """The first time within three cells of each cell, without its own."""
+    """Return the earliest time within three cells of each cell, without the cell itself."""
     padded = np.pad(times_s, 3, constant_values=np.inf)
     rows, cols = times_s.shape
     steps = [(row, col) for row in range(7) for col in range(7) if (row, col) != (3, 3)]
@@ -43,7 +43,7 @@ def first_near(times_s: Floats) -> Floats:
 
 
 def wind_for(length_to_width: float) -> float:
-    """The wind on fuel 1 for an ellipse as long, by bisection."""
+    """Return the wind on fuel 1 for an ellipse of this length-to-width ratio, by bisection."""
     low, high = 0.0, 60.0
     e = math.sqrt(1.0 - length_to_width**-2)
     for _ in range(60):
@@ -54,7 +54,7 @@ def wind_for(length_to_width: float) -> float:
 
 
 def ellipse_200_cells_long(land: Landscape, entry: Weather) -> tuple[Floats, float]:
-    """Exact arrival times from the middle, and when the ellipse is 200 cells long."""
+    """Return exact arrival times, and the time at which the ellipse is 200 cells long."""
     exact_s = ellipse_s(land, entry, *(size // 2 for size in land.shape))
     rate, _, e = (float(field[0, 0]) for field in spread_fields(land, entry))
     return exact_s, 200 * CELL_M / (rate + rate * (1.0 - e) / (1.0 + e))
@@ -81,7 +81,7 @@ def test_on_even_ground_it_is_the_exact_ellipse(
 def test_where_no_two_cells_are_alike_it_is_nearly_that_ellipse(
     length_to_width: float, worst: float, wind_from_deg: float
 ) -> None:
-    # Heights of a hair's breadth change nothing but that lines have to be followed cell by cell.
+    # Tiny differences in height have no effect, except that lines are followed cell by cell.
     heights = np.random.default_rng(1).uniform(0.0, 1e-3, (441, 441))
     land, entry = landscape(1, heights), weather(wind_for(length_to_width), wind_from_deg)
     exact_s, time_s = ellipse_200_cells_long(landscape(1, shape=(441, 441)), entry)
@@ -103,7 +103,7 @@ def test_on_a_plane_in_the_slope_it_is_the_ellipse_in_that_plane() -> None:
     along = (north * head[0] + east * head[1] + up * head_up) / math.sqrt(1.0 + head_up**2)
     exact_s = (np.sqrt(north**2 + east**2 + up**2) - e * along) / (rate * (1.0 - e))
     fire.advance(float(np.quantile(exact_s, 0.3)))
-    inner = np.s_[2:-2, 2:-2]  # the edge's slope is another
+    inner = np.s_[2:-2, 2:-2]  # cells at the edge have another slope
     found = fire.arrival_time_s[inner]
     burned = np.isfinite(found)
     np.testing.assert_allclose(found[burned], exact_s[inner][burned], rtol=1e-5)
@@ -111,13 +111,14 @@ def test_on_a_plane_in_the_slope_it_is_the_ellipse_in_that_plane() -> None:
 
 def test_fire_is_bent_at_the_border_of_two_fuels() -> None:
     codes = np.full((81, 81), 1, dtype=np.int16)
-    codes[:, 41:] = 4  # the border lies half a cell to the east of column 40
+    codes[:, 41:] = 4  # the border is half a cell east of column 40
     land = landscape(codes)
     slow, fast = (float(spread_fields(land, weather())[0][0, col]) for col in (0, 80))
     fire = AnyAngleFire(land, steady(), [(40, 20, 0.0)])
     fire.advance(1e6)
     for row, col in [(40, 60), (20, 60), (5, 45), (75, 50)]:
-        south_m = (np.linspace(-0.5, 80.5, 20_001) - 40) * CELL_M  # where it crosses (Fermat)
+        # Point at which the path crosses the border (Fermat).
+        south_m = (np.linspace(-0.5, 80.5, 20_001) - 40) * CELL_M
         first = np.hypot(20.5 * CELL_M, south_m) / slow
         then = np.hypot((col - 40.5) * CELL_M, (row - 40) * CELL_M - south_m) / fast
         assert fire.arrival_time_s[row, col] == pytest.approx((first + then).min(), rel=0.01)
@@ -146,14 +147,14 @@ def test_a_barrier_of_cells_that_touch_by_corners_holds() -> None:
 
 
 def minkowski_s(entries: list[Weather], end_s: float, land: Landscape) -> NDArray[np.bool_]:
-    """Exactly what burns from the middle on even ground: the ellipses' Minkowski sum."""
+    """Return the exact burned area of a fire on even ground: the Minkowski sum of the ellipses."""
     angle = np.linspace(0.0, 2.0 * np.pi, 1440, endpoint=False)
     support_m = np.zeros_like(angle)
     for entry, until_s in zip(entries, [*(e.at_s for e in entries[1:]), np.inf], strict=True):
         lasts_s = min(until_s, end_s) - entry.at_s
         if lasts_s > 0.0:
             rate, heading, e = (float(field[0, 0]) for field in spread_fields(land, entry))
-            half = rate / (1.0 + e)  # of the long axis
+            half = rate / (1.0 + e)  # direction of the long axis
             off = np.cos(angle - heading)
             wide = np.sqrt((half * off) ** 2 + half**2 * (1.0 - e * e) * (1.0 - off**2))
             support_m += lasts_s * (half * e * off + wide)
@@ -197,7 +198,8 @@ def test_changes_that_hardly_are_any_change_little(cells_per_change: float) -> N
     found.advance(end_s)
     expected.advance(end_s)
     differs = (found.burned() ^ expected.burned()).sum() / expected.burned().sum()
-    assert differs <= 0.025  # where progress is lost at each change it is 10 to 90 %
+    # The difference would be 10 to 90 % if progress were lost at each change.
+    assert differs <= 0.025
 
 
 def mixed(seed: int, size: int = 40) -> Landscape:
@@ -228,7 +230,7 @@ def test_however_it_is_cut_the_fire_is_the_same(
     for fire in (whole, cut):
         fire.advance(50_000.0)
     assert np.array_equal(whole.arrival_time_s, cut.arrival_time_s)
-    # Fire comes to each cell from one not far away that burned before, or where it was lit.
+    # Fire reaches each cell from a nearby cell that burned earlier, or from the ignition.
     around = first_near(whole.arrival_time_s)
     burned = whole.burned()
     for row, col, _ in lit:
@@ -268,7 +270,7 @@ def test_what_is_lit_in_the_wet_burns_when_it_is_dry() -> None:
 
 def test_a_way_that_is_not_the_best_loses_nothing_either() -> None:
     codes = np.full((3, 9), 98, dtype=np.int16)
-    codes[1, 3:6] = 8  # from both ends to the middle
+    codes[1, 3:6] = 8  # fire from both ends reaches the middle
     entries = [weather(4.0, 270.0), weather(4.0, 90.0, 1800.0), weather(4.0, 270.0, 3600.0)]
     land = landscape(codes)
     fire = AnyAngleFire(land, WeatherStream(entries), [(1, 3, 0.0), (1, 5, 0.0)])
@@ -277,8 +279,8 @@ def test_a_way_that_is_not_the_best_loses_nothing_either() -> None:
         for from_deg in (270.0, 90.0)
     )
     assert ahead < back
-    # Eastwards fire runs ahead in the first half hour and from the second hour on, westwards
-    # in between; each way is covered by the sum of its parts.
+    # Fire runs eastwards in the first half hour and from the second hour on, and westwards in
+    # between; the distance in each direction is the sum of its periods.
     eastwards = westwards = 0.0
     time_s, step_s = 0.0, 0.5
     while max(eastwards, westwards) < 1.0:
@@ -331,7 +333,7 @@ def test_a_fire_taken_over_goes_on_as_it_would_have(take_over: str) -> None:
     fire.advance(30_000.0)
     other.advance(30_000.0)
     assert fire.burned().sum() > 4 * np.isfinite(early).sum()
-    # A point of an arrival raster is known to half a cell only.
+    # The position of a front in an arrival raster is known only to half a cell.
     worst = 0.01 if take_over == "perimeter" else 0.03
     assert (fire.burned() ^ other.burned()).sum() / fire.burned().sum() <= worst
 
@@ -343,7 +345,7 @@ def test_the_state_of_each_cell_at_a_time() -> None:
     fire.advance(5000.0)
     state = fire.state_at(float(fire.arrival_time_s[10, 9]))
     assert state[10, 12] == 3
-    assert state[10, 10] == 1  # its corner neighbours are left to burn
+    assert state[10, 10] == 1  # fire continues from the neighbours at its corners
     assert state[10, 9] == 1
     assert state[0, 0] == 0
     assert fire.state_at(5000.0)[10, 10] == 2

@@ -1,4 +1,4 @@
-"""Spread rate, direction, intensity and flame length of the front as it came."""
+"""Spread rate, direction, intensity and flame length of the front at its arrival."""
 
 import math
 
@@ -32,7 +32,7 @@ def test_head_and_back_agree_with_rothermel(scheme: type[AnyAngleFire] | type[De
     intensity = float(rothermel.fireline_intensity_kw_m(bed, rate))
     assert found.intensity_kw_m[20, 25] == pytest.approx(intensity)
     assert found.flame_length_m[20, 25] == pytest.approx(float(rothermel.flame_length_m(intensity)))
-    assert found.spread_rate_m_s[20, 20] == pytest.approx(rate)  # where it was lit
+    assert found.spread_rate_m_s[20, 20] == pytest.approx(rate)  # the ignition cell
     assert np.array_equal(np.isnan(found.spread_rate_m_s), ~fire.burned())
 
 
@@ -42,7 +42,8 @@ def test_the_flank_runs_across_the_front_not_along_the_way() -> None:
     rate, _, e = (float(field[0, 0]) for field in spread_fields(land, entry))
     fire.advance(70 * 30.0 / rate)
     half_length = rate / (1.0 + e)
-    widest = half_length * e / (half_length * math.sqrt(1.0 - e * e))  # on per side there
+    # One cell on each of the two sides.
+    widest = half_length * e / (half_length * math.sqrt(1.0 - e * e))
     side = 12
     forward = round(side * widest)
     found = behaviour_of(fire)
@@ -75,5 +76,6 @@ def test_each_cell_has_the_weather_it_burned_in() -> None:
     burned = np.isfinite(head_row)
     assert (head_row[burned] <= 3000.0).any()
     assert (head_row[burned] > 3000.0).any()
-    # After a change of wind, fire comes from points on the front, up to half a cell beside the row.
+    # After a change of wind, fire spreads from points on the front, up to half a cell beside the
+    # row.
     np.testing.assert_allclose(found[burned], expected[burned], rtol=0.01)

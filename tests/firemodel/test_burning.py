@@ -1,4 +1,4 @@
-"""A fire taken over from a perimeter or from arrival times goes on as if it had never stopped."""
+"""A fire from a perimeter or from arrival times continues like an uninterrupted fire."""
 
 import math
 
@@ -90,7 +90,7 @@ def test_what_cannot_be_taken_over_is_refused() -> None:
 
 
 def test_a_perimeter_smaller_than_a_cell_burns_on_by_every_scheme() -> None:
-    corner = Point(WEST_M + 40.0 * CELL_M, NORTH_M - 40.0 * CELL_M)  # of four cells
+    corner = Point(WEST_M + 40.0 * CELL_M, NORTH_M - 40.0 * CELL_M)  # half of four cells
     both = burning_from_perimeter([corner.buffer(3.0), MIDDLE.buffer(100.0)], LAND, 0.0)
     tiny = burning_from_perimeter([corner.buffer(3.0)], LAND, 0.0)
     assert np.count_nonzero(tiny.arrival_s == 0.0) == 1

@@ -1,11 +1,11 @@
-"""Cameras and sensors correct a simulation with no person."""
+"""Cameras and sensors correct a simulation automatically."""
 
 import numpy as np
 
 from firemodel.assimilation.camera_front import CameraFront
 from firemodel.assimilation.gaussian import GaussianCorrected
 from firemodel.ellipses.ellipse import EllipseFire, Spread
-from firemodel.ellipses.observations import BURNED, BURNING, UNBURNED
+from firemodel.ellipses.point_observations import BURNED, BURNING, UNBURNED
 from tests.firemodel.grids import CELL_M, landscape
 
 LAND = landscape(shape=(60, 60))
@@ -18,7 +18,7 @@ MODEL, TRUTH = (
 
 
 def window(fire: EllipseFire, row: int, col: int, size: int, at_s: float) -> tuple[str, ...]:
-    """What a camera sees of a fire."""
+    """Return the image of a fire in a window."""
     rows, cols = np.indices((size, size))
     x_m, y_m = LAND.xy_of(row + rows, col + cols)
     time_s = fire.ignition_time_s(np.column_stack([x_m.ravel(), y_m.ravel()]))
@@ -34,7 +34,8 @@ def test_a_window_gives_the_front_and_what_the_simulation_has_wrong() -> None:
     burning = observations[observations[:, 3] == BURNING]
     assert sorted(map(tuple, burning[:, :2])) == sorted(zip(x_m, y_m, strict=True))
     assert (observations[:, 2] == 50.0).all()
-    assert np.count_nonzero(observations[:, 3] == BURNED) == 5  # NEVER has none of them burned
+    # With NEVER, no cell of the window has burned.
+    assert np.count_nonzero(observations[:, 3] == BURNED) == 5
     assert not (observations[:, 3] == UNBURNED).any()
     seen = CameraFront(LAND, apart_m=CELL_M)
     seen.fold(28, 28, ("uuuuu",) * 5, 600.0, MODEL)

@@ -1,4 +1,4 @@
-"""A fire that goes on apart from another, and one whose wind and rates are taken to be others."""
+"""Copies of a fire that advance independently, and fires with perturbed wind and rates."""
 
 import copy
 from collections.abc import Callable, Iterator
@@ -44,7 +44,7 @@ SCHEMES: dict[str, Make] = {
 
 
 def arrays_in(thing: Any) -> Iterator[NDArray[Any]]:
-    """All arrays that a fire has, in the tuples that it has too."""
+    """Return all arrays of a fire, including those in tuples."""
     values = vars(thing).values() if isinstance(thing, Fire) else thing
     for value in values:
         if isinstance(value, np.ndarray):
@@ -56,7 +56,7 @@ def arrays_in(thing: Any) -> Iterator[NDArray[Any]]:
 @pytest.mark.parametrize("taken_over", [False, True])
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_a_copy_goes_on_alike_and_apart(scheme: str, taken_over: bool) -> None:
-    """Over a change of weather and an ignition to come, and lit and perturbed on one side."""
+    """Weather changes and an ignition follows; only one copy is lit and perturbed."""
     burning = None
     if taken_over:
         arrival_s = np.full(LAND.shape, np.inf)
@@ -71,9 +71,9 @@ def test_a_copy_goes_on_alike_and_apart(scheme: str, taken_over: bool) -> None:
     apart.perturb(1.5, 60.0, 1.6)
     apart.light(5, 5, NOW_S)
     apart.advance(6500.0)
-    for now, then in zip(arrays_in(fire), all_before, strict=True):  # nothing of it has moved
+    for now, then in zip(arrays_in(fire), all_before, strict=True):  # the copy has not changed
         assert np.array_equal(now, then, equal_nan=now.dtype.kind == "f")
-    for at_s in (6500.0, 7000.0, 9000.0):  # by turns
+    for at_s in (6500.0, 7000.0, 9000.0):  # alternately
         fire.advance(at_s)
         apart.advance(at_s + 500.0)
         alike.advance(at_s)
@@ -89,7 +89,7 @@ def test_a_copy_goes_on_alike_and_apart(scheme: str, taken_over: bool) -> None:
 
 @pytest.mark.parametrize("scheme", ["anyangle", "devs8"])
 def test_perturbed_is_as_if_the_weather_were_so(scheme: str) -> None:
-    """The wind of now and all later ones, against a fire made with such weather."""
+    """Compare with a fire that was created with the changed wind in these entries."""
     fire = SCHEMES[scheme](CHANGING, None)
     fire.advance(NOW_S)
     fire.perturb(1.3, 25.0, 1.0)
@@ -104,7 +104,8 @@ def test_perturbed_is_as_if_the_weather_were_so(scheme: str) -> None:
     burned = with_forecast.burned()
     assert np.array_equal(fire.burned(), burned)
     off_s = np.abs(fire.arrival_time_s[burned] - with_forecast.arrival_time_s[burned])
-    # Rounding may decide between two sources that give a node the same time, but not the next one.
+    # Rounding may select between two sources that give a node equal times, but must not change the
+    # next node.
     assert np.count_nonzero(off_s > 1e-6) <= (2 if scheme == "anyangle" else 0)
     as_forecast = SCHEMES[scheme](CHANGING, None)
     as_forecast.advance(9000.0)
@@ -113,7 +114,7 @@ def test_perturbed_is_as_if_the_weather_were_so(scheme: str) -> None:
 
 @pytest.mark.parametrize("scheme", ["anyangle", "devs8"])
 def test_twice_the_rate_is_half_the_time(scheme: str) -> None:
-    """In any fuel, on slopes and in wind, from now on."""
+    """In any fuel, on slopes and in wind, from the time of the change on."""
     steady = WeatherStream([weather(3.0, 200.0)])
     fire = SCHEMES[scheme](steady, None)
     fire.advance(2000.0)
@@ -124,7 +125,7 @@ def test_twice_the_rate_is_half_the_time(scheme: str) -> None:
     later = (fire.arrival_time_s > 2000.0) & (fire.arrival_time_s < 4900.0)
     assert np.count_nonzero(later) > 100
     halved = 2000.0 + (fire.arrival_time_s[later] - 2000.0) / 2.0
-    # Any-angle joins the lines under way again at a change.
+    # At a change, the any-angle scheme joins the active lines again.
     off_s = 20.0 if scheme == "anyangle" else 1e-6
     np.testing.assert_allclose(fast.arrival_time_s[later], halved, atol=off_s)
 

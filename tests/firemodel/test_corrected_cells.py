@@ -1,4 +1,4 @@
-"""Observations correct a fire of cells, which goes on from what it was corrected to."""
+"""Observations correct a cellular fire, which continues from the corrected state."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from firemodel.assimilation.corrected_cells import (
 )
 from firemodel.assimilation.distance_weighting import PaperCorrected
 from firemodel.assimilation.gaussian import GaussianCorrected
-from firemodel.ellipses.observations import BURNED, BURNING, UNBURNED
+from firemodel.ellipses.point_observations import BURNED, BURNING, UNBURNED
 from firemodel.errors import FireModelError
 from firemodel.spread.anyangle import AnyAngleFire
 from firemodel.spread.burning import burning_from_arrival
@@ -25,7 +25,7 @@ MARKED_S, LATER_S = 1800.0, 2700.0
 
 
 def burned(from_deg: float, until_s: float = 3 * LATER_S) -> AnyAngleFire:
-    """A fire in wind from there, burned well ahead."""
+    """Return a fire that spreads in the wind from this direction, advanced far enough."""
     fire = AnyAngleFire(LAND, steady(2.0, from_deg), LIT)
     fire.advance(until_s)
     return fire
@@ -35,7 +35,7 @@ MODEL, TRUTH = burned(250.0), burned(200.0)
 
 
 def marks_on(fire: AnyAngleFire, at_s: float, count: int = 40) -> Floats:
-    """Places on its front, noisy."""
+    """Return noisy marks on the front."""
     rng = np.random.default_rng(1)
     (ring,) = fire.front(at_s).geoms
     along = rng.uniform(0.0, ring.exterior.length, count)
@@ -45,7 +45,7 @@ def marks_on(fire: AnyAngleFire, at_s: float, count: int = 40) -> Floats:
 
 
 def off(found: AnyAngleFire, at_s: float) -> float:
-    """Area wrong over the true one."""
+    """Return the wrong area divided by the true area."""
     true = TRUTH.front(at_s)
     return float(found.front(at_s).symmetric_difference(true).area / true.area)
 
@@ -114,7 +114,7 @@ def test_a_correction_costs_what_burns_and_not_what_is_mapped() -> None:
     observations = marks_on(TRUTH, MARKED_S, 12)
     found = corrected_arrival(early, LAND, observations, Counted)
     assert asked == [come.sum()]
-    # Bit for bit what asking of all cells gives.
+    # Bit for bit the result for all cells.
     row, col = np.indices(early.shape)
     centres = np.column_stack([axis.ravel() for axis in LAND.xy_of(row, col)])
     every = GaussianCorrected(ArrivalRaster(early, LAND), observations).ignition_time_s(centres)

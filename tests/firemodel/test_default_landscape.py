@@ -1,4 +1,4 @@
-"""The terrain that ships with matplotlib, the right way up and where it belongs."""
+"""The terrain that ships with matplotlib has the right orientation and position."""
 
 import subprocess
 import sys
@@ -25,7 +25,7 @@ from firemodel.spread.front import perimeter
 def test_known_places_have_their_elevation(
     lat_deg: float, lon_deg: float, expected_m: float
 ) -> None:
-    """Nowhere near it would hold if the grid were upside down or a grid's height too far north."""
+    """The test would fail if the grid were upside down, or a grid's height too far north."""
     x_m, y_m = jacksboro(4, 4).xy_of_lat_lon(lat_deg, lon_deg)
     around = _elevation(3, 3, 60.0, x_m - 90.0, y_m + 90.0)
     assert around[1, 1] == pytest.approx(expected_m, abs=15.0)
@@ -58,7 +58,7 @@ def test_the_landscape_is_always_the_same() -> None:
 
 
 def test_six_hours_of_fire_stay_on_the_grid_and_are_uneven() -> None:
-    """Hourly winds from the north-east, light for three hours; what the default scenario needs."""
+    """The wind is from the north-east, and light for three hours, as in the default scenario."""
     land = jacksboro()
     winds = [(3, 40), (3, 45), (4, 50), (7, 45), (7.5, 40), (7, 50)]
     hours = [

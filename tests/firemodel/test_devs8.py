@@ -1,4 +1,4 @@
-"""What a fire over cells must do: physics one can reason about, and the same result however cut."""
+"""Requirements of cellular fires from physics; results do not depend on the steps of advance."""
 
 import itertools
 import math
@@ -42,9 +42,11 @@ def test_without_wind_and_slope_the_fire_is_a_regular_octagon() -> None:
 @pytest.mark.parametrize(
     ("wind_from_deg", "ahead", "behind"),
     [
-        (270.0, (20, 24), (20, 16)),  # from the west: eastwards, towards higher columns
-        (0.0, (24, 20), (16, 20)),  # from the north: southwards, towards higher rows
-        (45.0, (24, 16), (16, 24)),  # from the north-east: south-westwards
+        # Wind from the west: fire moves eastwards, towards higher columns.
+        (270.0, (20, 24), (20, 16)),
+        # Wind from the north: fire moves southwards, towards higher rows.
+        (0.0, (24, 20), (16, 20)),
+        (45.0, (24, 16), (16, 24)),  # wind from the north-east: fire moves south-westwards
     ],
 )
 def test_wind_drives_the_fire_downwind(
@@ -62,7 +64,7 @@ def test_head_back_and_flank_run_at_the_rates_of_the_ellipse() -> None:
     assert heading == pytest.approx(np.pi / 2, abs=1e-3)
     assert found[20, 21] == pytest.approx(CELL_M / rate)
     assert found[20, 19] == pytest.approx(CELL_M / (rate * (1 - e) / (1 + e)))
-    # The cell to the north is reached from the ignition itself, or round over its neighbours.
+    # Fire reaches the cell to the north from the ignition itself, or by way of its neighbours.
     assert found[19, 20] <= CELL_M / (rate * (1 - e)) * (1 + 1e-9)
 
 
@@ -74,7 +76,7 @@ def test_fire_runs_uphill() -> None:
 
 
 def test_rates_are_projected_to_the_map() -> None:
-    """Up a slope of 3 in 4 the way is 5/4 as long as on the map; the slope also drives it."""
+    """Up a slope of 3 in 4 a path is 5/4 as long as on the map; the slope raises the rate."""
     east_is_up = np.tile(np.arange(41) * 0.75 * CELL_M, (41, 1))
     land = landscape(1, east_is_up)
     found = arrivals(Devs8Fire(land, steady(), [MIDDLE]), 600.0)
@@ -99,7 +101,7 @@ def test_every_fuel_burns_and_no_bare_ground_does() -> None:
 
 
 def test_a_change_of_weather_keeps_the_way_already_made() -> None:
-    """Half of a cell at the calm rate, the other half at the windy one."""
+    """Fire covers half of a cell at the rate without wind, the other half at the rate with wind."""
     land = landscape(2)
     calm, windy = (float(spread_fields(land, weather(speed, 270.0))[0][0, 0]) for speed in (0, 5))
     change_s = 0.5 * CELL_M / calm
@@ -164,7 +166,7 @@ def test_a_later_ignition_in_burned_ground_does_nothing() -> None:
 
 
 def test_arrivals_only_come_from_neighbours_and_later() -> None:
-    """Each burned cell but the ignition has an 8-neighbour that burned before it."""
+    """Each burned cell except the ignition has one of eight neighbours that burned before it."""
     found = arrivals(Devs8Fire(jacksboro(80, 80), steady(4.0, 45.0), [(40, 40, 0.0)]), 7200.0)
     padded = np.pad(found, 1, constant_values=np.inf)
     steps = [step for step in itertools.product((0, 1, 2), repeat=2) if step != (1, 1)]
@@ -192,7 +194,7 @@ def test_impossible_ignitions_are_refused(ignition: tuple[int, int, float], mess
 
 
 def wind_for(length_to_width: float) -> float:
-    """Wind in m/s that gives short grass this ellipse."""
+    """Return the wind in m/s that gives short grass this ellipse."""
     slow, fast = 0.0, 30.0
     for _ in range(60):
         wind = 0.5 * (slow + fast)
@@ -206,11 +208,11 @@ def wind_for(length_to_width: float) -> float:
 @pytest.mark.parametrize(
     ("length_to_width", "wind_from_deg", "share"),
     [
-        (1.43, 270.0, 0.78),  # the two figures of DEVS-FIRE, along a side and along a diagonal
+        (1.43, 270.0, 0.78),  # DEVS-FIRE's two results, along a side and along a diagonal
         (1.43, 45.0, 0.78),
         (2.21, 270.0, 0.60),
         (2.21, 45.0, 0.60),
-        (2.21, 22.5, 0.55),  # between two directions
+        (2.21, 22.5, 0.55),  # between two of the eight directions
     ],
 )
 def test_eight_directions_burn_as_much_of_the_ellipse_as_devs_fire(
@@ -248,7 +250,7 @@ def test_states_are_available_for_the_past_only() -> None:
 
 
 def test_the_front_lies_where_the_fire_was_at_that_time() -> None:
-    """Between two cells too, on ways not yet covered; whatever came later."""
+    """The front may lie between two cells, on incomplete paths; later events have no effect."""
     still = float(spread_fields(landscape(), weather())[0][0, 0])
     fire = Devs8Fire(landscape(), steady(), [MIDDLE, (2, 2, 9.75 * CELL_M / still)])
     fire.advance(6.75 * CELL_M / still)
@@ -321,13 +323,13 @@ def test_a_cell_ignites_only_if_its_intensity_passes_the_threshold() -> None:
     assert np.isfinite(burned(0.0, 1e4)[:, 23]).any()
     found = burned(threshold, 3e4)
     assert np.isfinite(found[:, :23]).all()
-    assert (found[10:31, 23] == 2e4).all()  # it waited there for more wind
+    assert (found[10:31, 23] == 2e4).all()  # at this cell fire waited for a stronger wind
     assert found[:, 23:].min() == 2e4
     assert np.isfinite(found[20, 24])
 
 
 def test_nothing_too_wet_ignites_until_it_is_dry() -> None:
-    """Tall grass burns at 15 % of moisture, short grass does not."""
+    """Tall grass burns at a moisture of 15 %, short grass does not."""
     fuel = np.full((41, 41), 3, dtype=np.int16)
     fuel[:, 23:] = 1
     damp = type(weather())(0.0, 3.0, 270.0, 15.0, 15.0, 15.0, 60.0, 90.0)
@@ -335,7 +337,7 @@ def test_nothing_too_wet_ignites_until_it_is_dry() -> None:
     fire = Devs8Fire(landscape(fuel), stream, [MIDDLE, (20, 39, 60.0)])
     fire.advance(7199.0)
     assert fire.burned()[10:31, 22].all()
-    assert np.argwhere(fire.burned()[:, 23:]).tolist() == [[20, 16]]  # lit, and stands still
+    assert np.argwhere(fire.burned()[:, 23:]).tolist() == [[20, 16]]  # the lit cell does not spread
     fire.advance(10_800.0)
     assert (fire.arrival_time_s[10:31, 23] == 7200.0).all()
     dry = float(spread_fields(landscape(1), weather(3.0, 270.0))[0][0, 0])

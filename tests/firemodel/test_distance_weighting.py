@@ -1,4 +1,4 @@
-"""Observations that set a simulation right, by the paper's method."""
+"""Observations correct a simulation by the paper's method."""
 
 import math
 
@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 from firemodel.assimilation import distance_weighting
 from firemodel.assimilation.distance_weighting import PaperCorrected
 from firemodel.ellipses.ellipse import EllipseFire, Spread
-from firemodel.ellipses.observations import BURNED, BURNING, UNBURNED, errors_s
+from firemodel.ellipses.point_observations import BURNED, BURNING, UNBURNED, errors_s
 from firemodel.errors import FireModelError
 
 Floats = NDArray[np.float64]
 LENGTH_M = 20.0
 FIRE = EllipseFire([Spread(0.0, 0.5, 0.1, 0.1, 0.0)], np.zeros((1, 3)))
-PLACE = (50.0, 0.0)  # where it comes after 100 s
+PLACE = (50.0, 0.0)  # places that fire reaches after 100 s
 
 
 def observations(*rows: tuple[float, float, float, int]) -> Floats:
@@ -64,7 +64,7 @@ def test_what_the_fire_agrees_with_does_not_weaken_the_others() -> None:
     agrees = [(50.0, float(y), 500.0, BURNED) for y in range(5)]
     assert moved_s(observations((*PLACE, 160.0, BURNING), *agrees), PLACE)[0] == pytest.approx(60.0)
     as_simulated = float(FIRE.ignition_time_s(np.array([PLACE]))[0])
-    exact = (*PLACE, as_simulated, BURNING)  # does: fire was seen to come just then
+    exact = (*PLACE, as_simulated, BURNING)  # fire was observed to arrive at this time
     assert moved_s(observations((*PLACE, 160.0, BURNING), exact), PLACE)[0] == pytest.approx(30.0)
 
 
@@ -96,7 +96,7 @@ def test_where_fire_never_comes_a_mark_lights_its_neighbourhood() -> None:
 def test_tiles_and_polynomials_change_nothing(
     length_m: float, count: int, wide_m: float, high_m: float
 ) -> None:
-    """Against the formula itself, for scattered points, a line of them and one place."""
+    """The formula is evaluated for scattered points, for points on a line, and for one place."""
     random = np.random.default_rng(4)
     given = np.column_stack(
         [random.uniform(-20.0, 520.0, (150, 2)), random.uniform(0, 900, 150), np.zeros(150)]

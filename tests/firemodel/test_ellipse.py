@@ -1,4 +1,4 @@
-"""Ellipses from points: against closed forms, Huygens' construction, and every pair by itself."""
+"""Ellipses from points, compared with closed forms, Huygens' construction and all single pairs."""
 
 import math
 
@@ -8,8 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from firemodel.ellipses.ellipse import EllipseFire, Spread, line_sources, spreads_of
+from firemodel.ellipses.ellipse import EllipseFire, Spread, spreads_of
 from firemodel.ellipses.ellipse_kernels import reach
+from firemodel.ellipses.line_ignitions import line_sources
 from firemodel.errors import FireModelError
 from firemodel.physics.weather import Weather, WeatherStream
 from firemodel.spread.anyangle import AnyAngleFire
@@ -22,7 +23,7 @@ STEADY = (Spread(0.0, HEAD, BACK, FLANK, TOWARD),)
 CHANGING = (
     Spread(0.0, 0.3, 0.02, 0.03, 0.5),
     Spread(400.0, 0.1, 0.03, 0.04, 2.5),
-    Spread(700.0, 0.0, 0.0, 0.0, 0.0),  # rain
+    Spread(700.0, 0.0, 0.0, 0.0, 0.0),  # rain: no spread
     Spread(800.0, 0.5, 0.02, 0.05, -1.0),
 )
 ALONG = np.array([math.cos(TOWARD), math.sin(TOWARD)])
@@ -30,7 +31,7 @@ ACROSS = np.array([-math.sin(TOWARD), math.cos(TOWARD)])
 
 
 def support(spread: Spread, normals: Floats) -> Floats:
-    """How far an ellipse reaches in a second in each direction (k, 2), from eqs. 1 and 2."""
+    """Return the reach of an ellipse in a second in each direction (k, 2), by eqs. 1 and 2."""
     wind = np.array([math.cos(spread.toward_rad), math.sin(spread.toward_rad)])
     along, across = normals @ wind, normals @ np.array([-wind[1], wind[0]])
     centre, major = (
@@ -41,7 +42,7 @@ def support(spread: Spread, normals: Floats) -> Floats:
 
 
 def by_directions(spreads: tuple[Spread, ...], way: Floats, at_s: float, count: int) -> float:
-    """The greatest over so many directions of when Σ τ h(n) comes to way·n."""
+    """Return the greatest time over many directions at which Σ τ h(n) equals d·n."""
     angles = np.linspace(0.0, 2.0 * math.pi, count, endpoint=False)
     normals = np.column_stack([np.cos(angles), np.sin(angles)])
     left, found = normals @ way, np.where(normals @ way > 0.0, np.inf, at_s)
@@ -58,7 +59,7 @@ def by_directions(spreads: tuple[Spread, ...], way: Floats, at_s: float, count: 
 
 
 def every_pair(fire: EllipseFire, points: Floats) -> Floats:
-    """(points, sources) each by itself."""
+    """Return the times (points, sources), each pair computed separately."""
     table = fire._table
     found = np.empty((len(points), len(fire.sources)))
     for row, (x, y) in enumerate(points):
@@ -126,7 +127,7 @@ def test_too_wet_to_burn_it_never_comes() -> None:
 
 @pytest.mark.parametrize("at_s", [-50.0, 0.0, 380.0, 400.0, 750.0, 2000.0])
 def test_a_change_of_wind_is_exact(at_s: float) -> None:
-    """The greatest over 30,000 directions is hardly less than what is found, and never more."""
+    """The greatest time over 30,000 directions is at most the result, and hardly less."""
     random = np.random.default_rng(1)
     fire = EllipseFire(CHANGING, np.array([[0.0, 0.0, at_s]]))
     points = random.uniform(-1.0, 1.0, (40, 2)) * random.choice([10.0, 100.0, 1000.0], (40, 1))
@@ -137,7 +138,7 @@ def test_a_change_of_wind_is_exact(at_s: float) -> None:
 
 
 def test_it_agrees_with_huygens() -> None:
-    """Each point of the first ellipse's edge as a source of the second, 0.05 m apart and less."""
+    """Points on the edge of the first ellipse, at most 0.05 m apart, are sources of the second."""
     change_s = CHANGING[1].from_s
     angles = np.linspace(0.0, 2.0 * math.pi, 8000)[:, None]
     middle, major = ALONG * (HEAD - BACK) / 2.0, (HEAD + BACK) / 2.0
@@ -157,7 +158,7 @@ def test_it_agrees_with_huygens() -> None:
 def test_it_agrees_with_the_cells_of_the_same_rates(
     turned_deg: float | None, tolerance: float
 ) -> None:
-    """The any-angle scheme has Anderson's ellipses: thicker than section IV's, so given here."""
+    """The ellipses are Anderson's, as in the any-angle scheme; they are wider than section IV's."""
     entries = [weather(2.0, 200.0)]
     if turned_deg is not None:
         entries.append(weather(2.0, 200.0 + turned_deg, 3000.0))
@@ -197,7 +198,7 @@ periods = st.tuples(
 
 @st.composite
 def fires(draw: st.DrawFn) -> tuple[EllipseFire, Floats]:
-    """A fire, and points: scattered, on a line, in one place, on sources, far away."""
+    """Yield fires with points: scattered, on a line, at one place, on sources, far away."""
     spreads: list[Spread] = []
     at_s = -500.0
     for length_s, head, back, flank, toward, still in draw(
@@ -239,7 +240,7 @@ def test_what_is_left_out_is_never_first(case: tuple[EllipseFire, Floats]) -> No
 
 @pytest.mark.parametrize("spreads", [STEADY, CHANGING])
 def test_many_points_and_sources(spreads: tuple[Spread, ...]) -> None:
-    """So many that the quadtree has several levels; each point is one of those asked alone."""
+    """The quadtree has several levels; each point has the same result as if computed alone."""
     random = np.random.default_rng(5)
     sources = random.uniform(0.0, 1000.0, (300, 3)) + np.array([5e5, 4e6, 0.0])
     fire = EllipseFire(spreads, sources)
@@ -276,7 +277,7 @@ def test_lines_are_points() -> None:
     )
     np.testing.assert_allclose(found, expected)
     assert line_sources(corners[:1], 5.0, 4.0).tolist() == [[0.0, 0.0, 5.0]]
-    # Late between two sources by s² / (8 r), as documented in line_sources.
+    # Between two sources the front is late by s² / (8 r), as documented in line_sources.
     spacing_m, r_m = 4.0, 8.0
     fire = EllipseFire(
         [Spread(0.0, 0.1, 0.1, 0.1, 0.0)], line_sources(corners[:2] * 10.0, 0.0, spacing_m)

@@ -1,4 +1,4 @@
-"""Many fires at once: what is drawn, what members share, and what they give together."""
+"""Ensembles: random draws, parts that members share, and common results."""
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -33,7 +33,7 @@ SKY = [weather(4.0, 270.0), weather(6.0, 250.0, 1500.0), weather(6.0, 250.0, 200
 
 
 def land() -> Landscape:
-    """Grass (1) in the west, grass with timber (2) in the east, on a hill."""
+    """Return a hill with grass (1) in the west, and grass with timber (2) in the east."""
     row, col = np.indices((60, 70))
     fuel = np.where(col < 36, 1, 2)
     fuel[10:12] = 98
@@ -57,7 +57,7 @@ def burned(start: Start, draw: Draw, until_s: float = HOUR_S) -> Fire:
 
 
 def whole(window: Window) -> tuple[np.ndarray, np.ndarray]:
-    """A window's arrival times and flame lengths on the whole grid."""
+    """Return a window's arrival times and flame lengths on the whole grid."""
     after_s, flame_m = np.full((2, 60, 70), np.nan, np.float32)
     after_s[:] = np.inf
     here = np.s_[window.top :, window.left :]
@@ -94,7 +94,7 @@ def test_a_member_without_errors_is_the_plain_fire(scheme: SchemeName) -> None:
     plain = new_fire(scheme, land(), WeatherStream(SKY), [LIT], seed=0, **settings)
     plain.advance(HOUR_S)
     member = burned(start, STATED)
-    if scheme == "anyangle":  # a perturbation is a change of weather, even without effect
+    if scheme == "anyangle":  # a perturbation is a change of weather, even if it changes no value
         assert np.array_equal(member.arrival_time_s, plain.arrival_time_s)
     elif scheme == "devs8":
         assert np.array_equal(member.burned(), plain.burned())
@@ -135,7 +135,7 @@ def test_wind_factor_and_turn_change_the_stated_wind() -> None:
     drawn, stated = begun(), begun(other)
     first, second = burned(drawn, draw), burned(stated, STATED)
     assert np.array_equal(first.burned(), second.burned())
-    # Rounding of the direction decides between paths that are equally fast.
+    # Rounding of the direction selects between paths of equal time.
     assert first.arrival_time_s == pytest.approx(second.arrival_time_s, rel=0.02)
     found = whole(drawn.window(first, draw))[1]
     expected = behaviour_of(second).flame_length_m
@@ -164,7 +164,7 @@ def test_ignitions_move_unless_nothing_burns_there() -> None:
 
 def test_a_start_that_burns_is_kept_and_has_no_flame() -> None:
     fire = new_fire("anyangle", land(), WeatherStream(SKY), [LIT])
-    fire.advance(1800.0)  # after the second entry began
+    fire.advance(1800.0)  # after the second entry has begun
     before = fire.burned()
     start = Start(fire)
     draw = STATED._replace(wind_factor=1.3, moisture_factor=0.8)
@@ -203,7 +203,7 @@ def test_products_agree_with_a_count_of_members() -> None:
 
 
 def test_quantiles_over_several_blocks_of_rows(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(products, "TIMES_AT_ONCE", 1000)  # 100 rows of 5 cells of 2 members
+    monkeypatch.setattr(products, "TIMES_AT_ONCE", 1000)  # 100 rows of 5 cells for 2 members
     times_s = np.arange(120, dtype=np.float32).reshape(120, 1)
     tall = Window(200, 3, times_s, times_s)
     none = Window(0, 0, np.empty((0, 0), np.float32), np.empty((0, 0), np.float32))
@@ -236,7 +236,7 @@ def test_an_ensemble_advances_copies_perturbs_and_resamples() -> None:
     for wrong in ([], [3], [-1]):
         with pytest.raises(FireModelError, match="give numbers from 0 to 2"):
             many.resample(wrong)
-    with pytest.raises(FireModelError, match="one time"):
+    with pytest.raises(FireModelError, match="same time"):
         Ensemble([many.fires[0], twin.fires[0]])
 
 

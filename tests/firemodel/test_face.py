@@ -1,4 +1,4 @@
-"""``import firemodel``: what a notebook uses, and that it costs nothing until it is used."""
+"""``import firemodel``: the names that a notebook uses, which are imported at their first use."""
 
 import doctest
 import inspect
@@ -56,7 +56,7 @@ def test_a_burn_of_one_s_own_landscape_weather_and_file(tmp_path: Path) -> None:
     path.write_text(json.dumps({"type": "Feature", "properties": {}, "geometry": point}))
     weather = steady()
     by_place = firemodel.burn(land, weather, [(float(lat), float(lon))], duration_s=1800.0)
-    by_file = firemodel.burn(land, weather.at(0.0), path, duration_s=1800.0)
+    by_file = firemodel.burn(land, weather.weather_at(0.0), path, duration_s=1800.0)
     assert by_place.arrival_time_s[10, 12] == 0.0
     assert by_place.burned_ha > 0.1
     assert np.array_equal(by_place.arrival_time_s, by_file.arrival_time_s)

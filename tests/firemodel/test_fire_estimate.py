@@ -1,4 +1,4 @@
-"""An estimate follows what is seen of a fire, from cameras and from mapped perimeters."""
+"""An estimate is corrected by observations from cameras and mapped perimeters."""
 
 from concurrent.futures import ThreadPoolExecutor
 
@@ -47,7 +47,7 @@ def perimeter_at(fire: AnyAngleFire, at_s: float) -> Observation:
 def after_perimeters(fire: AnyAngleFire, count: int) -> FireEstimate:
     estimate = FireEstimate(LAND, WIND, settings=SETTINGS)
     for number in range(1, count + 1):
-        estimate.observe(perimeter_at(fire, 1800.0 + number * STEP_S))
+        estimate.assimilate(perimeter_at(fire, 1800.0 + number * STEP_S))
     return estimate
 
 
@@ -75,7 +75,7 @@ def test_a_side_that_is_held_stays_in_the_forecast() -> None:
         at_s = 1800.0 + number * STEP_S
         burned = np.where((fire.arrival_time_s <= at_s) & west, 0.0, np.inf)
         area = burning_from_arrival(burned, LAND, 0.0).area
-        estimate.observe(mapped_perimeter(area, LAND, at_s))
+        estimate.assimilate(mapped_perimeter(area, LAND, at_s))
     later_s = estimate.time_s + STEP_S
     probability = estimate.forecast(later_s).burn_probability(later_s)
     held = probability[MIDDLE[0] - 3 : MIDDLE[0] + 4, line + 1]
@@ -90,7 +90,7 @@ def test_threads_do_not_change_the_estimate() -> None:
     with ThreadPoolExecutor(3) as pool:
         estimate = FireEstimate(LAND, WIND, settings=SETTINGS)
         for number in (1, 2):
-            estimate.observe(perimeter_at(fire, 1800.0 + number * STEP_S), pool.map)
+            estimate.assimilate(perimeter_at(fire, 1800.0 + number * STEP_S), pool.map)
         many = estimate.forecast(6000.0, pool.map).burn_probability(6000.0)
     np.testing.assert_array_equal(one, many)
 
@@ -134,7 +134,7 @@ def test_an_implausible_perimeter_is_refused_and_changes_nothing(change, words) 
     fire = true_fire(1.0)
     one, other = after_perimeters(fire, 2), after_perimeters(fire, 2)
     with pytest.raises(FireModelError, match=words):
-        one.observe(change(perimeter_at(fire, 5000.0)))
+        one.assimilate(change(perimeter_at(fire, 5000.0)))
     later_s = one.time_s + 1800.0
     np.testing.assert_array_equal(
         one.forecast(later_s).burn_probability(later_s),
@@ -156,7 +156,7 @@ def watched(rate: float) -> tuple[FireEstimate, AnyAngleFire]:
     for at_s in np.arange(600.0, 4201.0, 300.0):
         rows, cols = np.nonzero(fire.arrival_time_s <= at_s)
         for place in (int(np.argmax(cols)), int(np.argmin(cols)), int(np.argmax(rows))):
-            estimate.observe(
+            estimate.assimilate(
                 image(fire.arrival_time_s, float(at_s), int(rows[place]), int(cols[place]))
             )
     return estimate, fire
@@ -182,20 +182,20 @@ def test_an_image_sets_the_cells_that_it_shows() -> None:
     estimate = FireEstimate(LAND, WIND, [(*MIDDLE, 0.0)], SETTINGS)
     estimate.advance(3600.0)
     seen = image(fire.arrival_time_s, 3600.0, *MIDDLE, radius=20)
-    estimate.observe(seen)
+    estimate.assimilate(seen)
     np.testing.assert_array_equal(estimate.burned()[seen.where], seen.state == BURNED)
 
 
 def test_an_image_before_any_fire_is_refused() -> None:
-    with pytest.raises(FireModelError, match="no fire is known yet"):
-        FireEstimate(LAND, WIND).observe(image(np.full(LAND.shape, np.inf), 10.0, 40, 40))
+    with pytest.raises(FireModelError, match="there is no fire yet"):
+        FireEstimate(LAND, WIND).assimilate(image(np.full(LAND.shape, np.inf), 10.0, 40, 40))
 
 
 def test_a_single_wrong_cell_is_filtered() -> None:
     state = np.full((9, 9), UNBURNED, dtype=np.uint8)
     state[4, 4], state[:, 0] = BURNED, UNSEEN
     found = despeckled(Observation(0.0, 0, 0, state, false_alarms=0.01))
-    corners = np.zeros_like(state, dtype=bool)  # with too few cells in view
+    corners = np.zeros_like(state, dtype=bool)  # too few cells are in view
     corners[[0, 0, -1, -1], [1, -1, 1, -1]] = True
     assert (found[:, 1:][~corners[:, 1:]] == UNBURNED).all()
     assert (found[corners] == UNSEEN).all()
@@ -211,11 +211,11 @@ def test_cells_count_as_held_after_a_time_and_not_once_burned() -> None:
     share[4:6] = 0.9
     times_s = np.arange(0.0, 2.0 * HELD_S, 100.0)
     for at_s in times_s:
-        held.observe(here, state, float(at_s), share)
+        held.add_observation(here, state, float(at_s), share)
     assert held.held()[9:11, 5:15].all()
     assert not held.held()[5:8].any()
     state[4] = BURNED
-    held.observe(here, state, float(times_s[-1] + 100.0), share)
+    held.add_observation(here, state, float(times_s[-1] + 100.0), share)
     assert not held.held()[9, 5:15].any()
 
 

@@ -1,4 +1,4 @@
-"""Files are identified by their content, and none makes the fire model fetch anything."""
+"""Files are identified by their content, and no file makes the fire model fetch data."""
 
 import http.server
 import json
@@ -17,7 +17,7 @@ KML = '<kml xmlns="http://www.opengis.net/kml/2.2"><Document>{}</Document></kml>
 
 
 class Counted(http.server.ThreadingHTTPServer):
-    """Counts what is asked of it."""
+    """A server that counts its requests."""
 
     asked = 0
 
@@ -66,7 +66,7 @@ def test_a_raster_that_lists_others_is_refused(
 ) -> None:
     path = tmp_path / name
     path.write_text(raster_vrt(f"{scheme}://127.0.0.1:{server.server_port}/x.tif"))
-    with pytest.raises(FireModelError, match="is no GeoTIFF") as error:
+    with pytest.raises(FireModelError, match="is not a GeoTIFF") as error:
         bands_of(path)
     assert "\n" not in str(error.value)
     assert server.asked == 0
@@ -80,7 +80,7 @@ def test_shapes_that_list_others_are_refused(
     path = tmp_path / name
     (tmp_path / "lit.shx").write_bytes(b"")
     path.write_text(vector_vrt(f"{scheme}://127.0.0.1:{server.server_port}/x.json"))
-    with pytest.raises(FireModelError, match="is XML but no KML: OGRVRTDataSource") as error:
+    with pytest.raises(FireModelError, match="is XML, but not KML: OGRVRTDataSource") as error:
         features_of(path)
     assert "\n" not in str(error.value)
     assert server.asked == 0
@@ -94,8 +94,8 @@ def test_other_ways_to_have_something_fetched(tmp_path: Path, server: Counted) -
     for number, (content, words) in enumerate(
         [
             ({**point, "crs": link}, "its crs member is not supported"),
-            (alg, "is JSON but no GeoJSON"),
-            ({"type": "Topology", "objects": {}}, "is JSON but no GeoJSON"),
+            (alg, "is JSON, but not GeoJSON"),
+            ({"type": "Topology", "objects": {}}, "is JSON, but not GeoJSON"),
         ]
     ):
         path = tmp_path / f"{number}.geojson"
@@ -103,9 +103,9 @@ def test_other_ways_to_have_something_fetched(tmp_path: Path, server: Counted) -
         with pytest.raises(FireModelError, match=words):
             features_of(path)
     for member, text, words in (
-        ("x.vrt", vector_vrt(url), "which belongs to no Shapefile or KMZ"),
-        ("x.kml", vector_vrt(url), "is XML but no KML"),
-        ("x.txt", vector_vrt(url), "holds no Shapefile or KML"),
+        ("x.vrt", vector_vrt(url), "which is not part of a Shapefile or KMZ"),
+        ("x.kml", vector_vrt(url), "is XML, but not KML"),
+        ("x.txt", vector_vrt(url), "contains no Shapefile or KML"),
     ):
         path = tmp_path / "packed.zip"
         with zipfile.ZipFile(path, "w") as archive:

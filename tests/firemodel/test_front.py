@@ -1,4 +1,4 @@
-"""The perimeter as a loop of cells, and the front between their centres."""
+"""The perimeter as a loop of cells, and the front between the centres of cells."""
 
 import numpy as np
 import pytest
@@ -15,20 +15,20 @@ Mask = NDArray[np.bool_]
 
 
 def drawn(drawing: str) -> Mask:
-    """A mask from a drawing: # burned, anything else not."""
+    """Return a mask from a drawing; # means burned."""
     return np.array([[sign == "#" for sign in line] for line in drawing.split()])
 
 
 def signed_area(loop: NDArray[np.int32]) -> float:
-    """Twice the area, positive anticlockwise on a north-up map (x = column, y = -row)."""
+    """Return twice the area, positive if anticlockwise on a north-up map (x = column, y = -row)."""
     x, y = loop[:, 1], -loop[:, 0]
     return float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
 
 
 def outer_boundary(burned: Mask) -> set[tuple[int, int]]:
-    """Cells of the largest region with a side on ground that is connected to the outside."""
+    """Return the cells of the largest region with a side on ground connected to the outside."""
     region = np.pad(largest_region(burned), 1)
-    outside = ndimage.label(~region)[0] == 1  # the padding's corner is labelled first
+    outside = ndimage.label(~region)[0] == 1  # the corner of the padding is labelled first
     touches = region & ndimage.binary_dilation(outside)
     return {(int(row) - 1, int(col) - 1) for row, col in np.argwhere(touches)}
 
@@ -77,7 +77,7 @@ def test_every_perimeter_is_a_closed_loop_of_exactly_the_outer_boundary(burned: 
 
 def test_a_front_lies_where_the_fire_was_at_that_time() -> None:
     rows, cols = np.indices((41, 41))
-    arrival_s = 10.0 * np.hypot(rows - 20.0, cols - 20.0)  # a cell in ten seconds
+    arrival_s = 10.0 * np.hypot(rows - 20.0, cols - 20.0)  # one cell in ten seconds
     land = landscape()
     area = front_polygons(arrival_s, 123.0, land)
     assert area.area == pytest.approx(np.pi * (12.3 * CELL_M) ** 2, rel=0.01)

@@ -1,4 +1,4 @@
-"""The files of fronts: KML with calendar times, and the QGIS style."""
+"""Files of fronts: KML with calendar times, and the QGIS style."""
 
 import json
 from datetime import UTC, datetime
@@ -14,7 +14,7 @@ from firemodel.errors import FireModelError
 from firemodel.landscape.flat import flat_landscape
 from firemodel.landscape.landscape import Landscape
 from firemodel.outputs.front_files import write_fronts
-from firemodel.outputs.raster_layers import arrival_layer
+from firemodel.outputs.layer_legends import arrival_layer
 from firemodel.spread.anyangle import AnyAngleFire
 from tests.firemodel.grids import landscape, steady
 
@@ -24,7 +24,7 @@ TIMES_S = [3600.0, 7200.0, 10_000.0]
 
 
 def fire_round_a_rock(until_s: float = 10_000.0) -> AnyAngleFire:
-    """A fire on 20 by 20 cells that has burned around a cell that cannot burn."""
+    """Return a fire on 20 x 20 cells that has burned around a cell that cannot burn."""
     codes = np.full((20, 20), 1, dtype=np.int16)
     codes[9, 12] = 99
     fire = AnyAngleFire(landscape(codes), steady(), [(9, 9, 0.0)])
@@ -74,7 +74,7 @@ def test_kml_has_the_rings_of_the_geojson(tmp_path: Path) -> None:
             [[float(number) for number in pair.split(",")] for pair in (edge.text or "").split()]
             for edge in edges
         ] == rings
-    assert len(placemark.findall(f".//{KML}innerBoundaryIs")) == 1  # the rock
+    assert len(placemark.findall(f".//{KML}innerBoundaryIs")) == 1  # the cell that cannot burn
 
 
 def test_the_style_draws_later_areas_first_in_the_colours_of_the_raster(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Speed of straight fronts, against the fire that the any-angle scheme burns from a line."""
+"""Speeds of straight fronts, compared with the any-angle scheme's fire from a line."""
 
 import numpy as np
 import pytest
@@ -18,7 +18,7 @@ WEATHER = WeatherStream(
 
 
 def hillside(rise_north: float, rise_east: float) -> Landscape:
-    """One fuel on a plane; row 0 in the north."""
+    """Return a plane with one fuel; row 0 is in the north."""
     row, col = np.mgrid[:SIZE, :SIZE]
     height_m = 1000.0 - 30.0 * rise_north * row + 30.0 * rise_east * col
     fuel = np.full((SIZE, SIZE), 2, np.int16)
@@ -46,7 +46,7 @@ def test_a_burning_line_moves_at_the_computed_rate_of_the_front(
     facing = {"north": (1.0, 0.0), "south": (-1.0, 0.0), "east": (0.0, 1.0), "west": (0.0, -1.0)}
     north, east = (np.array([part]) for part in facing[side])
     centre = np.array([SIZE // 2])
-    rate_m_s = FrontRates(land, WEATHER).at(centre, centre, north, east, 0.0)[0]
+    rate_m_s = FrontRates(land, WEATHER).speeds_m_s(centre, centre, north, east, 0.0)[0]
     profile = (
         fire.arrival_time_s[:, SIZE // 2] if line[1] is None else fire.arrival_time_s[SIZE // 2]
     )
@@ -59,7 +59,7 @@ def test_a_burning_line_moves_at_the_computed_rate_of_the_front(
 def test_the_weather_is_the_one_of_the_time_or_the_wind_that_is_given() -> None:
     rates = FrontRates(hillside(0.0, 0.0), WEATHER)
     cells, north, east = np.array([5, 6]), np.array([0.0, 1.0]), np.array([1.0, 0.0])
-    before, after = (rates.at(cells, cells, north, east, at_s) for at_s in (0.0, 7200.0))
+    before, after = (rates.speeds_m_s(cells, cells, north, east, at_s) for at_s in (0.0, 7200.0))
     assert before[0] > 2.0 * before[1]  # wind from the west
     assert after[1] > after[0]  # from the south
     given = rates.under_wind(cells, cells, north, east, 0.0, (2.0, 180.0))

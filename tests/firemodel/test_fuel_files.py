@@ -8,7 +8,7 @@ import pytest
 
 from firemodel.arrays import Floats
 from firemodel.errors import FireModelError
-from firemodel.landscape.readers.code_systems import advice_on
+from firemodel.landscape.readers.fuel_code_systems import advice_on
 from firemodel.landscape.readers.fuel_files import (
     read_fuels,
     with_rate_factors,
@@ -81,7 +81,7 @@ def test_bad_models_are_refused_with_their_line(tmp_path: Path, text: str, messa
 
 
 def test_a_fire_burns_custom_fuel_at_its_own_rate_and_moisture(tmp_path: Path) -> None:
-    """Code 20 as GS2 burns as GS2 does; with factor 0.5 it takes twice as long."""
+    """Code 20 with the values of GS2 burns like GS2; with the factor 0.5 it takes twice as long."""
     custom = read_fuels(written(tmp_path, ENGLISH, "a.fmd"))
     half = with_rate_factors(custom, written(tmp_path, "20 0.5\n98 2\n", "a.adj"))
     entry = weather(4.0)
@@ -134,7 +134,7 @@ SPAIN = "grid_value,export_value,descriptive_name,fuel_type\n1,1,grass,FM1\n101,
 
 
 def test_a_lookup_table_beside_the_raster_shows_another_system(tmp_path: Path) -> None:
-    """All codes have models here, but the table gives them to other fuels."""
+    """All codes exist in this package, but the table assigns them to other fuels."""
     fuel = write_raster(tmp_path / "fuel.tif", np.full((3, 4), 1, dtype=np.int16))
     dem = write_raster(tmp_path / "dem.tif", np.zeros((3, 4), dtype=np.float32))
     files = {"fuel": fuel, "elevation": dem}
@@ -142,7 +142,7 @@ def test_a_lookup_table_beside_the_raster_shows_another_system(tmp_path: Path) -
     written(tmp_path, "not, a table\n", "other_lookup_table.csv")
     assert (read_landscape(files).fuel_model == 1).all()
     written(tmp_path, FBP, "fbp_lookup_table.csv")
-    with pytest.raises(FireModelError, match=r"Canadian FBP: there code 1 is C-1, here short"):
+    with pytest.raises(FireModelError, match=r"Canadian FBP: there, code 1 is C-1, here short"):
         read_landscape(files)
     assert (read_landscape(files, fuel_codes={1: 10}).fuel_model == 10).all()
 

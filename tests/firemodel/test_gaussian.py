@@ -1,12 +1,13 @@
-"""Observations set a mis-set fire right, everywhere and ahead of time, with a confidence."""
+"""Observations correct a simulation with wrong inputs, also ahead in time, with an uncertainty."""
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from firemodel.assimilation.gaussian import GaussianCorrected, _curvature, _log_likelihood
-from firemodel.ellipses.ellipse import EllipseFire, Spread, line_sources
-from firemodel.ellipses.observations import BURNED, BURNING, UNBURNED
+from firemodel.ellipses.ellipse import EllipseFire, Spread
+from firemodel.ellipses.line_ignitions import line_sources
+from firemodel.ellipses.point_observations import BURNED, BURNING, UNBURNED
 
 Floats = NDArray[np.float64]
 
@@ -23,7 +24,7 @@ GRID = PLACES.reshape(-1, 2)
 
 
 def along_front(fire: EllipseFire, at_s: float, count: int, seed: int, sd_m: float = 4.0) -> Floats:
-    """Observations that it burns at places where fire comes within a quarter of a minute."""
+    """Return observations of burning at places that fire reaches within a quarter of a minute."""
     rng = np.random.default_rng(seed)
     places = rng.uniform(0.0, 400.0, (40_000, 2))
     near = places[np.abs(fire.ignition_time_s(places) - at_s) < 15.0][:count]
@@ -48,7 +49,7 @@ def test_wrong_rates_and_wind_are_found_and_hold_for_later() -> None:
     wrong_s = np.abs(MODEL.ignition_time_s(GRID) - true_s)[ahead].mean()
     left_s = np.abs(found.ignition_time_s(GRID) - true_s)[ahead].mean()
     assert left_s < 0.25 * wrong_s
-    assert found.rates[3] == pytest.approx(0.5, abs=0.25)  # the turn
+    assert found.rates[3] == pytest.approx(0.5, abs=0.25)  # the turn of the wind
 
 
 def test_fuel_that_burns_faster_in_one_place_is_corrected_there_only() -> None:
@@ -89,7 +90,7 @@ def test_one_mark_among_many_that_is_far_off_does_little() -> None:
         observations[:, :2]
     )
     assert np.median(np.abs(also - good)) < 60.0
-    assert np.abs(also - good)[10] < 400.0  # of five thousand
+    assert np.abs(also - good)[10] < 400.0  # out of five thousand places
 
 
 def test_a_front_stays_sensible_whatever_is_marked() -> None:
@@ -105,8 +106,8 @@ def test_a_front_stays_sensible_whatever_is_marked() -> None:
         found = GaussianCorrected(MODEL, observations)
         time_s = found.ignition_time_s(GRID)
         assert np.isfinite(time_s).all()
-        assert (time_s >= 0.0).all()  # not before the first is lit
-        # Along a path from a source it is later and later; no islands.
+        assert (time_s >= 0.0).all()  # no place burns before the first ignition
+        # Along a path from a source, arrival times increase, so there are no isolated burned areas.
         one = GaussianCorrected(EllipseFire(MODEL.spreads, LIT[:1]), observations)
         steps = np.linspace(0.0, 1.0, 60)[:, None]
         for goal in rng.uniform(0.0, 400.0, (10, 2)):
@@ -122,7 +123,8 @@ def test_what_is_stated_of_its_certainty_is_about_true() -> None:
     off = np.abs(found.ignition_time_s(GRID) - true_s)[asked] / found.sd_s(GRID)[asked]
     assert (off < 2.0).mean() > 0.85
     few = GaussianCorrected(MODEL, observations[:3]).sd_s(GRID)
-    assert np.median(found.sd_s(GRID)[asked] / few[asked]) < 0.6  # observations make surer
+    # Observations reduce the uncertainty.
+    assert np.median(found.sd_s(GRID)[asked] / few[asked]) < 0.6
     near = GaussianCorrected(TRUTH, observations)
     assert (
         np.median(near.sd_s(observations[:, :2]) / near.ignition_time_s(observations[:, :2])) < 0.25

@@ -1,4 +1,4 @@
-"""Rasters that other programs open: cloud-optimised GeoTIFFs and their QGIS styles."""
+"""Rasters for other programs: cloud-optimised GeoTIFFs and their QGIS styles."""
 
 from datetime import UTC, datetime
 from itertools import pairwise
@@ -12,7 +12,7 @@ from rio_cogeo.cogeo import cog_validate
 
 from firemodel.errors import FireModelError
 from firemodel.outputs.geotiff import write_raster
-from firemodel.outputs.raster_layers import (
+from firemodel.outputs.layer_legends import (
     FLAME_LENGTH_LAYER,
     INTENSITY_LAYER,
     PROBABILITY_LAYER,
@@ -66,7 +66,7 @@ def test_overviews_of_directions_hold_only_directions_of_cells(tmp_path: Path) -
 def test_codes_have_a_colour_table_and_overviews_of_the_most_frequent(tmp_path: Path) -> None:
     codes = np.full(LARGE.shape, 101)
     row, col = np.indices((515, 300))
-    other = np.random.default_rng(1).integers(4, size=row.shape)  # one of each four cells
+    other = np.random.default_rng(1).integers(4, size=row.shape)  # one of four cells
     codes[2 * row + other // 2, 2 * col + other % 2] = 1
     write_raster(tmp_path / "fuel.tif", codes, LARGE, FUEL_LAYER)
     with rasterio.open(tmp_path / "fuel.tif") as file:

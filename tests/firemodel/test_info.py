@@ -1,4 +1,4 @@
-"""A description lists the contents of a file and all its problems at once."""
+"""Descriptions of files list their contents and all problems."""
 
 import json
 from pathlib import Path
@@ -57,13 +57,13 @@ def broken_files(tmp_path: Path) -> dict[str, Path]:
 
 
 def test_all_problems_are_reported_and_not_only_the_first(tmp_path: Path) -> None:
-    """Each is a line, and mending one after the other ends in a landscape."""
+    """Each problem is one line; after correcting all of them the landscape can be read."""
     files = broken_files(tmp_path)
     problems = describe_rasters(files)["problems"]
     expected = [
         "none.tif: no such file",
-        "dem.tif: CRS EPSG:32617 is not the EPSG:32616 of",
-        "slope.tif: (3, 4) cells are not the (2, 4) of",
+        "dem.tif: CRS EPSG:32617 differs from the CRS EPSG:32616 of",
+        "slope.tif: shape (3, 4) differs from the shape (2, 4) of",
         "aspect.tif: has no CRS",
         "fuel.tif: unknown fuel code 14 at row 0, column 1",
         "dem.tif: no data: value -9999.0 at row 1, column 2",
@@ -88,7 +88,10 @@ def test_a_good_landscape_has_no_problems_and_is_read(tmp_path: Path) -> None:
     assert describe_rasters(files)["problems"] == []
     assert read_landscape(files).shape == (2, 4)
     only_fuel = describe_rasters({"fuel": files["fuel"]})["problems"]
-    assert only_fuel == ["landscape: no elevation, nor slope and aspect; give them"]
+    assert only_fuel == [
+        "landscape: elevation, slope and aspect are missing; give the elevation, or slope and "
+        "aspect"
+    ]
 
 
 def stack(path: Path, names: tuple[str, ...]) -> Path:
@@ -239,7 +242,7 @@ def test_damaged_tables_are_problems(tmp_path: Path, name: str, text: str, probl
 
 
 def test_a_huge_raster_is_refused_before_it_is_read(tmp_path: Path) -> None:
-    """200,000 x 200,000 cells, none of which the file contains."""
+    """The file declares 200,000 x 200,000 cells, but contains none."""
     path = tmp_path / "huge.tif"
     size = {"width": 200_000, "height": 200_000, "count": 1, "dtype": "uint8"}
     blocks = {"tiled": True, "blockxsize": 8192, "blockysize": 8192, "sparse_ok": True}

@@ -86,7 +86,8 @@ def test_a_file_ends_before_the_fire() -> None:
     assert lines_for(*hourly(0, 1), source=source, end_s=2 * HOUR_S) == []
     (line,) = lines_for(*hourly(0, 1), source=source, end_s=3 * HOUR_S)
     assert line.startswith("a.csv: ends at 3600 s; its last record is used until 10800 s")
-    assert lines_for(*hourly(0, 1), end_s=3 * HOUR_S) == []  # entries of a scenario hold
+    # Entries of a scenario are used until the next entry.
+    assert lines_for(*hourly(0, 1), end_s=3 * HOUR_S) == []
 
 
 def test_a_file_has_a_gap() -> None:
@@ -104,7 +105,7 @@ def test_a_file_has_a_gap() -> None:
             datetime.fromisoformat("2026-03-07T22:00"),
             "2026-03-08",
         ),  # clocks go forward in Tennessee
-        (datetime.fromisoformat("2026-10-31T22:00"), "2026-11-01"),  # and back
+        (datetime.fromisoformat("2026-10-31T22:00"), "2026-11-01"),  # clocks go back
         (datetime.fromisoformat("2026-03-08T04:00"), None),
         (datetime(2026, 3, 7, 22, tzinfo=UTC), None),
     ],
@@ -157,7 +158,8 @@ def test_an_ignition_is_enclosed() -> None:
     (line,) = lines_of_ignition((5, 5), burnable={(5, 5), (5, 7)})
     assert line.startswith("ignition at row 5, column 5: no cell around it can burn, so the fire")
     assert lines_of_ignition((5, 5), burnable={(5, 5), (6, 6)}) == []
-    (line,) = lines_of_ignition((5, 5), (5, 6), burnable={(5, 5), (5, 6), (9, 9)})  # all lit
+    # All of them are lit.
+    (line,) = lines_of_ignition((5, 5), (5, 6), burnable={(5, 5), (5, 6), (9, 9)})
     assert line.startswith("ignition at row 5, column 5")
     (line,) = lines_of_ignition((5, 5), (8, 8), burnable={(5, 5), (8, 8), (8, 9)})
     assert line.startswith("ignition at row 5, column 5")
@@ -191,7 +193,7 @@ def test_the_first_arrival_at_the_edge(row: int, col: int) -> None:
 
 def test_a_cell_at_the_edge_that_is_lit_later_has_not_burned_yet() -> None:
     fire = firemodel.burn(LAND, steady(), duration_s=1.0)
-    fire.arrival_time_s[0, 3] = 60.0  # as schemes may hold a time to come
+    fire.arrival_time_s[0, 3] = 60.0  # some schemes store a future time
     assert at_edge(fire) is None
     fire.time_s = 60.0
     assert at_edge(fire) is not None

@@ -1,4 +1,4 @@
-"""FARSITE's inputs files and its daily weather with winds, and Cell2Fire's weather."""
+"""FARSITE's inputs files, its daily weather with winds, and Cell2Fire's weather."""
 
 from datetime import datetime
 from pathlib import Path
@@ -88,18 +88,18 @@ def test_bad_inputs_files_are_refused(tmp_path: Path, text: str, message: str) -
 
 
 def test_daily_weather_has_its_extremes_at_their_hours(tmp_path: Path) -> None:
-    """Minimum at 05:00, maximum at 15:00; the wind changes at its own times."""
+    """The minimum is at 05:00, the maximum at 15:00; the wind changes at its own times."""
     path = written(tmp_path, WTR, "a.wtr")
     written(tmp_path, WND, "a.wnd")
     begin = datetime.fromisoformat("2019-07-15T05:00")
     stream = read_weather(path, start=begin, moisture=MOISTURE, conditioned=True)
     hours = [entry.at_s / 3600.0 for entry in stream.entries]
     assert hours[0] == 0.0
-    assert 7.5 in hours  # the wind of 12:30
-    assert stream.at(7.5 * 3600.0).wind_from_deg == 180.0
-    assert stream.at(7.4 * 3600.0).wind_speed_m_s == pytest.approx(5 * M_S_PER_MPH)
+    assert 7.5 in hours  # the wind from 12:30 on
+    assert stream.weather_at(7.5 * 3600.0).wind_from_deg == 180.0
+    assert stream.weather_at(7.4 * 3600.0).wind_speed_m_s == pytest.approx(5 * M_S_PER_MPH)
     dry = np.array([entry.dead_1h_pct for entry in stream.entries])
-    assert dry[hours.index(11.0)] < dry[hours.index(24.0)]  # driest after the hot afternoon
+    assert dry[hours.index(11.0)] < dry[hours.index(24.0)]  # driest after the warm afternoon
 
 
 def test_daily_weather_in_the_rows_of_an_inputs_file(tmp_path: Path) -> None:
@@ -124,7 +124,7 @@ def test_daily_weather_in_the_rows_of_an_inputs_file(tmp_path: Path) -> None:
         (WTR.replace("1500", "2500"), WND, "a.wtr line 2: '7 15 2500' is not a time"),
         (WTR, WND.replace("7 16", "7 15 x"), "a.wnd line 3: 7 fields"),
         (WTR, WND.replace(" 20 90", " 20 500"), "a.wnd line 3: wind direction is '500'"),
-        (WTR, WND.replace("7 1", "9 1"), "no wind on the days of"),
+        (WTR, WND.replace("7 1", "9 1"), "contains no wind on the days of"),
     ],
 )
 def test_bad_daily_files_are_refused(
@@ -170,7 +170,7 @@ def test_farsites_own_inputs_file_names_a_missing_weather_file() -> None:
     [
         ("yesterday", "7/15/2019 15:00", "line 2: time = 'yesterday' is not a date"),
         ("7/15/2019 14:00", "7/15/2019 13:00", "line 4: datetime = 7/15/2019 13:00 is earlier"),
-        ("2019-07-15 14:00", "2019-07-14 15:00", "line 4: .* keep those of one scenario"),
+        ("2019-07-15 14:00", "2019-07-14 15:00", "line 4: .* keep only those of one scenario"),
     ],
 )
 def test_times_of_cell2fires_weather_must_not_decrease(

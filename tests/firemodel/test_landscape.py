@@ -1,4 +1,4 @@
-"""Where cells lie, how the ground slopes, and what cannot be a landscape."""
+"""Positions of cells, slope of the ground, and invalid landscapes."""
 
 from dataclasses import replace
 from typing import Any
@@ -41,7 +41,7 @@ def test_what_lies_on_the_grid() -> None:
 
 
 def test_latitude_and_longitude() -> None:
-    """500 km east is the central meridian of the zone, 87 W for zone 16."""
+    """500 km east is the central meridian of the zone: 87 W for zone 16."""
     land = landscape()
     lat_deg, lon_deg = land.lat_lon_of(WEST_M, NORTH_M)
     assert lon_deg == pytest.approx(-87.0, abs=1e-9)
@@ -100,7 +100,7 @@ def test_the_digest_changes_with_everything_that_matters() -> None:
     ]
     assert len({variant.digest() for variant in variants}) == len(variants)
     assert base.digest() == landscape(1).digest() == replace(base, gradient=level).digest()
-    # As recorded before a landscape had trees and a gradient of its own.
+    # As recorded before landscapes had trees and a given gradient.
     recorded = "0c96de090006e21caf8256786842a0f7282a2df16a5b2fa5f1c774dee1475771"
     assert landscape(FUEL, HEIGHTS).digest() == recorded
 
@@ -120,7 +120,7 @@ def test_a_gradient_that_is_given_wins_over_the_elevation() -> None:
 
 
 def test_the_gradient_is_the_same_whatever_is_worked_out_at_once() -> None:
-    """Rough ground of several blocks of rows, against Horn's weights one cell at a time."""
+    """Rough ground of several blocks of rows is compared with Horn's weights for single cells."""
     height = np.random.default_rng(1).normal(0.0, 30.0, (2 * ROWS_AT_ONCE + 3, 5))
     found = horn(height.astype(np.float32), 30.0)
     assert found.dtype == np.float32
@@ -149,7 +149,7 @@ def test_impossible_landscapes_are_refused() -> None:
         ((CRS, 0.0, 0.0, 30.0, wrong, heights), "unknown fuel code 14 at row 1, column 2"),
         ((CRS, 0.0, 0.0, 30.0, codes, heights + np.inf), "elevation is inf at row 0, column 0"),
         ((CRS, 0.0, 0.0, 30.0, codes[0], heights), r"fuel is \(3,\) cells; it must be"),
-        ((CRS, 0.0, 0.0, 30.0, codes, None), "neither elevation nor gradient"),
+        ((CRS, 0.0, 0.0, 30.0, codes, None), "elevation and gradient are both missing"),
         ((*flat, heights), r"gradient is \(3, 3\), must be \(2, 3, 3\)"),
         ((*flat, hole), "gradient towards east is nan at row 2, column 1"),
         ((*flat, None, heights[:2]), r"fuel is \(3, 3\) cells, canopy cover \(2, 3\)"),
@@ -170,7 +170,7 @@ def test_the_grid_s_north_is_not_everywhere_the_true_one() -> None:
     x_m, y_m = east_of_its_meridian.xy_of(1.5, 1.5)
     lat_deg, lon_deg = east_of_its_meridian.lat_lon_of(x_m, y_m)
     to_x_m, to_y_m = east_of_its_meridian.xy_of_lat_lon(lat_deg + 1e-3, lon_deg)
-    # True north lies to the left of the grid's there.
+    # There, true north is to the left of grid north.
     assert found == pytest.approx(-np.rad2deg(np.arctan2(to_x_m - x_m, to_y_m - y_m)), abs=1e-3)
     assert found == pytest.approx(1.3, abs=0.1)
 
@@ -179,7 +179,7 @@ SPHERE = "+proj=lcc +lat_0=35.5 +lon_0={} +lat_1=35.5 +lat_2=41.5 +R=6371200 +un
 
 
 def test_crss_are_the_same_if_their_coordinates_are() -> None:
-    """A meridian of 237.3 is -122.7; a text without a name is described."""
+    """A meridian of 237.3 equals -122.7; a CRS without a name is described by its parameters."""
     east, west = (
         pyproj.CRS.from_user_input(SPHERE.format(lon)).to_wkt() for lon in (237.3, -122.7)
     )

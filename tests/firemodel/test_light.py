@@ -1,4 +1,4 @@
-"""A cell lit in a fire under way: the same fire as with that ignition from the start."""
+"""A cell that is lit during a fire gives the same fire as an ignition from the start."""
 
 from collections.abc import Callable, Sequence
 
@@ -14,7 +14,7 @@ from firemodel.spread.probabilistic import ProbabilisticFire
 from tests.firemodel.grids import landscape, weather
 
 FUEL = np.ones((41, 41), np.int16)
-FUEL[:, 30] = 98  # a river
+FUEL[:, 30] = 98  # a river, which does not burn
 CHANGE_S = 700.0
 WEATHER = WeatherStream([weather(2.0, 270.0), weather(3.0, 180.0, CHANGE_S)])
 FIRST: Ignition = (20, 8, 0.0)
@@ -44,7 +44,7 @@ of_each_scheme = pytest.mark.parametrize("scheme", SCHEMES)
 def test_it_is_the_same_as_an_ignition_from_the_start(
     scheme: str, lit_at_s: float, lit_s: float
 ) -> None:
-    # Those lit at once in the order in which they draw their chances.
+    # Cells that are lit at the same time draw random numbers in this order.
     later: list[Ignition] = [(6, 20, lit_s), (30, 25, lit_s), (5, 35, lit_s + 150.0)]
     from_start, lit_later = SCHEMES[scheme]([FIRST, *later]), SCHEMES[scheme]([FIRST])
     lit_later.advance(lit_at_s)

@@ -1,11 +1,11 @@
-"""What people draw becomes observations."""
+"""Shapes that operators draw become observations."""
 
 import numpy as np
 import pytest
 import shapely
 
 from firemodel.assimilation.map_drawing import observations_of
-from firemodel.ellipses.observations import BURNED, BURNING, UNBURNED
+from firemodel.ellipses.point_observations import BURNED, BURNING, UNBURNED
 from firemodel.errors import FireModelError
 
 CORNERS = np.array([[0.0, 0.0], [100.0, 0.0], [100.0, 60.0], [0.0, 60.0]])
@@ -20,7 +20,7 @@ def test_a_point_is_one_mark() -> None:
 def test_a_line_is_marked_at_its_corners_and_between() -> None:
     observations = observations_of("line", CORNERS[:3], 30.0, BURNING, 9.0)
     assert np.hypot(*np.diff(observations[:, :2], axis=0).T).max() <= 9.0
-    assert len(observations) == 20  # 12 and 7 parts
+    assert len(observations) == 20  # divided into 12 and 7 parts
     assert {(0.0, 0.0), (100.0, 0.0), (100.0, 60.0)} <= {
         (x, y) for x, y, *_ in observations.tolist()
     }

@@ -1,4 +1,4 @@
-"""The map of a fire, and what a reader needs on it."""
+"""The map of a fire and its elements."""
 
 from datetime import UTC, datetime
 from pathlib import Path
@@ -17,7 +17,7 @@ from firemodel.outputs.arrival_map import (
     status_line,
 )
 from firemodel.outputs.graticule import draw_graticule, km_of
-from firemodel.outputs.raster_layers import arrival_layer_of
+from firemodel.outputs.layer_legends import arrival_layer_of
 from tests.firemodel.grids import landscape
 from tests.firemodel.test_front_files import fire_round_a_rock
 
@@ -25,7 +25,7 @@ ZERO = datetime(2026, 8, 1, 12, 0, tzinfo=UTC)
 
 
 def texts(axes: Any) -> list[str]:
-    """All words on a map after it is drawn."""
+    """Return all texts on a map after it is drawn."""
     from matplotlib.text import Text
 
     axes.figure.canvas.draw()
@@ -53,7 +53,7 @@ def test_a_map_is_drawn_of_any_fire(tmp_path: Path) -> None:
     nowhere = np.array([[np.inf, np.inf]])  # a place too far away for the projection
     assert frame_around(land, one, nowhere) == frame_around(land, one)
     west, east, south, north = frame_around(land, one)
-    assert west < 0.135 < east  # the cell's centre in km
+    assert west < 0.135 < east  # the centre of the cell in km
     assert south < 0.495 < north
 
 
@@ -97,7 +97,8 @@ def test_the_legend_has_the_classes_and_the_fuels_on_the_map_and_lies_on_the_pag
 def test_the_graticule_has_round_coordinates_at_the_right_places(km: float, label: str) -> None:
     from matplotlib.figure import Figure
 
-    # Just east of Greenwich and north of the equator, in a zone whose middle is 3 degrees east
+    # East of Greenwich and north of the equator, in a zone with a central meridian of 3 degrees
+    # east.
     codes = np.full((2, 2), 1, np.int16)
     land = Landscape(
         "EPSG:32631", 166_021.4, km * 1e3, km * 500.0, codes, np.zeros((2, 2), np.float32)

@@ -1,4 +1,4 @@
-"""The any-angle scheme where fuels meet: the same fire on the same cells, cut into smaller ones."""
+"""The any-angle scheme where fuels meet: the same fire on smaller cells of the same fuels."""
 
 import math
 from dataclasses import replace
@@ -15,7 +15,7 @@ from tests.firemodel.test_anyangle import ellipse_s, wind_for
 
 
 def patches(seed: int) -> NDArray[np.int64]:
-    """Fuels of patches, at random."""
+    """Return random fuels in patches."""
     return np.random.default_rng(seed).choice(FUELS, (31, 31))
 
 

@@ -1,4 +1,4 @@
-"""Dead fuel that dries by day, dampens at night and soaks in rain."""
+"""Dead fuel moisture: drying by day, humid nights and rain."""
 
 import math
 
@@ -20,7 +20,7 @@ INITIAL = (6.0, 7.0, 8.0)
 def conditioned(
     hours: float, step_h: float = 1.0, humidity_pct: float = 25.0, rain_mm: float = 0.0
 ) -> list[float]:
-    """The three moistures after so many hours of one weather at 70 °F."""
+    """Return the three moistures after some hours of constant weather at 70 °F."""
     at_s = np.arange(0.0, hours * HOUR_S + 1.0, step_h * HOUR_S)
     same = np.ones(at_s.size)
     temperature_c = same * (70.0 - 32.0) / 1.8
@@ -43,13 +43,13 @@ def conditioned(
 def test_equilibrium_has_three_pieces_by_humidity(
     temperature_f: float, humidity_pct: float, moisture_pct: float
 ) -> None:
-    """Simard's terms worked out by hand."""
+    """Compare with Simard's three formulas, computed by hand."""
     found = equilibrium_moisture_pct((temperature_f - 32.0) / 1.8, humidity_pct)
     assert found == pytest.approx(moisture_pct, rel=1e-9)
 
 
 def test_equilibrium_is_near_that_measured_on_wood() -> None:
-    """The Wood Handbook's values at 70 °F (Simpson 1998, FPL-RN-0268), another formula."""
+    """The values are from the Wood Handbook at 70 °F (Simpson 1998), which uses another formula."""
     found = equilibrium_moisture_pct(21.11, np.array([25.0, 60.0, 84.0]))
     assert found == pytest.approx(np.array([5.3, 11.1, 17.6]), abs=0.5)
 
@@ -72,7 +72,7 @@ def test_records_more_often_of_the_same_weather_change_nothing() -> None:
 
 
 def test_a_record_holds_until_the_next() -> None:
-    """Damp, or rain, in the second hour: felt at the third record, not at the second."""
+    """Humidity or rain in the second hour changes the moisture only at the third record."""
     at_s, dry, humidity_pct = (
         np.array([0.0, 3600.0, 7200.0]),
         np.zeros(3),
@@ -89,7 +89,7 @@ def test_rain_soaks_the_fine_fuel_beyond_burning_and_the_coarse_a_little() -> No
     fine, middling, coarse = conditioned(3.0, rain_mm=0.2)
     assert fine == pytest.approx(35.0 - (35.0 - 6.0) * math.exp(-3.0))
     assert middling == pytest.approx(35.0 - (35.0 - 7.0) * math.exp(-0.3))
-    assert 8.0 + 3 * 0.33 < coarse < 8.0 + 3 * 0.36  # a hundredth of 33.5 to 34.5 an hour
+    assert 8.0 + 3 * 0.33 < coarse < 8.0 + 3 * 0.36  # a hundredth of 33.5 to 34.5 in an hour
     assert conditioned(3.0, rain_mm=5.0) == pytest.approx([fine, middling, coarse])
 
 
@@ -101,5 +101,5 @@ def test_long_rain_wets_the_coarse_fuel_more() -> None:
 def test_hours_of_rain_are_those_of_the_last_day() -> None:
     at_s = np.array([0.0, 2.0, 5.0, 25.0, 26.0, 31.0]) * HOUR_S
     rain_mm = np.array([0.1, 0.0, 4.0, 0.0, 1.0, 9.0])
-    # Rain in hours 0-2, 5-25 and 26-31; after 26 h the first two are past, after 31 h 5-7 too.
+    # Rain in hours 0-2, 5-25 and 26-31; the last 24 h at 26 h do not include the first period.
     assert rain_hours(at_s, rain_mm).tolist() == pytest.approx([2.0, 2.0, 21.0, 20.0, 23.0])

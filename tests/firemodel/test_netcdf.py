@@ -1,4 +1,4 @@
-"""NetCDF files by the CF conventions."""
+"""NetCDF files with the CF conventions."""
 
 from datetime import datetime, timedelta, timezone
 from pathlib import Path

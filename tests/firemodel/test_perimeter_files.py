@@ -1,4 +1,4 @@
-"""Mapped perimeters come with their times from each format, or are left out with a reason."""
+"""Mapped perimeters with times are read from each format, or left out with a reason."""
 
 import json
 import shutil
@@ -97,7 +97,7 @@ def both(path: Path) -> None:
 
 
 def test_geojson_in_order_of_time(tmp_path: Path) -> None:
-    """The order of the file does not matter; offsets and slashes mean the same times."""
+    """The order in the file does not matter; UTC offsets and slashes are accepted."""
     noon = (SMALL, {"PolygonDateTime": "2019/10/31 12:00:00+00"})
     for later in (LATER, "2019-10-31T06:30:00-07:00", "2019/10/31 13:30:00+00"):
         both(geojson(tmp_path / "a.geojson", (LARGE, {"PolygonDateTime": later}), noon))
@@ -112,7 +112,7 @@ def test_shapefiles_zipped_or_not(tmp_path: Path) -> None:
                 archive.write(part, part.name)
     both(tmp_path / "a.zip")
     (tmp_path / "a.prj").unlink()
-    with pytest.raises(FireModelError, match=r"a.shp: has no .prj file; add the projection it was"):
+    with pytest.raises(FireModelError, match=r"a.shp: has no .prj file; add its projection"):
         read_perimeters(path, LAND)
 
 
@@ -125,7 +125,7 @@ def placemark(time: str, shape: BaseGeometry, more: str = "") -> str:
 
 
 def kml(*placemarks: str) -> str:
-    """Return a document with a folder, which is a layer, for each placemark."""
+    """Return a document with one folder, which is a layer, for each placemark."""
     folders = "".join(
         f"<Folder><name>{number}</name>{each}</Folder>" for number, each in enumerate(placemarks)
     )
@@ -145,7 +145,7 @@ def test_kml_with_times_and_spans(tmp_path: Path) -> None:
 
 
 def test_a_label_in_kml_is_no_part_of_the_perimeter(tmp_path: Path) -> None:
-    """Its time is a date, which GDAL turns into midnight."""
+    """The time of the label is a date, which GDAL converts to midnight."""
     lon, lat = lon_lat(Point(X_M, Y_M)).coords[0]
     label = f"<Point><coordinates>{lon},{lat}</coordinates></Point>"
     mark = placemark("<TimeStamp><when>2019-10-31</when></TimeStamp>", SMALL, label)
@@ -158,7 +158,7 @@ def test_a_label_in_kml_is_no_part_of_the_perimeter(tmp_path: Path) -> None:
 
 
 def test_a_geopackage_with_layers_and_a_table(tmp_path: Path) -> None:
-    """The table of styles, which QGIS adds, is no layer of perimeters."""
+    """The table of styles, which QGIS adds, is not a layer of perimeters."""
     path = tmp_path / "a.gpkg"
     times = np.array(["2019-10-31T12:00:00", "2019-10-31T13:30:00"], dtype="M8[ms]")
     written(path, SMALL, LARGE, driver="GPKG", time=times)
@@ -174,7 +174,7 @@ def test_a_geopackage_with_layers_and_a_table(tmp_path: Path) -> None:
 
 
 def test_a_folder_and_features_of_one_time(tmp_path: Path) -> None:
-    """Features of equal times are united, also those of different files."""
+    """Features with equal times are united, including those of different files."""
     parts = square(100.0), square(100.0, east_m=50.0), square(100.0, east_m=200.0)
     shapefile(tmp_path / "b.shp", *parts[1:], datetime=texts(NOON, NOON))
     geojson(tmp_path / "a.geojson", (parts[0], {"DateTime": NOON}), (LARGE, {"DateTime": LATER}))
@@ -251,7 +251,7 @@ def test_values_that_are_no_times(value: Any) -> None:
 
 
 def test_firis_pair_of_date_and_time(tmp_path: Path) -> None:
-    """Only with this pair the column type counts; a missing type is not perim."""
+    """The column type is used only with this pair of fields; a missing type is not a perimeter."""
     fields = {
         "YYYYMMDD": np.array([20191031] * 4, dtype=np.int64),
         "24_HHMMSS": texts("05:00:00", "6:30:00", "07:00:00", "08:00:00"),
@@ -315,7 +315,7 @@ def test_features_that_are_left_out_or_repaired(tmp_path: Path) -> None:
 
 
 def test_thirty_degrees_away(tmp_path: Path) -> None:
-    """The feature is left out; if it is the only one, the error states where it lies."""
+    """The feature is left out; if it is the only one, the error states its position."""
     lon, lat = lon_lat(SMALL).centroid.coords[0]
     away = {"type": "Polygon", "coordinates": [[[lon + 30 + x, lat + y] for x, y in CORNERS]]}
     feature = {"type": "Feature", "properties": {"time": NOON}, "geometry": away}
@@ -331,7 +331,7 @@ CORNERS = ((0.0, 0.0), (0.01, 0.0), (0.01, 0.01), (0.0, 0.0))
 
 
 def test_dates_without_time_of_day(tmp_path: Path) -> None:
-    """They count as 00:00 if they differ, and are refused if they do not."""
+    """Such dates count as 00:00 if they differ, and are refused otherwise."""
     days = np.array(["2019-10-31", "2019-11-01"], dtype="M8[D]")
     path = shapefile(tmp_path / "a.shp", SMALL, LARGE, DateCurren=days)
     found, warnings = read_perimeters(path, LAND, PDT)
@@ -360,7 +360,7 @@ def test_files_that_cannot_be_used(tmp_path: Path) -> None:
         read_perimeters(path, LAND)
     geojson(path, (SMALL, {"name": "x", "ALARM_DATE": NOON}))
     with pytest.raises(
-        FireModelError, match=r"no field has the times .* \(fields: name, ALARM_DAT"
+        FireModelError, match=r"no field contains the times .* \(fields: name, ALARM_DAT"
     ):
         read_perimeters(path, LAND)
     geojson(path, (SMALL, {}))
@@ -392,7 +392,7 @@ def geopackage_with_view(path: Path, expression: str) -> Path:
 
 
 def test_views_in_a_geopackage_open_no_files(tmp_path: Path) -> None:
-    """GDAL's function in the view would read a raster, also from an address."""
+    """The function in the view would read a raster, possibly from an address."""
     plain = geopackage_with_view(tmp_path / "a.gpkg", f"'{LATER}'")
     assert len(read_perimeters(plain, LAND)[0]) == 2
     call = "gdal_get_pixel_value('/vsicurl/http://127.0.0.1:9/x.tif', 1, 'georef', 0, 0)"
@@ -404,11 +404,11 @@ def test_views_in_a_geopackage_open_no_files(tmp_path: Path) -> None:
 
 @pytest.mark.filterwarnings("ignore:'crs' was not provided")
 def test_databases_that_are_no_geopackages(tmp_path: Path) -> None:
-    """Neither SpatiaLite nor a truncated GeoPackage; the extension does not matter."""
+    """SpatiaLite and a truncated GeoPackage are refused, whatever the extension of the file."""
     other = written(tmp_path / "a.sqlite", SMALL, driver="SQLite", time=texts(NOON))
     path = tmp_path / "b.gpkg"
     shutil.copy(other, path)
-    with pytest.raises(FireModelError, match=r"b.gpkg: .* SQLite database but no GeoPackage"):
+    with pytest.raises(FireModelError, match=r"b.gpkg: .* SQLite database, but not a GeoPackage"):
         read_perimeters(path, LAND)
     whole = written(tmp_path / "c.gpkg", SMALL, driver="GPKG", time=texts(NOON))
     assert len(read_perimeters(whole.rename(tmp_path / "c.dat"), LAND)[0]) == 1
@@ -425,7 +425,7 @@ def test_databases_that_are_no_geopackages(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(not DATA.is_dir(), reason="no real data")
 def test_real_perimeters_of_maria() -> None:
-    """21 flights' perimeters, of which two are at the same time, and one mark on the map."""
+    """The file has perimeters of 21 flights, two of them at the same time, and one mark."""
     files = {name: DATA / f"maria_2019/Maria2019-{name}.tif" for name in ("fuel", "elevation")}
     found, warnings = read_perimeters(DATA / "maria_2019", read_landscape(files), PDT)
     assert len(found) == 20

@@ -1,4 +1,4 @@
-"""The automaton: its rule, the paper's sizes, and the same fire however it is cut."""
+"""The automaton: its rule, the sizes in the paper, and results independent of the steps."""
 
 from typing import Any
 
@@ -11,7 +11,7 @@ from firemodel.spread.probabilistic import ProbabilisticFire
 from tests.firemodel.grids import CELL_M, landscape, steady
 
 MIDDLE = (20, 20, 0.0)
-STEP_S = 1200.0 / 190.0  # the paper's
+STEP_S = 1200.0 / 190.0  # the probability in the paper
 
 
 def fire_of(
@@ -52,7 +52,7 @@ def test_when_all_spreads_the_fire_is_a_diamond(burning_steps: int | None) -> No
 
 
 def test_each_burning_neighbour_is_one_chance() -> None:
-    """0.3 from one, 1 - 0.7² from two; from the corner never."""
+    """The chance is 0.3 with one burning neighbour, 1 - 0.7² with two, and 0 from a corner."""
     lit = np.zeros((5, 41))
     for seed in range(4000):
         fire = fire_of(0.3, seed, ((20, 20, 0.0), (20, 22, 0.0)))
@@ -66,7 +66,7 @@ def test_each_burning_neighbour_is_one_chance() -> None:
 
 
 def grown(first: int, p_spread: float, seed: int) -> int:
-    """Size 190 updates after a fire from one cell has come to the first size."""
+    """Return the size 190 updates after a fire from one cell has reached the first size."""
     land = landscape(shape=(150, 150))
     rng = np.random.default_rng(seed)
     fire = ProbabilisticFire(
@@ -85,7 +85,8 @@ def grown(first: int, p_spread: float, seed: int) -> int:
     [
         (460, 0.01, 800, 0.06),
         (2600, 0.01, 3400, 0.03),
-        (1000, 0.025, 3050, 0.20),  # 2510: what the paper did there is not known (see the module)
+        # 2510: the difference from the paper is unexplained (see the module).
+        (1000, 0.025, 3050, 0.20),
     ],
 )
 def test_fires_grow_about_as_in_table_2(
@@ -168,7 +169,7 @@ def test_a_cell_lit_between_updates_spreads_from_the_next_one_on() -> None:
     fire = fire_of(1.0, 1, ((20, 20, 13.0), (5, 5, 20.0), (20, 21, 50.0)))
     fire.advance(12.9)
     assert size(fire) == 0
-    fire.advance(60.0)  # the last one was lit where all had burned
+    fire.advance(60.0)  # the last cell was lit where all neighbours had burned
     assert [fire.arrival_time_s[20, col] for col in (20, 21, 22, 23)] == [13.0, 20.0, 30.0, 40.0]
     assert [fire.arrival_time_s[5, col] for col in (5, 6, 7)] == [20.0, 30.0, 40.0]
 
@@ -179,7 +180,7 @@ def test_a_cell_lit_between_updates_spreads_from_the_next_one_on() -> None:
 def test_a_fire_already_there_goes_on(burning_steps: int | None, burn: set[str]) -> None:
     arrival_s = np.full((41, 41), np.inf)
     arrival_s[15:26, 15:26] = 100.0
-    arrival_s[18:21, 18:21] = 175.0  # younger, but with nothing left around it
+    arrival_s[18:21, 18:21] = 175.0  # a younger cell, but without unburned neighbours
     burning = Burning(200.0, arrival_s, np.empty((0, 2)))
     fire = fire_of(1.0, 1, ((2, 2, 205.0),), burning=burning, burning_steps=burning_steps)
     assert fire.time_s == 200.0
@@ -191,7 +192,7 @@ def test_a_fire_already_there_goes_on(burning_steps: int | None, burn: set[str])
     assert fire.arrival_time_s[14, 20] == (210.0 if "edge" in burn else np.inf)
     assert [fire.arrival_time_s[2, col] for col in (2, 3, 4)] == [205.0, 210.0, 220.0]
     if burning_steps == 3:
-        assert (fire.burned_out_s[18:21, 18:21] == 210.0).all()  # two of its updates were over
+        assert (fire.burned_out_s[18:21, 18:21] == 210.0).all()  # two of its updates were completed
 
 
 @pytest.mark.parametrize(

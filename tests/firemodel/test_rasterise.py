@@ -1,4 +1,4 @@
-"""Geometries become the right cells, and no fire slips through a line of them."""
+"""Geometries are converted to the right cells, and no fire crosses a line of cells."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ SIDES, CORNERS = (ndimage.generate_binary_structure(2, joined) for joined in (1,
 
 
 def at(*col_row: tuple[float, float]) -> list[tuple[float, float]]:
-    """Projected coordinates of positions counted in cells from the grid's corner."""
+    """Return projected coordinates of positions counted in cells from the grid's corner."""
     return [(WEST_M + CELL_M * col, NORTH_M - CELL_M * row) for col, row in col_row]
 
 
@@ -41,7 +41,7 @@ def test_a_line_touches_each_cell_it_crosses() -> None:
 
 
 def crossings() -> list[LineString]:
-    """Ways across the grid: random ones, ones along edges and through corners, zigzags."""
+    """Yield lines across the grid: random ones, ones along edges and through corners, zigzags."""
     rng = np.random.default_rng(3)
     ways = [((-1, 0), (51, 40)), ((0, 0), (40, 40)), ((-1, 20), (51, 20)), ((-1, 20.5), (51, 20.5))]
     lines = [LineString(at(*way)) for way in ways]
@@ -49,13 +49,13 @@ def crossings() -> list[LineString]:
         cols = np.sort(np.concatenate([[-1.0, 51.0], rng.uniform(0, 50, 6)]))
         rows = rng.uniform(1, 39, 8)
         if rng.random() < 0.5:
-            cols, rows = np.round(cols), np.round(rows)  # vertices in corners
+            cols, rows = np.round(cols), np.round(rows)  # vertices at corners of cells
         lines.append(LineString(at(*zip(cols, rows, strict=True))))
     return lines
 
 
 def test_lines_are_chains_joined_by_sides_and_hold_all_that_is_crossed() -> None:
-    """Besides, they hold only what joins two cells that meet in a corner."""
+    """Other cells are included only to join two cells that meet at a corner."""
     rows, cols = (index.ravel() for index in np.indices(LAND.shape))
     x_m, y_m = LAND.xy_of(rows, cols)
     insides, outsides = (
@@ -73,7 +73,7 @@ def test_lines_are_chains_joined_by_sides_and_hold_all_that_is_crossed() -> None
 
 
 def test_no_fire_slips_through_a_line() -> None:
-    """North and south of it hang together by corners nowhere; nor do they if it comes in pieces."""
+    """The parts north and south of a line are not connected, even if the line is given in parts."""
     for line in crossings()[2:]:
         pieces = [
             LineString(line.coords[start : start + 2]) for start in range(len(line.coords) - 1)

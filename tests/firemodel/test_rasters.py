@@ -1,4 +1,4 @@
-"""Landscapes and arrival times come out of files as they went in, or are refused in clear words."""
+"""Landscapes and arrival times are read as written, or refused with a clear error."""
 
 import re
 from collections.abc import Callable, Mapping
@@ -125,15 +125,19 @@ def test_unusable_fuel_files_are_refused(
             changed(with_value(np.nan, np.float32)),
             r"bad.tif: no data: value nan at row 1, column 0",
         ),
-        (changed(HEIGHTS, crs="EPSG:32617"), "bad.tif: CRS EPSG:32617 is not the EPSG:32616 of"),
-        (changed(HEIGHTS[:, :2]), r"bad.tif: \(2, 2\) cells are not the \(2, 3\) of"),
+        (
+            changed(HEIGHTS, crs="EPSG:32617"),
+            "bad.tif: CRS EPSG:32617 differs from the CRS EPSG:32616 of",
+        ),
+        (changed(HEIGHTS[:, :2]), r"bad.tif: shape \(2, 2\) differs from the shape \(2, 3\) of"),
         (
             changed(HEIGHTS, transform=rasterio.Affine(10, 0, WEST_M, 0, -10, NORTH_M)),
-            "bad.tif: cell size 10.0 m is not the 30.0 m of",
+            "bad.tif: cell size 10.0 m differs from the 30.0 m of",
         ),
         (
             changed(HEIGHTS, transform=rasterio.Affine(30, 0, WEST_M + 30, 0, -30, NORTH_M)),
-            r"bad.tif: corner \(500030.0, 4000000.0\) is not the \(500000.0, 4000000.0\) of",
+            r"bad.tif: corner \(500030.0, 4000000.0\) differs from the corner "
+            r"\(500000.0, 4000000.0\) of",
         ),
     ],
 )
@@ -150,7 +154,7 @@ NAMES = ("LC22_F40_230", "LC20_Elev_220", "LC20_SlpD_220", "LC20_Asp_220", "LC22
 
 
 def test_slope_and_aspect_make_the_gradient(tmp_path: Path) -> None:
-    """The ground falls towards its aspect: north of a slope facing south it rises."""
+    """The ground falls towards its aspect: on a slope facing south it rises to the north."""
     files = {
         "fuel": write_raster(tmp_path / "fuel.tif", FUEL),
         "elevation": write_raster(tmp_path / "dem.tif", HEIGHTS),
@@ -172,7 +176,7 @@ def test_slope_and_aspect_make_the_gradient(tmp_path: Path) -> None:
 
 
 def test_a_stack_is_read_by_its_band_descriptions_or_by_numbers(tmp_path: Path) -> None:
-    """LANDFIRE's layer names stand for units; with plain numbers the units have to be given."""
+    """LANDFIRE's layer names imply units; with band numbers the units must be given."""
     named = read_landscape(write_raster(tmp_path / "named.tif", STACK, NAMES))
     assert named.canopy_cover is not None
     assert named.canopy_height_m is not None
@@ -213,7 +217,7 @@ def test_band_descriptions_name_layers(description: str, found: tuple[str, str])
 
 
 def lcp(tmp_path: Path, fuel: NDArray[np.int16] = FUEL, **options: str) -> Path:
-    """A small .lcp as GDAL writes it: elevation, slope, aspect, fuel, cover, and canopy bands."""
+    """Return a small .lcp as GDAL writes it: elevation, slope, aspect, fuel and canopy."""
     base = write_raster(
         tmp_path / "stack.tif",
         np.stack([HEIGHTS, SLOPE_DEG, ASPECT_DEG, fuel, COVER_PCT, *(FUEL * 0 + 30,) * 3]).astype(
@@ -284,7 +288,9 @@ def ascii_grid(path: Path, values: NDArray[Any], nodata: float = -9999.0) -> Pat
 def test_ascii_grids_are_read_with_a_crs_file_or_a_given_crs(tmp_path: Path) -> None:
     fuel = ascii_grid(tmp_path / "fuel.asc", FUEL)
     dem = ascii_grid(tmp_path / "dem.asc", HEIGHTS)
-    with pytest.raises(FireModelError, match=r"fuel.asc: has no CRS; .* or give it as crs"):
+    with pytest.raises(
+        FireModelError, match=r"fuel.asc: has no CRS; .* or give the projection as crs"
+    ):
         read_two(fuel, dem)
     expected = landscape(FUEL, HEIGHTS).digest()
     files = {"fuel": fuel, "elevation": dem}
@@ -292,7 +298,9 @@ def test_ascii_grids_are_read_with_a_crs_file_or_a_given_crs(tmp_path: Path) -> 
     for name in ("fuel", "dem"):
         (tmp_path / f"{name}.prj").write_text(rasterio.CRS.from_string(CRS).to_wkt())
     assert read_landscape(files).digest() == expected
-    with pytest.raises(FireModelError, match=r"CRS EPSG:32616 is not the EPSG:32633 given as crs"):
+    with pytest.raises(
+        FireModelError, match=r"CRS EPSG:32616 differs from EPSG:32633, given as crs"
+    ):
         read_landscape(files, crs="EPSG:32633")
     with pytest.raises(FireModelError, match=r"fuel.asc: given as crs: CRS 'nowhere' is invalid"):
         read_landscape(files, crs="nowhere")
@@ -338,7 +346,7 @@ def test_cells_without_a_value_can_be_taken_as_bare_ground(tmp_path: Path) -> No
 
 
 def test_gentle_ground_without_an_aspect_stays_fuel(tmp_path: Path) -> None:
-    """Level ground has no aspect; where it is steeper than 5 degrees a value is missing."""
+    """Level ground has no aspect; above 5 degrees a cell without one has a missing value."""
     slope = np.array([[0, 5, 20], [5, 0, 6]], dtype=np.int16)
     aspect = np.array([[-9999, -9999, 90], [-1, 45, 180]], dtype=np.int16)
     codes = np.array([[1, 2, 99], [4, 5, 8]], dtype=np.int16)
@@ -432,8 +440,8 @@ def test_what_is_asked_for_wrongly_is_refused(tmp_path: Path) -> None:
         file.scales = (0.1,)
     cases: list[tuple[Mapping[str, Any], str]] = [
         ({"fuel": fuel, "dem": dem}, "layer 'dem' is unknown; the layers are fuel, elevation"),
-        ({"elevation": dem}, "no fuel layer"),
-        ({"fuel": fuel}, "no elevation, nor slope and aspect"),
+        ({"elevation": dem}, "the fuel layer is missing"),
+        ({"fuel": fuel}, "elevation, slope and aspect are missing"),
         ({"fuel": fuel, "slope": dem}, "only one of slope and aspect"),
         ({"fuel": (fuel, 2), "elevation": dem}, "fuel.tif: has no band 2; its bands are 1 to 1"),
         ({"fuel": fuel, "elevation": scaled}, "scaled.tif: values have scale 0.1 and offset 0.0"),
@@ -444,7 +452,7 @@ def test_what_is_asked_for_wrongly_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_landscape_of_the_southern_hemisphere(tmp_path: Path) -> None:
-    """UTM 55 south, in the east of Australia."""
+    """The landscape is in UTM zone 55 south, in the east of Australia."""
     grid = rasterio.Affine(30, 0, 600_000.0, 0, -30, 6_100_000.0)
     files = {
         "fuel": write_raster(tmp_path / "f.tif", FUEL, crs="EPSG:32755", transform=grid),
@@ -480,7 +488,9 @@ def test_arrival_times_that_cannot_be_used_are_refused(tmp_path: Path) -> None:
     nothing = write_raster(tmp_path / "nothing.tif", values * np.nan)
     with pytest.raises(FireModelError, match=r"nothing.tif: no cell has a value"):
         read_arrival(nothing, land)
-    with pytest.raises(FireModelError, match=r"\(2, 3\) cells are not the \(41, 41\) of the land"):
+    with pytest.raises(
+        FireModelError, match=r"shape \(2, 3\) differs from the shape \(41, 41\) of the land"
+    ):
         read_arrival(undeclared, landscape())
     with pytest.raises(FireModelError, match=r"unit 'weeks' must be one of seconds, minutes"):
         read_arrival(undeclared, land, unit="weeks")  # type: ignore[arg-type]
@@ -488,7 +498,7 @@ def test_arrival_times_that_cannot_be_used_are_refused(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(not DATA.is_dir(), reason="no real data")
 def test_real_slope_and_aspect_agree_with_real_elevation() -> None:
-    """LANDFIRE's slope and aspect bands of the Maria fire against Horn's from its elevation."""
+    """LANDFIRE's slope and aspect of the Maria fire are compared with Horn's from the elevation."""
     names = ("fuel", "elevation", "slope", "aspect")
     files = {name: DATA / f"maria_2019/Maria2019-{name}.tif" for name in names}
     given = read_landscape(files, units={"slope": "degrees"})
@@ -500,7 +510,7 @@ def test_real_slope_and_aspect_agree_with_real_elevation() -> None:
 
 @pytest.mark.skipif(not DATA.is_dir(), reason="no real data")
 def test_a_real_lcp_and_its_arrival_times() -> None:
-    """FARSITE's flat land; its last cell burns at 419.9 minutes of seven hours."""
+    """The files are FARSITE's flat landscape; its last cell burns after 419.9 minutes."""
     flat = DATA / "farsite_flatland"
     land = read_landscape(flat / "Inputs/a_lcpFiles/flatland.lcp")
     assert land.shape == (100, 100)

@@ -1,4 +1,4 @@
-"""Weather files: units and directions made one, moistures held or conditioned, bad lines named."""
+"""Weather files: units, directions, constant or conditioned moistures, errors with line numbers."""
 
 from datetime import UTC, datetime
 from pathlib import Path
@@ -35,7 +35,7 @@ CSV = """time, wind_speed_mph, wind_from_deg, temperature_f, humidity_pct, rain_
 
 
 def start(text: str) -> datetime:
-    """A local time without offset, as in the files."""
+    """Return a local time without a UTC offset, as in the files."""
     return datetime.fromisoformat(text)
 
 
@@ -58,7 +58,7 @@ def test_raws_speeds_are_mph_at_20_feet_and_times_count_from_the_first(tmp_path:
 def test_metric_raws_and_csv_give_the_same_as_english_raws(
     tmp_path: Path, conditioned: bool
 ) -> None:
-    """Metric winds are km/h at 10 m: 18.507456 = 10 mph times 1.609344 times 1.15."""
+    """Metric winds are in km/h at 10 m: 18.507456 = 10 mph times 1.609344 times 1.15."""
     read = [
         read_weather(written(tmp_path, text, name), moisture=MOISTURE, conditioned=conditioned)
         for text, name in ((ENGLISH, "a.raws"), (METRIC, "b.WXS"), (CSV, "c.csv"))
@@ -77,7 +77,7 @@ def test_conditioned_moistures_follow_the_weather_and_the_live_ones_stay(tmp_pat
     assert first.dead_1h_pct == pytest.approx(3.0)
     tends_to = float(equilibrium_moisture_pct(25.0, 25.0))
     assert second.dead_1h_pct == pytest.approx(tends_to + (3.0 - tends_to) * 0.36788, rel=1e-4)
-    assert 20.0 < third.dead_1h_pct < 35.0  # the rain
+    assert 20.0 < third.dead_1h_pct < 35.0  # the hour of rain
     assert third.dead_10h_pct < 10.0
     assert third.live_herb_pct == pytest.approx(70.0)
 
@@ -87,7 +87,7 @@ def test_what_is_past_at_the_start_is_left_out_but_has_dried_the_fuel(tmp_path: 
     whole = read_weather(path, moisture=MOISTURE, conditioned=True)
     later = read_weather(path, start=start("2016-07-15T23:30"), moisture=MOISTURE, conditioned=True)
     assert [entry.at_s for entry in later.entries] == [-1800.0, 1800.0]
-    assert later.at(0.0).wind_from_deg == 270.0
+    assert later.weather_at(0.0).wind_from_deg == 270.0
     assert later.entries[0].dead_1h_pct == whole.entries[1].dead_1h_pct
 
 
@@ -106,7 +106,9 @@ def test_wind_speeds_in_csv_name_unit_and_height(
     tmp_path: Path, column: str, value: float, m_s: float
 ) -> None:
     path = written(tmp_path, f"wind_from_deg,{column},at_s\n90,{value},0\n")
-    assert read_weather(path, moisture=MOISTURE).at(0.0).wind_speed_m_s == pytest.approx(m_s)
+    assert read_weather(path, moisture=MOISTURE).weather_at(0.0).wind_speed_m_s == pytest.approx(
+        m_s
+    )
 
 
 def test_wind_towards_south_comes_from_north(tmp_path: Path) -> None:
@@ -122,7 +124,7 @@ def test_moistures_in_csv_go_before_those_given(tmp_path: Path) -> None:
     assert [entry.dead_1h_pct for entry in alone] == [5.0, 4.0]
     assert alone[1].moisture.classes == pytest.approx((0.04, 0.05, 0.06, 0.80, 0.90))
     part = "at_s,wind_speed_m_s,wind_from_deg,dead_1h_pct\n0,1,0,5\n"
-    mixed = read_weather(written(tmp_path, part), moisture=MOISTURE).at(0.0)
+    mixed = read_weather(written(tmp_path, part), moisture=MOISTURE).weather_at(0.0)
     assert mixed.moisture.classes == pytest.approx((0.05, 0.04, 0.06, 0.70, 1.00))
 
 
@@ -148,17 +150,17 @@ DATED = "time,wind_speed_m_s,wind_from_deg\n"
         (HEAD + "0,nan,0\n", r"line 2: wind_speed_m_s = nan must be 0 to 100"),
         (HEAD + "0,,0\n", r"line 2: wind_speed_m_s = '' is not a number"),
         (HEAD + "0,1\n", r"line 2: 2 cells, but 3 columns"),
-        (HEAD + "nan,1,0\n", r"line 2: at_s = nan is not a time"),
+        (HEAD + "nan,1,0\n", r"line 2: at_s = nan is not a number of seconds"),
         (HEAD + "0,1,0\n0,2,0\n", r"line 3: at_s = 0 is not later than the previous record \(0\)"),
         (HEAD + "60,1,0\n", r"from at_s = 60 to 60, the start 0 s is outside"),
-        ("at_s,wind_from_deg\n0,0\n", r"no column of wind speed, such as wind_speed_m_s"),
-        ("at_s,wind_speed_m_s\n0,0\n", r"no column of wind_from_deg or wind_toward_deg"),
-        ("wind_from_deg,wind_speed_m_s\n0,0\n", r"no column of time or at_s"),
+        ("at_s,wind_from_deg\n0,0\n", r"no column for wind speed, such as wind_speed_m_s"),
+        ("at_s,wind_speed_m_s\n0,0\n", r"no column for wind_from_deg or wind_toward_deg"),
+        ("wind_from_deg,wind_speed_m_s\n0,0\n", r"no column for time or at_s"),
         ("at_s,wind_dir\n0,0\n", r"column 'wind_dir' is unknown; columns are at_s, time, wind_"),
-        ("at_s,at_s\n0,0\n", r"column is named twice"),
+        ("at_s,at_s\n0,0\n", r"two columns have the same name"),
         (
             "at_s,wind_speed_mph,wind_10m_kmh,wind_from_deg\n0,1,1,0\n",
-            r"wind_speed_mph and wind_10m_kmh both given; remove one",
+            r"wind_speed_mph and wind_10m_kmh have the same meaning; remove one",
         ),
         (
             DATED + "2016-07-15T22:00,1,0\n2016-07-32,1,0\n",
@@ -188,7 +190,11 @@ def test_a_bad_csv_is_refused_with_line_field_and_value(
         ("0.10", "0,10", r"line 5: rain_in = '0,10' is not a number"),
         ("7 15 2300", "7 15 2360", r"line 5: time = '2016-07-15T23:60' is not a date"),
         ("7 16 0 ", "7 15 2300 ", r"line 6: time = 2016-07-15T23:00 is not later"),
-        ("2016 7 16", "O2016 7 16", r"line 6: 'O2016' begins neither a header line nor a record"),
+        (
+            "2016 7 16",
+            "O2016 7 16",
+            r"line 6: 'O2016' is not the first field of a header line or a record",
+        ),
     ],
 )
 def test_a_bad_raws_is_refused_with_line_field_and_value(
@@ -208,7 +214,7 @@ def test_what_does_not_go_together_is_refused(tmp_path: Path) -> None:
         ("start 2016-07-15 21:59:00 is outside", raws, {"start": start("2016-07-15T21:59")}),
         ("one has a UTC offset", raws, {"start": datetime(2016, 7, 15, 22, tzinfo=UTC)}),
         ("so its 0 s is the start", plain, {"start": start("2016-07-15T22:00")}),
-        ("no column temperature_c", plain, {"moisture": MOISTURE, "conditioned": True}),
+        ("has no column temperature_c", plain, {"moisture": MOISTURE, "conditioned": True}),
         ("has a column dead_1h_pct", dead, {"moisture": MOISTURE, "conditioned": True}),
     ):
         with pytest.raises(FireModelError, match=message):

@@ -1,4 +1,4 @@
-"""Fires that observations change: cells are rewritten, the rest burns on without loss."""
+"""Observations change some cells of a fire; the rest burns on without a loss of progress."""
 
 import numpy as np
 import pytest
@@ -22,14 +22,14 @@ LAND = jacksboro(101, 91, 30.0)
 
 @pytest.fixture(params=[False, True], ids=["corners", "precise"])
 def burning(request: pytest.FixtureRequest) -> AnyAngleFire:
-    """A fire in patchy fuel on real terrain."""
+    """Return a fire in patchy fuel on real terrain."""
     found = AnyAngleFire(LAND, WEATHER, [(50, 40, 0.0)], precise=request.param)
     found.advance(NOW_S)
     return found
 
 
 def burned_later(fire: AnyAngleFire, every_s: float, change: str) -> int:
-    """The cells that burn until ``LATER_S``, with a change at regular times."""
+    """Return the cells that burn until ``LATER_S``, with a change at regular times."""
     fire = fire.copy()
     nothing = np.zeros(LAND.shape, dtype=bool)
     model = AnyAngleFire(LAND, WEATHER, [])
@@ -45,7 +45,7 @@ def burned_later(fire: AnyAngleFire, every_s: float, change: str) -> int:
 
 
 def test_a_fire_burns_on_without_loss(burning: AnyAngleFire) -> None:
-    """Beginning again from arrival times every two minutes loses a tenth of an hour's growth."""
+    """A restart from arrival times every two minutes loses a tenth of the growth in an hour."""
     now = np.count_nonzero(burning.burned())
     whole = burned_later(burning, 120.0, "nothing") - now
     for change in ("rewritten", "continued"):
@@ -96,7 +96,7 @@ EVERYWHERE = window_at(0, 0, LAND.shape)
 
 
 def image_of(land: Landscape, burned_cols: int) -> np.ndarray:
-    """An image with burned western columns."""
+    """Return an image with burned western columns."""
     state = np.full(land.shape, UNBURNED, dtype=np.uint8)
     state[:, :burned_cols] = BURNED
     return state
@@ -131,7 +131,7 @@ def test_cells_that_were_not_seen_or_cannot_burn_keep_their_times() -> None:
 def test_points_without_use_are_dropped_and_the_fire_burns_on_equally(
     burning: AnyAngleFire, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Many images change a cell at the front; with and without dropping, all times are equal."""
+    """Many images change a cell at the front; times are equal with and without dropping points."""
 
     def rewritten_often(some_points: int) -> AnyAngleFire:
         monkeypatch.setattr(anyangle, "SOME_POINTS", some_points)

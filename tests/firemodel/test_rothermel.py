@@ -1,4 +1,4 @@
-"""Each equation against a value worked out by hand or published, and the whole against `behave`."""
+"""Each equation is compared with a published or hand-computed value, and all with `behave`."""
 
 import csv
 import math
@@ -23,12 +23,12 @@ DRY = Moisture(0.06, 0.07, 0.08, 0.60, 0.90)
 def rate_towards(
     largest_rate: float | Floats, eccentricity: float | Floats, off_heading_rad: float
 ) -> float | Floats:
-    """R(γ) = R_max (1 - e)/(1 - e cos γ), with γ measured from the direction of fastest spread."""
+    """Return R(γ) = R_max (1 - e)/(1 - e cos γ); γ is the angle from the fastest spread."""
     return largest_rate * (1.0 - eccentricity) / (1.0 - eccentricity * math.cos(off_heading_rad))
 
 
 def flanking_rate(largest_rate: float, length_to_breadth: float) -> float:
-    """Speed at which the ellipse widens to one side: half its width per time."""
+    """Return the speed at which the ellipse widens to one side: half its width per time."""
     backing = rate_towards(largest_rate, rothermel.eccentricity(length_to_breadth), math.pi)
     return float((largest_rate + backing) / (2.0 * length_to_breadth))
 
@@ -40,7 +40,7 @@ def spread(
     slope_tan: float,
     wind_off_upslope_deg: float = 0.0,
 ) -> dict[str, float]:
-    """What `behave` reports, in its units; directions are clockwise from upslope."""
+    """Return the results of `behave` in its units; directions are clockwise from upslope."""
     bed = fuel_bed(FUEL_MODELS[code], moisture)
     wind_m_s = midflame_mph * M_S_PER_MPH
     rates, towards_deg, winds = fastest_spread(
@@ -69,7 +69,7 @@ def test_mineral_damping_is_the_published_constant() -> None:
 
 def test_moisture_damping_falls_from_one_to_nothing_at_extinction() -> None:
     assert rothermel.moisture_damping(0.0, 0.25) == 1.0
-    assert rothermel.moisture_damping(0.125, 0.25) == pytest.approx(0.5425)  # 1-1.295+1.2775-0.44
+    assert rothermel.moisture_damping(0.125, 0.25) == pytest.approx(0.5425)  # = 1-1.295+1.2775-0.44
     assert rothermel.moisture_damping(0.2499, 0.25) == pytest.approx(0.0, abs=2e-3)
     assert rothermel.moisture_damping(0.25, 0.25) == 0.0
     assert rothermel.moisture_damping(0.60, 0.25) == 0.0
@@ -126,7 +126,7 @@ def test_length_to_breadth_is_one_without_wind_and_at_most_eight() -> None:
 
 
 def test_the_ellipse_has_its_length_and_width() -> None:
-    """Head plus back over both flanks is length over breadth."""
+    """Head plus back, divided by both flanks, is the length-to-breadth ratio."""
     e = rothermel.eccentricity(2.5)
     head_and_back = 1.0 + rate_towards(1.0, e, math.pi)
     assert rate_towards(1.0, e, 0.0) == 1.0
@@ -149,7 +149,7 @@ def test_flame_length_of_a_thousand_btu_per_foot_and_second() -> None:
 def test_fuel_beds_have_the_published_size_and_packing(
     code: int, sav_1_ft: float, packing_ratio: float
 ) -> None:
-    """Characteristic SAV as tabulated for Anderson's models; load / depth / 32 lb/ft³ by hand."""
+    """SAVs are tabulated for Anderson's models; load / depth / 32 lb/ft³ is computed by hand."""
     fuel = FUEL_MODELS[code]
     assert fuel_bed(fuel, DRY).sav_1_ft == pytest.approx(sav_1_ft, abs=0.6)
     packing = sum(fuel.loads_lb_ft2) / fuel.depth_ft / rothermel.PARTICLE_DENSITY_LB_FT3
@@ -166,14 +166,14 @@ def test_fuel_beds_have_the_published_size_and_packing(
 def test_chaparral_spreads_as_andrews_1986_published(
     moisture: Moisture, rate_chains_h: float, flame_ft: float
 ) -> None:
-    """INT-194: FM 4, midflame wind 4 mph, slope 30 %; rounded as printed."""
+    """The values are from INT-194: FM 4, midflame wind 4 mph, slope 30 %, rounded as printed."""
     found = spread(4, moisture, 4.0, 0.30)
     assert round(found["ros_ch_h"]) == rate_chains_h
     assert round(found["fl_ft"], 1) == flame_ft
 
 
 def test_brush_uses_woody_and_grass_herbaceous_moisture() -> None:
-    """Live fuel of FM 4, 5, 7, 10 is woody, that of FM 2 herbaceous."""
+    """The live fuel of FM 4, 5, 7 and 10 is woody, that of FM 2 herbaceous."""
     for code in (4, 5, 7, 10, 2):
         rates = {
             which: spread(code, Moisture(0.06, 0.07, 0.08, *live), 5.0, 0.0)["ros_ch_h"]
@@ -221,7 +221,7 @@ def test_codes_91_to_99_are_known_not_to_burn_and_no_others() -> None:
 def test_scott_burgan_beds_have_the_published_size_and_packing(
     code: int, sav_1_ft: float, packing_ratio: float
 ) -> None:
-    """As printed with each model in RMRS-GTR-153, the herbaceous fuel all green."""
+    """The values are printed with each model in RMRS-GTR-153, for uncured herbaceous fuel."""
     fuel = FUEL_MODELS[code]
     assert fuel_bed(fuel, replace(DRY, live_herb=2.0)).sav_1_ft == pytest.approx(sav_1_ft, abs=0.6)
     packing = sum(fuel.loads_lb_ft2) / fuel.depth_ft / rothermel.PARTICLE_DENSITY_LB_FT3
@@ -232,7 +232,7 @@ def test_herbaceous_fuel_cures_between_120_and_30_percent() -> None:
     assert rothermel.cured_fraction(0.10) == rothermel.cured_fraction(0.2999) == 1.0
     assert rothermel.cured_fraction(0.30) == pytest.approx(1.0)
     assert rothermel.cured_fraction(0.75) == pytest.approx(0.5, abs=1e-3)
-    assert rothermel.cured_fraction(1.20) == pytest.approx(0.001)  # `behave`'s rounded line
+    assert rothermel.cured_fraction(1.20) == pytest.approx(0.001)  # the rounded line of `behave`
     assert rothermel.cured_fraction(1.2001) == rothermel.cured_fraction(3.0) == 0.0
 
 
@@ -277,7 +277,7 @@ def test_the_wind_limit_stops_the_effective_wind_and_the_rate_with_it() -> None:
 
 
 def test_the_slope_factor_is_never_above_the_wind_limit_when_hardly_anything_burns() -> None:
-    """As `behave`; GR1 at 14.9 % of 15 % extinction moisture."""
+    """`behave` has the same limit; GR1 has a moisture of 14.9 %, near its extinction moisture."""
     wet = Moisture(0.149, 0.149, 0.149, 0.3, 0.9)
     bed = fuel_bed(FUEL_MODELS[101], wet)
     limit = rothermel.wind_limit_ft_min(bed.reaction_intensity_btu_ft2_min)
@@ -356,7 +356,7 @@ def test_wind_and_slope_add_as_vectors() -> None:
 
 
 def test_every_row_of_behave_is_matched() -> None:
-    """Computed with the Forest Service's own C++; the names of the columns carry the units."""
+    """The rows were computed with the Forest Service's C++ program; column names contain units."""
     with shared_file("behave_reference.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 82
@@ -370,8 +370,9 @@ def test_every_row_of_behave_is_matched() -> None:
         assert found == pytest.approx(expected | {"towards_deg": 0.0}, rel=1e-6), row
 
 
-# Fuel; moistures in percent, midflame wind in mph, its direction off upslope in degrees and slope
-# in percent; ch/h, kW/m, ft, Btu/ft², Btu/ft²/min, length to width, back and flank ch/h, degrees.
+# Columns: fuel; moistures in percent, midflame wind in mph, its direction from upslope in degrees,
+# and slope in percent; results in ch/h, kW/m, ft, Btu/ft², Btu/ft²/min, length to width, back and
+# flank in ch/h, and degrees.
 BEHAVE_RUNS = """
   2  8  9 10  75  90  7   0 20 65.7607 1943.82 8.27524 465.429 3374.38 2.00692 4.68390 17.5504 0
   7  5  6  7  90 110  3   0  0 15.1745 524.530 4.52994 544.276 2199.95 1.29801 3.35868 7.13907 0
@@ -389,9 +390,9 @@ BEHAVE_RUNS = """
 
 @pytest.mark.parametrize("run", BEHAVE_RUNS.strip().splitlines())
 def test_eleven_runs_of_behave_are_matched(run: str) -> None:
-    """Got from `behave` (firelab/behave, commit d963287, compiled as it is), printed to 6 digits.
+    """The results of `behave` (firelab/behave, commit d963287) were printed to 6 digits.
 
-    Wind limit off, midflame wind given directly. Wind blows across and down slopes too.
+    The wind limit is off and the midflame wind is given. Some winds blow across or down the slope.
     """
     code, *numbers = run.split()
     inputs, expected = [float(x) for x in numbers[:8]], [float(x) for x in numbers[8:]]

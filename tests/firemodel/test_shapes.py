@@ -1,4 +1,4 @@
-"""Drawn points, lines and polygons come onto the landscape, or are refused in clear words."""
+"""Points, lines and polygons are placed on the landscape, or refused with a clear error."""
 
 import json
 import zipfile
@@ -59,7 +59,7 @@ def same(area: BaseGeometry) -> bool:
 
 
 def test_geojson_comes_from_longitude_and_latitude(tmp_path: Path) -> None:
-    """All kinds, one with a height, which is dropped."""
+    """The file has all kinds of geometries; one has a height, which is dropped."""
     line = {"type": "LineString", "coordinates": [[LON, LAT, 300.0], [LON + 0.001, LAT, 310.0]]}
     path = geojson(tmp_path / "a.geojson", mapping(Point(LON, LAT)), line)
     point, drawn = read_shapes(path, LAND)
@@ -115,7 +115,9 @@ def test_shapefiles_whole_and_in_parts(tmp_path: Path) -> None:
             if file.suffix != ".zip":
                 archive.write(file, file.name)
     assert same(read_shapes(tmp_path / "a.zip", LAND)[0])
-    with pytest.raises(FireModelError, match=r"a.shp: CRS EPSG:32616 is not the EPSG:32617 given"):
+    with pytest.raises(
+        FireModelError, match=r"a.shp: CRS EPSG:32616 differs from EPSG:32617, given"
+    ):
         read_shapes(path, LAND, crs="EPSG:32617")
     (tmp_path / "a.prj").unlink()
     with pytest.raises(FireModelError, match=r"a.shp: has no .prj file; .* or give it as crs"):
@@ -184,7 +186,7 @@ def test_a_line_that_leaves_the_landscape_is_kept_whole(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(not DATA.is_dir(), reason="no real data")
 def test_real_perimeters_have_the_areas_that_were_measured() -> None:
-    """The Maria fire: 21 infrared perimeters from 3 to 42 km²; then one more."""
+    """The file has 21 infrared perimeters of the Maria fire from 3 to 42 km², and one more."""
     files = {name: DATA / f"maria_2019/Maria2019-{name}.tif" for name in ("fuel", "elevation")}
     land = read_landscape(files)
     shapes = read_shapes(DATA / "maria_2019/firis_perimeters.shp", land)
@@ -196,7 +198,7 @@ def test_real_perimeters_have_the_areas_that_were_measured() -> None:
 
 
 def test_a_field_name_cut_in_a_character_does_not_matter(tmp_path: Path) -> None:
-    """Writers cut names to ten bytes; the eleventh was the second byte of a character."""
+    """Writers truncate names to ten bytes; the eleventh was the second byte of a character."""
     path = shapefile(tmp_path / "a.shp", AREA)
     table = path.with_suffix(".dbf")
     content = table.read_bytes()
@@ -214,7 +216,7 @@ def test_a_field_name_cut_in_a_character_does_not_matter(tmp_path: Path) -> None
 
 
 def test_a_perimeter_is_repaired_on_request_and_reported(tmp_path: Path) -> None:
-    """A figure eight of two squares of 1 ha; a ring with an island, drawn as lines."""
+    """The shapes are a figure eight of two squares of 1 ha, and a ring with an island, as lines."""
     eight = Polygon(
         [(X_M + x, Y_M + y) for x, y in ((0, 0), (100, 0), (100, 200), (200, 200), (200, 100))]
         + [(X_M, Y_M + 100)]

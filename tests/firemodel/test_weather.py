@@ -20,10 +20,10 @@ from tests.firemodel.grids import weather
 def test_each_entry_holds_until_the_next() -> None:
     calm, gale = weather(1.0), weather(9.0, at_s=3600.0)
     stream = WeatherStream([calm, gale])
-    assert stream.at(0.0) is calm
-    assert stream.at(3599.9) is calm
-    assert stream.at(3600.0) is gale
-    assert stream.at(1e9) is gale
+    assert stream.weather_at(0.0) is calm
+    assert stream.weather_at(3599.9) is calm
+    assert stream.weather_at(3600.0) is gale
+    assert stream.weather_at(1e9) is gale
     assert stream.change_times() == (3600.0,)
 
 
@@ -45,7 +45,7 @@ def test_impossible_weather_is_refused(entries: list[Weather], message: str) -> 
 
 
 def test_wind_adjustment_factors_are_the_published_unsheltered_ones() -> None:
-    """The usual table, to one decimal (Andrews 2012): chaparral 0.6, tall grass 0.4, litter 0.3."""
+    """The usual table has one decimal (Andrews 2012): chaparral 0.6, tall grass 0.4, litter 0.3."""
     for depth_ft, factor in ((6.0, 0.55), (2.5, 0.44), (1.0, 0.36), (0.2, 0.27)):
         assert wind_adjustment_factor(depth_ft) == pytest.approx(factor, abs=0.006)
 
@@ -57,15 +57,15 @@ def test_wind_adjustment_factors_are_the_published_unsheltered_ones() -> None:
         (1.0, 0.6, 60.0, 0.4, 0.1513293006),
         (6.0, 0.7, 20.0, 0.9, 0.1153518902),
         (0.3, 1.0, 120.0, 1.0, 0.06272416791),
-        (1.0, 0.3, 60.0, 0.4, 0.3621042636),  # crowns fill 4 % only
-        (1.0, 0.375, 40.0, 0.4, 0.2077086333),  # just 5 %
-        (1.0, 0.9, 5.9, 1.0, 0.3621042636),  # canopy too low
+        (1.0, 0.3, 60.0, 0.4, 0.3621042636),  # crowns fill only 4 %
+        (1.0, 0.375, 40.0, 0.4, 0.2077086333),  # exactly 5 %
+        (1.0, 0.9, 5.9, 1.0, 0.3621042636),  # the canopy is too low
     ],
 )
 def test_trees_shelter_the_fuel_as_in_behave(
     depth_ft: float, cover: float, height_ft: float, ratio: float, factor: float
 ) -> None:
-    """Values from the Forest Service's `behave` (firelab/behave, commit d963287)."""
+    """The values are from the Forest Service's `behave` (firelab/behave, commit d963287)."""
     found = wind_adjustment_factor(depth_ft, cover, height_ft * 0.3048, ratio)
     assert found == pytest.approx(factor, rel=1e-9)
 

@@ -1,4 +1,4 @@
-"""A replay as people run it."""
+"""A replay process, started as a user starts it."""
 
 import re
 import signal
@@ -18,7 +18,7 @@ V1 = "/api/v1"
 
 
 class Replay:
-    """A replay in a process of its own."""
+    """A replay in a separate process."""
 
     def __init__(self, out: Path, *words: str) -> None:
         command = [sys.executable, "-m", "mission_service.cli", "replay", "--out", str(out)]
@@ -32,7 +32,7 @@ class Replay:
         found = re.search(r"http://\S+?:\d+", line)
         assert found is not None, line + self.process.stderr.read()
         headers = {"authorization": f"Bearer {(out / 'token').read_text().strip()}"}
-        self.http = httpx.Client(base_url=found[0], headers=headers, timeout=20.0)
+        self.http = httpx.Client(base_url=found[0], headers=headers, timeout=PATIENCE_S)
 
     def get(self, path: str) -> Any:
         answer = self.http.get(V1 + path)
@@ -45,7 +45,7 @@ class Replay:
         return answer.json()
 
     def until(self, **expected: Any) -> Any:
-        """The state of the replay, once it is so."""
+        """Wait for a condition; return the state of the replay then."""
         until_s = time.monotonic() + PATIENCE_S
         while time.monotonic() < until_s:
             state = self.get("/replay")
@@ -62,7 +62,7 @@ class Replay:
 
 @contextmanager
 def replayed(out: Path, *words: str) -> Iterator[Replay]:
-    """A replay of these logs with these options, until it is left."""
+    """Run a replay of these logs with these options in a context."""
     replay = Replay(out, *words)
     try:
         yield replay

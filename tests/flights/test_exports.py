@@ -1,4 +1,4 @@
-"""``mission-service log export``: tables, and what Foxglove shows."""
+"""``mission-service log export``: tables, and the contents of files for Foxglove."""
 
 import csv
 import json
@@ -58,7 +58,7 @@ def csv_rows(path: Path) -> list[dict[str, str]]:
 
 
 def messages(path: Path) -> list[tuple[str, str, int, dict[str, Any]]]:
-    """Topic, schema, time and content; each fits the schema in the file."""
+    """Yield topic, schema, time and content of each message, validated by its schema."""
     found = []
     with path.open("rb") as file:
         for schema, channel, message in make_reader(file, validate_crcs=True).iter_messages():
@@ -89,7 +89,7 @@ def test_each_table_that_has_rows_is_a_csv(logs: list[Path], out: Path) -> None:
     ]
     assert (items[1]["lat_deg"], items[1]["altitude_m"]) == ("36.31", "90.0")
     pulses = [(row["servo2_us"], row["servo4_us"]) for row in csv_rows(out / "outputs.csv")]
-    assert pulses == [("1100", ""), ("1900", "")]  # of 40: only what is new
+    assert pulses == [("1100", ""), ("1900", "")]  # only the new ones of 40 items
     progress = [(row["kind"], row["seq"]) for row in csv_rows(out / "progress.csv")]
     assert progress == [("begun", "0"), ("reached", "0"), ("begun", "1")]
     events = [(row["kind"], row["text"]) for row in csv_rows(out / "events.csv")]
@@ -211,7 +211,7 @@ def test_the_same_logs_make_the_same_bytes(logs: list[Path], tmp_path: Path) -> 
     for folder in folders:
         folder.mkdir()
         files = exported(logs, folder, *formats)
-    assert len(files) == 2 * len(BIN_TABLES) + 4  # tracks twice, flight.mcap, a mission
+    assert len(files) == 2 * len(BIN_TABLES) + 4  # two files of tracks, flight.mcap, and a mission
     for name in files:
         assert (folders[0] / name).read_bytes() == (folders[1] / name).read_bytes(), name
 
@@ -241,7 +241,7 @@ def test_without_its_library_a_format_gets_one_line(
     assert f"{each} needs {library}" in result.stderr
     assert "pip install 'mission-service[export]'" in result.stderr
     assert not out.exists()
-    assert call(*words).exit_code == 0  # nothing else needs it
+    assert call(*words).exit_code == 0  # no other part needs the library
 
 
 def test_only_what_is_asked_for_is_written(logs: list[Path], out: Path) -> None:
@@ -268,7 +268,7 @@ def test_noise_has_no_time_and_numbers_are_of_their_columns_kind() -> None:
     ((_, row),) = rows.of(1, Wind(5, 10, 3.0))
     assert isinstance(row[4], float)
     assert len(next(iter(rows.of(1, Outputs(6, tuple(range(20))))))[1]) == len(TABLES["outputs"])
-    assert list(rows.of(2, Outputs(7, tuple(range(20)))))  # another vehicle's first
+    assert list(rows.of(2, Outputs(7, tuple(range(20)))))  # the first item of another vehicle
     assert not list(rows.of(1, Outputs(8, tuple(range(20)))))
 
 
@@ -287,7 +287,7 @@ def test_places_of_items_are_only_those_in_degrees() -> None:
     ]
     assert own[2]["param5"] == 10.0  # metres
     names = [each["properties"]["name"] for each in mission_geojson(items)["features"]]
-    assert names == ["3 DO_SET_ROI", "4 NAV_WAYPOINT"]  # one place to fly to: no line
+    assert names == ["3 DO_SET_ROI", "4 NAV_WAYPOINT"]  # there is one destination and no line
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from autopilot_bridge.logs.reading import open_log
-from autopilot_bridge.missions.planfile import read_any
+from autopilot_bridge.missions.plan_file import read_any
 from mission_service.replay.flights.flown_vehicle import info_of
 from tests.bridge.log_writers import bin_flight, ulg_flight
 from tests.service.test_cli import call
@@ -16,7 +16,7 @@ from tests.service.test_cli import call
 
 @pytest.fixture
 def logs(tmp_path: Path) -> tuple[Path, Path]:
-    """A plane's .bin whose end is cut off, and a PX4's .ulg."""
+    """Return a plane's .bin with a truncated end, and a PX4's .ulg."""
     one, other = tmp_path / "hawk.bin", tmp_path / "kite.ulg"
     one.write_bytes(bin_flight()[:-5])
     other.write_bytes(ulg_flight())
@@ -29,7 +29,7 @@ def test_a_flight_in_figures(logs: tuple[Path, Path]) -> None:
     assert len(info["damage"]) == 1
     assert flown["autopilot"] == "ardupilot plane"
     assert flown["positions"] == 40
-    assert flown["flown_m"] == pytest.approx(39 * 8.96, abs=2.0)  # 1e-4 deg of longitude each
+    assert flown["flown_m"] == pytest.approx(39 * 8.96, abs=2.0)  # each 1e-4 deg of longitude
     assert flown["highest_above_start_m"] == 39.0
     assert flown["max_speed_m_s"] == pytest.approx(14.6, abs=0.1)
     assert flown["missions"] == [{"at_s": 0.0, "items": 2}]

@@ -1,4 +1,4 @@
-"""A journal as a log: its positions, missions and modes; damage is reported and skipped."""
+"""A journal as a log: positions, missions and modes; damage is reported and skipped."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""The core on a logged flight: the same track at the same times, and its decisions."""
+"""The core processes a logged flight: the same track at the same times, and decisions."""
 
 import json
 import math
@@ -44,14 +44,14 @@ LOGS = [path for path in REAL if path.suffix.lower() in (".tlog", ".bin", ".ulg"
 
 
 def lit(lat_deg: float, lon_deg: float) -> list[tuple[float, float]]:
-    """A place and a ring of 300 m around it."""
+    """Return an ignition at a place and a ring with a radius of 300 m."""
     angles = [math.radians(angle) for angle in range(0, 360, 20)]
     ring = [(lat_deg + 0.0027 * math.cos(a), lon_deg + 0.00335 * math.sin(a)) for a in angles]
     return [(lat_deg, lon_deg), *ring]
 
 
 def scenario(lat_deg: float = 36.35, lon_deg: float = -84.16, **changes: Any) -> Scenario:
-    """A grass fire on level ground, an hour old when the flight begins."""
+    """Return a scenario: a grass fire on level ground, an hour old at the start of the flight."""
     settings: dict[str, Any] = {
         "name": "level",
         "duration_s": 7200.0,
@@ -99,7 +99,7 @@ def telemetry(journal: JournalLog) -> list[Telemetry]:
 
 
 def same_track(flown: list[Position], reported: list[Telemetry], first_us: int) -> None:
-    """Each position at its very time; of those that come more than 20 times a second, some."""
+    """Check that positions have exact times; above 20 positions a second some are omitted."""
     at = {fix.at_us - flown[0].at_us + first_us: fix for fix in flown}
     assert reported[0].at_us == first_us
     assert 0.99 * len(flown) <= len(reported) <= len(flown)
@@ -118,13 +118,13 @@ def test_the_shadow_flies_the_very_track_and_its_journal_verifies(
     assert found.difference is None
     assert found.commands > 5
     assert journal.open_loop
-    assert journal.scenario().vehicles[0].stack == "ardupilot"  # by the log, not the scenario
+    assert journal.scenario().vehicles[0].stack == "ardupilot"  # by the log, not by the scenario
     contents = list(journal.contents())
     assert any(isinstance(thing, Observed) and "b" in "".join(thing.cells) for thing in contents)
     assert {thing.outcome for thing in contents if isinstance(thing, UploadFinished)} == {
         "accepted"
     }
-    # Items are those of the missions that the core would have sent, not of the flown one.
+    # The items are those of missions that the core would have sent, not of the flown mission.
     assert {t.current_seq for t in contents if isinstance(t, MissionProgress)} <= {0, 1}
 
 
@@ -155,7 +155,7 @@ def test_the_turn_back_and_the_difference_are_reported(log: Path, tmp_path: Path
     assert story.since_s(turn.at_us) == pytest.approx(100.0, abs=1.5)
     angle = 100.0 * 15.0 / 400.0
     assert turn.lat_deg == pytest.approx(36.35 + 400.0 * math.cos(angle) / 111_195.0, abs=2e-4)
-    # The planner circles clockwise for ever.
+    # The planner circles clockwise without end.
     (span,) = hawk.differs
     assert span.from_us == turn.at_us
     assert span.to_us == story.end_us
@@ -172,7 +172,7 @@ def test_another_planner_decides_otherwise(log: Path, tmp_path: Path) -> None:
 def test_drops_are_reported_relative_to_the_mission(log: Path, tmp_path: Path) -> None:
     story, _ = replayed(log, tmp_path)
     (hawk,) = story.vehicles.values()
-    (drop,) = hawk.drops  # servo 3 would steer, without its mission
+    (drop,) = hawk.drops  # without its mission, servo 3 would count as a control surface
     assert drop.done is not None
     assert story.since_s(drop.done.at_us) == pytest.approx(50.25, abs=0.3)
     assert drop.off_m == pytest.approx(400.0, abs=2.0)
@@ -211,7 +211,7 @@ def test_two_logs_of_one_vehicle_report_nothing_twice(log: Path, tmp_path: Path)
 
 def test_when_a_flight_begins_on_the_fires_clock(tmp_path: Path) -> None:
     path = tmp_path / "hawk.bin"
-    path.write_bytes(bin_flight())  # it has a date
+    path.write_bytes(bin_flight())  # the log has a date
     flight = flight_of([str(path)])
     found = survey(flight)
     assert mission_time(flight, found, scenario()).start_us == 3_600_000_000
@@ -245,7 +245,7 @@ def test_logs_with_a_date_are_not_joined_with_others(log: Path, tmp_path: Path) 
 
 
 def test_a_journal_by_its_own_rule_has_its_own_decisions(tmp_path: Path) -> None:
-    """Two vehicles whose positions come late and by turns: each has a mission time of its own."""
+    """Two vehicles with late positions in turn: each has its own mission time."""
     run, out = tmp_path / "run", tmp_path / "out"
     run.mkdir()
     out.mkdir()
@@ -291,7 +291,7 @@ def test_a_vehicle_that_never_rises_above_the_terrain_is_reported(tmp_path: Path
 
 
 def test_heights_are_above_where_it_stood_last(tmp_path: Path) -> None:
-    """An autopilot's first positions have no height before it has its origin."""
+    """An autopilot's first positions have no height before its estimator has an origin."""
     path = tmp_path / "origin.bin"
     messages: list[tuple[Any, ...]] = [("MSG", 1, "ArduPlane V4.6.2 (deadbeef)")]
     heights = [0.0] * 5 + [300.0] * 5 + [300.0 + 5.0 * n for n in range(1, 21)]
@@ -313,7 +313,7 @@ def test_a_flight_off_the_map_is_reported_in_one_line(log: Path, tmp_path: Path)
 
 def test_the_journal_of_a_run_is_not_written_over(log: Path, tmp_path: Path) -> None:
     replayed(log, tmp_path)
-    replayed(log, tmp_path)  # a replay's own may be
+    replayed(log, tmp_path)  # a replay's own journal may be used
     path = tmp_path / "journal.jsonl"
     begin, _, rest = path.read_bytes().partition(b"\n")
     header = json.loads(begin)["header"]
@@ -338,7 +338,7 @@ def test_a_log_cut_at_any_byte_is_replayed_up_to_there(tmp_path: Path, share: fl
     for old in tmp_path.glob("journal*"):
         old.unlink()
     if not any(isinstance(each, Position) for each in _events(path, data)):
-        return  # no flight yet
+        return  # the log contains no flight yet
     _, journal = replayed(path, tmp_path)
     reported = telemetry(journal)
     flown = positions(tmp_path / "whole.bin")[: len(reported)]
@@ -362,7 +362,7 @@ def test_real_flights_replay_to_their_tracks(path: Path, tmp_path: Path) -> None
     (vehicle,) = story.vehicles.values()
     if path.stem == "arduplane_perimeter":
         turned = [story.since_s(each.at_us) for each in vehicle.turned_back]
-        seen = 134.0 if path.suffix == ".tlog" else 132.0  # its clock begins a little later
+        seen = 134.0 if path.suffix == ".tlog" else 132.0  # its clock starts a little later
         assert any(at_s == pytest.approx(seen, abs=2.0) for at_s in turned)
     if path.stem == "arducopter_drops":
         assert sum(each.done is not None for each in vehicle.drops) == 6

@@ -1,4 +1,4 @@
-"""Playing and seeking: the same is shown from any start."""
+"""Playing and seeking: the same state is shown after any sequence."""
 
 from pathlib import Path
 from typing import Any
@@ -25,12 +25,12 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(autouse=True)
 def often(monkeypatch: pytest.MonkeyPatch) -> None:
-    """States each five seconds, so that a short flight has many."""
+    """Return a player that stores a state every five seconds, so that a short flight has many."""
     monkeypatch.setattr(playing, "STATE_EVERY_US", 5_000_000)
 
 
 def shown(player: Playback) -> Any:
-    """All that a page shows, but what grows with each change."""
+    """Return all data that a page shows, except those that increase with each change."""
     state_view, service = player.state_view, player.replay.service
     service.estimate.advance(service.statistics.at_us)
     return msgspec.to_builtins(
@@ -96,7 +96,8 @@ def test_what_is_shown_stays_until_the_other_moment_is_whole(flown: Path, tmp_pa
         assert not player.state().seeking
         now = player.state_view
         assert now is not state_view
-        # A reader up to before gets all of it, the replay first; the broker is lost still.
+        # A reader of an earlier version receives all data, ``replay`` first; the broker is still
+        # offline.
         new = {key: version for key, version in now.changed.items() if version > reader}
         assert set(new) >= {
             "replay",
@@ -134,7 +135,7 @@ def test_states_stay_few_and_small(
         run(player)
         assert sum(each.size for each in player._states) <= 6_000_000
         assert player._states[0].number == 0
-        sought(player, 0.02)  # before the second
+        sought(player, 0.02)  # before the second position
         assert player.state_view.at_us <= player.pairing.mission.of(player.head.at_us)
 
 
@@ -174,7 +175,7 @@ def test_a_cache_reads_again_what_was_received() -> None:
 
     cache = EntryCache(stream())
     assert [cache.get(number) for number in range(BLOCK + 2)] == list(range(BLOCK + 2))
-    assert len(taken) == BLOCK + 2  # not more than was needed
+    assert len(taken) == BLOCK + 2  # it reads no more than required
     assert [cache.get(number) for number in (0, BLOCK - 1, BLOCK, BLOCK + 1)] == [
         *(0, BLOCK - 1, BLOCK, BLOCK + 1)
     ]

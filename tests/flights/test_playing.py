@@ -1,4 +1,4 @@
-"""The play head: where a replay is at which time of the machine."""
+"""The play head: the replay's time as a function of the machine's time."""
 
 import pytest
 
@@ -10,7 +10,7 @@ BEGIN, END = 5_000 * S, 5_100 * S
 
 
 def played(head: PlayHead, now_us: int) -> int:
-    """Play all that is due, like a player."""
+    """Play all events that are due, as a player does."""
     head.reached(head.due_us(now_us), now_us)
     return head.at_us - BEGIN
 
@@ -20,7 +20,7 @@ def played(head: PlayHead, now_us: int) -> int:
 )
 def test_it_goes_along_the_log_at_its_speed(speed: float, after_s: float) -> None:
     head = PlayHead(BEGIN, END, speed)
-    assert played(head, 77 * S) == 0  # it begins when it is asked first
+    assert played(head, 77 * S) == 0  # it starts at the first call
     for tick in range(1, 101):
         there = played(head, 77 * S + tick * S // 10)
     assert there == after_s * S
@@ -30,7 +30,7 @@ def test_it_goes_along_the_log_at_its_speed(speed: float, after_s: float) -> Non
 def test_as_fast_as_can_be_all_is_due_at_once() -> None:
     head = PlayHead(BEGIN, END, "max")
     assert head.due_us(0) == END
-    head.reached(BEGIN + 30 * S, 20_000)  # the machine could play so much in a turn
+    head.reached(BEGIN + 30 * S, 20_000)  # the machine could play this number in one turn
     assert not head.ended
     assert head.due_us(20_000) == END
 
@@ -40,7 +40,7 @@ def test_a_player_that_is_too_slow_continues_from_its_position() -> None:
     head.due_us(0)
     assert head.due_us(S // 2) == BEGIN + 50 * S
     head.reached(BEGIN + 5 * S, S // 2)
-    assert head.due_us(S // 2) == BEGIN + 5 * S  # and does not catch up in a leap
+    assert head.due_us(S // 2) == BEGIN + 5 * S  # and it does not jump ahead to catch up
     assert head.due_us(S) == BEGIN + 55 * S
 
 
@@ -51,7 +51,7 @@ def test_a_pause_lasts_until_it_goes_on() -> None:
     head.pause()
     assert played(head, 60 * S) == 10 * S
     head.resume(60 * S)
-    head.resume(61 * S)  # it goes on already
+    head.resume(61 * S)  # it is already playing
     assert played(head, 62 * S) == 12 * S
 
 

@@ -20,7 +20,7 @@ def log(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def fire(tmp_path: Path) -> Path:
-    """A scenario file of the test's fire."""
+    """Return a scenario file with the fire of this test."""
     path = tmp_path / "level.toml"
     ignitions = "".join(
         f"[[ignition]]\nlat_deg = {lat}\nlon_deg = {lon}\n" for lat, lon in lit(36.35, -84.16)
@@ -58,7 +58,7 @@ def test_a_log_near_a_fire_leaves_a_report_and_a_journal(
     header = json.loads((out / "journal.jsonl").read_text().partition("\n")[0])["header"]
     assert header["scenario"]["planner"]["rule"] == "circling"
     assert header["scenario"]["planner"]["alpha"] == 2
-    # What was left is a run like any other.
+    # The output folder can be used like that of any other run.
     report = json.loads(call("replay", str(out), "--json").output)
     assert report["vehicles"][0]["name"] == "hawk"
     assert report["fire"]["rule"] == "circling"
@@ -80,7 +80,7 @@ def test_a_journal_has_a_scenario_of_its_own(tmp_path: Path) -> None:
     assert one["vehicles"][0]["flown_m"] == other["vehicles"][0]["flown_m"]
     assert (one["fire"]["rule"], other["fire"]["rule"]) == ("circling", "islam_hu")
     assert len(one["vehicles"][0]["missions"]) > 1
-    assert other["vehicles"][0]["missions"] == []  # nothing was sent in a replay
+    assert other["vehicles"][0]["missions"] == []  # a replay sends no missions
     assert "map-run.png" in {path.name for path in sides.iterdir()}
 
 

@@ -1,4 +1,4 @@
-"""A replay with its interfaces: its messages, its refusals, its end."""
+"""A replay with its interfaces: messages, refusals and end."""
 
 import asyncio
 import json
@@ -23,7 +23,7 @@ NOTHING = "this is a replay, which refuses orders"
 
 @pytest.fixture(scope="module")
 def replay(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Replay]:
-    """Of a journal with two vehicles, paused at its begin."""
+    """Return a replay of a journal with two vehicles, paused at its start."""
     log = journal_in(tmp_path_factory.mktemp("flown"))
     with replayed(tmp_path_factory.mktemp("out"), f"{log}", "--speed", "0.1") as replay:
         replay.post(paused=True)
@@ -140,7 +140,7 @@ def test_the_control_socket_takes_nothing_else(replay: Replay) -> None:
 
 
 def test_metrics_and_the_end_of_it(replay: Replay) -> None:
-    """The last one of this replay."""
+    """This test must be the last one with this replay."""
     assert b"mission_service_ready 1.0" in replay.http.get("/metrics").content
     replay.post(seek_s=1e6)
     assert replay.until(seeking=False, ended=True)["paused"]

@@ -1,4 +1,4 @@
-"""The report: its content is what happened, on one page that needs nothing else."""
+"""The report: its content agrees with the events, on one self-contained page."""
 
 import json
 import re
@@ -26,7 +26,7 @@ from tests.flights.test_open_loop_replay import level_pairing, scenario
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A short flight of the simulator, around the ring of fire."""
+    """Return a short simulated flight around a ring of fire."""
     folder = tmp_path_factory.mktemp("run")
     flown = scenario(
         duration_s=4300.0,
@@ -54,7 +54,7 @@ def test_the_figures_of_a_run_are_those_of_its_journal(run: Path) -> None:
     assert hawk["lowest_above_terrain_m"] > 60.0
     fire = figures["fire"]
     assert 90.0 < fire["seen_pct"] <= 100.0
-    assert 100.0 < fire["revisit_median_s"] < 400.0  # a lap takes 130 s and more
+    assert 100.0 < fire["revisit_median_s"] < 400.0  # a lap takes at least 130 s
     assert fire["area_ha"] > 20.0
 
 
@@ -131,13 +131,13 @@ def _pairs(values: tuple[float, ...]) -> list[tuple[float, float]]:
 def test_turns_back_are_dated_to_the_outermost_point() -> None:
     found = turns(*around(0.0, 700.0, 400.0, 430.0), 30.0, 10.0)
     assert [(each.point, each.clockwise) for each in found][:2] == [(0, True), (49, False)]
-    assert len(turns(*around(0.0, 700.0, 680.0, 900.0), 30.0, 10.0)) == 1  # too little
+    assert len(turns(*around(0.0, 700.0, 680.0, 900.0), 30.0, 10.0)) == 1  # the turn is too small
     assert turns(np.zeros(0), np.zeros(0), 30.0, 0.0) == []
     assert turns(*around(0.0, 20.0), 30.0, 0.0) == []
 
 
 def test_cells_near_the_middle_are_inconclusive() -> None:
-    east = np.linspace(-500.0, 500.0, 101)  # across it, and back
+    east = np.linspace(-500.0, 500.0, 101)  # across the fire and back
     there = np.concatenate([east, east[::-1]])
     assert turns(there, np.full(there.size, 1.0), 60.0, 125.0) == []
 
@@ -161,12 +161,12 @@ def item(
 
 def test_drops_belong_to_the_place_flown_to_before() -> None:
     items = (
-        item(183, 9.0, 1900.0),  # nowhere yet
+        item(183, 9.0, 1900.0),  # before the first position
         item(16, lat=36.3, lon=-84.2),
         item(183, 9.0, 1900.0),
         item(16, lat=36.4, lon=-84.2),
         item(211, 1.0, 0.0),
-        item(211, 1.0, 1.0),  # grabs
+        item(211, 1.0, 1.0),  # the gripper closes
     )
     planned = planned_in(items)
     assert [(each.lat_deg, each.output) for each in planned] == [(36.3, 9), (36.4, 0)]
@@ -176,7 +176,7 @@ def test_drops_belong_to_the_place_flown_to_before() -> None:
     assert first.off_m == pytest.approx(11.1, abs=0.1)
     assert second.done is None
     twice = compared([planned[0], planned[0]], done)
-    assert [each.done is not None for each in twice] == [True, False]  # it let go once
+    assert [each.done is not None for each in twice] == [True, False]  # the gripper opened once
     unplanned = compared([], [Done(7, 36.4, -84.2, 0, 0.0)])
     assert unplanned[0].planned is None
     assert Planned(36.3, -84.2, 9, 1900.0) == planned[0]

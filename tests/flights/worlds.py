@@ -1,4 +1,4 @@
-"""Flights to play: a journal of two planes at a fire that people correct, and a plane's .bin."""
+"""Flights to replay: a journal of two planes at a fire with corrections, and a plane's .bin."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -19,7 +19,7 @@ BURNED = ((36.352, -84.162), (36.352, -84.158), (36.355, -84.158), (36.355, -84.
 
 
 def journal_in(folder: Path, seconds: float = 160.0) -> Path:
-    """The journal of a run of the demo; half-way an operator draws what has burned."""
+    """Return the journal of a demo run; half-way an operator draws a burned area."""
     world = world_in(folder, scenario_of())
     begin_s = world.context.scenario.deploy_at_s
     world.fly(begin_s + seconds / 2)
@@ -33,7 +33,7 @@ def journal_in(folder: Path, seconds: float = 160.0) -> Path:
 
 @contextmanager
 def player_of(log: Path, out: Path, speed: Speed = "max") -> Iterator[Playback]:
-    """A log that is played, its journal in ``out``."""
+    """Return a player of a log, with its journal in ``out``."""
     what, _ = played(flight_of([str(log)]), ScenarioChoice())
     header = header_of(what.scenario, what.landscape.digest(), "2026-11-22")
     out.mkdir(exist_ok=True)
@@ -46,14 +46,14 @@ def player_of(log: Path, out: Path, speed: Speed = "max") -> Iterator[Playback]:
 
 
 def run(player: Playback) -> None:
-    """Let it do all that is due, a few things a turn."""
+    """Process all that is due, a few events per turn."""
     turns = count(1)
     while player.turn(0, lambda: next(turns) % 50 == 0):
         pass
 
 
 def sought(player: Playback, share: float) -> None:
-    """Go to a share of the flight."""
+    """Seek to a fraction of the flight."""
     head = player.head
     head.seek(head.begin_us + round(share * (head.end_us - head.begin_us)))
     run(player)

@@ -15,7 +15,7 @@ from firemodel.physics.weather import WeatherStream
 from firemodel.spread.anyangle import AnyAngleFire
 from mission_service.config.scenario import load_scenario
 from mission_service.fire.run_estimate import RunEstimate
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 from tests.firemodel.grids import weather
 
 NOW_S = 5400.0
@@ -35,7 +35,7 @@ def fire(now_s: float = NOW_S) -> AnyAngleFire:
 
 
 def estimated(now_s: float = NOW_S, *changes: str) -> RunEstimate:
-    """The estimate of the same fire, without observations."""
+    """Return the estimate of the same fire, without observations."""
     lat, lon = (float(each) for each in land().lat_lon_of(*land().xy_of(50.0, 40.0)))
     winds = ", ".join(
         f"{{at_s={at_s}, wind_speed_m_s={speed}, wind_from_deg={from_deg}, dead_1h_pct=6, "

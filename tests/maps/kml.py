@@ -1,4 +1,4 @@
-"""Perimeters as KML, for what reads it."""
+"""Perimeters as KML, for tests of readers."""
 
 from typing import Any
 from xml.sax.saxutils import escape, quoteattr
@@ -7,7 +7,7 @@ import numpy as np
 
 
 def perimeter_kml(collection: dict[str, Any]) -> bytes:
-    """What ``perimeter_geojson`` gave, as KML 2.2 with the same fields as extended data."""
+    """Return the result of ``perimeter_geojson`` as KML 2.2, with its fields as extended data."""
     placemarks = "".join(_placemark(feature) for feature in collection["features"])
     return (
         '<?xml version="1.0" encoding="UTF-8"?>\n'
@@ -48,5 +48,5 @@ def _polygon(rings: list[list[list[float]]]) -> str:
 
 
 def _text(value: Any) -> str:
-    """Escaped, without what XML cannot hold."""
+    """Return escaped text without characters that XML does not allow."""
     return escape("".join(c for c in str(value) if c >= " " or c in "\t\n"))

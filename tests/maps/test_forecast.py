@@ -1,4 +1,4 @@
-"""Forecasts of the estimate: what is ahead, and that asking for it changes nothing."""
+"""Forecasts of the estimate: future fronts, and no effect on the estimate."""
 
 import asyncio
 from collections.abc import Callable
@@ -22,7 +22,7 @@ HOUR_S = 3600.0
 def ask(
     of: RunEstimate, work: Callable[[Forecasts], Any], version: Callable[[], int] = lambda: 1
 ) -> Any:
-    """Whatever a coroutine on forecasts of an estimate returns."""
+    """Run a coroutine with forecasts of an estimate; return its result."""
 
     async def run() -> Any:
         forecasts = Forecasts(lambda: of, version)
@@ -35,7 +35,7 @@ def ask(
 
 
 def burning_to_the_east(estimate: RunEstimate, at_s: float) -> Observed:
-    """An image of 20 x 20 cells east of the ignition, all of them burned."""
+    """Return an image of 20 x 20 burned cells east of the ignition."""
     return Observed(round(at_s * 1e6), "hawk", 40, 46, ("b" * 20,) * 20)
 
 
@@ -51,7 +51,7 @@ def test_the_past_is_the_estimate_and_the_future_grows_from_it() -> None:
 
 
 def test_forecasts_leave_the_estimate_as_it_is() -> None:
-    """To the last bit, while it burns on between two of them."""
+    """Bit for bit, while the estimate burns on between two forecasts."""
     estimate, twin = estimated(), estimated()
 
     async def watch(forecasts: Forecasts) -> None:
@@ -112,7 +112,7 @@ def test_members_agree_on_the_present_and_spread_in_the_future() -> None:
 
 
 def test_all_callers_wait_for_the_same_forecast(monkeypatch: pytest.MonkeyPatch) -> None:
-    """No request: nothing. The same again: nothing. Changed by operators, or old: once."""
+    """A forecast is computed once if it is requested and is old or was corrected."""
     computed = []
     whole = forecast._forecast
 
@@ -134,12 +134,12 @@ def test_all_callers_wait_for_the_same_forecast(monkeypatch: pytest.MonkeyPatch)
         advance(NOW_S + 100.0)
         assert await forecasts.arrival(NOW_S + HOUR_S) is five[0]
         assert len(computed) == 1
-        version[0] = 2  # people have drawn
+        version[0] = 2  # operators have drawn
         assert (await forecasts.arrival(NOW_S + HOUR_S)).version == 2
         assert len(computed) == 2
         advance(NOW_S + 100.0 + forecast.OLD_S + 1.0)
         await forecasts.arrival(NOW_S + HOUR_S)
-        assert len(computed) == 2  # old, but ten seconds have not passed
+        assert len(computed) == 2  # it is old, but ten seconds have not passed
         monkeypatch.setattr(forecast, "REST_S", 0.0)
         assert (await forecasts.arrival(NOW_S + HOUR_S)).at_s == estimate.fire.time_s
         assert len(computed) == 3

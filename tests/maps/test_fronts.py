@@ -19,7 +19,7 @@ from mission_service.interfaces.maps.fronts import (
 )
 from tests.maps.fires import NOW_S, WEATHER, estimated, fire, land, signed_area
 
-TOUCH_DEG2 = 1e-11  # 0.1 m², of coordinates rounded to a centimetre
+TOUCH_DEG2 = 1e-11  # 0.1 m², because coordinates are rounded to a centimetre
 
 
 def areas(collection: dict[str, Any]) -> list[Any]:
@@ -27,7 +27,7 @@ def areas(collection: dict[str, Any]) -> list[Any]:
 
 
 def check_rfc_7946(feature: dict[str, Any]) -> None:
-    """Longitude and latitude to 7 decimals, closed rings, right-hand rule, nothing but JSON."""
+    """Check lon and lat with 7 decimals, closed rings, the right-hand rule, and valid JSON."""
     assert json.loads(json.dumps(feature, allow_nan=False)) == feature
     assert shape(feature["geometry"]).is_valid
     for outer, *holes in feature["geometry"]["coordinates"]:
@@ -112,7 +112,7 @@ def test_a_fire_taken_over_keeps_its_outline() -> None:
 
 
 def test_a_fire_set_right_is_not_drawn_larger_in_its_past() -> None:
-    """As when operators correct it: restarted from arrivals, of which the past is observed."""
+    """After a correction the fire restarts from arrival times, and its past is observed."""
     old = fire()
     begun = AnyAngleFire(
         land(), WEATHER, [], burning_from_arrival(old.arrival_time_s, land(), NOW_S)

@@ -1,4 +1,4 @@
-"""Images aligned with the cells."""
+"""Images are aligned with the cells."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ from tests.maps.fires import NOW_S, TO_MERCATOR, fire, land, pixels_of
 
 
 def pixel_of(landscape: Landscape, row: float, col: float) -> tuple[float, float]:
-    """Where a place of the grid ought to be (row, column of pixels), reckoned by pyproj alone."""
+    """Return the expected pixel (row, column) of a place of the grid, computed only by pyproj."""
     frame = overlay_frame(landscape)
     lat, lon = landscape.lat_lon_of(*landscape.xy_of(row, col))
     x_m, y_m = TO_MERCATOR.transform(lon, lat)
@@ -28,7 +28,7 @@ def pixel_of(landscape: Landscape, row: float, col: float) -> tuple[float, float
 
 @pytest.mark.parametrize("size", [(101, 91), (1900, 40)])
 def test_cells_are_where_they_lie_on_the_map(size: tuple[int, int]) -> None:
-    """To within a pixel, in the corners too; the second has fewer pixels than 2 a cell."""
+    """Errors are at most a pixel, also in corners; the second image has under 2 pixels a cell."""
     rows, cols = size
     codes = np.ones(size, dtype=np.int16)
     fix = Landscape(CRS, WEST_M + 150_000.0, NORTH_M, CELL_M, codes, codes.astype(np.float32))
@@ -65,7 +65,7 @@ def test_colours_are_those_of_the_legend_and_what_is_later_is_clear() -> None:
 
     burned = np.argwhere(burning.burned())
     for row, col in burned[:: len(burned) // 25]:
-        when = burning.arrival_time_s[row, col]  # before 1800 s the first colour
+        when = burning.arrival_time_s[row, col]  # the first colour ends at 1800 s
         due = [np.interp(when, times, colours[:, band]) for band in range(3)]
         assert at(row, col)[:3] == pytest.approx(due, abs=4.0)
         assert at(row, col)[3] == OPAQUE

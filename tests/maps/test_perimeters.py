@@ -1,4 +1,4 @@
-"""Perimeters from others and for others; and files that mean harm."""
+"""Perimeters from and for other programs, and malicious files."""
 
 import io
 import json
@@ -75,7 +75,7 @@ def zipped(**members: bytes) -> bytes:
 
 
 def shapefile(folder: Path, crs: str = "EPSG:4326", **fields: Any) -> dict[str, bytes]:
-    """The parts of a Shapefile of one polygon, by suffix."""
+    """Return the parts of a Shapefile with one polygon, by suffix."""
     pyogrio.raw.write(
         folder / "a.shp",
         shapely.to_wkb(np.array([AREA])),
@@ -122,7 +122,7 @@ def test_what_is_written_reads_back(kind: str) -> None:
     found = read(data, f"mine.{kind}")
     area = shapely.geometry.shape(written["features"][0]["geometry"])
     assert same(found, area)
-    # On the ground; in the grid it is larger by its scale.
+    # The area on the ground; in the grid it is larger by the scale.
     assert found.area_ha == pytest.approx(fire().front(NOW_S).area / 1e4, rel=2e-3)
     assert not found.notes
     (record,) = found.records
@@ -137,7 +137,7 @@ def test_what_is_written_reads_back(kind: str) -> None:
 
 
 def test_wfigs_with_an_old_time_on_a_new_outline() -> None:
-    """Both times are reported; what lies elsewhere or is no polygon is left out with a note."""
+    """Both times are reported; features elsewhere or without polygons are left out with a note."""
     properties = {
         "poly_IncidentName": "NEEDLES",
         "poly_MapMethod": "IR Image Interpretation",
@@ -205,7 +205,7 @@ def test_zipped_shapefiles_with_names_cut_off(tmp_path: Path, crs: str) -> None:
     assert same(found)
     (record,) = found.records
     assert (record["incident_name"], record["feature_category"]) == ("PINE", "Wildfire")
-    assert record["feature_status"] is None  # poly_Featu could be any of three
+    assert record["feature_status"] is None  # poly_Featu can stand for any of three names
     assert record["polygon_unix_ms"] == 1_785_000_000_000
 
 
@@ -222,7 +222,7 @@ def ring_of(count: int) -> list[list[float]]:
 
 
 def comb(teeth: int) -> list[list[float]]:
-    """Valid, and all its teeth are as long as it."""
+    """Return a valid comb whose teeth all have the full length."""
     k = np.arange(teeth)[:, None]
     up, down = (np.hstack([LON + 1e-7 * k + at, LAT + 0 * k + 0.02 - at]) for at in (0.0, 0.02))
     ring = np.stack([up, down], axis=1).reshape(-1, 2)
@@ -351,7 +351,7 @@ def test_names_of_files_are_only_names() -> None:
 
 
 def error_text(data: bytes, name: str) -> str:
-    """The error for a file that is refused, empty if it is read."""
+    """Return the error for a refused file; empty if the file is read."""
     try:
         read(data, name)
     except FireModelError as error:
@@ -360,7 +360,7 @@ def error_text(data: bytes, name: str) -> str:
 
 
 def test_files_with_bytes_changed_are_read_or_refused(tmp_path: Path) -> None:
-    """Whatever is changed in a file: a perimeter or one clear line, never anything else."""
+    """A changed file is read as a perimeter or refused with one clear line."""
     rng = np.random.default_rng(11)
     parts = shapefile(tmp_path, poly_Incid="PINE")
     whole = {
@@ -382,7 +382,7 @@ def test_files_with_bytes_changed_are_read_or_refused(tmp_path: Path) -> None:
 
 
 def test_shapefiles_with_parts_changed_are_read_or_refused(tmp_path: Path) -> None:
-    """Inside the archive, where its checksums hold."""
+    """The parts inside the archive are changed; its checksums are valid."""
     rng = np.random.default_rng(12)
     parts = shapefile(tmp_path, poly_Incid="PINE", poly_Polyg="2026-07-25T17:20:00Z")
     outcomes = []
@@ -408,5 +408,5 @@ def test_the_perimeters_flown_at_the_maria_fire() -> None:
     assert len(found.records) == 22
     assert {record["source"] for record in found.records} == {"FIRISMaria", "vnc manual"}
     assert found.records[0]["created_unix_ms"] == 1_572_575_831_000  # 2019-11-01T02:37 UTC
-    assert 3800.0 < found.area_ha < 4400.0  # 9,999 acres by the records of the fire
+    assert 3800.0 < found.area_ha < 4400.0  # 9,999 acres in the records of the fire
     assert any("21 different times" in note for note in found.notes)

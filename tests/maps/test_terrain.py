@@ -1,4 +1,4 @@
-"""Elevation tiles, decoded as a browser does."""
+"""Elevation tiles, decoded as in a browser."""
 
 import numpy as np
 import pytest
@@ -20,7 +20,7 @@ def decoded(png: bytes) -> NDArray[np.float64]:
 
 
 def places_of(z: int, x: int, y: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Latitudes and longitudes of a tile's pixels, by pyproj alone."""
+    """Return latitude and longitude of a tile's pixels, computed only by pyproj."""
     pixel_m = 2.0 * HALF_WORLD_M / 2**z / TILE
     across, down = np.meshgrid(np.arange(TILE) + 0.5, np.arange(TILE) + 0.5)
     to_degrees = Transformer.from_crs("EPSG:3857", "EPSG:4326", always_xy=True)
@@ -50,7 +50,7 @@ def test_elevation_is_that_of_the_place() -> None:
     rows, cols = land().shape
     inside = (row >= 0) & (row <= rows - 1) & (col >= 0) & (col <= cols - 1)
     due = land().elevation_at(*where)
-    # Places are worked out at some of the pixels: 0.1 m off, on slopes up to 1 in 1.
+    # Only some pixels are projected exactly: errors are at most 0.1 m on slopes of up to 1 in 1.
     np.testing.assert_allclose(decoded(png)[inside], due[inside], atol=ROUNDING_M / 2 + 0.05)
     assert inside.sum() > 2000
     assert np.ptp(due[inside]) > 50.0
@@ -132,7 +132,7 @@ def test_lower_zooms_are_means_and_fit_the_landscape() -> None:
     row, col = land().row_col_of(*land().xy_of_lat_lon(lat, lon))
     inside = (row > 0) & (row < rows - 1) & (col > 0) & (col < cols - 1)
     assert inside.sum() > 500
-    # Of a pixel, that is a disc in the landscape, all cells count, not the one in its middle.
+    # In a pixel, which is a disc in the landscape, all cells count, not only the middle one.
     near = np.asarray(land().elevation_m)[:-1:2, :-1:2]
     shown, due = decoded(png)[inside], land().elevation_at(*land().xy_of_lat_lon(lat, lon))[inside]
     assert shown.mean() == pytest.approx(due.mean(), abs=2.0)
@@ -140,7 +140,7 @@ def test_lower_zooms_are_means_and_fit_the_landscape() -> None:
 
 
 def test_a_plane_stays_where_it_is_at_every_zoom() -> None:
-    """A mean of cells belongs between them, not in the middle of the first."""
+    """The mean of two cells belongs between them, not to the middle of the first."""
     rows, cols = land().shape
     heights = np.add.outer(10.0 * np.arange(rows), 3.0 * np.arange(cols)).astype(np.float32)
     fix = land()
@@ -161,7 +161,7 @@ def test_where_there_is_nothing_there_is_no_tile() -> None:
     tiles = TerrainTiles(land())
     z = tiles.describe()["maxzoom"]
     x, y = middle_tile(land(), z)
-    assert tiles.tile(z, x, y) is tiles.tile(z, x, y)  # kept
+    assert tiles.tile(z, x, y) is tiles.tile(z, x, y)  # from the cache
     for other in ((z, x + 40, y), (z, x, 2**z), (z, -1, y), (z + 1, 2 * x, 2 * y), (0, 0, 0)):
         assert tiles.tile(*other) is None
     bare = Landscape(

@@ -1,4 +1,4 @@
-"""A throw-away authority, a broker's certificate for 127.0.0.1 and a client's."""
+"""A temporary certificate authority, a broker's certificate for 127.0.0.1, and a client's."""
 
 import subprocess
 from pathlib import Path
@@ -9,7 +9,7 @@ def _openssl(*words: str, folder: Path) -> None:
 
 
 def make_certificates(folder: Path) -> None:
-    """ca.pem, other-ca.pem; broker.pem and client.pem with their keys (.key)."""
+    """Create ca.pem, other-ca.pem; broker.pem and client.pem, with their keys (.key)."""
     key = ("-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes")
     for name in ("ca", "other-ca"):
         paths = ("-keyout", f"{name}.key", "-out", f"{name}.pem")

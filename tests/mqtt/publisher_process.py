@@ -1,4 +1,4 @@
-"""A publisher process, to be killed: ``python -m tests.mqtt.publisher_process PORT``."""
+"""A publisher process that tests kill: ``python -m tests.mqtt.publisher_process PORT``."""
 
 import asyncio
 import sys

@@ -1,4 +1,4 @@
-"""A run without vehicles for tests: a picture that tests change, and a desk that notes requests."""
+"""A run without vehicles: a state view that tests change, and a handler that records requests."""
 
 import asyncio
 import functools
@@ -15,9 +15,9 @@ import numpy as np
 
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario, load_scenario
-from mission_service.config.service import MqttSection, ServiceSection
+from mission_service.config.service_section import MqttSection, ServiceSection
 from mission_service.events import Telemetry
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 from mission_service.interfaces.mqtt.broker_site import site_in
 from mission_service.interfaces.mqtt.publisher import Publisher
 from mission_service.runtime.engine import Engine
@@ -37,7 +37,7 @@ def scene() -> tuple[Scenario, Landscape]:
 def context_of(
     settings: MqttSection, ask: Callable[[dict[str, Any]], dict[str, Any]]
 ) -> RunContext:
-    """A run context for the interfaces, with a round fire that burns at 1 m/s."""
+    """Return a run context for the interfaces, with a round fire that spreads at 1 m/s."""
     scenario, landscape = scene()
     state_view = StateView(scenario, landscape, 0)
     rows, cols = np.indices(landscape.shape)
@@ -63,13 +63,13 @@ def context_of(
 
 
 def fix(at_us: int, name: str = "hawk", lat_deg: float = 36.36) -> Telemetry:
-    """A position within the landscape."""
+    """Return a position on the landscape."""
     return Telemetry(at_us, name, lat_deg, -84.14, 900.0, 150.0, 18.0, 0.0, 45.0)
 
 
 @dataclass
 class Stage:
-    """One publisher and what it was asked."""
+    """A publisher and the requests that it received."""
 
     context: RunContext
     publisher: Publisher
@@ -93,7 +93,7 @@ class Stage:
 async def publishing(
     broker: str | int, replay: Any = None, **settings: Any
 ) -> AsyncIterator[Stage]:
-    """A publisher at work, of a replay if there is one; it ends with the block."""
+    """Run a publisher (of a replay, if one is given) until the end of the context."""
     broker = f"127.0.0.1:{broker}" if isinstance(broker, int) else broker
     asked: list[dict[str, Any]] = []
 
@@ -116,7 +116,9 @@ async def publishing(
         _, left = await asyncio.wait([stage.task], timeout=PATIENCE_S)
         assert not left, "it does not end"
         if not stage.task.cancelled():
-            stage.task.result()  # raises what ended it: the cause, should the block have failed
+            # Raises the error that ended the publisher, which may have caused a failure in the
+            # block.
+            stage.task.result()
 
 
 @dataclass
@@ -127,12 +129,12 @@ class Listener:
     messages: list[aiomqtt.Message] = field(default_factory=list)
 
     def of(self, topic: str) -> list[Any]:
-        """All that came on a topic of the site."""
+        """Return all messages on a topic of the site."""
         found = [each for each in self.messages if each.topic.value == f"{ROOT}/{topic}"]
         return [json.loads(each.payload) for each in found]
 
     def last(self, topic: str) -> Any:
-        """The last that came on a topic, or None."""
+        """Return the last message on a topic, or None."""
         return (self.of(topic) or [None])[-1]
 
     async def publish(
@@ -148,7 +150,7 @@ class Listener:
 
 @asynccontextmanager
 async def listening(port: int, **more: Any) -> AsyncIterator[Listener]:
-    """A client that receives all messages of the site, also those that the broker retained."""
+    """Return a client that receives all messages of the site, including retained ones."""
     async with aiomqtt.Client("127.0.0.1", port, **more) as client:
         await client.subscribe(f"{ROOT}/#", qos=1)
         listener = Listener(client)

@@ -25,7 +25,7 @@ NOW_US = 1_795_000_000_000_000
 
 
 class Desk:
-    """Takes all, and counts."""
+    """A request handler that accepts and counts all requests."""
 
     def __init__(self) -> None:
         self.asked: list[dict[str, Any]] = []
@@ -36,7 +36,7 @@ class Desk:
 
 
 class RunInterface:
-    """A doorkeeper with a clock."""
+    """A command gate with a clock."""
 
     def __init__(self) -> None:
         self.request_handler = Desk()
@@ -86,7 +86,7 @@ def test_all_requests_there_are_were_thought_of() -> None:
 
 
 def test_no_operator_is_present_by_a_message() -> None:
-    """An approval ends without heartbeats of its station; a broker is no station."""
+    """An approval ends without heartbeats from its station; a broker is not a station."""
     run_interface = RunInterface()
     for station in ("firing-boss", ""):
         run_interface.takes("wind", id=f"1{station}", station=station, speed_m_s=1.0, from_deg=0.0)
@@ -173,7 +173,7 @@ def test_nothing_is_done_twice() -> None:
     assert other is not None
     assert "an earlier command" in other.error
     assert len(run_interface.request_handler.asked) == 1
-    run_interface.takes("hold", by="ben")  # whose ids are his own
+    run_interface.takes("hold", by="ben")  # a user whose ids are separate
     run_interface.takes("return")
     assert len(run_interface.request_handler.asked) == 3
 
@@ -215,7 +215,7 @@ def test_too_many_commands_are_not_even_answered_and_memory_is_bounded() -> None
 def test_an_abort_is_accepted_whatever_its_content(payload: bytes) -> None:
     run_interface = RunInterface()
     for _ in range(200):
-        run_interface.takes("hold")  # and however much else came
+        run_interface.takes("hold")  # regardless of the number of other commands
     run_interface.request_handler.asked.clear()
     reply = run_interface.takes("abort", payload)
     assert reply is not None
@@ -233,7 +233,7 @@ def test_an_abort_is_taken_again_and_however_old() -> None:
         assert len(run_interface.request_handler.asked) == asked
         run_interface.now_s += 0.5
     assert run_interface.request_handler.asked[0]["by"] == "mqtt:anna"
-    for _ in range(100):  # a flood is one
+    for _ in range(100):  # many aborts count as one
         reply = run_interface.takes("abort")
         assert reply is not None
         assert reply.ok
@@ -281,7 +281,7 @@ def test_no_message_does_harm(name: str, payload: bytes, retained: bool) -> None
     st.dictionaries(st.sampled_from(["by", "station", "vehicle", "points", "hash", "x"]), JSON),
 )
 def test_what_the_desk_is_asked_it_can_answer(name: str, more: dict[str, Any]) -> None:
-    """Never more than an error of its own kind comes of it."""
+    """A request raises only errors of the class RequestError."""
     from mission_service.errors import RequestError
 
     run_interface = RunInterface()

@@ -19,7 +19,7 @@ import pytest
 from benchmarks.mosquitto import MOSQUITTO, Mosquitto
 from mission_service.commands import Level
 from mission_service.config.mqtt_names import Broker
-from mission_service.config.service import MqttSection
+from mission_service.config.service_section import MqttSection
 from mission_service.errors import MissionServiceError
 from mission_service.interfaces.mqtt import broker_connection, publisher
 from mission_service.interfaces.mqtt.broker_connection import OPEN, BrokerAccess, tls_of
@@ -67,14 +67,14 @@ def test_a_late_subscriber_gets_all_states_and_a_present_one_the_end(broker: Mos
                 ]
                 front = late.last("fire/front")
                 assert (front["at_us"], front["geometry"]["type"]) == (300_000_000, "MultiPolygon")
-                state_view.clear("x")
+                state_view.clear_alarm("x")
                 stage.context.ring()
                 await until(lambda: late.last("alarm")["alarms"] == [])
                 stage.task.cancel()
                 await asyncio.wait([stage.task])
                 await until(lambda: late.last("status")["online"] is False)
                 assert late.last("status")["why"] == "the service was stopped"
-                assert len(late.of("status")) == 2  # and no last will behind it
+                assert len(late.of("status")) == 2  # no last will follows
             stage.task = asyncio.create_task(stage.publisher.run())
 
     broker.start()
@@ -134,7 +134,7 @@ def test_a_killed_process_is_published_as_offline_by_the_broker(broker: Mosquitt
 
 
 async def longest_gap_s(stage: Stage, seconds: float) -> float:
-    """How long the loop did nothing else, while there was much to publish."""
+    """Return the longest time without another task while many messages were published."""
     longest_s, last_s = 0.0, time.monotonic()
     end_s, at_us = last_s + seconds, 0
     while last_s < end_s:
@@ -156,7 +156,7 @@ def test_without_a_broker_nothing_waits_and_then_the_latest_is_published(
     async def look() -> None:
         async with publishing(broker.port) as stage:
             state_view, topic = stage.context.state_view, f"vehicle/{stage.name}/telemetry"
-            announced: list[str] = []  # the view keeps only the latest
+            announced: list[str] = []  # the state view stores only the latest ones
             announce = stage.context.service.announce
 
             def collect(about: str, text: str, level: Level = "warning") -> None:
@@ -164,7 +164,7 @@ def test_without_a_broker_nothing_waits_and_then_the_latest_is_published(
                 announce(about, text, level)
 
             monkeypatch.setattr(stage.context.service, "announce", collect)
-            gaps_s = [await longest_gap_s(stage, 0.7)]  # there never was one
+            gaps_s = [await longest_gap_s(stage, 0.7)]  # the broker never existed
             assert "no MQTT broker at 127.0.0.1" in state_view.alarms["broker"].text
             for number in range(2):
                 broker.start()
@@ -176,15 +176,17 @@ def test_without_a_broker_nothing_waits_and_then_the_latest_is_published(
                     await until(lambda: (listener.last(topic) or {}).get("lat_deg") == 36.365)
                     await until(lambda: listener.last(f"vehicle/{stage.name}/mission") is not None)
                     if number == 0:
-                        broker.freeze(True)  # it takes all that sockets hold, and nothing more
+                        # The broker accepts what its sockets can buffer, and nothing more.
+                        broker.freeze(True)
                         gaps_s.append(await longest_gap_s(stage, 0.7))
                         broker.freeze(False)
                 broker.kill()
-                # At once, though there may be no message for it.
+                # Immediately, even without a message to send.
                 await until(lambda: not stage.publisher.connected)
                 gaps_s.append(await longest_gap_s(stage, 0.3))
-            assert max(gaps_s) < PATIENCE_S / 2, gaps_s  # or it has waited for an answer
-            lost, back = announced  # and no line for each time within a minute
+            assert max(gaps_s) < PATIENCE_S / 2, gaps_s  # otherwise the service waited for a reply
+            # And the log does not contain a line for each attempt in a minute.
+            lost, back = announced
             assert "no MQTT broker" in lost
             assert "reconnected to the broker" in back
 
@@ -193,9 +195,9 @@ def test_without_a_broker_nothing_waits_and_then_the_latest_is_published(
 
 @pytest.fixture
 def guarded(tmp_path: Path) -> Iterator[Mosquitto]:
-    """A broker that takes the service and an observer, by their passwords.
+    """Start a broker that accepts the service and an observer by their passwords.
 
-    Mosquitto that root starts would give up the right to read these files.
+    A Mosquitto started by root drops the right to read these files.
     """
     passwords, rights = tmp_path / "passwords", tmp_path / "rights"
     for user in ("service", "observer"):
@@ -240,12 +242,12 @@ def test_user_and_password_are_sent_only_to_the_broker(
                 state_view = stage.context.state_view
                 await until(lambda: "broker" in state_view.alarms)
                 tried = attempts[0]
-                await until(lambda: attempts[0] >= tried + 2)  # again and again
+                await until(lambda: attempts[0] >= tried + 2)  # repeatedly
                 assert not stage.publisher.connected
                 (line,) = [line.text for line in state_view.announcements]
                 assert "user or password is wrong" in line
                 lines += [line, *(each.payload.decode() for each in listener.messages)]
-            # The observer may not write: brokers do not report the refusal, and it harms none.
+            # The observer may not write; brokers do not report the refusal, and it has no effect.
             async with publishing(
                 guarded.port, user="observer", password=f"file:{secret}", commands=True
             ) as stage:
@@ -258,7 +260,7 @@ def test_user_and_password_are_sent_only_to_the_broker(
 
 
 @needs_mosquitto
-@pytest.mark.filterwarnings("ignore:unclosed <ssl.SSLSocket:ResourceWarning")  # paho's
+@pytest.mark.filterwarnings("ignore:unclosed <ssl.SSLSocket:ResourceWarning")  # a warning of paho
 def test_tls_with_an_authority_and_certificates_of_both_sides(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -289,7 +291,7 @@ def test_tls_with_an_authority_and_certificates_of_both_sides(
             publishing(broker.port, tls_ca=tmp_path / "ca.pem", commands=True, **client) as stage,
         ):
             await until(lambda: listener.last("status") is not None)
-            for number in range(20):  # many in one record of TLS
+            for number in range(20):  # many frames in one TLS record
                 await listener.publish("cmd/hold", command(id=str(number)))
             await until(lambda: len(listener.of("cmd/hold/reply")) == 20)
             assert len(stage.asked) == 20
@@ -316,7 +318,7 @@ def test_commands_are_done_once_and_answered_with_their_id(broker: Mosquitto) ->
         async with listening(broker.port) as listener:
             await listener.publish(
                 "cmd/return", command(), retain=True
-            )  # before the service is there
+            )  # before the service connects
             async with publishing(broker.port, commands=True) as stage:
                 await until(lambda: listener.last("cmd/return/reply") is not None)
                 assert "retained" in listener.last("cmd/return/reply")["error"]
@@ -354,9 +356,9 @@ STRANGE = (
     b"HTTP/1.1 400 Bad Request\r\n\r\n",
     bytes(range(256)),
     b"\x20\x03\x00\x87\x00",  # not authorised
-    b"\x20\xff\xff\xff\x7f",  # a packet of 256 MB begins
+    b"\x20\xff\xff\xff\x7f",  # the start of a packet of 256 MB
     CONNECTED + b"\x90\x04\x00\x09\x00\x01",  # a reply without a request
-    SUBSCRIBED + b"\x30\x04\x00\x02\xff\xfe",  # a topic that is no UTF-8
+    SUBSCRIBED + b"\x30\x04\x00\x02\xff\xfe",  # a topic that is not valid UTF-8
     SUBSCRIBED + b"\x30\x03\x00\x09a",  # a topic that is longer than its packet
     SUBSCRIBED + b"\x30\x0a\x00\x03a/#\x00{}{}",
     SUBSCRIBED + b"\xe0\x02\x89\x00",  # server busy
@@ -374,12 +376,12 @@ def test_no_message_of_a_broker_ends_the_service(
         nonlocal opened, closed
         message, opened = STRANGE[opened % len(STRANGE)], opened + 1
         try:
-            with contextlib.suppress(ConnectionError):  # the service may have left already
+            with contextlib.suppress(ConnectionError):  # the service may have disconnected already
                 await reader.read(4096)
                 for part in (message[:5], message[5:]):
                     writer.write(part)
                     await writer.drain()
-                    await asyncio.sleep(0.03)  # read apart, where the machine is fast enough
+                    await asyncio.sleep(0.03)  # read separately if the machine is fast enough
                 writer.close()
                 await writer.wait_closed()
         finally:
@@ -394,8 +396,8 @@ def test_no_message_of_a_broker_ends_the_service(
                 assert stage.asked == []
                 lines = [line.text for line in stage.context.state_view.announcements]
                 assert len(lines) <= 2, lines
-            await until(lambda: closed == opened)  # the strange server ends too
-        gc.collect()  # exceptions that were never retrieved are logged now
+            await until(lambda: closed == opened)  # the unusual server also ends
+        gc.collect()  # exceptions that were never retrieved are logged at this point
 
     asyncio.run(look())
     assert caplog.records == []
@@ -410,7 +412,7 @@ def test_received_commands_are_done_though_the_broker_is_disconnected_by_then() 
         raise aiomqtt.MqttError("disconnected")
 
     async def look() -> None:
-        async with publishing(1, commands=True) as stage:  # no broker on this port
+        async with publishing(1, commands=True) as stage:  # no broker listens on this port
             inbox = stage.publisher._inbox
             for number in range(8):
                 inbox.put_nowait(message("hold", command(id=f"h{number}")))
@@ -495,7 +497,7 @@ def test_vehicles_in_processes_of_their_own_are_the_same_user_to_the_same_broker
 
 def test_a_cancellation_that_meets_a_refused_attempt_ends_the_connection() -> None:
     class Refused:
-        """A client that drops a cancellation, as ``asyncio.wait_for`` may."""
+        """A client that suppresses a cancellation, as ``asyncio.wait_for`` may."""
 
         async def __aenter__(self) -> None:
             try:

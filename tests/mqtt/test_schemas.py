@@ -1,4 +1,4 @@
-"""docs/schemas and docs/mqtt.md describe the messages that are really sent and accepted."""
+"""docs/schemas and docs/mqtt.md describe the messages that are sent and accepted."""
 
 import asyncio
 import json
@@ -58,7 +58,7 @@ def test_every_schema_is_one_and_its_example_fits(name: str) -> None:
 
 
 def _numbers(schema: Any, key: str = "") -> set[str]:
-    """Keys of all numbers in a schema."""
+    """Yield the keys of all numbers in a schema."""
     if not isinstance(schema, dict):
         return set()
     found = {key} if schema.get("type") in ("number", "integer") else set()
@@ -94,7 +94,7 @@ def test_the_example_of_a_command_is_one_that_is_taken(name: str) -> None:
     events: list[Any] = []
 
     def ask(request: dict[str, Any]) -> dict[str, Any]:
-        if request["do"] == REPLAY:  # no event
+        if request["do"] == REPLAY:  # not an event
             events.append(msgspec.convert(request, Replay))
         else:
             events.append(event_of(request, 0, RequestScope(["west"], vehicles=["hawk"])))

@@ -1,4 +1,4 @@
-"""Containers and systemd units, checked by their files. No engine is needed."""
+"""Containers and systemd units, checked by their files without a container engine."""
 
 import re
 import tomllib
@@ -77,7 +77,7 @@ def test_what_services_run_is_a_command_with_these_options(name: str) -> None:
 
 
 def _setting_exists(key: str) -> None:
-    from mission_service.config.service import HttpSection, MqttSection, ServiceSection
+    from mission_service.config.service_section import HttpSection, MqttSection, ServiceSection
 
     sections: dict[str, Any] = {"http": HttpSection, "mqtt": MqttSection}
     first, section, *rest = key.split(".")

@@ -1,4 +1,4 @@
-"""A disk that is full: what the journal makes of it."""
+"""The journal on a full disk."""
 
 import errno
 import os
@@ -15,7 +15,7 @@ def test_what_could_not_be_written_can_be_thrown_away() -> None:
     with pytest.raises(OSError, match="No space left") as error:
         _write(full, data)
     os.close(full)
-    data.clear()  # while the error is there with all its frames: a view left open forbids it
+    data.clear()  # an error's frames could keep a memory view open, which would prevent this
     assert error.value.errno == errno.ENOSPC
 
 

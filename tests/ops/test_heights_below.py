@@ -1,4 +1,4 @@
-"""Heights of tracks below: the short way gives the same as a check of every pair of points."""
+"""Heights of lower tracks: the fast method gives the same as a check of every pair of points."""
 
 import numpy as np
 import pytest
@@ -25,7 +25,7 @@ def test_no_track_is_passed_over(seed: int) -> None:
         points = rng.uniform(-1500, 1500, 2) + rng.uniform(-400, 400, (count, 2))
         heights = rng.uniform(0, 500, count)
         tracks.append(Track(points, heights, heights + 10.0))
-    # One exactly as far as still counts, straight to the east.
+    # A point at exactly the maximum distance, to the east.
     edge = tracks[0].points_m[0] + np.array([NEAR_M, 0.0])
     points = np.vstack([rng.uniform(-1000, 1000, (20, 2)), edge])
     found = heights_below(points, tracks)

@@ -1,4 +1,4 @@
-"""The log: one line each, machine-readable if configured, and no secret in it."""
+"""The log: one line for each record, machine-readable if configured, without secrets."""
 
 import asyncio
 import contextlib
@@ -22,7 +22,7 @@ TOKEN = "mst_1234567890abcdefgh"
 
 @pytest.fixture(autouse=True)
 def own_logging() -> Iterator[None]:
-    """Leave the process's logging as it was."""
+    """Restore the process's logging after the test."""
     root = logging.getLogger()
     handlers, level, secrets = root.handlers[:], root.level, set(hidden._secrets)
     yield
@@ -70,7 +70,7 @@ def test_no_secret_stands_in_a_line_wherever_it_comes_from(form: service_log.For
         raise ValueError(f"bad key {KEY.hex()}")
     except ValueError:
         log.exception("no")
-    # Secrets that are not configured as such:
+    # Secrets that are not configured as secrets:
     for text in (
         "Authorization: Bearer abc.def-123456",
         "http://127.0.0.1:8765/#token=zzzzzzzzzzzz",
@@ -99,7 +99,7 @@ def test_announcements_and_alarms_of_a_run_are_logged_once(tmp_path: Path) -> No
         context.state_view.alarm("link/hawk", "hawk: link lost", "severe", "hawk")
         context.ring()
         await until(lambda: "link lost" in stream.getvalue())
-        context.state_view.clear("link/hawk")
+        context.state_view.clear_alarm("link/hawk")
         context.state_view.announce("hawk", "the last word")
         task.cancel()
         with contextlib.suppress(asyncio.CancelledError):

@@ -1,4 +1,4 @@
-"""Figures for Prometheus: names, values and documentation."""
+"""Metrics for Prometheus: names, values and documentation."""
 
 import asyncio
 import json
@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
-from mission_service.config.service import JournalSection
+from mission_service.config.service_section import JournalSection
 from mission_service.interfaces.metrics import FIGURES, PREFIX, metrics_of
 from mission_service.journal.snapshot import Known
 from mission_service.runtime.journal_retention import JournalRetention
@@ -29,7 +29,7 @@ def context(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunContext]:
 
 
 def figures(context: RunContext) -> dict[str, dict[tuple[str, ...], float]]:
-    """By name and values of labels (in the order of their names), as Prometheus reads them."""
+    """Return the values by name and labels (ordered by their names), as Prometheus reads them."""
     content, media_type = metrics_of(context)
     assert media_type.startswith("text/plain")
     found: dict[str, dict[tuple[str, ...], float]] = {}
@@ -58,8 +58,8 @@ def test_alarms_are_counted_by_kind_until_they_are_cleared(context: RunContext) 
     context.state_view.alarm("link/hawk", "gone", "severe", "hawk")
     context.state_view.alarm("link/kite", "gone", "severe", "kite")
     assert figures(context)[kinds]["link",] == before.get(("link",), 0) + 2
-    context.state_view.clear("link/hawk")
-    context.state_view.clear("link/kite")
+    context.state_view.clear_alarm("link/hawk")
+    context.state_view.clear_alarm("link/kite")
     assert figures(context).get(kinds, {}) == before
 
 
@@ -73,7 +73,7 @@ def test_a_failed_upload_counts_as_failed(context: RunContext) -> None:
 def test_each_announcement_is_counted_once(context: RunContext) -> None:
     name = f"{PREFIX}announcements_total"
     assert figures(context)[name][()] == len(context.state_view.announcements) > 0
-    context.state_view.clear_all_but()  # changes other states, and so the version
+    context.state_view.clear_all_but()  # changes other states, and therefore the version
     context.state_view.announce("hawk", "a line")
     assert figures(context)[name][()] == len(context.state_view.announcements)
 

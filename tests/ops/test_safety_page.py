@@ -1,4 +1,4 @@
-"""Each sentence of docs/safety.md names its tests: they are there."""
+"""docs/safety.md names the tests of each statement, and these tests exist."""
 
 import re
 from pathlib import Path

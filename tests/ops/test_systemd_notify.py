@@ -1,4 +1,4 @@
-"""Notifications to systemd, on a socket like its own."""
+"""Notifications to systemd, over a socket like systemd's."""
 
 import asyncio
 import contextlib

@@ -1,7 +1,8 @@
-"""An autopilot and the link to it, as small as the core's tests need them: independent of the mock.
+"""A minimal model of an autopilot and its link for tests of the core, independent of the mock.
 
-It has the modes, arming, landings, failsafes and refusals that decide what may be commanded. What
-it does not have: aerodynamics, messages, items. Pure: time and choices are arguments.
+It contains the modes, arming, landings, failsafes and refusals that determine which commands are
+allowed. It contains no aerodynamics, messages or items. The code is pure: time and random choices
+are arguments.
 """
 
 import math
@@ -31,9 +32,9 @@ NAMES: dict[type[AnyCommand], str] = {
     ClimbAndHold: "climb and hold",
     ChangeSpeed: "change speed",
 }
-URGENT = (Hold, Return, ClimbAndHold)  # they take the place of all that has not ended
+URGENT = (Hold, Return, ClimbAndHold)  # they replace all commands that have not ended
 CRUISE_M, CLIMB_M_S, DESCENT_M_S = 120.0, 8.0, 4.0
-# What a failsafe does; the same failsafe differs with parameters.
+# The mode that each failsafe selects; it depends on the vehicle's parameters.
 FAILSAFES = {
     "battery low": "return",
     "battery emergency": "land",
@@ -49,11 +50,11 @@ PILOT_MODES = ("manual", "altitude", "position", "hold", "return", "land", "miss
 
 @dataclass
 class Autopilot:
-    """One vehicle. Places are metres east and north in the landscape's projection."""
+    """One vehicle. Positions are metres east and north in the landscape's projection."""
 
     stack: Literal["px4", "ardupilot"]
     home_m: tuple[float, float]
-    watches_m: tuple[float, float]  # a mission leads to a circle about this place
+    watches_m: tuple[float, float]  # a mission leads to a circle around this place
     speed_m_s: float
     circle_m: float = 250.0
     x_m: float = 0.0
@@ -62,22 +63,22 @@ class Autopilot:
     mode: str = "hold"
     armed: bool = False
     chosen_by: Source = "start-up"
-    mission: int = 0  # the one on board, by its number; 0: none that can be flown
+    mission: int = 0  # number of the mission on board; 0 if no mission can be flown
     seq: int = 0
-    trouble: str = ""  # the failsafe that stands
-    climbs_to_m: float = 0.0  # ordered, with a hold
+    trouble: str = ""  # the active failsafe
+    climbs_to_m: float = 0.0  # ordered altitude of a climb and hold
 
     def __post_init__(self) -> None:
         self.x_m, self.y_m = self.home_m
 
     @property
     def in_air(self) -> bool:
-        """Above the ground."""
+        """Whether the vehicle is above the ground."""
         return self.height_m > 0.0
 
     @property
     def states(self) -> dict[str, str]:
-        """What it reports of itself besides mode and place."""
+        """Return the states that it reports in addition to mode and position."""
         landed = "landing" if self.mode == "land" else "in air"
         return {
             "system": "critical" if self.trouble else "active" if self.armed else "standby",
@@ -89,16 +90,16 @@ class Autopilot:
         }
 
     def fail(self, kind: str) -> None:
-        """A failsafe of ``FAILSAFES``."""
+        """Start a failsafe of ``FAILSAFES``."""
         self.trouble = kind
         self.change(FAILSAFES[kind], "failsafe")
 
     def change(self, mode: str, chosen_by: Source) -> None:
-        """Fly in another mode; ``chosen_by`` for the same one too."""
+        """Change the mode; ``chosen_by`` is also updated if the mode stays the same."""
         self.mode, self.chosen_by = mode, chosen_by
 
     def mode_of(self, command: ModeCommand) -> str:
-        """What a command leads to on this stack."""
+        """Return the mode to which a command leads on this stack."""
         match command:
             case StartMission():
                 return "mission"
@@ -110,7 +111,7 @@ class Autopilot:
                 return "guided" if self.stack == "ardupilot" else "hold"
 
     def obey(self, command: Ordered) -> str:
-        """Carry a command out; returns why not, or nothing."""
+        """Execute a command; return the reason for a refusal, or an empty text."""
         if isinstance(command, ChangeSpeed):
             return ""
         if isinstance(command, StartMission):
@@ -124,7 +125,7 @@ class Autopilot:
         return ""
 
     def fly(self, seconds: float) -> None:
-        """Go on for a while; a vehicle that lands is disarmed."""
+        """Advance the flight; a vehicle that lands is disarmed."""
         if not self.armed:
             return
         match self.mode:
@@ -151,7 +152,7 @@ class Autopilot:
         return x_m + self.circle_m * math.cos(ahead_rad), y_m + self.circle_m * math.sin(ahead_rad)
 
     def _toward(self, place_m: tuple[float, float], seconds: float) -> bool:
-        """Whether it is there."""
+        """Move towards a place; return True when it is reached."""
         if not self.in_air and self.mode != "mission":
             return True
         away_m = math.dist((self.x_m, self.y_m), place_m)
@@ -165,11 +166,11 @@ class Autopilot:
         self.height_m += min(max(height_m - self.height_m, -down_m), up_m)
 
     def land(self) -> None:
-        """Be on the ground, disarmed, wherever it was and whatever it did."""
+        """Put the vehicle on the ground, disarmed."""
         self.height_m, self.armed, self.trouble = 0.0, False, ""
 
     def reboot(self, keeps_flying: bool) -> None:
-        """Start again: armed and in its mode after a watchdog's reset, else as from the factory."""
+        """Restart: after a watchdog reset it is armed in its mode, otherwise disarmed."""
         self.seq = 0
         if not keeps_flying:
             self.land()
@@ -178,30 +179,30 @@ class Autopilot:
 
 @dataclass
 class Sent:
-    """A command on its way: first it reaches the autopilot, then its answer comes back."""
+    """A command in transit: it first reaches the autopilot, then its reply returns."""
 
     command: Ordered
-    answer: str | None = None  # None: has not arrived; empty: accepted
+    answer: str | None = None  # None: the command has not arrived; empty: accepted
 
 
 @dataclass
 class Bridge:
-    """What the bridge has under way for one vehicle, and what it reported last."""
+    """The commands and uploads in progress for one vehicle, and its last reports."""
 
     autopilot: Autopilot
     linked: bool = True
-    connected: bool = False  # and reported
-    lost: bool = False  # and reported
+    connected: bool = False  # whether the connection was reported
+    lost: bool = False  # whether the loss was reported
     commands: list[Sent] = field(default_factory=list)
     uploads: list[UploadMission] = field(default_factory=list)
     mode: tuple[bool, str] = (False, "")  # reported last
     seq: int = 0
     states: dict[str, str] = field(default_factory=dict)  # reported last
     reads_back: bool = False
-    pauses: bool = False  # holds for an upload, and flies on after it
+    pauses: bool = False  # whether it holds for an upload, and then flies on
 
     def send(self, command: AnyCommand) -> list[Sent]:
-        """Take a command of the core; returns those that an urgent one takes the place of."""
+        """Send a command of the core; return the commands that an urgent one replaces."""
         if isinstance(command, UploadMission):
             self.uploads.append(command)
             return []
@@ -215,21 +216,21 @@ class Bridge:
         return replaced
 
     def deliver(self, refused: str = "") -> Sent | None:
-        """The next command reaches the autopilot, which may refuse it; in the order of sending."""
+        """Deliver the next command in the order of sending; the autopilot may refuse it."""
         sent = next((each for each in self.commands if each.answer is None), None)
         if sent is not None:
             sent.answer = refused or self.autopilot.obey(sent.command)
         return sent
 
     def pause(self) -> None:
-        """An upload that would be flown half overwritten begins: ArduPilot holds meanwhile."""
+        """Begin an upload during which ArduPilot holds, because its list is overwritten."""
         flown = self.autopilot
         if self.uploads and flown.stack == "ardupilot" and flown.armed and flown.mode == "mission":
             flown.change("hold", "transfer")
             self.pauses = True
 
     def finish(self, outcome: str, on_board: bool) -> UploadMission | None:
-        """The oldest upload ends; ``on_board``: the vehicle has it whatever is reported."""
+        """End the oldest upload; with ``on_board`` the vehicle has the mission anyway."""
         if not self.uploads:
             return None
         upload, flown = self.uploads.pop(0), self.autopilot
@@ -240,16 +241,16 @@ class Bridge:
         if outcome == "accepted" and self.pauses and flown.mode == "hold":
             flown.change("mission", "transfer")
         elif outcome == "rejected" and flown.stack == "px4" and flown.mode == "mission":
-            flown.change("hold", "transfer")  # it flies nothing that is unfit
+            flown.change("hold", "transfer")  # PX4 does not fly a mission that it rejected
         self.pauses = False
         return upload
 
     def restart(self, killed: bool) -> None:
-        """The service starts again; what was under way for one that was killed is forgotten."""
+        """Restart the service; a killed service loses its commands in progress."""
         self.reads_back = True
         if killed:
             self.commands, self.uploads, self.pauses = [], [], False
             self.mode, self.seq, self.states = (False, ""), 0, {}
             self.connected = self.lost = False
-        else:  # what it reported meanwhile was not handled
+        else:  # reports in the meantime were not processed
             self.mode, self.seq = (self.autopilot.armed, self.autopilot.mode), self.autopilot.seq

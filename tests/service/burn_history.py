@@ -1,4 +1,4 @@
-"""A burn in which a drop is in order, as a history of events and commands, for tests."""
+"""A burn in which a drop is allowed, as a history of events and commands."""
 
 from dataclasses import dataclass
 
@@ -30,11 +30,11 @@ CORNERS = (
     (LAT + SIDE_DEG, LON + SIDE_DEG),
     (LAT + SIDE_DEG, LON - SIDE_DEG),
 )
-AT_US = 100_000_000  # of the drop
+AT_US = 100_000_000  # time of the drop
 
 
 def burn(**changes: object) -> BurnSection:
-    """A square of 400 m with two stations and two items."""
+    """Return a square burn unit of 400 m with two stations and two checklist items."""
     table = {
         "unit": CORNERS,
         "stations": (
@@ -48,7 +48,7 @@ def burn(**changes: object) -> BurnSection:
 
 
 def plan(line: int = 1, **changes: object) -> IgnitionPlan:
-    """Eastward, 10 m between three drops, at 5 m/s."""
+    """Return a plan of a line to the east with three drops 10 m apart, flown at 5 m/s."""
     path = tuple(
         PathPoint(LAT, LON + east_m * DEG_PER_M, GROUND_M + HEIGHT_M, HEIGHT_M, after_s)
         for east_m, after_s in ((-20.0, 0.0), (40.0, 12.0))
@@ -69,7 +69,7 @@ HASH = plan_hash(PLAN)
 
 
 def drop(number: int, vehicle: str = NAME, plan_hash: str = HASH, off_m: float = 0.0) -> Drop:
-    """A drop of the line that falls so far north of its place."""
+    """Return a drop of the line that falls this far north of its place."""
     lon_deg = LON + 10.0 * number * DEG_PER_M
     return Drop(vehicle, plan_hash, number, LAT + off_m * DEG_PER_M, lon_deg)
 
@@ -78,14 +78,14 @@ DROP = drop(0)
 
 
 def fix(at_us: int, east_m: float = -5.0, height_m: float = HEIGHT_M) -> Telemetry:
-    """The vehicle over the line."""
+    """Return the position of the vehicle above the line."""
     lon_deg = LON + east_m * DEG_PER_M
     return Telemetry(at_us, NAME, LAT, lon_deg, GROUND_M + height_m, height_m, 0.0, 5.0, 90.0)
 
 
 @dataclass(frozen=True)
 class Sent:
-    """Commands, at the time of the event before them."""
+    """Commands, with the time of the event before them."""
 
     commands: tuple[AnyCommand, ...]
 

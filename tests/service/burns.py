@@ -1,4 +1,4 @@
-"""The burn of the paper's section VI: 20 acres, wind to the south, 2 m/s; fires by formula."""
+"""The burn of the paper's section VI: 20 acres, a wind of 2 m/s to the south; fires by formula."""
 
 import math
 from collections.abc import Callable
@@ -9,10 +9,11 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from firemodel.ellipses.ellipse import EllipseFire, Spread, line_sources
+from firemodel.ellipses.ellipse import EllipseFire, Spread
+from firemodel.ellipses.line_ignitions import line_sources
 from mission_service.config.sections import BurnSection, Station
 from mission_service.guidance.burn.burn_unit import BurnUnit
-from mission_service.guidance.burn.line_planner import Situation
+from mission_service.guidance.burn.lines.line_planner import Situation
 
 Floats = NDArray[np.float64]
 
@@ -28,7 +29,7 @@ NO_FIRE = EllipseFire(SPREADS, np.empty((0, 3)))
 
 
 class Formula:
-    """A fire whose time of ignition is a function of x and y (n,)."""
+    """A fire whose ignition time is a function of x and y (n,)."""
 
     def __init__(self, time_s: Callable[[Floats, Floats], Floats]) -> None:
         self.time_s = time_s
@@ -46,7 +47,7 @@ def unit(**changes: Any) -> BurnUnit:
 
 
 def situation(**changes: Any) -> Situation:
-    """In the air at the drop height at the south-west corner, nothing burning."""
+    """Return the situation in the air at the drop height at the south-west corner, without fire."""
     given: dict[str, Any] = {
         "unit": unit(),
         "dropped_m": np.empty((0, 2)),
@@ -67,5 +68,5 @@ def situation(**changes: Any) -> Situation:
 
 
 def backing_line() -> Floats:
-    """Sources along the southern side, lit at 0."""
+    """Return sources along the southern side, lit at 0."""
     return line_sources(np.array([[0.0, 0.0], [SIDE_M, 0.0]]), 0.0, 2.0)

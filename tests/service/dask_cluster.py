@@ -14,7 +14,7 @@ ROOT = Path(__file__).parents[2]
 
 
 class Cluster(NamedTuple):
-    """A scheduler's address and the processes of its workers."""
+    """The address of a scheduler, and the processes of its workers."""
 
     address: str
     workers: list[subprocess.Popen[bytes]]
@@ -22,7 +22,7 @@ class Cluster(NamedTuple):
 
 @contextmanager
 def cluster(workers: int) -> Iterator[Cluster]:
-    """A scheduler and worker processes; all end with the context."""
+    """Start a scheduler and worker processes; all end with the context."""
     address = f"tcp://127.0.0.1:{free_port()}"
     dask = [sys.executable, "-m", "dask"]
     there = {**os.environ, "PYTHONPATH": str(ROOT)}

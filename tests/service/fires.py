@@ -1,4 +1,4 @@
-"""A small fire in files: rasters, weather, ignition, and the scenario that names them."""
+"""A small fire in files: rasters, weather, ignition, and the scenario that names these files."""
 
 from pathlib import Path
 from typing import Any
@@ -41,7 +41,7 @@ at_s = 0
 wind_speed_m_s = 2
 wind_from_deg = 250
 """
-# Two hours; moistures are in the file but for the live ones.
+# Two hours; the file contains all moistures except the live ones.
 WEATHER = """\
 time,wind_speed_m_s,wind_from_deg,dead_1h_pct,dead_10h_pct,dead_100h_pct
 2024-07-01T11:00,5,270,6,7,8
@@ -51,23 +51,23 @@ time,wind_speed_m_s,wind_from_deg,dead_1h_pct,dead_10h_pct,dead_100h_pct
 
 
 def at(row: float, col: float) -> tuple[float, float]:
-    """Longitude and latitude of a place on the grid."""
+    """Return longitude and latitude of a place on the grid."""
     lat, lon = LAND.lat_lon_of(*LAND.xy_of(row, col))
     return lon, lat
 
 
 def drawn(path: Path, *shapes: BaseGeometry) -> Path:
-    """Shapes in the landscape's CRS as GeoJSON."""
+    """Return shapes in the landscape's CRS as GeoJSON."""
     return geojson(path, *(mapping(into_crs(shape, LAND.crs, "EPSG:4326")) for shape in shapes))
 
 
 def on_grid(row: float, col: float) -> Point:
-    """A place on the grid in the landscape's CRS."""
+    """Return a place on the grid in the landscape's CRS."""
     return Point(*LAND.xy_of(row, col))
 
 
 def write_site(folder: Path, land: Landscape = LAND, fuel: NDArray[Any] | None = None) -> Path:
-    """The files that ``TIFFS``, ``CSV`` and ``POINT`` name."""
+    """Write the files that ``TIFFS``, ``CSV`` and ``POINT`` name."""
     write_raster(folder / "fuel.tif", land.fuel_model if fuel is None else fuel)
     assert land.elevation_m is not None
     write_raster(folder / "dem.tif", land.elevation_m)
@@ -78,14 +78,14 @@ def write_site(folder: Path, land: Landscape = LAND, fuel: NDArray[Any] | None =
 
 
 def write_scenario(folder: Path, *parts: str, head: str = HEAD) -> Path:
-    """A scenario of these tables; without any, the usual ones."""
+    """Write a scenario with these tables; without tables, with the usual ones."""
     path = folder / "fire.toml"
     path.write_text("\n".join([head, *(parts or (TIFFS, CSV, POINT))]), encoding="utf-8")
     return path
 
 
 def write_flat(folder: Path) -> Path:
-    """A scenario of level ground, without further files."""
+    """Write a scenario of level ground without further files."""
     path = folder / "flat.toml"
     path.write_text(FLAT, encoding="utf-8")
     return path

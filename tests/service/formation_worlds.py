@@ -1,7 +1,7 @@
-"""Small worlds of ideal fixed wings that follow virtual agents, for the tests of avoidance.
+"""Small simulations of ideal fixed wings that follow virtual agents, for tests of avoidance.
 
-A world is data: where vehicles begin, and where their virtual agents go. Nothing here forms a
-formation: agents move straight to the places they are given, through each other if need be.
+A world is data: the starts of the vehicles and the places of their virtual agents. There is no
+formation: agents move straight to the given places, even through each other.
 """
 
 import math
@@ -30,7 +30,7 @@ STEP_S = 0.25
 def orbit_step(
     x: float, y: float, heading: float, airspeed: float, *orbit_wind_step_bank: float
 ) -> tuple[float, float, float, float]:
-    """One step to or round an orbit (x, y, radius, airspeed): x, y, heading, airspeed after it."""
+    """Fly one step to or along an orbit (x, y, radius, airspeed): x, y, heading, airspeed."""
     *orbit, new_airspeed, wind_x, wind_y, step_s, bank = orbit_wind_step_bank
     after = (wind_x, wind_y, step_s, bank)
     aim = loiter.wanted_heading_rad(x, y, heading, airspeed, *orbit, *after)
@@ -46,32 +46,33 @@ RADIUS_M = -SETTINGS.loiter_radius_m
 
 @dataclass
 class World:
-    """Vehicles (n) and, at times, new places for their agents."""
+    """The starts of vehicles (n), and new places of their agents at given times."""
 
     start: Floats  # (n, 3): x, y, heading
-    places: list[tuple[float, Floats]]  # from when on, (n, 2)
+    places: list[tuple[float, Floats]]  # start times, and places (n, 2)
     agent_m_s: float = 25.0
     seed: int = 0
-    jumps_s: float = 0.0  # mean time between jumps of an agent to its vehicle; 0: never
-    drift_m_s: float = 0.0  # at which places move outwards
+    jumps_s: float = 0.0  # mean time between jumps of an agent to its vehicle; 0 means never
+    drift_m_s: float = 0.0  # speed at which places move outwards
     wind_m_s: tuple[float, float] = (0.0, 0.0)
     delay_s: float = 0.0
     lost: float = 0.0
     altitude_m: Floats | None = None
-    wide: float = 1.0  # circles are flown so many times wider than meant, as autopilots do
+    wide: float = 1.0  # factor by which flown circles are wider than planned, as with autopilots
 
 
 @dataclass
 class Outcome:
-    """What came of it."""
+    """The results of a simulation."""
 
-    conflicts: int  # episodes of a pair: a desired velocity inside the other's obstacle
-    collisions: int  # episodes of a pair nearer than 2 r_s
+    conflicts: int  # number of times a desired velocity entered another's obstacle
+    collisions: int  # number of times a pair came closer than 2 r_s
     nearest_m: float
-    settled_s: Floats  # (n) since when on the orbit about the place given; inf: not at the end
-    on_orbit: float  # share of vehicles on their agents' orbits in the last tenth
-    changes_per_s: float  # of intended orbits, a vehicle, in the last tenth
-    spread_rad: float  # of phases at the end: the largest distance from their mean
+    # (n) time since when on the orbit around the given place; inf if not at the end.
+    settled_s: Floats
+    on_orbit: float  # share of vehicles on their agents' orbits in the last tenth of the time
+    changes_per_s: float  # changes of planned orbits, per vehicle, in the last tenth of the time
+    spread_rad: float  # largest difference of phases from their mean at the end
     thoughts: int
 
 
@@ -80,7 +81,7 @@ AVOIDANCES = {"none": NONE, "rvo": RVO, "intent": INTENT}
 
 
 def cached(function: Callable[..., Any]) -> Any:
-    """Compiled, and compiled again when the kernels of the formation change."""
+    """Compile a function; it is compiled again when the kernels of the formation change."""
     given = NUMBA.CACHE_DIR
     NUMBA.CACHE_DIR = str(cache_folder(Path(loiter.__file__).parent))
     try:
@@ -91,7 +92,7 @@ def cached(function: Callable[..., Any]) -> Any:
 
 @cached
 def _episodes(seen, last, tick):  # type: ignore[no-untyped-def]
-    """Count an episode of each pair that is seen and has not been for 5 s."""
+    """Count an episode for each pair that is close and was not close in the last 5 s."""
     begun = 0
     for one in range(seen.shape[0]):
         for other in range(one):
@@ -167,7 +168,7 @@ def _fly(  # type: ignore[no-untyped-def]
                 for to in range(count):
                     if to != uav and rng.random() >= lost:
                         reported[to, uav] = posted[then, uav]
-        # The desired and the flown orbit of each.
+        # The desired and the flown orbit of each vehicle.
         seen[:] = False
         for uav in range(count):
             thinks = kind == RVO or (tick + uav) % int(every_s / STEP_S) == 0
@@ -237,7 +238,7 @@ def _fly(  # type: ignore[no-untyped-def]
                 )
                 trace[tick, uav, 3:7] = orbit[uav]
                 trace[tick, uav, 7:9] = agent[uav]
-        # What came of it.
+        # Compute the results.
         conflicts += _episodes(seen, met, tick)
         for one in range(count):
             for other in range(one):
@@ -272,10 +273,10 @@ def fly(
     rules: intent.AvoidanceRules | None = None,
     trace: Floats | None = None,
 ) -> Outcome:
-    """All vehicles with one of AVOIDANCES.
+    """Fly all vehicles with one of AVOIDANCES.
 
-    ``trace`` (steps, n, 11) is filled, to look at: x, y, heading, orbit, agent, how long the orbit
-    was clear when last thought about, whether it was a new one then.
+    If ``trace`` (steps, n, 11) is given, it is filled for inspection: x, y, heading, orbit, agent,
+    how long the orbit was clear at the last decision, and whether it was new then.
     """
     rules = rules or intent.avoidance_rules(SETTINGS)
     count = len(world.start)
@@ -309,7 +310,7 @@ def fly(
 
 
 def ring(count: int, spacing_m: float, middle: tuple[float, float] = (0.0, 0.0)) -> Floats:
-    """Places (n, 2) on a circle, as far apart as given."""
+    """Return places (n, 2) on a circle, with the given spacing."""
     turn = 2.0 * np.pi / count
     radius_m = spacing_m / (2.0 * np.sin(turn / 2.0)) if count > 1 else 0.0
     angle = np.arange(count) * turn
@@ -319,13 +320,13 @@ def ring(count: int, spacing_m: float, middle: tuple[float, float] = (0.0, 0.0))
 
 
 def queue(count: int, gap_m: float, from_m: float) -> Floats:
-    """Vehicles (n, 3) in a line that fly east to the origin, the first ``from_m`` before it."""
+    """Return vehicles (n, 3) in a line that fly east to the origin; the first is at ``from_m``."""
     x = -from_m - gap_m * np.arange(count)
     return np.stack([x, np.zeros(count), np.zeros(count)], axis=1)
 
 
 def deployment(count: int, spacing_m: float, gap_m: float, seed: int, **more: object) -> World:
-    """From one base in a launch queue to a ring round a fire, places dealt out by chance."""
+    """Return a world in which vehicles fly from a launch queue to random places on a ring."""
     rng = np.random.default_rng(seed)
     places = ring(count, spacing_m)
     size_m = float(np.hypot(*places[0]))
@@ -336,13 +337,13 @@ def deployment(count: int, spacing_m: float, gap_m: float, seed: int, **more: ob
 
 
 def settled_on(places: Floats) -> Floats:
-    """Vehicles (n, 3) on their orbits about places, in phase."""
+    """Return vehicles (n, 3) on their orbits around places, in phase."""
     east = np.full(len(places), np.pi / 2)
     return np.stack([places[:, 0] - RADIUS_M, places[:, 1], east], axis=1)
 
 
 def shuffle(count: int, spacing_m: float, seed: int, **more: object) -> World:
-    """Agents on a square grid exchange their places, four times."""
+    """Return a world in which agents on a square grid exchange their places four times."""
     rng = np.random.default_rng(seed)
     side = math.ceil(math.sqrt(count))
     number = np.arange(count)
@@ -352,7 +353,7 @@ def shuffle(count: int, spacing_m: float, seed: int, **more: object) -> World:
 
 
 def home_and_back(count: int, spacing_m: float, seed: int, **more: object) -> World:
-    """Half of a ring goes home through the others, waits there and comes back."""
+    """Return a world in which half of a ring flies home through the others, waits and returns."""
     rng = np.random.default_rng(seed)
     places = ring(count, spacing_m)
     home, half = places.copy(), rng.permutation(count)[: count // 2]
@@ -365,7 +366,7 @@ def home_and_back(count: int, spacing_m: float, seed: int, **more: object) -> Wo
 
 
 def swap(count: int, spacing_m: float, **more: object) -> World:
-    """Agents of a ring change to the opposite side."""
+    """Return a world in which agents of a ring move to the opposite side."""
     places = ring(count, spacing_m)
     opposite = np.roll(places, count // 2, axis=0)
     return World(settled_on(places), [(0.0, places), (60.0, opposite)], **more)  # type: ignore[arg-type]

@@ -1,4 +1,4 @@
-"""A simulated flight to which people give orders; its journal is closed at the end of a test."""
+"""A simulated flight with operators' orders; its journal is closed at the end of a test."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -11,7 +11,7 @@ from mission_service.events import (
     AnyEvent,
     AnyOperatorEvent,
 )
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 from mission_service.journal.journal_file import Journal, SegmentReader, header_of
 from mission_service.replay.verification import verify
 from mission_service.simulation.sim import Simulation
@@ -37,7 +37,7 @@ class Flight:
         self.path = path
 
     def run(self, seconds: float) -> None:
-        self.sim.run(self.now_s + seconds)
+        self.sim.run_until(self.now_s + seconds)
 
     @property
     def now_s(self) -> float:
@@ -64,7 +64,7 @@ class Flight:
 
 
 def flights_in(folder: Path) -> Iterator[Fly]:
-    """Makes flights, for a fixture; their journals are closed at the end."""
+    """Return a function that creates flights, for a fixture; journals are closed at the end."""
     made: list[Flight] = []
 
     def flight(*overrides: str, rule: str = "islam_hu_damped") -> Flight:

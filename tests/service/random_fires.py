@@ -1,4 +1,4 @@
-"""Fires drawn by chance: wind series, fuels in patches, hills. For what must hold on any fire."""
+"""Random fires: wind series, fuels in patches, hills; for properties that hold on any fire."""
 
 import math
 from dataclasses import replace
@@ -16,15 +16,15 @@ from mission_service.experiments.islam_hu.scenarios import perimeter_planner
 
 END_S = 4 * HOUR_S
 FUELS = (1, 2, 3, 4, 5, 6, 7, 8, 9, 10)
-MIN_CELLS, MAX_CELLS = 60, 12_000  # burned at deployment and at the end
-MIN_ERROR, AIM_ERROR, MAX_ERROR = 7.0, 10.5, 16.0  # of circling, in cells
+MIN_CELLS, MAX_CELLS = 60, 12_000  # burned cells at deployment and at the end
+MIN_ERROR, AIM_ERROR, MAX_ERROR = 7.0, 10.5, 16.0  # error of circling, in cells
 FIRST_GUESS_M_S, MAX_GUESSES = 3.0, 6
 
 
 def random_fire(seed: int) -> Burn:
-    """Fire number ``seed``; the same on every machine. Even numbers burn with devs8.
+    """Return fire number ``seed``, equal on every machine; even numbers burn with devs8.
 
-    Drawn again until it is neither out at deployment nor over the edge at the end.
+    Fires that are out at deployment or reach the edge before the end are drawn again.
     """
     rng = np.random.default_rng(seed)
     scheme: SchemeName = "devs8" if seed % 2 == 0 else "anyangle"
@@ -41,7 +41,7 @@ def random_fire(seed: int) -> Burn:
 
 
 def _with_speed(fire: Burn) -> Burn | None:
-    """The fire with a vehicle for which circling is 7 to 16 cells wrong, as in the paper."""
+    """Return the fire with a vehicle speed at which circling has an error of 7 to 16 cells."""
     speed_m_s = FIRST_GUESS_M_S
     for _ in range(MAX_GUESSES):
         fire = replace(fire, speed_m_s=speed_m_s)
@@ -53,9 +53,9 @@ def _with_speed(fire: Burn) -> Burn | None:
 
 
 def circling_error(fire: Burn) -> float:
-    """Mean of the largest error of circling, reconstructed as in the paper, in cells.
+    """Return the mean of the largest error of circling, reconstructed as in the paper, in cells.
 
-    Infinite if the vehicle is not round once half-way through.
+    The error is infinite if the vehicle has not completed a lap half-way through the flight.
     """
     flight = fly(fire, perimeter_planner(fire, "circling"))
     if not flight.at_s.size or flight.at_s[0] > (fire.deploy_s + fire.end_s) / 2.0:
@@ -64,7 +64,7 @@ def circling_error(fire: Burn) -> float:
 
 
 def _landscape(rng: np.random.Generator) -> Landscape:
-    """Two or three fuels in patches of about a kilometre on hills of up to some hundred metres."""
+    """Return two or three fuels in patches of about a kilometre, on hills."""
     rough = gaussian_filter(rng.standard_normal((CELLS, CELLS)), 15.0)
     fuels = rng.choice(FUELS, size=int(rng.integers(1, 4)), replace=False)
     share = np.argsort(np.argsort(rough, axis=None)).reshape(rough.shape) / rough.size
@@ -75,7 +75,7 @@ def _landscape(rng: np.random.Generator) -> Landscape:
 
 
 def _weather(rng: np.random.Generator) -> WeatherStream:
-    """Wind that wanders every ten minutes and now and then shifts."""
+    """Return a wind that changes slightly every ten minutes and sometimes shifts."""
     speed_m_s, from_deg = rng.uniform(1.0, 7.0), rng.uniform(0.0, 360.0)
     entries = []
     for at_s in np.arange(0.0, END_S, 600.0):
@@ -89,6 +89,6 @@ def _weather(rng: np.random.Generator) -> WeatherStream:
 
 
 def mean_max_errors(seed: int) -> tuple[float, float]:
-    """Of fire ``seed`` the mean of the largest error in cells: circling's and predictive's."""
+    """Return the mean of the largest error in cells of circling and of predictive, on a fire."""
     fire = random_fire(seed)
     return circling_error(fire), float(fly_predictive(fire, seed).max_error.mean())

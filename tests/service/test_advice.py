@@ -1,4 +1,4 @@
-"""Advice to a team's operator: what it can keep up with, and how many a target requires."""
+"""Advice to a team's operators: possible revisit times, and the required number of vehicles."""
 
 import numpy as np
 
@@ -10,12 +10,12 @@ from mission_service.guidance.team.team_size import (
     team_size_advice,
 )
 
-# patrolling.md's example: 5 km, 0.5 m/s, 15 m/s.
+# Example: a front of 5 km, 0.5 m/s, vehicles at 15 m/s.
 RING = FrontRing(np.full(100, 50.0), np.full(100, 0.5), np.zeros(100))
 
 
 def speeds(vehicles: int) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-    """As fast as in the example."""
+    """Return the speeds of the example."""
     return np.full(vehicles, 15.0)
 
 

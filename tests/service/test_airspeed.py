@@ -1,4 +1,4 @@
-"""The airspeed of the scenario: commanded with each mission; an alarm where it is not flown."""
+"""The scenario's airspeed is commanded with each mission; a different airspeed raises an alarm."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -12,13 +12,13 @@ from mission_service.journal.journal_file import SegmentReader
 from mission_service.simulation import sim
 
 SHORT = ("start_s=3500", "duration_s=4300", "vehicles.0.airspeed_m_s=15")
-CRUISE_M_S = 22.0  # of an autopilot that no airspeed is commanded
+CRUISE_M_S = 22.0  # the airspeed of an autopilot without an airspeed command
 
 
 def flown(
     path: Path, monkeypatch: pytest.MonkeyPatch, stack: str, min_m_s: float
 ) -> tuple[list[float], list[RaiseAlarm | ClearAlarm], list[str]]:
-    """The airspeeds measured after two minutes of flight, alarms about them, and modes."""
+    """Return the airspeeds after two minutes of flight, the alarms about them, and the modes."""
     ordinary = sim.mock_of
 
     def mock_of(*given: object) -> object:
@@ -48,7 +48,7 @@ def test_missions_are_flown_at_the_airspeed_of_the_scenario(
     measured, alarms, modes = flown(tmp_path / "j.jsonl", monkeypatch, stack, min_m_s=10.0)
     assert "mission" in modes
     assert measured[-1] == pytest.approx(15.0, abs=1.0)
-    assert len(measured) < 10  # reported on change only
+    assert len(measured) < 10  # reported only on a change
     assert not alarms
 
 

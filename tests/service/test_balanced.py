@@ -1,4 +1,4 @@
-"""team.balanced: better than what the thesis has, a fleet that changes, how many are needed."""
+"""team.balanced: better than the rules of the thesis, with changing fleets, and the fleet size."""
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ SPEED_M_S = 20.0
 
 @pytest.fixture(scope="module")
 def history() -> list[RingStep]:
-    """Fifty minutes of a fire in grass whose wind turns half-way."""
+    """Return fifty minutes of a grass fire; the wind turns half-way."""
     weather = WeatherStream((wind(0.0, 3.0, 0.0), wind(7800.0, 3.0, 180.0)))
     land = flat(of_one_fuel(SHORT_GRASS))
     fire = burn("short", "anyangle", land, weather, (85, 100), 9300.0, SPEED_M_S, 6300.0)
@@ -31,7 +31,7 @@ def history() -> list[RingStep]:
 
 
 def still(cells: int, rate: Floats | float = 0.1, steps: int = 100) -> list[RingStep]:
-    """A ring that does not grow."""
+    """Return a ring that does not grow."""
     same = np.arange(cells)
     places = np.column_stack([same, np.zeros(cells, np.int64)])
     rates = np.broadcast_to(np.asarray(rate, float), (cells,)).copy()
@@ -68,7 +68,7 @@ def test_the_same_on_every_run(history: list[RingStep]) -> None:
 
 
 class Spied(Balanced):
-    """Counts the changes of plans at each team."""
+    """A planner that counts the changes of plans for each team."""
 
     def gaps(self, size: int) -> list[int]:
         return sorted(np.diff(np.append(np.sort(self._goal), self._goal.min() + size)).tolist())
@@ -79,7 +79,7 @@ def test_the_others_close_the_gap_when_one_is_lost() -> None:
     kept = Spied()
     three = flown(ring, Balanced(), 3).linear[60:].mean()
     lost = flown(ring, kept, 4, leaving=((100.0, 2),))
-    # Left as they are, gaps of 1/4, 1/4 and 1/2 would cost an eighth more than even ones.
+    # Unchanged, gaps of 1/4, 1/4 and 1/2 would cost an eighth more than even gaps.
     assert lost.linear[60:].mean() < 1.03 * three
     assert max(kept.gaps(160)) < 1.2 * 160 / 3
 
@@ -94,7 +94,8 @@ def test_the_plan_changes_at_the_first_decision_without_the_lost_one() -> None:
     )
     for which in range(4):
         assert rule.decide(ring, four, which, 0.0)
-    # The one behind the gap is early: it goes back for what its successor would be late for.
+    # The vehicle behind the gap is early: it turns back to cells that its successor would reach
+    # late.
     three = ActiveFleet(
         four.member[[0, 1, 3]], np.array([1, 41, 121]), np.ones(3, bool), four.speed_m_s[:3]
     )
@@ -118,7 +119,7 @@ def test_an_arc_many_times_hotter_is_passed_more_often() -> None:
 
 
 def rollouts(cells: int) -> tuple[int, int]:
-    """Plans flown ahead in one decision, and nodes in each."""
+    """Return the number of plans simulated in one decision, and of nodes in each."""
     ring = FrontRing(np.full(cells, 30.0), np.full(cells, 0.1), np.zeros(cells))
     fleet = ActiveFleet(
         np.arange(2), np.array([0, cells // 2]), np.ones(2, bool), np.full(2, SPEED_M_S)
@@ -138,7 +139,7 @@ def test_a_decision_does_not_grow_with_the_ring() -> None:
 
 
 def test_how_many_are_needed() -> None:
-    # facts/patrolling.md: 0.5 m/s, 5 km, 15 m/s, 50 m.
+    # Example: 0.5 m/s, 5 km, 15 m/s, 50 m.
     assert vehicles_for_advance(0.5, 5000.0, 15.0, 50.0) == 4
     assert vehicles_for_advance(0.3, 5000.0, 15.0, 50.0) == 2  # exactly
     assert vehicles_for_age(5000.0, 15.0, 100.0) == 4
@@ -150,10 +151,10 @@ def test_how_many_are_needed() -> None:
     [(0.1, 6.0, 0.60, 1.50), (0.2, 4.0, 0.80, 1.00), (0.3, 2.0, 0.60, 0.50)],
 )
 def test_the_split_of_four(share: float, weight: float, mixed: float, lapping: float) -> None:
-    """Worst weighted ages in L/v: of one to three that sweep the hot arc, and of four that lap."""
+    """The test compares the worst weighted ages in L/v if one to three of four vehicles sweep."""
     sweeps = [max(2.0 * weight * share / k, 1.0 / (4 - k)) for k in range(1, 4)]
     assert [min(sweeps), weight / 4] == pytest.approx([mixed, lapping])
-    # From the spread along a ring of 64 x 10 cells: the arc is found.
+    # The arc is found from the spread along a ring of 64 x 10 cells.
     hot = round(640 * share)
     rates = np.full(640, 0.1)
     rates[100 : 100 + hot] = 0.1 * weight
@@ -173,7 +174,7 @@ def test_a_silent_vehicle_is_reckoned_along_the_ring_and_then_lost() -> None:
     ]
     fleet = dead_reckoned_fleet(positions, ring, 18.0, lost_after_s=30.0)
     assert fleet.member.tolist() == [1, 3]
-    # 12 s are 8 cells over the end of the ring, 18 s are 12 back over its beginning.
+    # 12 s are 8 cells beyond the end of the ring, 18 s are 12 cells back beyond its beginning.
     assert fleet.cell.tolist() == [3, 98]
     assert dead_reckoned_fleet(positions, ring, 31.0, lost_after_s=30.0).member.tolist() == [1]
 

@@ -1,4 +1,4 @@
-"""The correction study of Beachly's section VII, small."""
+"""The correction study of Beachly's section VII, on a small scale."""
 
 from pathlib import Path
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import shapely
 
-from firemodel.ellipses.observations import BURNED, BURNING
+from firemodel.ellipses.point_observations import BURNED, BURNING
 from mission_service.experiments.beachly import corrections as study
 from mission_service.experiments.beachly import maria
 from mission_service.experiments.beachly.participants import front_error_m, front_points
@@ -14,7 +14,7 @@ from mission_service.experiments.beachly.run import run_corrections
 from mission_service.experiments.beachly.truth import random_burn, unit_box
 from tests.firemodel.shared import shared_file
 
-SEEDS = (1007, 1018)  # not those that are reported
+SEEDS = (1007, 1018)  # seeds other than the reported ones
 
 
 def test_two_fires_are_corrected_and_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -55,7 +55,7 @@ def test_participants_mark_what_they_could_see() -> None:
     for x_m, y_m, at_s, _ in burning:
         front = front_points(burn.arrival_s, at_s, burn.landscape)
         off_m.append(np.hypot(*(front - (x_m, y_m)).T).min())
-    assert 1.5 < np.mean(off_m) < 8.0  # they are noisy, and on the front
+    assert 1.5 < np.mean(off_m) < 8.0  # the marks are noisy, and on the front
     row, col = (
         np.clip(np.round(at), 0, 99).astype(int)
         for at in burn.landscape.row_col_of(*observations[:, :2].T)

@@ -1,4 +1,4 @@
-"""Bent's planners and negotiations, each on its own and flown around a ring."""
+"""Bent's planners and negotiations, each alone and flown around a ring."""
 
 from itertools import pairwise
 
@@ -73,9 +73,9 @@ def test_highest_dynamic_flies_to_the_highest_cell_that_is_not_its_own() -> None
     rate, age_s = [1.0, 1.0, 2.0, 1.0, 1.0], [9.0, 1.0, 0.0, 5.0, 6.0]
     assert highest_dynamic(region_of(rate, age_s, 2), Course()) == Course(False, 0)
     assert highest_dynamic(region_of(rate, age_s, 0), Course()) == Course(True, 4)
-    # Around the ring's end: lifted cells 3 to 6 are 3, 4, 0 and 1.
+    # Across the end of the ring: cells 3 to 6 are 3, 4, 0 and 1.
     assert highest_dynamic(region_of(rate, age_s, 4, 3, 7), Course()) == Course(True, 5)
-    # All alike: the nearest, clockwise first.
+    # All cells are equal: the nearest is chosen, clockwise first.
     assert highest_dynamic(region_of([1.0] * 5, [0.0] * 5, 2), Course()) == Course(True, 3)
 
 
@@ -91,15 +91,15 @@ def test_highest_static_keeps_its_target_until_it_is_there() -> None:
     rate, age_s = [1.0] * 5, [9.0, 1.0, 0.0, 5.0, 6.0]
     assert highest_static(region_of(rate, age_s, 2), Course(True, 4)) == Course(True, 4)
     assert highest_static(region_of(rate, age_s, 4), Course(True, 4)) == Course(False, 0)
-    # Carried past its target.
+    # The vehicle has flown past its target.
     assert highest_static(region_of(rate, age_s, 4), Course(True, 3)) == Course(False, 0)
     assert highest_static(region_of(rate, age_s, 2), Course(False, 3)) == Course(False, 0)
-    # Its target went to a neighbour.
+    # The target now belongs to a neighbour.
     assert highest_static(region_of(rate, age_s, 2, 0, 4), Course(True, 4)) == Course(False, 0)
 
 
 def slow_best_path(region: Region) -> int:
-    """Bent 4.1.4 word by word: the mean importance of each path's cells when they are reached."""
+    """Implement Bent 4.1.4 literally: the mean importance of a path's cells when reached."""
     ring, cells, means = region.ring, region.ring.step_m.size, {}
     for goal in range(region.begin, region.end):
         way = 1 if goal > region.own_cell else -1
@@ -153,7 +153,7 @@ def test_offers_leave_as_much_as_the_higher_neighbour_has_then() -> None:
     assert 10.0 - to_left - to_right == pytest.approx(4.0 + to_left)
     assert offers(10.0, 12.0, 4.0, alone=False) == (0.0, 3.0)
     assert offers(10.0, 12.0, 10.0, alone=False) == (0.0, 0.0)
-    # The only other vehicle: equal afterwards.
+    # With one other vehicle, the regions are equal afterwards.
     assert offers(10.0, 2.0, 2.0, alone=True) == (2.0, 2.0)
 
 
@@ -164,7 +164,7 @@ def part(begin: int, end: int, *held: int) -> Party:
 def test_chunks_are_worth_no_more_than_the_offer_and_hold_nothing_of_the_vehicle() -> None:
     ring = ring_of([1.0] * 30, [10.0] * 30)
     left, own, right = part(0, 5, 2), part(5, 25, 15), part(25, 30, 27)
-    # 200 against 50 and 50: a third of 150 each, five cells.
+    # 200 compared with 50 and 50: a third of each 150, which is five cells.
     assert on_importance(ring, left, own, right, NOW_S, False) == (5, 5)
     assert on_importance(ring, left, part(5, 25, 7, 8, 22), right, NOW_S, False) == (2, 2)
     assert on_importance(ring, left, part(5, 25, 5, 6, 24), right, NOW_S, False) == (0, 0)
@@ -209,7 +209,7 @@ def test_centre_of_importance_is_as_central_as_the_offers_allow(exponential: boo
 
 def test_the_first_uav_there_gets_the_cells() -> None:
     ring = ring_of([1.0] * 30, [10.0] * 30)
-    # Vehicles at 6, 16 and 24: cells 10 (11 is as near to both) and 21 to 22.
+    # Vehicles at 6, 16 and 24: cells 10 (11 is equally near to both) and 21 to 22.
     gift = on_arrival(ring, part(0, 10, 6), part(10, 23, 16), part(23, 30, 24), NOW_S, False)
     assert gift == (1, 2)
     gift = on_arrival(ring, part(0, 10, 0), part(10, 23, 12), part(23, 30, 29), NOW_S, False)
@@ -225,7 +225,7 @@ def test_back_and_forth_leaves_two_thirds_of_a_sweep_as_mean_age(uavs: int) -> N
 
 
 def hot_and_cold() -> list[RingStep]:
-    """A quarter of the ring spreads ten times as fast."""
+    """Return a ring of which a quarter spreads ten times as fast."""
     history = still(200, 200, rate=0.05)
     for step in history:
         step.spread_rate_m_s[:50] = 0.5
@@ -245,7 +245,7 @@ def test_negotiation_gives_the_hot_part_smaller_regions(negotiation: str) -> Non
 
 
 def grow_and_shrink() -> list[RingStep]:
-    """A ring of 24 to 72 cells, cells coming and going everywhere."""
+    """Return a ring of 24 to 72 cells in which cells appear and disappear everywhere."""
     random, history, sizes = np.random.default_rng(4), [], [24]
     for number in range(120):
         cells = sizes[-1]

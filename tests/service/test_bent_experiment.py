@@ -26,7 +26,8 @@ def test_the_cases_are_those_of_the_thesis() -> None:
     assert {case.uavs for case in cases} == {2, 3, 4, 5, 6}
     later = later_cases()
     assert not set(later) & set(cases)
-    # The one kept path with each of three negotiations, the other four planners with the new one.
+    # The planner that keeps its path with each of three negotiations, the other four with the new
+    # one.
     assert len(later) == len(set(later)) == (3 + 4) * 2 * 5
 
 
@@ -58,7 +59,7 @@ def test_every_name_of_the_thesis_is_one_of_ours() -> None:
 
 @pytest.mark.parametrize("as_json", [True, False])
 def test_command(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, as_json: bool) -> None:
-    """The whole of it on a ring that does not change, in this process."""
+    """The whole command on a ring that does not change, in this process."""
     burn = replace(uneven(), end_s=3600.0 + 200.0)
     monkeypatch.setattr(bent, "uneven", lambda: burn)
     monkeypatch.setattr(bent, "ring_history", lambda burn: still(40, 6, rate=0.1))

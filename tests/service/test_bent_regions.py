@@ -1,4 +1,4 @@
-"""Regions of a team: whatever messages, losses and growth, each cell has exactly one owner."""
+"""Regions of a team: each cell has exactly one owner, despite lost messages, losses and growth."""
 
 from collections.abc import Callable
 
@@ -27,7 +27,7 @@ from mission_service.guidance.team.regions import (
     without_member,
 )
 
-Draw = Callable[[int], int]  # a whole number from 0 to below this one
+Draw = Callable[[int], int]  # a whole number from 0 to below this number
 
 
 def spans(regions: Regions) -> list[tuple[int, int]]:
@@ -36,13 +36,13 @@ def spans(regions: Regions) -> list[tuple[int, int]]:
 
 
 def check(regions: Regions) -> None:
-    """The perimeter is conserved; vehicles together serve all of it."""
+    """Check that the vehicles together observe the whole perimeter."""
     count_of = np.zeros(regions.cells, int)
     for index, (begin, end) in enumerate(spans(regions)):
         assert 0 <= end - begin <= regions.cells
         count_of[np.arange(begin, end) % regions.cells] += 1
         own_begin, own_end = served(regions, index)
-        # No vehicle owns what it does not serve, nor owns less than what it never offered.
+        # A vehicle owns only cells that it observes, and at least the cells that it never offered.
         assert own_begin <= begin <= end <= own_end
         kept_begin, kept_end = retained(regions, index)
         assert kept_begin <= kept_end
@@ -51,12 +51,12 @@ def check(regions: Regions) -> None:
     assert (count_of == 1).all()
     owner = owners(regions)
     changes = np.count_nonzero(owner != np.roll(owner, 1))
-    assert changes <= len(regions.members)  # each region is in one piece
+    assert changes <= len(regions.members)  # each region is connected
     assert changes == (np.unique(owner).size if np.unique(owner).size > 1 else 0)
 
 
 def random_growth(cells: int, draw: Draw) -> tuple[Integers, int]:
-    """Each cell moves on by some cells, or onto the one before; the ring is as long as that."""
+    """Return a new ring; each cell moves on by some cells, or onto the previous cell."""
     first = draw(cells)
     steps = np.array([draw(4) for _ in range(cells - 1)])
     places = np.concatenate([[0], np.cumsum(steps)])
@@ -65,7 +65,7 @@ def random_growth(cells: int, draw: Draw) -> tuple[Integers, int]:
 
 
 class Air:
-    """A link that keeps all messages, and delivers any of them at any time."""
+    """A link that stores all messages, and delivers any of them at any time."""
 
     def __init__(self) -> None:
         self.messages: list[tuple[tuple[int, int], bool, BorderMessage]] = []
@@ -82,7 +82,7 @@ class Air:
 
 
 def ends(regions: Regions, index: int) -> tuple[int, int]:
-    """The seats left and right of a border."""
+    """Return the members to the left and to the right of a border."""
     return regions.members[index - 1], regions.members[index]
 
 
@@ -98,7 +98,7 @@ def offer_some(regions: Regions, index: int, left: bool, draw: Draw) -> Regions:
 
 
 def act(regions: Regions, air: Air, member: int, draw: Draw) -> Regions:
-    """Something happens; ``member`` is a vehicle that was never in the team."""
+    """Execute a random action; ``member`` is a vehicle that was never in the team."""
     index, left, count = draw(len(regions.members)), bool(draw(2)), len(regions.members)
     what = draw(12)
     if what < 3:
@@ -107,7 +107,7 @@ def act(regions: Regions, air: Air, member: int, draw: Draw) -> Regions:
     elif what < 5:
         air.send(regions, index, left=left)
     elif what < 9 and air.messages:
-        # Mostly announcements.
+        # Most actions are announcements.
         regions = air.bring(
             regions, len(air.messages) - 1 - min(draw(4) * draw(8), len(air.messages) - 1)
         )
@@ -117,7 +117,7 @@ def act(regions: Regions, air: Air, member: int, draw: Draw) -> Regions:
         regions = without_member(regions, regions.members[index])
     elif what == 11 and count < 6:
         cells_of = [draw(regions.cells) for _ in regions.members]
-        # A name used before may come again.
+        # A name may be used again.
         regions = with_member(
             regions, member if left else max(regions.members) + 1, cells_of, draw(regions.cells)
         )
@@ -162,7 +162,7 @@ def test_two_sides_agree_once_messages_arrive_again(random) -> None:  # type: ig
         assert border.left.version == border.right.version
         assert border.left.offered is None
         assert border.right.offered is None
-        # A vehicle may go on.
+        # A vehicle may move on.
         assert has_turn(border, left=True) != has_turn(border, left=False)
 
 
@@ -178,7 +178,7 @@ def test_giver_serves_until_it_receives_a_reply() -> None:
     offer = message_of(regions, 1, left=True)
     assert (served(regions, 0), ledger(regions)) == ((0, 10), (0, 10))
     taken = with_message(regions, 1, offer, left=False)
-    # Its answer is lost: both serve cells 6 to 9, which are the taker's.
+    # The reply is lost: both observe cells 6 to 9, which belong to the vehicle that accepted.
     assert served(taken, 0) == (0, 10)
     assert served(taken, 1) == (6, 20)
     assert ledger(taken) == (0, 6)
@@ -205,7 +205,7 @@ def test_leaving_and_joining() -> None:
     lost_first = without_member(regions, 0)
     assert lost_first.members == (1, 2)
     assert spans(lost_first) == [(5, 20), (20, 35)]
-    # Vehicle 1, in the second half of its region, keeps that.
+    # Vehicle 1 is in the second half of its region and keeps this half.
     both = with_member(regions, 9, [3, 16, 25], 11)
     assert both.members == (0, 9, 1, 2)
     assert ledger(both) == (0, 10, 15, 20)

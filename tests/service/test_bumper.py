@@ -1,4 +1,4 @@
-"""Bent's bumper rule on a ring whose cells come and go: it turns at its neighbours."""
+"""Bent's bumper rule on a ring whose number of cells changes: vehicles turn at their neighbours."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ LENGTH_M, RADIUS_CELLS, SPEED_M_S = 3600.0, 1000.0, 15.0
 
 
 def changing_ring(minutes: int) -> list[RingStep]:
-    """A circle of now 120, now 97 cells, looked at every 20 s: cells merge and part."""
+    """Return a circle of 120 or 97 cells that is read every 20 s: cells merge and divide."""
     steps, before = [], 120
     for index in range(3 * minutes):
         count = 97 if index % 2 else 120
@@ -42,7 +42,7 @@ def test_bumpers_keep_their_order_around_the_fire(uavs: int) -> None:
         turn = np.unwrap(np.arctan2(track[:, 2], -track[:, 1]) % (2.0 * np.pi))
         around.append(np.interp(times, track[:, 0], turn) * LENGTH_M / (2.0 * np.pi))
     gaps_m = np.diff([*around, around[0] + LENGTH_M], axis=0)
-    assert gaps_m.min() > -100.0  # a cell or two each, as they meet
+    assert gaps_m.min() > -100.0  # a cell or two for each vehicle, at their meeting
     assert gaps_m.max() < LENGTH_M + 100.0
     assert flight.decisions > 3000 * uavs
     reversals = [np.count_nonzero(np.diff(np.sign(np.diff(track)))) for track in around]

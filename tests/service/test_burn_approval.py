@@ -1,4 +1,4 @@
-"""Whose word counts for which plan, and how long."""
+"""Approvals: which user may approve which plan, and for how long."""
 
 import pytest
 
@@ -116,8 +116,8 @@ def test_and_when_no_operator_is_at_the_station() -> None:
     approvals.on_operator_input(approved(approvals.plan_hash))
     approvals.approve(approved(approvals.plan_hash))
     approvals.on_operator_input(OperatorHeartbeat(14_000_000, "ada", "kitchen"))
-    approvals.on_operator_input(OperatorHeartbeat(14_000_000, "bob", "boss"))  # may approve nothing
-    approvals.on_operator_input(Resumed(14_000_000, "service", "boss", 3.0))  # no operator
+    approvals.on_operator_input(OperatorHeartbeat(14_000_000, "bob", "boss"))  # has no role approve
+    approvals.on_operator_input(Resumed(14_000_000, "service", "boss", 3.0))  # is not an operator
     assert approvals.expiry_reason(16_000_000) is None
     assert approvals.expiry_reason(17_000_000) == "no input from ada at boss for 16 s"
     approvals.on_operator_input(OperatorHeartbeat(17_000_000, "bob", "boss", may_approve=True))
@@ -130,7 +130,7 @@ def test_and_when_no_operator_is_at_the_station() -> None:
      (101.0, "the approval is older than 100 s")],
 )  # fmt: skip
 def test_by_the_hosts_clock_as_well(host_s: float, lapsed: str | None) -> None:
-    """Mission time stands still."""
+    """Mission time does not advance."""
     approvals = proposing()
     approvals.host_time(HostTime(0, "kestrel", 7_000_000))
     approvals.approve(approved(approvals.plan_hash))

@@ -1,4 +1,4 @@
-"""The GO/NO-GO list."""
+"""The GO/NO-GO checklist."""
 
 import msgspec
 import pytest
@@ -23,7 +23,7 @@ def all_go() -> Checklist:
 def test_it_is_complete_when_every_item_has_its_go() -> None:
     checklist = Checklist(ITEMS)
     assert checklist.apply(answer("people")) == (
-        'GO list: GO for "people" by ann at alpha; 2 of 3 open'
+        'GO/NO-GO checklist: GO for "people" by ann at alpha; 2 of 3 open'
     )
     assert checklist.open_items == ("weather", "payload")
     checklist.apply(answer("weather"))
@@ -35,7 +35,7 @@ def test_it_is_complete_when_every_item_has_its_go() -> None:
 def test_a_no_go_opens_the_list() -> None:
     checklist = all_go()
     text = checklist.apply(answer("payload", go=False))
-    assert text == 'GO list: NO-GO for "payload" by ann at alpha; 1 of 3 open'
+    assert text == 'GO/NO-GO checklist: NO-GO for "payload" by ann at alpha; 1 of 3 open'
     assert checklist.open_items == ("payload",)
     checklist.apply(answer("payload"))
     assert checklist.complete
@@ -44,7 +44,10 @@ def test_a_no_go_opens_the_list() -> None:
 def test_an_item_that_is_not_on_the_list_changes_nothing() -> None:
     checklist = Checklist(ITEMS)
     text = checklist.apply(answer("wether"))
-    assert text == 'GO list: "wether" is not an item; the items are: weather; payload; people'
+    assert (
+        text
+        == 'GO/NO-GO checklist: "wether" is not an item; the items are: weather; payload; people'
+    )
     assert checklist.open_items == ITEMS
 
 
@@ -59,14 +62,16 @@ def test_a_stop_opens_all(event: AnyEvent, words: str) -> None:
     checklist = all_go()
     assert words in str(checklist.apply(event))
     assert checklist.open_items == ITEMS
-    assert checklist.apply(event) is None  # nothing was answered since
+    assert checklist.apply(event) is None  # no item was answered since then
 
 
 def test_nothing_else_matters() -> None:
     checklist = all_go()
     assert checklist.apply(OperatorHeartbeat(10**12, "ann", "alpha")) is None
     assert checklist.complete
-    assert str(checklist.clear("landed")) == "GO list: all 3 items are open again (landed)"
+    assert (
+        str(checklist.clear("landed")) == "GO/NO-GO checklist: all 3 items are open again (landed)"
+    )
     assert not checklist.complete
 
 

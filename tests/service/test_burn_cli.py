@@ -1,4 +1,4 @@
-"""``mission-service burn`` against a run that is only a desk."""
+"""``mission-service burn`` with a request handler instead of a run."""
 
 import asyncio
 import json
@@ -44,7 +44,7 @@ EVENT = (AT_US, "ann", "alpha")
 
 
 class Run:
-    """A request handler on a socket, in a thread: its lock and the submitted events."""
+    """A request handler on a socket, in a thread, with its lock and the submitted events."""
 
     def __init__(self, out: Path, stations: tuple[str, ...]) -> None:
         self.out = out
@@ -143,7 +143,7 @@ def test_a_command_becomes_an_event(
     result = run.call(*arguments, *OPERATOR_FIELDS)
     assert result.exit_code == 0, result.output
     name = {"light": "lit"}.get(arguments[0], arguments[0])
-    may_approve = REQUESTS[name].role == "approve"  # the socket checks no names
+    may_approve = REQUESTS[name].role == "approve"  # the socket does not check names
     assert run.submitted == [msgspec.structs.replace(event, may_approve=may_approve)]
     assert f"{type(event).__name__} accepted" in result.output
     as_json = run.call(*arguments, *OPERATOR_FIELDS, "--json")
@@ -179,7 +179,7 @@ def test_an_open_list_comes_before_an_approval(run: Run) -> None:
     run.lock.apply(ChecklistAnswered(AT_US, "bob", "bravo", "weather", False))
     result = run.call("approve", HASH[:8], *OPERATOR_FIELDS, "--yes")
     assert (result.exit_code, run.submitted) == (1, [])
-    assert "the GO list must be complete first; open: weather" in result.stderr
+    assert "the GO/NO-GO checklist must be complete first; open: weather" in result.stderr
 
 
 @pytest.mark.parametrize(

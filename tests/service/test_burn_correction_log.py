@@ -1,4 +1,4 @@
-"""Which corrections hold: against a model that keeps whole histories."""
+"""Corrections in effect, compared with a model that stores whole histories."""
 
 import random
 
@@ -65,7 +65,7 @@ def test_it_reports_what_changed() -> None:
 
 
 def model(events: list[Corrected | Erased | Undone | Redone]) -> list[tuple[Corrected, ...]]:
-    """What held after each event: a list of whole states, and a place in it."""
+    """Return the corrections in effect after each event: a list of states, and an index in it."""
     states: list[tuple[Corrected, ...]] = [()]
     place = 0
     seen = [states[0]]

@@ -1,4 +1,4 @@
-"""The live service of a burn, without a vehicle: its socket, its journal, and the next run."""
+"""The live service of a burn without a vehicle: its socket, its journal, and the next run."""
 
 import asyncio
 import contextlib
@@ -41,11 +41,11 @@ def scenario(duration_s: float) -> Scenario:
 
 
 class KilledError(Exception):
-    """As from outside: nothing is tidied up that a kill would not leave."""
+    """Simulates a kill: no cleanup is executed that a kill would prevent."""
 
 
 def run(burned: Scenario, out: Path, session: Session | None, killed: bool) -> list[str]:
-    """Serve during a client's session; to its end, or until it is killed. The announcements."""
+    """Serve until a client's session ends, or until a kill; return the announcements."""
     done = False
     announced = Announced()
 
@@ -54,7 +54,7 @@ def run(burned: Scenario, out: Path, session: Session | None, killed: bool) -> l
             raise KilledError
 
     def connect() -> None:
-        deadline = time.monotonic() + 100  # kernels may have to be compiled first
+        deadline = time.monotonic() + 100  # kernels may be compiled first
         while True:
             try:
                 with ControlClient(out) as client:
@@ -86,7 +86,7 @@ def run(burned: Scenario, out: Path, session: Session | None, killed: bool) -> l
 
 
 def events(path: Path) -> list[Any]:
-    """Those in a journal but for the host's clock, which goes on."""
+    """Return the events in a journal, without the host's clock, which advances."""
     every = [entry.content for entry in SegmentReader(path) if entry.is_event]
     return [event for event in every if not isinstance(event, HostTime)]
 
@@ -97,8 +97,8 @@ def test_a_burn_that_was_killed_goes_on_and_one_that_has_ended_is_kept(tmp_path:
     def first(client: ControlClient) -> None:
         item = client.ask(do="status")["status"]["items"][0]
         assert client.ask(do="go", item=item, **OPERATOR_FIELDS)["messages"] == [
-            'GO list: GO for "firing plan approved by the burn boss" by ann at firing-boss; '
-            "7 of 8 open"
+            'GO/NO-GO checklist: GO for "firing plan approved by the burn boss" by ann at '
+            "firing-boss; 7 of 8 open"
         ]
         with pytest.raises(RequestError, match="unknown station"):
             client.ask(do="present", by="ann", station="moon")
@@ -135,7 +135,7 @@ def test_a_burn_that_was_killed_goes_on_and_one_that_has_ended_is_kept(tmp_path:
     result = verify(path)
     assert (result.difference, result.cut_at_line) == (None, None)
 
-    # The same once more, with a mission that is over by now: it ends in order.
+    # The same again with a mission that has ended: the service ends normally.
     os.utime(path, (time.time() - 3600.0, time.time() - 3600.0))
     run(burned, tmp_path, None, killed=False)
     reader = SegmentReader(path)

@@ -1,4 +1,4 @@
-"""The account of spheres."""
+"""The count of ignition spheres."""
 
 from mission_service.events import DropFinished
 from mission_service.guidance.burn.sphere_account import Sphere, SphereAccount

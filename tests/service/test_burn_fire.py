@@ -6,7 +6,7 @@ from benchmarks.burn_frames import SIDE_M, place
 from firemodel.landscape.default import jacksboro
 from mission_service.events import Corrected, Erased, IgnitionReported, Place, Undone, WindSet
 from mission_service.fire.estimated_fire import EstimatedFire
-from mission_service.fire.setup import weather_of
+from mission_service.fire.scenario_fire import weather_of
 from tests.service.test_burn_flight import scenario
 
 OPERATOR_FIELDS = ("ada", "boss")

@@ -1,4 +1,4 @@
-"""A burn in flight: what is dropped, and that nothing is once anything is amiss."""
+"""A burn in flight: drops, and no drop after a fault or a change."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -26,8 +26,8 @@ from mission_service.events import (
 from mission_service.guidance.burn.controller import burn_flight
 from mission_service.journal.journal_file import Journal, header_of
 from mission_service.replay.verification import verify
-from mission_service.simulation.crew import SimulatedCrew
 from mission_service.simulation.sim import Simulation
+from mission_service.simulation.simulated_crew import SimulatedCrew
 
 START_S = 10.0
 
@@ -63,8 +63,8 @@ class Burn:
 
     @property
     def dropped(self) -> int:
-        """Spheres that the mock's dropper has let go of, by the commands on its link."""
-        releases = (1900.0, 0.0)  # servo's PWM, a gripper that opens
+        """Return the spheres that the mock's dropper has released, by the commands on its link."""
+        releases = (1900.0, 0.0)  # the PWM of a servo, the open command of a gripper
         return sum(value in releases for _, _, _, value in self.rig.mock.outputs)
 
     @property
@@ -74,10 +74,10 @@ class Burn:
         return self.guidance.state.height_m(fix)
 
     def run(self, for_s: float) -> None:
-        self.simulation.run(self.at_s + for_s)
+        self.simulation.run_until(self.at_s + for_s)
 
     def until_dropping(self) -> None:
-        """Until the third sphere of the first line has fallen."""
+        """Fly until the third sphere of the first line has fallen."""
         while self.dropped < 3:
             assert self.at_s < 300.0
             self.run(0.5)
@@ -100,7 +100,7 @@ def burn(tmp_path: Path) -> Iterator[Burn]:
 
 
 def assert_stopped(burn: Burn) -> None:
-    """From now on nothing falls, and the vehicle is high and holds."""
+    """Check that from now on no sphere falls, and that the vehicle holds at the safe height."""
     dropped = burn.dropped
     burn.operators_present = False  # no new approvals
     burn.run(45.0)
@@ -205,7 +205,7 @@ def test_what_changes_in_flight_stops_it(what: str, tmp_path: Path) -> None:
 
 
 def slow_down(client: NativeClient, begin_us: int, share: float) -> None:
-    """From now on the autopilot's time since boot runs at a share of its speed, frame by frame."""
+    """Slow down the autopilot's time since boot in all following frames."""
     wire, taken = mavlink.MAVLink(None), client.receive_data
 
     def receive(data: bytes, now_us: int) -> None:
@@ -232,7 +232,7 @@ def test_a_mission_clock_that_is_slow_keeps_no_drop_going(tmp_path: Path) -> Non
         assert burn.simulation.link_us < link_us + 120_000_000
         burn.simulation.step()
     burn.close()
-    assert burn.dropped > dropped  # it went on at first
+    assert burn.dropped > dropped  # it continued at first
     assert burn.at_us < stopped_us + 5_000_000
     assert burn.simulation.link_us < link_us + 17_000_000
     assert any("plan withdrawn: no input from simulated crew" in text for text in burn.texts())
@@ -267,7 +267,7 @@ def test_a_cut_link_drops_nothing_and_the_flight_ends_high(burn: Burn) -> None:
         link._loss = 1.0
     dropped, before_s = burn.dropped, burn.at_s
     run_links(burn, 90.0)
-    assert burn.at_s < before_s + 1.0  # nothing was received
+    assert burn.at_s < before_s + 1.0  # no messages were received
     assert burn.dropped == dropped
     assert burn.guidance.approvals.approval is None
     assert burn.rig.mock.flight.motion.altitude_m > 350.0 + 54.0
@@ -285,7 +285,7 @@ def test_a_lost_position_drops_nothing(burn: Burn) -> None:
     burn.rig.mock.positions = False
     dropped = burn.dropped
     burn.operators_present = False
-    run_links(burn, 3.0)  # well before its autopilot lands it blind
+    run_links(burn, 3.0)  # long before its autopilot lands without a position
     assert burn.guidance.approvals.approval is None
     run_links(burn, 27.0)
     assert burn.dropped == dropped
@@ -318,14 +318,14 @@ def test_a_return_by_hand_leaves_no_drop_behind(burn: Burn) -> None:
     assert burn.guidance.approvals.approval is None
     burn.rig.client.command(
         "resume", burn.simulation.link_us
-    )  # the mission on board goes on: without drops
+    )  # the mission on board continues without drops
     burn.operators_present = False
     burn.run(60.0)
     assert burn.dropped == dropped
 
 
 def run_links(burn: Burn, for_s: float) -> None:
-    """By the links' clock: mission time stands still while nothing is received."""
+    """Advance by the links' clock: mission time does not advance while no messages are received."""
     until_us = burn.simulation.link_us + round(for_s * 1e6)
     while burn.simulation.link_us < until_us:
         burn.simulation.step()

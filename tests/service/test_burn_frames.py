@@ -1,4 +1,4 @@
-"""No sphere without approval: burns with random operators and bad links, read by an oracle."""
+"""No sphere without approval: burns with random operators and bad links, checked independently."""
 
 from pathlib import Path
 

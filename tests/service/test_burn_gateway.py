@@ -1,4 +1,4 @@
-"""Burns at the gateway: drops and climbs as the client's orders, battery and fix as events."""
+"""Burns at the gateway: drops and climbs as client commands, battery and GPS fix as events."""
 
 from pathlib import Path
 from typing import Any
@@ -33,7 +33,7 @@ POSITION = mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT
 
 
 class Client:
-    """Records commands; reports the given events."""
+    """A client that records commands and reports the given events."""
 
     stack = None
 
@@ -182,7 +182,7 @@ def test_a_mock_with_faults_reports_its_battery_and_its_fix(stack: str) -> None:
     steady = [
         at_s for at_s, event in timed_events if isinstance(event, Telemetry) and 8 < at_s < 12
     ]
-    assert len(steady) == 31  # between them; the mock's steps are 8 a second
+    assert len(steady) == 31  # between the two; the mock computes 8 steps a second
     assert not any(
         12.1 < at_s < 20.0 for at_s, event in timed_events if isinstance(event, Telemetry)
     )

@@ -1,4 +1,4 @@
-"""Danger on the raster against its definition, place by place."""
+"""Danger on the raster, compared with its definition at each place."""
 
 import math
 from collections.abc import Callable
@@ -9,8 +9,8 @@ import pytest
 
 from firemodel.ellipses.ellipse import EllipseFire, Spread
 from mission_service.errors import MissionServiceError
-from mission_service.guidance.burn.hazard import Floats, Hazard, Margins, cell_for, hazard_of
-from mission_service.guidance.burn.line_flight import fastest_m_s
+from mission_service.guidance.burn.lines.hazard import Floats, Hazard, Margins, cell_for, hazard_of
+from mission_service.guidance.burn.lines.sphere_fires import fastest_m_s
 from mission_service.guidance.burn.whole_burn import CombinedFires
 from tests.service.burns import Formula
 
@@ -23,12 +23,12 @@ def never(x: Floats, y: Floats) -> Floats:
 
 
 def front_at(speed_m_s: float) -> Callable[[Floats, Floats], Floats]:
-    """A front that comes from x = 0 to the east."""
+    """Return a front that moves from x = 0 to the east."""
     return lambda x, y: x / speed_m_s
 
 
 def brute(fire: Formula | EllipseFire, margins: Margins, x: float, y: float, at_s: float) -> float:
-    """The least margin by the definition, on a grid of 0.4 m."""
+    """Return the smallest margin by the definition, on a grid of 0.4 m."""
     far = margins.reach_m
     away = np.arange(-far, far + 0.4, 0.4)
     places = np.stack([np.tile(x + away, away.size), np.repeat(y + away, away.size)], axis=1)
@@ -45,7 +45,7 @@ def brute(fire: Formula | EllipseFire, margins: Margins, x: float, y: float, at_
 
 
 def in_danger(hazard: Hazard, x_m: float, y_m: float, at_s: float) -> bool:
-    """Whether a vehicle that stands there then is in danger."""
+    """Return whether a vehicle at this place and time is in danger."""
     fix = (x_m, y_m, at_s)
     return hazard.leg_margin_s(*fix, *fix) < hazard.margins.time_s
 
@@ -57,7 +57,7 @@ def test_a_front_is_danger_from_its_margin_on_until_it_has_burned_out(speed_m_s:
     def danger(x_m: float, at_s: float) -> bool:
         return in_danger(hazard, x_m, 30.0, at_s)
 
-    # At x = 30 the place within 10 m that burns first is x = 20, the last is x = 40.
+    # At x = 30, x = 20 burns first of all places within 10 m, and x = 40 last.
     first_s, last_s = 20.0 / speed_m_s, 40.0 / speed_m_s
     spare_s = 3.0 * hazard.cell_m / speed_m_s
     assert danger(30.0, first_s - 59.0)
@@ -67,7 +67,7 @@ def test_a_front_is_danger_from_its_margin_on_until_it_has_burned_out(speed_m_s:
 
 
 def test_the_margin_reaches_farther_downwind() -> None:
-    """A wall of fire at x = 30: to its east is downwind."""
+    """There is a line of fire at x = 30; downwind is to the east."""
     wall = Formula(lambda x, y: np.where(np.abs(x - 30.0) < 2.0, 100.0, 1e6))
     hazard = hazard_of(wall, BOX, Margins(60.0, 6.0, 8.0, 0.0, 120.0))
     assert in_danger(hazard, 45.0, 30.0, 100.0)
@@ -77,12 +77,12 @@ def test_the_margin_reaches_farther_downwind() -> None:
 
 @pytest.mark.parametrize("seed", range(8))
 def test_the_raster_never_misses_what_is_in_danger(seed: int) -> None:
-    """Small slow fires between nodes, ridges where they meet, any wind."""
+    """The fires are small and slow, lie between nodes or meet at ridges, in any wind."""
     random = np.random.default_rng(seed)
     toward = float(random.uniform(-math.pi, math.pi))
     back = float(random.choice([0.01, 0.1]))
     spreads = [Spread(0.0, back * float(random.uniform(1, 20)), back, back, toward)]
-    if seed % 3 == 0:  # hardly anything burns until the wind comes
+    if seed % 3 == 0:  # the fire is very slow until the wind begins
         spreads = [Spread(-1000.0, 0.004, 0.004, 0.004, 0.0), spreads[0]._replace(from_s=50.0)]
     count = int(random.integers(1, 4))
     sources = np.column_stack([random.uniform(0, 60, (count, 2)), random.uniform(-200, 200, count)])
@@ -97,7 +97,7 @@ def test_the_raster_never_misses_what_is_in_danger(seed: int) -> None:
     found = np.array([hazard.leg_margin_s(*place, *place) for place in samples])
     dense = np.array([brute(fire, margins, x, y, at_s) for x, y, at_s in samples])
     assert (found <= dense + 1e-6).all()
-    # And it is not far off: what it calls danger is within three cells of danger, also in time.
+    # The raster is not much larger: each place that it marks is within three cells of danger.
     spare_s = 3.0 * hazard.cell_m / back
     wide = Margins(
         margins.time_s,
@@ -111,20 +111,20 @@ def test_the_raster_never_misses_what_is_in_danger(seed: int) -> None:
 
 
 def test_a_leg_is_in_danger_where_any_of_its_samples_is() -> None:
-    """A fire at one spot only, lit when the vehicle passes: between two samples of its path."""
+    """The only fire is at one place, and is lit when the vehicle passes between two samples."""
     spread = [Spread(0.0, 0.001, 0.001, 0.001, 0.0)]
     fire = EllipseFire(spread, np.array([[30.0, 38.0, 50.0]]))
     hazard = hazard_of(fire, BOX, Margins(10.0, 8.5, 0.0, 0.0, 20.0))
     assert hazard.leg_margin_s(0.0, 30.0, 40.0, 60.0, 30.0, 52.0) < 10.0
     assert hazard.leg_margin_s(0.0, 10.0, 40.0, 60.0, 10.0, 52.0) > 1000.0
-    # Straight up: all of the time counts.
+    # On a vertical leg the whole time counts.
     assert hazard.leg_margin_s(30.0, 30.0, 10.0, 30.0, 30.0, 45.0) < 10.0
     assert hazard.leg_margin_s(30.0, 30.0, -3000.0, 30.0, 30.0, -2900.0) > 10.0
 
 
 @pytest.mark.parametrize("wrap", [lambda fire: fire, lambda fire: CombinedFires([fire])])
 def test_a_fire_smaller_than_a_cell_is_represented_by_its_source(wrap: Callable[..., Any]) -> None:
-    """Hardly alight for 200 s, until wind drives it to the corners of its cell at once."""
+    """The fire is very small for 200 s; then wind drives it to the corners of its cell."""
     slow, fast = Spread(0.0, 1e-4, 1e-4, 1e-4, 0.0), Spread(200.0, 5.0, 5.0, 5.0, 0.0)
     hazard = hazard_of(wrap(EllipseFire([slow, fast], np.array([[30.4, 30.9, 0.0]]))), BOX, CALM)
     assert in_danger(hazard, 30.0, 40.0, 5.0)

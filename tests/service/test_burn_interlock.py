@@ -1,4 +1,4 @@
-"""The second lock: what it lets out, and that nothing else gets out."""
+"""The interlock permits exactly the commands that are allowed."""
 
 import random
 
@@ -95,7 +95,7 @@ NORTH_DEG = 40.0 * DEG_PER_M
         ((Rejected(AT_US, "bob", "nowhere", HASH),), "rejected by bob"),
         ((Rejected(AT_US, "bob", "bravo", HASH), APPROVED), "rejected by bob"),
         ((Aborted(AT_US, "bob", "nowhere"),), "the burn was aborted by bob;"),
-        ((Aborted(AT_US, "bob", "bravo"), APPROVED), "before the GO list was complete"),
+        ((Aborted(AT_US, "bob", "bravo"), APPROVED), "before the GO/NO-GO checklist was complete"),
         ((Aborted(AT_US, "bob", "bravo"), *AGAIN), "approve a plan again"),
         ((Sent((Return(NAME),)),), "the vehicle was sent home"),
         ((Sent((Return(NAME),)), *AGAIN), "approve a plan again"),
@@ -203,7 +203,7 @@ def test_only_an_approver_at_the_approvals_station_counts_as_there() -> None:
 def test_limits_run_on_the_hosts_clock_too(
     host_s: float, section: BurnSection, words: str | None
 ) -> None:
-    """A mission clock that is slow or stands still keeps nothing alive."""
+    """No approval remains valid because a mission clock is slow or stopped."""
     lock = after((*GOOD, HostTime(AT_US, NAME, round(host_s * S))), section)
     refused = lock.refuses(DROP, AT_US)
     assert refused is None if words is None else words in str(refused)
@@ -276,7 +276,7 @@ def test_spheres_and_their_rate() -> None:
 
 
 def changed(old: type, **changes: object) -> tuple[Happening, ...]:
-    """The good history with each event of a type changed."""
+    """Return the valid history with each event of a type changed."""
     return tuple(
         thing
         if isinstance(thing, Sent) or not isinstance(thing, old)
@@ -311,7 +311,7 @@ def test_its_status_can_be_encoded_as_json() -> None:
     assert status["vehicles"][NAME]["mode"] == "mission"
 
 
-# An oracle without memory that looks through all events for each question -------------------------
+# An oracle without memory, which searches all events for each question ------------------------
 
 
 def permitted(history: list[Happening], drop: Drop, at_us: int, section: BurnSection) -> bool:
@@ -356,7 +356,7 @@ def permitted(history: list[Happening], drop: Drop, at_us: int, section: BurnSec
             isinstance(thing, ChecklistAnswered) and not thing.go
         ):
             return False
-    # The list, when it was approved; nothing since has opened an item (looked at above and below).
+    # The checklist at the approval; no item was opened later (checked above and below).
     if not all(is_go(flat[: approvals[-1]], item, stations) for item in section.go_items):
         return False
     if any(recalls(flat[: place + 1]) for place in range(approvals[-1], len(flat))):
@@ -443,7 +443,7 @@ def permitted(history: list[Happening], drop: Drop, at_us: int, section: BurnSec
 def host_allows(
     flat: list[object], proposed: int, approved: int, attended: int, section: BurnSection
 ) -> bool:
-    """By the host's clock, whose times before a restart are not those after it."""
+    """Check limits on the host's clock; times before a restart are not comparable."""
     began = max([0, *(p for p, thing in enumerate(flat) if isinstance(thing, Resumed))])
 
     def passed_us(since: int) -> float:
@@ -481,7 +481,7 @@ def spheres_left(history: list[Happening], section: BurnSection, at_us: int) -> 
 
 
 def recalls(flat: list[object]) -> bool:
-    """Whether the last of these is a landing, or a way home from the air."""
+    """Return whether the last of these events is a landing, or a return in flight."""
     *before, last = flat
     if not isinstance(last, ModeChanged):
         return False
@@ -513,7 +513,7 @@ def is_go(flat: list[object], item: str, stations: list[str]) -> bool:
 
 
 def happenings(chance: random.Random) -> list[Happening]:
-    """What the good history is with things taken out and others put in, in time."""
+    """Return the valid history with some entries removed and others inserted at their times."""
     things: list[Happening] = []
     at_us, begin = 0, 0
     for _ in range(chance.choice([1, 1, 2])):

@@ -1,4 +1,4 @@
-"""The guidance of a burn after a kill: flown in virtual time, its journal cut, and continued."""
+"""A burn after a kill: flown in virtual time, its journal truncated, and continued."""
 
 from collections import Counter
 from functools import partial
@@ -25,7 +25,7 @@ from mission_service.events import (
     VehicleConnected,
 )
 from mission_service.fire.run_estimate import RunEstimate
-from mission_service.fire.setup import fire_of, landscape_of
+from mission_service.fire.scenario_fire import fire_of, landscape_of
 from mission_service.fire.simulated_cameras import cameras_of
 from mission_service.fire.simulated_fire import SimulatedFire
 from mission_service.guidance.burn.controller import BurnFlight, burn_flight
@@ -38,7 +38,7 @@ from mission_service.runtime.engine import Engine
 from mission_service.runtime.gateway import Gateway
 from mission_service.runtime.state_view import StateView
 from mission_service.simulation import sim
-from mission_service.simulation.crew import SimulatedCrew
+from mission_service.simulation.simulated_crew import SimulatedCrew
 
 NAME, STATION = "kestrel", "firing-boss"
 OPERATOR_FIELDS = ("ann", STATION)
@@ -53,7 +53,7 @@ class Burn(NamedTuple):
 
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory: pytest.TempPathFactory) -> Burn:
-    """The first minutes of the burn that ships, as a live service would have written them down."""
+    """Return the first minutes of the shipped burn, as a live service would journal them."""
     changes = (
         'burn.corrections="paper"',
         "deploy_at_s=5",
@@ -77,7 +77,7 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> Burn:
 
 
 class Kept:
-    """A gateway that keeps its commands."""
+    """A gateway that records its commands."""
 
     def __init__(self) -> None:
         self.commands: list[AnyCommand] = []
@@ -86,7 +86,7 @@ class Kept:
         self.commands.append(command)
 
     def read_back(self, recognise: object, now_us: int) -> None:
-        """No vehicle is received."""
+        """Report no vehicle."""
 
 
 class Again(NamedTuple):
@@ -94,11 +94,11 @@ class Again(NamedTuple):
     guidance: BurnFlight
     executed: list[AnyCommand]
     journal: Journal
-    ordered: set[tuple[str, int]]  # drops in the interlock's account
+    ordered: set[tuple[str, int]]  # drops counted by the interlock
 
 
 def continued(flown: Burn, path: Path) -> Again:
-    """What the daemon does with a journal that was cut off."""
+    """Continue from a truncated journal, as the daemon does."""
     scenario, landscape, _ = flown
     digest = landscape.digest()
     cut_off = unfinished(path, Known(scenario, landscape), scenario)
@@ -117,7 +117,7 @@ def continued(flown: Burn, path: Path) -> Again:
 
 
 def cuts(journal: bytes) -> dict[str, int]:
-    """Where a kill would matter: the first of each, and the last line whole."""
+    """Yield the lines after which a kill matters: the first of each type, and the last line."""
     lines = journal.splitlines(keepends=True)
     ends = np.cumsum([len(line) for line in lines]).tolist()
 
@@ -185,7 +185,7 @@ def _rest(path: Path) -> Rest:
 
 
 def test_the_fire_is_lit_where_it_was(flown: Burn, tmp_path: Path) -> None:
-    """As the true fire of a service that was never killed."""
+    """Compare with the true fire of a service that was never killed."""
     path = tmp_path / "journal.jsonl"
     path.write_bytes(flown.journal)
     again = continued(flown, path)
@@ -249,6 +249,6 @@ def test_nothing_is_dropped_or_begun_before_a_new_list_and_a_new_approval(
 
 
 def cuts_hash(journal: bytes) -> str:
-    """The hash of the first plan that was approved."""
+    """Return the hash of the first plan that was approved."""
     line = next(line for line in journal.splitlines() if b'"type":"Approved"' in line)
     return line.split(b'"plan_hash":"')[1][:64].decode()

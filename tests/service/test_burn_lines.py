@@ -1,4 +1,4 @@
-"""The geometry of algorithm 1, and ways around."""
+"""The geometry of algorithm 1, and paths around obstacles."""
 
 import math
 
@@ -7,14 +7,14 @@ import pytest
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from mission_service.guidance.burn.ignition_lines import (
+from mission_service.guidance.burn.lines.ignition_lines import (
     alignment_m,
     drop_points,
     extent_across,
     line_across,
     upwind_of,
 )
-from mission_service.guidance.burn.visibility_graph import VisibilityGraph
+from mission_service.guidance.burn.lines.visibility_graph import VisibilityGraph
 
 SOUTH = -math.pi / 2
 BOX = shapely.box(0.0, 0.0, 100.0, 80.0)
@@ -22,9 +22,9 @@ BOX = shapely.box(0.0, 0.0, 100.0, 80.0)
 
 def test_the_line_is_upwind_of_the_most_downwind_vertex_and_across_the_wind() -> None:
     line = line_across(BOX, SOUTH, 20.0)
-    assert line.place(np.array([0.0, 10.0]))[:, 1] == pytest.approx([20.0, 20.0])
+    assert line.places_at(np.array([0.0, 10.0]))[:, 1] == pytest.approx([20.0, 20.0])
     tilted = line_across(BOX, -math.pi / 4, 20.0)  # towards the south-east: vertex (100, 0)
-    places = tilted.place(np.array([-30.0, 30.0]))
+    places = tilted.places_at(np.array([-30.0, 30.0]))
     assert (places[1] - places[0]) @ tilted.downwind == pytest.approx(0.0)
     assert tilted.along_m == pytest.approx(100.0 / math.sqrt(2.0) - 20.0)
 
@@ -47,7 +47,7 @@ def test_of_an_area_in_parts_with_holes() -> None:
     parts = shapely.MultiPolygon([shapely.box(0, 0, 10, 5), shapely.box(40, 30, 90, 80)])
     holed = parts.difference(shapely.box(60, 40, 70, 60))
     line = line_across(holed, SOUTH, 20.0)
-    assert extent_across(holed, line) is None  # between the parts
+    assert extent_across(holed, line) is None  # between the two parts
     left = upwind_of(holed, line)
     assert left.area == pytest.approx(50 * 50 - 10 * 20)
     ends = extent_across(left, line_across(left, SOUTH, 20.0))
@@ -67,7 +67,7 @@ def test_drops_are_aligned_with_the_earlier_one_closest_to_the_centre() -> None:
     assert points[:, 0] == pytest.approx([1.0, 16.0, 31.0, 46.0, 61.0, 76.0, 91.0])
     assert points[:, 1] == pytest.approx(np.full(7, 40.0))
     assert alignment_m(line, ends, earlier[:0], area, 10.0) == pytest.approx(50.0)
-    # With none at the area, as after a line that was cut off, those nearest to it.
+    # If no place is at the area, as after an interrupted line, the nearest places are used.
     assert alignment_m(line, ends, earlier[3:], area, 10.0) == pytest.approx(50.0)
     farther = np.array([[7.0, 0.0], [50.0, -15.0]])
     assert alignment_m(line, ends, farther, area, 10.0) == pytest.approx(7.0)

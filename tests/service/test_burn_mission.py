@@ -34,7 +34,7 @@ BURN = BurnSection(
 
 
 def land(seed: int | None) -> Landscape:
-    """Hills of 10 m cells, up to 30 degrees steep; flat at 300 m without a seed."""
+    """Return hills (10 m cells, slopes up to 30 degrees); without a seed flat ground at 300 m."""
     elevation = np.full((60, 60), 300.0)
     if seed is not None:
         rng = np.random.default_rng(seed)
@@ -54,7 +54,8 @@ def land(seed: int | None) -> Landscape:
     )
 
 
-# From the launch place up, across, down to the drop height, along a line, back next to it, up.
+# The path leads from the start up, across, down to the drop height, along a line, back beside the
+# line, and up.
 LINE = np.array(
     [
         [750_100.0, 4_020_100.0, 60.0, 0.0],
@@ -76,7 +77,7 @@ def vehicle_of(stack: str, landscape: Landscape) -> VehicleSection:
 
 
 def heights_m(points: tuple[PathPoint, ...], landscape: Landscape) -> list[tuple[float, ...]]:
-    """(height above ground, the plan's height) at each half metre of the legs flown straight."""
+    """Return (height above ground, planned height) at each half metre of the straight legs."""
     found: list[tuple[float, ...]] = []
     for start, end in itertools.pairwise(points):
         x0, y0 = landscape.xy_of_lat_lon(start.lat_deg, start.lon_deg)
@@ -100,7 +101,7 @@ def test_each_leg_clears_the_ground_by_its_height_and_not_by_much_more(seed: int
     assert len(heights) > 800
     for height_m, planned_m in heights:
         assert planned_m - 0.15 < height_m < (1.0 + BAND) * planned_m + 0.15
-    # Legs are cut where the ground bends, and only there.
+    # Legs are divided only where the slope of the ground changes.
     assert len(points) == len(LINE) if seed is None else len(LINE) < len(points) < 60
     assert [point.after_s for point in points] == sorted(point.after_s for point in points)
     assert {round(row[3], 3) for row in LINE} <= {point.after_s for point in points}
@@ -116,7 +117,7 @@ def test_altitudes_are_the_autopilots_own() -> None:
 @pytest.mark.parametrize("from_ground", [True, False])
 def test_both_stacks_take_the_mission_and_it_ends_high(stack: str, from_ground: bool) -> None:
     landscape = land(4)
-    low = plan_points(LINE[:-1], landscape)[:-1]  # the last climb is the mission's own
+    low = plan_points(LINE[:-1], landscape)[:-1]  # the last climb is part of the mission
     assert low[-1].height_m == 15.0
     vehicle = vehicle_of(stack, landscape)
     items = mission_items(low, 5.0, vehicle, BURN, from_ground)
@@ -144,7 +145,7 @@ def test_a_mock_flies_it_over_the_ground_at_its_heights_and_speed(stack: str) ->
     )
     pair = Pair(mock)
     pair.run_for(4.0)
-    points = plan_points(LINE[:-1], landscape)[:-1]  # the last climb is the mission's own
+    points = plan_points(LINE[:-1], landscape)[:-1]  # the last climb is part of the mission
     items = mission_items(points, 5.0, vehicle, BURN, True)
     assert pair.result_of(pair.client.upload(items, pair.now_us)).outcome == "accepted"
     pair.client.command("start mission", pair.now_us)
@@ -170,7 +171,8 @@ def test_a_mock_flies_it_over_the_ground_at_its_heights_and_speed(stack: str) ->
     assert max(speeds) < 5.5
     assert float(np.median(speeds[len(speeds) // 2 :])) == pytest.approx(5.0, abs=0.1)
     assert min(climbs) == pytest.approx(-BURN.sink_m_s if stack == "ardupilot" else -1.5, abs=0.01)
-    assert min(low) > 13.0  # corners are cut by 5 m, off the ground they were planned over
+    # Corners are cut by 5 m, over ground for which they were not planned.
+    assert min(low) > 13.0
     assert max(low) < 20.0  # it sank in place before it flew the line
     assert mock.outputs == []
 
@@ -210,7 +212,7 @@ SWITCHES = (
         600,
     ),  # payloads, parachute, functions, scripts, jumps
     *(203, 206, 214, 2000, 2003, 205, 220, 223, 209),  # cameras, mounts, engine and motors
-    *(31010, 31000, 40001, 42703, 65535),  # user's, no one's
+    *(31010, 31000, 40001, 42703, 65535),  # commands without a fixed meaning
 )
 
 

@@ -1,4 +1,4 @@
-"""Ignition lines: the scenarios of the paper's section VI, and what a plan must never do."""
+"""Ignition lines: the scenarios of the paper's section VI, and forbidden plans."""
 
 import math
 from dataclasses import replace
@@ -9,12 +9,14 @@ import pytest
 import shapely
 
 from benchmarks.burn_check import faults
-from firemodel.ellipses.ellipse import EllipseFire, line_sources
+from firemodel.ellipses.ellipse import EllipseFire
+from firemodel.ellipses.line_ignitions import line_sources
 from mission_service.config.sections import BurnSection
 from mission_service.errors import MissionServiceError
 from mission_service.guidance.burn.burn_unit import ExclusionCircle
-from mission_service.guidance.burn.line_flight import FlightPoint, fly_line
-from mission_service.guidance.burn.line_planner import (
+from mission_service.guidance.burn.lines.flight_constraints import FlightPoint
+from mission_service.guidance.burn.lines.line_flight import fly_line
+from mission_service.guidance.burn.lines.line_planner import (
     LinePlan,
     NoPlan,
     Situation,
@@ -48,7 +50,7 @@ UNEVEN = Formula(lambda x, y: y / (0.01 + 0.05 * np.exp(-np.square((x - SIDE_M /
 def planned(
     given: Situation, settings: BurnSection = SETTINGS, sources: np.ndarray[Any, Any] = NOTHING
 ) -> LinePlan:
-    """The plan, with nothing wrong by brute force."""
+    """Return the plan; check it by brute force."""
     plan = next_line(given, settings)
     assert isinstance(plan, LinePlan), plan
     assert faults(plan, given, settings, sources) == []
@@ -56,7 +58,7 @@ def planned(
 
 
 def after(given: Situation, plan: LinePlan) -> Situation:
-    """When a plan has been flown."""
+    """Return the situation after a plan was flown."""
     x, y, height, after_s = plan.path[-1].tolist()
     delay = np.array([0.0, 0.0, plan.begin_s + SETTINGS.ignition_delay_s])
     return replace(
@@ -74,7 +76,7 @@ def after(given: Situation, plan: LinePlan) -> Situation:
 
 
 def over_at_safe_height(plan: LinePlan) -> list[float]:
-    """Lengths of level legs at the safe height."""
+    """Return the lengths of level legs at the safe height."""
     steps = np.diff(plan.path, axis=0)
     high = np.minimum(plan.path[:-1, 2], plan.path[1:, 2]) >= SAFE_M - 1e-6
     lengths = np.hypot(steps[:, 0], steps[:, 1])[high]
@@ -85,7 +87,8 @@ def test_scenario_1_lines_parallel_to_a_backing_front_and_into_the_wind() -> Non
     now = situation(fire=BACKING)
     first = planned(now, sources=backing_line())
     assert first.drops[:, 1] == pytest.approx(np.full(len(first.drops), 20.0))
-    # From the nearer end, 15 m apart, over the whole width less the edge, never above 15 m.
+    # The line begins at the nearer end; drops are 15 m apart over the whole width less the margin,
+    # and the path stays below 15 m.
     assert first.drops[0, 0] < 20.0
     assert np.diff(first.drops[:, 0]) == pytest.approx(np.full(len(first.drops) - 1, 15.0))
     assert len(first.drops) == 19
@@ -94,11 +97,12 @@ def test_scenario_1_lines_parallel_to_a_backing_front_and_into_the_wind() -> Non
     assert first.path[-1, 2] == SAFE_M
     assert first.path[-1, :2] == pytest.approx(first.drops[-1, :2])
     assert first.min_time_margin_s > SETTINGS.time_margin_s
-    # The next line: 20 m farther into the wind, each drop right upwind of one before.
+    # The next line is 20 m farther upwind, and each drop is directly upwind of an earlier one.
     second = planned(after(now, first))
     assert second.drops[:, 1] == pytest.approx(np.full(len(second.drops), 40.0))
     assert sorted(second.drops[:, 0]) == pytest.approx(sorted(first.drops[:, 0]))
-    assert second.drops[0, 0] == pytest.approx(first.drops[-1, 0])  # begun where it ended
+    # It begins where the line before ended.
+    assert second.drops[0, 0] == pytest.approx(first.drops[-1, 0])
 
 
 def test_scenario_2_over_the_fire_at_the_safe_height_and_back() -> None:
@@ -111,17 +115,17 @@ def test_scenario_2_over_the_fire_at_the_safe_height_and_back() -> None:
     assert len(plan.skipped) >= 3
     (length,) = over_at_safe_height(plan)
     assert length > 40.0
-    # Up before the front, over it, down where it goes on: 15, 60, 60, 15.
+    # The path climbs before the front, crosses it, and descends behind it: 15, 60, 60, 15.
     turn = int(np.argmax(plan.path[:, 2] == SAFE_M))
     assert plan.path[turn - 1 : turn + 3, 2].tolist() == [LOW_M, SAFE_M, SAFE_M, LOW_M]
     assert plan.path[turn, :2] == pytest.approx(plan.path[turn - 1, :2])
     x = plan.path[turn, 0]
     front_m = 450.0 / float(UNEVEN.time_s(np.array([x]), np.array([1.0]))[0])
-    assert front_m < 20.0 - SETTINGS.distance_margin_m + 2.0  # where it climbs it is still safe
+    assert front_m < 20.0 - SETTINGS.distance_margin_m + 2.0  # the place of the climb is still safe
 
 
 def test_scenario_2_the_front_that_will_have_come_when_it_gets_there() -> None:
-    """The second line: at its planning the front is not under it yet."""
+    """At the planning of the second line, the front has not reached it yet."""
     now = situation(fire=UNEVEN, at_s=450.0)
     now = after(now, planned(now))
     middle = np.array([[SIDE_M / 2.0, 40.0]])
@@ -129,11 +133,11 @@ def test_scenario_2_the_front_that_will_have_come_when_it_gets_there() -> None:
     second = planned(now)
     assert second.line.along_m == pytest.approx(-40.0)
     away = np.abs(second.drops[:, 0] - SIDE_M / 2.0).min()
-    assert away > 7.0  # nothing is dropped in the middle
+    assert away > 7.0  # no drop in the middle
     assert len(second.skipped) >= 1
 
 
-# From the southern side to the north-east, burning across half of the unit's east.
+# From the southern side to the north-east, across half of the unit's east.
 DIAGONAL = line_sources(np.array([[SIDE_M - 120.0, 0.0], [SIDE_M, 120.0]]), 0.0, 2.0)
 
 
@@ -142,16 +146,16 @@ def test_scenario_3_lines_between_two_converging_fronts() -> None:
     now = situation(fire=EllipseFire(SPREADS, sources), at_s=200.0)
     plan = planned(now, sources=sources)
     assert plan.drops[:, 1] == pytest.approx(np.full(len(plan.drops), 20.0))
-    # The diagonal front is at x = SIDE - 100 on this line, with fire that heads south beyond.
+    # The diagonal front crosses this line at x = SIDE - 100; fire beyond it moves south.
     assert plan.drops[:, 0].max() < SIDE_M - 100.0 - SETTINGS.distance_margin_m
-    # And it comes close: the next place would have been too near.
+    # The plan comes near the front: the next place would have been too near.
     assert plan.drops[:, 0].max() > SIDE_M - 100.0 - 40.0
     second = planned(after(now, plan))
     assert second.drops[:, 1] == pytest.approx(np.full(len(second.drops), 40.0))
 
 
 def test_scenario_4_a_front_added_in_mid_flight() -> None:
-    """Stopped on the first line, west of a new front in the south-east; away by the faster side."""
+    """The first line is interrupted west of a new front; the faster side is chosen."""
     now = situation(fire=BACKING)
     first = planned(now, sources=backing_line())
     half = len(first.drops) // 2
@@ -175,7 +179,7 @@ def test_scenario_4_a_front_added_in_mid_flight() -> None:
         spheres=now.spheres - len(done),
     )
     plan = planned(stopped, sources=sources)
-    assert plan.climbs_first  # right above its own spheres
+    assert plan.climbs_first  # directly above its own spheres
     assert plan.path[1, :3] == pytest.approx([x, y, SAFE_M])
     fire = EllipseFire(SPREADS, sources)
     at_drops = fire.ignition_time_s(plan.drops[:, :2]) - plan.begin_s - plan.drops[:, 2]
@@ -194,7 +198,7 @@ def test_scenario_4_a_front_added_in_mid_flight() -> None:
 
 
 def _area_of(given: Situation, plan: LinePlan) -> Any:
-    """What was left when a plan's line was found."""
+    """Return the area that remained when a plan's line was computed."""
     downwind = plan.line.along_m + SETTINGS.line_spacing_m
     return shapely.intersection(given.area, shapely.box(0.0, -downwind, SIDE_M, SIDE_M))
 
@@ -225,7 +229,7 @@ def test_a_line_that_has_burned_is_cut_off_for_the_next() -> None:
 
 
 def test_drops_stay_off_edges_holes_no_drop_areas_people_and_inside_the_fence() -> None:
-    """A concave unit with a hole; what is left of the line is dropped on, each side once."""
+    """The unit is concave and has a hole; the rest of the line is planned, each side once."""
     made = unit(
         area=AREA.difference(shapely.box(100.0, 0.0, 130.0, 60.0)).difference(
             shapely.box(40.0, 10.0, 60.0, 30.0)
@@ -250,7 +254,7 @@ def test_a_place_where_an_earlier_drop_lies_is_none_again() -> None:
     rest = planned(replace(after(now, first), spheres=100, at_s=2000.0))
     assert rest.line == first.line
     assert not {round(x) for x in rest.drops[:, 0]} & {round(x) for x in first.drops[:, 0]}
-    # Nor where one fell and nothing burns.
+    # No drop at a place where a sphere fell and nothing burns.
     again = planned(replace(now, dropped_m=first.drops[:, :2]))
     assert len(again.drops) == 19 - 7
     assert not {round(x) for x in again.drops[:, 0]} & {round(x) for x in first.drops[:, 0]}
@@ -292,14 +296,14 @@ def test_from_the_safe_height_it_comes_down_at_the_first_drop() -> None:
 
 
 def test_a_descent_must_be_safe_all_the_way_down() -> None:
-    """Fire comes to the west half 75 s from now: too soon at the end of a descent only."""
+    """Fire reaches the western half in 75 s, which is too soon only at the end of a descent."""
     west = Formula(lambda x, y: np.where(x < 130.0, 60.0 + 95.0, 1e5))
     low = planned(situation(fire=west, height_m=SAFE_M, x_m=20.0, y_m=20.0))
     assert low.drops[:, 0].min() > 130.0
 
 
 def test_drops_that_would_burn_before_they_ignite_are_skipped() -> None:
-    """No margin of time: the ground must still be unburned when the sphere ignites."""
+    """With a time margin of 0, the ground must still be unburned when the sphere ignites."""
     settings = SETTINGS.model_copy(update={"time_margin_s": 0.0})
     soon = Formula(lambda x, y: np.where(x > 150.0, 60.0 + 75.0, 1e5))
     plan = planned(situation(fire=soon), settings)
@@ -308,7 +312,7 @@ def test_drops_that_would_burn_before_they_ignite_are_skipped() -> None:
 
 
 def test_no_leg_comes_back_over_own_drops() -> None:
-    """A dent in the line's middle makes the way on to its other part lead back low."""
+    """A dent in the middle of the line makes the path to its other part lead back at low height."""
     dent = shapely.Polygon(
         [(0, 0), (60, 0), (60, 100), (80, 100), (80, 0), (140, 0), (140, 120), (0, 120)]
     )
@@ -370,12 +374,12 @@ def test_a_plan_holds_until_a_reason_against_it() -> None:
     assert "no-drop" in plan_problem(plan, replace(now, unit=unit(no_drop=person.area)), SETTINGS)
     fenced = unit(fence=shapely.box(0.0, 0.0, 200.0, SIDE_M))
     assert "fence" in plan_problem(plan, replace(now, unit=fenced), SETTINGS)
-    # Begun too late: the backing front is near the line by then.
+    # It begins too late: the backing front is near the line by then.
     assert "fire" in plan_problem(plan, replace(now, at_s=900.0), SETTINGS)
 
 
 def test_wind_in_the_margin() -> None:
-    """A lit line upwind of the ignition line: with wind it is dangerous from farther away."""
+    """A lit line is upwind of the ignition line; with wind it is dangerous from farther away."""
     north = Formula(lambda x, y: np.where(y > 36.0, 100.0, 1e5))
     calm = next_line(situation(fire=north, wind_m_s=0.0), SETTINGS)
     windy = next_line(situation(fire=north, wind_m_s=6.0), SETTINGS)

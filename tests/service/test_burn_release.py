@@ -1,4 +1,4 @@
-"""Where spheres fall, how sure that is, and when they are let go."""
+"""The predicted landing point of spheres, its uncertainty, and the time of release."""
 
 import math
 
@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 
 from autopilot_bridge.clients.native import NativeClient
 from autopilot_bridge.items import takeoff, waypoint
-from autopilot_bridge.links.link import MemoryLink
+from autopilot_bridge.links.memory_link import MemoryLink
 from autopilot_bridge.mock.kinematics import Wind
 from autopilot_bridge.stacks.stacks import stack_named
 from autopilot_bridge.vehicle.client_events import Position
@@ -30,7 +30,7 @@ WIND = (4.0, -2.0)
 def integrated(
     vehicle: VehicleMotion, wind: tuple[float, float], vt: float, delay_s: float
 ) -> tuple[float, float, float]:
-    """The same by another's integrator, in the frame of the ground."""
+    """Integrate the same equations in the frame of the ground, by another method."""
 
     def rates(_: float, state: np.ndarray) -> np.ndarray:
         in_air = state[3:] - np.array([*wind, 0.0])
@@ -61,7 +61,8 @@ def test_spheres_land_where_an_independent_integration_has_them(seed: int) -> No
     )
     wind = (float(rng.uniform(-12.0, 12.0)), float(rng.uniform(-12.0, 12.0)))
     vt, delay_s = float(rng.uniform(8.0, 40.0)), float(rng.uniform(0.0, 0.5))
-    vehicle = vehicle._replace(height_m=vehicle.height_m + 6.0)  # above the ground when it leaves
+    # Height above the ground at the release.
+    vehicle = vehicle._replace(height_m=vehicle.height_m + 6.0)
     found = impact_point(vehicle, wind, vt, delay_s)
     assert found == pytest.approx(integrated(vehicle, wind, vt, delay_s), abs=2e-3)
 
@@ -88,7 +89,7 @@ def test_on_the_ground_it_lies_where_it_is_let_go() -> None:
 def flown(
     target_m: tuple[float, float], step_s: float, first_s: float, max_miss_m: float
 ) -> tuple[list[str], ImpactPoint]:
-    """The decisions along a line at 5 m/s until one is not "wait", and the impact point."""
+    """Return the decisions along a line at 5 m/s until one is not "wait", and the landing point."""
     decisions: list[str] = []
     for step in range(4000):
         at_s = first_s + step * step_s
@@ -116,7 +117,7 @@ def test_what_is_passed_too_far_off_is_missed_and_never_let_go() -> None:
     off_y = impact_point(VehicleMotion(0.0, 0.0, 15.0, 5.0, 0.0), WIND, VT, DELAY_S).y_m
     assert flown((60.0, off_y + 3.9), 0.1, 0.0, 4.0)[0][-1] == "release"
     assert flown((60.0, off_y + 4.3), 0.1, 0.0, 4.0)[0][-1] == "missed"
-    # Another leg, a line's spacing away, does not concern the target.
+    # Another leg, at the spacing of lines, does not concern the target.
     for x_m in (30.0, 60.0, 90.0):
         vehicle = VehicleMotion(x_m, 0.0, 15.0, 5.0, 0.0)
         there = impact_point(vehicle, WIND, VT, DELAY_S)
@@ -139,7 +140,7 @@ def test_hovering_over_the_place_is_due_and_next_to_it_waits() -> None:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_spheres_of_a_flown_line_lie_where_they_were_planned(seed: int) -> None:
-    # A copter on its mission in wind; telemetry and orders 50 ms under way, a tenth of them lost.
+    # A copter flies its mission in wind; telemetry and orders take 50 ms, and a tenth is lost.
     wind = Wind(from_deg=300.0, speed_m_s=5.0)
     mock = mock_of(stack_named("ardupilot", "copter"), airspeed_m_s=5.0, wind=wind)
     pair = Pair(mock, client=NativeClient(rates_hz=DROP_RATES_HZ))

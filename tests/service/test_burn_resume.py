@@ -1,4 +1,4 @@
-"""A burn goes on after a kill: from a journal cut anywhere, or with a clear error."""
+"""A burn resumes after a kill from a journal truncated anywhere, or reports a clear error."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -78,7 +78,7 @@ def unfinished(path: Path, begun: Scenario, digest: str) -> InterruptedRun | Non
 
 
 def a_core() -> Handle:
-    """Proposes when the list is complete, then drops once a position; counts its events."""
+    """A core that proposes when the list is complete, then drops once at each position."""
     seen: list[AnyEvent] = []
 
     def handle(event: AnyEvent) -> list[AnyCommand]:
@@ -122,7 +122,7 @@ def written(path: Path, live: bool = True, end: bool = False) -> bytes:
 
 
 def verified(path: Path) -> list[AnyEvent]:
-    """All events of a journal; its commands must be those of a fresh core, bit for bit."""
+    """Return all events of a journal; its commands must equal those of a new core, bit for bit."""
     handle = a_core()
     expected: list[AnyCommand] = []
     events: list[AnyEvent] = []
@@ -141,7 +141,7 @@ def verified(path: Path) -> list[AnyEvent]:
 
 
 def went_on(path: Path, down_s: float = 7.0) -> tuple[list[AnyEvent], Interlock]:
-    """Resume as the daemon does; returns the events before, and the lock afterwards."""
+    """Resume as the daemon does; return the events before, and the interlock afterwards."""
     cut_off = unfinished(path, SCENARIO, DIGEST)
     assert cut_off is not None
     lock, handle, before = Interlock(burn()), a_core(), []
@@ -163,7 +163,7 @@ def test_a_journal_cut_anywhere_is_continued(tmp_path: Path) -> None:
     whole = written(path)
     header = whole.index(b"\n") + 1
     lines = [place + 1 for place, byte in enumerate(whole) if byte == ord("\n")]
-    # Every byte of what matters most, and around the end of each line.
+    # Every byte of the most important lines, and the surroundings of each line's end.
     places = {*range(lines[-6], len(whole) + 1, 5)} | {
         end + d for end in lines for d in (-2, -1, 0, 1)
     }

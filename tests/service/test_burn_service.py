@@ -1,4 +1,4 @@
-"""The last lock: the commands that the service sends in a burn, whatever its guidance."""
+"""The last check: commands that the service sends in a burn, with a faulty guidance."""
 
 import json
 from pathlib import Path
@@ -25,7 +25,7 @@ def entries_of(path: Path, kind: type) -> list[object]:
 
 
 def mad(burn: Burn, monkeypatch: pytest.MonkeyPatch, command: AnyCommand) -> None:
-    """The core answers the next event with this command, and then none any more."""
+    """Replace the core: it returns this command at the next event, and then none."""
     once = iter([[command]])
     monkeypatch.setattr(Core, "handle", lambda self, event: next(once, []))
     battery = BatteryUpdated(burn.at_us, "kestrel", 90.0)

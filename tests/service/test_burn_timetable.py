@@ -1,11 +1,11 @@
-"""How far along its path a vehicle has come."""
+"""The progress of a vehicle along its path."""
 
 import numpy as np
 import pytest
 
 from mission_service.guidance.burn.approved_plan import PathProgress
 
-# Up 15 m, 100 m east, up to 60 m, 100 m back west (over the same ground).
+# The path leads up 15 m, 100 m east, up to 60 m, and 100 m back west over the same ground.
 POINTS = np.array([(0, 0, 0), (0, 0, 15), (100, 0, 15), (100, 0, 60), (0, 0, 60)], dtype=float)
 AFTER = np.array([0.0, 5.0, 25.0, 40.0, 60.0])
 
@@ -48,7 +48,7 @@ def test_what_is_ahead_is_as_late_as_the_vehicle_is() -> None:
     table = PathProgress(POINTS, AFTER)
     for x_m in range(0, 51, 5):
         table.update(np.array([float(x_m), 0.0, 15.0]))
-    ahead = table.ahead(115.0)  # by its path it should be there 15 s after its begin
+    ahead = table.ahead(115.0)  # by its path it should be there 15 s after the start
     assert ahead[0].tolist() == pytest.approx([50.0, 0.0, 15.0, 115.0])
     assert ahead[1].tolist() == pytest.approx([100.0, 0.0, 15.0, 125.0])
     assert ahead[-1].tolist() == pytest.approx([0.0, 0.0, 60.0, 160.0])

@@ -1,4 +1,4 @@
-"""Burn units from settings: invalid ones are reported in one line."""
+"""Burn units from settings; an invalid unit is reported in one line."""
 
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,7 @@ CHIEF = (Station(name="chief", lat_deg=36.0, lon_deg=-87.0),)
 
 
 def corners(*places: tuple[float, float]) -> Any:
-    """Places in metres east and south of (20, 20) of the grid as (lat, lon)."""
+    """Return places in metres east and south of (20, 20) of the grid as (lat, lon)."""
     x0, y0 = LAND.xy_of(20, 20)
     return tuple(LAND.lat_lon_of(x0 + east, y0 - south) for east, south in places)
 
@@ -85,7 +85,7 @@ def test_corners_submitted_later_replace_those_configured() -> None:
 
 
 def test_droppable_is_never_more_than_may_drop_allows() -> None:
-    """A concave unit, a hole, a no-drop area, a person, a fence that cuts it."""
+    """The case has a concave unit, a hole, a no-drop area, a person, and a fence across it."""
     area = shapely.Polygon([(0, 0), (100, 0), (100, 80), (50, 30), (0, 80)])
     made = BurnUnit(
         area.difference(shapely.Point(20, 20).buffer(6.0)),

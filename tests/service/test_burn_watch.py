@@ -1,4 +1,4 @@
-"""When the wind is no longer the one a plan was made for."""
+"""The conditions under which the wind no longer agrees with that of a plan."""
 
 import pytest
 
@@ -16,7 +16,7 @@ from tests.service.test_burn_approval import BURN, a_plan
         ((2.0, 331.0), False),
         ((2.0, 31.0), True),
         ((2.0, 329.0), True),
-        ((0.5, 180.0), True),  # it has turned, and the plan is for one that blew
+        ((0.5, 180.0), True),  # the wind has turned since the plan was made
     ],
 )
 def test_a_wind_beyond_the_margins_is_another_one(wind: tuple[float, float], differs: bool) -> None:

@@ -1,4 +1,4 @@
-"""Drops fall only while an approver is there: a real daemon, its HTTP interface, a mock copter."""
+"""Drops require an approver's presence: a real daemon, its HTTP interface, a mock copter."""
 
 import time
 from collections.abc import Iterator
@@ -17,7 +17,7 @@ SPEEDUP = 5
 SCENARIO = BURN.replace(
     "[burn]\n", f"[burn]\napprover_timeout_s = {SILENT_S:g}\nspeed_m_s = 3\n", 1
 )
-POLL_S = 0.1  # between questions to the service; decides nothing
+POLL_S = 0.1  # time between requests to the service; has no effect on the result
 
 
 @pytest.fixture
@@ -27,7 +27,7 @@ def burning(tmp_path: Path) -> Iterator[Service]:
 
 
 def until_first_drop(boss: Service) -> None:
-    """Answer GO, approve what is proposed and be present, until a sphere has fallen."""
+    """Answer GO, approve the proposed plan and be present until a sphere has fallen."""
     for item in boss.get("burn")["go_items"]:
         boss.post("burn/go", item=item)
     deadline = time.monotonic() + 300.0

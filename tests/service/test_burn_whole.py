@@ -1,4 +1,4 @@
-"""A burn to its end: loads, time, spheres, the fire at times of a slider."""
+"""A burn to its end: loads, times, spheres, and the fire at the times of a slider."""
 
 import json
 from pathlib import Path
@@ -35,7 +35,7 @@ SMALL = shapely.box(0.0, 0.0, 120.0, 90.0)
 
 @pytest.fixture(scope="module")
 def burn() -> WholeBurn:
-    """With loads of 16 spheres."""
+    """Return the burn with loads of 16 spheres."""
     settings = SETTINGS.model_copy(update={"spheres": 16})
     now = situation(unit=_small(), fire=EllipseFire(SPREADS, backing_line()), spheres=16)
     return whole_burn(now, settings)
@@ -56,7 +56,7 @@ def test_all_lines_to_the_end(burn: WholeBurn) -> None:
 
 
 def test_loads_are_filled_at_home_between_lines(burn: WholeBurn) -> None:
-    """16 spheres are two lines of 7: one reload, and no line left half dropped."""
+    """16 spheres are two lines of 7: one reload, and no line is interrupted."""
     assert [line.load for line in burn.lines] == [1, 1, 2, 2]
     assert burn.loads == 2
     second, third = burn.lines[1], burn.lines[2]
@@ -72,7 +72,7 @@ def test_loads_are_filled_at_home_between_lines(burn: WholeBurn) -> None:
 
 
 def test_each_line_is_planned_on_the_fire_of_those_before() -> None:
-    """The last line's plan has nothing wrong in a fire put together here, from all drops."""
+    """The plan of the last line is valid for a fire that is computed here from all drops."""
     now = situation(unit=_small(), fire=NO_FIRE)
     found = whole_burn(now, SETTINGS)
     *before, last = found.lines
@@ -134,7 +134,7 @@ def test_a_battery_that_suffices_for_nothing_ends_it() -> None:
 
 
 def test_random_burns_by_brute_force() -> None:
-    """As benchmarks.ignition_plans does by the thousand."""
+    """As benchmarks.ignition_plans does for thousands of burns."""
     plans = 0
     for seed in range(12):
         found, counts, _ = trial(seed)

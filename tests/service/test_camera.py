@@ -1,4 +1,4 @@
-"""What a camera sees of the true fire, and the fire a formation begins with."""
+"""The camera's image of the true fire, and the initial fire of a formation."""
 
 from dataclasses import replace
 
@@ -11,7 +11,7 @@ from mission_service.errors import ScenarioError
 from mission_service.events import Telemetry
 from mission_service.fire.camera import Camera, beyond_rectangle
 from mission_service.fire.camera_views import observed as observed_from
-from mission_service.fire.setup import burning_of, fire_of, landscape_of
+from mission_service.fire.scenario_fire import burning_of, fire_of, landscape_of
 from mission_service.fire.simulated_fire import SimulatedFire
 from mission_service.guidance.formation.members import first_fire, settings_of
 from mission_service.guidance.formation.settings import Settings

@@ -1,4 +1,4 @@
-"""Simulated cameras with errors: position, detection and smoke; and how they are filtered."""
+"""Simulated cameras with errors of position and detection, smoke, and the filter."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario, load_scenario
 from mission_service.events import Observed, Telemetry
 from mission_service.fire.observed_window import states_in, without_speckles
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 from mission_service.fire.simulated_cameras import SimulatedCameras, cameras_of
 
 AT_S = 7200.0
@@ -30,7 +30,7 @@ def cameras(land: Landscape, *changes: str) -> SimulatedCameras:
 
 
 def fix_at(land: Landscape, seconds: int = 0) -> Telemetry:
-    """A position high above the ignition."""
+    """Return a position high above the ignition."""
     place = load_scenario("default").ignition[0]
     lat, lon = place.lat_deg, place.lon_deg
     assert lat is not None

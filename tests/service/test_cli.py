@@ -1,4 +1,4 @@
-"""The command line as a user meets it."""
+"""The command line, used as a user does."""
 
 import json
 import subprocess
@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from autopilot_bridge.items import MissionItem, Plan
-from autopilot_bridge.missions.planfile import read_any, write_plan
+from autopilot_bridge.missions.plan_file import read_any, write_plan
 from autopilot_bridge.missions.read_back import same_as_sent
 from autopilot_bridge.stacks.stacks import stack_named
 from mission_service import __version__
@@ -184,13 +184,13 @@ def test_a_fence_that_would_be_refused_stops_the_upload_before_it_begins(tmp_pat
 
 
 def test_start_up_is_quick() -> None:
-    """No heavy package is loaded before a command needs it."""
+    """No large package is imported before a command needs it."""
     code = (
         "import sys, mission_service.cli; heavy = ('numba', 'matplotlib', 'rasterio', 'scipy'); "
         "print([name for name in heavy if name in sys.modules])"
     )
     found = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=PATIENCE_S, check=True
     )
     assert found.stdout.strip() == "[]"
 

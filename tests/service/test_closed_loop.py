@@ -1,4 +1,4 @@
-"""The whole loop in virtual time: fire, camera, planner, missions over MAVLink frames, journal."""
+"""The whole loop in virtual time: fire, camera, planner, missions as MAVLink frames, journal."""
 
 import json
 import shutil
@@ -15,11 +15,11 @@ from mission_service.commands import UploadMission
 from mission_service.config.scenario import load_scenario
 from mission_service.journal.journal_file import SegmentReader
 from mission_service.replay.verification import Verification, verify
-from mission_service.runtime.outputs import write_outputs
+from mission_service.runtime.run_outputs import write_outputs
 from mission_service.runtime.run_statistics import RunStatistics
 from mission_service.simulation.sim import simulate
 
-# An hour's fire, then forty minutes of flight in a fresh wind.
+# One hour of fire, then forty minutes of flight in a fresh wind.
 SHORT = (
     "start_s=3500",
     "duration_s=5900",
@@ -85,11 +85,11 @@ def test_every_event_is_journalled_before_its_commands(run: Run) -> None:
     assert all(entry.intact for entry in entries)
 
 
-LANDING = (189, 31, 21)  # what PX4 asks of a plane
+LANDING = (189, 31, 21)  # the landing that PX4 requires for a plane
 
 
 def test_every_mission_is_one_that_the_stack_takes_as_it_is(run: Run) -> None:
-    stack = stack_named("px4", "plane")  # the default scenario's
+    stack = stack_named("px4", "plane")  # the value of the default scenario
     missions = [
         entry.content.items
         for entry in SegmentReader(run.journal)
@@ -115,7 +115,7 @@ def test_a_replay_reproduces_every_decision(run: Run) -> None:
 def altered(
     run: Run, tmp_path: Path, marker: str, before: str, after: str
 ) -> tuple[Verification, int]:
-    """Change the first place after the middle of the journal; returns what is found, the line."""
+    """Change the first match after the middle of the journal; return its line and the result."""
     lines = run.journal.read_text(encoding="utf-8").splitlines(keepends=True)
     half = len(lines) // 2
     index = next(i for i in range(half, len(lines)) if marker in lines[i] and before in lines[i])
@@ -210,7 +210,7 @@ def test_a_fire_whose_ignition_is_unknown_is_monitored_around_its_centre(tmp_pat
 
 
 def test_the_planner_never_reads_the_true_fire(run: Run, tmp_path: Path) -> None:
-    """The journal holds all a core ever sees: replayed where no fire burns, it decides alike."""
+    """The journal contains all inputs of a core: replayed without a fire, it decides the same."""
     path = tmp_path / "copy.jsonl"
     shutil.copy(run.journal, path)
     assert verify(path).difference is None

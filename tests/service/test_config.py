@@ -1,4 +1,4 @@
-"""Scenario files: errors are reported in one line with file, key and value."""
+"""Scenario files: an error is one line with file, key and value."""
 
 import re
 from importlib import import_module

@@ -1,4 +1,4 @@
-"""Requests of people: what they become, what is refused, and the socket they come by."""
+"""Operators' requests: the resulting events, refusals, and the control socket."""
 
 import asyncio
 import json
@@ -57,7 +57,7 @@ HASH = "0123456789abcdef" * 4
 CORNERS = [[36.0, -84.0], [36.0, -83.99], [36.01, -83.99]]
 PLACES = ((36.0, -84.0), (36.0, -83.99), (36.01, -83.99))
 
-# One good request of each kind, and its event.
+# One valid request of each kind, and its event.
 GOOD: list[tuple[dict[str, Any], AnyOperatorEvent]] = [
     ({"do": "plan"}, PlanRequested(*EVENT)),
     ({"do": "plan", "line_spacing_m": 30, "drop_spacing_m": 6.5}, PlanRequested(*EVENT, 30.0, 6.5)),
@@ -124,7 +124,7 @@ def test_a_request_becomes_its_event(request_: dict[str, Any], event: AnyOperato
         made = event_of({**request_, **OPERATOR_FIELDS}, AT_US, SCOPE, may_approve)
         needs_approver = REQUESTS[request_["do"]].role == "approve"
         approver = needs_approver if may_approve is None else may_approve
-        if request_["do"] != "abort":  # which is taken from any user
+        if request_["do"] != "abort":  # accepted from any user
             assert made == msgspec.structs.replace(event, may_approve=approver)
         else:
             assert made == event
@@ -162,7 +162,7 @@ NAN = float("nan")
         ({"do": "present", "by": "service"}, "is reserved for the service; give your name"),
         ({"do": "resume", "by": " Service"}, "is reserved for the service; give your name"),
         ({"do": "present", "by": 3}, "present: by: give one line of printable characters"),
-        ({"do": "go", "item": "all"}, "no item 'all' on the GO list: weather; payload"),
+        ({"do": "go", "item": "all"}, "no item 'all' on the GO/NO-GO checklist: weather; payload"),
         ({"do": "go", "item": True}, "go: item: give a text of 1 to 200 characters (got True)"),
         ({"do": "wind", "speed_m_s": NAN, "from_deg": 0}, "wind: speed_m_s: give a number from 0"),
         (
@@ -248,7 +248,7 @@ def test_an_abort_in_the_name_of_the_service_has_an_unknown_operator() -> None:
 
 
 def scrambled(chance: random.Random) -> Any:
-    """A good request with something exchanged, added or taken away."""
+    """Return a valid request with a part exchanged, added or removed."""
     request = {**chance.choice(GOOD)[0], **OPERATOR_FIELDS}
     odd: list[Any] = [
         None,
@@ -296,7 +296,7 @@ def on_map(lat_deg: float, lon_deg: float) -> bool:
 
 
 class Daemon:
-    """A stand-in for a daemon that takes events."""
+    """A replacement of a daemon that accepts events."""
 
     def __init__(self) -> None:
         self.events: list[AnyOperatorEvent] = []
@@ -315,7 +315,7 @@ class Daemon:
 
 
 def served(out: Path, client: Callable[[Daemon], Awaitable[None]]) -> Daemon:
-    """Serve while a client does what it does."""
+    """Serve while a client's coroutine runs."""
     daemon = Daemon()
 
     async def both() -> None:
@@ -337,7 +337,7 @@ def served(out: Path, client: Callable[[Daemon], Awaitable[None]]) -> Daemon:
 
 
 async def lines(out: Path, sent: bytes) -> list[dict[str, Any]]:
-    """All answers to some bytes, until the server closes."""
+    """Return all replies to some bytes, until the server closes."""
     reader, writer = await asyncio.open_unix_connection(out / NAME)
     try:
         writer.write(sent)
@@ -421,7 +421,7 @@ TIMES = 30
 
 
 def leave(there: socket.socket, with_reset: bool) -> None:
-    """Close; with unread answers that is a reset for the other side."""
+    """Close the connection; with unread replies the other side receives a reset."""
     if with_reset:
         there.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
     there.close()
@@ -432,8 +432,8 @@ def leave(there: socket.socket, with_reset: bool) -> None:
     ("sent", "each"),
     [
         (b'{"do":"abort"}\n', 1),
-        (b'{"do":"abort"}', 1),  # half a line
-        (b'{"do":"status"}\n' * 20 + b'{"do":"abort"}\n', 1),  # 20 unread answers
+        (b'{"do":"abort"}', 1),  # half of a line
+        (b'{"do":"status"}\n' * 20 + b'{"do":"abort"}\n', 1),  # 20 unread replies
         (b'{"do":"undo","by":"ann","station":"alpha"}\n' * 3, 3),
     ],
 )
@@ -444,7 +444,8 @@ def test_a_complete_request_is_done_though_the_client_has_disconnected(
         for number in range(TIMES):
             with socket.socket(socket.AF_UNIX) as there:
                 there.connect(str(tmp_path / NAME))
-                for _ in range(number % 4):  # the server has the connection before the request
+                # The server accepts the connection before the request is sent.
+                for _ in range(number % 4):
                     await asyncio.sleep(0)
                 there.sendall(sent)
                 for _ in range(number % 3):

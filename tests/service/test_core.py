@@ -1,4 +1,4 @@
-"""The core's safety rules, event by event."""
+"""The safety rules of the core, one by one."""
 
 import numpy as np
 import pytest
@@ -39,7 +39,7 @@ from mission_service.events import (
 )
 from mission_service.fire.camera import camera_of
 from mission_service.fire.camera_views import observed
-from mission_service.fire.setup import fire_of, landscape_of
+from mission_service.fire.scenario_fire import fire_of, landscape_of
 from mission_service.fire.simulated_fire import SimulatedFire
 
 NAV_LOITER_UNLIM, NAV_TAKEOFF = 17, 22
@@ -52,7 +52,7 @@ def land() -> Landscape:
 
 
 class Flight:
-    """Feeds a core with the events of one vehicle."""
+    """Sends the events of one vehicle to a core."""
 
     def __init__(self, scenario: Scenario, land: Landscape, atomic: bool = True) -> None:
         self.core = Core(scenario, land)
@@ -80,7 +80,7 @@ class Flight:
         )
 
     def restored(self) -> list[AnyCommand]:
-        """The link is lost and comes back: a new mission is due."""
+        """Lose and restore the link, so that a new mission is due."""
         self.handle(LinkLost(self.at_us, "hawk", 3.0))
         self.handle(LinkRestored(self.at_us, "hawk"))
         return self.at_height(50.0, later_s=10.0)
@@ -111,7 +111,7 @@ def test_the_first_mission_takes_off_and_ends_in_a_loiter(
     (mission,) = uploads(flight.at_height(0.0))
     commands = [item.command for item in mission.items]
     assert commands[0] == NAV_TAKEOFF
-    # What PX4 asks of a plane comes behind the loiter, where nothing gets by itself.
+    # The landing that PX4 requires follows the loiter, and no vehicle reaches it by itself.
     assert commands[commands.index(NAV_LOITER_UNLIM) + 1 :] == landing
 
 
@@ -151,7 +151,7 @@ def test_a_refused_mission_is_reported_and_retried_later(land: Landscape) -> Non
 
 
 def test_a_takeoff_is_not_cut_short_by_another_mission(land: Landscape) -> None:
-    # Seen with PX4 1.17: with another mission at 15 m a plane sank to the ground and slid on.
+    # Observed on PX4 1.17: with another mission at 15 m a plane sank to the ground and slid on.
     flight = Flight(load_scenario("default"), land)
     (first,) = uploads(flight.at_height(0.0))
     flight.finished(first.mission_id, "accepted")
@@ -190,7 +190,7 @@ def test_a_broken_upload_leaves_a_vehicle_alone_that_keeps_its_old_mission(
 
 
 def test_a_good_mission_after_an_unfit_one_in_flight_is_started_again(land: Landscape) -> None:
-    """PX4 loiters once it has a mission that it will not fly, and stays there."""
+    """PX4 loiters after a mission that it will not fly, and does not resume by itself."""
     flight, mission = airborne(land, atomic=True)
     assert kinds(flight.finished(mission.mission_id, "failed")) == [Announce]
     (again,) = uploads(flight.at_height(50.0, later_s=6.0))
@@ -254,7 +254,7 @@ def test_a_return_ordered_during_the_takeoff_is_carried_out_in_the_air(land: Lan
     (announcement,) = flight.handle(OrderGiven(flight.at_us, "ann", "desk", "hawk", "return"))
     assert isinstance(announcement, Announce)
     assert announcement.text == "return ordered by ann: executed after takeoff"
-    # Neither the service nor the autopilot forgets it when it is restarted.
+    # Neither the service nor the autopilot loses the mission in a restart.
     flight.handle(Resumed(flight.at_us, "service", "", 1.0))
     flight.handle(VehicleConnected(flight.at_us, "hawk", "a stack", True))
     flight.handle(ModeChanged(flight.at_us, "hawk", 4, armed=True, mode="mission"))
@@ -291,7 +291,7 @@ def test_a_start_that_was_refused_is_tried_again(land: Landscape) -> None:
 def test_a_start_ends_when_a_pilot_sets_another_mode_on_the_ground(
     land: Landscape, under_way: bool
 ) -> None:
-    """Seen with ArduPlane 4.6.2: it armed and took off seconds after MANUAL was selected."""
+    """ArduPlane 4.6.2 armed and took off seconds after MANUAL was selected (observed)."""
     flight = Flight(load_scenario("default"), land)
     flight.handle(ModeChanged(flight.at_us, "hawk", 11, False, "return"))
     (mission,) = uploads(flight.at_height(0.0))
@@ -353,7 +353,7 @@ def test_what_arducopter_reports_of_an_upload_of_the_service_is_no_alarm(land: L
     for (announcement,) in (during, reported(1.0)):
         assert isinstance(announcement, Announce)
         assert announcement.level == "info"
-    assert kinds(reported(10.0)) == [Announce, RaiseAlarm]  # by another station
+    assert kinds(reported(10.0)) == [Announce, RaiseAlarm]  # ordered by another station
 
 
 def test_a_vehicle_on_the_ground_in_its_mission_has_no_wrong_airspeed(land: Landscape) -> None:

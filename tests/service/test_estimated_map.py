@@ -1,4 +1,4 @@
-"""The map of a burn shows the fire that plans are made on, with what is not sure of it."""
+"""The map of a burn shows the fire for which plans are made, and its uncertainty."""
 
 import asyncio
 
@@ -6,9 +6,9 @@ import numpy as np
 
 from mission_service.config.scenario import load_scenario
 from mission_service.events import Corrected
+from mission_service.fire.burn_forecast import EstimatedForecasts
 from mission_service.fire.estimated_fire import EstimatedFire
-from mission_service.fire.estimated_forecast import EstimatedForecasts
-from mission_service.fire.setup import landscape_of, weather_of
+from mission_service.fire.scenario_fire import landscape_of, weather_of
 
 
 def test_the_estimate_is_shown_and_a_correction_reduces_its_uncertainty_nearby() -> None:

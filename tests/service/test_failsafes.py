@@ -1,4 +1,4 @@
-"""What the service does, and leaves alone, when a vehicle's autopilot or pilot takes it over."""
+"""Behaviour of the service when a vehicle's autopilot or pilot takes control."""
 
 import errno
 import os
@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from autopilot_bridge.links.link import MemoryLink
+from autopilot_bridge.links.memory_link import MemoryLink
 from mission_service.commands import (
     AnyCommand,
     DirectionDecision,
@@ -47,7 +47,7 @@ def on(stack: str) -> str:
 
 
 def times_s(lines: list[AnyEvent | AnyCommand], kind: type[AnyCommand]) -> list[float]:
-    """When commands of a kind left, by the event that each follows."""
+    """Return the times of commands of a type, by the event that each follows."""
     found, at_s = [], 0.0
     for line in lines:
         if hasattr(line, "at_us"):
@@ -58,7 +58,7 @@ def times_s(lines: list[AnyEvent | AnyCommand], kind: type[AnyCommand]) -> list[
 
 
 def alarm(flight: Flight, name: str) -> str:
-    """The words of an alarm of hawk's; empty where there is none."""
+    """Return the text of an alarm of hawk; empty if there is none."""
     raised = flight.state_view.alarms.get(f"{name}/hawk")
     return "" if raised is None else raised.text
 
@@ -80,7 +80,7 @@ def test_ordered_home_after_a_refused_start_it_lands_and_stays(fly: Fly) -> None
     flight.run(400.0)
     order(flight, "hold")
     flight.run(10.0)
-    # A start that is refused in flight, as PX4 1.17 and ArduPlane 4.6.2 did.
+    # A start that is refused in flight, as by PX4 1.17 and ArduPlane 4.6.2.
     order(flight, "resume")
     refused = CommandFinished(flight.now_us, "hawk", "start mission", False, "denied")
     flight.sim.service.handle_events([refused], flight.sim.link_us)
@@ -107,7 +107,7 @@ def test_an_engine_failure_is_reported_and_the_vehicle_left_alone(fly: Fly, stac
     failed_s = flight.now_s
     flight.sim.rigs[0].mock.flight.fail_engine(True)
     flight.run(4.0)
-    # 2.4 m/s when it is noticed in level flight, 3 m/s when it is noticed in a climb.
+    # Sink rates at detection: 2.4 m/s in level flight, 3 m/s in a climb.
     assert re.match(r"hawk: sinks by (2\.4|3) m/s at 100 % of throttle", alarm(flight, "thrust"))
     assert flight.state_view.alarms["thrust/hawk"].severity == "severe"
     for kind in (Hold, StartMission):
@@ -127,7 +127,7 @@ def test_in_a_failsafe_it_is_left_until_an_order_is_confirmed(fly: Fly, stack: s
     assert "not ordered" in alarm(flight, "mode")
     assert alarm(flight, "autopilot")
     assert flight.state_view.alarms["front/hawk"].severity == "severe"
-    # Neither the service's own order at its end, nor an abort, nor an unconfirmed order ends it.
+    # The order at the end of the service, an abort and an unconfirmed order do not end it.
     (left,) = order(flight, "hold", by=SERVICE)
     assert "stays in mode" in left
     flight.run(5.0)
@@ -135,7 +135,7 @@ def test_in_a_failsafe_it_is_left_until_an_order_is_confirmed(fly: Fly, stack: s
     flight.run(5.0)
     (question,) = order(flight, "hold")
     assert question.startswith("confirm:")
-    assert flight.state_view.vehicles["hawk"].order == "hold"  # the abort's
+    assert flight.state_view.vehicles["hawk"].order == "hold"  # the hold of the abort
     flight.run(20.0)
     assert flight.mode == "return"
     order(flight, "hold", confirmed=True)
@@ -163,7 +163,7 @@ def test_a_breached_fence_is_reported_and_the_vehicle_left_alone(fly: Fly, stack
 
 
 def test_a_fence_that_holds_it_right_after_an_upload_is_reported_too(fly: Fly) -> None:
-    """A hold by then may be the upload's: the state that follows it decides (PX4 1.17)."""
+    """The hold may belong to the upload; the state reported after it decides (PX4 1.17)."""
     flight = fly(on("px4"))
     flight.run(400.0)
     uploads = flight.state_view.vehicles["hawk"].uploads_accepted
@@ -181,7 +181,7 @@ def test_a_fence_that_holds_it_right_after_an_upload_is_reported_too(fly: Fly) -
 def test_without_a_fix_nothing_is_decided_seen_or_sent(fly: Fly) -> None:
     flight = fly()
     flight.run(500.0)
-    # Positions go on, dead-reckoned: seen for a minute on ArduPlane 4.6.2 and PX4 1.17.
+    # Dead-reckoned positions continue: for a minute on ArduPlane 4.6.2 and PX4 1.17 (observed).
     lost = GpsFixChanged(flight.now_us, "hawk", False, "no fix")
     flight.sim.service.handle_events([lost], flight.sim.link_us)
     began_s, seen = flight.now_s, flight.state_view.statistics.observations
@@ -224,7 +224,7 @@ def test_a_refused_mission_is_not_proposed_again_while_nothing_differs(fly: Fly)
     first = flight.state_view.missions["hawk"].proposed
     assert first is not None
     flight.submit(MissionRefused(flight.now_us, *ANN, "hawk", first.mission_hash))
-    flight.run(300.0)  # it stands on the ground: nothing differs
+    flight.run(300.0)  # on the ground there is no difference
     assert flight.state_view.missions["hawk"].proposed is None
     flight.submit(MissionRequested(flight.now_us, *ANN, "hawk"))
     flight.run(5.0)
@@ -234,7 +234,7 @@ def test_a_refused_mission_is_not_proposed_again_while_nothing_differs(fly: Fly)
 
 
 def test_a_hold_that_has_no_answer_yet_is_not_repeated(fly: Fly) -> None:
-    """A repeat would take the place of the one under way, and neither is ever acknowledged."""
+    """A repetition would replace the command in progress, and neither would be acknowledged."""
     flight = fly()
     flight.run(400.0)
     flight.sim.rigs[0]._up = MemoryLink(loss=1.0)
@@ -291,7 +291,7 @@ def test_a_text_of_the_autopilot_is_one_printable_line() -> None:
 
 
 def test_a_vehicle_on_the_ground_in_its_mission_is_reported(fly: Fly) -> None:
-    """A failed engine shows in neither stack's texts: PX4 1.17 sank and landed in its mission."""
+    """Neither stack sends a text about a failed engine: PX4 1.17 sank and landed in its mission."""
     flight = fly()
     flight.run(500.0)
     assert alarm(flight, "front") == ""
@@ -308,7 +308,7 @@ def test_a_vehicle_on_the_ground_in_its_mission_is_reported(fly: Fly) -> None:
 def test_an_abort_leaves_a_failsafe_that_could_not_be_recorded(
     fly: Fly, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """On a full disk the core follows nothing; the newest mode is the autopilot's own report."""
+    """On a full disk the core processes no events; the newest mode is from the autopilot itself."""
     flight = fly()
     flight.run(400.0)
     write = os.write

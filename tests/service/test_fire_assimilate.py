@@ -1,4 +1,4 @@
-"""``fire assimilate``: scores of forecasts from perimeter to perimeter, and bad input."""
+"""``fire assimilate``: scores of forecasts between perimeters, and invalid input."""
 
 import json
 from datetime import UTC, datetime, timedelta
@@ -27,8 +27,8 @@ CELLS, CELL_M = 80, 30.0
 LAND = flat_landscape(CELLS, CELLS, CELL_M, 37.0, -120.0, 100.0, 2)
 WIND = WeatherStream([Weather(0.0, 3.0, 270.0, 6.0, 7.0, 8.0, 60.0, 90.0)])
 MIDDLE_M = LAND.xy_of(CELLS / 2, CELLS / 2)
-WHOLE = box(*(LAND.xy_of(100, -20)), *(LAND.xy_of(-20, 100)))  # more than the landscape
-RATE = 0.4  # of the simulated fire, relative to the model
+WHOLE = box(*(LAND.xy_of(100, -20)), *(LAND.xy_of(-20, 100)))  # larger than the landscape
+RATE = 0.4  # spread rate of the simulated fire, relative to the model
 ZERO = datetime(2021, 7, 1, 20, tzinfo=UTC)
 TIMES_S = tuple(1800.0 + 1200.0 * number for number in range(4))
 SCENARIO = """\
@@ -60,7 +60,7 @@ Timed = tuple[float, BaseGeometry]  # time in s, area in the landscape's CRS
 
 @cache
 def mapped() -> tuple[Timed, ...]:
-    """The perimeters of a fire that spreads more slowly than the model expects."""
+    """Return the perimeters of a fire that spreads more slowly than the model expects."""
     fire = AnyAngleFire(LAND, WIND, [(CELLS // 2, CELLS // 3, 0.0)])
     fire.perturb(1.0, 0.0, RATE)
     fire.advance(TIMES_S[-1])
@@ -94,7 +94,7 @@ def run(
 def scores(
     folder: Path, perimeters: tuple[Timed, ...], scenario: str = SCENARIO
 ) -> tuple[list[dict[str, Any]], str]:
-    """The scores of the forecasts, and the warnings."""
+    """Return the scores of the forecasts, and the warnings."""
     result = run(folder, perimeters, scenario=scenario)
     return json.loads(result.stdout)["intervals"], result.stderr
 
@@ -139,11 +139,11 @@ def test_threads_and_repetition_do_not_change_the_result(tmp_path: Path) -> None
 def test_a_forecast_does_not_learn_from_later_perimeters() -> None:
     estimate = FireEstimate(LAND, WIND, settings=EstimateSettings(8, 5))
     first, second, third = (mapped_perimeter(area, LAND, at_s) for at_s, area in mapped()[:3])
-    estimate.observe(first)
-    estimate.observe(second)
+    estimate.assimilate(first)
+    estimate.assimilate(second)
     forecast = estimate.forecast(third.at_s)
     before = forecast.burn_probability(third.at_s)
-    estimate.observe(third)
+    estimate.assimilate(third)
     np.testing.assert_array_equal(forecast.burn_probability(third.at_s), before)
 
 
@@ -151,10 +151,10 @@ def test_a_refused_perimeter_changes_no_rates() -> None:
     one, other = (FireEstimate(LAND, WIND, settings=EstimateSettings(8, 5)) for _ in range(2))
     for each in (one, other):
         for at_s, area in mapped()[:2]:
-            each.observe(mapped_perimeter(area, LAND, at_s))
+            each.assimilate(mapped_perimeter(area, LAND, at_s))
     whole = mapped_perimeter(WHOLE, LAND, TIMES_S[2], source="map 3")
     with pytest.raises(FireModelError, match="map 3: burning: no outline"):
-        one.observe(whole)
+        one.assimilate(whole)
     until_s = TIMES_S[3]
     np.testing.assert_array_equal(
         one.forecast(until_s).burn_probability(until_s),

@@ -1,4 +1,4 @@
-"""``fire run``, ``fire info`` and ``bench fire`` from files to files."""
+"""``fire run``, ``fire info`` and ``bench fire``: from input files to output files."""
 
 import json
 import shutil
@@ -47,7 +47,7 @@ WALL = TIFFS + 'barriers = ["wall.geojson"]\n'
 
 
 def burn(scenario: Path, out: Path, *options: str) -> dict[str, Any]:
-    """The summary of a run that must work."""
+    """Return the summary of a run that must succeed."""
     result = call("fire", "run", str(scenario), "-o", str(out), "--json", *options)
     assert result.exit_code == 0, result.output
     found: dict[str, Any] = json.loads(result.stdout)
@@ -61,7 +61,7 @@ def raster(path: Path) -> NDArray[np.float32]:
 
 
 def arrival_s(out: Path) -> NDArray[np.float32]:
-    """-1 where the fire did not come."""
+    """Return the arrival times; -1 in unburned cells."""
     return raster(out / "arrival_time_s.tif")
 
 
@@ -117,7 +117,7 @@ def test_a_stack_by_its_bands_and_units(tmp_path: Path) -> None:
     two = burn(write_scenario(site), tmp_path / "two")
     assert stacked["burned_cells"] == pytest.approx(two["burned_cells"], rel=0.02)
     steeper = write_scenario(site, stack + 'units = {slope = "degrees"}\n', CSV, POINT)
-    # Most of what burns lies downhill of the ignition.
+    # Most of the burned area is downhill of the ignition.
     assert burn(steeper, tmp_path / "steeper")["burned_cells"] < 0.95 * two["burned_cells"]
 
 
@@ -298,7 +298,7 @@ def test_every_command_explains_itself(command: str) -> None:
 
 
 def refused(scenario: Path, *options: str) -> str:
-    """The one line of ``fire run`` when it ends with exit code 1."""
+    """Return the only line of ``fire run`` when it ends with exit code 1."""
     out = ("-o", str(scenario.parent / "out"))
     result = call("fire", "run", str(scenario), *out, *options)
     assert result.exit_code == 1, result.output
@@ -313,8 +313,8 @@ def refused(scenario: Path, *options: str) -> str:
     [
         ("rows = 50", 'landscape: rows has no effect with source = "files"'),
         ('units = {slop = "percent"}', "units: layer 'slop' is unknown"),
-        ('units = {slope = "percent"}', "units: slope has one, but no band is that layer"),
-        ('units = {fuel = "m"}', "units: fuel has none"),
+        ('units = {slope = "percent"}', "units: slope has a unit, but no band is this layer"),
+        ('units = {fuel = "m"}', "units: the layer fuel has no units"),
         ("nodata = inf", "landscape.nodata"),
         ('fuel = "."', "landscape.fuel: is a folder, not a file"),
     ],
@@ -400,7 +400,7 @@ def test_info_refuses_words_it_would_not_use(tmp_path: Path) -> None:
     assert "none.geojson: has no features" in empty.stdout
     assert "is a folder; give a file" in call("fire", "info", str(tmp_path)).stdout
     write_raster(tmp_path / "c.tif", HEIGHTS.astype(np.complex64))
-    assert "c.tif: holds complex numbers" in call("fire", "info", str(tmp_path / "c.tif")).stdout
+    assert "c.tif: contains complex numbers" in call("fire", "info", str(tmp_path / "c.tif")).stdout
 
 
 def test_netcdf_is_written_on_request(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""``fire run`` and ``fire info`` on files of FARSITE, Cell2Fire and of perimeters as they are."""
+"""``fire run`` and ``fire info`` with original files of FARSITE, Cell2Fire and of perimeters."""
 
 import json
 from pathlib import Path
@@ -32,7 +32,7 @@ WIND = '[weather_file]\npath = "case.input"\n'
 
 
 def test_custom_fuel_rate_factors_and_an_inputs_file_change_the_fire(tmp_path: Path) -> None:
-    """Code 20 stands for 2; the same model burns the same area, with factor 0.5 less."""
+    """Code 20 replaces 2; the same model burns the same area, and less with the factor 0.5."""
     site = write_site(tmp_path)
     (site / "case.input").write_text(INPUTS, encoding="utf-8")
     (site / "own.fmd").write_text(ENGLISH, encoding="utf-8")
@@ -127,7 +127,7 @@ def test_keys_without_effect_are_refused(
 
 
 def test_fuel_codes_survive_a_journal(tmp_path: Path) -> None:
-    """A journal holds the scenario as JSON, whose keys are texts."""
+    """A journal contains the scenario as JSON, in which keys are texts."""
     fuel = TIFFS + "fuel_codes = {256 = 91}\n"
     scenario = load_scenario(str(write_scenario(write_site(tmp_path), fuel, CSV, POINT)))
     again = Scenario.model_validate(json.loads(scenario.model_dump_json()))
@@ -155,7 +155,7 @@ def test_codes_of_canada_are_named_by_info(tmp_path: Path) -> None:
 
 
 def test_a_geopackage_on_a_projection_without_a_code(tmp_path: Path) -> None:
-    """The summary of ``config check`` has a short label for the projection, not its WKT."""
+    """The summary of ``config check`` contains a short label of the projection, not its WKT."""
     crs = "+proj=lcc +lat_1=33 +lat_2=45 +lat_0=36 +lon_0=-87 +datum=WGS84 +units=m"
     grid = {"crs": crs, "transform": rasterio.Affine(30.0, 0.0, 0.0, 0.0, -30.0, 600.0)}
     write_site(tmp_path)

@@ -1,4 +1,4 @@
-"""The on-board map: what a camera window does to outer and inner cells."""
+"""The on-board map: the effect of a camera window on outer and inner cells."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ from mission_service.guidance.fire_map import (
 
 
 def disc(radius: float, size: int = 61) -> np.ndarray:
-    """A round fire in the middle of a square world seen whole."""
+    """Return a whole image of a round fire in the middle of a square landscape."""
     rows, cols = np.indices((size, size)) - size // 2
     return np.where(np.hypot(rows, cols) <= radius, BURNED, UNBURNED).astype(np.uint8)
 
@@ -41,7 +41,7 @@ def test_burned_ground_at_the_edge_of_the_view_is_not_front() -> None:
 
 def test_a_round_fire_seen_whole_is_a_round_map() -> None:
     seen = fresh_map()
-    in_view = seen.observe(0, 0, disc(15.0), 600.0)
+    in_view = seen.add_window(0, 0, disc(15.0), 600.0)
     assert in_view.all()
     assert seen.complete
     assert np.abs(seen.outer - 15.0).max() < 1.1
@@ -51,24 +51,24 @@ def test_a_round_fire_seen_whole_is_a_round_map() -> None:
 
 def test_spread_rate_is_measured_between_visits() -> None:
     seen = fresh_map()
-    seen.observe(0, 0, disc(10.0), 1000.0)
-    seen.observe(0, 0, disc(20.0), 2000.0)
+    seen.add_window(0, 0, disc(10.0), 1000.0)
+    seen.add_window(0, 0, disc(20.0), 2000.0)
     assert seen.inner_at_s == pytest.approx(1000.0)
     assert seen.spread_rate_cells_s(10).mean() == pytest.approx(0.01, rel=0.05)
 
 
 def test_the_damped_map_does_not_measure_between_looks_seconds_apart() -> None:
     seen = fresh_map(baseline_s=300.0)
-    seen.observe(0, 0, disc(10.0), 1000.0)
-    seen.observe(0, 0, disc(11.0), 1010.0)
+    seen.add_window(0, 0, disc(10.0), 1000.0)
+    seen.add_window(0, 0, disc(11.0), 1010.0)
     assert seen.inner_at_s == pytest.approx(0.0)
     assert (seen.outer_at_s - seen.inner_at_s >= 300.0).all()
 
 
 def test_the_literal_map_does() -> None:
     seen = fresh_map(baseline_s=0.0)
-    seen.observe(0, 0, disc(10.0), 1000.0)
-    seen.observe(0, 0, disc(11.0), 1010.0)
+    seen.add_window(0, 0, disc(10.0), 1000.0)
+    seen.add_window(0, 0, disc(11.0), 1010.0)
     moved = seen.inner_at_s == 1000.0
     assert moved.mean() > 0.8
     assert seen.spread_rate_cells_s()[moved].mean() == pytest.approx(0.1, rel=0.3)
@@ -78,10 +78,10 @@ def test_an_unburned_island_behind_the_front_is_not_the_perimeter() -> None:
     window = disc(15.0)
     window[20:23, 30] = UNBURNED  # seven to ten cells north of the centre
     seen = fresh_map()
-    seen.observe(0, 0, window, 600.0)
+    seen.add_window(0, 0, window, 600.0)
     assert seen.outer[0] == pytest.approx(15.0, abs=1.0)
-    # A later look at the island alone, with the front out of view.
-    in_view = seen.observe(18, 27, window[18:26, 27:34], 700.0)
+    # A later image of the island only, without the front.
+    in_view = seen.add_window(18, 27, window[18:26, 27:34], 700.0)
     assert not in_view.any()
     assert seen.outer[0] == pytest.approx(15.0, abs=1.0)
 
@@ -89,7 +89,8 @@ def test_an_unburned_island_behind_the_front_is_not_the_perimeter() -> None:
 def test_only_what_is_in_the_window_is_learnt() -> None:
     seen = fresh_map()
     world = disc(15.0)
-    in_view = seen.observe(10, 25, world[10:20, 25:36], 600.0)  # a look at the northern edge
+    # An image of the northern edge.
+    in_view = seen.add_window(10, 25, world[10:20, 25:36], 600.0)
     assert in_view[0]
     assert not in_view[90:270].any()
     assert np.isnan(seen.outer[90:270]).all()
@@ -108,13 +109,13 @@ def test_smoothing_keeps_the_mean(values: list[float], half_width: int) -> None:
 
 
 def test_a_flank_that_runs_outwards_is_no_island() -> None:
-    """A strip to the north, whose flank passes many cells on a bearing.
+    """A strip extends to the north; its flank passes many cells on one bearing.
 
-    Found in flight: a cell counted as burned on its neighbours' bearings but as front only on its
-    own, so that such a flank grew old under the cameras and a team's planner went to and fro.
+    Found in flight: a cell counted as burned on its neighbours' bearings, but as front only on its
+    own. The map of such a flank was not updated, and a team's planner flew back and forth.
     """
     cells = np.full((60, 60), UNBURNED, np.uint8)
     cells[10:51, 28:33] = BURNED
     strip = FireMap((60, 60), 50.0, 30.0, 0.0, 600.0)
-    assert strip.observe(0, 0, cells, 100.0)[:12].all()
+    assert strip.add_window(0, 0, cells, 100.0)[:12].all()
     assert (np.diff(strip.outer[3:12]) <= 0.0).all()

@@ -1,4 +1,4 @@
-"""``fire run --members``: probabilities in files, the same bytes however they were computed."""
+"""``fire run --members``: probabilities in files, with equal bytes for any number of threads."""
 
 import json
 import os
@@ -38,13 +38,13 @@ NAMES = {*MAPS, *STYLES, "map.png", "summary.json", "members"}
 
 
 def files_in(out: Path) -> dict[str, bytes]:
-    """The content of each member's file and of each map."""
+    """Return the content of each member's file and of each map."""
     paths = [*sorted((out / "members").glob("*.npz")), *(out / name for name in sorted(MAPS))]
     return {path.name: path.read_bytes() for path in paths}
 
 
 def refused(*options: str) -> str:
-    """The one line that a refused command prints."""
+    """Return the only line that a refused command prints."""
     result = call("fire", "run", *options)
     assert result.exit_code in (1, 2)
     assert "Traceback" not in result.output
@@ -63,7 +63,7 @@ def test_members_of_files_give_maps_that_agree_with_each_other(tmp_path: Path) -
     assert np.allclose(share * 21, np.rint(share * 21), atol=1e-4)
     assert 0.9 < share.max() <= 1.0
     first, median, late = (raster(out / f"arrival_time_p{p}_s.tif") for p in (10, 50, 90))
-    assert np.array_equal(first >= 0, np.rint(share * 21) >= 3)  # 2.1 members at least
+    assert np.array_equal(first >= 0, np.rint(share * 21) >= 3)  # burned in at least 2.1 members
     assert np.array_equal(median >= 0, np.rint(share * 21) >= 11)
     assert np.array_equal(late >= 0, np.rint(share * 21) >= 19)
     assert (first[late >= 0] <= median[late >= 0]).all()

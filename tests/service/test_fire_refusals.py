@@ -1,4 +1,4 @@
-"""Bad input and interruptions of the fire commands: one line, an exit code, nothing lost."""
+"""Invalid input and interruptions of fire commands: one line, an exit code, and no lost result."""
 
 import json
 from pathlib import Path
@@ -15,7 +15,7 @@ WIND = "weather.0.wind_speed_m_s"
 
 
 def refused(exit_code: int, *arguments: str) -> str:
-    """The only line of the error of a command (after the usage, if an option is wrong)."""
+    """Return the only line of a command's error (after the usage, if an option is wrong)."""
     result = call("fire", *arguments)
     assert result.exit_code == exit_code, result.output
     lines = [line for line in result.stderr.splitlines() if not line.startswith("Warning: ")]

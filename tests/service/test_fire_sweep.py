@@ -1,4 +1,4 @@
-"""``fire sweep``: a scenario for all combinations of values."""
+"""``fire sweep``: simulations for all combinations of values."""
 
 import csv
 import json

@@ -1,4 +1,4 @@
-"""Warnings about the scenario and about the edge: commands, journal, state, restart, report."""
+"""Warnings about the scenario and the edge, in commands, journal, state, restart and report."""
 
 import json
 from pathlib import Path
@@ -58,7 +58,7 @@ def scenario(folder: Path, dead_1h_pct: float = 6.0, lat_deg: float = 36.353) ->
 
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
-    """The folder of a short flight in which the fire reaches the edge, and its progress."""
+    """Return the folder and announcements of a flight in which the fire reaches the edge."""
     folder = tmp_path_factory.mktemp("edge")
     found = call("sim", str(scenario(folder, dead_1h_pct=0.06)), "--out", str(folder), "--json")
     assert found.exit_code == 0, found.output
@@ -81,7 +81,7 @@ def test_the_journal_has_the_first_time_at_which_the_edge_burns(flown: tuple[Pat
     journal = flown[0] / "journal.jsonl"
     (event,) = reports(journal)
     assert (event.by, event.station, event.may_approve) == (SERVICE, "", False)
-    assert event.at_us - 61_100_000 <= event.arrived_at_us <= event.at_us  # a check a minute
+    assert event.at_us - 61_100_000 <= event.arrived_at_us <= event.at_us  # one check a minute
     past = past_run(JournalReader(journal))
     fire, landscape = past.estimate.fire, past.estimate.landscape
     row, _ = landscape.cell_of_lat_lon(event.lat_deg, event.lon_deg)

@@ -1,4 +1,4 @@
-"""The paper's virtual forces (eqs. 5 to 13), one by one and together."""
+"""The paper's virtual forces (eqs. 5 to 13), each alone and all together."""
 
 import math
 
@@ -34,7 +34,7 @@ def velocity(
     constants: Constants = PLAIN,
     tie: float = 0.5,
 ) -> tuple[float, float]:
-    """Of an agent at a place from the fire's centre, among others; a round fire."""
+    """Return the velocity of an agent at a place from the centre of a round fire, among others."""
     others = MIDDLE_M + np.array(others_m or [], dtype=np.float64).reshape(-1, 2)
     found = velocity_of_forces(
         MIDDLE_M + x_m, MIDDLE_M + y_m, others[:, 0].copy(), others[:, 1].copy(),
@@ -52,11 +52,12 @@ def test_constants_go_to_an_array_in_their_order() -> None:
 def test_a_far_agent_is_drawn_to_the_centre_with_c2_and_one_in_the_area_with_c1() -> None:
     assert velocity(-800.0, 0.0) == pytest.approx((15.0, 0.0))  # eq. 5
     assert velocity(0.0, 500.0) == pytest.approx((0.0, -2.0))
-    assert velocity(-5000.0, 0.0) == pytest.approx((15.0, 0.0))  # off the map is not in the area
+    # Places off the map are not in the area.
+    assert velocity(-5000.0, 0.0) == pytest.approx((15.0, 0.0))
 
 
 def test_in_the_augmentation_it_is_pushed_out_with_c4() -> None:
-    assert velocity(100.0, 0.0) == pytest.approx((16.0, 0.0))  # eq. 9: 18 out, 2 in
+    assert velocity(100.0, 0.0) == pytest.approx((16.0, 0.0))  # eq. 9: 18 cells outside, 2 inside
 
 
 def test_others_push_with_the_power_of_the_overlap_in_cells_of_ten_metres() -> None:
@@ -65,7 +66,7 @@ def test_others_push_with_the_power_of_the_overlap_in_cells_of_ten_metres() -> N
     east, north = velocity(0.0, 500.0, [(near_m, 500.0)], cubic)
     assert (east, north) == pytest.approx((-0.5 * 3.0**2, -2.0))  # eqs. 6, 7
     assert velocity(0.0, 500.0, [(SPACING_M, 500.0)], cubic) == pytest.approx((0.0, -2.0))
-    # A root of a negative overlap would be no number.
+    # The square root of a negative overlap would be NaN.
     root = Constants(c1=2.0, c3=1.0, e3=0.5, t1=0.0)
     assert velocity(0.0, 500.0, [(near_m, 500.0)], root)[0] == pytest.approx(-math.sqrt(3.0))
 
@@ -84,7 +85,7 @@ def test_weak_forces_are_ignored() -> None:
 
 
 def test_out_of_a_local_minimum_it_goes_anticlockwise_around_the_fire() -> None:
-    # Another between it and the fire pushes with 12 cells, the fire draws with as much.
+    # An agent between it and the fire repels with 12 cells, and the fire attracts equally.
     stuck = Constants(c1=12.0, c3=1.0, e3=1.0, c5=5.0, t1=1.0, t2=8.0)
     other = (300.0 - SPACING_M + 120.0, 0.0)
     assert velocity(300.0, 0.0, [other], stuck) == pytest.approx((0.0, 5.0))  # eq. 13
@@ -144,5 +145,5 @@ def test_a_team_comes_and_spreads_and_none_goes_where_it_burns() -> None:
 
 def test_steps_too_near_to_the_fire_are_counted() -> None:
     agents_m = np.array([[MIDDLE_M, 100.0], [MIDDLE_M + 10.0, 800.0]])
-    assert unrolled(agents_m.copy(), 20) == 5  # 16 m/s from 10 m to beyond 100 m
+    assert unrolled(agents_m.copy(), 20) == 5  # 16 m/s at a distance from 10 m to more than 100 m
     assert unrolled(agents_m, 3) == 3

@@ -1,4 +1,4 @@
-"""Frames that are not the vehicle's, on unsigned links: the real daemon, real UDP sockets."""
+"""Forged frames on unsigned links, with the real daemon and real UDP sockets."""
 
 import json
 import select
@@ -19,6 +19,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from autopilot_bridge.links.codec import Codec, Message
 from autopilot_bridge.links.framing import V2
 from mission_service.replay.verification import verify
+from tests.patience import PATIENCE_S
 from tests.service.test_live import free_port, mock, process
 
 DAYS_30_MS = 30 * 24 * 3600 * 1000
@@ -27,7 +28,7 @@ LON_DEG = -84.132
 
 
 class Run:
-    """A daemon with its HTTP interface, seen from outside."""
+    """A daemon with its HTTP interface, observed from outside."""
 
     def __init__(self, folder: Path, scenario: str = "default", *changes: str) -> None:
         self.port, self.http = free_port(), free_port()
@@ -45,7 +46,7 @@ class Run:
             self.arguments += ["--set", change]
 
     def wait_for(self, what: Callable[[], bool], within_s: float = 300.0) -> None:
-        """Fails when the daemon ends, or when it takes too long."""
+        """Wait for a condition; fail if the daemon ends or if it takes too long."""
         assert self.daemon is not None
         end_s = time.monotonic() + within_s
         while not what():
@@ -63,7 +64,7 @@ class Run:
             f"http://127.0.0.1:{self.http}/api/v1/state",
             headers={"Authorization": f"Bearer {token}"},
         )
-        with urllib.request.urlopen(request, timeout=60) as answer:
+        with urllib.request.urlopen(request, timeout=PATIENCE_S) as answer:
             return {alarm["alarm"] for alarm in json.load(answer)["alarms"]}
 
     def events(self, kind: str) -> list[dict[str, Any]]:
@@ -73,7 +74,7 @@ class Run:
         return [event for event in recorded if event.get("type") == kind]
 
     def flies_on(self, positions: int) -> None:
-        """Wait until so many more positions were used."""
+        """Wait until this number of further positions was used."""
         before = len(self.events("Telemetry"))
         self.wait_for(lambda: len(self.events("Telemetry")) >= before + positions)
 
@@ -84,7 +85,7 @@ class Run:
         assert "Traceback" not in self.log.read_text(encoding="utf-8")
 
     def check_places_and_times(self) -> None:
-        """No position and no time came from what was forged, and nothing was restarted."""
+        """Check that no forged position or time was used, and that no restart was detected."""
         places = self.events("Telemetry")
         assert all(place["at_us"] < 100_000 * 1e6 for place in places)
         assert all(abs(place["lat_deg"] - FAR_LAT_DEG) > 1e-4 for place in places)
@@ -94,7 +95,7 @@ class Run:
 
 
 class Forger:
-    """Sends as a vehicle from a socket of its own."""
+    """Sends frames as a vehicle from a separate socket."""
 
     def __init__(self, port: int, system_id: int = 1) -> None:
         self._codec = Codec(system_id, 1)
@@ -111,7 +112,7 @@ class Forger:
 
 
 class Relay:
-    """Between a vehicle and the daemon; what is forged comes from the vehicle's own remote."""
+    """A relay between a vehicle and the daemon; forged frames have the vehicle's own remote."""
 
     def __init__(self, port: int) -> None:
         self._to = ("127.0.0.1", port)
@@ -124,7 +125,7 @@ class Relay:
         self._vehicle: Any = None
         self._ends = threading.Event()
         self.boot_ms = 0
-        self.positions = 0  # of the vehicle, so far
+        self.positions = 0  # frames of the vehicle so far
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
@@ -153,7 +154,7 @@ class Relay:
 
 
 class Passed:
-    """Whether the relay has passed on so many positions of the vehicle since."""
+    """Whether the relay has passed on this number of the vehicle's positions since then."""
 
     def __init__(self, relay: Relay, count: int) -> None:
         self._relay = relay
@@ -202,7 +203,7 @@ def test_what_cannot_be_of_the_vehicles_own_remote_is_not_used(tmp_path: Path) -
     ):
         run.wait_for(run.logged("start mission: accepted"))
         run.flies_on(200)
-        relay.send(position(DAYS_30_MS))  # one alone
+        relay.send(position(DAYS_30_MS))  # a single message
         for number in range(10):
             relay.send(position(relay.boot_ms + DAYS_30_MS + 5000 * number))
             relay.send(position(0))
@@ -224,14 +225,14 @@ def test_a_takeover_of_a_silent_vehicle_raises_an_alarm(tmp_path: Path) -> None:
             run.wait_for(run.logged("start mission: accepted"))
         run.wait_for(run.logged("link lost"))
         with closing(Forger(run.port)) as forger:
-            forger.send(position(DAYS_30_MS))  # no heartbeat: not taken
+            forger.send(position(DAYS_30_MS))  # an address without a heartbeat is not accepted
 
             def restored() -> bool:
                 forger.send(heartbeat(armed=True))
                 return run.logged("link restored")()
 
-            run.wait_for(restored)  # once the vehicle has been silent for long enough
-            run.wait_for(run.logged(f"messages arrive from {forger.address} now"))
+            run.wait_for(restored)  # when the vehicle has been silent for long enough
+            run.wait_for(run.logged(f"messages now arrive from {forger.address}"))
             assert "source/hawk" in run.alarms()
             forger.send(position(DAYS_30_MS))
             run.wait_for(run.logged("jumped"))

@@ -1,11 +1,11 @@
-"""A flight with forged frames is the flight without; ``benchmarks.forged_frames`` has 1 M."""
+"""A flight with forged frames equals the flight without; ``benchmarks.forged_frames`` sends 1 M."""
 
 from pathlib import Path
 
 import pytest
 
 from autopilot_bridge.clients.shared_link import SharedLink
-from autopilot_bridge.missions.value_bounds import BOUNDS
+from autopilot_bridge.links.message_bounds import BOUNDS
 from autopilot_bridge.vehicle.plausibility import BootClock
 from benchmarks.forged_frames import READ, compared
 from mission_service.config.scenario import load_scenario
@@ -29,7 +29,7 @@ def test_forged_frames_change_nothing_but_alarms(scenario: str, seed: int, tmp_p
 def test_the_comparison_finds_what_gets_through(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """With each of the guards taken away something is different."""
+    """If any of the guards is removed, the comparison finds a difference."""
     flight = load_scenario("default", CHANGES)
     for guard, name, broken in (
         (SharedLink, "_is_accepted", lambda *_: True),

@@ -1,4 +1,4 @@
-"""One UAV's agent: its virtual agent, its orbit, its messages, heat, home."""
+"""The agent of one UAV: its virtual agent, orbit, messages, heat, return."""
 
 import math
 from dataclasses import replace
@@ -20,18 +20,18 @@ SETTINGS = Settings()
 
 
 def agent_of(name: str = "hawk", **options: object) -> Agent:
-    """An agent whose map has one burning cell in the middle."""
+    """Return an agent whose map has one burning cell in the middle."""
     return Agent(name, SETTINGS, GRID, np.array([MIDDLE]), 0, **options)  # type: ignore[arg-type]
 
 
 def own_at(at_s: float, x_m: float, y_m: float, **more: object) -> OwnState:
-    """Flying north at cruise."""
+    """Return the own state: flying north at cruise speed."""
     speed = SETTINGS.airframe.cruise_m_s
     return OwnState(round(at_s * 1e6), x_m, y_m, 300.0, 0.0, speed, speed, **more)  # type: ignore[arg-type]
 
 
 def state_of(name: str, at_s: float, x_m: float, y_m: float) -> State:
-    """Another one that circles where its agent is."""
+    """Return the state of another UAV that circles around its agent."""
     speed = SETTINGS.airframe.cruise_m_s
     return State(
         round(at_s * 1e6), name, x_m, y_m, 300.0, 0.0, speed, x_m - 150.0, y_m, x_m - 150.0, y_m,
@@ -114,7 +114,7 @@ def test_it_climbs_from_heat_and_comes_down_when_it_has_been_cool_for_a_while() 
         agent.step(own_at(tick / 2.0, -600.0, 0.0, hot=tick < 20)).climb_m for tick in range(120)
     ]
     assert climbs[19] == pytest.approx(20 * 0.5 * SETTINGS.airframe.climb_m_s, abs=2.0)
-    assert climbs[50] == climbs[19]  # still up
+    assert climbs[50] == climbs[19]  # still in the air
     assert climbs[-1] == 0.0
 
 
@@ -122,7 +122,7 @@ def test_on_its_way_home_it_has_no_agent_and_circles_there() -> None:
     agent = agent_of()
     agent.step(own_at(0.0, -600.0, 0.0))
     agent.go_home(-1200.0, -1200.0)
-    intention = agent.step(own_at(1.0, -600.0, 17.5))  # it thinks twice a second
+    intention = agent.step(own_at(1.0, -600.0, 17.5))  # the agent decides twice a second
     assert (intention.orbit_x_m, intention.orbit_y_m) == (-1200.0, -1200.0)
     assert math.isnan(intention.agent_x_m)
     (state,) = (m for m in agent.messages(1_000_000) if isinstance(m, State) and m.at_us)

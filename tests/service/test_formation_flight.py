@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from autopilot_bridge.missions.planfile import read_any
+from autopilot_bridge.missions.plan_file import read_any
 from firemodel.landscape.landscape import Landscape
 from mission_service.commands import (
     Announce,
@@ -34,7 +34,7 @@ from mission_service.events import (
     VehicleRebooted,
     WindMeasured,
 )
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 from mission_service.guidance.formation import members as formation_seats
 from mission_service.guidance.formation.agent import Intention, OwnState
 from mission_service.guidance.formation.manual_control import ObservedMotion, expected_orbit
@@ -46,7 +46,7 @@ LOITER_UNLIM, TAKEOFF, LAND_START = 17, 22, 189
 
 
 class Scripted:
-    """An agent scripted by the test, which records the messages to it."""
+    """An agent that is scripted by the test and records its messages."""
 
     def __init__(self, name: str, settings: Any, *rest: Any) -> None:
         self.name, self.settings = name, settings
@@ -88,7 +88,7 @@ def land() -> Landscape:
 
 
 class Flight:
-    """The scenario's first vehicle, with events of the test; a place is metres from its home."""
+    """The scenario's first vehicle with the events of a test; places are metres from its home."""
 
     def __init__(self, land: Landscape, *overrides: str) -> None:
         overrides = ("fire.initial_cells=40", *overrides)
@@ -136,7 +136,7 @@ class Flight:
         )
 
     def means(self, east_m: float, north_m: float, **others: Any) -> None:
-        """The agent means to orbit a place, from home."""
+        """Let the agent plan an orbit around a place in metres from home."""
         orbit = {"orbit_x_m": self.home_m[0] + east_m, "orbit_y_m": self.home_m[1] + north_m}
         self.agent.means = replace(self.agent.means, **orbit, **others)
 
@@ -152,7 +152,7 @@ class Flight:
         )
 
     def orbiting(self) -> Orbit:
-        """Up, taken over, on its first orbit at -800, 0."""
+        """Return a flight that is in the air, on its first orbit at -800, 0."""
         self.place_m = (0.0, 0.0)
         (mission,) = of(self.at(0.0), UploadMission)
         self.uploaded(mission)
@@ -164,7 +164,7 @@ class Flight:
         return orbit
 
     def for_s(self, seconds: float) -> list[tuple[float, AnyCommand]]:
-        """Fly on; every order is carried out at once. (When, what)."""
+        """Advance; every order is carried out at once. Returns pairs of time and order."""
         found: list[tuple[float, AnyCommand]] = []
         for _ in range(round(seconds / 0.25)):
             commands = self.at(300.0)
@@ -255,7 +255,7 @@ def test_it_follows_its_agent_from_where_it_is_clear_of_home_and_ground(land: La
     assert orbit.radius_m == -150.0
     own = flight.agent.owns[-1]
     assert (own.x_m, own.y_m) == pytest.approx((flight.home_m[0] - 800.0, flight.home_m[1]))
-    # East by true north is not quite east on the grid.
+    # East of true north is not exactly east on the grid.
     assert own.velocity_y_m_s == pytest.approx(17.5 * np.sin(np.radians(land.grid_convergence_deg)))
 
 
@@ -276,7 +276,7 @@ def test_orders_are_few_however_fast_the_agent_moves(land: Landscape) -> None:
     flight = Flight(land)
     flight.orbiting()
     found = []
-    for step in range(240):  # for a minute at 25 m/s, now fast, now slow
+    for step in range(240):  # for a minute at 25 m/s, alternately fast and slow
         flight.means(-800.0 - 6.25 * step, 0.0, airspeed_m_s=25.0 if step // 10 % 2 else 10.0)
         found += flight.for_s(0.25)
     orbits, speeds = times_s(found, Orbit), times_s(found, ChangeSpeed)
@@ -284,7 +284,7 @@ def test_orders_are_few_however_fast_the_agent_moves(land: Landscape) -> None:
     assert min(np.diff(speeds)) >= 3.0
     assert 25 <= len(orbits) <= 30
     assert 10 <= len(speeds) <= 20
-    assert len(times_s(found, UploadMission)) <= 2  # the mission on board is kept not far away
+    assert len(times_s(found, UploadMission)) <= 2  # the mission on board is kept in the vicinity
 
 
 def test_a_small_move_is_no_order_and_an_escape_is_one_at_once(land: Landscape) -> None:
@@ -301,7 +301,7 @@ def test_a_small_move_is_no_order_and_an_escape_is_one_at_once(land: Landscape) 
 
 
 def test_near_others_small_moves_are_ordered_too_and_at_once(land: Landscape) -> None:
-    """What agents have checked against each other must be what is flown."""
+    """The vehicle must fly exactly the orbits that agents have checked against each other."""
     for away_m, expected in ((400.0, 1), (600.0, 0)):
         flight = Flight(land)
         flight.orbiting()
@@ -327,7 +327,7 @@ def test_one_order_is_under_way_at_a_time_and_a_refused_one_comes_again(land: La
     flight.for_s(5.0)
     flight.means(-900.0, 0.0, airspeed_m_s=22.0)
     assert of(flight.at(300.0), Orbit)
-    assert all(flight.at(300.0) == [] for _ in range(20))  # no answer yet
+    assert all(flight.at(300.0) == [] for _ in range(20))  # no reply yet
     (announcement,) = flight.done("orbit", accepted=False)
     assert isinstance(announcement, Announce)
     assert announcement.level == "warning"
@@ -353,7 +353,7 @@ def test_speeds_keep_to_the_airframe_and_are_sent_again_in_another_mode(land: La
 def test_where_the_agent_has_settled_the_mission_loiters_until_it_moves(land: Landscape) -> None:
     flight = Flight(land)
     orbit = flight.orbiting()
-    # It is now far from the loiter of the first mission: a second one ends here in any case.
+    # It is now far from the loiter of the first mission, so a second mission ends here.
     found = flight.for_s(5.0)
     (mission,) = (command for _, command in found if isinstance(command, UploadMission))
     flight.means(-800.0, 0.0, settled=True)
@@ -366,7 +366,7 @@ def test_where_the_agent_has_settled_the_mission_loiters_until_it_moves(land: La
     assert [type(c) for _, c in found if not isinstance(c, Announce)] == [StartMission, ChangeSpeed]
     assert found[0][0] - (flight.at_s - 30.0) == pytest.approx(20.25, abs=0.3)
     assert flight.core.guidance.in_mission(flight.name)
-    assert [type(command) for _, command in flight.for_s(60.0)] == []  # and there it stays
+    assert [type(command) for _, command in flight.for_s(60.0)] == []  # the vehicle remains there
     flight.means(-850.0, 0.0, settled=False)
     assert [type(command) for _, command in flight.for_s(2.0)] == [Orbit, ChangeSpeed]
     flight.means(-850.0, 0.0, settled=True)
@@ -388,7 +388,7 @@ def test_the_mission_on_board_ends_not_far_from_where_it_is(land: Landscape) -> 
 
 
 def test_a_broken_upload_does_not_end_an_orbit(land: Landscape) -> None:
-    """Along the front it makes ArduPilot hold; on an orbit no mission is flown."""
+    """Along the front such an upload makes ArduPilot hold; on an orbit no mission is flown."""
     flight = Flight(land, "vehicles.0.stack=ardupilot")
     flight.handle(VehicleConnected(flight.at_us, flight.name, "a stack", False))
     flight.orbiting()
@@ -435,7 +435,7 @@ def test_others_receive_the_motion_of_a_vehicle_under_manual_control(land: Lands
     assert fix == pytest.approx((flight.home_m[0] - 800.0, flight.home_m[1]))
     received.clear()
     flight.handle(LinkLost(flight.at_us, flight.name, 3.0))
-    assert received == [states[-1]]  # from here on they reckon
+    assert received == [states[-1]]  # from here on, agents decide
     flight.handle(LinkRestored(flight.at_us, flight.name))
     flight.for_s(1.0)
     received.clear()
@@ -447,12 +447,12 @@ def test_others_receive_the_motion_of_a_vehicle_under_manual_control(land: Lands
 def test_the_circle_of_a_turning_vehicle_is_measured(turn_rad_s: float) -> None:
     def at(time_s: float) -> ObservedMotion:
         course = 1.0 + turn_rad_s * time_s
-        place = (200.0 * np.sin(course), -200.0 * np.cos(course))  # about 0, 0 at 20 m/s
+        place = (200.0 * np.sin(course), -200.0 * np.cos(course))  # around 0, 0 at 20 m/s
         place = place if turn_rad_s > 0 else (-place[0], -place[1])
         return time_s, *place, 20.0 * np.cos(course), 20.0 * np.sin(course)
 
     x_m, y_m, radius_m = expected_orbit(at(7.0), at(8.0), 150.0)
-    assert (x_m, y_m) == pytest.approx((0.0, 0.0), abs=15.0)  # it lags by half of a second
+    assert (x_m, y_m) == pytest.approx((0.0, 0.0), abs=15.0)  # the delay is half a second
     assert radius_m == pytest.approx(-200.0 if turn_rad_s > 0 else 200.0, rel=0.01)
 
 
@@ -527,7 +527,7 @@ def test_it_is_led_home_in_time_and_comes_back_after_a_new_start(land: Landscape
     flight.place_m = (0.0, 0.0)
     (mission,) = of(flight.at(0.0, later_s=10.0), UploadMission)
     assert mission.items[0].command == TAKEOFF
-    assert not of(flight.uploaded(mission), StartMission)  # operators do that
+    assert not of(flight.uploaded(mission), StartMission)  # as operators do
     flight.mode("mission")
     flight.place_m = (-800.0, 0.0)
     assert of(flight.at(300.0, later_s=60.0), Orbit)
@@ -546,7 +546,7 @@ def test_observations_measurements_and_states_reach_agents(land: Landscape) -> N
     flight.agent.outgoing.append(update)
     flight.at(300.0)
     own = flight.agent.owns[-1]
-    assert own.hot  # fire in the middle of the picture
+    assert own.hot  # fire in the middle of the image
     assert own.wind_x_m_s == pytest.approx(5.0, abs=0.01)
     assert own.airspeed_m_s == pytest.approx(12.5)
     seats = flight.core.guidance.formation.members  # type: ignore[attr-defined]

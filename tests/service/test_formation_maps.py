@@ -1,4 +1,4 @@
-"""Local maps of a UAV and the monitoring area: updated by steps they equal new ones."""
+"""Local maps of a UAV and the monitoring area: incremental updates equal new computations."""
 
 import numpy as np
 import pytest
@@ -22,7 +22,7 @@ CELLS = st.lists(st.integers(0, ROWS * COLS - 1), max_size=8).map(
 
 
 def distance_m(fire: np.ndarray, cell_m: float) -> np.ndarray:
-    """From each cell's centre to that of the nearest cell of fire; infinity without fire."""
+    """Return the distance from each cell to the nearest burning cell; infinity without fire."""
     if not fire.any():
         return np.full(fire.shape, np.inf)
     far: np.ndarray = distance_transform_edt(~fire) * cell_m
@@ -78,7 +78,7 @@ def test_a_cell_off_the_map_is_an_error_that_names_it_and_changes_nothing() -> N
 
 
 def growing(seed: int) -> np.ndarray:
-    """Arrival times of a fire that grows from the middle, in seconds (y, x)."""
+    """Return the arrival times in s (y, x) of a fire that grows from the middle."""
     rows, cols = np.indices((ROWS, COLS))
     noise = np.random.default_rng(seed).random((ROWS, COLS))
     arrival: np.ndarray = np.hypot(rows - 18, cols - 30) * 10.0 + 20.0 * noise

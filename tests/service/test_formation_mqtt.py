@@ -1,4 +1,4 @@
-"""Messages of UAVs over MQTT, with a real Mosquitto: nothing waits, nothing absurd is accepted."""
+"""UAVs exchange messages over a real Mosquitto without blocking; bad ones are rejected."""
 
 import asyncio
 import time
@@ -54,7 +54,7 @@ def broker(tmp_path: Path) -> Iterator[Mosquitto]:
 
 
 class Peer:
-    """One vehicle's end of the exchange, and what came out of it."""
+    """One vehicle's end of the exchange, and the messages that it received."""
 
     def __init__(self, name: str, port: int) -> None:
         self.name = name
@@ -168,7 +168,7 @@ def test_mission_time_is_the_latest_there_is_and_a_joining_peer_gets_it_at_once(
 def test_a_broker_that_comes_late_dies_and_comes_again(broker: Mosquitto) -> None:
     async def exchange() -> None:
         async with connected_peers(broker.port, "hawk", "kite") as (hawk, kite):
-            for at_us in range(1000):  # no subscriber: the newest state is what remains
+            for at_us in range(1000):  # without a subscriber only the newest state is stored
                 hawk.broadcast(at_us)
             await until(lambda: any("no broker" in line for line in hawk.announcements))
             broker.start()
@@ -187,7 +187,7 @@ def test_a_broker_that_comes_late_dies_and_comes_again(broker: Mosquitto) -> Non
                 last = state("hawk", 3000 + number)
                 await until(lambda last=last: last in kite.received)  # type: ignore[misc]
             assert len(hawk.announcements) <= 6, hawk.announcements
-            assert hawk.contacts == []  # never for as long as all need to come back
+            assert hawk.contacts == []  # never as long as all of them need to return
             await until(lambda: hawk.contacts == kite.contacts == [True])
             broker.kill()
             await until(lambda: hawk.contacts == kite.contacts == [True, False])
@@ -203,14 +203,15 @@ def test_a_frozen_broker_stops_nothing_else(broker: Mosquitto) -> None:
             broker.freeze(True)
             longest_s, last_s = 0.0, time.monotonic()
             cells = tuple(range(CELLS))
-            for number in range(200):  # some 10 MB: more than sockets hold
+            for number in range(200):  # about 10 MB, more than sockets buffer
                 hawk.broadcast(number)
                 hawk.exchange.broadcast(FireUpdate(number, "hawk", cells))
                 await asyncio.sleep(0.005)
                 now_s = time.monotonic()
                 longest_s, last_s = max(longest_s, now_s - last_s), now_s
-            assert longest_s < PATIENCE_S / 2  # for ever, if anything waited for the broker
-            assert hawk.exchange.sent["fireupdate"] < 200  # the rest waits, or is dropped
+            # This would take for ever if anything waited for the broker.
+            assert longest_s < PATIENCE_S / 2
+            assert hawk.exchange.sent["fireupdate"] < 200  # other messages wait or are dropped
             broker.freeze(False)
             hawk.broadcast(1000)
             await until(lambda: state("hawk", 1000) in kite.received)
@@ -226,10 +227,10 @@ def test_it_ends_though_the_broker_takes_no_farewell(broker: Mosquitto) -> None:
             async with connected_peers(broker.port, "hawk") as (hawk,):
                 await until(lambda: hawk.exchange.connected)
                 broker.freeze(True)
-                for number in range(200):  # until nothing more goes into the socket
+                for number in range(200):  # until the sockets accept no more data
                     hawk.exchange.broadcast(FireUpdate(number, "hawk", tuple(range(CELLS))))
                     await asyncio.sleep(0.005)
-        finally:  # or what did not end would not end now either
+        finally:  # otherwise a blocked call would also block here
             broker.kill()
 
     broker.start()

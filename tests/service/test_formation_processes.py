@@ -1,4 +1,4 @@
-"""A process a vehicle: three agents over a real broker, and what is killed of them."""
+"""One process for each vehicle: three agents with a real broker; processes are killed."""
 
 import asyncio
 from collections.abc import Callable, Iterable
@@ -9,7 +9,7 @@ import pytest
 from benchmarks.formation_processes import Stage, formation, map_of
 from benchmarks.mosquitto import MOSQUITTO
 from mission_service.config.scenario import load_scenario
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 from mission_service.guidance.formation.members import first_fire
 from mission_service.replay.verification import verify
 
@@ -18,14 +18,14 @@ TRIES = 10
 
 
 def later_than(stage: Stage, names: Iterable[str], at_us: int) -> Callable[[], bool]:
-    """Whether all of these have sent a state since then."""
+    """Return whether all of these have sent a state since then."""
     return lambda: all(name in stage.states and stage.states[name].at_us > at_us for name in names)
 
 
 def maps_agree(folder: Path) -> bool:
-    """Whether all have the same map but for what was seen in the last seconds.
+    """Return whether all have the same map, apart from observations of the last seconds.
 
-    Without its history the one that came back late would lack many cells.
+    Without its history, the process that returned late would lack many cells.
     """
     last = [sorted(folder.glob(f"{name}-*"))[-1] / "journal.jsonl" for name in NAMES]
     heron, *others = map(map_of, last)
@@ -45,7 +45,7 @@ def test_agents_and_broker_are_killed_and_come_back(tmp_path: Path) -> None:
             await stage.passes(30.0)
             assert {state.sender for state in stage.present()} == {first, third}
 
-            # It joins the others' time. The last message of the killed one may come late.
+            # It adopts the others' time. The last message of the killed process may arrive late.
             await stage.take_over(killed)
 
             stage.broker.kill()
@@ -53,11 +53,11 @@ def test_agents_and_broker_are_killed_and_come_back(tmp_path: Path) -> None:
             stage.states.clear()
             at_us = stage.now_us
             stage.broker.start()
-            # They have flown on meanwhile.
+            # They have flown on in the meantime.
             on = later_than(stage, NAMES, at_us + 20_000_000)
             await stage.until(on, 30.0, "all send again")
             await stage.passes(40.0)
-            for _ in range(TRIES):  # on a loaded machine messages are late
+            for _ in range(TRIES):  # on a loaded machine messages arrive late
                 if maps_agree(tmp_path):
                     return
                 await stage.passes(20.0)
@@ -69,5 +69,5 @@ def test_agents_and_broker_are_killed_and_come_back(tmp_path: Path) -> None:
     assert "no broker at" in (tmp_path / "heron.log").read_text(encoding="utf-8")
     journals = sorted(tmp_path.glob("*/journal.jsonl"))
     assert len(journals) == len(NAMES) + 1
-    result = verify(journals[-1])  # messages sent and received are reproduced too
+    result = verify(journals[-1])  # sent and received messages are reproduced, too
     assert result.difference is None

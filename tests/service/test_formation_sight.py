@@ -1,4 +1,4 @@
-"""What a camera sees: against a plain reckoning of which centres lie in a turned rectangle."""
+"""The cells in a camera's view, compared with a plain test for points in a turned rectangle."""
 
 import math
 
@@ -27,7 +27,7 @@ VIEWS = st.tuples(
 
 
 def in_view(view: tuple[float, float, float, float, float], slack_m: float = 0.0) -> np.ndarray:
-    """Cells (y, x) whose centres lie in the rectangle, made ``slack_m`` wider."""
+    """Return the cells (y, x) with centres in the rectangle, extended by ``slack_m``."""
     x_m, y_m, course_rad, half_across_m, half_along_m = view
     along = (X - x_m) * math.cos(course_rad) + (Y - y_m) * math.sin(course_rad)
     across = -(X - x_m) * math.sin(course_rad) + (Y - y_m) * math.cos(course_rad)
@@ -44,7 +44,7 @@ def test_cells_in_view_are_those_with_centres_in_the_rectangle(
     found = np.zeros((30, 45), dtype=np.bool_)
     cells = cells_in_view(GRID, view)
     found.ravel()[cells] = True
-    assert np.array_equal(cells, np.flatnonzero(found))  # rising, none twice
+    assert np.array_equal(cells, np.flatnonzero(found))  # ascending, without duplicates
     assert (found <= in_view(view, 1e-6)).all()
     assert (found >= in_view(view, -1e-6)).all()
 

@@ -1,4 +1,4 @@
-"""The formation in the whole loop, in virtual time: mock planes over MAVLink frames."""
+"""The formation in the whole loop in virtual time: mock planes with MAVLink frames."""
 
 import contextlib
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from mission_service.config.scenario import Scenario, load_scenario
 from mission_service.core.core import Core
 from mission_service.errors import MissionServiceError
 from mission_service.events import AnyOperatorEvent, OrderGiven
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 from mission_service.journal.journal_file import Journal, header_of
 from mission_service.replay.decisions import decide
 from mission_service.replay.verification import verify
@@ -20,14 +20,14 @@ from mission_service.runtime.run_statistics import RunStatistics
 from mission_service.simulation.sim import Simulation, simulate
 from tests.announced import Announced
 
-APART_M = 340.0  # of homes, so that all may take off at once
-AWAY_M = 1100.0  # of homes from the fire
+APART_M = 340.0  # spacing of homes, so that all may take off at once
+AWAY_M = 1100.0  # distance of homes from the fire
 SETTLED_BY_S = 290.0
 ENDS_S = 360.0
 
 
 def at_once(scenario: Scenario) -> Scenario:
-    """The scenario with homes in a row north of the fire, not on one base."""
+    """Return the scenario with homes in a row north of the fire instead of one base."""
     land = landscape_of(scenario)
     x_m, y_m = land.xy_of_lat_lon(scenario.ignition[0].lat_deg, scenario.ignition[0].lon_deg)
     middle = (len(scenario.vehicles) - 1) / 2.0
@@ -61,7 +61,7 @@ def eight(tmp_path_factory: pytest.TempPathFactory) -> Run:
 
 
 def test_eight_px4_planes_fly_their_orbits_in_phase(eight: Run) -> None:
-    """As the issue judges it; twenty minutes of it are in benchmarks.formation_flight."""
+    """A short version of benchmarks.formation_flight, which flies twenty minutes."""
     figures = eight.figures
     assert figures["radius_within_10_percent"] == 1.0
     assert figures["phase_within_15_deg"] >= 0.99
@@ -112,7 +112,7 @@ def test_both_stacks_fly_together_over_a_bad_link(tmp_path: Path) -> None:
     scenario = scenario.model_copy(update={"vehicles": (first, *others)})
     run = flown(scenario, tmp_path / "journal.jsonl", 250.0)
     assert run.figures["radius_within_10_percent"] == 1.0
-    assert run.figures["radius_off_most"] > 0.03  # ArduPlane flies wider
+    assert run.figures["radius_off_most"] > 0.03  # ArduPlane flies wider orbits
     assert run.figures["phase_within_15_deg"] >= 0.95
     assert run.figures["samples"] > 3 * 60
     assert verify(run.journal).difference is None
@@ -132,9 +132,9 @@ def test_a_held_vehicle_is_kept_clear_of_for_as_long_as_the_hold_takes(
     with contextlib.closing(Journal(tmp_path / "journal.jsonl", header, durable=False)) as journal:
         simulation = Simulation(scenario, journal, landscape, hold)
         record = simulation.service.statistics
-        simulation.run(450.0)
+        simulation.run_until(450.0)
         record.closest = None
-        simulation.run(800.0)
+        simulation.run_until(800.0)
     announced = simulation.service.state_view.announcements
     words = [line.text for line in announced if line.vehicle == "crane"]
     assert any("hold ordered" in text for text in words)

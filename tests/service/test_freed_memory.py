@@ -1,4 +1,4 @@
-"""Memory of large blocks goes back to the system, whatever was allocated in between."""
+"""Freed large blocks return to the system, regardless of later allocations."""
 
 import platform
 import subprocess
@@ -7,8 +7,8 @@ import sys
 import pytest
 
 MIB = 1 << 20
-# One large block that is freed has glibc keep all smaller ones from then on; each block in front of
-# a small one that lives on would stay.
+# After one large block was freed, glibc would keep all smaller ones; a block before a small living
+# block would remain.
 SCRIPT = f"""
 import sys
 from pathlib import Path
@@ -44,5 +44,5 @@ def kept_bytes(how: str) -> int:
 
 @pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="no glibc")
 def test_large_blocks_that_were_freed_are_given_back() -> None:
-    assert kept_bytes("leave it") > 50 * MIB  # so this would show
+    assert kept_bytes("leave it") > 50 * MIB  # this case would fail without the setting
     assert kept_bytes("give back") < 5 * MIB

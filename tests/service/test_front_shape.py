@@ -11,11 +11,11 @@ from mission_service.guidance.front.front_shape import close_gap, ring_of_cells,
 
 
 def test_the_gap_ahead_is_closed_by_a_tangent() -> None:
-    # Fresh up to bearing 0 (radius 30), older ahead (radius 20), flying clockwise.
+    # New observations up to bearing 0 (radius 30), older ones ahead (radius 20); flown clockwise.
     outer = np.full(BEARINGS, 30.0)
     outer[1:180] = 20.0
     joined = close_gap(outer, foremost=0, clockwise=True)
-    # Tangent from a point at 30 to a circle of 20 touches at acos(20/30) = 48 degrees.
+    # The tangent from a point at 30 to a circle of 20 touches it at acos(20/30) = 48 degrees.
     assert joined[0] == 30.0
     assert joined[30] == pytest.approx(20.0 / np.cos(np.deg2rad(48.19 - 30.0)), rel=0.02)
     assert joined[60:180] == pytest.approx(20.0)

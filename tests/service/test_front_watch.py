@@ -1,4 +1,4 @@
-"""The part of a front that a vehicle leaves."""
+"""The part of a front that a vehicle no longer observes."""
 
 import pytest
 
@@ -11,8 +11,8 @@ from mission_service.guidance.front.unmonitored import nearest_bearings
         (90.0, [], 0, 359, 360),
         (90.0, [270.0], 0, 180, 181),
         (0.0, [90.0, 270.0], 315, 45, 91),
-        (90.0, [90.0], 0, 359, 360),  # another one is at the same bearing
-        (10.4, [10.3, 10.5], 10, 10, 1),  # others are nearer to every whole degree
+        (90.0, [90.0], 0, 359, 360),  # another vehicle is at the same bearing
+        (10.4, [10.3, 10.5], 10, 10, 1),  # other vehicles are nearer to every whole degree
         (359.7, [359.6, 359.8], 0, 0, 1),
     ],
 )

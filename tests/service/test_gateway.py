@@ -1,4 +1,4 @@
-"""Between core and client: requests, commands and events."""
+"""The gateway between core and client: requests, commands and events."""
 
 from typing import Any
 
@@ -24,7 +24,7 @@ from mission_service.simulation.sim import simulate
 
 
 class Client:
-    """Records commands; reports the given events."""
+    """A client that records commands and reports the given events."""
 
     stack: Stack | None = None
 
@@ -119,12 +119,12 @@ def test_simulated_vehicles_measure_the_wind_of_the_fire(stack: str, tmp_path: A
 
 
 def at(boot_s: float) -> bridge.Position:
-    """A position reported at a time of the autopilot's own clock."""
+    """Return a position with a time of the autopilot's own clock."""
     return bridge.Position(0, round(boot_s * 1e6), 36.0, -84.0, 500.0, 100.0, 0.0, 0.0, 0.0, 0.0)
 
 
 def behind_s(rates: dict[str, float], seconds: int, delay: range = range(0)) -> list[float]:
-    """How far swift is behind hawk each second; a link holds it back, and brings it all at once."""
+    """Return the delay of swift behind hawk each second, over a link that delivers in bursts."""
     clock = MissionClock(0, wall=False)
     clients = {name: Client() for name in rates}
     gateways = {name: Gateway(name, client, clock) for name, client in clients.items()}
@@ -142,7 +142,7 @@ def behind_s(rates: dict[str, float], seconds: int, delay: range = range(0)) -> 
 
 
 def test_a_vehicle_slower_than_the_others_stays_with_them() -> None:
-    # Two simulators at 4 and 3.9 times real time; found with ArduCopter 13 s behind PX4.
+    # Two simulators at 4 and 3.9 times real time; found when ArduCopter was 13 s behind PX4.
     found = behind_s({"hawk": 4.0, "swift": 3.9}, 300)
     assert max(found) < 2.5
     assert found[-1] >= 0.0
@@ -166,7 +166,7 @@ def test_a_vehicle_that_joined_while_another_was_lost_is_seen_by_it() -> None:
 
 
 def texts(*reported: tuple[float, int, str]) -> list[tuple[int, str]]:
-    """What is passed on of texts written at these seconds of the link's clock."""
+    """Return the announced texts for texts sent at these seconds of the link's clock."""
     client = Client(
         *(bridge.Text(round(at_s * 1e6), level, text) for at_s, level, text in reported)
     )
@@ -213,7 +213,7 @@ def test_states_of_trouble_are_the_cores_events() -> None:
 
 
 def test_states_are_reported_again_with_the_mission_that_is_read_back() -> None:
-    """After writing to a full disk began to work again: nothing before is reported."""
+    """After a full disk, earlier states are not reported again when writing works again."""
     plane = stack_named("px4", "plane")
     client = Client(bridge.Connected(1, plane), bridge.SystemState(2, "critical"))
     gateway = Gateway("hawk", client, MissionClock(1000, wall=False))

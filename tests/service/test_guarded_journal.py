@@ -1,4 +1,4 @@
-"""A disk that is full or fails: nothing half written, nothing done unrecorded but an abort."""
+"""A full or failing disk: no partial line, and no action without a record except an abort."""
 
 import os
 import resource
@@ -22,7 +22,7 @@ from mission_service.events import (
     Telemetry,
     VehicleConnected,
 )
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 from mission_service.journal.journal_file import Journal, SegmentReader, header_of
 from mission_service.replay.verification import verify
 from mission_service.simulation.sim import Simulation
@@ -33,7 +33,7 @@ PLACE = (36.364232, -84.140907)
 
 @contextmanager
 def no_room(path: Path, more_bytes: int) -> Iterator[None]:
-    """Files grow no more beyond so many bytes more than this one has now, as on a full disk."""
+    """Limit all files to the size of this file plus some bytes, as on a full disk."""
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (path.stat().st_size + more_bytes, before[1]))
     try:
@@ -47,12 +47,12 @@ def flight(path: Path, seconds: float) -> Simulation:
     landscape = landscape_of(scenario)
     journal = Journal(path, header_of(scenario, landscape.digest(), ""), durable=True)
     simulation = Simulation(scenario, journal, landscape)
-    simulation.run(FROM_S + seconds)
+    simulation.run_until(FROM_S + seconds)
     return simulation
 
 
 def on_for(simulation: Simulation, seconds: float) -> None:
-    simulation.run(simulation.clock.now_us / 1e6 + seconds)
+    simulation.run_until(simulation.clock.now_us / 1e6 + seconds)
 
 
 def entries(path: Path) -> list[Any]:
@@ -79,7 +79,7 @@ def test_on_a_full_disk_nothing_is_done_but_an_abort_and_then_it_goes_on(tmp_pat
         on_for(simulation, 30.0)
         assert path.read_bytes() == whole
         assert done == []
-        # Positions are shown all the same.
+        # Positions are still shown.
         assert state_view.telemetry["hawk"].at_us > clock.now_us - 1_000_000
         fire = service.estimate.fire
         for asked in (
@@ -128,7 +128,7 @@ def test_a_failing_disk_leaves_whole_lines_and_is_tried_again(
 
     def fails(file: int, *data: Any) -> int:
         if broken == "write":
-            works(file, bytes(data[0])[:30])  # some of it is there
+            works(file, bytes(data[0])[:30])  # a part of it was written
         raise OSError(5, "Input/output error")
 
     monkeypatch.setattr(os, broken, fails)
@@ -198,7 +198,7 @@ def test_a_correction_that_cannot_be_is_not_in_the_journal(tmp_path: Path) -> No
     before = path.read_bytes()
     now_us = simulation.clock.now_us
     water = Corrected(now_us, "ann", "", "burning", "point", (PLACE,), now_us - 10_000_000_000)
-    simulation.service.estimate.apply_report = _refuses  # type: ignore[method-assign]
+    simulation.service.estimate.check = _refuses  # type: ignore[method-assign]
     with pytest.raises(FireModelError):
         simulation.service.submit(water, simulation.link_us)
     assert path.read_bytes() == before

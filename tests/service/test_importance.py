@@ -13,7 +13,7 @@ from mission_service.guidance.front.cell_importance import (
 
 
 def test_importance_is_a_distance_in_rate_times_seconds() -> None:
-    # Eq. 4: 0.5 m/s unseen for 100 s and 60 s away: 80 m of unseen spread.
+    # Eq. 4: 0.5 m/s, unobserved for 100 s and 60 s away: 80 m of unobserved spread.
     found = cell_importance(np.array([0.5]), np.array([100.0]), np.array([60.0]))
     assert found == pytest.approx([80.0])
 
@@ -49,17 +49,17 @@ def test_alpha_above_one_raises_only_rates_above_the_mean() -> None:
 
 
 def ring_at_location_4(half: int, ratio: float) -> np.ndarray:
-    """Spread rates of the ring of fig. 6 seen from location 4, flying clockwise.
+    """Return the spread rates of the ring of fig. 6 seen from location 4, flown clockwise.
 
-    Location 3 (fastest) lies a quarter ring behind, location 1 (slowest) a quarter ahead. Index 0
-    is the UAS's cell, the index grows against the flying direction.
+    Location 3 (fastest) is a quarter of the ring behind, location 1 (slowest) a quarter ahead.
+    Index 0 is the vehicle's cell; the index increases against the direction of flight.
     """
     from_fastest = np.abs((np.arange(2 * half) - half // 2 + half) % (2 * half) - half)
     return 1.0 + (ratio - 1.0) * (1.0 - from_fastest / half)
 
 
 def windows_by_direct_sum(rates: np.ndarray) -> tuple[float, float]:
-    """Eq. 4 added up cell by cell for a UAS that has been circling; c = s = 1."""
+    """Return the sum of eq. 4 over single cells for a vehicle that has been circling; c = s = 1."""
     count = len(rates)
     back = sum(rates[i] * i + rates[i] * i for i in range(count // 2))
     front = sum(rates[i] * i + rates[i] * (count - i) for i in range(count // 2, count))

@@ -1,4 +1,4 @@
-"""The house rules on imports."""
+"""The repository's rules for imports."""
 
 import ast
 from pathlib import Path
@@ -14,14 +14,17 @@ MAY_IMPORT = {
 }
 IMPURE = {"time", "random", "asyncio", "socket", "selectors", "threading"}
 CLOCKS = {"now", "utcnow", "today", "fromtimestamp"}
-# The thin shell: what touches clocks, sockets and processes.
+# The modules that may use clocks, sockets and processes.
 SHELL = {
-    "autopilot_bridge/links/connection.py",
-    "autopilot_bridge/links/link.py",  # a seeded random.Random, given as a seed
+    "autopilot_bridge/links/asyncio_connection.py",
+    "autopilot_bridge/links/memory_link.py",  # a seeded random.Random, given as a seed
     "autopilot_bridge/clients/mavsdk.py",
+    "autopilot_bridge/clients/mavsdk_system.py",
     "autopilot_bridge/mock/serving.py",
     "autopilot_bridge/links/sockets.py",
-    "autopilot_bridge/links/transports.py",
+    "autopilot_bridge/links/reconnection.py",
+    "autopilot_bridge/links/streams.py",
+    "autopilot_bridge/links/udp.py",
     "mission_service/interfaces/api/responses.py",
     "mission_service/interfaces/api/context.py",
     "mission_service/interfaces/api/listener.py",
@@ -31,16 +34,17 @@ SHELL = {
     "mission_service/interfaces/api/journal_lines.py",
     "mission_service/interfaces/api/live_stream.py",
     "mission_service/interfaces/api/mission_routes.py",
-    "mission_service/interfaces/api/perimeter_routes.py",  # a process of its own
+    "mission_service/interfaces/api/perimeter_routes.py",  # a separate process
     "mission_service/interfaces/api/server.py",
     "mission_service/cli/bench_commands.py",
     "mission_service/cli/burn_commands.py",
     "mission_service/cli/main.py",
-    "mission_service/interfaces/api/app.py",  # what is heavy goes to threads
+    "mission_service/interfaces/api/app.py",  # computations run in threads
     "mission_service/runtime/clocks.py",
     "mission_service/interfaces/control/control_server.py",
     "mission_service/interfaces/control/control_client.py",
     "mission_service/live/daemon.py",
+    "mission_service/live/estimate_worker.py",
     "mission_service/simulation/demo.py",
     "mission_service/interfaces/cot/cot_sender.py",
     "mission_service/replay/flights/replay_server.py",
@@ -49,17 +53,17 @@ SHELL = {
     "mission_service/runtime/run_context.py",
     "mission_service/runtime/journal_retention.py",
     "mission_service/runtime/vehicle_links.py",
-    "mission_service/runtime/service_log.py",  # stamps lines with the time
-    "mission_service/fire/estimated_forecast.py",
+    "mission_service/runtime/service_log.py",  # adds the time to lines
+    "mission_service/fire/burn_forecast.py",
     "mission_service/fire/forecast.py",
-    "mission_service/simulation/mocks.py",
+    "mission_service/simulation/mock_processes.py",
     "mission_service/interfaces/mqtt/broker_connection.py",
-    "mission_service/interfaces/maps/run_forecasts.py",  # in a thread
+    "mission_service/interfaces/maps/run_forecasts.py",  # runs in a thread
     "mission_service/interfaces/mqtt/command_inbox.py",
     "mission_service/interfaces/mqtt/publisher.py",
     "mission_service/runtime/systemd_notify.py",
-    "mission_service/cli/transfers.py",
-    "mission_service/experiments/tuning.py",  # DEAP draws from the global random generator
+    "mission_service/cli/mission_transfers.py",
+    "mission_service/experiments/tuning.py",  # DEAP uses the global random generator
 }
 
 

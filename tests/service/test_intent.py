@@ -1,4 +1,4 @@
-"""Avoidance by intentions: no vehicles meet, and all reach their goals."""
+"""Avoidance by planned orbits: no vehicles meet, and all reach their goals."""
 
 import dataclasses
 import math
@@ -39,7 +39,7 @@ def on_orbit(
     age_s: float = 0.25,
     altitude_m: float = 300.0,
 ) -> NDArray[np.float64]:
-    """A row of one on an orbit about a place."""
+    """Return one row: a vehicle on an orbit around a place."""
     row = np.zeros(peers.COLUMNS)
     row[peers.X], row[peers.Y] = x_m + 150 * math.cos(angle_rad), y_m + 150 * math.sin(angle_rad)
     row[peers.VX], row[peers.VY] = -17.5 * math.sin(angle_rad), 17.5 * math.cos(angle_rad)
@@ -112,7 +112,8 @@ def test_layers_need_no_avoidance() -> None:
     above = on_orbit(270.0, 0.0, math.pi, altitude_m=360.0)
     turns = np.arange(16) * RULES.turn_s + 1.5
     layered = dataclasses.replace(RULES, layers_m=60.0)
-    # Turns are for those that could meet: in layers they are not needed either, but do no harm.
+    # Turns are for vehicles that could meet; with altitude layers they are unnecessary but
+    # harmless.
     assert desired in [think(desired, above, at_s, layered).orbit for at_s in turns]
     assert desired not in [think(desired, above, at_s).orbit for at_s in turns]
 
@@ -152,7 +153,7 @@ def test_no_vehicles_meet_and_all_arrive(name: str) -> None:
 def test_without_avoidance_the_same_worlds_have_collisions_and_with_the_papers_fewer() -> None:
     ends = {"none": 0, "rvo": 0}
     for name, (world, until_s) in WORLDS.items():
-        if name != "deploy 4":  # one behind the other, in phase from the beginning
+        if name != "deploy 4":  # one behind the other, in phase from the start
             for avoidance in ends:
                 ends[avoidance] += fly(world, avoidance, until_s).collisions
     assert ends["none"] > 50

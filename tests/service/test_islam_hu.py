@@ -1,4 +1,4 @@
-"""The experiment of Islam & Hu: the walk on the front, the error, the shape of its results."""
+"""The experiment of Islam & Hu: the flight along the front, the error, the form of its results."""
 
 import json
 from pathlib import Path
@@ -22,7 +22,7 @@ from mission_service.replay.distance_error import TrueShape
 
 CENTRE = (30, 30)
 ROWS, COLS = np.indices((61, 61)).astype(float)
-DISC_S = np.hypot(ROWS - CENTRE[0], COLS - CENTRE[1]) * 100.0  # a cell every 100 s
+DISC_S = np.hypot(ROWS - CENTRE[0], COLS - CENTRE[1]) * 100.0  # one cell every 100 s
 
 
 def flown(name: str, scheme: SchemeName, rule: Rule, alpha: float = 1.0) -> Flight:
@@ -30,7 +30,7 @@ def flown(name: str, scheme: SchemeName, rule: Rule, alpha: float = 1.0) -> Flig
     return fly(burn, scenarios.perimeter_planner(burn, rule, alpha))
 
 
-# The walk
+# The flight along the front
 
 
 @pytest.mark.parametrize("clockwise", [True, False])
@@ -73,11 +73,11 @@ def test_an_unburned_island_belongs_to_the_filled_fire_once_it_is_cut_off() -> N
 
 def test_the_true_shape_of_a_disc_is_its_radius() -> None:
     shape = TrueShape(DISC_S, CENTRE)
-    assert shape.at(1500.0) == pytest.approx(np.full(360, 15.0), abs=1.0)
+    assert shape.distances_at(1500.0) == pytest.approx(np.full(360, 15.0), abs=1.0)
 
 
 def test_the_hull_bridges_a_dent_by_a_straight_line() -> None:
-    """A square from (±10, ±10) whose northern side has been pressed in."""
+    """A square with corners (±10, ±10) has a dent in its northern side."""
     square = 10.0 / np.maximum(np.abs(NORTH), np.abs(EAST))
     dented = square.copy()
     dented[:44] = dented[317:] = 4.0
@@ -88,10 +88,10 @@ def test_the_hull_bridges_a_dent_by_a_straight_line() -> None:
 
 
 def test_the_error_is_what_a_part_of_the_front_has_grown_since_it_was_seen() -> None:
-    """A disc that grows 0.01 cells a second, flown round at 0.5 cells a second.
+    """A disc grows by 0.01 cells a second, and the vehicle flies around it at 0.5 cells a second.
 
-    Seen over three cells' width, so a lap of the estimated front is out of date by the time of a
-    lap at the most: 2 π 24 / 0.5 s, 3 cells.
+    The vehicle observes a width of three cells, so that the age of the estimated front is at most
+    the time of a lap: 2 π 24 / 0.5 s, which is 3 cells of growth.
     """
     burn = islam_hu_burn("slow-even", "anyangle")
     disc = Burn(
@@ -109,7 +109,7 @@ def test_the_camera_sees_a_disc_of_cells_and_stops_at_the_edge() -> None:
     assert seen.cells == (".uuuu", "..uuu", "..uuu", "....u", ".....")
 
 
-# The fires and what is flown over them
+# The fires and the rules that are flown
 
 
 @pytest.mark.parametrize("scheme", COMPARED)
@@ -222,5 +222,5 @@ def test_the_command_prints_tables_or_json(as_json: bool, monkeypatch: pytest.Mo
         assert json.loads(result.output) == found
     else:
         assert "8.5 (-15 %)" in result.output
-        assert "12.2 (-23 %)" in result.output  # the paper's
+        assert "12.2 (-23 %)" in result.output  # the fire of the paper
         assert "1 → 2    50% → 25%" in result.output

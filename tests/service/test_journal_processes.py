@@ -1,4 +1,4 @@
-"""The journal of real ``run`` processes: refused requests, earlier runs, permissions, symlinks."""
+"""Journals of real ``run`` processes: refused requests, earlier runs, permissions, symlinks."""
 
 import json
 import os
@@ -18,18 +18,19 @@ import pytest
 from mission_service.errors import ControlError, RequestError
 from mission_service.interfaces.control.control_client import ControlClient
 from mission_service.replay.verification import verify
-from tests.service.test_live import CLI, free_port, process, wait_for
+from tests.patience import PATIENCE_S, wait_until
+from tests.service.test_live import CLI, free_port, process
 
 
 def arguments(out: Path, *sets: str) -> list[str]:
-    """A run of the default scenario whose vehicle is not there."""
+    """Return the arguments of a run of the default scenario whose vehicle does not exist."""
     changes = [f'vehicles.0.link="udpin:127.0.0.1:{free_port()}"', "start_s=3600", *sets]
     return ["run", "default", "--out", str(out), *(w for each in changes for w in ("--set", each))]
 
 
 @contextmanager
 def running(command: list[str], out: Path) -> Iterator[tuple[ControlClient, Any]]:
-    """The control socket of a run, once it answers, and its process."""
+    """Start a run; return its control socket, when it replies, and its process."""
     log = out.parent / "run.log"
     with process(command, log) as child:
 
@@ -42,14 +43,14 @@ def running(command: list[str], out: Path) -> Iterator[tuple[ControlClient, Any]
                 return False
             return True
 
-        wait_for(answers, 120)
+        wait_until(answers)
         with ControlClient(out) as there:
             yield there, child
 
 
 def stopped(child: "subprocess.Popen[bytes]", by: signal.Signals) -> None:
     child.send_signal(by)
-    child.wait(timeout=60)
+    child.wait(timeout=PATIENCE_S)
 
 
 def refused(there: ControlClient, **request: Any) -> str:
@@ -70,7 +71,7 @@ def test_a_refusal_of_no_vehicle_is_refused_and_the_run_goes_on_after_a_kill(
             assert "vehicle" in refused(there, do=do, vehicle="", hash="0" * 64)
         there.ask(do="hold", vehicle="hawk", by="ann", station="desk")
         child.kill()
-        child.wait(timeout=60)
+        child.wait(timeout=PATIENCE_S)
     with running(command, out) as (there, child):
         assert refused(there, do="hold", vehicle="hawk") == ""
         stopped(child, signal.SIGTERM)
@@ -128,7 +129,7 @@ def test_what_a_run_leaves_is_for_its_user_alone(tmp_path: Path) -> None:
         ]
         with running(command, out) as (there, child):
             there.ask(do="present", by="ann", station="desk")
-            wait_for(lambda: (out / "journal.state").exists(), 60)
+            wait_until(lambda: (out / "journal.state").exists())
             stopped(child, signal.SIGINT)
     finally:
         os.umask(before)
@@ -163,7 +164,7 @@ def test_readyz_is_not_ok_while_the_disk_is_full(tmp_path: Path) -> None:
 
         def lacks() -> str:
             with pytest.raises(urllib.error.HTTPError) as caught:
-                urllib.request.urlopen(f"{address}/readyz", timeout=60)
+                urllib.request.urlopen(f"{address}/readyz", timeout=PATIENCE_S)
             assert caught.value.code == 503
             return caught.value.read().decode()
 
@@ -176,6 +177,6 @@ def test_readyz_is_not_ok_while_the_disk_is_full(tmp_path: Path) -> None:
         resource.prlimit(
             child.pid, resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY)
         )
-        wait_for(lambda: "journal" not in lacks(), 60)
+        wait_until(lambda: "journal" not in lacks())
         assert refused(there, do="present") == ""
         stopped(child, signal.SIGTERM)

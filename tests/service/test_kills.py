@@ -1,4 +1,4 @@
-"""kill -9 of the live service in processes of its own; ``benchmarks.kills`` does it for hours."""
+"""kill -9 of the live service in separate processes; ``benchmarks.kills`` runs longer."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""The landing behind a PX4 plane's missions."""
+"""The landing at the end of a PX4 plane's missions."""
 
 import math
 from collections.abc import Sequence
@@ -9,7 +9,7 @@ import pytest
 
 from autopilot_bridge.items import MissionItem
 from autopilot_bridge.missions.check import check
-from autopilot_bridge.missions.planfile import read_any
+from autopilot_bridge.missions.plan_file import read_any
 from autopilot_bridge.stacks.stacks import stack_named
 from firemodel.landscape.landscape import Landscape
 from mission_service.commands import UploadMission
@@ -17,7 +17,7 @@ from mission_service.config.scenario import Scenario, load_scenario
 from mission_service.config.sections import VehicleSection
 from mission_service.errors import ScenarioError
 from mission_service.events import Telemetry
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 from mission_service.journal.journal_file import SegmentReader
 from mission_service.missions.landing import APPROACH_HEIGHTS_M, landing_of, needs_landing
 from mission_service.simulation.demo import write_plan
@@ -51,13 +51,13 @@ def section(**more: object) -> VehicleSection:
 
 
 def course_deg(landscape: Landscape, plane: VehicleSection, wind_from_deg: float) -> float:
-    """Of the tangent from the loiter to the touchdown."""
+    """Return the course of the tangent from the loiter to the touchdown point."""
     _, loiter, touchdown = landing_of(plane, landscape, wind_from_deg)
     (x0, y0), (x1, y1) = (
         landscape.xy_of_lat_lon(item.x / 1e7, item.y / 1e7) for item in (loiter, touchdown)
     )
     bearing = math.degrees(math.atan2(x1 - x0, y1 - y0))
-    # The centre of a clockwise loiter lies to the right of the line it is left along.
+    # The centre of a clockwise loiter is to the right of the tangent on which it is left.
     return (bearing + math.degrees(math.asin(90.0 / math.hypot(x1 - x0, y1 - y0)))) % 360.0
 
 
@@ -77,7 +77,7 @@ def test_px4_takes_every_item_and_the_glide() -> None:
 
 
 def test_a_hill_on_the_approach_turns_it_aside() -> None:
-    # A ridge to the west, 200 m high from 500 m on: an approach with course 90 comes over it.
+    # There is a ridge to the west, 200 m high at distances above 500 m: course 90 passes over it.
     ridge = land(np.where(HOME_M[0] - 500.0 > X, 500.0, 300.0))
     course = course_deg(ridge, section(), 90.0)
     assert abs((course - 90.0 + 180.0) % 360.0 - 180.0) > 20.0
@@ -153,7 +153,7 @@ FIRST_DEG, LATER_DEG = 200.0, 110.0
 
 
 def planned(folder: Path, kind: str) -> Scenario:
-    """A scenario with the same two winds from any source of weather."""
+    """Return a scenario with the same two winds from any source of weather."""
     winds = {"first": FIRST_DEG, "later": LATER_DEG}
     toward = {name: (deg + 180) % 360 for name, deg in winds.items()}
     files = {
@@ -175,7 +175,7 @@ SOURCES = ("entries", "english.raws", "metric.wxs", "from.csv", "toward.csv")
 
 
 def laid_for(scenario: Scenario, items: Sequence[MissionItem]) -> float | None:
-    """The wind that the landing at the end of a mission is laid for, of the two."""
+    """Return which of the two winds the landing of a mission is planned for."""
     plane, landscape = scenario.vehicles[0], landscape_of(scenario)
     places = {
         wind_from_deg: [(item.x, item.y) for item in landing_of(plane, landscape, wind_from_deg)]

@@ -1,4 +1,4 @@
-"""Signed links as a user meets them: keys named, shared, refused, and never written down."""
+"""Signed links for users: sources of keys, shared keys, refusals, and no key in any file."""
 
 import contextlib
 import json
@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 
 from autopilot_bridge.items import Plan
-from autopilot_bridge.links.link import other_end
+from autopilot_bridge.links.link_address import other_end
 from autopilot_bridge.links.signing import Counts, Key, Signing, Timestamps, key_of
-from autopilot_bridge.missions.planfile import write_plan
+from autopilot_bridge.missions.plan_file import write_plan
 from autopilot_bridge.missions.transfer import TransferTiming
 from autopilot_bridge.stacks.stacks import stack_named
 from mission_service.config.scenario import SHIPPED, load_scenario, with_signing_key
@@ -22,9 +22,9 @@ from mission_service.runtime.clocks import wall_us
 from mission_service.runtime.link_signing import SigningRefusals, refusal, signings, timestamps_file
 from tests.bridge.helpers import line_of
 from tests.bridge.test_tlog import autopilot_on
-from tests.patience import PATIENCE_S
+from tests.patience import PATIENCE_S, wait_until
 from tests.service.test_cli import call
-from tests.service.test_live import free_port, process, wait_for
+from tests.service.test_live import free_port, process
 
 PASSPHRASE, OTHER = "correct horse battery", "another horse"
 DEFAULT = (SHIPPED / "default.toml").read_text(encoding="utf-8")
@@ -33,7 +33,7 @@ VEHICLE = "[[vehicles]]\n"
 
 @pytest.fixture(autouse=True)
 def state(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder for the timestamps, and the keys in the environment."""
+    """Create a folder for the timestamps, and set the keys in the environment."""
     folder = tmp_path_factory.mktemp("state")
     monkeypatch.setenv("XDG_STATE_HOME", str(folder))
     monkeypatch.setenv("THE_KEY", PASSPHRASE)
@@ -44,10 +44,10 @@ def state(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPa
 @contextlib.contextmanager
 def mock_on(port: int, folder: Path, *more: str) -> Iterator[None]:
     words = ["mock", "--stack", "ardupilot", "--link", f"udpout:127.0.0.1:{port}", *more]
-    words += ["--speedup", "8"]  # and so eight heartbeats a second
+    words += ["--speedup", "8"]  # so heartbeats have a rate of eight a second
     log = folder / "mock.log"
     with process(words, log):
-        wait_for(lambda: "ardupilot" in log.read_text(encoding="utf-8"), 60)
+        wait_until(lambda: "ardupilot" in log.read_text(encoding="utf-8"))
         yield
 
 
@@ -151,12 +151,12 @@ def test_the_most_frequent_refusal_is_reported_once() -> None:
     )
     assert refusal(Counts(good=9), "udpin:h:1") is None
     refusals = SigningRefusals("udpin:h:1", 1, Signing(Key(bytes(range(32))), Timestamps(wall_us)))
-    assert refusals.announcements(Counts(unsigned=3), False) == []
-    (line,) = refusals.announcements(Counts(unsigned=12), False)
+    assert refusals.new_reports(Counts(unsigned=3), False) == []
+    (line,) = refusals.new_reports(Counts(unsigned=12), False)
     assert line.startswith("refused 12 frames without a signature on udpin:h:1; set the vehicle")
-    assert refusals.announcements(Counts(unsigned=40), False) == []
+    assert refusals.new_reports(Counts(unsigned=40), False) == []
     silent = SigningRefusals("udpin:h:1", 1, None)
-    assert "no signing key is given" in silent.announcements(Counts(), True)[0]
+    assert "no signing key is given" in silent.new_reports(Counts(), True)[0]
 
 
 def test_a_vehicle_whose_clock_is_ahead_is_reported() -> None:
@@ -165,8 +165,8 @@ def test_a_vehicle_whose_clock_is_ahead_is_reported() -> None:
     theirs = Signing(key, Timestamps(lambda: 1_800_000_090_000_000))
     frame = bytes.fromhex("fd09000000030100000000000000000000000000000000")
     assert ours.accepts(theirs.sign(frame, 0))
-    assert SigningRefusals("udpin:h:1", 1, ours).announcements(ours.counts, False) == []
-    (line,) = SigningRefusals("udpin:h:1", 3, ours).announcements(ours.counts, False)
+    assert SigningRefusals("udpin:h:1", 1, ours).new_reports(ours.counts, False) == []
+    (line,) = SigningRefusals("udpin:h:1", 3, ours).new_reports(ours.counts, False)
     assert "90 s ahead" in line
 
 
@@ -228,7 +228,7 @@ def test_a_vehicle_that_ignores_its_commands_is_named(
 ) -> None:
     monkeypatch.setattr("mission_service.cli.signing_setup.TIMING", TransferTiming(200_000, 2))
     ours = f"udpin:127.0.0.1:{free_port()}"
-    with autopilot_on(other_end(ours)):  # it gets no key
+    with autopilot_on(other_end(ours)):  # it receives no key
         result = call("signing", "set-up", "--link", ours, "--signing-key", "env:THE_KEY")
     assert result.exit_code == 1
     assert result.stderr.count("\n") == 1
@@ -245,7 +245,7 @@ def test_a_vehicle_that_ignores_its_commands_is_named(
 def test_the_service_signs_natively_and_through_mavsdk_and_reports_a_wrong_key(
     tmp_path: Path,
 ) -> None:
-    """One vehicle with its key through MAVSDK, one with it natively, one with another key."""
+    """One vehicle uses its key through MAVSDK, one natively, and one has another key."""
     ports = [free_port() for _ in range(3)]
     table = DEFAULT[DEFAULT.index(VEHICLE) :].partition("\n\n")[0]
     name = next(line for line in table.splitlines() if line.startswith("name"))
@@ -271,8 +271,8 @@ def test_the_service_signs_natively_and_through_mavsdk_and_reports_a_wrong_key(
             key = ["--signing-key", "env:OTHER_KEY" if number == 3 else "env:THE_KEY"]
             mock = ["mock", "--stack", "px4", "--speedup", "5", *link, *key]
             stack.enter_context(process(mock, tmp_path / f"mock{number}.log"))
-        wait_for(lambda: logged("v1: connected", "v2: connected", "v3: refused"), 60)
-        wait_for(lambda: accepted(tmp_path / "journal.jsonl") == {"v1", "v2"}, 60)
+        wait_until(lambda: logged("v1: connected", "v2: connected", "v3: refused"))
+        wait_until(lambda: accepted(tmp_path / "journal.jsonl") == {"v1", "v2"})
         daemon.send_signal(signal.SIGTERM)
         assert daemon.wait(timeout=PATIENCE_S) == 0
     assert logged("with a wrong signature on udpin", "check that the vehicle has this key")
@@ -283,7 +283,7 @@ def test_the_service_signs_natively_and_through_mavsdk_and_reports_a_wrong_key(
 
 
 def accepted(journal: Path) -> set[str]:
-    """The vehicles that have taken a mission."""
+    """Return the vehicles that have accepted a mission."""
     lines = journal.read_text(encoding="utf-8").splitlines() if journal.exists() else []
     uploads = [json.loads(line)["event"] for line in lines if "UploadFinished" in line]
     return {upload["vehicle"] for upload in uploads if upload["outcome"] == "accepted"}

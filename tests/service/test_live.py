@@ -5,7 +5,6 @@ import signal
 import socket
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
@@ -14,7 +13,7 @@ import pytest
 
 from mission_service.interfaces.control.control_client import ControlClient
 from mission_service.replay.verification import verify
-from tests.patience import PATIENCE_S
+from tests.patience import PATIENCE_S, wait_until
 
 CLI = [sys.executable, "-m", "mission_service.cli"]
 SPEEDUP = 20
@@ -44,16 +43,6 @@ def mock(port: int, log: Path) -> AbstractContextManager["subprocess.Popen[bytes
     return process(["mock", "default", "--link", link, "--speedup", str(SPEEDUP)], log)
 
 
-def wait_for(what: Callable[[], bool], within_s: float) -> float:
-    """Seconds until something is so; fails when it is not in time."""
-    began = time.monotonic()
-    while not what():
-        if time.monotonic() - began > within_s:
-            pytest.fail(f"nothing happened within {within_s} s")
-        time.sleep(0.05)
-    return time.monotonic() - began
-
-
 @pytest.fixture
 def daemon_arguments(tmp_path: Path) -> tuple[int, list[str]]:
     port = free_port()
@@ -75,20 +64,20 @@ def test_daemon_and_mock_do_the_job_and_survive_the_loss_of_the_mock(
 
     with process(arguments, log) as daemon:
         with mock(port, tmp_path / "mock1.log"):
-            wait_for(logged("connected (px4 plane)"), 60)
-            wait_for(logged("start mission: accepted"), 60)
-            wait_for(logged("phase: monitor"), 60)
-        wait_for(logged("link lost"), 60)
+            wait_until(logged("connected (px4 plane)"))
+            wait_until(logged("start mission: accepted"))
+            wait_until(logged("phase: monitor"))
+        wait_until(logged("link lost"))
         with mock(port, tmp_path / "mock2.log"):
-            wait_for(logged("link restored"), 60)
-            wait_for(logged("autopilot restarted: it waits for an operator's order to start"), 60)
-            wait_for(logged("on the ground: it waits for an operator's order to start"), 60)
+            wait_until(logged("link restored"))
+            wait_until(logged("autopilot restarted: it waits for an operator's order to start"))
+            wait_until(logged("on the ground: it waits for an operator's order to start"))
             assert not logged("start mission: accepted", times=2)()
             with ControlClient(tmp_path) as operator:
                 operator.ask(do="start", vehicle="hawk", by="ann", station="desk")
-            wait_for(logged("start mission: accepted", times=2), 60)
+            wait_until(logged("start mission: accepted", times=2))
             uploads = log.read_text(encoding="utf-8").count("uploads accepted")
-            wait_for(logged("uploads accepted", times=uploads + 1), 60)
+            wait_until(logged("uploads accepted", times=uploads + 1))
             daemon.send_signal(signal.SIGTERM)
             assert daemon.wait(timeout=PATIENCE_S) == 0
     text = log.read_text(encoding="utf-8")
@@ -109,12 +98,12 @@ def test_daemon_and_mock_do_the_job_and_survive_the_loss_of_the_mock(
     assert vehicle["announcements"]["warning"] >= 2
     assert summary["alarms"]["link"] >= 1
     assert (summary["requests"], summary["service_restarts"]) == ({"OrderGiven": 1}, 0)
-    # Started again it goes on with what it has counted.
+    # After a restart it continues with its earlier counts.
     went_on = logged("resumes the run of")
     with process(arguments, log) as daemon:
-        wait_for(went_on, 60)
+        wait_until(went_on)
         daemon.send_signal(signal.SIGTERM)
-        assert daemon.wait(timeout=60) == 0
+        assert daemon.wait(timeout=PATIENCE_S) == 0
     again = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
     assert again["service_restarts"] == 1
     for name in ("missions", "takeoffs", "in_air_s", "flown_km", "decisions", "commands", "modes"):
@@ -129,7 +118,7 @@ def test_a_vehicle_that_never_answers_is_named(
     port, arguments = daemon_arguments
     log = tmp_path / "daemon.log"
     with process(arguments, log) as daemon:
-        wait_for(lambda: f"no heartbeat on udpin:127.0.0.1:{port}" in log.read_text("utf-8"), 60)
+        wait_until(lambda: f"no heartbeat on udpin:127.0.0.1:{port}" in log.read_text("utf-8"))
         daemon.send_signal(signal.SIGINT)
         assert daemon.wait(timeout=PATIENCE_S) == 0
 
@@ -143,7 +132,7 @@ def test_a_port_in_use_is_reported_and_an_earlier_journal_survives(
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
         sock.bind(("127.0.0.1", port))
         found = subprocess.run(
-            [*CLI, *arguments], capture_output=True, text=True, timeout=60, check=False
+            [*CLI, *arguments], capture_output=True, text=True, timeout=PATIENCE_S, check=False
         )
     assert found.returncode == 1
     assert f"127.0.0.1:{port}" in found.stderr
@@ -155,10 +144,10 @@ def test_a_recording_in_which_vehicles_look_alike_is_reported(tmp_path: Path) ->
     log, tlog = tmp_path / "daemon.log", tmp_path / "both.tlog"
     links = [f'vehicles.{n}.link="udpin:127.0.0.1:{free_port()}"' for n in (0, 1)]
     ids = [f"vehicles.{n}.system_id=1" for n in (0, 1)]
-    http = 'service.http.listen="127.0.0.1:0"'  # another service may have the port of the scenario
+    http = 'service.http.listen="127.0.0.1:0"'  # another service may use the port of the scenario
     changes = [word for change in (*links, *ids, http) for word in ("--set", change)]
     arguments = ["run", "demo", "--out", str(tmp_path), "--tlog", str(tlog), *changes]
     with process(arguments, log) as daemon:
-        wait_for(lambda: "cannot be distinguished in it" in log.read_text("utf-8"), 60)
+        wait_until(lambda: "cannot be distinguished in it" in log.read_text("utf-8"))
         daemon.send_signal(signal.SIGINT)
         assert daemon.wait(timeout=PATIENCE_S) == 0

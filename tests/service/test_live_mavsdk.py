@@ -11,8 +11,8 @@ import pytest
 from mission_service.config.scenario import load_scenario
 from mission_service.errors import ScenarioError
 from mission_service.replay.verification import verify
-from tests.patience import PATIENCE_S
-from tests.service.test_live import CLI, free_port, process, wait_for
+from tests.patience import PATIENCE_S, wait_until
+from tests.service.test_live import CLI, free_port, process
 
 SPEEDUP = "60"
 
@@ -39,16 +39,16 @@ def test_a_vehicle_flown_through_mavsdk_circles_the_fire_once(tmp_path: Path) ->
         )
     try:
         with process(mock, tmp_path / "mock.log"):
-            wait_for(lambda: phase("initial circle"), 60)
-            wait_for(lambda: phase("monitor"), 60)
+            wait_until(lambda: phase("initial circle"))
+            wait_until(lambda: phase("monitor"))
             daemon.send_signal(signal.SIGTERM)
             output, _ = daemon.communicate(timeout=PATIENCE_S)
     finally:
         daemon.kill()
         daemon.wait(timeout=PATIENCE_S)
     assert daemon.returncode == 0
-    summary = json.loads(output)  # MAVSDK's own log does not get in between
-    # So sped up, the mock gives up an upload after 80 ms: on a busy machine some may fail.
+    summary = json.loads(output)  # MAVSDK's own log is not mixed with the output
+    # With this speed-up the mock aborts an upload after 80 ms: on a busy machine some may fail.
     assert summary["vehicles"][0]["uploads"]["accepted"] >= 1
     assert "Traceback" not in log.read_text(encoding="utf-8")
     assert (tmp_path / "flight.tlog").stat().st_size > 10_000

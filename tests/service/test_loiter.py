@@ -1,4 +1,4 @@
-"""Circling a virtual agent (eqs. 14, 15): the ideal fixed wing and its path ahead."""
+"""Circling around a virtual agent (eqs. 14, 15): the ideal fixed wing and its predicted path."""
 
 import math
 
@@ -20,7 +20,7 @@ def fly(
     seconds: float,
     step_s: float = STEP_S,
 ) -> NDArray[np.float64]:
-    """(n, 4) states from the first on."""
+    """Return the states (n, 4), from the first one on."""
     states = [state]
     for _ in range(round(seconds / step_s)):
         states.append(orbit_step(*states[-1], *orbit, *wind, step_s, BANK))
@@ -28,13 +28,13 @@ def fly(
 
 
 def wanted_course_rad(x_m: float, y_m: float, *orbit: float) -> float:
-    """The course of eq. 15, without wind."""
+    """Return the course of eq. 15 without wind."""
     aim_x, aim_y = loiter._aim(x_m, y_m, 1.0, 0.0, 17.5, *orbit, 0.0, 0.0, 0.0)
     return math.atan2(aim_y, aim_x)
 
 
 def test_the_law_points_at_the_agent_from_afar_and_along_the_circle_on_it() -> None:
-    east = (1e7, 0.0, 0.0, 0.0)  # of the agent
+    east = (1e7, 0.0, 0.0, 0.0)  # position of the agent
     assert wanted_course_rad(*east, -150.0) == pytest.approx(math.pi, abs=1e-3)
     assert wanted_course_rad(150.0, 0.0, 0.0, 0.0, -150.0) == pytest.approx(math.pi / 2)
     assert wanted_course_rad(150.0, 0.0, 0.0, 0.0, 150.0) == pytest.approx(-math.pi / 2)
@@ -55,7 +55,7 @@ def test_the_circle_flown_has_the_radius_asked_for(
     x, y = states[800:, 0] - 20.0, states[800:, 1] - 10.0
     assert np.hypot(x, y) == pytest.approx(abs(radius_m), rel=0.01)
     turned = np.diff(np.unwrap(np.arctan2(y, x)))
-    assert np.all(turned * radius_m < 0.0)  # negative is anticlockwise, everywhere
+    assert np.all(turned * radius_m < 0.0)  # negative means anticlockwise everywhere
     assert states[:, 3] == pytest.approx(airspeed_m_s)
 
 
@@ -75,13 +75,14 @@ def test_speed_changes_take_time() -> None:
 
 
 def test_an_agent_inside_the_turning_circle_is_not_circled_the_wrong_way_for_ever() -> None:
-    """By eq. 14 it would be: 30 m to the right of a vehicle that turns within 37 m."""
+    """By eq. 14 it would be circled in the wrong direction: 30 m to the right, turn radius 37 m."""
     states = fly((0.0, 0.0, 0.0, 17.5), (0.0, -30.0, -150.0, 17.5), (0.0, 0.0), 60.0)
     assert math.hypot(states[-1, 0], states[-1, 1] + 30.0) == pytest.approx(150.0, rel=0.02)
 
 
 def test_a_vehicle_that_must_turn_about_turns_the_way_of_the_orbit() -> None:
-    for heading_rad in (math.pi - 0.2, math.pi + 0.2):  # the law asks for about 0: outwards
+    # The law gives a course of about 0, which leads outwards.
+    for heading_rad in (math.pi - 0.2, math.pi + 0.2):
         state = (10.0, 0.0, heading_rad, 17.5)
         anticlockwise = orbit_step(*state, 0.0, 0.0, -150.0, 17.5, 0.0, 0.0, STEP_S, BANK)
         clockwise = orbit_step(*state, 0.0, 0.0, 150.0, 17.5, 0.0, 0.0, STEP_S, BANK)
@@ -101,7 +102,7 @@ def test_the_path_ahead_is_the_one_flown(
     path_m = np.empty((200, 2))
     loiter.predict_path(*state, *orbit, *wind, BANK, STEP_S, STEP_S, path_m)
     assert path_m == pytest.approx(flown[1:, :2], abs=0.2)
-    coarse_m = np.empty((50, 2))  # what avoidance looks at
+    coarse_m = np.empty((50, 2))  # the prediction that avoidance uses
     loiter.predict_path(*state, *orbit, *wind, BANK, 0.0, 1.0, coarse_m)
     assert np.hypot(*(coarse_m - flown[:200:4, :2]).T).max() < 6.0
 
@@ -121,6 +122,7 @@ def test_near_ties_between_left_and_right_are_detected() -> None:
     course_rad = wanted_course_rad(20.0, 0.0, *orbit[:3])
     about_rad = math.acos(loiter.ABOUT)
     assert loiter.at_fork(20.0, 0.0, course_rad + about_rad, 17.5, *orbit)
-    assert not loiter.at_fork(20.0, 0.0, course_rad - about_rad, 17.5, *orbit)  # left anyway
+    # The turn is to the left in any case.
+    assert not loiter.at_fork(20.0, 0.0, course_rad - about_rad, 17.5, *orbit)
     assert not loiter.at_fork(20.0, 0.0, course_rad + math.pi, 17.5, *orbit)
     assert not loiter.at_fork(20.0, 0.0, course_rad + 1.0, 17.5, *orbit)

@@ -1,4 +1,4 @@
-"""The command ``mock`` as a process, and its one-line errors."""
+"""The command ``mock`` as a process, and its errors of one line."""
 
 import json
 import signal
@@ -12,7 +12,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.links.codec import Codec
-from mission_service.simulation.mocks import MockEnvironment, by_hand, listening, read_wind
+from mission_service.simulation.mock_processes import MockEnvironment, by_hand, listening, read_wind
 from tests.patience import PATIENCE_S
 from tests.service.test_cli import call
 from tests.service.test_live import CLI, free_port
@@ -42,7 +42,7 @@ def test_bad_words_get_one_line_and_exit_code_1(arguments: tuple[str, ...], word
 def test_without_a_scenario_the_vehicle_is_plane_or_copter() -> None:
     result = call("mock", "--vehicle", "owl")
     assert result.exit_code == 2
-    assert "without a scenario it is plane or copter" in result.stderr
+    assert "without a scenario, give plane or copter" in result.stderr
 
 
 def test_links_to_listen_on() -> None:
@@ -66,7 +66,7 @@ def test_a_fleet_by_hand_has_all_it_was_ordered() -> None:
 
 
 def system_ids_received(station: socket.socket, address: tuple[str, int]) -> set[int]:
-    """The system ids that answer a ground station's heartbeats."""
+    """Return the system ids that reply to a ground station's heartbeats."""
     codec = Codec(255, 190)
     found: set[int] = set()
     beat: Any = mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)

@@ -1,4 +1,4 @@
-"""A process that flies one vehicle of many: its vehicle, its messages, its time."""
+"""A process that flies one vehicle of many: the vehicle, its messages, its time."""
 
 from pathlib import Path
 from typing import cast
@@ -9,7 +9,8 @@ from click.testing import CliRunner
 from mission_service.cli.main import main
 from mission_service.commands import Announce, BroadcastMessage, Hold, StartMission, UploadMission
 from mission_service.config.scenario import Scenario, load_scenario, one_of_many
-from mission_service.core.core import TAKEOFF_EVERY_S, Core
+from mission_service.core.core import Core
+from mission_service.core.mission_starts import TAKEOFF_EVERY_S
 from mission_service.errors import ScenarioError
 from mission_service.events import (
     Aborted,
@@ -24,7 +25,7 @@ from mission_service.events import (
     UploadFinished,
     VehicleConnected,
 )
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 from mission_service.guidance.formation.controller import FormationFlight
 from mission_service.journal.journal_file import Journal, SegmentReader, header_of
 from mission_service.peer_messages import AnyMessage, Digest, FireUpdate, Leaving, State
@@ -41,7 +42,7 @@ def scenario(peer_messaging: bool = True) -> Scenario:
 
 
 class Flown:
-    """Crane's core, its vehicle in the air in its mission."""
+    """The core of crane, with the vehicle in the air in its mission."""
 
     def __init__(self, peer_messaging: bool = True) -> None:
         self.scenario = scenario(peer_messaging)
@@ -64,7 +65,7 @@ class Flown:
         return Telemetry(second * S, "crane", *place, 17.0, 0.0, 0.0)
 
     def flies(self, *seconds: int) -> list[AnyMessage]:
-        """The messages sent meanwhile."""
+        """Fly; return the messages that were sent."""
         sent: list[AnyMessage] = []
         for second in seconds:
             commands = self.core.handle(self.at(second, 0.006 + 15e-5 * second))
@@ -100,7 +101,8 @@ def test_messages_of_its_agent_are_commands_and_those_of_others_events() -> None
     assert any(isinstance(message, Digest) for message in sent)
     assert crane.receive(9, state_of(states[0], "eagle", 500.0)) == []
     assert crane.peers == 1
-    crane.receive(9, state_of(states[0], "heron", 2500.0))  # farther than states are received
+    # Beyond the range in which states are received.
+    crane.receive(9, state_of(states[0], "heron", 2500.0))
     assert crane.peers == 1
     crane.receive(9, Leaving(9 * S, "eagle", "home"))
     assert crane.peers == 0
@@ -129,7 +131,7 @@ def test_each_has_its_time_to_take_off() -> None:
             commands = core.handle(UploadFinished(second * S, "crane", 1, "accepted", ""))
         if started_at_s is None and any(isinstance(each, StartMission) for each in commands):
             started_at_s = second
-    assert started_at_s == pytest.approx(2 * TAKEOFF_EVERY_S, abs=2.0)  # it is the third
+    assert started_at_s == pytest.approx(2 * TAKEOFF_EVERY_S, abs=2.0)  # the third vehicle
 
 
 def test_an_agent_without_peers_sends_nothing() -> None:
@@ -214,7 +216,7 @@ def test_the_command_reports_what_is_wrong_with_its_flags(
 def test_a_late_peer_joins_at_the_latest_time_there_is() -> None:
     clock = MissionClock(0, wall=False)
     clock.others_passed(600 * S, 0)
-    assert clock.now_us == 0  # a process is on its own time until its vehicle reports one
+    assert clock.now_us == 0  # a process uses its own time until its vehicle reports a time
     client = Client(at(5.0))
     (event,) = Gateway("crane", client, clock).events(0)
     assert event.at_us == clock.now_us == 600 * S
@@ -240,6 +242,6 @@ def test_with_the_wall_clock_it_joins_at_once_and_goes_on_from_there() -> None:
     clock.others_passed(600 * S, 51 * S)
     clock.wall_passed(52 * S)
     assert clock.now_us == 601 * S
-    clock.others_passed(500 * S, 52 * S)  # a process that is behind changes nothing
+    clock.others_passed(500 * S, 52 * S)  # a process with an earlier time has no effect
     clock.wall_passed(53 * S)
     assert clock.now_us == 602 * S

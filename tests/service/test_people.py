@@ -1,4 +1,4 @@
-"""What people order, correct and accept, flown in virtual time."""
+"""Operators' orders, corrections and approvals, flown in virtual time."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -38,7 +38,7 @@ from mission_service.events import (
 )
 from mission_service.fire.corrected_fire import MAX_OBSERVATIONS, thinned
 from mission_service.fire.run_estimate import RunEstimate
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 from mission_service.guidance.front.perimeter_planner import PerimeterPlanner
 from tests.service.people_flights import ANN, Flight, Fly, flights_in
 
@@ -104,7 +104,7 @@ def test_a_correction_moves_fire_and_mission_and_an_undo_takes_it_back(fly: Fly,
     flight = fly(rule=rule)
     flight.run(900.0)
     before = flight.sim.estimate.fire.burned().copy()
-    row, col = np.argwhere(before).max(axis=0).tolist()  # its south-east end
+    row, col = np.argwhere(before).max(axis=0).tolist()  # the south-east end
     places = around(flight, row + 4.0, col + 4.0, 150.0)
     drawn = Corrected(flight.now_us, *ANN, "burned", "polygon", places, flight.now_us)
     flight.submit(drawn)
@@ -134,7 +134,8 @@ def test_a_correction_moves_fire_and_mission_and_an_undo_takes_it_back(fly: Fly,
     seen = [each for each in flight.over() if isinstance(each, Observed) and each.corrects]
     reports = [each for each in seen if each.at_us in (drawn.at_us, undone_us)]
     assert len(reports) == 3 * len(flight.scenario.vehicles)
-    # Later windows remove what images contradict, since the simulated fire does not burn there.
+    # Later images remove areas that they contradict, because the simulated fire does not burn
+    # there.
     assert all(each.at_us > undone_us for each in seen if each not in reports)
 
 
@@ -153,9 +154,9 @@ def test_ground_reported_unburned_and_erasures_and_wind(fly: Fly) -> None:
     flight.submit(Erased(now, *ANN, float(lat), float(lon), 400.0))
     assert np.array_equal(np.argwhere(flight.sim.estimate.fire.burned()), burned)
     flight.submit(WindSet(now, *ANN, 12.0, 270.0))
-    weather = flight.sim.estimate.fire.weather.at(flight.now_s)
+    weather = flight.sim.estimate.fire.weather.weather_at(flight.now_s)
     assert (weather.wind_speed_m_s, weather.wind_from_deg) == (12.0, 270.0)
-    # The wind does not drive the simulated fire, so images delay the growth of the estimate.
+    # The wind does not affect the simulated fire, so images delay the growth of the estimate.
     flight.run(900.0)
     grown = np.argwhere(flight.sim.estimate.fire.burned()).max(axis=0)
     assert grown[1] > col + 10, "it runs east before the wind"
@@ -193,7 +194,7 @@ def test_missions_wait_for_approval_where_configured(fly: Fly) -> None:
     flight.submit(MissionRefused(flight.now_us, *ANN, "hawk", second.mission_hash))
     assert flight.state_view.missions["hawk"].proposed is None
     refused_hash = second.mission_hash
-    flight.run(20.0)  # meanwhile it comes to the front: another mission is due
+    flight.run(20.0)  # in the meantime it reaches the front, so another mission is due
     third = flight.state_view.missions["hawk"].proposed
     assert third is None or third.mission_hash != refused_hash
     assert third is None or "different from the mission that ann refused" in third.why
@@ -206,7 +207,7 @@ def test_missions_wait_for_approval_where_configured(fly: Fly) -> None:
     assert len(proposed) > 3, "what waits too long is proposed again"
     announced = [each.text for each in commands(entries, Announce)]
     waits = [text for text in announced if "waits for approval" in text]
-    # The first, the one that was requested, and those after a refusal; none that replaces another.
+    # The first, the requested one, and those after a refusal; none that replaces another.
     assert waits[0] == "mission 1 waits for approval: fly to the fire"
     assert 3 <= len(waits) < len(proposed)
     assert len(commands(entries, StartMission)) == 1
@@ -248,7 +249,7 @@ def test_a_stroke_costs_the_same_however_many_places_it_has() -> None:
 def test_a_drawn_area_is_as_drawn_though_few_of_its_marks_are_fitted(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """A fit of all would take as long as the cube of their number."""
+    """The time of a fit of all marks would grow with the cube of their number."""
     scenario = load_scenario("demo")
     landscape = landscape_of(scenario)
     world = RunEstimate(scenario, landscape)

@@ -1,4 +1,4 @@
-"""The planner flown over a fire it can only see through a camera; ideal motion, no MAVLink."""
+"""The planner flies over a fire that it observes only by its camera; ideal motion, no MAVLink."""
 
 from dataclasses import replace
 
@@ -28,7 +28,7 @@ ROWS, COLS = np.indices((SIZE, SIZE)).astype(float)
 
 
 class Ellipse:
-    """A fire that spreads as an ellipse with its ignition in the rear focus, head to the south."""
+    """A fire that spreads as an ellipse, with its ignition in the rear focus, to the south."""
 
     def __init__(self, head_cells_s: float, eccentricity: float) -> None:
         self.head_cells_s = head_cells_s
@@ -52,7 +52,7 @@ class Ellipse:
 def fly(
     fire: Ellipse, settings: PerimeterSettings, from_s: float, to_s: float
 ) -> tuple[PerimeterPlanner, list[float], list[float]]:
-    """Fly the planner's paths exactly; returns it, times of reversals, distance to the front."""
+    """Fly the planner's paths; return planner, times of reversals, distances to the front."""
     planner = PerimeterPlanner(settings, (SIZE, SIZE), CENTRE, ignited_at_s=0.0)
     row, col = CENTRE[0] - 30.0, CENTRE[1] + 3.0
     reversals, off_front = [], []
@@ -133,6 +133,6 @@ def test_where_the_ignition_is_unknown_the_centre_of_the_fire_takes_its_place() 
     settings = replace(SETTINGS, ignition_known=False)
     planner, _, _ = fly(FAST, settings, 3600.0, 7200.0)
     assert planner.phase == "monitor"
-    # The ellipse's centre lies south of its ignition.
+    # The centre of the ellipse is south of the ignition.
     assert planner.map.centre_row > CENTRE[0] + 5.0
     assert planner.map.centre_col == pytest.approx(CENTRE[1], abs=2.5)

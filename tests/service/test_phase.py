@@ -1,4 +1,4 @@
-"""Phases (eqs. 16 to 18): the vehicle ahead slows down, until all are alike."""
+"""Phases (eqs. 16 to 18): a vehicle that is ahead slows down until all phases are equal."""
 
 import math
 
@@ -23,7 +23,7 @@ def row(
     age_s: float = 0.0,
     at_m: float = 150.0,
 ) -> NDArray[np.float64]:
-    """A peer on (or off) an anticlockwise orbit about a place, at 15 m/s along it."""
+    """Return one row: a peer on (or off) an anticlockwise orbit around a place, at 15 m/s."""
     numbers = np.zeros(peers.COLUMNS)
     numbers[[peers.X, peers.Y]] = x_m + at_m * math.cos(angle_rad), y_m + at_m * math.sin(angle_rad)
     numbers[[peers.VX, peers.VY]] = -15.0 * math.sin(angle_rad), 15.0 * math.cos(angle_rad)
@@ -52,7 +52,7 @@ def test_shares_of_thrust_are_airspeeds_of_the_airframe() -> None:
     assert phase.airspeed_of_share_m_s(0.4, *LIMITS, 0.0) == pytest.approx(10.0)
     assert phase.airspeed_of_share_m_s(1.0, *LIMITS, 0.0) == pytest.approx(25.0)
     assert phase.airspeed_of_share_m_s(0.4, 14.0, 25.0, 0.0) == pytest.approx(14.0)
-    # In wind no vehicle is blown backwards, as far as the airframe goes.
+    # In wind no vehicle is blown backwards, within the limits of the airframe.
     assert phase.airspeed_of_share_m_s(0.4, *LIMITS, 12.0) == pytest.approx(14.0)
     assert phase.airspeed_of_share_m_s(0.4, *LIMITS, 40.0) == pytest.approx(25.0)
 
@@ -64,7 +64,7 @@ def test_the_mean_is_taken_on_the_circle() -> None:
 
 
 def test_phases_without_a_mean_go_by_the_lowest_key() -> None:
-    """Else rounding decides which is ahead and which behind of a mean that is opposite."""
+    """Otherwise rounding would decide which vehicle is ahead of a mean that lies opposite."""
     quarter = math.pi / 2.0
     others = [row(number * quarter, 300.0 * number, key=3 + number) for number in (1, 2, 3)]
     assert ahead(0.0, *others, key=9) == pytest.approx(-quarter)
@@ -94,7 +94,7 @@ def synchronised_rad(
     wind: tuple[float, float] = (0.0, 0.0),
     until_s: float = 240.0,
 ) -> float:
-    """Vehicles on orbits in a ring; the largest distance from the mean phase at the end."""
+    """Return the largest final distance from the mean phase, for vehicles on a ring of orbits."""
     count = len(angles)
     turn = 2.0 * np.pi * np.arange(count) / count
     size_m = 300.0 / (2.0 * math.sin(math.pi / count))
@@ -145,7 +145,7 @@ def test_phases_wound_round_a_ring_come_undone(wound: int) -> None:
 
 
 def test_phases_wound_once_stay_so_if_all_look_at_the_next_ones_only() -> None:
-    """What the paper's rule does: why every vehicle within range counts."""
+    """This is the effect of the paper's rule, and the reason to use every vehicle in range."""
     angles = 2.0 * np.pi * np.arange(8) / 8
     assert synchronised_rad(angles, 420.0) > math.radians(90.0)
 

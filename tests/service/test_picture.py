@@ -1,4 +1,4 @@
-"""The picture that all interfaces show, the health monitor's alarms, the table [service]."""
+"""The state view that all interfaces show, the health monitor's alarms, the table [service]."""
 
 import math
 from pathlib import Path
@@ -22,10 +22,12 @@ from mission_service.events import (
     VehicleConnected,
     VehicleRebooted,
 )
-from mission_service.fire.setup import landscape_of
-from mission_service.runtime.health_monitor import HealthMonitor, near_pairs
+from mission_service.fire.scenario_fire import landscape_of
+from mission_service.runtime.alarms.health_monitor import HealthMonitor
+from mission_service.runtime.alarms.notices import MAX_ANNOUNCEMENTS
+from mission_service.runtime.alarms.proximity_alarms import ProximityAlarms, near_pairs
 from mission_service.runtime.published_states import TelemetryState
-from mission_service.runtime.state_view import MAX_ANNOUNCEMENTS, StateView
+from mission_service.runtime.state_view import StateView
 
 
 @pytest.fixture
@@ -105,15 +107,25 @@ def test_pairs_too_near_are_found() -> None:
     assert not near_pairs(there, 10_000_000, 30.0), "old places do not count"
 
 
-def test_the_health_monitor_reports_pairs_and_lateness(state_view: StateView) -> None:
-    health_monitor = HealthMonitor(state_view, 30.0, 200_000)
+def test_pairs_too_near_raise_an_alarm_until_they_are_apart(state_view: StateView) -> None:
+    alarms = ProximityAlarms(state_view, 30.0)
     state_view.telemetry = {"a": at("a", 36.0, 100.0), "b": at("b", 36.0, 110.0)}
-    health_monitor.check(0)
+    alarms.check_pairs(0)
     assert set(state_view.alarms) == {"near/a/b"}
     state_view.telemetry["b"] = at("b", 36.1, 110.0)
-    health_monitor.check(1_200_000)
+    alarms.check_pairs(400_000)
+    assert set(state_view.alarms) == {"near/a/b"}, "not due"
+    alarms.check_pairs(1_200_000)
+    assert not state_view.alarms
+
+
+def test_a_blocked_event_loop_raises_an_alarm_until_it_is_in_time(state_view: StateView) -> None:
+    health_monitor = HealthMonitor(state_view, 200_000)
+    health_monitor.check_delay(0)
+    assert not state_view.alarms
+    health_monitor.check_delay(1_200_000)
     assert set(state_view.alarms) == {"late"}
-    health_monitor.check(1_400_000)
+    health_monitor.check_delay(1_400_000)
     assert not state_view.alarms
 
 

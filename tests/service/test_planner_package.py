@@ -11,26 +11,25 @@ from pathlib import Path
 import pytest
 
 from mission_service.journal.journal_file import SegmentReader
-from tests.patience import PATIENCE_S
-from tests.service.test_live import free_port, mock, wait_for
+from tests.patience import PATIENCE_S, wait_until
+from tests.service.test_live import free_port, mock
 
 ROOT = Path(__file__).parents[2]
 GUIDE = (ROOT / "docs" / "planners.md").read_text(encoding="utf-8")
 CLI = [sys.executable, "-m", "mission_service.cli"]
-STARTS_S = 10 * PATIENCE_S  # a whole simulation, where every core is busy
 FLOWN = ("start_s=3600", "deploy_at_s=3600", "duration_s=4050", "fire.scheme=devs8")
 RULE = ("planner.rule=pendulum", "pendulum.turn_every_s=40", "pendulum.radius_m=1200")
 
 
 def block(language: str, contains: str) -> str:
-    """A block of code of the guide."""
+    """Return a block of code of the guide."""
     found = re.findall(rf"^```{language}\n(.*?)^```$", GUIDE, re.DOTALL | re.MULTILINE)
     (one,) = (text for text in found if contains in text)
     return str(one)
 
 
 def install(site: Path, module: str, entry_point: str) -> None:
-    """What ``pip install`` leaves of a package with one module."""
+    """Create the files that ``pip install`` creates for a package with one module."""
     site.mkdir(exist_ok=True)
     (site / "pendulum.py").write_text(module, encoding="utf-8")
     info = site / "pendulum-1.0.dist-info"
@@ -41,7 +40,7 @@ def install(site: Path, module: str, entry_point: str) -> None:
 
 @pytest.fixture
 def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder of packages with the guide's planner; all processes of the test have it."""
+    """Return a folder of packages with the guide's planner, which all processes of the test use."""
     folder = tmp_path / "site"
     (line,) = re.findall(r"^pendulum = .*$", block("toml", "entry-points"), re.MULTILINE)
     install(folder, block("python", "PENDULUM ="), line.replace('"', ""))
@@ -52,7 +51,7 @@ def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def service(*arguments: str) -> "subprocess.CompletedProcess[str]":
     command = [*CLI, *arguments]
-    return subprocess.run(command, capture_output=True, text=True, timeout=STARTS_S, check=False)
+    return subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
 
 
 def changed(*keys: str) -> list[str]:
@@ -127,9 +126,9 @@ def test_it_flies_live(tmp_path: Path) -> None:
         daemon = subprocess.Popen([*CLI, *run], stdout=output, stderr=subprocess.STDOUT)
         try:
             with mock(port, tmp_path / "mock.log"):
-                wait_for(lambda: has_turned(log.read_text(encoding="utf-8")), STARTS_S)
+                wait_until(lambda: has_turned(log.read_text(encoding="utf-8")))
                 daemon.send_signal(signal.SIGTERM)
-                assert daemon.wait(timeout=STARTS_S) == 0
+                assert daemon.wait(timeout=PATIENCE_S) == 0
         finally:
             daemon.kill()
             daemon.wait()

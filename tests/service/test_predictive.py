@@ -1,4 +1,4 @@
-"""The estimated front that goes on growing, and the planner that flies by it."""
+"""The extrapolated front, and the planner that uses it."""
 
 from dataclasses import replace
 
@@ -36,7 +36,7 @@ ROWS, COLS = np.indices(SHAPE).astype(float)
 
 
 def burned_ellipse(rate: Floats, at_s: float) -> NDArray[np.uint8]:
-    """The whole grid (y, x) with a fire that spreads with these rates (cells/s, 360)."""
+    """Return a grid (y, x) with a fire that spreads with these rates (cells/s, 360)."""
     south, east = ROWS - CENTRE[0], COLS - CENTRE[1]
     bearing = np.rad2deg(np.arctan2(east, -south)) % 360.0
     reach = np.interp(bearing, np.arange(BEARINGS), rate, period=360.0) * at_s
@@ -48,7 +48,7 @@ def ellipse_rate(head_cells_s: float, eccentricity: float) -> Floats:
 
 
 def brush_fire(*weather: tuple[float, float, float], scheme: str = "anyangle") -> Burn:
-    """Three hours in even brush under winds (at_s, speed, from)."""
+    """Return three hours of a fire in even brush under winds (at_s, speed, from)."""
     stream = WeatherStream([wind(*entry) for entry in weather])
     lit = (int(CENTRE[0]), int(CENTRE[1]))
     return burn("test", scheme, flat(of_one_fuel(BRUSH)), stream, lit, END_S, 2.0)  # type: ignore[arg-type]
@@ -60,11 +60,11 @@ def turning() -> Burn:
 
 
 def estimated(fire: Burn, wind_given: bool = True) -> FrontEstimate:
-    """From the ignition on; with the exact wind, or only the first one."""
+    """Return the front estimated from the ignition on, with the exact wind or only the first."""
     model = model_of(fire.landscape, fire.weather.entries[0])
     estimate = FrontEstimate(SHAPE, CENTRE, model, np.full(BEARINGS, 0.5), 0.0)
     for at_s in range(0, int(END_S), 60):
-        now = fire.weather.at(at_s if wind_given else 0.0)
+        now = fire.weather.weather_at(at_s if wind_given else 0.0)
         estimate.add_wind(now.wind_speed_m_s, now.wind_from_deg, float(at_s))
         estimate.advance(at_s + 60.0)
     return estimate
@@ -74,18 +74,18 @@ def test_a_measured_ellipse_is_extrapolated_without_any_model() -> None:
     rate = ellipse_rate(0.012, 0.6)
     estimate = FrontEstimate(SHAPE, CENTRE, None, np.full(BEARINGS, 0.5), 0.0)
     for at_s in (1800.0, 3600.0):
-        estimate.observe(0, 0, burned_ellipse(rate, at_s), at_s)
+        estimate.add_window(0, 0, burned_ellipse(rate, at_s), at_s)
     frozen = estimate.front.copy()
     estimate.advance(5400.0)
     off = np.abs(estimate.front - rate * 5400.0)
-    assert off.max() < 2.0  # the cells' staircase
+    assert off.max() < 2.0  # the error of the cells' corners
     assert off.mean() < 0.6
     assert np.abs(frozen - rate * 5400.0).max() > 15.0
 
 
 def test_the_model_alone_grows_the_fire_that_burns() -> None:
     fire = brush_fire((0.0, 4.0, 225.0))
-    true = TrueShape(fire.arrival_s, fire.ignition).at(END_S)
+    true = TrueShape(fire.arrival_s, fire.ignition).distances_at(END_S)
     off = np.abs(estimated(fire).front - true)
     assert true.max() > 25.0
     assert off.max() < 3.0
@@ -93,7 +93,7 @@ def test_the_model_alone_grows_the_fire_that_burns() -> None:
 
 
 def test_wind_that_turns_turns_the_belief(turning: Burn) -> None:
-    true = TrueShape(turning.arrival_s, turning.ignition).at(END_S)
+    true = TrueShape(turning.arrival_s, turning.ignition).distances_at(END_S)
     given, first_only = (estimated(turning, given).front for given in (True, False))
     assert np.abs(given - true).mean() < 1.5
     assert np.abs(first_only - true).mean() > 4.0 * np.abs(given - true).mean()
@@ -103,11 +103,13 @@ def test_two_looks_seconds_apart_teach_nothing() -> None:
     rate = ellipse_rate(0.01, 0.5)
     estimate = FrontEstimate(SHAPE, CENTRE, None, np.full(BEARINGS, 0.5), 0.0)
     for at_s in (1800.0, 3600.0):
-        estimate.observe(0, 0, burned_ellipse(rate, at_s), at_s)
+        estimate.add_window(0, 0, burned_ellipse(rate, at_s), at_s)
     before = estimate.factors()
-    estimate.observe(0, 0, burned_ellipse(rate, 3660.0), 3605.0)  # a whole cell within five seconds
+    estimate.add_window(
+        0, 0, burned_ellipse(rate, 3660.0), 3605.0
+    )  # a whole cell within five seconds
     assert np.abs(estimate.factors() - before).max() < 0.02
-    estimate.observe(0, 0, burned_ellipse(1.5 * rate, 5400.0), 5400.0)  # half an hour later
+    estimate.add_window(0, 0, burned_ellipse(1.5 * rate, 5400.0), 5400.0)  # half an hour later
     assert (estimate.factors() > 1.2 * before)[60:120].all()
 
 
@@ -117,7 +119,7 @@ def test_a_front_that_moves_in_whole_cells_has_a_steady_speed() -> None:
     off, naive, before = [], [], 0.0
     for at_s in np.arange(3600.0, 9000.0, 150.0):
         window = burned_ellipse(rate, float(at_s))
-        estimate.observe(0, 0, window, float(at_s))
+        estimate.add_window(0, 0, window, float(at_s))
         off.append(estimate.speed_cells_s[90] / 0.005 - 1.0)
         cell = float(np.flatnonzero(window[100, 100:] == BURNED)[-1])
         naive.append((cell - before) / 150.0 / 0.005 - 1.0)
@@ -135,18 +137,20 @@ def test_the_factor_adapts_to_a_fire_slower_than_the_model() -> None:
     estimate.add_wind(7.0, 225.0, 0.0)
     for at_s in (1800.0, 3600.0, 5400.0, 7200.0):
         window = np.where(fire.burned(at_s), BURNED, UNBURNED).astype(np.uint8)
-        estimate.observe(0, 0, window, at_s)
+        estimate.add_window(0, 0, window, at_s)
     unadapted = FrontEstimate(SHAPE, CENTRE, estimate.model, estimate.front, 7200.0)
     unadapted.add_wind(7.0, 225.0, 7200.0)
     for one in (estimate, unadapted):
         one.advance(END_S)
-    adapted_off, plain_off = (np.abs(one.front - true.at(END_S)) for one in (estimate, unadapted))
+    adapted_off, plain_off = (
+        np.abs(one.front - true.distances_at(END_S)) for one in (estimate, unadapted)
+    )
     assert adapted_off.mean() < 0.7 * plain_off.mean()
     assert adapted_off.max() < 4.0
 
 
 def ring(hot: slice, growth: float = 10.0) -> CoarseRing:
-    """A minute from node to node; one arc's error grows faster."""
+    """Return a ring with a minute between nodes; the error of one arc grows faster."""
     values = CoarseRing(*(np.full(NODES, value) for value in (60.0, 60.0, 0.5, 1e-4, 0.5)))
     values.growth[hot] *= growth
     values.error[hot] += 3.0
@@ -182,7 +186,7 @@ def test_ground_speed_along_the_ring_is_that_of_the_wind_triangle() -> None:
     assert values.ahead_s[node_of[0]] / values.back_s[node_of[0]] == pytest.approx(
         (0.6 - 0.2) / (0.6 + 0.2), rel=0.05
     )
-    west = int(node_of[270])  # there it flies across the wind
+    west = int(node_of[270])  # in this part it flies across the wind
     assert values.ahead_s[west] / values.back_s[west] == pytest.approx(1.0, rel=0.05)
     assert values.ahead_s[west] > 1.03 * length / NODES / 0.6
     assert values.ahead_s.sum() > 1.05 * length / 0.6
@@ -230,7 +234,7 @@ def test_a_fire_whose_ignition_is_unknown(turning: Burn) -> None:
     true = TrueShape(turning.arrival_s, (round(estimate.centre_row), round(estimate.centre_col)))
     assert np.hypot(estimate.centre_row - CENTRE[0], estimate.centre_col - CENTRE[1]) > 2.0
     assert np.isfinite(rows + cols).all()
-    assert np.abs(estimate.front - true.at(turning.end_s)).mean() < 2.0
+    assert np.abs(estimate.front - true.distances_at(turning.end_s)).mean() < 2.0
 
 
 def test_hull_is_that_of_geometry_and_a_smooth_front_is_not_hedged() -> None:
@@ -259,7 +263,7 @@ def test_no_worse_than_circling_on_fires_of_chance(seed: int) -> None:
 
 
 def test_a_wrong_model_is_no_worse_than_circling() -> None:
-    """Fire 216, on which the front that follows the model is 0.9 times as wrong as circling."""
+    """On fire 216, the front of the model alone is 0.9 times as wrong as circling."""
     circling, predictive, alone = mean_max_errors_wrong(216)
     assert predictive < 0.75 * circling
     assert predictive < 0.3 * alone
@@ -273,11 +277,11 @@ def test_the_mixture_follows_the_model_only_while_it_predicts_the_views() -> Non
         fronts = FrontMixture(SHAPE, CENTRE, model, np.full(BEARINGS, 0.5), 0.0)
         fronts.add_wind(4.0, from_deg, 0.0)
         for at_s in (1800.0, 3600.0, 5400.0, 7200.0):
-            fronts.observe(
+            fronts.add_window(
                 0, 0, np.where(fire.burned(at_s), BURNED, UNBURNED).astype(np.uint8), at_s
             )
         shares.append(fronts.model_share)
-        true = TrueShape(fire.arrival_s, fire.ignition).at(at_s)
+        true = TrueShape(fire.arrival_s, fire.ignition).distances_at(at_s)
         assert np.abs(fronts.front - true).max() < 2.0
     assert shares[0] > 0.2
     assert shares[1] < 0.01
@@ -287,7 +291,7 @@ def test_a_mixture_without_a_model_is_the_measured_front() -> None:
     fronts = FrontMixture(SHAPE, CENTRE, None, np.full(BEARINGS, 0.5), 0.0)
     rate = ellipse_rate(0.012, 0.6)
     for at_s in (1800.0, 3600.0):
-        fronts.observe(0, 0, burned_ellipse(rate, at_s), at_s)
+        fronts.add_window(0, 0, burned_ellipse(rate, at_s), at_s)
     fronts.advance(5400.0)
     np.testing.assert_array_equal(fronts.front, fronts.modelled.front)
 
@@ -296,6 +300,6 @@ def test_a_correction_moves_all_parts_of_the_mixture(turning: Burn) -> None:
     model = model_of(turning.landscape, turning.weather.entries[0])
     fronts = FrontMixture(SHAPE, CENTRE, model, np.full(BEARINGS, 0.5), 0.0)
     fronts.add_wind(6.0, 180.0, 0.0)
-    fronts.observe(0, 0, burned_ellipse(np.full(BEARINGS, 0.01), 3600.0), 3600.0)
-    fronts.correct(0, 0, burned_ellipse(np.full(BEARINGS, 0.005), 3600.0), 3601.0)
+    fronts.add_window(0, 0, burned_ellipse(np.full(BEARINGS, 0.01), 3600.0), 3600.0)
+    fronts.correct_window(0, 0, burned_ellipse(np.full(BEARINGS, 0.005), 3600.0), 3601.0)
     assert np.abs(fronts.front - 18.0).max() < 2.0

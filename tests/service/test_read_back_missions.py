@@ -1,6 +1,7 @@
-"""Killed between an order and its leaving, or in the middle of it; the vehicle flies on meanwhile.
+"""Kills before, during and after the sending of an order, while the vehicle flies on.
 
-Virtual time, real frames, real journals: the mocks live on, all else is begun again from the files.
+Virtual time, real frames and real journals: the mocks continue, and all else is restored from
+files.
 """
 
 from collections.abc import Callable
@@ -22,7 +23,7 @@ from mission_service.commands import (
 )
 from mission_service.config.scenario import Scenario, flying, load_scenario
 from mission_service.events import MissionReadBack, OrderGiven, Resumed, UploadFinished
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 from mission_service.journal.journal_file import Journal, SegmentReader, header_of
 from mission_service.journal.recovery import resumed, unfinished
 from mission_service.journal.segments import newest_state
@@ -38,11 +39,11 @@ DOWN_US = 4_000_000
 
 
 class KilledError(Exception):
-    """As from outside."""
+    """Simulates a kill."""
 
 
 class Flight:
-    """A scenario in virtual time that can be killed and begun again."""
+    """A scenario in virtual time that can be killed and restarted."""
 
     def __init__(self, folder: Path, scenario: Scenario) -> None:
         self.scenario, self.landscape = scenario, landscape_of(scenario)
@@ -55,10 +56,10 @@ class Flight:
         return Simulation(self.scenario, journal, self.landscape)
 
     def fly(self, seconds: float) -> None:
-        self.simulation.run(self.simulation.clock.now_us / 1e6 + seconds)
+        self.simulation.run_until(self.simulation.clock.now_us / 1e6 + seconds)
 
     def fly_until(self, kind: type, number: int = 1) -> None:
-        """Fly until the so-and-so-many-th order of a kind is to be carried out; killed there."""
+        """Fly until the n-th order of a kind is to be carried out, and kill the service there."""
         for rig in self.simulation.rigs:
             rig.gateway.execute = self._stopping(rig.gateway, kind, number)  # type: ignore[method-assign,assignment]
         with pytest.raises(KilledError):
@@ -80,13 +81,13 @@ class Flight:
         return stopping
 
     def keep_state(self) -> None:
-        """As the daemon does now and then."""
+        """Write a snapshot, as the daemon does regularly."""
         service = self.simulation.service
         frozen = Frozen(service.snapshot_fields(), self.shared)
         write(newest_state(self.path), frozen, service.recording.journal.rest)
 
     def begin_again(self) -> None:
-        """What the daemon does; the vehicles have flown on for four seconds."""
+        """Restart as the daemon does; the vehicles have flown on for four seconds."""
         before = self.simulation
         before.service.recording.journal.close()
         cut_off = unfinished(self.path, self.shared, self.scenario)
@@ -119,7 +120,7 @@ class Flight:
         return [vehicle.mode for vehicle in self.simulation.core.vehicles.values()]
 
     def after_resumed(self) -> list[Any]:
-        """All of the journal that follows the restart; it must be what a replay gives."""
+        """Return the journal after the restart; it must equal the result of a replay."""
         result = verify(self.path)
         assert (result.difference, result.cut_at_line) == (None, None)
         entries: list[Any] = [entry.content for entry in SegmentReader(self.path)]

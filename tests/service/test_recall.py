@@ -1,4 +1,4 @@
-"""Vehicles that fail, are recalled or go home in time: reported, and out of their team."""
+"""Vehicles that fail, are recalled or return in time are reported and leave their team."""
 
 import pytest
 
@@ -25,7 +25,7 @@ from mission_service.events import (
     VehicleRebooted,
     WindMeasured,
 )
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 
 NAV_TAKEOFF = 22
 
@@ -56,7 +56,7 @@ class Watched:
 
 
 class Flight:
-    """One vehicle, 1,200 m west of its home, 150 m up, with events of the test."""
+    """One vehicle, 1,200 m west of its home, 150 m above it, with the events of a test."""
 
     def __init__(self, land: Landscape, *overrides: str) -> None:
         scenario = load_scenario("default", overrides)
@@ -96,7 +96,7 @@ def returns(commands: list[AnyCommand]) -> bool:
 
 def test_it_is_sent_home_while_its_time_in_the_air_still_takes_it_there(land: Landscape) -> None:
     flight = Flight(land, "vehicles.0.endurance_s=1000", "vehicles.0.endurance_reserve_s=100")
-    # 1,200 m at 12 m/s, and 100 s to spare: after 800 s.
+    # 1,200 m at 12 m/s, and a reserve of 100 s: after 800 s.
     assert not returns(flight.at(150.0, later_s=795.0))
     assert flight.planner.left_at_s == []
     commands = flight.at(150.0, later_s=10.0)
@@ -143,7 +143,7 @@ def test_landed_it_gets_a_mission_that_takes_off_and_waits_for_an_operator(land:
     flight.mode("mission")
     flight.at(150.0, later_s=60.0)
     assert flight.planner.places == places + 1
-    assert not returns(flight.at(150.0, later_s=10.0))  # its time counts from zero
+    assert not returns(flight.at(150.0, later_s=10.0))  # its time in the air starts at zero
 
 
 @pytest.mark.parametrize("mode", ["return", "land"])
@@ -169,7 +169,8 @@ def test_one_on_its_way_home_when_it_is_discovered_is_left_alone(land: Landscape
     core, home = Core(scenario, land), scenario.vehicles[0]
     at_us = round(scenario.deploy_at_s * 1e6)
     core.handle(VehicleConnected(at_us, "hawk", "a stack", True))
-    assert core.handle(ModeChanged(at_us, "hawk", 0, True, "return")) == []  # may be on the ground
+    # It may be on the ground.
+    assert core.handle(ModeChanged(at_us, "hawk", 0, True, "return")) == []
     place = (home.home_lat_deg, home.home_lon_deg)
     announcement, alarm = core.handle(
         Telemetry(at_us, "hawk", *place, 550.0, 150.0, 0.0, 12.0, 0.0)

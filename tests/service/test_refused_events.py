@@ -1,4 +1,4 @@
-"""Events that cannot be journalled or handled leave no trace; lines that cannot be are skipped."""
+"""Events that cannot be journalled or processed have no effect; unreadable lines are skipped."""
 
 import math
 import zlib
@@ -26,14 +26,14 @@ from mission_service.events import (
     WindMeasured,
 )
 from mission_service.fire.run_estimate import RunEstimate
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 from mission_service.fire.simulated_cameras import cameras_of
 from mission_service.journal.journal_file import Journal, SegmentReader, event_body, header_of
 from mission_service.journal.recovery import resumed, unfinished
 from mission_service.journal.segments import newest_state
 from mission_service.journal.snapshot import Frozen, Known, copied, write
 from mission_service.live.daemon import replay
-from mission_service.live.interfaces import request_handler_of
+from mission_service.live.interface_setup import request_handler_of
 from mission_service.replay.verification import in_text, verify
 from mission_service.runtime.engine import TRIED, Engine
 from mission_service.runtime.gateway import Gateway
@@ -49,22 +49,22 @@ def scenario_flown() -> Scenario:
 
 
 def flight(path: Path, seconds: float) -> Simulation:
-    """A run with a durable journal."""
+    """Return a run with a durable journal."""
     scenario = scenario_flown()
     landscape = landscape_of(scenario)
     journal = Journal(path, header_of(scenario, landscape.digest(), ""), durable=True)
     simulation = Simulation(scenario, journal, landscape)
-    simulation.run(FROM_S + seconds)
+    simulation.run_until(FROM_S + seconds)
     return simulation
 
 
 def folds(service: Engine) -> dict[str, Any]:
-    """All that a restart would restore, copied."""
+    """Return a copy of all states that a restart would restore."""
     return copied(service.snapshot_fields(), service.shared_references)
 
 
 def without_alarms(service: Engine) -> dict[str, Any]:
-    """The same, without what an alarm and its announcement change."""
+    """Return the same without the effects of an alarm and its announcement."""
     kept = folds(service)
     view = kept["state_view"]
     view.alarms.clear()
@@ -76,7 +76,7 @@ def without_alarms(service: Engine) -> dict[str, Any]:
 
 
 def fix(simulation: Simulation, **changes: Any) -> Telemetry:
-    """The next position of the vehicle, changed."""
+    """Return the next position of the vehicle, with changes."""
     last = simulation.service.state_view.telemetry["hawk"]
     report = Telemetry(
         simulation.clock.now_us + 250_000,
@@ -143,7 +143,7 @@ def test_an_absurd_position_leaves_no_trace_but_an_alarm(
     assert difference(without_alarms(service), before) == ""
     service.handle_events([absurd] * 5, simulation.link_us)  # not announced again
     assert len(state_view.announcements) == lines + 1
-    simulation.run(FROM_S + 62.0)
+    simulation.run_until(FROM_S + 62.0)
     assert verify(path).difference is None
 
 
@@ -164,7 +164,7 @@ FOLDS: dict[str, Callable[[Engine], object]] = {
 
 
 def defective(monkeypatch: pytest.MonkeyPatch, fold: object, kind: type) -> None:
-    """Let a fold raise at one kind of event, after it has taken in half of it."""
+    """Let a fold raise at one kind of event, after it has processed half of the event."""
     name = "handle" if isinstance(fold, Core) else "apply"
     works = getattr(type(fold), name)
 
@@ -203,11 +203,11 @@ def test_a_request_that_a_fold_cannot_handle_is_refused_without_a_trace(
             assert "\n" not in answer["error"]
         defective(patch, FOLDS[name](service), Aborted)
         assert not request_handler.ask({"do": "abort", "by": "ann", "station": "desk"})["ok"]
-        assert done == [Hold("hawk")]  # all the same
+        assert done == [Hold("hawk")]  # nevertheless
     assert path.read_bytes() == written
     assert difference(folds(service), before) == ""
     service.submit(OrderGiven(now_us, "ann", "", "hawk", "hold"), simulation.link_us)
-    simulation.run(FROM_S + 65.0)
+    simulation.run_until(FROM_S + 65.0)
     assert verify(path).difference is None
 
 
@@ -225,7 +225,7 @@ def test_a_defect_at_a_vehicles_event_ends_the_run_and_not_the_journal(
         with pytest.raises(RefusedEventError, match="this is a defect"):
             service.handle_events([wind], simulation.link_us)
         assert path.read_bytes() == written
-        # Nothing else is folded into a state that is not the journal's.
+        # No further event changes a state that differs from the journal's.
         with pytest.raises(RefusedEventError, match="this is a defect"):
             service.handle_events([fix(simulation)], simulation.link_us)
         assert path.read_bytes() == written
@@ -238,17 +238,17 @@ def test_a_defect_at_a_vehicles_event_ends_the_run_and_not_the_journal(
 
 
 class Silent:
-    """The gateway of a vehicle that is not received."""
+    """The gateway of a vehicle that sends nothing."""
 
     def execute(self, command: AnyCommand, now_us: int) -> None:
-        """No vehicle takes it."""
+        """Send to no vehicle."""
 
     def read_back(self, recognise: object, now_us: int) -> None:
-        """No vehicle is received."""
+        """Report no vehicle."""
 
 
 def continued(path: Path, skip: bool = False) -> tuple[tuple[str, ...], Engine]:
-    """What a restart makes of a journal: why lines were skipped now, and the service."""
+    """Restart from a journal; return the reasons for newly skipped lines, and the service."""
     scenario = scenario_flown()
     landscape = landscape_of(scenario)
     cut_off = unfinished(path, Known(scenario, landscape), scenario, skip)
@@ -276,7 +276,7 @@ def continued(path: Path, skip: bool = False) -> tuple[tuple[str, ...], Engine]:
 
 
 def with_line(path: Path, number: int, body: Callable[[bytes], bytes]) -> None:
-    """Change the body of a line as a defect would have written it: all checksums hold."""
+    """Change the body of a line as a defect would have written it; all checksums are valid."""
     lines = path.read_bytes().splitlines(keepends=True)
     crc, out = 0, lines[:1]
     for at, line in enumerate(lines[1:], start=2):
@@ -288,7 +288,7 @@ def with_line(path: Path, number: int, body: Callable[[bytes], bytes]) -> None:
 
 
 def line_of(path: Path, kind: type, after: int = 20) -> int:
-    """The number of a line with this."""
+    """Return the number of the line with this text."""
     for entry in SegmentReader(path):
         if entry.line > after and isinstance(entry.content, kind):
             return entry.line
@@ -297,7 +297,7 @@ def line_of(path: Path, kind: type, after: int = 20) -> int:
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> bytes:
-    """The journal of a flight."""
+    """Return the journal of a flight."""
     simulation = flight(tmp_path_factory.mktemp("whole") / "journal.jsonl", 150.0)
     journal = simulation.service.recording.journal
     journal.close()
@@ -357,7 +357,7 @@ def test_a_line_that_cannot_be_used_is_named_and_skipped_on_request(
     assert any(isinstance(each, LinesSkipped) for each in recorded)
     assert any(isinstance(each, Resumed) for each in recorded)
     assert service.core.vehicles["hawk"].unconfirmed is not None
-    # Later restarts skip them too, and so does a replay.
+    # Later restarts and replays skip the same lines.
     assert continued(path)[0] == ()
     found = verify(path)
     assert found.difference is None
@@ -373,7 +373,7 @@ def test_a_line_whose_checksum_depends_on_a_lost_one_is_skipped_and_reported(
     lines = whole.splitlines(keepends=True)
     path.write_bytes(whole)
     number = line_of(path, Observed)
-    lines[number - 1] = b"damaged\n"  # its checksum is lost too
+    lines[number - 1] = b"damaged\n"  # its checksum is also lost
     path.write_bytes(b"".join(lines))
     both = (
         rf"line {number} was altered.*; --skip-unreadable resumes without that line and 1 more "
@@ -402,10 +402,10 @@ def test_a_line_is_named_by_its_number_behind_a_state_too(tmp_path: Path) -> Non
         service.recording.journal.rest,
     )
     behind = path.read_bytes().count(b"\n")
-    simulation.run(FROM_S + 150.0)
+    simulation.run_until(FROM_S + 150.0)
     service.recording.journal.close()
     damaged_byte(path, 20)
-    assert continued(path)[0] == ()  # before the state: nothing is lost
+    assert continued(path)[0] == ()  # before the snapshot, so nothing is lost
     number = behind + 7
     damaged_byte(path, number)
     with pytest.raises(JournalError, match=rf"line {number} "):

@@ -1,4 +1,4 @@
-"""Scenarios and journals of version 0.1 get one line with the present name or the remedy."""
+"""Scenarios and journals of version 0.1 are refused with one line that states the new name."""
 
 from pathlib import Path
 from typing import Any
@@ -8,7 +8,7 @@ import pytest
 from mission_service.config.renamed_keys import RENAMED, RENAMED_VALUES
 from mission_service.config.scenario import Scenario, load_scenario
 from mission_service.config.sections import VehicleSection
-from mission_service.config.service import ServiceSection
+from mission_service.config.service_section import ServiceSection
 from mission_service.errors import JournalError, ScenarioError
 from mission_service.journal import journal_file
 from mission_service.journal.journal_file import Journal, SegmentReader, header_of

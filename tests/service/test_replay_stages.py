@@ -1,4 +1,4 @@
-"""A journal verified stage by stage: what each one finds, and what damage anywhere comes to."""
+"""A journal verified by stages: the differences that each stage finds, and any damage."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -25,7 +25,7 @@ from mission_service.events import (
     SettingsChanged,
     WindSet,
 )
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 from mission_service.journal.differences import compare, fields_that_differ
 from mission_service.journal.journal_file import Journal, SegmentReader, header_of
 from mission_service.replay.decisions import decide
@@ -40,33 +40,33 @@ Submit = Callable[[Simulation], None]
 
 
 def flown(path: Path, seconds: float, *overrides: str, submit: Submit | None = None) -> Path:
-    """A short flight as a live service writes it down; operators submit events half way."""
+    """Fly a short flight that a live service would journal; operators submit events half-way."""
     scenario = flying(load_scenario("default", (*SMALL, *overrides)))
     landscape = landscape_of(scenario)
     journal = Journal(path, header_of(scenario, landscape.digest(), ""), durable=True)
     simulation = Simulation(scenario, journal, landscape)
-    simulation.run(scenario.start_s + seconds / 2)
+    simulation.run_until(scenario.start_s + seconds / 2)
     if submit is not None:
         submit(simulation)
-    simulation.run(scenario.start_s + seconds)
+    simulation.run_until(scenario.start_s + seconds)
     journal.close()
     return path
 
 
 @pytest.fixture(scope="module")
 def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Some seconds; its last event has had its commands."""
+    """Return a journal of some seconds; the commands of its last event are complete."""
     return flown(tmp_path_factory.mktemp("small") / "journal.jsonl", 40.0)
 
 
 @pytest.fixture(scope="module")
 def longer(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Minutes over the fire, with decisions."""
+    """Return a journal of some minutes over the fire, with decisions."""
     return flown(tmp_path_factory.mktemp("longer") / "journal.jsonl", 260.0)
 
 
 def rewritten(path: Path, to: Path, change: Callable[[int, Any], Any]) -> Path:
-    """The journal with lines changed by a person with the means to make checksums."""
+    """Return the journal with lines changed by a person who can compute checksums."""
     reader = SegmentReader(path)
     journal = Journal(to, reader.header, durable=False)
     for entry in reader:
@@ -97,7 +97,7 @@ def with_byte(data: bytes, at: int, byte: int) -> bytes:
 
 
 def is_named(path: Path, data: bytes, at: int, stages: tuple[str, ...]) -> None:
-    """A byte was changed there: it is found, and its line named."""
+    """Check that a changed byte is found, and that its line is named."""
     line = line_of(data, at)
     if line == 1:
         with pytest.raises(JournalError) as refused:
@@ -238,7 +238,7 @@ def test_cells_on_the_edge_of_fire_or_footprint_may_differ(
     seen = 0
 
     def unseen(line: int, content: Any) -> Any:
-        """The outermost cell in the first row is not seen."""
+        """Mark the outermost cell in the first row as unseen."""
         nonlocal seen
         if isinstance(content, Observed) and len(content.cells) > 3:
             row = content.cells[0]
@@ -311,7 +311,7 @@ def test_planners_alone_receive_the_operator_events(tmp_path: Path) -> None:
             ordered = OrderGiven(now_us, *ANN, "", order)  # type: ignore[arg-type]
             event = Aborted(now_us, *ANN) if order == "abort" else ordered
             simulation.service.submit(event, simulation.link_us)
-            simulation.run(now_us / 1e6 + seconds)
+            simulation.run_until(now_us / 1e6 + seconds)
 
     path = flown(tmp_path / "journal.jsonl", 500.0, submit=submit_events)
     assert verify(path).differing == []

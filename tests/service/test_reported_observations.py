@@ -1,8 +1,9 @@
-"""Observations that people, detectors and satellites report: late, wrong, unconfirmed, many."""
+"""Observations of people, detectors and satellites: late, wrong, unconfirmed, and many."""
 
 from collections.abc import Iterator
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -10,12 +11,18 @@ from firemodel.assimilation.observation import BURNED, UNBURNED, Observation
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import load_scenario
-from mission_service.events import FireObserved, Observed, WindSet
-from mission_service.fire.late_observation import with_observation
+from mission_service.events import Corrected, FireObserved, Observed, WindSet
+from mission_service.fire.late_observation import (
+    MAX_AGE_S,
+    WINDS_APART_S,
+    with_observation,
+    with_wind,
+)
 from mission_service.fire.observed_window import in_letters
+from mission_service.fire.reported_observations import CORRECTION_SD_M, observation_of
 from mission_service.fire.run_ensemble import Images, processed
 from mission_service.fire.run_estimate import RunEstimate
-from mission_service.fire.setup import begun_again, fire_of, landscape_of
+from mission_service.fire.scenario_fire import begun_again, fire_of, landscape_of, weather_of
 from mission_service.journal.journal_file import SegmentReader
 from mission_service.replay.verification import verify
 from tests.api.worlds import World, world_in
@@ -31,7 +38,7 @@ def land() -> Landscape:
 
 @pytest.fixture
 def world(tmp_path: Path) -> Iterator[World]:
-    """A flight without simulated fire, 25 minutes after ignition."""
+    """Return a flight without a simulated fire, 25 minutes after ignition."""
     scenario = SCENARIO.model_copy(update={"simulation": type(SCENARIO.simulation)()})
     found = world_in(tmp_path, scenario)
     found.fly(1500.0)
@@ -62,7 +69,7 @@ def burned(world: World) -> np.ndarray:
 
 
 def far_cell(world: World) -> tuple[int, int]:
-    """An unburned cell that can burn, some hundred metres from the fire."""
+    """Return an unburned cell that can burn, some hundred metres from the fire."""
     row, col = np.argwhere(burned(world)).mean(axis=0).astype(int)
     return int(row) - 35, int(col)
 
@@ -76,12 +83,12 @@ def test_a_late_observation_changes_the_fire_as_if_it_had_been_in_time(land: Lan
     seen = Observation(2000.0, row - 40, col - 1, state)
     in_time = fire_of(SCENARIO, land)
     in_time.advance(2000.0)
-    in_time = with_observation(in_time, seen, FREE, begin)
+    in_time = with_observation(in_time, seen, FREE, begin, in_time.weather)
     in_time.advance(4000.0)
     late = fire_of(SCENARIO, land)
     late.advance(4000.0)
     without = late.burned().copy()
-    late = with_observation(late, seen, FREE, begin)
+    late = with_observation(late, seen, FREE, begin, in_time.weather)
     grown = in_time.burned() & ~without
     assert np.count_nonzero(grown) > 20
     assert np.count_nonzero(late.burned() ^ in_time.burned()) < 0.1 * np.count_nonzero(grown)
@@ -100,7 +107,7 @@ def test_a_late_unburned_observation_holds_the_fire_back_until_now(land: Landsca
     rows, cols = np.nonzero(fire.arrival_time_s <= 4800.0)
     top, left = int(rows.mean()), int(cols.min())
     state = np.full((int(rows.max()) - top + 1, int(np.ptp(cols)) + 1), UNBURNED, dtype=np.uint8)
-    found = with_observation(fire, Observation(4800.0, top, left, state), FREE, begin)
+    found = with_observation(fire, Observation(4800.0, top, left, state), FREE, begin, fire.weather)
     here = Observation(4800.0, top, left, state).where
     assert (found.expected_s()[here] > 4800.0).all()
     assert 0 < np.count_nonzero(found.burned()[here]) < np.count_nonzero(fire.burned()[here])
@@ -120,7 +127,7 @@ def test_a_person_reports_a_spot_fire_and_planners_and_forecast_have_it(world: W
     assert reply["ok"], reply
     found = burned(world)
     assert found[place]
-    assert np.count_nonzero(found[place[0] - 6 : place[0] + 7]) > 3  # it has burned on since
+    assert np.count_nonzero(found[place[0] - 6 : place[0] + 7]) > 3  # it has burned on since then
     (window,) = (
         entry.content
         for entry in SegmentReader(world.context.journal_path)
@@ -201,7 +208,7 @@ def test_ground_that_a_camera_saw_burned_is_not_reported_as_unburned(tmp_path: P
 
 
 def test_a_refusal_does_not_depend_on_earlier_reads() -> None:
-    """Images that wait to be written contradict a report, whether the estimate was read or not."""
+    """Waiting images contradict a report, whether the estimate was read before or not."""
     land = landscape_of(SCENARIO)
     lat, lon = land.lat_lon_of(*land.xy_of(25.0, 35.0))
     place = ((float(lat), float(lon)),)
@@ -260,7 +267,7 @@ def test_a_mirrored_perimeter_that_cameras_contradict_is_refused(tmp_path: Path)
 
 
 def test_ten_thousand_observations_at_once_leave_the_estimate_sane(world: World) -> None:
-    """Nine in ten points are near the fire; one in ten lies anywhere and is reported once."""
+    """Nine in ten points are near the fire; one in ten is anywhere, and is reported once."""
     rng = np.random.default_rng(3)
     before = burned(world)
     inside = np.argwhere(before)
@@ -283,7 +290,7 @@ def test_reports_are_equal_after_a_replay(world: World, tmp_path: Path) -> None:
 
 
 def test_reads_after_the_latest_event_do_not_change_the_estimate(tmp_path: Path) -> None:
-    """An image of an earlier time than that of a read may follow."""
+    """The image of an earlier time may arrive after the read."""
     land = landscape_of(SCENARIO)
     estimates = [RunEstimate(SCENARIO, land) for _ in range(2)]
     for at_us in range(1_000_000, 400_000_000, 7_000_000):
@@ -328,7 +335,7 @@ def test_reports_of_the_same_wind_lose_no_growth() -> None:
         for estimate in (plain, reported):
             estimate.on_event(Observed(at_us, "hawk", 0, 0, (".",)))
             estimate.advance(at_us)
-        wind = reported.fire.weather.at(at_us / 1e6)
+        wind = reported.fire.weather.weather_at(at_us / 1e6)
         report = WindSet(at_us, "ann", "", wind.wind_speed_m_s, wind.wind_from_deg)
         reported.apply_report(report)
     differ = np.count_nonzero(plain.fire.burned() ^ reported.fire.burned())
@@ -357,3 +364,155 @@ def test_a_late_image_takes_its_place_in_time() -> None:
     assert late.fire.burned()[30:40, 40:50].all()
     differ = np.count_nonzero(late.fire.burned() ^ in_time.fire.burned())
     assert differ <= 0.03 * np.count_nonzero(in_time.fire.burned())
+
+
+def reported(world: World, **keys: object) -> bool:
+    """Report a far place; return whether the estimate has it as burned."""
+    place = far_cell(world)
+    reply = observe(world, [place], **keys)
+    assert reply["ok"], reply
+    return bool(burned(world)[place])
+
+
+def test_ground_as_hot_as_ignition_burns_and_cooler_ground_needs_a_second_report(
+    world: World,
+) -> None:
+    keys = {"state": "hot", "source": "satellite"}
+    assert not reported(world, temperature_c=319.0, **keys)
+    assert reported(world, temperature_c=319.0, **keys | {"source": "tower"})
+
+
+def test_hot_ground_burns_at_once(world: World) -> None:
+    assert reported(world, state="hot", temperature_c=320.0)
+
+
+@pytest.mark.parametrize("keys", [{"state": "hot"}, {"state": "burned", "temperature_c": 400.0}])
+def test_a_temperature_is_that_of_hot_ground(world: World, keys: dict[str, object]) -> None:
+    reply = observe(world, [far_cell(world)], **keys)
+    assert reply["error"] == "observe: the state hot, and no other state, needs temperature_c"
+
+
+def north_edge(world: World) -> list[tuple[int, int]]:
+    """Burned cells at the north edge of the fire, which no camera has seen."""
+    cells = np.argwhere(burned(world))
+    return [(row, col) for row, col in cells.tolist() if row < cells[:, 0].min() + 5]
+
+
+def test_unburned_ground_that_smoke_covered_was_not_seen(world: World) -> None:
+    cells, before = north_edge(world), burned(world)
+    keys = {"position_sd_m": 5.0, "age_s": 60.0}
+    assert observe(world, cells, state="smoke", age_s=300.0)["ok"]
+    assert np.array_equal(burned(world), before)
+    assert observe(world, cells, state="unburned", **keys)["ok"]
+    assert np.array_equal(burned(world), before)
+    place = far_cell(world)
+    assert observe(world, [place], state="smoke")["ok"]
+    assert observe(world, [place], state="burned", **keys)["ok"]  # burned ground counts
+    assert burned(world)[place]
+
+
+def test_unburned_ground_without_smoke_changes_the_estimate(world: World) -> None:
+    cells, before = north_edge(world), burned(world)
+    assert observe(world, cells, state="unburned", position_sd_m=5.0, age_s=60.0)["ok"]
+    assert np.count_nonzero(burned(world)) < np.count_nonzero(before)
+
+
+@pytest.mark.parametrize(
+    ("smoke", "changes"),
+    [
+        ({"source": "hawk"}, False),
+        ({"source": "kite"}, True),
+        ({}, True),  # cameras may see through smoke that hid the fire from a person
+        ({"source": "hawk", "age_s": 700.0}, True),
+    ],
+)
+def test_smoke_hides_unburned_ground_from_the_sensor_that_reports_it(
+    world: World, smoke: dict[str, object], changes: bool
+) -> None:
+    cells = north_edge(world)
+    assert observe(world, cells, state="smoke", **smoke)["ok"]
+    rows, cols = zip(*cells, strict=True)
+    size = (max(rows) - min(rows) + 1, max(cols) - min(cols) + 1)
+    image = Observed(
+        round(world.now_s * 1e6), "hawk", min(rows), min(cols), ("u" * size[1],) * size[0]
+    )
+    before = burned(world)
+    world.simulation.service.handle_events([image], world.simulation.link_us)
+    world.fly(world.now_s + 40.0)
+    after = burned(world)
+    removed = [each for each in cells if before[each] and not after[each]]
+    assert bool(removed) == changes
+
+
+def test_unburned_places_of_a_sensor_that_misses_fire_need_a_second_report(world: World) -> None:
+    cells, before = north_edge(world), burned(world)
+    keys = {"state": "unburned", "position_sd_m": 5.0, "missed_pct": 20.0}
+    assert observe(world, cells, source="satellite", **keys)["ok"]
+    assert np.array_equal(burned(world), before)
+    assert observe(world, cells, source="tower", **keys)["ok"]
+    assert np.count_nonzero(burned(world)) < np.count_nonzero(before)
+
+
+def test_a_late_report_burns_on_in_the_wind_of_its_time() -> None:
+    """The wind has turned round since: the fire has grown downwind of the earlier wind."""
+    land = landscape_of(SCENARIO)
+    late, in_time = (RunEstimate(SCENARIO, land) for _ in range(2))
+    spot = observed_at(land, 600_000_000, (30, 100))
+    in_time.apply_report(spot)
+    for at_s, from_deg in ((700, 0.0), (1800, 180.0)):
+        for estimate in (late, in_time):
+            estimate.apply_report(WindSet(at_s * 1_000_000, "ann", "", 9.0, from_deg))
+    seen_late = msgspec.structs.replace(spot, at_us=1_900_000_000)
+    late.apply_report(seen_late)
+    for estimate in (late, in_time):
+        estimate.advance(1_900_000_000)
+    assert np.count_nonzero(in_time.fire.burned()[10:, 80:120]) > 30
+    differ = late.fire.burned() ^ in_time.fire.burned()
+    assert np.count_nonzero(differ) < 0.1 * np.count_nonzero(in_time.fire.burned()[10:, 80:120])
+
+
+def observed_at(land: Landscape, at_us: int, cell: tuple[int, int]) -> FireObserved:
+    lat, lon = land.lat_lon_of(*land.xy_of(*map(float, cell)))
+    place = ((float(lat), float(lon)),)
+    return FireObserved(at_us, "ann", "", "burning", "points", place, at_us, 5.0, 0.0, "")
+
+
+def test_the_winds_of_many_reports_are_stored_once_a_minute_for_six_hours() -> None:
+    weather = weather_of(SCENARIO)
+    for at_s in range(0, 30_000, 10):
+        weather = with_wind(weather, 5.0, float(at_s % 360), float(at_s))
+    assert len(weather.entries) <= MAX_AGE_S / WINDS_APART_S + 2
+    assert weather.weather_at(29_995.0).wind_from_deg == 29_990 % 360
+    assert weather.weather_at(15_000.0).wind_from_deg == pytest.approx(15_000 % 360, abs=60.0)
+
+
+@pytest.mark.parametrize("scheme", ["devs8", "probabilistic"])
+def test_a_late_report_burns_on_with_every_scheme(scheme: str) -> None:
+    scenario = load_scenario("default", (f'fire.scheme="{scheme}"', "planner.rule=circling"))
+    land = landscape_of(scenario)
+    late, in_time = (RunEstimate(scenario, land) for _ in range(2))
+    spot = observed_at(land, 600_000_000, (40, 100))
+    in_time.apply_report(spot)
+    late.apply_report(msgspec.structs.replace(spot, at_us=5_400_000_000))
+    for estimate in (late, in_time):
+        estimate.advance(5_400_000_000)
+    grown, expected = (
+        np.count_nonzero(estimate.fire.burned()[20:60, 80:120]) for estimate in (late, in_time)
+    )
+    assert expected > 20  # from one cell
+    assert 0.5 * expected < grown < 2.0 * expected
+
+
+def test_a_correction_and_a_report_of_the_same_area_show_the_same_cells() -> None:
+    land = landscape_of(SCENARIO)
+    corners = [land.lat_lon_of(*land.xy_of(*each)) for each in ((50.0, 60.0), (52, 80), (70, 70))]
+    points = tuple((float(lat), float(lon)) for lat, lon in corners)
+    by = (9_000_000, "ann", "tower")
+    drawn = observation_of(Corrected(*by, "unburned", "polygon", points, 8_000_000), land)
+    seen = observation_of(
+        FireObserved(*by, "unburned", "polygon", points, 8_000_000, 5.0, 0.1, "", None, 0.2), land
+    )
+    assert np.array_equal(drawn.state, seen.state)
+    assert drawn[:3] == seen[:3] == (8.0, 51, 61)
+    assert drawn[4:8] == (CORRECTION_SD_M, 0.0, 0.0, "ann at tower")
+    assert seen[4:8] == (5.0, 0.2, 0.1, "ann at tower")

@@ -1,4 +1,4 @@
-"""The table of requests: each is reachable by each interface, with its role."""
+"""The table of requests: each request is available over each interface, with its role."""
 
 import json
 import re
@@ -30,7 +30,7 @@ from mission_service.events import TUNED, SettingsChanged
 from mission_service.interfaces.api.access.auth import ROLES
 from mission_service.interfaces.mqtt.command_gate import CommandGate
 from mission_service.interfaces.mqtt.payloads import Command
-from mission_service.live.interfaces import request_handler_of
+from mission_service.live.interface_setup import request_handler_of
 from mission_service.replay.verification import verify
 from mission_service.requests import HASH, PATTERNS, PLACE
 from tests.api.worlds import SMALL, World, scenario_of, served, world_in
@@ -81,7 +81,7 @@ def test_each_has_a_route_with_its_role_and_keys(name: str, described: dict[str,
     row = f"| `{kind.method} {kind.path.replace('{do}', name)}` | {kind.role} |"
     assert f"{row} {operation['summary']} |" in API_PAGE
     assert operation["x-role"] == kind.role
-    if name != ABORT:  # whose body is not read
+    if name != ABORT:  # its body is not read
         body = operation["requestBody"]["content"]["application/json"]["schema"]
         in_path = {"vehicle"} if "{name}" in kind.path else set()
         assert set(body["properties"]) | in_path == own_keys(name) | in_path | set(OPERATOR_FIELDS)
@@ -114,6 +114,8 @@ def test_each_line_of_the_socket_is_answered_as_its_run_accepts_it(
     world = world_in(tmp_path, scenario_of(scenario, ()))
     line = {"do": name, **OPERATOR_FIELDS, "station": station_in(world), **REQUESTS[name].example}
     answer = world.context.request_handler.answer(json.dumps(line).encode())
+    assert isinstance(answer, dict)
+    assert isinstance(answer, dict)
     accepted = name in accepted_in(world.context.scenario)
     of_run = "only in a burn" if scenario == "demo" else "not in a burn"
     assert (f"{name}: {of_run}" not in answer.get("error", "")) == accepted
@@ -127,7 +129,7 @@ def test_each_is_a_command_of_the_command_line_with_its_keys(name: str) -> None:
     there = {each.name for each in command.params}
     if "place" in there:
         there |= {"lat_deg", "lon_deg"}
-    if "hash_" in there:  # of approve, which has a command of its own
+    if "hash_" in there:  # belongs to approve, which has a separate command
         there.add("hash")
     assert own_keys(name) <= there
     result = CliRunner().invoke(main, ["request", name, "--help"])
@@ -149,7 +151,7 @@ def test_settings_are_the_keys_of_their_event_with_its_bounds() -> None:
 
 
 class Direct:
-    """A client of a world's request handler, in place of the client of a control socket."""
+    """A client of a run's request handler, in place of a client of a control socket."""
 
     def __init__(self, world: World) -> None:
         self.world = world
@@ -162,6 +164,7 @@ class Direct:
 
     def ask(self, **request: Any) -> dict[str, Any]:
         answer = self.world.context.request_handler.answer(msgspec.json.encode(request))
+        assert isinstance(answer, dict)  # no thread folds the estimate
         if not answer["ok"]:
             raise RequestError(answer["error"])
         return dict(json.loads(msgspec.json.encode(answer)))
@@ -272,7 +275,7 @@ def test_a_correction_without_effect_is_refused(tmp_path: Path, call: Call, scen
 
 
 def as_live(world: World) -> World:
-    """With the request handler and the status of a live run."""
+    """Return the run with the request handler and the status of a live run."""
     context = world.context
     context.request_handler = request_handler_of(
         context.scenario, context.service, context.clock, context.links

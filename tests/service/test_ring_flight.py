@@ -18,7 +18,7 @@ SPEED_M_S = 15.0
 
 
 def still(cells: int, steps: int, rate: float = 1.0) -> list[RingStep]:
-    """A square ring that does not change, every 20 s; with this rate linear cost is mean age."""
+    """Return a constant square ring, read every 20 s; linear cost is then the mean age."""
     side = cells // 4
     along = np.arange(side)
     rows = np.concatenate([0 * along, along, 0 * along + side, side - along])
@@ -65,14 +65,15 @@ def test_vehicles_that_bump_never_pass_each_other() -> None:
     rule = Watched()
     rule.order_of = []
     fly_team(still(200, 200), rule, 4, SPEED_M_S)
-    # Two in one cell as they meet may count either way.
+    # Two vehicles in one cell at a meeting may be counted in either order.
     assert np.mean([order == [0, 1, 2, 3] for order in rule.order_of]) > 0.95
     assert rule.order_of[-1] == [0, 1, 2, 3]
 
 
 def test_costs_are_those_of_the_thesis() -> None:
     flight = fly_team(still(40, 2, rate=0.5), Circling(), 1, 0.001)
-    # No vehicle moves: all cells are 20 s old but the occupied one, whose visit was at 0 s too.
+    # No vehicle moves: all cells are 20 s old except the occupied one, which was visited at 0 s
+    # too.
     assert flight.linear.tolist() == [0.0, 10.0]
     assert flight.exponential[1] == pytest.approx(20.0**1.5)
     assert flight.mean_std("linear") == (5.0, 5.0)
@@ -81,7 +82,7 @@ def test_costs_are_those_of_the_thesis() -> None:
 
 def test_growth_takes_visits_and_vehicles_along() -> None:
     before, _ = still(40, 2)
-    # Each cell becomes two, one of them where the vehicles would not be at once.
+    # Each cell becomes two, of which a vehicle occupies only one.
     twice = np.repeat(np.arange(40), 2)
     cells = 2 * before.cells[twice] + np.where(np.arange(80) % 2, 1, 0)[:, None]
     wide = RingStep(20.0, cells, np.full(80, CELL_M), np.ones(80), twice, 2 * np.arange(40))
@@ -96,7 +97,7 @@ def test_growth_takes_visits_and_vehicles_along() -> None:
     flight = fly_team([before, wide, later], Noted(), 1, CELL_M / 8.0)
     visits_s = flight.tracks[0][:, 0]
     assert [place.size for place in places] == [40, 80]
-    # Cells 0, 1 and 2 at 0, 8 and 16 s; 2 s before cell 3 that has become cell 6 further out.
+    # Cells 0, 1 and 2 at 0, 8 and 16 s; 2 s before cell 3, which has become cell 6 farther out.
     assert visits_s[:3].tolist() == [0.0, 8.0, 16.0]
     ages = 20.0 - np.array([0.0, 0.0, 8.0, 8.0, 16.0, 16.0])
     assert flight.linear[1] == pytest.approx((ages.sum() + 74 * 20.0) / 80)
@@ -113,7 +114,7 @@ def test_losing_and_joining() -> None:
     assert flight.tracks[1][-1, 0] == 4000.0
     assert flight.tracks[7][0, 0] == 12000.0
     lost = flight.linear[(flight.at_s > 8000.0) & (flight.at_s < 12000.0)].mean()
-    # Gaps of 1/4, 1/4 and 1/2: the mean age is the sum of their squares / 2.
+    # Gaps of 1/4, 1/4 and 1/2: the mean age is half the sum of their squares.
     assert lost == pytest.approx(0.375 * 400 * CELL_M / (2 * SPEED_M_S), rel=0.03)
 
 

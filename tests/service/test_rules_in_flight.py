@@ -1,4 +1,4 @@
-"""Every rule a scenario can name, flown ideally by three vehicles over a real fire; no MAVLink."""
+"""Every rule of a scenario, flown ideally by three vehicles over a real fire, without MAVLink."""
 
 from typing import cast
 
@@ -10,7 +10,7 @@ from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario, load_scenario
 from mission_service.core.core import Core
 from mission_service.events import Observed
-from mission_service.fire.setup import fire_of, landscape_of
+from mission_service.fire.scenario_fire import fire_of, landscape_of
 from mission_service.guidance.front.way import PLANNERS
 from mission_service.guidance.protocol import Planner
 from mission_service.guidance.team.way import RULES
@@ -22,7 +22,7 @@ Site = tuple[Scenario, Landscape, NDArray[np.float64]]
 
 @pytest.fixture(scope="module")
 def site() -> Site:
-    """The shipped team scenario without its copter, its ground, and when what burned."""
+    """Return the shipped team scenario without its copter, its landscape, and the arrival times."""
     scenario = load_scenario("team")
     scenario = scenario.model_copy(update={"vehicles": scenario.vehicles[:3]})
     landscape = landscape_of(scenario)
@@ -46,7 +46,7 @@ def look(
 def fly(
     site: Site, rule: str
 ) -> tuple[dict[str, Planner], list[tuple[float, str, bool]], list[float]]:
-    """Fly all vehicles along their planners' paths: them, all decisions, distances to the front."""
+    """Fly all vehicles on their paths; return planners, decisions, and distances to the front."""
     scenario, landscape, arrival_s = site
     settings = scenario.planner.model_copy(update={"rule": rule})
     core = Core(scenario.model_copy(update={"planner": settings}), landscape)

@@ -19,7 +19,7 @@ def row(x_m: float, y_m: float, vx: float, vy: float, age_s: float = 0.0) -> NDA
 
 
 def conflict(velocity: tuple[float, float], *others: NDArray[np.float64]) -> bool:
-    """Of a vehicle in the origin that flies east at 20 m/s."""
+    """Return the conflict of a vehicle at the origin that flies east at 20 m/s."""
     found: bool = rvo.in_conflict(
         0.0, 0.0, 20.0, 0.0, *velocity, np.array(others), APART_M, NEIGHBOURHOOD_M
     )
@@ -31,7 +31,7 @@ def test_when_two_meet() -> None:
     assert rvo.meets_after_s(300.0, 59.0, 30.0, 0.0, 60.0) < 10.0
     assert rvo.meets_after_s(300.0, 61.0, 30.0, 0.0, 60.0) == np.inf
     assert rvo.meets_after_s(300.0, 0.0, -30.0, 0.0, 60.0) == np.inf
-    assert rvo.meets_after_s(50.0, 0.0, 30.0, 0.0, 60.0) == 0.0  # too near, and nearing
+    assert rvo.meets_after_s(50.0, 0.0, 30.0, 0.0, 60.0) == 0.0  # too near, and approaching
     assert rvo.meets_after_s(50.0, 0.0, -30.0, 0.0, 60.0) == np.inf
 
 
@@ -39,14 +39,14 @@ def test_conflicts() -> None:
     assert conflict((20.0, 0.0), row(300.0, 0.0, -20.0, 0.0))
     assert not conflict((20.0, 0.0), row(300.0, 0.0, 25.0, 0.0))  # faster, ahead
     assert not conflict((20.0, 0.0), row(600.0, 0.0, -20.0, 0.0))  # no neighbour
-    assert conflict((20.0, 0.0), row(540.0, 0.0, -20.0, 0.0, 3.0))  # by now it is one
+    assert conflict((20.0, 0.0), row(540.0, 0.0, -20.0, 0.0, 3.0))  # it is now a neighbour
 
 
 def test_each_takes_half_of_the_way_out() -> None:
-    """Head-on at 300 m: the relative velocity has to turn by asin(60 / 300), 11.5 degrees.
+    """Head-on at 300 m: the relative velocity must turn by asin(60 / 300) = 11.5 degrees.
 
-    2 v' - v_A - v_B is (40 cos a, 40 sin a) here; one that turned alone would have to turn by
-    twice as much.
+    2 v' - v_A - v_B is (40 cos a, 40 sin a) here; a vehicle that turns alone must turn by twice as
+    much.
     """
     other = row(300.0, 0.0, -20.0, 0.0)
     heading_rad, was = rvo.clear_heading_rad(
@@ -59,7 +59,7 @@ def test_each_takes_half_of_the_way_out() -> None:
         300.0, 0.0, 20.0 * math.cos(alone_rad) + 20.0, 20.0 * math.sin(alone_rad), APART_M
     ) == np.inf  # fmt: skip
     assert not conflict((20.0 * math.cos(heading_rad), 20.0 * math.sin(heading_rad)), other)
-    # 7° off for the velocities themselves, but with the other doing as much 14°.
+    # 7° for the own velocity, but 14° if the other vehicle turns equally.
     assert rvo.meets_after_s(300.0, 0.0, 20.0 + 20.0, 5.0, APART_M) < np.inf
     assert not conflict((20.0, 5.0), other)
     assert conflict((20.0, 3.0), other)
@@ -95,7 +95,7 @@ def test_surrounded_it_takes_what_meets_last() -> None:
 
 
 def test_in_wind_velocities_are_over_the_ground() -> None:
-    """Both crab the same: what is in conflict in still air is in moving air."""
+    """Both have the same crab angle: a conflict in still air is a conflict in moving air."""
     other = row(300.0, 0.0, -20.0, 8.0)
     heading_rad, was = rvo.clear_heading_rad(
         0.0, 0.0, 20.0, 8.0, 0.0, 20.0, 0.0, 8.0, other[None], APART_M, NEIGHBOURHOOD_M

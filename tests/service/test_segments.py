@@ -11,7 +11,7 @@ import pytest
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario, flying, load_scenario
 from mission_service.errors import JournalError, StateError
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 from mission_service.journal.journal_file import (
     Journal,
     Rest,
@@ -38,7 +38,7 @@ Files = dict[str, bytes]
 
 
 class Kept:
-    """A flight of some minutes as a live service keeps it: three segments, and a newer state."""
+    """A flight of some minutes as a live service stores it: three segments, a newer snapshot."""
 
     def __init__(self, folder: Path) -> None:
         self.scenario: Scenario = flying(load_scenario("default", ("start_s=3590",)))
@@ -49,20 +49,20 @@ class Kept:
         journal = Journal(self.path, header, durable=True)
         simulation = Simulation(self.scenario, journal, self.landscape)
         for seconds in (60, 120):
-            simulation.run(self.scenario.start_s + seconds)
+            simulation.run_until(self.scenario.start_s + seconds)
             frozen = Frozen(simulation.service.snapshot_fields(), self.shared)
             journal.begin_segment()
             write(begin_state(self.path, journal.rest.segment), frozen, journal.rest)
-        simulation.run(self.scenario.start_s + 150)
+        simulation.run_until(self.scenario.start_s + 150)
         frozen = Frozen(simulation.service.snapshot_fields(), self.shared)
         write(newest_state(self.path), frozen, journal.rest)
-        simulation.run(self.scenario.start_s + 170)
+        simulation.run_until(self.scenario.start_s + 170)
         journal.close()
         self.last: Rest = journal.rest
         self.files: Files = {each.name: each.read_bytes() for each in folder.iterdir()}
 
     def again(self, folder: Path) -> Path:
-        """The same files somewhere else."""
+        """Copy the files to another folder."""
         for name, content in self.files.items():
             (folder / name).write_bytes(content)
             (folder / name).chmod(0o600)
@@ -134,7 +134,7 @@ def test_lines_that_are_missing_between_two_segments_are_found(kept: Kept, tmp_p
 
 
 def continued(kept: Kept, path: Path) -> tuple[Any, int, list[str]]:
-    """The core after a restart, the number of its events, and the states skipped."""
+    """Return the core after a restart, the number of its events, and the skipped snapshots."""
     cut_off = unfinished(path, kept.shared, kept.scenario)
     assert cut_off is not None
     rest = cut_off.rest()
@@ -171,7 +171,7 @@ def test_a_restart_takes_the_newest_state_that_it_can_use(kept: Kept, tmp_path: 
                 state.write_bytes(json.dumps(text).encode() + b"\nanything")
     assert counts == sorted(counts)
     assert counts[-1] == verify(path).events
-    # From whichever state: the same core, to the last bit of its commands.
+    # From any snapshot: the same core, with the same commands bit for bit.
     events = [entry.content for entry in SegmentReader(path) if entry.is_event][-200:]
     commands_by_core = [[each.handle(event) for event in events] for each in cores]
     assert all(commands == commands_by_core[0] for commands in commands_by_core)
@@ -189,18 +189,18 @@ def test_a_kill_between_two_segments_leaves_a_journal_that_can_be_continued(
     kept: Kept, tmp_path: Path
 ) -> None:
     path = kept.again(tmp_path)
-    # Killed when the old file had its new name, and the new one not yet the old one's.
+    # Killed when the old file had its new name, and the new file not yet the name of the old.
     path.rename(next_path(path))
     (tmp_path / "journal-000004.state.half").write_bytes(b"half")
     complete(path)
     assert continued(kept, path)[1] > 0
     assert sorted(each.name for each in tmp_path.iterdir()) == sorted(kept.files)
-    # Killed before: the new one is of no use.
+    # Killed before this: the new file is not used.
     next_path(path).write_bytes(b'{"header"')
     complete(path)
     assert not next_path(path).exists()
     assert path.read_bytes() == kept.files["journal.jsonl"]
-    # Killed before the state of the third segment was there: an older one does.
+    # Killed before the snapshot of the third segment was written: an older one is used.
     begin_state(path, 3).unlink()
     newest_state(path).unlink()
     assert continued(kept, path)[2] == []
@@ -258,7 +258,7 @@ def test_the_files_of_a_journal_are_kept_together(kept: Kept, tmp_path: Path) ->
         assert verify(to).difference is None
         assert verify(segment_path(to, 2)).difference is None
     assert rename_old(path) is None
-    # Its last segment was moved away, by hand.
+    # The last segment was moved away manually.
     path = kept.again(tmp_path)
     path.unlink()
     assert rename_old(path) == tmp_path / "journal-3.jsonl"
@@ -269,7 +269,7 @@ def test_the_files_of_a_journal_are_kept_together(kept: Kept, tmp_path: Path) ->
 
 def test_what_is_left_of_a_journal_begins_with_a_state(tmp_path: Path) -> None:
     path = tmp_path / "journal.jsonl"
-    for number in (1, 2, 3, 4, 5):  # killed before the state of the third was written
+    for number in (1, 2, 3, 4, 5):  # killed before the snapshot of the third segment was written
         segment_path(path, number).write_bytes(b"x" * 100)
         if number in (2, 4, 5):
             begin_state(path, number).write_bytes(b"x" * 10)

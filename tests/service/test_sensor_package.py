@@ -26,7 +26,7 @@ def blocks(language: str) -> list[str]:
 
 @pytest.fixture(autouse=True)
 def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A folder of packages with the guide's sensor, and an empty folder to work in."""
+    """Return a folder of packages with the guide's sensor, and an empty working folder."""
     folder = tmp_path / "site"
     info = folder / "detector-1.0.dist-info"
     info.mkdir(parents=True)
@@ -86,7 +86,7 @@ def test_a_sensor_that_fails_is_named_and_not_used_again(
     alarm = world.simulation.service.state_view.alarms["sensor/detector"]
     assert "sensor detector failed" in alarm.text
     assert reason in alarm.text
-    assert world.simulation.service.statistics.observations  # of the estimate
+    assert world.simulation.service.statistics.observations  # an image of the estimate
 
 
 class UnprintableError(Exception):

@@ -1,4 +1,4 @@
-"""Vehicles kept apart: layers over each other's missions, giving way, takeoffs."""
+"""Separation of vehicles: layers above other missions, giving way, takeoffs."""
 
 import math
 
@@ -16,7 +16,7 @@ from mission_service.commands import (
 from mission_service.config.scenario import Scenario, load_scenario
 from mission_service.core.core import Core
 from mission_service.events import Telemetry, UploadFinished, VehicleConnected
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 from mission_service.missions.from_path import mission_along
 from mission_service.missions.separation import (
     avoidance_position,
@@ -92,7 +92,7 @@ def test_a_scenario_gives_each_vehicle_a_layer_unless_it_sets_an_altitude() -> N
 
 
 def test_a_higher_mission_is_laid_over_a_lower_one_where_they_cross(land: Landscape) -> None:
-    """Their legs end in different places, so a hill may lift the lower layer above the higher."""
+    """Legs end at different places, so that a hill may lift the lower layer above the higher."""
     scenario = load_scenario("team")
     low, high = scenario.vehicles[:2]
     rng = np.random.default_rng(2)
@@ -111,7 +111,7 @@ def test_a_higher_mission_is_laid_over_a_lower_one_where_they_cross(land: Landsc
         gap = above.lowest_m - heights_below(above.points_m, [below])
         assert gap.min() >= SEPARATION_M
         gained += (alone.lowest_m - heights_below(alone.points_m, [below])).min() < SEPARATION_M
-    assert gained > 0  # else there was nothing to do
+    assert gained > 0  # otherwise the test checks nothing
 
 
 class Flight:
@@ -155,7 +155,7 @@ def test_vehicles_of_one_home_take_off_one_after_another(land: Landscape) -> Non
     flight = Flight(load_scenario("team"), land)
     assert starts(flight.at_home("hawk"))
     assert not starts(flight.at_home("kite"))
-    assert starts(flight.at_home("swift"))  # its home is 370 m away from theirs
+    assert starts(flight.at_home("swift"))  # its home is 370 m away from the other homes
     flight.at_s += 20.0
     flight.at_home("hawk", height_m=100.0)
     flight.at_s += 3.0
@@ -191,7 +191,7 @@ def test_head_on_in_one_layer_the_later_in_order_steps_aside_and_goes_on_after(
 
 
 def test_giving_way_waits_for_no_approval(land: Landscape) -> None:
-    """What keeps aircraft apart is sent at once, even while a proposal waits for its approval."""
+    """A separation mission is sent at once, even while a proposal waits for its approval."""
     settings = (
         'mission.approval="each"',
         "vehicles.0.altitude_agl_m=150",

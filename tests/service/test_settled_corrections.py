@@ -1,4 +1,4 @@
-"""Corrections without end: the older half becomes part of the fire, and is not drawn any more."""
+"""Many corrections: the older half becomes part of the fire, and is no longer listed."""
 
 from dataclasses import dataclass
 
@@ -12,7 +12,7 @@ from mission_service.events import AnyOperatorEvent, Corrected, Erased, Undone, 
 from mission_service.fire import corrected_fire as corrected_fire
 from mission_service.fire.correction_log import CorrectionLog
 from mission_service.fire.run_estimate import RunEstimate
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 
 AT_US = 3_600_000_000
 ANN = ("ann", "desk")
@@ -21,13 +21,13 @@ MAX_STEPS = 4
 
 @dataclass
 class Drawn:
-    """A fire that is drawn on."""
+    """A fire with corrections by operators."""
 
     scenario: Scenario
     world: RunEstimate
 
     def place(self, north: int, east: int) -> tuple[float, float]:
-        """So many cells from the ignition."""
+        """Return the place this number of cells from the ignition."""
         lit, land = self.scenario.ignition[0], self.world.landscape
         assert lit.lat_deg is not None
         assert lit.lon_deg is not None
@@ -37,17 +37,17 @@ class Drawn:
         return float(lat), float(lon)
 
     def burned(self, place: tuple[float, float]) -> bool:
-        """Whether it burns or has burned there."""
+        """Return whether a place burns or has burned."""
         land = self.world.landscape
         row, col = (round(float(each)) for each in land.row_col_of(*land.xy_of_lat_lon(*place)))
         return bool(self.world.fire.burned()[row, col])
 
     def spot(self, place: tuple[float, float], state: str = "burned") -> None:
-        """A correction of one cell."""
+        """Return a correction of one cell."""
         self.submit(Corrected(AT_US, *ANN, state, "point", (place,), AT_US))  # type: ignore[arg-type]
 
     def submit(self, event: AnyOperatorEvent) -> None:
-        """An operator's event."""
+        """Submit an operator's event."""
         self.world.apply_report(event)
 
 
@@ -85,7 +85,7 @@ def test_their_number_and_that_of_winds_is_bounded(drawn: Drawn) -> None:
         assert len(drawn.world.corrections()) <= MAX_STEPS
         weather = drawn.world.fire.weather
         assert len(weather.entries) <= 1 + len(drawn.scenario.weather)
-        now = weather.at(drawn.world.fire.time_s)
+        now = weather.weather_at(drawn.world.fire.time_s)
         assert (now.wind_speed_m_s, now.wind_from_deg) == (1.0 + 0.1 * number, 90.0)
 
 
@@ -120,4 +120,4 @@ def test_weather_since_a_time_is_the_same_from_then_on() -> None:
     since = stream.since(150.0)
     assert len(since.entries) == 2
     for at_s in np.linspace(150.0, 300.0, 7).tolist():
-        assert since.at(at_s).wind_speed_m_s == stream.at(at_s).wind_speed_m_s
+        assert since.weather_at(at_s).wind_speed_m_s == stream.weather_at(at_s).wind_speed_m_s

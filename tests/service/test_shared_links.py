@@ -1,4 +1,4 @@
-"""Several vehicles on one link: the real daemon with mocks behind one port, and what is refused."""
+"""Several vehicles on one link: the daemon with mocks behind one port, and refused scenarios."""
 
 import subprocess
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The shared fire map: later sights win, and all maps become the same however much was lost."""
+"""The shared fire map: newer observations replace older ones, and all maps become equal."""
 
 import math
 from collections import defaultdict
@@ -17,7 +17,7 @@ from mission_service.guidance.formation.shared_map import MAX_DIFFERENCE_RUNS, M
 from mission_service.guidance.formation.shared_map_kernels import CHECKSUM, TILE, cell_checksum
 from mission_service.peer_messages import AnyMessage, Difference, Digest, FireUpdate
 
-SHAPE = (40, 50)  # 3 x 4 tiles, not all of them whole
+SHAPE = (40, 50)  # 3 x 4 tiles, some of them incomplete
 NONE = np.empty(0, dtype=np.int64)
 TICK_US = 250_000
 S = 1_000_000
@@ -36,13 +36,13 @@ def of_type(messages: list[MapMessage], kind: type) -> list[MapMessage]:
 
 
 def quiet(*maps: SharedMap) -> None:
-    """Let the first digests pass."""
+    """Wait until the first digests were sent."""
     for shared in maps:
         shared.messages(0)
 
 
 def exchange(maps: list[SharedMap], from_us: int, max_s: float) -> float:
-    """Every peer receives everything; returns the seconds until all are the same."""
+    """Deliver all messages to every peer; return the seconds until all maps are equal."""
     for tick in range(int(max_s * S / TICK_US)):
         at_us = from_us + tick * TICK_US
         for message in [message for shared in maps for message in shared.messages(at_us)]:
@@ -83,7 +83,7 @@ def test_the_later_observation_wins_in_whatever_order_it_is_received() -> None:
         ((cleared, burns), []),
         ((again, cleared, burns), [5]),
         ((cleared, again, burns), [5]),
-        ((FireUpdate(200, "x", (5,)), cleared), [5]),  # at the same time: it burns
+        ((FireUpdate(200, "x", (5,)), cleared), [5]),  # at the same time, so the cell burns
         ((cleared, FireUpdate(200, "x", (5,))), [5]),
     ):
         shared = SharedMap("one", SHAPE)
@@ -145,7 +145,7 @@ def test_a_peer_that_lacks_a_cell_or_two_gets_just_these() -> None:
     (digest,) = other.messages(0)
     quiet(one)
     one.on_message(FireUpdate(50, "x", (405,)))
-    one.on_message(FireUpdate(60, "x", (), (20,)))  # of a tile of its own
+    one.on_message(FireUpdate(60, "x", (), (20,)))  # part of a separate tile
     one.on_message(FireUpdate(70, "x", (433, 482)))
     one.on_message(digest)
     sent = [message for k in range(12) for message in one.messages(k * TICK_US)]
@@ -154,7 +154,7 @@ def test_a_peer_that_lacks_a_cell_or_two_gets_just_these() -> None:
     assert (433, 1, 70, True) in runs
     for message in sent:
         other.on_message(message)
-    # Cell 20 has taken the place of an older one, which a sum does not show: that is asked for.
+    # Cell 20 has replaced an older one, which a sum does not show; it is therefore requested.
     assert exchange([one, other], 3 * S, 20.0) < 15.0
 
 
@@ -195,7 +195,7 @@ def test_no_peer_sends_what_another_sent_meanwhile() -> None:
                 sent.append(message)
                 for hearer in team:
                     hearer.on_message(message)
-    assert 1 <= len(sent) <= 3  # of eight
+    assert 1 <= len(sent) <= 3  # one of eight digests
     assert fire_of(lacks) == [*range(100), 200]
 
 
@@ -231,7 +231,7 @@ def test_fire_is_passed_from_neighbour_to_neighbour_where_not_all_receive_all() 
 
 
 def shattered(share: float, shape: tuple[int, int], seed: int) -> FireUpdate:
-    """Fire all over the map, in single cells."""
+    """Return single burning cells all over the map."""
     some = np.flatnonzero(np.random.default_rng(seed).random(shape) < share)
     return FireUpdate(100 + seed, f"x{seed}", tuple(some.tolist()))
 
@@ -271,7 +271,7 @@ def test_more_tiles_than_fit_a_digest_are_sent_in_turns() -> None:
 
 
 SIGHTS = st.tuples(
-    st.integers(0, 3),  # the member
+    st.integers(0, 3),  # the member of the formation
     st.lists(st.integers(0, 199), max_size=6).map(lambda some: cells(*some)),
     st.lists(st.integers(0, 199), max_size=3).map(lambda some: cells(*some)),
 )
@@ -282,7 +282,7 @@ SIGHTS = st.tuples(
 def test_after_any_loss_repetition_and_disorder_all_maps_become_the_same(
     schedule: list[tuple[int, np.ndarray, np.ndarray] | int],
 ) -> None:
-    """Sights, and in between messages to some of the UAVs, late, twice, or not at all."""
+    """UAVs observe cells, and messages to some UAVs are late, repeated or lost."""
     shape = (20, 20)
     team = [SharedMap(f"uav{k}", shape) for k in range(4)]
     under_way: list[MapMessage] = []
@@ -305,7 +305,7 @@ def test_after_any_loss_repetition_and_disorder_all_maps_become_the_same(
 
 
 def flown(loss: float, lossy_until_s: int, duration_s: int = 150) -> np.ndarray:
-    """Eight UAVs that circle around a growing fire and look down once a second.
+    """Fly eight UAVs around a growing fire, which they observe once a second.
 
     Returns the mean number of wrong cells in each second (duration_s).
     """
@@ -345,7 +345,7 @@ def test_with_a_third_of_messages_lost_maps_are_nearly_as_good_and_soon_as_good(
     assert 0.5 < without[20:].mean() < 40.0
     assert with_loss[20:100].mean() <= 1.5 * without[20:100].mean()
     assert with_loss[110:].mean() <= 1.05 * without[110:].mean() + 0.1
-    # The test could fail: with all lost each UAV has only what it sees itself.
+    # The test can fail: if all messages are lost, each UAV has only its own observations.
     alone = flown(1.0, 100)
     assert alone[20:100].mean() > 4.0 * without[20:100].mean()
     assert alone[100 + 15 :].mean() <= 1.05 * without[115:].mean() + 0.1
@@ -353,7 +353,7 @@ def test_with_a_third_of_messages_lost_maps_are_nearly_as_good_and_soon_as_good(
 
 @pytest.mark.parametrize(("count", "max_bytes_s"), [(8, 300), (32, 120)])
 def test_a_uav_sends_a_few_hundred_bytes_a_second(count: int, max_bytes_s: int) -> None:
-    """With as much fire as in the paper's experiments and 30 % of messages lost."""
+    """The fire is as large as in the paper's experiments, and 30 % of the messages are lost."""
     rng = np.random.default_rng(4)
     rows, cols = np.divmod(np.arange(250_000), 500)
     order = np.argsort(np.hypot(rows - 250, cols - 250) + rng.normal(0.0, 1.0, 250_000))

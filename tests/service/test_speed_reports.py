@@ -36,7 +36,7 @@ def test_a_plane_that_sinks_at_full_throttle_and_loses_airspeed_is_reported_and_
 
 
 def test_a_slow_loss_of_airspeed_in_uneven_air_is_reported() -> None:
-    """ArduPlane 4.6.2 with SIM_ENGINE_FAIL, as flown: the mean of 10 s falls with the airspeed."""
+    """On ArduPlane 4.6.2 with SIM_ENGINE_FAIL the mean of 10 s fell with the airspeed."""
     cruise: list[Flown] = [(14.9, 0.0, 23)] * 40
     fails: list[Flown] = [
         *((14.3, -0.9, 33), (13.4, -2.0, 40), (12.7, -1.1, 50), (12.1, -1.9, 59)),
@@ -56,9 +56,9 @@ def test_a_vehicle_without_a_measured_airspeed_is_reported_too() -> None:
 def test_a_plane_that_levels_off_or_dives_is_not_reported() -> None:
     levels_off: list[Flown] = [(11.0 + 0.3 * n, -1.3, 86) for n in range(10)]
     assert thrust([*[(11.0, 3.0, 100)] * 40, *levels_off]) == []
-    assert thrust([*CRUISE, *[(19.0, -2.3, 100)] * 60]) == []  # a descent, PX4 as flown
+    assert thrust([*CRUISE, *[(19.0, -2.3, 100)] * 60]) == []  # a descent, as flown by PX4
     assert thrust([*CRUISE, *[(15.0, -3.0, 0)] * 20]) == []  # a glide that was ordered
-    assert thrust([*CRUISE, (15.0, -3.0, 100), *CRUISE]) == []  # one gust
+    assert thrust([*CRUISE, (15.0, -3.0, 100), *CRUISE]) == []  # a single gust
 
 
 def test_a_mean_airspeed_is_reported_when_it_has_changed() -> None:

@@ -1,4 +1,4 @@
-"""A core restored from a state gives the commands of one that was never stopped, bit for bit."""
+"""A core restored from a snapshot returns the commands of an uninterrupted core, bit for bit."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -11,7 +11,7 @@ from mission_service.config.rule_lookup import own_ways
 from mission_service.config.scenario import Scenario, flying, load_scenario
 from mission_service.core.core import Core
 from mission_service.events import AnyEvent
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 from mission_service.guidance.front.way import PLANNERS
 from mission_service.journal.journal_file import Journal, SegmentReader, header_of
 from mission_service.journal.snapshot import Frozen, Known, restore
@@ -29,7 +29,7 @@ FLOWN_S = {"default": 240.0, "team": 130.0, "virtual-agents": 75.0, "burn": 80.0
 
 @dataclass
 class Flown:
-    """A scenario, flown for some minutes: what happened."""
+    """A scenario that was flown for some minutes, with its events."""
 
     scenario: Scenario
     landscape: Landscape
@@ -39,7 +39,7 @@ class Flown:
 
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Flown]:
-    """Each shipped scenario once: the same events for all rules of its kind."""
+    """Fly each shipped scenario once: the same events for all rules of its kind."""
     folder, found = tmp_path_factory.mktemp("flown"), {}
     for name, seconds in FLOWN_S.items():
         scenario = flying(load_scenario(name, CHANGES[name]))
@@ -49,7 +49,7 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Flown]:
         path = folder / f"{name}.jsonl"
         journal = Journal(path, header_of(scenario, landscape.digest(), ""), durable=False)
         simulation = Simulation(scenario, journal, landscape)
-        simulation.run(max(scenario.start_s, scenario.deploy_at_s) + seconds)
+        simulation.run_until(max(scenario.start_s, scenario.deploy_at_s) + seconds)
         journal.close()
         events: list[Any] = [entry.content for entry in SegmentReader(path) if entry.is_event]
         found[name] = Flown(scenario, landscape, events, simulation)
@@ -121,7 +121,7 @@ def test_arrays_that_share_memory_share_it_again(flown: dict[str, Flown]) -> Non
         "elevation": run.landscape.elevation_m,
         "words": np.array(["a", None], dtype=object)[:1],
     }
-    for _ in range(2):  # what was read can be written again
+    for _ in range(2):  # a snapshot that was read can be written again
         objects = restore(Frozen(objects, shared))
     assert np.array_equal(objects["part"], whole[::-2, 1:4])
     assert np.array_equal(objects["across"], whole.T)

@@ -1,4 +1,4 @@
-"""The best static placement, and how near to it virtual agents come by themselves."""
+"""The best static placement, compared with the places that virtual agents find."""
 
 import math
 from collections.abc import Iterator
@@ -21,7 +21,7 @@ from mission_service.guidance.formation.settings import Settings
 from mission_service.guidance.formation.virtual_forces_kernels import tie_rad
 
 SETTINGS = Settings()
-CELL_M = 20.0  # coarse, to be fast
+CELL_M = 20.0  # coarse, to save time
 CELLS = 140
 GRID = MapGrid(CELLS, CELLS, CELL_M, 0.0, CELLS * CELL_M)
 MIDDLE_M = CELLS * CELL_M / 2.0
@@ -34,7 +34,7 @@ Floats = NDArray[np.float64]
 
 
 def ellipse(along_m: float, across_m: float, turned_rad: float = 0.0) -> NDArray[np.bool_]:
-    """Burned cells (y, x) around the middle."""
+    """Return the burned cells (y, x) around the middle."""
     x_m, y_m = GRID.xy_of(ROW, COL)
     x_m, y_m = x_m - MIDDLE_M, y_m - MIDDLE_M
     along = x_m * math.cos(turned_rad) + y_m * math.sin(turned_rad)
@@ -55,19 +55,19 @@ def maps_of(fire: NDArray[np.bool_]) -> AgentMaps:
 
 
 def over_fire_of(maps: AgentMaps) -> NDArray[np.bool_]:
-    """Cells around which a UAV would fly over fire."""
+    """Return the cells around which a UAV would fly over fire."""
     near = AgentMaps(GRID.shape, CELL_M, SETTINGS.loiter_radius_m, 0.0)
     near.set(np.flatnonzero(maps.fire), NO_CELLS)
     return np.asarray(near.augmentation > 0)
 
 
 def places_of(agents_m: Floats) -> Floats:
-    """(row, col) of agents (n, 2)."""
+    """Return (row, col) of agents (n, 2)."""
     return np.stack(GRID.row_col_of(agents_m[:, 0], agents_m[:, 1]), axis=1)  # type: ignore[arg-type]
 
 
 class Team:
-    """Agents that come from one side, each with the fire on its map; no vehicles under them."""
+    """Agents that start from one side, each with the fire on its map, without vehicles."""
 
     def __init__(self, count: int, side_rad: float, away_m: float = 1050.0) -> None:
         along = 80.0 * (np.arange(count) - (count - 1) / 2.0)
@@ -77,7 +77,7 @@ class Team:
         self.time_s = 0.0
 
     def fly(self, maps: AgentMaps, duration_s: float) -> Iterator[Floats]:
-        """Yields how far each went, each step."""
+        """Yield the distance that each agent moved, for each step."""
         end_s = self.time_s + duration_s
         while self.time_s < end_s:
             before_m = self.agents_m.copy()
@@ -103,7 +103,7 @@ def test_coverage_is_the_share_of_weights_within_the_radius() -> None:
 
 
 def test_the_best_places_of_few_discs_are_found_exactly() -> None:
-    """Against all pairs of cells, on a small map."""
+    """The result is compared with all pairs of cells on a small map."""
     rng = np.random.default_rng(4)
     weights = rng.random((9, 9))
     allowed = rng.random((9, 9)) < 0.5
@@ -171,7 +171,7 @@ def test_agents_settle_again_when_the_fire_has_grown() -> None:
         moving += sum(bool(moved.any()) for moved in team.fly(maps, 10.0))
     rows, cols = np.floor(places_of(team.agents_m).T + 0.5).astype(int)
     assert (maps.augmentation[rows, cols] == 0).all()
-    assert moving * STEP_S < 200.0  # of 350 s
+    assert moving * STEP_S < 200.0  # the last part of 350 s
     for _ in team.fly(maps, 200.0):
         pass
     weights, allowed = weights_of(maps), maps.augmentation == 0
@@ -191,7 +191,7 @@ def test_a_settled_agent_does_not_move_for_a_cell_of_fire() -> None:
 
 
 def test_an_agent_goes_round_the_fire_never_through_it() -> None:
-    """Its only useful place is behind the fire; others cover the rest."""
+    """Its only useful place is behind the fire; other agents cover the rest."""
     maps = maps_of(ellipse(100.0, 500.0))
     over_fire = over_fire_of(maps)
     x_m, y_m = MIDDLE_M - 450.0, MIDDLE_M
@@ -251,7 +251,7 @@ def test_a_standing_vehicle_does_not_give_way_to_one_that_passes() -> None:
     stays = mover.goal
     assert stays is not None
     goals = set()
-    for tick in range(40):  # 25 m/s, 20 m next to it
+    for tick in range(40):  # 25 m/s, 20 m beside it
         passing_m = np.delete(team.agents_m, 0, axis=0)
         passing_m = np.vstack([passing_m, [x_m - 500.0 + 25.0 * tick, y_m + 20.0]])
         at_s = team.time_s + tick

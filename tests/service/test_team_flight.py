@@ -1,4 +1,4 @@
-"""A team in the whole loop, in virtual time: four vehicles of both stacks, one of which dies."""
+"""A team in the whole loop in virtual time: four vehicles of both stacks, one of which fails."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,7 +15,7 @@ from mission_service.guidance.team.front_ring import ActiveFleet, FrontRing
 from mission_service.guidance.team.team import TeamMember
 from mission_service.replay.decisions import decide
 from mission_service.replay.verification import verify
-from mission_service.runtime.outputs import summary_of
+from mission_service.runtime.run_outputs import summary_of
 from mission_service.runtime.run_statistics import RunStatistics
 from mission_service.simulation import sim
 from tests.announced import Announced
@@ -26,7 +26,7 @@ SHORT = (f"duration_s={ENDS_S:.0f}", "planner.rule=team.bumper")
 
 
 class Dead:
-    """An autopilot that is no more."""
+    """An autopilot that no longer exists."""
 
     def next_timer(self) -> int:
         return 2**62
@@ -42,17 +42,17 @@ class Dead:
 
 
 class Mortal(sim.SimulatedVehicle):
-    """A rig whose mock dies if it is swift."""
+    """A simulated vehicle; the mock of swift can fail."""
 
-    def advance(self, now_us: int, service: Any) -> None:
+    def handle_due(self, now_us: int, service: Any) -> None:
         if self.gateway.name == "swift" and service.statistics.at_us > DIES_S * 1e6:
             self.mock = Dead()  # type: ignore[assignment]
             self._weather = None
-        super().advance(now_us, service)
+        super().handle_due(now_us, service)
 
 
 class Noted(Bumper):
-    """Bumper, with note of which seats it was shown when."""
+    """The bumper rule, which records the members that it was given at each time."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -128,7 +128,7 @@ def test_the_loss_of_one_is_announced_and_the_others_fly_without_it_from_their_n
 
 
 def test_the_others_close_the_gap(run: Run) -> None:
-    """What the dead one would have watched has been seen since."""
+    """After the failure, the other vehicles observe the front of the failed one."""
     visited_at_s = run.member._team.map.outer_at_s
     assert np.min(visited_at_s) > DIES_S
     assert ENDS_S - np.min(visited_at_s) < 500.0

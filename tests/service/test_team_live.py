@@ -1,4 +1,4 @@
-"""The daemon flies a team over UDP: mocks of both stacks in processes of their own."""
+"""The daemon flies a team over UDP: mocks of both stacks in separate processes."""
 
 import json
 import re
@@ -8,14 +8,14 @@ from pathlib import Path
 
 from mission_service.config.scenario import SHIPPED
 from mission_service.replay.verification import verify
-from tests.patience import PATIENCE_S
-from tests.service.test_live import free_port, process, wait_for
+from tests.patience import PATIENCE_S, wait_until
+from tests.service.test_live import free_port, process
 
 SPEEDUP = "20"
 
 
 def scenario_of(folder: Path) -> tuple[Path, Path]:
-    """The shipped team on free ports: all of it, and without swift."""
+    """Write the shipped team on free ports: complete, and without swift."""
     text = (SHIPPED / "team.toml").read_text(encoding="utf-8")
     text = re.sub(r"127\.0\.0\.1:\d+", lambda _: f"127.0.0.1:{free_port()}", text)
     text = text.replace("start_s = 3500", "start_s = 3600").replace("team.balanced", "team.bumper")
@@ -46,15 +46,15 @@ def test_the_daemon_flies_a_team_and_one_is_killed(tmp_path: Path) -> None:
     ):
         with process(["mock", str(whole), "--vehicle", "swift", *flags], tmp_path / "swift.log"):
             for name in ("hawk", "kite", "swift", "wren"):
-                wait_for(logged(rf"{name}: connected"), 60)
+                wait_until(logged(rf"{name}: connected"))
             for name in ("hawk", "kite", "swift", "wren"):
-                wait_for(logged(rf"{name}: start mission: accepted"), 60)
-            wait_for(logged("swift: phase: (initial circle|monitor)"), 60)
-        wait_for(logged("swift: no heartbeat"), PATIENCE_S)
+                wait_until(logged(rf"{name}: start mission: accepted"))
+            wait_until(logged("swift: phase: (initial circle|monitor)"))
+        wait_until(logged("swift: no heartbeat"))
         for name in ("hawk", "kite", "wren"):
-            wait_for(logged(f"{name}: phase: monitor"), 90)
+            wait_until(logged(f"{name}: phase: monitor"))
         uploads = uploads_of("hawk")
-        wait_for(lambda: uploads_of("hawk") > uploads, 60)
+        wait_until(lambda: uploads_of("hawk") > uploads)
         daemon.send_signal(signal.SIGTERM)
         assert daemon.wait(timeout=PATIENCE_S) == 0
     assert "Traceback" not in log.read_text(encoding="utf-8")

@@ -1,4 +1,4 @@
-"""A team's shared map, its first lap, and the members of its fleet."""
+"""A team's shared map, its first lap, and its members."""
 
 from pkgutil import resolve_name
 
@@ -50,13 +50,13 @@ def team_of(
 
 
 def place(bearing_deg: float) -> tuple[float, float]:
-    """On the front of a round fire."""
+    """Return a place on the front of a round fire."""
     angle = np.deg2rad(bearing_deg)
     return CENTRE - RADIUS * float(np.cos(angle)), CENTRE + RADIUS * float(np.sin(angle))
 
 
 def look(member: TeamMember, name: str, bearing_deg: float, at_s: float, reach: int = 6) -> None:
-    """Its camera sees a square of the round fire around it."""
+    """Observe a square of the round fire around a place."""
     row, col = (round(value) for value in place(bearing_deg))
     rows, cols = np.mgrid[row - reach : row + reach + 1, col - reach : col + reach + 1]
     burned = np.hypot(rows - CENTRE, cols - CENTRE) <= RADIUS
@@ -65,7 +65,7 @@ def look(member: TeamMember, name: str, bearing_deg: float, at_s: float, reach: 
 
 
 def fly(team: Team, name: str, from_deg: float, to_deg: float, at_s: float) -> float:
-    """Along the front, a degree every two seconds; returns the time it is then."""
+    """Fly along the front, a degree every two seconds; return the time at the end."""
     step = 1 if to_deg >= from_deg else -1
     for bearing in range(round(from_deg), round(to_deg) + step, step):
         look(team.member(name), name, bearing, at_s)
@@ -75,7 +75,7 @@ def fly(team: Team, name: str, from_deg: float, to_deg: float, at_s: float) -> f
 
 
 def lap(team: Team) -> float:
-    """The first lap, shared by two."""
+    """Fly the first lap, shared by two vehicles."""
     fly(team, "a", 0, 185, 1000.0)
     return fly(team, "b", 360, 175, 1000.0)
 
@@ -144,7 +144,7 @@ def test_the_rule_is_asked_at_every_cell_and_after_a_turn_from_that_cell_on() ->
     assert decision.reversed
     assert not a.clockwise
     assert a.reversals == 1
-    assert rule.fleets[-1].cell[0] == 16  # the cells behind it are not asked for
+    assert rule.fleets[-1].cell[0] == 16  # cells behind it are not requested
     for turning in (20, 21, 19, 17, 16):
         assert a.at(*place(turning), at_s + 5.0) is None
     assert a.at(*place(15), at_s + 19.0) is None
@@ -213,10 +213,10 @@ def test_a_silent_one_is_reckoned_to_fly_on_and_then_as_lost() -> None:
     rule = ScriptedRule()
     team = team_of(rule, "a", "b")
     at_s = lap(team)
-    fly(team, "b", 180, 178, at_s)  # received for the last time 4 s later, flying anticlockwise
+    fly(team, "b", 180, 178, at_s)  # last received 4 s later, flying anticlockwise
     fly(team, "a", 0, 12, at_s)
     ring = rule.rings[-1]
-    flown_m = float(ring.step_m[158:178].sum())  # in 20 s at 15 m/s
+    flown_m = float(ring.step_m[158:178].sum())  # the distance in 20 s at 15 m/s
     assert flown_m > 300.0
     b = int(rule.fleets[-1].cell[1])
     assert float(ring.step_m[b:178].sum()) == pytest.approx(300.0, abs=2 * ring.step_m.max())

@@ -1,4 +1,4 @@
-"""The simulated fire reaches estimate, guidance and interfaces by observations only."""
+"""The simulated fire reaches estimate, guidance and interfaces only by observations."""
 
 import asyncio
 import sys
@@ -18,13 +18,13 @@ from mission_service.events import Corrected, Observed, Undone, WindSet
 from mission_service.fire.observed_window import states_in
 from mission_service.fire.run_ensemble import Images
 from mission_service.fire.run_estimate import RunEstimate
-from mission_service.fire.setup import fire_of, landscape_of
+from mission_service.fire.scenario_fire import fire_of, landscape_of
 from mission_service.fire.simulated_cameras import SimulatedCameras
 from mission_service.fire.simulated_fire import SimulatedFire, simulated_fire_of
 from mission_service.interfaces.maps.run_forecasts import forecasts_of
 from mission_service.journal.journal_file import SegmentReader
 from mission_service.replay.verification import verify
-from mission_service.simulation.crew import SimulatedCrew
+from mission_service.simulation.simulated_crew import SimulatedCrew
 from tests.api.worlds import world_in
 
 SENSORS = tuple(
@@ -37,7 +37,7 @@ WRONG = ("simulation.fire.wind_turn_deg=40", "simulation.fire.spread_factor=1.5"
 
 
 class Poisoned:
-    """An object with attributes that raise outside the modules of simulated sensors."""
+    """An object whose attributes raise outside the modules of simulated sensors."""
 
     def __init__(self, held: Any) -> None:
         object.__setattr__(self, "_held", held)
@@ -58,7 +58,7 @@ def _refuse_others(name: str) -> None:
 
 
 def poisoned(scenario: Scenario) -> SimulatedFire:
-    """The simulated fire of a scenario; only sensors can read it and its spread model."""
+    """Replace the simulated fire of a scenario; only sensors can read it and its spread model."""
     landscape = landscape_of(scenario)
     found = simulated_fire_of(scenario, landscape)
     assert found is not None
@@ -67,7 +67,7 @@ def poisoned(scenario: Scenario) -> SimulatedFire:
 
 
 def scenario_of_rule(rule: str) -> Scenario:
-    """A scenario that is flown by a rule."""
+    """Return a scenario that is flown by a rule."""
     name, changes = OF_RULE.get(rule, ("team" if rule.startswith("team.") else "default", SOON))
     return load_scenario(name, (*changes, f'planner.rule="{rule}"'))
 
@@ -108,12 +108,12 @@ def test_every_rule_flies_with_a_poisoned_fire(rule: str, tmp_path: Path) -> Non
 
 
 def overlap_of(first: NDArray[np.bool_], second: NDArray[np.bool_]) -> float:
-    """The intersection over the union of two areas."""
+    """Return the intersection over union of two areas."""
     return float(np.count_nonzero(first & second) / np.count_nonzero(first | second))
 
 
 def test_the_estimate_follows_a_fire_that_its_model_does_not_reproduce(tmp_path: Path) -> None:
-    """Wind turned by 40 degrees, rates 1.5 times as high: one plane keeps the estimate right."""
+    """Wind is turned by 40 degrees, rates are 1.5 times as high; one plane corrects this."""
     changes = ("deploy_at_s=1200", 'planner.rule="circling"')
     scenario = load_scenario("default", (*changes, *WRONG))
     world = world_in(tmp_path, scenario)
@@ -135,9 +135,9 @@ def test_how_often_the_estimate_is_read_does_not_change_it(tmp_path: Path) -> No
         folder.mkdir()
         world = world_in(folder, scenario)
         for until_s in np.arange(every_s, 1200.0, every_s):
-            world.simulation.run(float(until_s))
+            world.simulation.run_until(float(until_s))
             world.simulation.estimate.advance(world.simulation.clock.now_us)
-        world.simulation.run(1200.0)
+        world.simulation.run_until(1200.0)
         world.simulation.estimate.advance(1_200_000_000)
         flights.append(world.simulation.estimate.fire.expected_s())
     often, once = flights
@@ -145,7 +145,7 @@ def test_how_often_the_estimate_is_read_does_not_change_it(tmp_path: Path) -> No
 
 
 def test_without_a_simulated_fire_the_estimate_is_flown(tmp_path: Path) -> None:
-    """It burns on by the model, and its views for planners are no evidence for it."""
+    """The estimate burns on by the model; its views for planners are not observations of it."""
     scenario = load_scenario("default", ("deploy_at_s=600", "planner.rule=circling"))
     scenario = scenario.model_copy(update={"simulation": SimulationSection()})
     world = world_in(tmp_path, scenario)
@@ -174,7 +174,7 @@ def test_without_a_simulated_fire_the_estimate_is_flown(tmp_path: Path) -> None:
 
 
 def test_images_that_contradict_a_correction_reach_the_planners(tmp_path: Path) -> None:
-    """Else a planner would fly around a fire that no camera sees."""
+    """Otherwise a planner would fly around a fire that no camera observes."""
     scenario = load_scenario("default", ("deploy_at_s=600", "planner.rule=circling"))
     world = world_in(tmp_path, scenario)
     world.fly(900.0)
@@ -228,4 +228,4 @@ def test_no_module_but_the_sensors_imports_the_simulated_fire() -> None:
         for path in root.rglob("*.py")
         if "fire.simulated_fire import" in path.read_text(encoding="utf-8")
     }
-    assert readers == {"fire/simulated_cameras.py", "simulation/sim.py"}  # the latter: the wind
+    assert readers == {"fire/simulated_cameras.py", "simulation/sim.py"}  # the wind

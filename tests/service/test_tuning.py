@@ -32,7 +32,7 @@ SMALL = 8, 2  # population, generations
 
 
 def sphere(many: Sequence[Genes]) -> list[float]:
-    """Best at 7 everywhere."""
+    """A function whose best value is at 7 for all genes."""
     return [-sum((gene - 7.0) ** 2 for gene in genes) for genes in many]
 
 
@@ -41,13 +41,13 @@ def test_a_run_finds_the_best_of_something_simple() -> None:
     assert found["fitness"] > -2.0
     assert found["history"][0]["best"] < -30.0
     best = [generation["best"] for generation in found["history"]]
-    assert best == sorted(best)  # the elite stays
+    assert best == sorted(best)  # the best tenth is kept
     assert found["library"].startswith("deap ")
     assert list(found["constants"]) == list(NAMES)
 
 
 def test_it_breeds_as_the_paper_has_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A tenth stays, genes come from the fittest half, and change by less than 1, one in ten."""
+    """A tenth is kept, genes come from the fittest half, and one in ten changes by less than 1."""
     asked: list[list[Genes]] = []
 
     def counted(many: Sequence[Genes]) -> list[float]:
@@ -104,7 +104,7 @@ def test_scenarios_are_three_small_and_three_large_and_the_seeds_own() -> None:
         least, most = one.kind.fire_cells
         assert least <= one.maps.fire.sum() <= most + 40
         edge = np.concatenate([one.weights[[0, -1]].ravel(), one.weights[:, [0, -1]].ravel()])
-        assert not edge.any()  # all that is monitored is on the map
+        assert not edge.any()  # the whole monitored area is on the map
         rows, cols = one.grid.row_col_of(one.agents_m[0], one.agents_m[1])
         assert (one.maps.area[np.int64(rows), np.int64(cols)] == 0).all()  # they come from outside
     scenarios.cache_clear()
@@ -115,7 +115,7 @@ def test_scenarios_are_three_small_and_three_large_and_the_seeds_own() -> None:
 
 def test_agents_over_fire_cost_far_more_than_they_cover() -> None:
     genes = constants_array(BY_HAND)
-    into = constants_array(Constants(c1=20.0, c2=20.0, c4=0.001))  # nothing keeps them out
+    into = constants_array(Constants(c1=20.0, c2=20.0, c4=0.001))  # no force keeps them outside
     covered, too_near = flown(scenarios(11)[0], into)
     assert too_near > 0.5
     assert 0.0 <= covered <= 1.0

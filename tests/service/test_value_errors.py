@@ -1,4 +1,4 @@
-"""Refused values are reported with key, value, allowed range and remedy, in the user's words."""
+"""A refused value is reported with key, value, allowed range and remedy."""
 
 import asyncio
 import re

@@ -1,4 +1,4 @@
-"""A vehicle through refusals, losses, failsafes, orders and landings; and cores that are broken."""
+"""A vehicle with refusals, losses, failsafes, orders and landings; and cores with defects."""
 
 from collections import Counter
 from typing import Any, ClassVar
@@ -36,7 +36,7 @@ def test_no_vehicle_is_started_or_taken_over_without_a_person(
 
 
 class StartsAgainAfterALanding(Core):
-    """What was to be started again is not forgotten when the vehicle lands."""
+    """A defect: a pending start is not cancelled when the vehicle lands."""
 
     def _disarmed(self, vehicle: Vehicle, was_airborne: bool) -> list[AnyCommand]:
         again_at_s, waits = vehicle.start_again_at_s, vehicle.waits_for_operator
@@ -46,7 +46,7 @@ class StartsAgainAfterALanding(Core):
 
 
 class StartsWhateverItUploads(Core):
-    """A mission that has arrived is started in any mode."""
+    """A defect: an uploaded mission is started in any mode."""
 
     def handle(self, event: AnyEvent) -> list[AnyCommand]:
         commands = super().handle(event)
@@ -58,7 +58,7 @@ class StartsWhateverItUploads(Core):
 
 
 class HoldsAgainInAFailsafe(Core):
-    """A hold is repeated until it is accepted, whatever the autopilot does meanwhile."""
+    """A defect: a hold is repeated until it is accepted, regardless of the autopilot's mode."""
 
     def handle(self, event: AnyEvent) -> list[AnyCommand]:
         commands = super().handle(event)
@@ -70,7 +70,7 @@ class HoldsAgainInAFailsafe(Core):
 
 
 class SeesNoFailsafe(Core):
-    """Every mode counts as ordered."""
+    """A defect: every mode counts as ordered."""
 
     def _handle(self, event: AnyEvent) -> list[AnyCommand]:
         for availability in self.decision_engine.availability.values():
@@ -79,7 +79,7 @@ class SeesNoFailsafe(Core):
 
 
 class StartsAfterARestart(Core):
-    """An autopilot that restarts on the ground is sent to the fire again, as before a flight."""
+    """A defect: after its restart on the ground, an autopilot is started without an order."""
 
     def _rebooted(self, vehicle: Vehicle, at_s: float, was: Any) -> list[AnyCommand]:
         commands = super()._rebooted(vehicle, at_s, was)
@@ -104,14 +104,14 @@ def test_a_core_that_is_broken_on_purpose_is_found(broken: type[Core], rule: str
         met: ClassVar[Counter[str]] = Counter()
 
     with pytest.raises(AssertionError, match=rule):
-        run(Machine, 3000, STEPS, SEED)  # it ends at the first that it finds
+        run(Machine, 3000, STEPS, SEED)  # it ends at the first violation
 
 
 def test_a_mission_that_is_not_uploaded_is_not_accepted() -> None:
     site = site_of(FRONTS[0])
     core = Core(site.scenario, site.landscape)
     vehicle = next(iter(core.vehicles.values()))
-    vehicle.drop_upload()  # there is none
+    vehicle.drop_upload()  # there is no violation
     core.validate_state()
     with pytest.raises(InvalidTransitionError, match="accepted cannot follow"):
         vehicle.enter(MissionPhase.ACCEPTED)

@@ -1,4 +1,4 @@
-"""Flights in which a service could do harm, each a few steps long; the oracle judges each step."""
+"""Short flights in which a defective service could do harm; the oracle checks each step."""
 
 from collections import Counter
 from collections.abc import Callable
@@ -70,13 +70,13 @@ def after_a_pilot_disarmed_it_on_the_ground(story: Story) -> None:
 
 
 def when_its_battery_is_low_while_an_upload_is_under_way(story: Story) -> None:
-    """An upload failed; the next one succeeds when the autopilot flies home by itself."""
+    """An upload fails; the next one succeeds while the autopilot returns by itself."""
     flights, name = story.flights, story.name
     flights.renew(name)
     flights.fly(5.0)
     assert story.bridge.uploads
     flights.upload_ends(name, "failed", False)
-    flights.deliver(name, "", True)  # a hold: its mission may be a mixture
+    flights.deliver(name, "", True)  # a hold, because its mission may be a mixture
     flights.fly(10.0)
     assert story.bridge.uploads
     flights.failsafe(name, "battery low")
@@ -167,7 +167,7 @@ def when_its_time_is_over_in_a_hold_of_its_pilot(story: Story) -> None:
 
 
 def when_it_restarts_in_the_air_on_its_way_home(story: Story) -> None:
-    """Armed and in its mode after a watchdog's reset, which the bridge has no word for."""
+    """After a watchdog's reset it is armed and in its mode, which the bridge cannot detect."""
     flights, name = story.flights, story.name
     flights.order(name, "return", True)
     flights.all_goes_well(2)
@@ -181,7 +181,7 @@ def when_a_return_is_ended_by_its_restart_in_the_air(story: Story) -> None:
     flights.order(name, "hold", True)
     flights.all_goes_well(3)
     flights.order(name, "return", True)
-    flights.reboot(name, True, True)  # the order ends with that, refused
+    flights.reboot(name, True, True)  # the order ends as refused
     flights.all_goes_well(20)
     assert story.flown.mode == "hold"
 

@@ -1,4 +1,4 @@
-"""Formations in the ideal world: the paper's experiments, and what they do not have."""
+"""Formations in the ideal simulation: the paper's experiments, and further cases."""
 
 from dataclasses import replace
 
@@ -20,7 +20,7 @@ APART_M = 2.0 * SETTINGS.safety_radius_m
 
 
 def flown(name: str = "Exp2_1", uavs: int | None = None, seed: int = 1, **rules: object) -> Flight:
-    """A flight over the fire of an experiment."""
+    """Return a flight over the fire of an experiment."""
     experiment = BY_NAME[name]
     arrival_s = burned(experiment.p_spread, experiment.first_cells, seed)
     chosen = Rules(**rules)  # type: ignore[arg-type]
@@ -29,7 +29,7 @@ def flown(name: str = "Exp2_1", uavs: int | None = None, seed: int = 1, **rules:
 
 @pytest.fixture(scope="module")
 def eight() -> Flight:
-    """Eight UAVs, experiment 2_1, eleven minutes."""
+    """Return eleven minutes of experiment 2_1 with eight UAVs."""
     return flown(duration_s=660.0)
 
 
@@ -54,7 +54,7 @@ def test_eight_uavs_cover_all_and_estimate_the_fire(eight: Flight) -> None:
 def test_they_keep_apart(eight: Flight) -> None:
     assert eight.series["collisions"][-1] == 0
     assert eight.closest_m >= APART_M
-    assert eight.series["conflicts"][-1] > 0  # some were in each other's way
+    assert eight.series["conflicts"][-1] > 0  # some UAVs blocked each other
 
 
 def test_without_avoidance_they_do_not() -> None:

@@ -1,4 +1,4 @@
-"""What an agent in flight runs was compiled before it flew."""
+"""The warm-up compiles all kernels that an agent uses in flight."""
 
 import subprocess
 import sys
@@ -11,7 +11,7 @@ from numba.core.dispatcher import Dispatcher
 
 from mission_service.experiments.virtual_agents.ideal_world import FormationWorld, Rules
 from mission_service.config.scenario import load_scenario
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 from mission_service.guidance.formation.settings import Settings
 from mission_service.guidance.formation.warm_up import warm_up
 
@@ -57,5 +57,5 @@ def compiled_in_flight(*arguments: str) -> str:
 
 
 def test_nothing_is_compiled_in_flight() -> None:
-    assert "intent" in compiled_in_flight()  # the check finds it
+    assert "intent" in compiled_in_flight()  # the check detects it
     assert compiled_in_flight("warm") == ""

@@ -1,7 +1,7 @@
-"""What a service holds after weeks is what it holds after hours: nothing adds up.
+"""The memory of a service does not grow with time: containers have the same size later.
 
-``benchmarks.weeks`` measures the memory of the real daemon; here the objects are counted, in
-virtual time, with all bounds made so small that minutes reach them.
+``benchmarks.weeks`` measures the memory of the real daemon. Here objects are counted in virtual
+time, with limits so small that they are reached within minutes.
 """
 
 import random
@@ -30,23 +30,24 @@ from mission_service.events import (
     WindSet,
 )
 from mission_service.fire import corrected_fire, run_ensemble
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 from mission_service.journal.journal_file import Journal, header_of
-from mission_service.runtime import run_statistics, state_view, track
+from mission_service.runtime import run_statistics, track
+from mission_service.runtime.alarms import notices
 from mission_service.simulation.sim import Simulation
 
-START_S = 12 * 3600.0  # a slow fire, large enough for two
+START_S = 12 * 3600.0  # a slow fire, large enough for two vehicles
 EVERY_S = 30.0
-SAMPLES = 6  # of each half
+SAMPLES = 6  # samples in each half
 VEHICLES = 2
-# Too few to matter; counted are elements, characters and coordinates.
+# Smaller numbers of elements, characters and coordinates are ignored.
 FEW = 12
 
 
 def contents(root: object, left_out: list[object]) -> Counter[str]:
-    """How many elements all containers reachable from an object hold, by where they are.
+    """Return the numbers of elements in all containers that are reachable from an object.
 
-    Keys are the class and attribute that holds a container, ``[]`` for each level within.
+    Keys are the class and attribute that contain a container, with ``[]`` for each level below.
     """
     found: Counter[str] = Counter()
     seen, waiting = {id(each) for each in left_out}, [("root", root)]
@@ -77,7 +78,7 @@ def contents(root: object, left_out: list[object]) -> Counter[str]:
 
 
 def attributes(thing: object) -> Iterator[tuple[str, Any]]:
-    """By ``__dict__``, slots and msgspec's fields."""
+    """Yield attributes from ``__dict__``, slots and msgspec's fields."""
     names = set(getattr(thing, "__dict__", ()))
     for kind in type(thing).__mro__:
         slots = vars(kind).get("__slots__", ())
@@ -90,7 +91,7 @@ def attributes(thing: object) -> Iterator[tuple[str, Any]]:
 
 
 class People:
-    """An operator draws, erases, undoes, holds or sets the wind, every ten seconds."""
+    """An operator who draws, erases, undoes, holds or sets the wind every ten seconds."""
 
     def __init__(self) -> None:
         self._rng = random.Random(3)
@@ -125,7 +126,7 @@ class People:
 
 
 def grown(samples: list[Counter[str]]) -> list[str]:
-    """What holds more all through the last quarter than it ever did before the half."""
+    """Return the keys whose counts in the last quarter all exceed the maximum of the first half."""
     half, quarter = samples[: len(samples) // 2], samples[-len(samples) // 4 :]
     found = []
     for key in samples[-1]:
@@ -138,7 +139,7 @@ def grown(samples: list[Counter[str]]) -> list[str]:
 def test_what_a_service_holds_does_not_grow_with_what_has_passed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(state_view, "MAX_ANNOUNCEMENTS", 10)
+    monkeypatch.setattr(notices, "MAX_ANNOUNCEMENTS", 10)
     monkeypatch.setattr(run_statistics, "MAX_REVERSALS", 1)
     monkeypatch.setattr(run_statistics, "MAX_REASONS", 3)
     monkeypatch.setattr(track, "MAX_POINTS", 64)
@@ -155,12 +156,12 @@ def test_what_a_service_holds_does_not_grow_with_what_has_passed(
     simulation = Simulation(scenario, journal, landscape, people.due)
     shown = simulation.service.state_view
     for rig in simulation.rigs:
-        if rig.mock.stack.name == "px4":  # these missions have no landing
+        if rig.mock.stack.name == "px4":  # the missions have no landing
             rig.mock.parameters.change("MIS_TKO_LAND_REQ", 0.0)
-    simulation.run(START_S + 240.0)
+    simulation.run_until(START_S + 240.0)
     samples, counts = [], []
     for number in range(1, 2 * SAMPLES + 1):
-        simulation.run(START_S + 240.0 + number * EVERY_S)
+        simulation.run_until(START_S + 240.0 + number * EVERY_S)
         service = simulation.service
         clients = [rig.client for rig in simulation.rigs]
         samples.append(contents([service, clients], [scenario, landscape, header]))

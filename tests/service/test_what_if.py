@@ -1,4 +1,4 @@
-"""A journal's scenario flown again with other settings: exact with its own, refused in one line."""
+"""A journal's scenario is flown again: identical with its own settings; errors are one line."""
 
 import json
 from pathlib import Path
@@ -32,7 +32,7 @@ from mission_service.replay.what_if import (
     repeatable_requests,
     what_if,
 )
-from mission_service.runtime.outputs import summary_of
+from mission_service.runtime.run_outputs import summary_of
 from mission_service.simulation.sim import simulate
 
 CHANGES = ("start_s=3590", "duration_s=4200", "planner.alpha=5", "vehicles.0.airspeed_m_s=18")
@@ -40,7 +40,7 @@ ANN = ("ann", "desk")
 
 
 def script() -> Script:
-    """Wind, other settings and a hold, as people of the first flight have it."""
+    """Operators' events in the first flight: wind, other settings and a hold."""
     events: list[AnyOperatorEvent] = [
         OperatorHeartbeat(3_600_000_000, *ANN),
         WindSet(3_700_000_000, *ANN, 12.0, 10.0),
@@ -63,7 +63,7 @@ def call(*arguments: str) -> Result:
 
 
 def lines(path: Path) -> list[bytes]:
-    """All but the header, with its time of writing."""
+    """Return all lines except the header, which contains the date."""
     return path.read_bytes().splitlines()[1:]
 
 
@@ -142,7 +142,10 @@ def test_a_burn_is_flown_again_by_simulated_operators(tmp_path: Path) -> None:
     out.mkdir()
     found = what_if(path, ["alpha=2"], out, "")
     assert lines(out / "journal.jsonl") == lines(path)
-    assert "a simulated crew confirms the GO list, is present and approves the plans" in found.notes
+    assert (
+        "a simulated crew confirms the GO/NO-GO checklist, is present and approves the plans"
+        in found.notes
+    )
 
 
 def test_approvals_and_restarts_are_not_submitted_again() -> None:

@@ -1,6 +1,6 @@
-"""What may happen to vehicles, their links, their service and by its operators, each as one step.
+"""Events of vehicles, links, service and operators, each as one step.
 
-What does happen is decided elsewhere: by hypothesis (``vehicle_machine``).
+``vehicle_machine`` selects the steps by hypothesis.
 """
 
 from mission_service.events import (
@@ -39,12 +39,12 @@ class Flights(Turns):
     # The vehicles -----------------------------------------------------------------------------
 
     def pilot(self, name: str, mode: str) -> None:
-        """A pilot switches a mode by radio; in the air or armed on the ground."""
+        """Let a pilot change the mode by radio, in the air or armed on the ground."""
         self.bridges[name].autopilot.change(mode, "pilot")
         self.step()
 
     def arm(self, name: str, armed: bool) -> None:
-        """A pilot arms by radio, or disarms on the ground."""
+        """Let a pilot arm by radio, or disarm on the ground."""
         flown = self.bridges[name].autopilot
         if armed:
             flown.armed = True
@@ -54,14 +54,14 @@ class Flights(Turns):
         self.step()
 
     def takes_off_manually(self, name: str, mode: str) -> None:
-        """A pilot flies it by radio."""
+        """Let a pilot take off by radio."""
         flown = self.bridges[name].autopilot
         flown.armed, flown.height_m = True, max(flown.height_m, 60.0)
         flown.change(mode, "pilot")
         self.fly(1.0)
 
     def failsafe(self, name: str, kind: str) -> None:
-        """The autopilot changes the mode by itself, in the air."""
+        """Let the autopilot change the mode by itself in the air."""
         flown = self.bridges[name].autopilot
         if flown.armed and flown.in_air:
             self.met[f"failsafe: {kind}"] += 1
@@ -71,13 +71,13 @@ class Flights(Turns):
         self.step()
 
     def wind(self, name: str, speed_m_s: float) -> None:
-        """The autopilot measures the wind."""
+        """Let the autopilot measure the wind."""
         if self.bridges[name].linked:
             self.process(WindMeasured(self.now_us, name, speed_m_s, 270.0))
         self.step()
 
     def lands(self, name: str, reported: bool) -> None:
-        """It comes down and is disarmed, with some positions on its way or none."""
+        """Land the vehicle and disarm it, with or without positions on the way."""
         flown = self.bridges[name].autopilot
         if flown.in_air and reported:
             flown.height_m = 5.0
@@ -86,7 +86,7 @@ class Flights(Turns):
         self.step()
 
     def reboot(self, name: str, keeps_flying: bool, heartbeat_first: bool) -> None:
-        """The autopilot starts again; all that was under way for it ends without success."""
+        """Restart the autopilot; its commands in progress end without success."""
         bridge = self.bridges[name]
         bridge.autopilot.reboot(keeps_flying and bridge.autopilot.armed)
         if not bridge.linked:
@@ -102,7 +102,7 @@ class Flights(Turns):
     # Links and answers ------------------------------------------------------------------------
 
     def link(self, name: str, works: bool) -> None:
-        """Heartbeats end, or come again."""
+        """Stop or restore the heartbeats."""
         bridge = self.bridges[name]
         if bridge.linked and not works:
             bridge.linked, bridge.lost = False, True
@@ -112,7 +112,7 @@ class Flights(Turns):
         self.step()
 
     def deliver(self, name: str, refused: str, answers: bool) -> None:
-        """A command arrives; its answer is reported before the mode it leads to, or waits."""
+        """Deliver a command; its reply arrives before the mode change, or later."""
         bridge = self.bridges[name]
         if bridge.linked:
             bridge.deliver(refused)
@@ -121,7 +121,7 @@ class Flights(Turns):
         self.step()
 
     def answer(self, name: str, number: int) -> None:
-        """The answer to any command that arrived is reported, however long ago that was."""
+        """Report the reply to any command that arrived, however long ago."""
         self._answer(name, self.bridges[name], number)
         self.step()
 
@@ -134,7 +134,7 @@ class Flights(Turns):
             self.process(CommandFinished(self.now_us, name, command, not sent.answer, reason))
 
     def unanswered(self, name: str, number: int) -> None:
-        """A command got lost, or its answer: the bridge gives up."""
+        """Lose a command or its reply: the bridge stops waiting."""
         bridge = self.bridges[name]
         if bridge.commands:
             self.met["command without an answer"] += 1
@@ -143,13 +143,13 @@ class Flights(Turns):
         self.step()
 
     def upload_begins(self, name: str) -> None:
-        """ArduPilot holds while its mission is overwritten."""
+        """Begin an upload, during which ArduPilot holds."""
         if self.bridges[name].linked:
             self.bridges[name].pause()
         self.step()
 
     def upload_ends(self, name: str, outcome: str, on_board: bool) -> None:
-        """The oldest upload ends, as reported; the vehicle may have it whatever is reported."""
+        """End the oldest upload; with ``on_board`` the vehicle has the mission anyway."""
         bridge = self.bridges[name]
         upload = bridge.finish(outcome, on_board)
         if upload is not None:
@@ -159,7 +159,7 @@ class Flights(Turns):
         self.step()
 
     def all_goes_well(self, seconds: int) -> None:
-        """For a while all commands arrive, and all is answered and accepted."""
+        """For some seconds deliver all commands, and accept all of them."""
         self.read_back("same")
         for _ in range(seconds):
             for name, bridge in self.bridges.items():
@@ -172,7 +172,7 @@ class Flights(Turns):
             self.fly(1.0)
 
     def operators_fly_on(self) -> None:
-        """People order all to fly, all goes well: then all must be led again before long."""
+        """Let operators order all vehicles to fly; all must then soon fly missions again."""
         if self.operators is not None:
             self.operators_present = True
             self.renew("")
@@ -182,7 +182,8 @@ class Flights(Turns):
             bridge.autopilot.trouble = ""
             self.link(name, True)
         for second in range(RECOVERS_WITHIN_S):
-            if second % ORDERS_AGAIN_S == 0:  # one that landed meanwhile waits for an operator
+            # A vehicle that landed in the meantime waits for an operator.
+            if second % ORDERS_AGAIN_S == 0:
                 self.order("", "resume", True)
                 self.order("", "start", True)
             for name in list(self.proposed):
@@ -205,18 +206,18 @@ class Flights(Turns):
     # People -----------------------------------------------------------------------------------
 
     def order(self, name: str, order: Order, confirmed: bool) -> None:
-        """An order to one vehicle, or to all without a name; a burn has none."""
+        """Send an order to one vehicle, or to all without a name; a burn has no such order."""
         if self.operators is None:
             self.process(OrderGiven(self.now_us, "ann", "", name, order, confirmed))
         self.step()
 
     def abort(self) -> None:
-        """An operator aborts."""
+        """Let an operator abort."""
         self.process(Aborted(self.now_us, "ann", ""))
         self.step()
 
     def renew(self, name: str) -> None:
-        """An operator requests another mission, or another plan of a burn."""
+        """Let an operator request another mission, or another plan of a burn."""
         if self.operators is None:
             self.process(MissionRequested(self.now_us, "ann", "", name))
         else:
@@ -224,7 +225,7 @@ class Flights(Turns):
         self.step()
 
     def word_on_mission(self, name: str, accepts: bool, newest: bool) -> None:
-        """An operator accepts or refuses what is proposed, or what was never proposed."""
+        """Let an operator accept or refuse a mission that is, or was never, proposed."""
         if self.operators is not None:
             return
         named = self.proposed.get(name, "") if newest else "0" * 64
@@ -235,9 +236,9 @@ class Flights(Turns):
     # The service ------------------------------------------------------------------------------
 
     def restart(self, down_s: float, killed: bool, read: str) -> None:
-        """The service is killed and goes on, or its disk was full: commands are answered then.
+        """Restart the service after a kill or after a full disk; commands are answered afterwards.
 
-        ``read`` is what is read back of the vehicles: the same, another, nothing; or later.
+        ``read`` is the mission that is read back: the same, another, none, or later.
         """
         self.met["killed" if killed else "disk full"] += 1
         for bridge in self.bridges.values():
@@ -257,14 +258,14 @@ class Flights(Turns):
             self.read_back(read)
 
     def kill_before_sending(self, name: str, order: Order) -> None:
-        """The service is killed when an order is written down, and what follows is not."""
+        """Kill the service when an event is journalled, but its commands are not."""
         event = OrderGiven(self.now_us, "ann", "", name, order, True)
         aborted = Aborted(self.now_us, "ann", "")
         self.process(event if self.operators is None else aborted, carried_out=False)
         self.restart(1.0, True, "same")
 
     def read_back(self, read: str) -> None:
-        """What vehicles have on board is reported, as far as they are received."""
+        """Report the missions on board of the vehicles that are connected."""
         for name, bridge in self.bridges.items():
             if not (bridge.reads_back and bridge.linked):
                 continue
@@ -278,6 +279,6 @@ class Flights(Turns):
             )
 
     def restore(self) -> None:
-        """The core goes on from a state on the disk, next to the one that was never stopped."""
+        """Continue from a snapshot on the disk, beside the core that was never stopped."""
         self.met["restored from a state"] += 1
         self.twin = restore(Frozen({"core": self.core}, self.site.shared))["core"]

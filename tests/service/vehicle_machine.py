@@ -28,19 +28,19 @@ from tests.service.vehicle_sites import BURNS, SETTINGS
 REFUSALS = ("", "", "temporarily rejected", "denied: arming checks")
 OUTCOMES = ("accepted", "accepted", "rejected", "failed", "unknown", "cancelled", "superseded")
 STEPS_S = (0.1, 0.5, 1.0, 3.0, 10.0, 30.0, 120.0)
-WHICH = st.integers(0, 1)  # of a scenario's vehicles
+WHICH = st.integers(0, 1)  # index of a vehicle of the scenario
 READ = st.sampled_from(["same", "same", "other", "nothing", "later"])
 WORDS = ("resume", "start", "hold", "return", "resume", "start", "hold all", "start all", "abort")
 
 
 class VehicleMachine(RuleBasedStateMachine):
-    """One or two vehicles; what each rule does is in ``Flights``."""
+    """One or two vehicles; the effect of each rule is in ``Flights``."""
 
     sites: ClassVar[tuple[str, ...]] = (*SETTINGS, *BURNS)
     core: ClassVar[Callable[[Scenario, Landscape], Core]] = Core
     met: ClassVar[Counter[str]] = Counter()
-    stories: ClassVar[dict[str, str] | None] = None  # of violations, if they are not to raise
-    only: ClassVar[str] = ""  # raise for this kind alone
+    stories: ClassVar[dict[str, str] | None] = None  # stories of violations; None to raise them
+    only: ClassVar[str] = ""  # raise only for this kind
 
     flights: Flights
 
@@ -60,7 +60,7 @@ class VehicleMachine(RuleBasedStateMachine):
             raise AssertionError(words)
 
     def _name(self, which: int) -> str:
-        """Counts a step, and names the vehicle it is about."""
+        """Count a step, and return the name of the vehicle."""
         type(self).met["steps"] += 1
         return self.flights.names[which % len(self.flights.names)]
 

@@ -1,7 +1,7 @@
-"""What the core may command, judged by its events and by operators' orders. Pure.
+"""Checks the commands of the core, using its events and operators' orders. Pure.
 
-It shares no code with the core. Where it is open whether a mode was ordered (an order to hold was
-under way when a fence held the vehicle) it demands nothing.
+The oracle shares no code with the core. If it is unclear whether a mode was ordered (for example,
+if an order to hold was in progress when a fence held the vehicle), it requires nothing.
 """
 
 from collections.abc import Iterable, Mapping
@@ -44,7 +44,7 @@ Judged = Literal["ordered", "not ordered", "either"]
 
 AIRBORNE_M = 15.0
 GOING_HOME = ("return", "land")
-# An answer may come before the mode that it announces; afterwards a change is not the command's.
+# A reply may arrive before the mode change; a change later than this is not due to the command.
 TAKES_EFFECT_S = 15.0
 UNANSWERED_S = 60.0
 QUESTION = "confirm:"
@@ -52,7 +52,7 @@ QUESTION = "confirm:"
 
 @dataclass
 class Effect:
-    """A command that may change the mode, from when it was issued until it can do so no more."""
+    """A command that may change the mode, from its sending until the end of its effect."""
 
     name: str
     mission_id: int
@@ -63,7 +63,7 @@ class Effect:
 
 @dataclass
 class VehicleRecord:
-    """The reports of a vehicle, and the operators' orders to it since."""
+    """The reports of a vehicle, and the operators' orders to it."""
 
     stack: str
     autostart: bool
@@ -72,50 +72,54 @@ class VehicleRecord:
     airborne: bool = False
     mode: str = ""
     judged: Judged = "ordered"
-    needs_order: bool = False  # has flown, or was disarmed or ordered home: no start by itself
-    state: str = ""  # of its system
+    # It has flown, or was disarmed or ordered home: no start without an order.
+    needs_order: bool = False
+    state: str = ""  # system status
     fence_breached: bool = False
-    home: bool = False  # ordered home, by a person or by the service
-    held: bool = False  # by a person
-    licence: Licence = ""  # what people have ordered since the last mode that was not ordered
+    home: bool = False  # ordered home by an operator or by the service
+    held: bool = False  # held by an operator
+    licence: Licence = ""  # operators' orders since the last mode that was not ordered
     effects: list[Effect] = field(default_factory=list)
 
     @property
     def failsafe(self) -> bool:
-        """Whether its autopilot reports one."""
+        """Whether the autopilot reports a failsafe."""
         return self.fence_breached or self.state in ("critical", "emergency", "flight termination")
 
     @property
     def taken(self) -> bool:
-        """Whether an autopilot or a pilot has chosen what it flies."""
+        """Whether the autopilot or a pilot has selected the mode."""
         return self.armed and self.judged == "not ordered"
 
 
 @dataclass(frozen=True)
 class Violation:
-    """Something the core must not have done; ``kind`` names the rule."""
+    """A forbidden command of the core; ``kind`` names the rule."""
 
     kind: str
     words: str
 
 
 class Oracle:
-    """Folds events and commands, and finds what breaks a rule."""
+    """Processes events and commands, and finds violations of rules."""
 
     def __init__(self, vehicles: Mapping[str, tuple[str, bool]], burn: bool = False) -> None:
         """``vehicles``: stack and autostart of each, by name.
 
-        A burn's operators cannot order a vehicle home: the service ends the hold of an abort
-        when the battery is low.
+        In a burn operators cannot order a vehicle home: the service ends the hold of an abort when
+        the battery is low.
         """
         self._burn = burn
         self.records = {name: VehicleRecord(*section) for name, section in vehicles.items()}
-        self.met: list[str] = []  # situations since the last call, for the statistics
+        self.met: list[str] = []  # situations since the last call, for statistics
 
     def judge(
         self, event: AnyEvent, commands: list[AnyCommand], chosen_by: Source
     ) -> list[Violation]:
-        """Take in an event and what the core answered; ``chosen_by`` is of the reported mode."""
+        """Process an event and the core's commands;
+
+        ``chosen_by`` is the source of a reported mode.
+        """
         self.met.clear()
         found: list[Violation] = []
         at_s = event.at_us / 1e6
@@ -126,9 +130,9 @@ class Oracle:
             case Aborted():
                 for name in self.records:
                     found += self._aborted(name, commands)
-            case Approved():  # a burn's plan may be flown; it ends what was ordered before
+            case Approved():  # a burn's plan may be flown; it ends earlier orders
                 for record in self.records.values():
-                    record.held = False  # of one that was taken once it is handed back
+                    record.held = False  # the last mission of a vehicle whose control was returned
                     if not record.taken:
                         record.held = record.home = record.needs_order = False
                         record.licence = "lead"
@@ -168,7 +172,7 @@ class Oracle:
             case VehicleRebooted():
                 self.met.append("reboot in the air" if record.airborne else "reboot on the ground")
                 record.needs_order |= record.armed or record.airborne
-                if record.airborne:  # a watchdog's, perhaps: open until its mode is reported
+                if record.airborne:  # perhaps by a watchdog: undecided until its mode is reported
                     record.judged = "either"
                 record.airborne = False  # until a position is reported again
             case ModeChanged():
@@ -201,7 +205,8 @@ class Oracle:
             return
         record.effects = [each for each in record.effects if each.until_s > at_s]
         may_be = [each for each in record.effects if event.mode in each.modes]
-        if event.mode == "mission":  # flown by what is on board: that mode hands it over
+        # In this mode it flies the mission on board, so control is returned.
+        if event.mode == "mission":
             record.judged = "ordered"
             if chosen_by == "pilot":
                 record.home = False
@@ -213,7 +218,7 @@ class Oracle:
             record.licence = ""
             self.met.append(f"{event.mode} by {chosen_by}")
 
-    # What people order ------------------------------------------------------------------------
+    # Operators' orders ------------------------------------------------------------------------
 
     def _ordered(self, name: str, event: OrderGiven, commands: list[AnyCommand]) -> list[Violation]:
         record, order = self.records[name], event.order
@@ -234,11 +239,12 @@ class Oracle:
 
     def _must_ask(self, record: VehicleRecord, order: Order) -> bool:
         if not (record.taken and record.airborne and record.online) or record.licence:
-            return False  # an order that was confirmed since is enough
+            return False  # one confirmed order since then is sufficient
         return record.mode == "land" if order == "return" else True
 
     def _may_ask(self, record: VehicleRecord, order: Order) -> bool:
-        failsafe = record.failsafe and record.mode in GOING_HOME  # which does not change the mode
+        # A failsafe that does not change the mode.
+        failsafe = record.failsafe and record.mode in GOING_HOME
         return record.armed and (record.judged != "ordered" or failsafe)
 
     def _carried_out(
@@ -270,13 +276,13 @@ class Oracle:
         record.held, record.licence = True, "" if left_alone else "hold"
         record.home &= left_alone
         flies = record.online and record.airborne and record.armed and record.mode not in GOING_HOME
-        if self._burn:  # at the safe height it holds already, and without a position it cannot
+        if self._burn:  # it already holds at the safe height, and without a position it cannot hold
             return []
         if flies and record.judged == "ordered" and not _has(commands, Hold, name):
             return [Violation("order not carried out", f"abort of {name} in {record.mode!r}")]
         return []
 
-    # What the core commands -------------------------------------------------------------------
+    # Commands of the core -------------------------------------------------------------------
 
     def _commanded(self, command: AnyCommand, at_s: float) -> list[Violation]:
         record = self.records.get(command.vehicle)
@@ -293,7 +299,7 @@ class Oracle:
         return [Violation(kind, words)] if kind else []
 
     def _breaks(self, record: VehicleRecord, command: AnyCommand) -> str:
-        """The rule that a command breaks, or nothing."""
+        """Return the rule that a command breaks; empty if it breaks none."""
         name = type(command).__name__
         led = record.licence == "lead"
         match command:
@@ -328,7 +334,7 @@ class Oracle:
                 return ""
 
     def _note(self, record: VehicleRecord, command: AnyCommand) -> None:
-        """The modes that it may lead to, and what follows for later commands."""
+        """Record the modes to which a command may lead, and its effect on later commands."""
         hold_like = ("guided", "hold", "orbit")
         match command:
             case StartMission():

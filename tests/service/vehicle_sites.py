@@ -1,4 +1,4 @@
-"""Scenarios for the state machine of vehicles: those that are shipped, made smaller."""
+"""Scenarios for the state machine of vehicles: smaller versions of the shipped ones."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -6,7 +6,7 @@ from functools import cache
 from benchmarks.burn_frames import small_burn
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario, flying, load_scenario
-from mission_service.fire.setup import fire_position, landscape_of
+from mission_service.fire.scenario_fire import fire_position, landscape_of
 from mission_service.journal.snapshot import Known
 
 LEVEL = ("landscape.source=flat", "landscape.elevation_m=100", "deploy_at_s=0")
@@ -30,7 +30,7 @@ AROUND = (
 
 @dataclass(frozen=True)
 class Site:
-    """A scenario ready to fly."""
+    """A scenario that is ready to fly."""
 
     scenario: Scenario
     landscape: Landscape
@@ -38,7 +38,7 @@ class Site:
     fire_m: tuple[float, float]
 
     def ground_amsl_m(self, x_m: float, y_m: float) -> float:
-        """The height of the ground at a place, or nearest to it."""
+        """Return the height of the ground at the place of the grid nearest to a position."""
         elevation_m = self.landscape.elevation_m
         assert elevation_m is not None
         row, col = (float(each) for each in self.landscape.row_col_of(x_m, y_m))
@@ -49,7 +49,7 @@ class Site:
 
 @dataclass(frozen=True)
 class Setting:
-    """A shipped scenario made smaller."""
+    """A shipped scenario, made smaller."""
 
     name: str
     overrides: tuple[str, ...] = ()
@@ -69,12 +69,12 @@ SETTINGS = {
     "team with approval": Setting("team", ("start_s=0", "mission.approval=each"), 2),
     "formation": Setting("virtual-agents", ("vehicles.1.stack=ardupilot",), 2, AROUND),
 }
-BURNS = {"burn": "ardupilot", "burn with px4": "px4"}  # stacks of their copter
+BURNS = {"burn": "ardupilot", "burn with px4": "px4"}  # stacks of the copter
 
 
 @cache
 def site_of(name: str) -> Site:
-    """The site of a setting, made once."""
+    """Return the site of a setting; it is created only once."""
     if name in BURNS:
         table = small_burn(BURNS[name]) | {"deploy_at_s": 0.0}
         scenario = Scenario.model_validate(table)

@@ -1,6 +1,6 @@
-"""A core and the vehicles of ``autopilot_model`` that it flies: turn by turn, each is judged.
+"""A core and the vehicles of ``autopilot_model``, advanced turn by turn; each turn is checked.
 
-Time passes here; what else may happen is in ``vehicle_flights``.
+This module advances the time; other events are in ``vehicle_flights``.
 """
 
 from collections import Counter, deque
@@ -30,18 +30,18 @@ from mission_service.events import (
     VehicleConnected,
 )
 from mission_service.guidance.burn.controller import BurnFlight
-from mission_service.simulation.crew import SimulatedCrew
+from mission_service.simulation.simulated_crew import SimulatedCrew
 from tests.service.autopilot_model import NAMES, Autopilot, Bridge, Sent, Source
 from tests.service.vehicle_oracle import Oracle, Violation
 from tests.service.vehicle_sites import Site, site_of
 
 FIRE_M, VIEW_CELLS = 200.0, 8
-# Events without commands that need no line in a story.
+# Events that are left out of a story if no command follows.
 NOT_IN_STORY = (
     *(Observed, SystemStateChanged, LandedStateChanged, FenceStatusChanged),
     *(EstimatorStatusChanged, GpsFixChanged, BatteryUpdated, MissionProgress),
 )
-REMEMBERED = 40  # turns, for the report of a violation
+REMEMBERED = 40  # number of turns in the report of a violation
 OMITTED_FIELDS = ("at_us", "by", "station", "custom_mode", "atomic_upload", "stack")
 MIN_STEP_S = 0.01
 
@@ -56,9 +56,9 @@ class Turns:
         found: Callable[[Violation, str], None],
         make: Callable[[Scenario, Landscape], Core] = Core,
     ) -> None:
-        """``met`` counts situations; ``found`` is handed each violation with what led to it.
+        """``met`` counts situations; ``found`` is called with each violation and its story.
 
-        ``make`` makes the core, and a second one that must answer the same.
+        ``make`` creates the core and a second core, which must return the same commands.
         """
         self.site = site_of(name)
         scenario, landscape = self.site.scenario, self.site.landscape
@@ -75,7 +75,7 @@ class Turns:
         self.now_us = 0
         self.met = met
         self.proposed: dict[str, str] = {}
-        # A burn's operators answer GO, watch and approve, while they are present.
+        # In a burn, operators answer GO, watch and approve while they are present.
         self.operators = (
             None if scenario.burn is None else SimulatedCrew(scenario.burn, thinks_s=1.0)
         )
@@ -89,7 +89,7 @@ class Turns:
     # Events and commands ----------------------------------------------------------------------
 
     def process(self, event: AnyEvent, carried_out: bool = True) -> list[AnyCommand]:
-        """One turn of the service: the core handles an event, its commands are judged and sent."""
+        """Let the core process an event; check its commands and send them."""
         commands = self._handle(event)
         self._note(event, commands)
         source: Source = "start-up"
@@ -110,7 +110,7 @@ class Turns:
             self.core.validate_state()
             if isinstance(self.core.guidance, BurnFlight):
                 self.core.guidance.approvals.validate_state()
-        except Exception as error:  # any at all: that there is none is what is judged
+        except Exception as error:  # any exception is a violation
             self._log.append(f"{_in_words(event)} raises {error!r}")
             self._report(Violation("raises", repr(error)))
             raise
@@ -120,7 +120,7 @@ class Turns:
         return commands
 
     def _note(self, event: AnyEvent, commands: list[AnyCommand]) -> None:
-        """A line for the story; of positions without a command only the last."""
+        """Add a line to the story; of positions without commands only the last is kept."""
         if not commands and isinstance(event, NOT_IN_STORY):
             return
         line = f"{_in_words(event)} -> {', '.join(map(_in_words, commands))}"
@@ -143,7 +143,7 @@ class Turns:
             self._replaced.extend((command.vehicle, sent, reason) for sent in replaced)
 
     def step(self, seconds: float = MIN_STEP_S) -> None:
-        """Time passes on the ground station; bridges report what is new, heartbeats first."""
+        """Advance the ground station; bridges report new states, heartbeats first."""
         self.now_us += round(seconds * 1e6)
         while self._replaced:
             self._ended(*self._replaced.popleft())
@@ -152,7 +152,7 @@ class Turns:
                 self._heartbeat(name, bridge)
 
     def _ended(self, name: str, sent: Sent, reason: str) -> None:
-        """A command is reported as not carried out, whether it was or not."""
+        """Report a command as not carried out, whether it was or not."""
         self.process(CommandFinished(self.now_us, name, NAMES[type(sent.command)], False, reason))
 
     def _heartbeat(self, name: str, bridge: Bridge) -> None:
@@ -193,7 +193,7 @@ class Turns:
     # Flight -----------------------------------------------------------------------------
 
     def fly(self, seconds: float) -> None:
-        """All vehicles go on; positions come at most each second, at least three times."""
+        """Fly all vehicles; positions are sent at most once a second, and at least three times."""
         count = max(1, min(3, round(seconds)))
         for _ in range(count):
             self.now_us += round(seconds / count * 1e6)
@@ -227,7 +227,7 @@ class Turns:
         )
 
     def _seen(self, name: str, flown: Autopilot) -> Observed:
-        """What a camera sees of a round fire that does not grow."""
+        """Return the camera's image of a round fire that does not grow."""
         landscape = self.site.landscape
         rows, cols = landscape.shape
         row, col = (round(float(each)) for each in landscape.row_col_of(flown.x_m, flown.y_m))
@@ -250,7 +250,7 @@ def _autopilot(site: Site, section: VehicleSection) -> Autopilot:
 
 
 def _in_words(thing: AnyEvent | AnyCommand) -> str:
-    """An event or a command, short."""
+    """Return an event or a command as a short text."""
     at_s = f" at {thing.at_us / 1e6:.2f} s" if hasattr(thing, "at_us") else ""
     fields = thing.__struct_fields__
     shown = [repr(getattr(thing, field)) for field in fields if field not in OMITTED_FIELDS]

@@ -17,11 +17,11 @@ WRONG = 0.3  # share of the patches
 PATCH_CELLS = 10
 TURN_SD_DEG, SPEED_SD_M_S = 30.0, 3.0
 MIN_WIND_M_S = 0.3
-STREAM = 1  # of random numbers, different from those of the fire
+STREAM = 1  # seed of random numbers that differ from those of the fire
 
 
 def wrong_model(fire: Burn, seed: int) -> Burn:
-    """Return the fire that a model with wrong inputs expects; all else is that of ``fire``.
+    """Return the fire that a model with wrong inputs expects; other data are those of ``fire``.
 
     Another burnable fuel replaces the fuel of 30 % of the square patches. The wind is turned by
     N(0, 30 degrees), and its speed is wrong by N(0, 3 m/s), both constant during the flight. The
@@ -65,13 +65,18 @@ def _wrong_fuel(fuel: NDArray[np.int16], rng: np.random.Generator) -> NDArray[np
 def max_error_of_model(model: Burn, fire: Burn, at_s: Floats) -> Floats:
     """Return the largest distance error in cells of a model's front at given times (n)."""
     expected, true = (TrueShape(each.arrival_s, fire.ignition) for each in (model, fire))
-    return np.array([np.abs(expected.at(time) - true.at(time)).max() for time in at_s.tolist()])
+    return np.array(
+        [
+            np.abs(expected.distances_at(time) - true.distances_at(time)).max()
+            for time in at_s.tolist()
+        ]
+    )
 
 
 def mean_max_errors_wrong(seed: int) -> tuple[float, float, float]:
-    """Of fire ``seed`` the mean of the largest error in cells with a wrong model.
+    """Return the means of the largest error in cells on fire ``seed``, with a wrong model.
 
-    The errors are circling's, predictive's with the wrong model, and the model's alone.
+    The errors are those of circling, of predictive with the wrong model, and of the model alone.
     """
     fire = random_fire(seed)
     model = wrong_model(fire, seed)

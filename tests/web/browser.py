@@ -1,4 +1,4 @@
-"""Chromium without a screen, and what a person does with the map."""
+"""Headless Chromium, and actions of a user on the map."""
 
 import io
 import shutil
@@ -25,12 +25,12 @@ FLAGS = [
     "--enable-unsafe-swiftshader",
 ]
 READY_MS = 60_000
-expect.set_options(timeout=30_000)  # machines that test are busy
+expect.set_options(timeout=30_000)  # test machines may be busy
 
 
 @contextmanager
 def chromium() -> Iterator[Browser]:
-    """A browser; skips where there is none."""
+    """Start a browser; skip the test if there is none."""
     if CHROMIUM is None:
         pytest.skip("no chromium; install it by: apt-get install chromium")
     with sync_playwright() as playwright:
@@ -42,7 +42,7 @@ def chromium() -> Iterator[Browser]:
 
 
 class Seen:
-    """What a page asked for and complained of."""
+    """The requests and errors of a page."""
 
     def __init__(self, context: BrowserContext) -> None:
         self.hosts: set[str] = set()
@@ -68,7 +68,7 @@ def _host(url: str) -> str:
 def page_of(
     browser: Browser, address: str, token: str, size: tuple[int, int], touch: bool = False
 ) -> Iterator[tuple[Page, Seen]]:
-    """The map in a window of its own, drawn, without requests to other hosts and without errors."""
+    """Open the map in a separate window and wait until it is drawn; check requests and errors."""
     viewport: Any = {"width": size[0], "height": size[1]}
     context = browser.new_context(viewport=viewport, has_touch=touch)
     seen = Seen(context)
@@ -83,7 +83,7 @@ def page_of(
 
 
 def place_of(page: Page, lat_deg: float, lon_deg: float) -> tuple[float, float]:
-    """Where a place is in the window, in pixels."""
+    """Return the position of a place in the window, in pixels."""
     script = """([lon, lat]) => {
         const box = document.getElementById("map").getBoundingClientRect();
         const at = missionMap.project([lon, lat]);
@@ -103,18 +103,18 @@ def draw(page: Page, points: list[tuple[float, float]]) -> None:
 
 
 def pixels(page: Page) -> NDArray[np.int16]:
-    """The map as it is seen (y, x, RGB)."""
+    """Return the visible map (y, x, RGB)."""
     image = Image.open(io.BytesIO(page.locator("#map").screenshot()))
     return np.asarray(image.convert("RGB"), np.int16)
 
 
 def share_burned(page: Page) -> float:
-    """Of the map, what has the colour of burned ground: much more red than green and blue."""
+    """Return the share of the map in the colour of burned ground: mostly red."""
     red, green, blue = np.moveaxis(pixels(page), 2, 0)
     return float(((red - green > 40) & (abs(green - blue) < 30) & (red > 140)).mean())
 
 
 def share_expected(page: Page) -> float:
-    """Of the map, what has the colours of the slider's fire: much red, some green, little blue."""
+    """Return the share of the map in the colours of the slider's fire: red and green."""
     red, green, blue = np.moveaxis(pixels(page), 2, 0)
     return float(((red - green > 20) & (green - blue > 20)).mean())

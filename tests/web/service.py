@@ -91,7 +91,7 @@ BURN = (
 
 
 class Service(NamedTuple):
-    """A daemon that runs, and tokens for it: for all, and to look only."""
+    """A running daemon and its tokens: one with all roles, and one with the role look."""
 
     address: str
     boss: str
@@ -100,11 +100,11 @@ class Service(NamedTuple):
     log: Path
 
     def get(self, path: str) -> Any:
-        """The JSON at a path of the API."""
+        """Return the JSON at a path of the API."""
         return self._ask(path, None)
 
     def post(self, path: str, **body: Any) -> Any:
-        """What is answered to a request."""
+        """Send a POST request; return the response."""
         return self._ask(path, json.dumps(body).encode())
 
     def _ask(self, path: str, body: bytes | None) -> Any:
@@ -114,7 +114,7 @@ class Service(NamedTuple):
             return json.load(answer)
 
     def ready(self) -> bool:
-        """Whether it answers; fails when it has ended."""
+        """Return whether the daemon replies; fail if it has ended."""
         if self.process.poll() is not None:
             pytest.fail(self.log.read_text(encoding="utf-8"))
         try:
@@ -130,7 +130,7 @@ def free_port(kind: socket.SocketKind = socket.SOCK_DGRAM) -> int:
 
 
 def wait_for(what: Callable[[], Any], within_s: float, words: str) -> Any:
-    """What is so in the end; fails when it is not in time, which is never less than PATIENCE_S."""
+    """Wait for a condition; return its value; fail if it takes too long (at least PATIENCE_S)."""
     began, within_s = time.monotonic(), max(within_s, PATIENCE_S)
     while not (found := what()):
         if time.monotonic() - began > within_s:
@@ -141,7 +141,7 @@ def wait_for(what: Callable[[], Any], within_s: float, words: str) -> Any:
 
 @contextmanager
 def running(folder: Path, scenario: str, speedup: int) -> Iterator[Service]:
-    """The demo of a scenario, until it is left."""
+    """Run the demo of a scenario in a context."""
     tokens, log = folder / "tokens.toml", folder / "log"
     boss = added(tokens, "boss", ALL, "")
     looker = added(tokens, "looker", ("look",), "")

@@ -1,7 +1,8 @@
-"""The map in Chromium against real daemons: a fire that two planes watch, and a burn.
+"""The map in Chromium with real daemons: a fire that two planes monitor, and a burn.
 
-One browser and one daemon of each kind; a test may rely on those before it in this file. With the
-environment variable MAP_PICTURES the walk of the README writes its pictures to that folder.
+One browser and one daemon of each kind are shared; a test may depend on earlier tests in this file.
+If the environment variable MAP_PICTURES is set, the tests write the pictures of docs/map.md to that
+folder.
 """
 
 import contextlib
@@ -22,7 +23,7 @@ from tests.web.service import BURN, FIRE, FORMATION, Service, running, wait_for
 pytestmark = pytest.mark.long  # a browser that draws without a graphics card
 
 IMAGES = os.environ.get("MAP_PICTURES", "")
-# Without a graphics card each pixel costs.
+# Without a graphics card, drawing time depends on the number of pixels.
 DESKTOP, TABLET = ((1440, 900) if IMAGES else (960, 640)), (1180, 820)
 SPEEDUP = 10
 
@@ -36,7 +37,7 @@ def chromium() -> Iterator[Browser]:
 @pytest.fixture(scope="module")
 def fire(chromium: Browser, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service]:
     with running(tmp_path_factory.mktemp("fire"), FIRE, SPEEDUP) as service:
-        # Nothing is drawn until there is something to see: what is drawn costs.
+        # The map is not drawn before it is needed, because drawing takes time.
         wait_for(
             lambda: service.get("vehicles/hawk")["decisions"] > 0, 120, "hawk has a front estimate"
         )
@@ -46,7 +47,7 @@ def fire(chromium: Browser, tmp_path_factory: pytest.TempPathFactory) -> Iterato
 @pytest.fixture(scope="module")
 def desktop(chromium: Browser, fire: Service) -> Iterator[tuple[Page, Seen]]:
     with page_of(chromium, fire.address, fire.boss, DESKTOP) as opened:
-        if not IMAGES:  # shading each frame is most of the work
+        if not IMAGES:  # shading takes most of the time
             opened[0].evaluate("missionMap.setLayoutProperty('hillshade', 'visibility', 'none')")
         yield opened
 
@@ -83,7 +84,7 @@ def front_corners(service: Service) -> list[tuple[float, float]]:
 
 
 def ring(lat_deg: float, lon_deg: float, radius_m: float = 120.0) -> list[tuple[float, float]]:
-    """Places around one."""
+    """Return places around a place."""
     east = 111_194 * math.cos(math.radians(lat_deg))
     return [
         (lat_deg + radius_m * math.sin(a) / 111_194, lon_deg + radius_m * math.cos(a) / east)
@@ -101,7 +102,7 @@ def off_front_m(service: Service) -> float:
 
 def test_the_walk_of_the_readme(desktop: tuple[Page, Seen], fire: Service) -> None:
     page, _ = desktop
-    # A fire is seen, and a plane that turns along it.
+    # Check that the fire is visible, and that a plane turns along it.
     wait_for(lambda: share_burned(page) > 0.02, 30, "a fire is seen")
     before = telemetry_of(fire)["heading_deg"]
     wait_for(
@@ -113,7 +114,7 @@ def test_the_walk_of_the_readme(desktop: tuple[Page, Seen], fire: Service) -> No
     expect(page.locator(".vehicles")).to_contain_text("m/s")
     state_view(page, "demo")
 
-    # The fire is corrected by pen: it has burned beyond what the mission flies round.
+    # Draw a burned area that extends beyond the path of the mission.
     mission, area = on_board(fire), area_ha(fire)
     ahead = [item for item in mission["items"] if item["lat_deg"] is not None][-1]
     middle = [ahead["lon_deg"], ahead["lat_deg"]]
@@ -121,13 +122,13 @@ def test_the_walk_of_the_readme(desktop: tuple[Page, Seen], fire: Service) -> No
     page.click("#tools .burned")
     page.click("#tools .polygon")
     around = [place_of(page, *place) for place in ring(ahead["lat_deg"], ahead["lon_deg"])]
-    draw(page, [*around, *around[:2]])  # hands overshoot
+    draw(page, [*around, *around[:2]])  # a hand may overshoot
     expect(page.locator("#message")).to_contain_text("Correction (burned, now): done")
     drawn = corrections(fire)
     assert [drawn[0]["state"], drawn[0]["shape"], drawn[0]["by"]] == ["burned", "polygon", "boss"]
     wait_for(lambda: area_ha(fire) > area + 1, 30, "the fire is larger")
 
-    # The mission on board follows.
+    # The mission on board is renewed.
     def other() -> bool:
         now = on_board(fire)
         return bool(now["mission_id"] > mission["mission_id"] and now["items"] != mission["items"])
@@ -175,7 +176,7 @@ def test_wind_is_drawn_and_set(desktop: tuple[Page, Seen], fire: Service) -> Non
     button = page.get_by_role("button", name="Set: from 270°")
 
     def drawn() -> bool:
-        """From the west, half the dial; announcements above it may move it meanwhile."""
+        """From the west, half of the dial; announcements above it may move it in the meantime."""
         page.locator(".dial").scroll_into_view_if_needed()
         box = page.locator(".dial").bounding_box()
         assert box is not None
@@ -279,7 +280,7 @@ def test_by_keyboard_alone(desktop: tuple[Page, Seen], fire: Service) -> None:
     wait_for(lambda: "hold" in orders(fire), 30, "the chosen one holds")
     page.keyboard.press("r")
     wait_for(lambda: orders(fire) == {""}, 30, "it flies on")
-    # Everything can be reached, and where one is can be seen.
+    # All controls are reachable by keyboard, and the focus is visible.
     reached = set()
     for _ in range(60):
         page.keyboard.press("Tab")
@@ -339,7 +340,7 @@ def test_a_tablet_is_drawn_on_with_a_finger_and_moved_with_two(
 
 
 def small_targets(page: Page) -> list[str]:
-    """Controls that a thumb would miss."""
+    """Return the controls that are too small for a thumb."""
     found: list[str] = page.evaluate(
         """() => [...document.querySelectorAll("button, select, input:not([type=checkbox])")]
             .filter((one) => one.checkVisibility())
@@ -353,7 +354,7 @@ def small_targets(page: Page) -> list[str]:
 
 
 def weak_texts(page: Page) -> list[str]:
-    """Texts with less than 7:1 between their colour and what is behind them (WCAG 2.2)."""
+    """Return texts with a contrast below 7:1 to their background (WCAG 2.2)."""
     found: list[str] = page.evaluate(
         """() => {
         const numbers = (colour) => colour.match(/[\\d.]+/g).map(Number);
@@ -390,7 +391,7 @@ def test_a_lost_service_is_an_alarm_with_the_age_of_the_picture(
         expect(page.locator(".alarm.severe")).to_contain_text("Service lost", timeout=15_000)
         expect(page.locator(".alarm.severe")).to_contain_text("old")
         state_view(page, "service-lost")
-        seen.complaints.clear()  # of each attempt without an answer
+        seen.complaints.clear()  # error of each attempt without a response
 
 
 def test_a_mission_is_refused_and_the_next_accepted_and_its_orbit_covers_ground(
@@ -410,7 +411,8 @@ def test_a_mission_is_refused_and_the_next_accepted_and_its_orbit_covers_ground(
             page.get_by_role("button", name="Refuse").click()
             wait_for(lambda: not waits(), 30, "it waits no more")
             assert on_board(service) is None
-            page.get_by_role("button", name="Plan and send now").click()  # not by itself: refused
+            # Not carried out without confirmation: refused.
+            page.get_by_role("button", name="Plan and send now").click()
             wait_for(waits, 60, "another one is proposed")
             state_view(page, "accept")
             page.get_by_role("button", name="Accept").click()
@@ -418,7 +420,8 @@ def test_a_mission_is_refused_and_the_next_accepted_and_its_orbit_covers_ground(
             assert flies["outcome"] == "accepted"
 
             def covered() -> Any:
-                for name in ("hawk", "kite"):  # renewed on the way: each waits for a word
+                # Renewed in flight: each mission waits for an approval.
+                for name in ("hawk", "kite"):
                     if named := waits(name):
                         service.post(f"vehicles/{name}/mission/accept", hash=named)
                 return service.get("vehicles/hawk")["orbit"]
@@ -435,7 +438,7 @@ def test_a_mission_is_refused_and_the_next_accepted_and_its_orbit_covers_ground(
                 "what it covers is drawn",
             )
             state_view(page, "orbits")
-            # Figures that were asked for just when another operator had accepted the mission.
+            # Figures that were requested just when another operator had accepted the mission.
             seen.complaints[:] = [each for each in seen.complaints if "409" not in each]
 
 

@@ -1,4 +1,4 @@
-"""ABORT on phones: whole, on top and without scrolling, whatever panel or message is open."""
+"""ABORT on phones: fully visible, on top and without scrolling, with any panel or message."""
 
 import json
 from collections.abc import Iterator
@@ -81,7 +81,7 @@ def test_abort_is_in_reach_while_help_is_open_and_while_it_is_armed(
 def test_an_order_that_is_to_be_confirmed_is_asked_about_and_sent_again(
     phone: tuple[Page, Seen],
 ) -> None:
-    """As the service answers where an order takes a vehicle out of what its autopilot chose."""
+    """The reply of the service to an order that would end a mode selected by the autopilot."""
     page, _ = phone
     asked: list[Any] = []
 
@@ -120,4 +120,4 @@ def test_abort_is_in_reach_when_the_service_is_lost(
     expect(page.locator("#top .link.lost")).to_be_visible()
     expect(page.locator("#alarms .alarm").first).to_be_visible()
     assert_abort_in_reach(page, "lost")
-    seen.complaints.clear()  # of requests that nothing answers any more
+    seen.complaints.clear()  # error of requests without a response

@@ -1,4 +1,4 @@
-"""The page of a replay: it plays, pauses and seeks, and is marked as a replay."""
+"""The page of a replay: it plays, pauses and seeks, and shows a badge."""
 
 import re
 from collections.abc import Iterator
@@ -33,7 +33,7 @@ def page(replay: Replay) -> Iterator[Page]:
 
 
 def shown_at(page: Page) -> tuple[float, float]:
-    """Where hawk is drawn, as lon and lat."""
+    """Return the position at which hawk is drawn, as lon and lat."""
     script = """() => missionMap.getSource("vehicles").serialize().data.features
         .find((one) => one.properties.vehicle === "hawk").geometry.coordinates"""
     lon_deg, lat_deg = page.evaluate(script)
@@ -41,7 +41,7 @@ def shown_at(page: Page) -> tuple[float, float]:
 
 
 def track_points(page: Page) -> int:
-    """Of all tracks that are drawn."""
+    """Return the points of all tracks that are drawn."""
     script = """() => missionMap.getSource("tracks").serialize().data.features
         .reduce((sum, one) => sum + one.geometry.coordinates.length, 0)"""
     return int(page.evaluate(script))
@@ -77,7 +77,7 @@ def test_it_plays_and_pauses(page: Page, replay: Replay) -> None:
     assert log_s(replay) == there_s
     page.locator("#replay .play").click()
     wait_for(lambda: log_s(replay) > there_s + 5, 30, "it goes on")
-    page.locator("#replay .play").press("Space")  # the button's own key, once
+    page.locator("#replay .play").press("Space")  # only the key of the button
     wait_for(lambda: replay.get("/replay")["paused"], 10, "it pauses again")
 
 

@@ -23,8 +23,8 @@ from firemodel.landscape.landscape import (
 )
 from firemodel.landscape.readers.formats import OFFLINE, raster_driver
 
-MAX_CELLS = 250_000_000  # of a raster; a fire on as many cells needs about 15 GB
-LCP_NODATA = -9999.0  # fixed by the format, whose header has no nodata value
+MAX_CELLS = 250_000_000  # limit of a raster; a fire on so many cells needs about 15 GB
+LCP_NODATA = -9999.0  # fixed by the format; its header contains no nodata value
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,18 +38,18 @@ class Grid:
     cell_size_m: float
 
     def difference(self, other: "Grid") -> str:
-        """Return text on how another grid differs, empty if both agree to 1/1000 of a cell."""
+        """Return the difference of another grid as text; empty if it is below 1/1000 of a cell."""
         if not same_crs(self.crs, other.crs):
-            return f"CRS {crs_label(other.crs)} is not the {crs_label(self.crs)}"
+            return f"CRS {crs_label(other.crs)} differs from the CRS {crs_label(self.crs)}"
         if self.shape != other.shape:
-            return f"{other.shape} cells are not the {self.shape}"
+            return f"shape {other.shape} differs from the shape {self.shape}"
         tolerance_m = 1e-3 * self.cell_size_m
         if abs(self.cell_size_m - other.cell_size_m) * max(self.shape) > tolerance_m:
-            return f"cell size {other.cell_size_m} m is not the {self.cell_size_m} m"
+            return f"cell size {other.cell_size_m} m differs from the {self.cell_size_m} m"
         offset_m = max(abs(self.west_m - other.west_m), abs(self.north_m - other.north_m))
         if offset_m > tolerance_m:
             return (
-                f"corner ({other.west_m}, {other.north_m}) is not the "
+                f"corner ({other.west_m}, {other.north_m}) differs from the corner "
                 f"({self.west_m}, {self.north_m})"
             )
         return ""
@@ -60,8 +60,8 @@ class Band:
     """The unchecked header of one band of a file."""
 
     path: Path
-    number: int  # from 1
-    count: int  # of the file's bands
+    number: int  # number of the band, from 1
+    count: int  # number of bands in the file
     driver: str
     description: str
     dtype: str
@@ -70,7 +70,7 @@ class Band:
     transform: Any  # affine.Affine from (column, row) of cell corners to x, y
     nodata: float | None
     masked: bool  # True if the file also has a mask
-    unit: str  # as written in the file, empty if it is not given
+    unit: str  # as written in the file, or empty
     scale: float
     offset: float
     tags: dict[str, str]
@@ -95,9 +95,9 @@ def bands_of(path: Path) -> tuple[Band, ...]:
 
     check_file(path)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", NotGeoreferencedWarning)  # found by ``grid_problems``
+        warnings.simplefilter("ignore", NotGeoreferencedWarning)  # ``grid_problems`` reports it
         with _opened(path, raster_driver(path)) as file:
-            crs = file.crs.to_string() if file.crs else None  # slow: searches for a code
+            crs = file.crs.to_string() if file.crs else None  # slow, because it searches for a code
             return tuple(
                 Band(
                     path,
@@ -222,8 +222,8 @@ def grid_problems(band: Band, crs: str | None = None) -> Iterator[str]:
     transform, found = band.transform, band.crs or crs
     if found is None:
         yield (
-            f"{band.path}: has no CRS; assign the projection it was made in to the file, or give "
-            "it as crs"
+            f"{band.path}: has no CRS; assign the file's projection to it, or give the projection "
+            "as crs"
         )
     else:
         try:
@@ -231,15 +231,15 @@ def grid_problems(band: Band, crs: str | None = None) -> Iterator[str]:
             check_crs(crs or found, f"{band.path}: given as crs")
             if crs is not None and not same_crs(found, crs):
                 yield (
-                    f"{band.path}: CRS {crs_label(found)} is not the {crs_label(crs)} given as "
-                    "crs; leave crs out, or correct the file's"
+                    f"{band.path}: CRS {crs_label(found)} differs from {crs_label(crs)}, given as "
+                    "crs; leave crs out, or correct the CRS in the file"
                 )
         except FireModelError as error:
             yield str(error)
     if band.tags.get("LINEAR_UNIT", "Meters") != "Meters":
         yield f"{band.path}: its cells are in {band.tags['LINEAR_UNIT']}; warp it to metres"
     if transform.b or transform.d or transform.a <= 0 or transform.e >= 0:
-        yield f"{band.path}: is not north-up; warp it onto an unrotated grid"
+        yield f"{band.path}: is not north-up; warp it to an unrotated grid"
     elif abs(transform.a + transform.e) > 1e-6 * transform.a:
         yield (
             f"{band.path}: cells are {transform.a} x {-transform.e} m; resample it to square ones"
@@ -250,7 +250,7 @@ def grid_problems(band: Band, crs: str | None = None) -> Iterator[str]:
             f"{MAX_CELL_M:.0f} m; correct the cell size in the file"
         )
     if band.dtype.startswith("complex"):
-        yield f"{band.name}: holds complex numbers; write real ones"
+        yield f"{band.name}: contains complex numbers; write real numbers"
     if (band.scale, band.offset) != (1.0, 0.0):
         yield (
             f"{band.name}: values have scale {band.scale} and offset {band.offset}; write them "

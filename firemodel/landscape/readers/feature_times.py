@@ -12,31 +12,31 @@ import numpy as np
 Record = dict[str, Any]
 
 # Fields with the time of a perimeter, in the order of preference; the fields of one row have the
-# same meaning. Names are compared without case. Shapefiles cut them to ten bytes.
+# same meaning. Upper and lower case are equal. Shapefiles truncate names to ten bytes.
 FIELDS = (
     ("PolygonDateTime", "poly_PolygonDateTime"),  # WFIGS, and its views with a prefix
     ("perimeterdatetime", "perDatTime"),  # GeoMAC
-    ("poly_DateCurrent", "DateCurrent"),  # FIRIS and CAL FIRE at NIFC; elsewhere the last change
-    ("timestamp", "when", "begin"),  # KML; GDAL has the begin of a TimeSpan as a field
+    ("poly_DateCurrent", "DateCurrent"),  # FIRIS, CAL FIRE (NIFC); elsewhere: last change
+    ("timestamp", "when", "begin"),  # KML; GDAL returns the begin of a TimeSpan as a field
     ("datetime", "date_time"),
     ("time",),
 )
 FIRIS_DATE, FIRIS_TIME = "YYYYMMDD", "24_HHMMSS"
-CUT = 10  # characters of a field name in a Shapefile
+CUT = 10  # maximum length of a field name in a Shapefile
 
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 YEARS = range(1900, 2201)
-MIN_EPOCH_S, MIN_EPOCH_MS = 1e8, 1e11  # 1973 in both; smaller numbers are no seconds, no ms
+MIN_EPOCH_S, MIN_EPOCH_MS = 1e8, 1e11  # 1973; a smaller number is not a time in s or ms
 NUMBER = re.compile(r"[+-]?\d+(\.\d*)?")
 DAY = re.compile(r"\d{4}-\d\d-\d\d")
 MIDNIGHT = re.compile(r"\d{4}-\d\d-\d\d[T ]00:00(:00(\.0+)?)?")
-US_TIMES = ("%m/%d/%Y %I:%M:%S %p", "%m/%d/%Y %I:%M %p")  # in GeoMAC's perDatTime
+US_TIMES = ("%m/%d/%Y %I:%M:%S %p", "%m/%d/%Y %I:%M %p")  # formats in GeoMAC's perDatTime
 
 
 class TimeColumn(NamedTuple):
     """The times of a file's features, unparsed."""
 
-    field: str  # its name in the file, for messages
+    field: str  # the name of the field in the file, for messages
     values: list[Any]  # one for each feature; None if there is no time
 
 
@@ -89,7 +89,7 @@ def _is_missing(value: Any) -> bool:
 
 
 def _without_midnight(values: list[Any]) -> list[Any]:
-    """Return pure dates if all times are 00:00 without offset, as GDAL reads the dates of KML."""
+    """Return dates if all times are 00:00 without offset, to which GDAL converts dates of KML."""
     given = [value for value in values if value is not None]
     if not all(isinstance(value, str) and MIDNIGHT.fullmatch(value) for value in given):
         return values

@@ -1,8 +1,8 @@
-"""Detect a file's format by its content before GDAL opens it.
+"""Detect a file's format by its content before GDAL opens the file.
 
-GDAL also detects formats by content. Some of its formats (VRT, OGR-VRT, GDALG, web services)
-contain names of files and URLs, which GDAL opens whatever the extension of the file is. Therefore
-only the few formats that this module checks are accepted.
+GDAL also detects formats by content. Some formats (VRT, OGR-VRT, GDALG, web services) contain names
+of files and URLs, which GDAL opens regardless of the file's extension. Therefore only the few
+formats that this module checks are accepted.
 """
 
 import json
@@ -20,7 +20,7 @@ from firemodel.errors import FireModelError
 TIFF = (b"II*\x00", b"MM\x00*", b"II+\x00", b"MM\x00+")
 GRID = (b"ncols", b"nrows", b"xllcorner", b"yllcorner", b"xllcenter", b"yllcenter", b"cellsize")
 IMAGINE = b"EHFA_HEADER_TAG"
-LCP_FLAGS = (20, 21)  # an .lcp begins with two of these
+LCP_FLAGS = (20, 21)  # an .lcp begins with two of these numbers
 SHAPEFILE = struct.pack(">i", 9994)
 SQLITE = b"SQLite format 3\x00"
 GEOPACKAGE = (b"GP10", b"GP11", b"GPKG")  # the application id in the header of the database
@@ -28,7 +28,7 @@ GEOJSON = (
     *("FeatureCollection", "Feature", "GeometryCollection", "Point", "MultiPoint", "LineString"),
     *("MultiLineString", "Polygon", "MultiPolygon"),
 )
-# Files in a zipped Shapefile or a KMZ, including those that programs add to them.
+# The files that a zipped Shapefile or a KMZ may contain, including files that programs add.
 IN_ARCHIVES = (
     *(".shp", ".shx", ".dbf", ".prj", ".cpg", ".sbn", ".sbx", ".qix", ".qpj", ".qmd", ".shp.xml"),
     *(".txt", ".kml", ".png", ".jpg", ".jpeg", ".gif"),
@@ -55,7 +55,8 @@ def raster_driver(path: Path) -> str:
     if len(start) >= 8 and all(flag in LCP_FLAGS for flag in struct.unpack("<2i", start[:8])):
         return "LCP"
     raise FireModelError(
-        f"{path}: cannot be read as a raster (it is no GeoTIFF, .lcp, .asc grid or .img); convert "
+        f"{path}: cannot be read as a raster (it is not a GeoTIFF, .lcp, .asc grid or .img); "
+        "convert "
         "it to GeoTIFF"
     )
 
@@ -77,8 +78,8 @@ def check_shapes(path: Path) -> None:
         _check_geopackage(path, start)
     elif not start.startswith(SHAPEFILE):
         raise FireModelError(
-            f"{path}: cannot be read as shapes (it is no GeoJSON, KML, KMZ, GeoPackage or "
-            "Shapefile); export it as one"
+            f"{path}: cannot be read as shapes (it is not a GeoJSON, KML, KMZ, GeoPackage or "
+            "Shapefile); export it in one of these formats"
         )
 
 
@@ -94,15 +95,17 @@ def _check_geojson(path: Path) -> None:
     try:
         content = json.loads(path.read_text(encoding="utf-8-sig"))
     except (ValueError, RecursionError) as error:
-        raise FireModelError(f"{path}: is not JSON in UTF-8 ({error}); write it again") from None
+        raise FireModelError(f"{path}: is not JSON in UTF-8 ({error}); export it again") from None
     if content.get("type") not in GEOJSON:
         kind = str(content.get("type"))[:40]
-        raise FireModelError(f"{path}: is JSON but no GeoJSON (type {kind}); export it as GeoJSON")
+        raise FireModelError(
+            f"{path}: is JSON, but not GeoJSON (type {kind}); export it as GeoJSON"
+        )
     for part in (content, *_objects(content.get("features"))):
         crs = part.get("crs")
         if isinstance(crs, dict) and crs.get("type") not in ("name", "EPSG", None):
             raise _crs_error(path, crs)
-    if "crs" in content:  # GDAL would read a file with an invalid one as longitude and latitude
+    if "crs" in content:  # if this is invalid, GDAL would assume longitude and latitude
         try:
             CRS.from_user_input(content["crs"]["properties"]["name"])
         except (TypeError, KeyError, CRSError):
@@ -132,16 +135,17 @@ def _check_kml(path: Path, file: Any, name: str) -> None:
     kind = str(root.tag).rsplit("}", 1)[-1]
     if kind != "kml":
         raise FireModelError(
-            f"{path}: cannot be read as shapes ({name} is XML but no KML: {kind[:40]}); export it "
+            f"{path}: cannot be read as shapes ({name} is XML, but not KML: {kind[:40]}); export "
+            "it "
             "as KML"
         )
 
 
 def _check_geopackage(path: Path, start: bytes) -> None:
-    """Refuse other formats in SQLite; GDAL opens a file with these ids as a GeoPackage only."""
+    """Reject other SQLite databases. GDAL opens a file with these ids as GeoPackage."""
     if start[68:72] not in GEOPACKAGE:
         raise FireModelError(
-            f"{path}: cannot be read as shapes (it is an SQLite database but no GeoPackage); "
+            f"{path}: cannot be read as shapes (it is an SQLite database, but not a GeoPackage); "
             "export it as GeoPackage"
         )
 
@@ -153,13 +157,17 @@ def _check_archive(path: Path) -> None:
             for name in names:
                 if not name.lower().endswith(IN_ARCHIVES):
                     raise FireModelError(
-                        f"{path}: holds {name[:60]!r}, which belongs to no Shapefile or KMZ; zip "
-                        "only its files"
+                        f"{path}: contains {name[:60]!r}, which is not part of a Shapefile or KMZ; "
+                        "zip only the files of one"
                     )
                 if name.lower().endswith(".kml"):
                     with archive.open(name) as file:
                         _check_kml(path, file, name[:60])
             if not any(name.lower().endswith((".shp", ".kml")) for name in names):
-                raise FireModelError(f"{path}: holds no Shapefile or KML; zip one")
+                raise FireModelError(
+                    f"{path}: contains no Shapefile or KML; add one to the archive"
+                )
     except (zipfile.BadZipFile, NotImplementedError, RuntimeError, OSError) as error:
-        raise FireModelError(f"{path}: is not a whole ZIP archive ({error}); zip again") from None
+        raise FireModelError(
+            f"{path}: is not a complete ZIP archive ({error}); create it again"
+        ) from None

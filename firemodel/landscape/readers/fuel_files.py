@@ -24,7 +24,7 @@ FMD_UNITS = {
 }
 FMD_FIELDS = (
     "number, code, five loads, static or dynamic, three SAVs, depth, extinction moisture, two "
-    "heats, name; or without code, type and name"
+    "heats, name; or the same without code, type and name"
 )
 MAX_CODE = 32767
 MAX_PCT = 400.0
@@ -33,8 +33,8 @@ MAX_PCT = 400.0
 def read_fuels(path: Path) -> dict[int, FuelModel]:
     """Read custom fuel models from a .fmd file.
 
-    Its first line may be ENGLISH (default; tons/acre, 1/ft, ft, Btu/lb) or METRIC (tonnes/ha, 1/cm,
-    cm, J/kg). A line of 13 numbers, as in older files, is a static model.
+    The first line of the file may be ENGLISH (default; tons/acre, 1/ft, ft, Btu/lb) or METRIC
+    (tonnes/ha, 1/cm, cm, J/kg). A line of 13 numbers, as in older files, is a static model.
 
     Args:
         path: The file.
@@ -123,7 +123,7 @@ def _plausible_heats(heats: list[float]) -> bool:
 
 
 def with_rate_factors(fuels: Mapping[int, FuelModel], path: Path) -> dict[int, FuelModel]:
-    """Return the fuel models for which an .adj file has a factor of the spread rate, with it.
+    """Return the fuel models in an .adj file, with their factors of the spread rate.
 
     A line of the file has a fuel code and a factor. ``fuels`` are all burnable fuel models. Raises
     FireModelError for an unknown code, a code that is in the file twice, a factor that is not from
@@ -137,7 +137,9 @@ def with_rate_factors(fuels: Mapping[int, FuelModel], path: Path) -> dict[int, F
             raise FireModelError(f"{where}: give a fuel code and a factor of the spread rate")
         code = _code(where, fields[0])
         if code in codes:
-            raise FireModelError(f"{where}: fuel code {code} is in the file twice; remove a line")
+            raise FireModelError(
+                f"{where}: fuel code {code} is in the file twice; remove one of the lines"
+            )
         codes.add(code)
         factor = number(where, "the factor", fields[1], 0.0, 100.0)
         if code in fuels:
@@ -148,7 +150,9 @@ def with_rate_factors(fuels: Mapping[int, FuelModel], path: Path) -> dict[int, F
                 ".fmd file (landscape.custom_fuels)"
             )
     if not codes:
-        raise FireModelError(f"{path}: contains no factor; add a line with a fuel code and one")
+        raise FireModelError(
+            f"{path}: contains no factor; add a line with a fuel code and a factor"
+        )
     return found
 
 
@@ -164,7 +168,9 @@ def moistures_in(path: Path, rows: Iterator[tuple[int, list[str]]]) -> dict[int,
             )
         code = _code(where, fields[0], least=0)
         if code in found:
-            raise FireModelError(f"{where}: fuel code {code} is in the file twice; remove a line")
+            raise FireModelError(
+                f"{where}: fuel code {code} is in the file twice; remove one of the lines"
+            )
         pct = [number(where, "a moisture", text, 0.5, MAX_PCT) for text in fields[1:6]]
         found[code] = Moisture(*(value / 100.0 for value in pct))
     if not found:
@@ -194,7 +200,10 @@ def text_of(path: Path) -> str:
 
 
 def number(where: str, name: str, text: str, least: float, most: float) -> float:
-    """Return the number in a field. Raises FireModelError for other text or outside the limits."""
+    """Return the number in a field.
+
+    Raises FireModelError for other text and for a number beyond the limits.
+    """
     try:
         value = float(text)
     except ValueError:

@@ -1,7 +1,7 @@
 """Read the inputs files of FARSITE and FlamMap: fuel moistures, weather and wind.
 
 Such a file has lines ``KEY: value``. The value of some keys is the number of rows of numbers that
-follow. The keys that have an effect on a run are ``USED``; ``Inputs.ignored`` returns all others.
+follow. ``USED`` lists the keys that affect a run; ``Inputs.ignored`` returns all others.
 """
 
 import re
@@ -14,14 +14,14 @@ from firemodel.errors import FireModelError
 from firemodel.landscape.readers.fuel_files import moistures_in, rows_of, text_of
 from firemodel.physics.rothermel import Moisture
 
-NumberedRows = list[tuple[int, list[str]]]  # number of the line, fields
+NumberedRows = list[tuple[int, list[str]]]  # number of the line, and its fields
 
 KEY = re.compile(r"\s*([A-Z][A-Z0-9_]*)\s*:\s*(.*)")
 HEADER = re.compile(r"\s*[a-z]*[\s-]*inputs[\s-]*file", re.IGNORECASE)
 START, END = "FARSITE_START_TIME", "FARSITE_END_TIME"
 MOISTURES = "FUEL_MOISTURES_DATA"
 RAWS, WTR, WND = "RAWS", "WEATHER_DATA", "WIND_DATA"
-# Keys with the name of a file as value, and the key for the rows in that file.
+# Keys whose value is the name of a file, and the key for the rows in that file.
 FILES = {
     "RAWS_FILE": RAWS,
     "WEATHER_FILE": WTR,
@@ -46,11 +46,11 @@ class Inputs:
     """The content of an inputs file: the value and the rows of each key."""
 
     path: Path
-    values: dict[str, tuple[int, str]]  # number of the line, text
+    values: dict[str, tuple[int, str]]  # number of the line, and the text
     rows: dict[str, NumberedRows]
 
     def ignored(self) -> list[str]:
-        """Return the keys that a run ignores, in the order of the file, some with a remedy."""
+        """Return the keys that a run ignores, in the order of the file; some with a remedy."""
         return [
             f"{key} ({INSTEAD[key]})" if key in INSTEAD else key
             for key in self.values
@@ -75,7 +75,7 @@ class Inputs:
         return text.upper()
 
     def has(self, key: str) -> bool:
-        """Return True if the file has the rows of a key or names a file with them."""
+        """Return True if the file has the rows of a key or names a file with these rows."""
         return key in self.rows or any(FILES.get(name) == key for name in self.values)
 
     def table(self, key: str) -> tuple[Path, NumberedRows]:
@@ -99,9 +99,10 @@ class Inputs:
         return self._file(*found[0]) if found else None
 
     def _file(self, line: int, text: str) -> Path:
-        """Return a file that is named in this file.
+        """Return a file that this inputs file names.
 
-        It is found by its path relative to this file's folder, or by its name in that folder.
+        The file is found by its path relative to the folder of the inputs file, or by its name in
+        that folder.
         """
         folder, plain = self.path.parent, text.strip().strip('"').replace("\\", "/")
         for path in (folder / plain, folder / Path(plain).name):
@@ -156,7 +157,7 @@ def read_inputs(path: Path) -> Inputs:
         path: The file.
 
     Returns:
-        Its values and rows.
+        The values and the rows of its keys.
 
     Raises:
         FireModelError: A line is neither a key nor a row, a key is given twice, or the number of
@@ -170,7 +171,9 @@ def read_inputs(path: Path) -> Inputs:
         if found:
             key = found[1]
             if key in values:
-                raise FireModelError(f"{path} line {line}: {key} is given twice; remove one")
+                raise FireModelError(
+                    f"{path} line {line}: {key} is given twice; remove one of the lines"
+                )
             values[key] = line, found[2].strip()
         elif key and text.lstrip()[0].isdigit():
             rows.setdefault(key, []).append((line, text.replace(",", " ").split()))

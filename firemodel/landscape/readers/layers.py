@@ -13,10 +13,10 @@ from firemodel.errors import FireModelError
 from firemodel.landscape import LAYERS
 from firemodel.landscape.landscape import MAX_ELEVATION_M, MAX_SLOPE, MAX_TREE_M
 from firemodel.landscape.readers.bands import Band, bands_of, cells_with
-from firemodel.landscape.readers.code_systems import NO_FUEL, advice_on, renamed_code
+from firemodel.landscape.readers.fuel_code_systems import NO_FUEL, advice_on, renamed_code
 from firemodel.physics.fuels import FUEL_MODELS, FuelModel, check_codes
 
-# Each unit in metres, or as a fraction.
+# The value of each unit in metres, or as a fraction.
 FACTORS = {"m": 1.0, "m*10": 0.1, "ft": 0.3048, "ft*10": 0.03048, "percent": 0.01, "fraction": 1.0}
 _HEIGHTS = ("m", "m*10", "ft", "ft*10")
 UNITS = {
@@ -28,13 +28,13 @@ UNITS = {
     "canopy_height": _HEIGHTS,
     "canopy_base": _HEIGHTS,
 }
-# Units that all programs use; the units of other layers must be given.
+# The units that all programs use for these layers; the units of other layers must be given.
 USUAL_UNITS = {"elevation": "m", "aspect": "degrees"}
-# Maximum slope (rise over run; 5 degrees) at which a cell without an aspect is level ground. Data
-# often have no aspect on gentle slopes; those of LANDFIRE have none below 2 degrees.
+# A cell without an aspect is level ground up to this slope (rise over run; 5 degrees). Data often
+# have no aspect on gentle slopes; LANDFIRE's data have no aspect below 2 degrees.
 LEVEL_TAN = 0.0875
 BARE_GROUND = 99
-# Canopy cover in the middle of FARSITE's classes 0 to 4: none, to 20, to 50, to 80, to 100 %.
+# Canopy cover in the middle of FARSITE's classes 0 to 4, which end at 0, 20, 50, 80 and 100 %.
 COVER_OF_CLASS = np.array([0.0, 0.105, 0.355, 0.655, 0.905], dtype=np.float32)
 
 _WRITTEN_UNITS = {
@@ -103,8 +103,8 @@ def layers_of(path: Path) -> dict[str, tuple[Path, int]]:
             found[layer] = (path, band.number)
     if not found:
         raise FireModelError(
-            f"{path}: no band's description names a layer ({', '.join(LAYERS)}); give the layers "
-            "by numbers of bands (fuel = 1, ...)"
+            f"{path}: no band's description names a layer ({', '.join(LAYERS)}); assign band "
+            "numbers to the layers (fuel = 1, ...)"
         )
     return found
 
@@ -115,13 +115,13 @@ def unit_problems(layers: Collection[str], units: Mapping[str, str]) -> Iterator
         if layer not in LAYERS:
             yield f"units: layer {layer!r} is unknown; the layers are {', '.join(LAYERS)}"
         elif layer not in layers:
-            yield f"units: {layer} has one, but no band is that layer; leave it out"
+            yield f"units: {layer} has a unit, but no band is this layer; leave the unit out"
         elif not UNITS[layer]:
-            yield f"units: {layer} has none; leave it out"
+            yield f"units: the layer {layer} has no units; leave the unit out"
 
 
 def unit_of(layer: str, band: Band, given: Mapping[str, str]) -> str:
-    """Return the unit of a layer: the given one, else the file's, else that of ``USUAL_UNITS``.
+    """Return the unit of a layer: the given unit, the file's, or that in ``USUAL_UNITS``.
 
     Raises FireModelError if no unit is found, or if it is not one of ``UNITS``.
     """
@@ -221,7 +221,7 @@ def _fuel_problems(
         if broken.any():
             yield (
                 f"{band.name}: fuel code {cells_with(broken, values)} is not a whole number; "
-                "resample fuel by the nearest cell only"
+                "resample the fuel layer with the nearest-neighbour method"
             )
             return
     codes = {int(code) for code in np.unique(values[~missing])}
@@ -242,7 +242,7 @@ def to_layer(layer: str, unit: str, values: NDArray[Any], missing: Mask) -> NDAr
 
     Slope in any unit becomes rise over run.
     """
-    present = np.where(missing, 0, values)  # a nodata value may be beyond float32
+    present = np.where(missing, 0, values)  # a nodata value may be too large for float32
     if unit == "class":
         return COVER_OF_CLASS[present.astype(np.int8)]
     found = present.astype(np.float32)

@@ -34,7 +34,7 @@ FIRIS_KIND, FIRIS_PERIMETER = "type", "perim"  # field with the kind of a featur
 class Perimeter(NamedTuple):
     """A mapped burned area and its time."""
 
-    at: datetime  # aware
+    at: datetime  # with a UTC offset
     area: BaseGeometry  # Polygon or MultiPolygon in the landscape's CRS, valid
     source: str  # file and time, for messages
 
@@ -45,7 +45,7 @@ class Mapped(NamedTuple):
     at: datetime | date
     area: BaseGeometry
     file: Path
-    number: int  # of the feature, from 1
+    number: int  # number of the feature, from 1
 
 
 def read_perimeters(
@@ -58,13 +58,14 @@ def read_perimeters(
     00:00 if the dates of all features differ. Closed lines and invalid polygons are repaired.
 
     Args:
-        path: The file or the folder. Its files of other kinds and its subfolders are ignored.
+        path: The file or the folder. Files of other kinds in the folder, and its subfolders, are
+            ignored.
         landscape: The perimeters are projected to its CRS; each must touch its grid.
         zone: The zone of dates and of times without offset.
 
     Returns:
-        The perimeters in the order of time; features of equal time are united. Then a line of text
-        for each feature that was left out or repaired, and for dates without a time of day.
+        The perimeters in the order of time; features of equal time are united. In addition, a line
+        of text for each feature that was left out or repaired, and for dates without a time of day.
 
     Raises:
         FireModelError: A file cannot be read, has no CRS or no field with times; no feature can be
@@ -115,7 +116,7 @@ def _features_in(
     if column is None:
         fields = list(dict.fromkeys(key for record in records for key in record))
         raise FireModelError(
-            f"{path}: no field has the times of the perimeters (fields: "
+            f"{path}: no field contains the times of the perimeters (fields: "
             f"{', '.join(fields[:12]) or 'none'}); add PolygonDateTime, for example "
             "2019-10-31T19:37:11Z, to each feature"
         )

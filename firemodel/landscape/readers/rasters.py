@@ -41,8 +41,8 @@ Sources = Path | Mapping[str, Source]
 
 MAX_ARRIVAL_S = 10 * 365.25 * 86400.0
 MAX_SPREAD_M_S = 30.0  # faster than any fire
-MIN_COMPARED = 100  # cells; fewer may follow the elevation by chance
-MIN_CORRELATION = 0.999  # of arrival times and elevation, above which they are the same raster
+MIN_COMPARED = 100  # number of cells; fewer may correlate with the elevation by chance
+MIN_CORRELATION = 0.999  # with a higher correlation, arrival and elevation are one raster
 SECONDS = {"seconds": 1.0, "minutes": 60.0, "hours": 3600.0, "days": 86400.0}
 
 
@@ -68,8 +68,8 @@ def read_landscape(
             1). The layers are fuel, elevation, slope, aspect, canopy_cover, canopy_height and
             canopy_base.
         units: The units of layers (``layers.UNITS``), instead of those in the files. If a layer has
-            neither, elevation is in metres, aspect is in degrees clockwise from north, and slope
-            and canopy are rejected.
+            no unit in either place, elevation is in metres, aspect is in degrees clockwise from
+            north, and slope and canopy are rejected.
         missing: With "refuse", cells without a value in a layer are rejected. With "unburnable",
             they become bare ground (99) without slope and trees, and a missing elevation becomes
             that of the nearest cell; a slope of more than 89.9 degrees is then a missing value. In
@@ -157,13 +157,16 @@ def bands_for(files: Sources) -> dict[str, Band]:
                 f"{where}: layer {layer!r} is unknown; the layers are {', '.join(LAYERS)}"
             )
     if "fuel" not in sources:
-        raise FireModelError(f"{where}: no fuel layer; give one")
+        raise FireModelError(f"{where}: the fuel layer is missing; give it")
     if ("slope" in sources) != ("aspect" in sources):
         raise FireModelError(
-            f"{where}: only one of slope and aspect; give both, or elevation alone"
+            f"{where}: only one of slope and aspect is given; give both, or only the elevation"
         )
     if "slope" not in sources and "elevation" not in sources:
-        raise FireModelError(f"{where}: no elevation, nor slope and aspect; give them")
+        raise FireModelError(
+            f"{where}: elevation, slope and aspect are missing; give the elevation, or slope and "
+            "aspect"
+        )
     return {layer: band_of(sources[layer]) for layer in LAYERS if layer in sources}
 
 
@@ -252,7 +255,7 @@ def _arrival_problems(band: Band, arrival_s: NDArray[np.float64], land: Landscap
 
 
 def _follows(values: NDArray[np.float64], heights_m: NDArray[np.float32] | None) -> bool:
-    """Return True if values (y, x) are proportional to heights, apart from an offset."""
+    """Return True if values (y, x) are a linear function of heights."""
     if heights_m is None or values.size < MIN_COMPARED or not np.ptp(heights_m) * np.ptp(values):
         return False
     return float(np.corrcoef(values.ravel(), heights_m.ravel())[0, 1]) > MIN_CORRELATION

@@ -140,10 +140,12 @@ def records_of(
     layers = _layers(path, path if data is None else data, **options)
     used = [layer for layer in layers if layer[2] is not None]
     if layers and not used:
-        raise FireModelError(f"{path}: holds no geometries but a table; draw some")
+        raise FireModelError(f"{path}: contains a table without geometries; add geometries")
     names = {meta["crs"] for meta, *_ in used}
     if len(names) > 1:
-        raise FireModelError(f"{path}: its layers differ in CRS; write each into a file of its own")
+        raise FireModelError(
+            f"{path}: its layers have different CRSs; write each layer to a separate file"
+        )
     shapes: list[BaseGeometry] = []
     records: list[Record] = []
     for meta, _, geometries, columns in used:
@@ -166,7 +168,7 @@ def _check_source(path: Path) -> None:
 
 
 def _layers(path: Path, source: Path | bytes, **options: Any) -> list[Any]:
-    """Return what pyogrio reads of each layer: metadata, ids, WKB of each feature, columns."""
+    """Return pyogrio's data of each layer: metadata, ids, WKB of each feature, columns."""
     import pyogrio
     from pyogrio.errors import CRSError as LayerCRSError
     from pyogrio.errors import DataLayerError, DataSourceError, FeatureError, GeometryError
@@ -174,7 +176,7 @@ def _layers(path: Path, source: Path | bytes, **options: Any) -> list[Any]:
     pyogrio.set_gdal_config_options(OFFLINE)
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", RuntimeWarning)  # for invalid dates and geometries
+            warnings.simplefilter("ignore", RuntimeWarning)  # invalid dates, geometries
             names = [name for name, _ in pyogrio.list_layers(source)]
             return [_raw(source, layer=name, **options) for name in names]
     except (
@@ -184,7 +186,7 @@ def _layers(path: Path, source: Path | bytes, **options: Any) -> list[Any]:
         GeometryError,
         LayerCRSError,
         ValueError,
-        LookupError,  # pyogrio 0.13 raises these two for some damaged files
+        LookupError,  # pyogrio 0.13 raises these two errors for some damaged files
         NameError,
     ) as error:
         raise FireModelError(f"{path}: cannot be read as shapes ({_first_line(error)})") from None
@@ -193,8 +195,8 @@ def _layers(path: Path, source: Path | bytes, **options: Any) -> list[Any]:
 def _raw(source: Path | bytes, **options: Any) -> Any:
     """Return the result of ``pyogrio.raw.read``, also for a .dbf with invalid UTF-8.
 
-    Field names in a Shapefile are cut to ten bytes, possibly within a character of UTF-8. The texts
-    are then read as Latin-1, in which every byte is a character.
+    Field names in a Shapefile are truncated to ten bytes, possibly within a character of UTF-8. The
+    texts are then read as Latin-1, in which every byte is a character.
     """
     import pyogrio
 
@@ -236,15 +238,16 @@ def crs_problems(path: Path, found: str | None, given: str | None) -> Iterator[s
             return
     if found and given and not same_crs(found, given):
         yield (
-            f"{path}: CRS {crs_label(found)} is not the {crs_label(given)} given as crs; leave "
-            "crs out, or correct the file's"
+            f"{path}: CRS {crs_label(found)} differs from {crs_label(given)}, given as crs; leave "
+            "crs "
+            "out, or correct the CRS in the file"
         )
 
 
 def no_crs(path: Path) -> str:
     """Return a line of text on a file without CRS."""
     lost = "has no .prj file" if path.suffix.lower() == ".shp" else "has no CRS"
-    return f"{path}: {lost}; add the projection it was made in"
+    return f"{path}: {lost}; add its projection"
 
 
 def shape_problems(path: Path, number: int, shape: BaseGeometry, crs: str | None) -> Iterator[str]:

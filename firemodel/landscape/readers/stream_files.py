@@ -2,8 +2,9 @@
 
 A .wtr has the minimum and the maximum temperature of each day with their hours, and the humidities
 at these hours. Between two such hours temperature and humidity follow a half cosine (Beck & Trevitt
-1989, as in FARSITE). The day before the first day and the day after the last day are assumed to be
-equal to them. A .wnd has winds, each of which is used until the next.
+1989, as in FARSITE). The day before the first day is assumed to be equal to the first day, and the
+day after the last day to the last day. A .wnd contains winds; each wind is used until the time of
+the next wind.
 """
 
 import math
@@ -29,13 +30,13 @@ COLUMNS = {
     "ENGLISH": ("temperature_f", "humidity_pct", "rain_in", "wind_speed_mph", "wind_from_deg"),
     "METRIC": ("temperature_c", "humidity_pct", "rain_mm", "wind_10m_kmh", "wind_from_deg"),
 }
-RAIN_IN = {"ENGLISH": 0.01, "METRIC": 1.0}  # a .wtr in ENGLISH has hundredths of an inch
+RAIN_IN = {"ENGLISH": 0.01, "METRIC": 1.0}  # unit of rain: 1/100 inch, or mm
 HOUR = timedelta(hours=1)
-MAX_WIND = 360.0  # mph or km/h; a faster wind is 100 m/s or more
+MAX_WIND = 360.0  # in mph or km/h; corresponds to at least 100 m/s
 
 
 class Extreme(NamedTuple):
-    """The daily minimum or maximum temperature, in the unit of the file, and the humidity then."""
+    """A daily extreme of the temperature, in the file's unit, and the humidity at that hour."""
 
     at: datetime
     temperature: float
@@ -66,22 +67,23 @@ def units_in(path: Path, rows: NumberedRows, default: str = "ENGLISH") -> tuple[
 def daily_records(
     wtr: tuple[Path, NumberedRows], wnd: tuple[Path, NumberedRows], year: int, units: Sequence[str]
 ) -> tuple[str, list[tuple[int, list[str]]]]:
-    """Return hourly records from the rows of a .wtr and a .wnd.
+    """Compute hourly records of the weather from the rows of a .wtr and of a .wnd.
 
     Args:
         wtr: The .wtr file and its rows.
         wnd: The .wnd file and its rows.
         year: The year of the first row; the files do not contain the year.
-        units: The units, ENGLISH or METRIC, of the .wtr and of the .wnd if the file has no line
-            with its units.
+        units: Two words, ENGLISH or METRIC: the units of the .wtr and the units of the .wnd. A word
+            is used only if that file has no line with its units.
 
     Returns:
-        The units, and a record for each hour and each change of wind: the number of the line in
-        the .wnd, and the texts of the time and of ``COLUMNS``.
+        The units of both files, and a record for each full hour and for each change of the wind. A
+        record is the number of the line in the .wnd with its wind, and a list of texts: the time,
+        then the value of each of ``COLUMNS``.
 
     Raises:
-        FireModelError: A row cannot be used, the units of the files differ, or no wind is within
-            the time of the .wtr.
+        FireModelError: A row cannot be used, the units of the files differ, or no wind of the .wnd
+            lies in the days of the .wtr.
     """
     unit, days = units_in(*wtr, units[0])
     wind_unit, wind_rows = units_in(*wnd, units[1])
@@ -98,7 +100,9 @@ def daily_records(
         *(each._replace(at=each.at + 24 * HOUR) for each in after),
     ]
     if winds[0][0] > end or winds[-1][0] < begin:
-        raise FireModelError(f"{wnd[0]}: no wind on the days of {wtr[0]}; give files of one period")
+        raise FireModelError(
+            f"{wnd[0]}: contains no wind on the days of {wtr[0]}; give files of the same period"
+        )
     found = []
     for at in _times(winds, begin, end):
         index = max(0, bisect_right(winds, at, key=itemgetter(0)) - 1)
@@ -113,7 +117,7 @@ def daily_records(
 def _times(
     winds: list[tuple[datetime, int, str, str]], begin: datetime, end: datetime
 ) -> list[datetime]:
-    """Return the full hours and the times of winds from the first wind on, until ``end``."""
+    """Return the full hours and the times of winds, from the first wind until ``end``."""
     first = max(winds[0][0], begin)
     hour = first.replace(minute=0)
     hours = [hour + number * HOUR for number in range(int((end - hour) / HOUR) + 1)]
@@ -165,7 +169,7 @@ def _rain(where: str, fields: list[str], day: datetime, rain_in: float) -> Rain:
 
 
 def winds_in(path: Path, rows: NumberedRows, year: int) -> list[tuple[datetime, int, str, str]]:
-    """Return the time, the line, the speed and the direction of each row of a .wnd without units.
+    """Return the time, the line, the speed and the direction of each wind in a .wnd.
 
     ``year`` is the year of the first row. Raises FireModelError for a row that cannot be used and
     for a file without rows; the message names file and line.

@@ -17,7 +17,7 @@ from firemodel.physics.weather import Weather, WeatherSource, WeatherStream, win
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """A column of a file whose values become the field ``gives``.
+    """A column of a file; its values become the field ``gives``.
 
     The field is ``value * scale + offset``.
 
@@ -76,13 +76,14 @@ def read_weather(
 
     .wtr has the extremes of each day, from which hourly records are computed (``stream_files``); a
     .wnd file has the wind. An inputs file of FARSITE or FlamMap (``inputs_files``) has the rows of
-    such files, or their names. Its moistures and its start are used if the arguments are not given.
+    such files, or their names. Its moistures and its start are used if ``fuel_moistures`` and
+    ``start`` are not given.
 
     CSV has one header line that names the columns, in any order. The time is ``time`` (ISO 8601),
     or ``at_s`` if ``start`` is not given. The wind speed is ``wind_speed_`` (at 20 ft) or
     ``wind_10m_``, followed by ``m_s``, ``mph`` or ``kmh``. The wind direction is ``wind_from_deg``
     or ``wind_toward_deg``, clockwise from north. The other ``COLUMNS`` are optional. The rain of a
-    record falls between it and the next one.
+    record falls between the time of this record and the time of the next.
 
     Args:
         path: The file.
@@ -94,7 +95,7 @@ def read_weather(
             and then follow temperature, humidity and rain (``physics/moisture.py``).
         wind: The .wnd file of a .wtr file, by default the one with the same name.
         fuel_moistures: Moistures (fractions) of single fuel codes, instead of ``moisture``; code 0
-            means all others (``inputs_files.read_fuel_moistures``).
+            means all other codes (``inputs_files.read_fuel_moistures``).
 
     Returns:
         The weather, with the wind at 20 ft in m/s.
@@ -157,7 +158,9 @@ def _check_columns(path: Path, names: Iterable[str]) -> None:
             )
         gives = COLUMNS[name].gives if name in COLUMNS else "time"
         if gives in given:
-            raise FireModelError(f"{path}: {given[gives]} and {name} both given; remove one")
+            raise FireModelError(
+                f"{path}: the columns {given[gives]} and {name} have the same meaning; remove one"
+            )
         given[gives] = name
     for gives, columns in (
         ("time", "time or at_s"),
@@ -165,7 +168,7 @@ def _check_columns(path: Path, names: Iterable[str]) -> None:
         ("wind_from_deg", "wind_from_deg or wind_toward_deg"),
     ):
         if gives not in given:
-            raise FireModelError(f"{path}: no column of {columns}; add one")
+            raise FireModelError(f"{path}: has no column for {columns}; add one")
 
 
 def _number(path: Path, line: int, name: str, text: str) -> float:
@@ -192,7 +195,7 @@ def _float(path: Path, line: int, name: str, text: str) -> float:
 def _times_s(path: Path, rows: Rows, start: datetime | None) -> Floats:
     """Return the times of the records in seconds after the start.
 
-    The times must increase, and 0 must lie between the first and the last.
+    The times must increase, and 0 must lie between the first and the last time.
     """
     name = "at_s" if "at_s" in rows[0][1] else "time"
     if name == "at_s":
@@ -211,7 +214,9 @@ def _times_s(path: Path, rows: Rows, start: datetime | None) -> Floats:
         at_s = [(time - origin).total_seconds() for time in times]
     for number, (line, row) in enumerate(rows):
         if not np.isfinite(at_s[number]):
-            raise FireModelError(f"{path} line {line}: {name} = {row[name]} is not a time; give s")
+            raise FireModelError(
+                f"{path} line {line}: {name} = {row[name]} is not a number of seconds; correct it"
+            )
         if number and not at_s[number] > at_s[number - 1]:
             raise FireModelError(
                 f"{path} line {line}: {name} = {row[name]} is not later than the previous record "
@@ -236,7 +241,7 @@ def _check_moistures(
     """Raise FireModelError if moistures are missing or are given in two ways."""
     missing = [name for name in MOISTURES if name not in values]
     if missing and moisture is None:
-        raise FireModelError(f"{path}: no column {missing[0]}; add it, or give the moisture")
+        raise FireModelError(f"{path}: has no column {missing[0]}; add it, or give the moisture")
     if own and len(missing) < len(MOISTURES):
         raise FireModelError(
             f"{path}: has columns of moistures, which cannot be combined with moistures of single "
@@ -252,7 +257,9 @@ def _check_moistures(
             )
     for name in ("temperature_c", "humidity_pct"):
         if name not in values:
-            raise FireModelError(f"{path}: no column {name} for the conditioning; add it")
+            raise FireModelError(
+                f"{path}: has no column {name}, which conditioning requires; add it"
+            )
 
 
 def _moistures_pct(

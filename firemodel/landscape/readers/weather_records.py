@@ -29,9 +29,9 @@ from firemodel.landscape.readers.stream_files import (
 )
 from firemodel.physics.rothermel import Moisture
 
-Rows = list[tuple[int, dict[str, str]]]  # line number, text of each named field
+Rows = list[tuple[int, dict[str, str]]]  # line number, and the text of each named field
 
-YEAR = 2001  # the year of files that do not contain one, if the start is not given
+YEAR = 2001  # the year of files without years, if the start is not given
 KINDS = ".raws, .wxs, .wtr, .csv or a FARSITE inputs file"
 # The column of the wind speed for each WIND_SPEED_UNITS of an inputs file.
 WIND_COLUMNS = {"": "wind_speed_mph", "0": "wind_speed_mph", "1": "wind_10m_kmh"}
@@ -44,7 +44,7 @@ CELL2FIRE = {
     "TMP": "temperature_c",
     "RH": "humidity_pct",
 }
-# Times in the column datetime of such tables, beside ISO 8601.
+# Formats of times in the column datetime of Cell2Fire's tables, in addition to ISO 8601.
 DATES = ("%m/%d/%Y %H:%M", "%d/%m/%Y %H:%M", "%m/%d/%y %H:%M", "%d/%m/%y %H:%M")
 
 
@@ -53,7 +53,7 @@ class Records(NamedTuple):
 
     rows: Rows
     start: datetime | None
-    fuel_moistures: Mapping[int, Moisture]  # fractions by fuel code, 0 for all others
+    fuel_moistures: Mapping[int, Moisture]  # fractions by fuel code; 0 means all other fuels
 
 
 def records_in(path: Path, wind: Path | None, start: datetime | None) -> Records:
@@ -152,7 +152,7 @@ def _csv_rows(path: Path) -> Rows:
             )
         rows.append((lines.line_num, dict(zip(names, texts, strict=True))))
     if len(set(names)) < len(names):
-        raise FireModelError(f"{path} line 1: a column is named twice; remove one")
+        raise FireModelError(f"{path} line 1: two columns have the same name; remove one")
     known = _cell2fire(names)
     if not known:
         return rows
@@ -170,7 +170,7 @@ def _raws_rows(path: Path) -> Rows:
     is not complete.
     """
     if path.suffix.lower() not in (".raws", ".wxs"):
-        raise FireModelError(f"{path}: not a known kind of weather file; give {KINDS}")
+        raise FireModelError(f"{path}: is not a known kind of weather file; give {KINDS}")
     units = ""
     rows: Rows = []
     counted, count = 0, ""  # the line with the count, and the count
@@ -194,8 +194,8 @@ def _raws_rows(path: Path) -> Rows:
             counted, count = line, fields[-1]
         elif head not in ("", "RAWS_ELEVATION", "YEAR"):
             raise FireModelError(
-                f"{path} line {line}: {fields[0]!r} begins neither a header line nor a record; "
-                "correct or remove the line"
+                f"{path} line {line}: {fields[0]!r} is not the first field of a header line or a "
+                "record; correct or remove the line"
             )
     if count.isdigit() and int(count) > len(rows):
         raise FireModelError(
@@ -214,7 +214,7 @@ def _cell2fire(names: list[str]) -> dict[str, str]:
 def _check_order(path: Path, rows: Rows) -> None:
     """Raise FireModelError if the times in the column datetime decrease or are not times.
 
-    Some files have the date alone, so that equal times may follow each other.
+    Some files contain only the date, so that consecutive times may be equal.
     """
     name = next((name for _, row in rows[:1] for name in row if name.lower() == "datetime"), None)
     if name is None:
@@ -224,12 +224,12 @@ def _check_order(path: Path, rows: Rows) -> None:
         if (at.utcoffset() is None) == (before.utcoffset() is None) and at < before:
             raise FireModelError(
                 f"{path} line {line}: {name} = {row[name]} is earlier than the previous row; sort "
-                "the rows, and keep those of one scenario"
+                "the rows, and keep only those of one scenario"
             )
 
 
 def _times_in(path: Path, name: str, rows: Rows) -> list[datetime]:
-    """Return the times in a column, in ISO 8601 or in the one of ``DATES`` that fits all rows."""
+    """Return the times in a column, in ISO 8601 or in a format of ``DATES`` that fits all rows."""
     for form in DATES:
         with suppress(ValueError):
             return [datetime.strptime(row[name], form) for _, row in rows]  # noqa: DTZ007

@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from firemodel.ellipses.observations import BURNED, BURNING, UNBURNED
+from firemodel.ellipses.point_observations import BURNED, BURNING, UNBURNED
 from mission_service.experiments.beachly.corrections import (
     METHODS,
     WATCHING,
@@ -35,7 +35,7 @@ def draw(out: Path, studies: list[Study]) -> None:
 
 
 def usual(studies: list[Study]) -> Study:
-    """Return the study with the median fraction of the error left by the Gaussian process."""
+    """Return the median study, ordered by the share of error that the Gaussian process leaves."""
     period = in_period(studies[0].case.at_s)
     left = [
         float(np.nanmean(one.errors_m["gaussian"][period]) / np.nanmean(one.uncorrected_m[period]))

@@ -1,9 +1,9 @@
 """Measure how participants' corrections improve a simulated fire (Beachly et al., section VII).
 
-The front error is that of VII.B, computed every minute: the mean distance from the true front
+The front error of section VII.B is computed every minute: the mean distance from the true front
 inside the unit to the closest point of the simulated front. Each minute uses only the observations
-made by then. The result has two means over time, both from the start of the first segment on. One
-ends at the end of the second segment, as in the paper; the other includes all minutes.
+made by then. The result has two means over time, both from the start of the first segment on: one
+mean up to the end of the second segment, as in the paper, and one mean over all minutes.
 
 The error that remains after corrections hardly depends on the error of the uncorrected model. The
 relative reduction therefore depends on the error of the uncorrected model. On fires 0 to 19 with a
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from firemodel.assimilation.distance_weighting import PaperCorrected
 from firemodel.assimilation.gaussian import GaussianCorrected
-from firemodel.ellipses.observations import Simulation
+from firemodel.ellipses.point_observations import Simulation
 from firemodel.landscape.landscape import Landscape
 from mission_service.experiments.beachly.participants import (
     APART_M,
@@ -37,10 +37,10 @@ Floats = NDArray[np.float64]
 Method = Callable[[Any, Floats], Simulation]
 
 FIRES = tuple(range(100, 120))  # seeds; constants were chosen on seeds 0 to 19 and from 1000 on
-PARTICIPANTS = 3  # of each fire
+PARTICIPANTS = 3  # participants of each fire
 MIN_CORRECTIONS, MAX_CORRECTIONS = 77, 175  # corrections of a participant in the paper
 WATCHING = Watching(tuple(minute * MINUTE_S for minute in (20, 33, 46, 59, 72)), 3 * MINUTE_S)
-PAPER_LENGTH_M = 20.0  # chosen in advance, see benchmarks/beachly_lengths.py
+PAPER_LENGTH_M = 20.0  # kernel length chosen in advance, see benchmarks/beachly_lengths.py
 BEYOND_M = 150.0  # margin around the unit in which simulated fronts are included
 METHODS: dict[str, Method] = {
     "paper": lambda fire, observations: PaperCorrected(fire, observations, PAPER_LENGTH_M),
@@ -55,7 +55,7 @@ class Case(NamedTuple):
     at_s: Floats  # times at which errors are measured
     fronts: list[Floats]  # true fronts at these times, (n, 2) each
     model: Simulation
-    grid: Landscape  # on which the model is evaluated
+    grid: Landscape  # the model is evaluated on this grid
     points: Floats  # (rows * cols, 2) centres of its cells
     before_s: Floats  # (rows, cols) arrival time of cells burned at the beginning, else infinity
     apart_m: float = APART_M  # spacing of points on fronts
@@ -69,11 +69,11 @@ class Study(NamedTuple):
     participant: int
     observations: Floats
     uncorrected_m: Floats
-    errors_m: dict[str, Floats]  # by method, at each time
+    errors_m: dict[str, Floats]  # front errors by method, at each time
 
 
 def study(burn: Burn, participants: int) -> list[Study]:
-    """Run all participants and methods on one fire."""
+    """Return the studies of all participants and methods on one fire."""
     case = case_of(burn)
     uncorrected_m = errors_m(case, np.empty((0, 4)), None)
     found = []

@@ -1,10 +1,10 @@
 """Test corrections with the Maria fire (California, 2019) as the truth.
 
 In the model, ellipses grow from all points of the first mapped perimeter. The model has one fuel
-and always the wind that was recorded for that perimeter. Without corrections it does not match the
-later perimeters, because the terrain is steep and the fuel varies. Participants mark points on each
-perimeter with random errors. The front error is measured at the following perimeter, on which
-nothing is marked yet.
+and always the wind that was recorded for that perimeter. Without corrections the model does not
+match the later perimeters, because the terrain is steep and the fuel varies. Participants mark
+points on each perimeter with random errors. The front error is measured at the following perimeter,
+before participants mark points on it.
 """
 
 from collections.abc import Callable
@@ -20,7 +20,7 @@ from shapely.geometry.base import BaseGeometry
 from firemodel.assimilation.distance_weighting import PaperCorrected
 from firemodel.assimilation.gaussian import GaussianCorrected
 from firemodel.ellipses.ellipse import EllipseFire, spreads_of
-from firemodel.ellipses.observations import BURNING
+from firemodel.ellipses.point_observations import BURNING
 from firemodel.landscape.readers.shapes import into_crs
 from firemodel.physics.rothermel import M_S_PER_MPH
 from firemodel.physics.weather import Weather, WeatherStream
@@ -40,9 +40,9 @@ Floats = NDArray[np.float64]
 FOLDER = Path("shared") / "data" / "maria_2019"
 CRS = "EPSG:32611"
 FUEL = 102  # the most frequent fuel model
-PERIMETERS = 7  # of the first afternoon and evening, while it grew
+PERIMETERS = 7  # number of perimeters from the first afternoon and evening, while the fire grew
 SOURCE_M, POINT_M, CELL_M, BEYOND_M, MAX_M = 100.0, 30.0, 60.0, 3000.0, 2000.0
-PLACE_SD_M = 50.0  # the fire is 25 times as wide as the unit
+PLACE_SD_M = 50.0  # more than in the paper: the fire is 25 times as wide as its unit
 PAPER_LENGTH_M = 500.0
 FIELDS = ("YYYYMMDD", "24_HHMMSS", "type", "windspeed", "winddirec", "1hr", "10hr", "100hr")
 LIVE = ("herb", "woody")
@@ -118,7 +118,8 @@ def case_of(perimeters: list[Perimeter]) -> Case:
 def random_observations(rng: np.random.Generator, count: int, case: Case) -> Floats:
     """Return noisy observations (n, 4) on all perimeters except the last, in order of time.
 
-    They are 1 s later than their perimeter, so that they do not affect the error measured there.
+    An observation is 1 s later than its perimeter, so that the observation does not affect the
+    error measured at that perimeter.
     """
     found = []
     for at_s, front, number in zip(

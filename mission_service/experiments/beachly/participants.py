@@ -8,15 +8,15 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 from scipy.spatial import cKDTree
 
-from firemodel.ellipses.observations import BURNED, BURNING, UNBURNED, Simulation
+from firemodel.ellipses.point_observations import BURNED, BURNING, UNBURNED, Simulation
 from firemodel.landscape.landscape import Landscape
 
 Floats = NDArray[np.float64]
 Box = tuple[float, float, float, float]  # west, south, east, north in metres
 
-APART_M = 1.0  # spacing of points on a front, the paper's grid
+APART_M = 1.0  # spacing of points on a front, as in the paper's grid
 FARTHEST_M = 150.0
-NEVER_S = 1e6  # arrival time of unburned cells, which places the edge at the burned cell
+NEVER_S = 1e6  # time after ``at_s`` that is set for unburned cells to draw contours
 
 
 class Watching(NamedTuple):
@@ -24,13 +24,13 @@ class Watching(NamedTuple):
 
     begins_s: tuple[float, ...]
     segment_s: float
-    step_s: float = 20.0  # between times of observation
-    look_s: float = 60.0  # between changes of the camera's view
+    step_s: float = 20.0  # interval of observations
+    look_s: float = 60.0  # interval of changes of the camera's view
     view_m: float = 120.0  # radius of the view around a point of the front
     wrong_m: float = 40.0  # maximum distance of burned and unburned observations from the front
-    burning_share: float = 0.7  # of observations with the burning pen; the others share the rest
+    burning_share: float = 0.7  # share of observations that are marked as burning
     place_sd_m: float = 5.0  # random error of each observation
-    offset_sd_m: float = 3.0  # constant error of a participant, as of a fish-eye lens
+    offset_sd_m: float = 3.0  # constant error of a participant, like the error of a fish-eye lens
 
 
 def front_points(
@@ -58,8 +58,8 @@ def inside(points: Floats, box: Box) -> NDArray[np.bool_]:
 def front_error_m(true_front: Floats, found_front: Floats, max_m: float = FARTHEST_M) -> float:
     """Return the mean distance from the true front to the closest point of the found front.
 
-    This is the error of VII.B, with each distance limited to ``max_m``. If there is no found front,
-    the result is ``max_m``; if there is no true front, it is NaN.
+    The error is defined as in section VII.B, with each distance limited to ``max_m``. If there is
+    no found front, the result is ``max_m``; if there is no true front, it is NaN.
     """
     if not true_front.size:
         return float("nan")
@@ -82,8 +82,8 @@ def random_observations(
 
     In each segment the camera shows a part of the front. Most observations are ``burning`` and lie
     on the true front. The others are ``burned`` behind the front or ``unburned`` ahead of it, at
-    places where the uncorrected simulation is wrong; they are therefore the same for every method.
-    All positions have the participant's constant offset and a random error.
+    places where the uncorrected simulation is wrong; The observations are therefore the same for
+    every method. All positions have the participant's constant offset and a random error.
     """
     row, col = np.indices(arrival_s.shape)
     x_m, y_m = landscape.xy_of(row, col)

@@ -1,9 +1,9 @@
 """Fly the four scenarios of Beachly's section VI on a mock copter with a simulated crew.
 
 All scenarios have a burn unit of 20 acres, wind of 2 m/s towards the south and a backing fire along
-the southern edge. Scenario 1 has nothing else. In scenario 2 the centre has burned farther. In
-scenario 3 there is a second front, at 45 degrees to the southern edge. In scenario 4 this front is
-reported to the planner during the flight.
+the southern edge. Scenario 1 has no other fire. In scenario 2 the backing fire has burned farther
+in the centre. In scenario 3 there is a second front, at 45 degrees to the southern edge. In
+scenario 4 this front is reported to the planner during the flight.
 """
 
 import math
@@ -16,27 +16,27 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from firemodel.ellipses.observations import Simulation
+from firemodel.ellipses.point_observations import Simulation
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario, load_scenario
 from mission_service.config.sections import LitLine
 from mission_service.core.core import Core
 from mission_service.events import AnyOperatorEvent, IgnitionReported
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 from mission_service.ground_distance import M_PER_DEG
 from mission_service.guidance.burn.controller import BurnFlight, burn_flight
 from mission_service.guidance.burn.sphere_account import Sphere
 from mission_service.ignition_plan import IgnitionPlan
-from mission_service.simulation.crew import SimulatedCrew
 from mission_service.simulation.sim import simulate
+from mission_service.simulation.simulated_crew import SimulatedCrew
 
 Floats = NDArray[np.float64]
 Place = tuple[float, float]
 
-STARTS_S = 240.0  # takeoff, after the ignition of the backing fire
+STARTS_S = 240.0  # time of takeoff, after the ignition of the backing fire
 ENDS_S = 1100.0
-SECOND_FRONT_S = 15.0  # after the first drop, in scenario 4
-LOW_SHARE = 0.9  # of the safe height
+SECOND_FRONT_S = 15.0  # from the first drop to the report of the second front, in scenario 4
+LOW_SHARE = 0.9  # share of the safe height up to which a vehicle counts as low
 # (m north of the edge, time of ignition in s)
 BULGE = ((6.0, 20.0), (12.0, 55.0), (18.0, 90.0), (24.0, 125.0), (30.0, 160.0), (36.0, 195.0))
 
@@ -65,7 +65,7 @@ class Flown:
     withdrawn: list[str] = field(default_factory=list)
 
     @property
-    def lines(self) -> list[IgnitionPlan]:
+    def lit_lines(self) -> list[IgnitionPlan]:
         """The plans from which at least one sphere was dropped, in order."""
         flown = {sphere.plan_hash for sphere in self.spheres}
         return [plan for name, plan in self.plans.items() if name in flown]
@@ -164,10 +164,10 @@ def fly(number: int, out: Path | None = None) -> Flown:
 
 
 def min_time_margin_s(flown: Flown, safe_height_m: float) -> float:
-    """Return the shortest time until fire reaches the vehicle, of all samples at low height.
+    """Return the shortest time until fire reaches the vehicle, over all samples at low height.
 
-    The time follows from the estimate of the fire at the time of the sample. It is negative on
-    burned ground.
+    The time follows from the estimate of the fire at the time of the sample. On burned ground this
+    time is negative.
     """
     margins = [
         sample.fire.ignition_time_s(np.array([[sample.x_m, sample.y_m]]))[0] - sample.at_s
@@ -179,7 +179,7 @@ def min_time_margin_s(flown: Flown, safe_height_m: float) -> float:
 
 def row_of(flown: Flown) -> dict[str, Any]:
     """Return the row of the table for a scenario."""
-    lines = flown.lines
+    lines = flown.lit_lines
     safe_height_m = lines[0].safe_height_m if lines else 60.0
     outside = sum(not flown.area.covers(shapely.Point(sphere.falls_m)) for sphere in flown.spheres)
     return {

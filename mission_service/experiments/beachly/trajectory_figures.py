@@ -33,7 +33,8 @@ def draw_trajectory(path: Path, flown: Flown) -> None:
     last = flown.samples[-1]
     arrival = last.fire.ignition_time_s(points).reshape(grid_x.shape)
     first_s = flown.spheres[0].at_us / 1e6 if flown.spheres else last.at_s
-    inside = shapely.contains_xy(flown.area, grid_x, grid_y)  # fire stays within control lines
+    # Control lines hold the fire in the unit.
+    inside = shapely.contains_xy(flown.area, grid_x, grid_y)
     arrival = np.where(np.isfinite(arrival) & inside, arrival, 1e9)
     for until_s, colour in ((last.at_s, LATER), (first_s, BURNED)):
         axes.contourf(
@@ -47,7 +48,7 @@ def draw_trajectory(path: Path, flown: Flown) -> None:
     axes.set_xlabel("m east")
     axes.set_ylabel("m north")
     axes.set_title(
-        f"Scenario {flown.scenario}: {len(flown.spheres)} drops on {len(flown.lines)} lines"
+        f"Scenario {flown.scenario}: {len(flown.spheres)} drops on {len(flown.lit_lines)} lines"
     )
     _legend(axes, flown, first_s, last.at_s)
     figure.savefig(path)
@@ -56,7 +57,7 @@ def draw_trajectory(path: Path, flown: Flown) -> None:
 def _draw_path(axes: Any, flown: Flown, origin: Floats) -> None:
     """Draw the path, solid at low height and dashed above (climb and safe height)."""
     track = np.array([(each.x_m, each.y_m) for each in flown.samples]) - origin
-    safe_m = flown.lines[0].safe_height_m if flown.lines else 60.0
+    safe_m = flown.lit_lines[0].safe_height_m if flown.lit_lines else 60.0
     low = np.array([each.height_m < LOW_SHARE * safe_m for each in flown.samples])
     for style, chosen in (("-", low), ("--", ~low)):
         line = np.where(chosen[:, None] | np.roll(chosen, 1)[:, None], track, np.nan)
@@ -64,7 +65,7 @@ def _draw_path(axes: Any, flown: Flown, origin: Floats) -> None:
 
 
 def _draw_drops(axes: Any, flown: Flown, origin: Floats) -> None:
-    for number, plan in enumerate(flown.lines):
+    for number, plan in enumerate(flown.lit_lines):
         colour = LINE_COLOURS[number % len(LINE_COLOURS)]
         fallen = np.array(
             [s.falls_m for s in flown.spheres if flown.plans.get(s.plan_hash) is plan]
@@ -87,8 +88,8 @@ def _draw_drops(axes: Any, flown: Flown, origin: Floats) -> None:
 
 
 def _legend(axes: Any, flown: Flown, first_s: float, last_s: float) -> None:
-    safe_m = flown.lines[0].safe_height_m if flown.lines else 60.0
-    low_m = flown.lines[0].drop_height_m if flown.lines else 15.0
+    safe_m = flown.lit_lines[0].safe_height_m if flown.lit_lines else 60.0
+    low_m = flown.lit_lines[0].drop_height_m if flown.lit_lines else 15.0
     axes.legend(
         handles=[
             Patch(color=BURNED, label=f"burned at the first drop ({first_s / 60:.0f} min)"),

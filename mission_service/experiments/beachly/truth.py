@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
-from firemodel.ellipses.ellipse import EllipseFire, Spread, line_sources, spreads_of
+from firemodel.ellipses.ellipse import EllipseFire, Spread, spreads_of
+from firemodel.ellipses.line_ignitions import line_sources
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.weather import Weather, WeatherStream
 from firemodel.spread.anyangle import AnyAngleFire
@@ -22,19 +23,19 @@ Floats = NDArray[np.float64]
 
 CELL_M = 5.0
 UNIT_M = 340.0  # width of the paper's unit
-MARGIN_M = 80.0  # of burnable ground around the unit
+MARGIN_M = 80.0  # width of the burnable ground around the unit
 CELLS = round((UNIT_M + 2.0 * MARGIN_M) / CELL_M)
 WEST_M, NORTH_M = 5e5, 4.5e6
 MINUTE_S = 60.0
 END_S = 80.0 * MINUTE_S
 LIT_SPACING_M = 5.0
 FUELS = (1, 2, 3, 5, 6, 8, 9, 101, 102, 104, 121, 122, 161, 183, 186, 188)
-GUST_S = 240.0  # between entries of the wind
-# Standard deviations of the model's wrong settings (of ln for speed and rate), which give about the
-# paper's error of 24.8 m without corrections.
+GUST_S = 240.0  # interval of the wind's entries
+# Standard deviations of the model's wrong settings (for speed and rate, of the logarithm). With
+# them the error without corrections is about the paper's 24.8 m.
 WRONG_SPEED, WRONG_DEG, WRONG_RATE = 0.5, 45.0, 0.7
 MIN_BURNED, MAX_EARLY, MAX_BURNED = 0.55, 0.35, 0.97  # shares of the unit, see ``random_burn``
-MAX_UNEVEN = 4.0  # rate of the fastest fuel over that of the slowest
+MAX_UNEVEN = 4.0  # ratio of the spread rates of the fastest and the slowest fuel
 EARLY_S = 15.0 * MINUTE_S
 
 
@@ -121,7 +122,8 @@ def _lit(rng: np.random.Generator, from_deg: float) -> Floats:
     """Return random sources (n, 3): first a line along a side, then one to three lines or spots."""
     west, south, east, north = unit_box()
     middle = np.array([(west + east) / 2.0, (south + north) / 2.0])
-    # The first line is across the wind on the downwind side, as in a burn; others lie anywhere.
+    # The first line is across the wind on the downwind side, as in a burn; the other sources lie
+    # anywhere.
     toward = math.radians(90.0 - (from_deg + 180.0)) + rng.uniform(-0.6, 0.6)
     along = np.array([-math.sin(toward), math.cos(toward)])
     ahead = np.array([math.cos(toward), math.sin(toward)])
@@ -149,7 +151,7 @@ def _ignitions(landscape: Landscape, lit: Floats) -> list[tuple[int, int, float]
 def _misset(
     rng: np.random.Generator, fuels: NDArray[np.int64], weather: WeatherStream, landscape: Landscape
 ) -> tuple[Spread, ...]:
-    """Return one spread for all cells: that of the median fuel, with errors in wind and rate.
+    """Return one spread for all cells: the median fuel's spread, with errors in wind and rate.
 
     The standard deviations are ``WRONG_SPEED``, ``WRONG_DEG`` and ``WRONG_RATE``.
     """

@@ -1,7 +1,7 @@
 """Simulate the ideal flight of a team around the growing ring of a fire, as Bent does.
 
 Each vehicle flies from cell to cell at its speed, turns on the spot and observes the cell that it
-is in. At each cell that it reaches, the rule takes one decision. When the ring grows, cells,
+is in. At each cell that a vehicle reaches, the rule takes one decision. When the ring grows, cells,
 vehicles and regions move.
 """
 
@@ -31,12 +31,12 @@ class TeamFlight:
     """
 
     at_s: Floats
-    linear: Floats  # spread rate * age, m
-    exponential: Floats  # age ** (1 + spread rate)
-    worst_linear: Floats  # of the cell where it is highest, m
-    tracks: dict[int, Floats]  # by member: (n, 3) time in s, row, column
+    linear: Floats  # cost by spread rate * age, m
+    exponential: Floats  # cost by age ** (1 + spread rate)
+    worst_linear: Floats  # highest linear importance of a cell, m
+    tracks: dict[int, Floats]  # tracks by member: (n, 3) time in s, row, column
     decisions: int
-    min_separation_m: float  # of any two vehicles, each in its own layer
+    min_separation_m: float  # smallest distance between two vehicles, in separate layers
 
     def mean_std(self, importance: str) -> tuple[float, float]:
         """Return the mean and the standard deviation over time of one of the two costs."""
@@ -52,17 +52,17 @@ def linear_importance(spread_rate_m_s: Floats, age_s: Floats) -> Floats:
 def exponential_importance(spread_rate_m_s: Floats, age_s: Floats) -> Floats:
     """Return Bent's exponential importance (3.2), with the spread rate in m/s in the exponent.
 
-    The tables of the thesis exclude other units. A linear cost of 64 and an exponential cost of
-    3,000 fit ages of 5 minutes at 0.2 m/s (300 * 0.2 = 60) with fast parts at 0.5 m/s (300 ** 1.5 =
-    5,200). If rates were in m/min, a linear cost of 64 would mean ages of 5 s, and the exponential
-    cost would be 5 ** 13 = 10 ** 9.
+    The tables of the thesis fit no other unit. Its linear cost of 64 is near the importance at an
+    age of 5 minutes and 0.2 m/s (300 * 0.2 = 60). Its exponential cost of 3,000 is explained by
+    fast parts with 0.5 m/s (300 ** 1.5 = 5,200). If rates were in m/min, a linear cost of 64 would
+    mean ages of 5 s, and the exponential cost would be 5 ** 13 = 10 ** 9.
     """
     importance: Floats = age_s ** (1.0 + spread_rate_m_s)
     return importance
 
 
 def equidistant(step_m: Floats, count: int) -> NDArray[np.int64]:
-    """Return ``count`` cells, beginning with cell 0, that divide a ring into equal parts.
+    """Return ``count`` cells, beginning with cell 0, that divide a ring into parts of equal length.
 
     ``step_m`` (n) is the distance from each cell to the next one.
     """
@@ -82,7 +82,7 @@ class _Vehicle:
     speed_m_s: float
     goal: int
     goal_place: tuple[float, float]
-    left: tuple[float, float, float]  # time, row, col
+    left: tuple[float, float, float]  # time, row and column at which the vehicle left the last cell
     arrival_s: float
     track: list[tuple[float, float, float]]
 
@@ -98,13 +98,13 @@ def fly_team(
     joining: Sequence[tuple[float, int]] = (),
     layer_m: float = LAYER_M,
 ) -> TeamFlight:
-    """Fly ``uavs`` vehicles over the history of a ring, all of which has been seen at the start.
+    """Fly ``uavs`` vehicles along a growing ring whose cells have all been visited at the start.
 
     The vehicles start at equal distances, as members 0, 1, 2 ... clockwise. ``leaving`` and
-    ``joining`` contain (time in s, member). Each takes effect at the first step of the ring at or
-    after that time. A vehicle joins at the cell with the oldest visit. ``rule.decide`` receives the
-    same ``FrontRing`` during a step and the same ``ActiveFleet`` until the team changes. It must
-    copy arrays that it stores, because they are modified in place.
+    ``joining`` contain (time in s, member). Each change takes effect at the first step of the ring
+    at or after its time. A vehicle joins at the cell with the oldest visit. ``rule.decide``
+    receives the same ``FrontRing`` during a step and the same ``ActiveFleet`` until the team
+    changes. The rule must copy arrays that it stores, because they are modified in place.
     """
     team = _Team(rule, speed_m_s, cell_m)
     first = history[0]
@@ -164,7 +164,7 @@ class _Team:
         self._step_m: list[float] = step.step_m.tolist()
 
     def grow(self, step: RingStep) -> None:
-        """Replace the ring by the next ring, whose cells inherit visits, and move the goals."""
+        """Replace the ring by the next ring, whose cells inherit visits; move all goals to it."""
         self.on(step, self.ring.visited_at_s[step.came_from])
         self._fleet.cell[:] = step.place_of[self._fleet.cell]
         for vehicle in self._vehicles:
@@ -222,7 +222,7 @@ class _Team:
         clockwise = self._rule.decide(self.ring, self._fleet, which, at_s)
         self._fleet.clockwise[which] = clockwise
         self.decisions += 1
-        # Index -1 is the last cell, and the step from the last cell to the first.
+        # Index -1 selects the last cell, and the step from the last cell to the first.
         vehicle.goal = (cell + 1) % len(self._places) if clockwise else cell - 1
         away_m = self._step_m[cell if clockwise else cell - 1]
         vehicle.goal_place = self._places[vehicle.goal]

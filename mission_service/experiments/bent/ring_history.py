@@ -1,8 +1,8 @@
 """Represent the true front of a fire as a growing ring of cells, as in Bent's experiments.
 
-At each time step, the ring has its cells in clockwise order. For each cell, it also has the cell of
-the previous ring whose last visit is inherited. A new front cell inherits the age of the front
-behind it, because importance measures unseen growth.
+The ring of each time step lists its cells in clockwise order. The ring also lists, for each of its
+cells, the cell of the previous ring whose last visit this cell inherits. A new front cell inherits
+the age of the front cell behind it, because importance measures unseen growth.
 """
 
 from collections.abc import Iterator
@@ -29,14 +29,14 @@ class RingStep:
 
     at_s: float
     cells: Integers  # (n, 2) row, column; no cell twice
-    step_m: Floats  # (n) from each cell to the next one
-    spread_rate_m_s: Floats  # (n) outwards
-    came_from: Integers  # (n) index in the previous ring of the cell whose visit is inherited
+    step_m: Floats  # (n) distance from each cell to the next one
+    spread_rate_m_s: Floats  # (n) rate of spread outwards
+    came_from: Integers  # (n) index of the cell in the previous ring whose visit each cell inherits
     place_of: Integers  # (m) new index of each cell of the previous ring, in order around the ring
 
 
 def ring_history(burn: Burn, every_s: float = EVERY_S) -> list[RingStep]:
-    """Return the front from deployment to the end of a fire."""
+    """Return the front every ``every_s``, from deployment to the end of a fire."""
     return list(_steps(burn, FrontRates(burn.landscape, burn.weather), every_s))
 
 
@@ -52,7 +52,7 @@ def _steps(burn: Burn, rates: FrontRates, every_s: float) -> Iterator[RingStep]:
             float(at_s),
             cells,
             burn.landscape.cell_size_m * np.hypot(*ahead.T),
-            rates.at(cells[:, 0], cells[:, 1], north, east, float(at_s)),
+            rates.speeds_m_s(cells[:, 0], cells[:, 1], north, east, float(at_s)),
             np.asarray(cKDTree(before).query(cells)[1], dtype=np.int64),
             in_order(np.asarray(cKDTree(cells).query(before)[1], dtype=np.int64), len(cells)),
         )
@@ -62,8 +62,8 @@ def _steps(burn: Burn, rates: FrontRates, every_s: float) -> Iterator[RingStep]:
 def outer_cells(burned: NDArray[np.bool_]) -> Integers:
     """Return the front (n, 2) of a burned area (y, x): row, column, clockwise, no cell twice.
 
-    A walk along the edge passes a tail one cell wide twice. The cells of the tail are counted only
-    on the way out.
+    Where the burned area is only one cell wide, a walk along the edge passes each cell twice. Such
+    cells are counted only on the first pass.
     """
     loop = perimeter(burned)[::-1].astype(np.int64)
     _, first = np.unique(loop, axis=0, return_index=True)
@@ -74,12 +74,12 @@ def facing(cells: Integers) -> tuple[Floats, Floats]:
     """Return the outward unit vectors of a clockwise ring (n, 2), as north (n) and east (n)."""
     along = np.roll(cells, -TANGENT_CELLS, axis=0) - np.roll(cells, TANGENT_CELLS, axis=0)
     length = np.maximum(np.hypot(*along.T), 1e-9)
-    # Clockwise on a north-up map has the outside on its left.
+    # Along a clockwise ring on a north-up map, the outside is on the left.
     return along[:, 1] / length, along[:, 0] / length
 
 
 def in_order(places: Integers, count: int) -> Integers:
-    """Return places on a ring of ``count`` cells, made monotonic and at most once around it."""
+    """Return places on a ring of ``count`` cells, made monotonic and limited to one lap."""
     onward = (np.diff(places, append=places[:1]) + count // 2) % count - count // 2
     lifted = places[0] + np.concatenate([[0], np.cumsum(onward[:-1])])
     rising = np.minimum(np.maximum.accumulate(lifted), places[0] + count - 1)

@@ -22,8 +22,8 @@ from mission_service.experiments.bent.scenarios import (
 
 PROGRESS_EVERY = 20
 PROCESSES = 2
-# The thesis gives no speed; its vehicles move like its model of firefighters (2.3). This speed
-# reproduces its average costs of 64 and 3,000.
+# The thesis states no speed; its vehicles move like the firefighters of its section 2.3. This speed
+# reproduces the thesis's average costs of 64 and 3,000.
 SPEED_M_S = 1.5
 
 

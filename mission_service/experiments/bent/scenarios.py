@@ -48,7 +48,7 @@ def uneven() -> Burn:
 class Case(NamedTuple):
     """The settings of one run.
 
-    A benchmark has no negotiation; its importance is used only for the cost.
+    A benchmark has no negotiation. For a benchmark, ``importance`` selects only the cost.
     """
 
     planner: str

@@ -14,9 +14,10 @@ PLANNER_NAMES = {
     "predictive": "Predictive",
     "predictive-kept": "Predictive Kept",
 }
-# As in the thesis, the name of negotiation on importance is omitted.
+# Negotiation on importance has an empty name, because the thesis omits this name.
 NEGOTIATION_NAMES = {None: "", "importance": "", "centre": " - COI", "arrival": " - First There"}
-# Tables 5.1 and 5.2: lowest cost, lowest standard deviation; by number of vehicles, then average.
+# Tables 5.1 and 5.2: lowest cost, lowest standard deviation; one for each number of vehicles, then
+# the average.
 THESIS_BEST = {
     "linear": (
         ("Circling", "Circling"),
@@ -51,7 +52,7 @@ def name_of(planner: str, negotiation: str | None) -> str:
 
 
 def averages(runs: Sequence[Row], importance: str, sizes: Sequence[int] = SIZES) -> Averages:
-    """Return the cost of each combination, averaged over numbers of vehicles."""
+    """Return the mean cost of each combination over the given numbers of vehicles."""
     found: dict[str, list[tuple[float, float]]] = {}
     for run in runs:
         if run["importance"] == importance and run["uavs"] in sizes:

@@ -95,7 +95,7 @@ def _frame(axes: Any, burned: NDArray[np.bool_]) -> None:
 
 
 def draw_errors(path: Path, burn: Burn, flights: dict[str, Flight]) -> None:
-    """Draw fig. 16: the maximum distance error over time, and its mean so far (thick line)."""
+    """Draw fig. 16: the maximum distance error over time, and its running mean (thick line)."""
     figure, (axes,) = _new(1, 1, (8.0, 4.0))
     for planner, flight in flights.items():
         hours, colour = flight.at_s / HOUR_S, COLOURS.get(planner, OTHER_COLOUR)
@@ -110,7 +110,8 @@ def draw_errors(path: Path, burn: Burn, flights: dict[str, Flight]) -> None:
         xlabel="time since ignition (h)",
         ylabel="maximum distance error (cells)",
         xlim=(burn.deploy_s / HOUR_S, burn.end_s / HOUR_S),
-        ylim=(0.0, 1.3 * max_error),  # the rule ``islam_hu`` may lose a part of the fire
+        # The rule ``islam_hu`` may lose a part of the fire, and its error then exceeds this limit.
+        ylim=(0.0, 1.3 * max_error),
     )
     axes.set_title(f"{burn.name}, {burn.scheme}; thick lines: mean so far", fontsize=10)
     axes.legend(loc="upper left", fontsize=8)
@@ -120,8 +121,8 @@ def draw_errors(path: Path, burn: Burn, flights: dict[str, Flight]) -> None:
 def draw_importance(path: Path, burn: Burn, flight: Flight) -> None:
     """Draw fig. 10: the importance of cells behind and ahead at two decisions (damped rule).
 
-    Both decisions are after the fire changes. On the left is the decision with the lowest ratio of
-    the importance behind to the importance ahead. On the right is the first turn or, without a
+    Both decisions are later than ``changes_s``. On the left is the decision with the lowest ratio
+    of the importance behind to the importance ahead. On the right is the first turn or, without a
     turn, the decision with the highest ratio.
     """
     later = flight.windows[flight.windows[:, 0] >= changes_s(burn)]

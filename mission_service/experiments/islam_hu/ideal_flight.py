@@ -1,7 +1,7 @@
 """Simulate an ideal flight of one vehicle over a fire, without autopilot, wind or MAVLink.
 
 As in Islam & Hu, the vehicle flies from cell to cell of the true front at constant speed, in the
-direction that the planner decides. It turns on the spot and observes the cells around it.
+direction that the planner decides. The vehicle turns on the spot and observes the cells around it.
 """
 
 import math
@@ -33,9 +33,9 @@ class Flight:
     """The results of a flight.
 
     ``track`` (n, 3) contains the time in s, the row and the column of each step, and ``reversals``
-    (k, 3) those of each turn. ``windows`` (d, 3) contains the time of each decision, and the
-    importance behind and ahead. From the end of the first lap on, the errors (m) in cells are
-    evaluated at each step, at the times ``at_s`` (m).
+    (k, 3) contains the time, the row and the column of each turn. ``windows`` (d, 3) contains the
+    time of each decision, and the importance behind and ahead. The errors, in cells, are evaluated
+    at each step from the end of the first lap on; ``at_s`` has the times of these steps.
     """
 
     track: Floats
@@ -67,12 +67,12 @@ def fly(
     measured: MeasuredWind | None = None,
     before: Callable[[float, int, int], None] | None = None,
 ) -> Flight:
-    """Fly a planner from deployment to the end, and evaluate the error at each new cell.
+    """Fly a planner from deployment to the fire's end, and evaluate the error at each new cell.
 
-    If ``hull`` is True, the error is that of the convex hull of the planner's estimate, as in the
-    paper; otherwise it is that of the estimate itself. ``measured`` gives the planner the wind at
-    each step; None gives no wind. ``before`` is called at each step before the decision, with the
-    time, the row and the column.
+    If ``hull`` is True, the error of the estimate's convex hull is evaluated, as in the paper;
+    otherwise the error of the estimate itself is evaluated. ``measured`` gives the planner the wind
+    at each step; with None the planner receives no wind. ``before`` is called at each step before
+    the decision, with the time, the row and the column.
     """
     truth = TrueShape(burn.arrival_s, burn.ignition)
     cell_s = burn.landscape.cell_size_m / burn.speed_m_s
@@ -82,7 +82,7 @@ def fly(
     track, reversals, windows, errors = [], [], [], []
     while at_s < burn.end_s:
         if measured is not None:
-            planner.wind(*measured.at(at_s), at_s)
+            planner.wind(*measured.wind_at(at_s), at_s)
         planner.observe(look(burn, row, col, at_s))
         if before is not None:
             before(at_s, row, col)
@@ -94,7 +94,7 @@ def fly(
                 reversals.append((at_s, row, col))
         if planner.phase == "monitor":
             estimated = planner.shape(row, col)
-            error = np.abs((hull_of(estimated) if hull else estimated) - truth.at(at_s))
+            error = np.abs((hull_of(estimated) if hull else estimated) - truth.distances_at(at_s))
             errors.append((at_s, error.max(), error.mean()))
         walk.onwards(planner.clockwise, at_s)
         new_row, new_col = walk.cell

@@ -1,4 +1,4 @@
-"""Simulate wind measurements of a small vehicle: the fire's wind at its height, with errors."""
+"""Simulate wind measurements of a small vehicle: the fire's wind at flight height, with errors."""
 
 import math
 
@@ -6,9 +6,9 @@ import numpy as np
 
 from firemodel.physics.weather import WeatherStream
 
-# Of estimates from airspeed and ground speed: standard deviations, and correlation time of errors.
+# Errors of wind estimates from airspeed and ground speed: standard deviations, correlation time.
 SPEED_ERROR_M_S, DIRECTION_ERROR_DEG, LASTING_S = 0.8, 8.0, 120.0
-# Wind 20 ft above the vegetation over the wind at the vehicle's height.
+# Ratio of the wind 20 ft above the vegetation to the wind at the vehicle's height.
 WIND_20FT_SHARE = 0.75
 
 
@@ -21,17 +21,17 @@ class MeasuredWind:
         self._error = self._rng.standard_normal(2)
         self._at_s: float | None = None
 
-    def at(self, at_s: float) -> tuple[float, float]:
+    def wind_at(self, at_s: float) -> tuple[float, float]:
         """Return the wind speed in m/s at the vehicle's height, and the wind direction.
 
-        The direction is the one from which the wind blows, in degrees clockwise from north.
+        The wind blows from this direction, in degrees clockwise from north.
         """
         if self._at_s is not None:
             kept = math.exp(-(at_s - self._at_s) / LASTING_S)
             fresh = math.sqrt(1.0 - kept * kept)
             self._error = kept * self._error + fresh * self._rng.standard_normal(2)
         self._at_s = at_s
-        now = self._weather.at(at_s)
+        now = self._weather.weather_at(at_s)
         speed_m_s = now.wind_speed_m_s / WIND_20FT_SHARE + SPEED_ERROR_M_S * self._error[0]
         from_deg = now.wind_from_deg + DIRECTION_ERROR_DEG * self._error[1]
         return max(float(speed_m_s), 0.0), float(from_deg) % 360.0

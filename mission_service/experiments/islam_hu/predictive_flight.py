@@ -38,7 +38,7 @@ def predictive_planner(burn: Burn, *, modelled: bool = True) -> PredictivePlanne
 def fly_predictive(burn: Burn, seed: int = SEED, model: Burn | None = None) -> Flight:
     """Fly the predictive planner with a measured wind; errors are those of its estimated front.
 
-    ``model`` is the fire whose landscape and weather the planner receives, if it is another one.
+    ``model`` is the fire whose landscape and weather the planner receives, if it is not ``burn``.
     """
     given = burn if model is None else model
     measured = MeasuredWind(given.weather, seed)

@@ -81,7 +81,7 @@ def on_one_fire(name: str, scheme: SchemeName, out: Path | None) -> dict[str, li
 
 
 def attention(burn: Burn, flight: Flight) -> dict[str, float]:
-    """Return reversals and the share of time in the north, before and after the fire changes.
+    """Return the reversals and the share of time in the north, before and after the fire's change.
 
     The north is the area north of the ignition.
     """

@@ -1,4 +1,4 @@
-"""Define six fires like the paper's, with two spread schemes, and three of its planners."""
+"""Define six fires like the paper's fires, with two spread schemes, and the paper's planners."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -33,7 +33,7 @@ from mission_service.guidance.protocol import Planner
 
 COMPARED: tuple[SchemeName, ...] = ("devs8", "anyangle")
 ALPHAS = (0.0, 0.8, 1.0, 1.2, 1.5, 5.0)
-# The paper's figs. 11 and 16, on its fires.
+# The numbers in figs. 11 and 16 of the paper, for the paper's own fires.
 PAPER_REVERSALS = {"slow-then-fast": (0, 8, 11, 15, 20, 43)}
 PAPER_MEAN_MAX_CELLS = {
     "slow-then-fast": {"circling": 8.5, "islam_hu": 7.3, "islam_hu_damped": 7.3},
@@ -48,15 +48,15 @@ class FireScenario:
     fuel: NDArray[np.int16]
     weather: tuple[Weather, ...]
     ignition: tuple[int, int]
-    speed_m_s: float  # gives circling an error of 7 to 16 cells, as in the paper
+    speed_m_s: float  # at this speed, circling has an error of 7 to 16 cells, as in the paper
 
 
 ISLAM_HU_END_S = 6 * HOUR_S
-# Figs. 9, 11 and 14a; 13a and 14b; 13b; 13c; 12a; 12b. The paper does not state its weather: these
-# values were tuned until circling's error and the damped rule's behaviour resembled the paper's. In
-# "wind-turns" the later wind is stronger; with equal winds the rule hardly turned in the south.
-# "slow-even" is tall grass in a light wind; without wind, the fire would require a vehicle slower
-# than any.
+# The fires are, in order, those of figs. 9, 11 and 14a; 13a and 14b; 13b; 13c; 12a; 12b. The paper
+# does not state its weather: these values were tuned until the error of circling and the behaviour
+# of the damped rule were as in the paper. In "wind-turns" the later wind is stronger; with equal
+# winds the rule hardly turned in the south. "slow-even" is tall grass in a light wind; without
+# wind, no real vehicle would be slow enough for the fire.
 ISLAM_HU: dict[str, FireScenario] = {
     "slow-then-fast": FireScenario(
         of_one_fuel(BRUSH), (wind(0.0, 4.0, 45.0), wind(3 * HOUR_S, 11.0, 45.0)), (35, 165), 4.2
@@ -91,7 +91,8 @@ def islam_hu_burn(name: str, scheme: SchemeName) -> Burn:
 
 def perimeter_planner(burn: Burn, rule: Rule, alpha: float = 1.0) -> PerimeterPlanner:
     """Return the planner of Islam & Hu for a known ignition, with the defaults of scenarios."""
-    path = PathSettings(horizon_cells=80.0, lookahead_cells=5.0)  # paths are not flown
+    # The experiment does not fly these paths.
+    path = PathSettings(horizon_cells=80.0, lookahead_cells=5.0)
     speed_cells_s = burn.speed_m_s / burn.landscape.cell_size_m
     settings = perimeter_settings(PlannerSection(rule=rule, alpha=alpha), speed_cells_s, path)
     centre = (float(burn.ignition[0]), float(burn.ignition[1]))

@@ -20,7 +20,7 @@ SERIES = {
     "inaccuracy": ("fig11-inaccuracy", "cells wrong in a UAV's fire map", False),
 }
 
-Flights = dict[str, list[Flight]]  # by experiment, one flight per seed
+Flights = dict[str, list[Flight]]  # flights by experiment, one per seed
 
 
 def draw(out: Path, flights: Flights) -> None:

@@ -36,23 +36,26 @@ TICK_S = 0.25
 LOOK_EVERY_S = 1.0
 MEASURE_EVERY_S = 5.0
 TRACK_EVERY_S = 1.0
-BASE_M = (-1400.0, -1400.0)  # start of the first UAV, from the centre of the map
-QUEUE_M = 70.0  # spacing in a queue, and of queues
-QUEUE = 8  # UAVs in a queue
+BASE_M = (-1400.0, -1400.0)  # start of the first UAV, relative to the map's centre
+QUEUE_M = 70.0  # spacing of UAVs in a queue, and of queues
+QUEUE = 8  # number of UAVs in a queue
 
 
 @dataclass(frozen=True, slots=True)
 class Rules:
-    """The deviations of a flight from the paper's nominal flight."""
+    """The differences between a flight and the paper's nominal flight."""
 
     avoidance: Avoidance = "intent"
     synchronises: bool = True
-    loss_at: Callable[[float], float] = lambda at_s: 0.0  # share of messages, per receiver
+    # Share of messages that are lost, per receiver.
+    loss_at: Callable[[float], float] = lambda at_s: 0.0
     delay_s: float = TICK_S
-    wind_m_s: tuple[float, float] = (0.0, 0.0)  # towards (east, north)
+    wind_m_s: tuple[float, float] = (0.0, 0.0)  # velocity of the air towards (east, north)
     duration_s: float = 1200.0
-    away_s: dict[int, tuple[float, float]] = field(default_factory=dict)  # by UAV: from, until
-    dead_from_s: dict[int, float] = field(default_factory=dict)  # by UAV: failure of its agent
+    # The start and the end of each UAV's absence from the formation.
+    away_s: dict[int, tuple[float, float]] = field(default_factory=dict)
+    # The time at which each UAV's agent fails.
+    dead_from_s: dict[int, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -66,7 +69,7 @@ class Flight:
     series_s: Floats
     series: dict[str, Floats]
     track_s: Floats
-    uavs_m: Floats  # (times, UAVs, 2) from the centre of the map
+    uavs_m: Floats  # (times, UAVs, 2) positions from the centre of the map
     agents_m: Floats
     closest_m: float
 
@@ -111,9 +114,9 @@ class Radio:
 class Safety:
     """The counts of conflicts and collisions between pairs of UAVs (section 5.3.3).
 
-    Each is counted when it begins. In a conflict, the velocity with which one UAV follows its
-    virtual agent is inside the reciprocal velocity obstacle of the other UAV. In a collision, the
-    distance between the two UAVs is less than twice the safety radius.
+    A conflict or a collision is counted when it begins. In a conflict, the velocity with which one
+    UAV follows its virtual agent is inside the reciprocal velocity obstacle of the other UAV. In a
+    collision, the distance between the two UAVs is less than twice the safety radius.
     """
 
     def __init__(self, uavs: int, settings: Settings) -> None:
@@ -172,7 +175,7 @@ class FormationWorld:
         self.seen_s = np.full(arrival_s.shape, -np.inf)
 
     def tick(self) -> None:
-        """Advance by a quarter of a second: receive, observe, decide, send, fly."""
+        """Advance the world by a quarter of a second: receive, observe, decide, send, fly."""
         self.ticks += 1
         self.at_s = self.ticks * TICK_S
         at_us = round(self.at_s * 1e6)
@@ -251,7 +254,7 @@ class FormationWorld:
         return np.array([(i.agent_x_m, i.agent_y_m) for i in self.intentions])
 
     def _look_at_safety(self) -> None:
-        """Count conflicts between velocities (eqs. 14 and 15) that circle the virtual agents."""
+        """Count conflicts and collisions, with the desired velocities of eqs. 14 and 15."""
         radius_m, wind = -self.settings.loiter_radius_m, self.rules.wind_m_s
         orbits = np.array(
             [

@@ -8,10 +8,11 @@ from firemodel.compiled import kernel
 from mission_service.experiments.virtual_agents.rvo_kernels import meets_after_s
 from mission_service.guidance.formation.loiter_kernels import heading_step, wanted_heading_rad
 
-# The paper's cones are infinite; that would give vehicles that circle near each other a conflict at
-# every turn, a hundred for each collision, while the paper reports two.
+# The paper's velocity obstacles have no time limit. With such obstacles, vehicles that circle near
+# each other have a conflict at every turn, which makes a hundred conflicts for each collision. The
+# paper reports two conflicts for each collision.
 CONFLICT_WITHIN_S = 5.0
-REPEATED_AFTER_S = 2.0  # a conflict after such an interval counts again
+REPEATED_AFTER_S = 2.0  # a later conflict of one pair counts again after this time
 
 
 @kernel

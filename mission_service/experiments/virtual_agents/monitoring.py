@@ -1,8 +1,8 @@
 """Compute the area to monitor around the true fire, and the metrics of section 6.2.
 
-The UAVs do not receive this area. Like the agents' maps, it counts the burning cells within reach
-of each cell; a cell that begins to burn adds a disc. The cells with a priority are also stored in a
-list, because the metrics are computed far more often than the fire grows.
+The UAVs do not receive this area. Like the agents' maps, the map of this area counts the burning
+cells within reach of each cell; a cell that begins to burn adds a disc. The cells with a priority
+are also stored in a list, because the metrics are computed far more often than the fire grows.
 """
 
 from collections.abc import Sequence
@@ -18,8 +18,8 @@ from mission_service.guidance.formation.map_grid import MapGrid
 Cells = NDArray[np.int64]
 Floats = NDArray[np.float64]
 
-NEAR, FAR = 1.0, 0.2  # priorities (section 3.4)
-SEEN_WITHIN_S = 60.0  # interval of UAV coverage
+NEAR, FAR = 1.0, 0.2  # priorities near fire and farther away (section 3.4)
+SEEN_WITHIN_S = 60.0  # a cell is covered for this time after a UAV has seen it
 
 
 class MonitoringArea:
@@ -43,7 +43,8 @@ class MonitoringArea:
         self._cells: Cells = np.empty(grid.rows * grid.cols, dtype=np.int64)
         self._priorities: Floats = np.empty(grid.rows * grid.cols)
         self.cells, self.priorities = self._cells[:0], self._priorities[:0]
-        # Rows and columns that can have a priority: first row and column, end of both.
+        # The window of cells that can have a priority: first row, first column, end row, end
+        # column.
         self._window: Cells = np.array((*grid.shape, 0, 0))
 
     def burn(self, arrival_s: Floats, at_s: float) -> None:
@@ -86,9 +87,9 @@ class MonitoringArea:
     def efficiency(self, footprints: Sequence[Footprint]) -> float:
         """Return the efficiency of the footprints (section 6.2).
 
-        It is the sum of the priorities in the union of the footprints, divided by the sum over all
-        footprints. A cell in two footprints counts twice in the second sum. The result is 1 if no
-        footprint contains a priority.
+        The efficiency is the sum of the priorities in the union of the footprints, divided by the
+        sum of the priorities over all footprints. In the divisor a cell in two footprints counts
+        twice. The result is 1 if no footprint contains a priority.
         """
         union = total = 0.0
         self._view += 1
@@ -151,9 +152,9 @@ def _seen(cells, priorities, seen_s, since_s):  # type: ignore[no-untyped-def]
 
 @kernel
 def _in_view(cells, priorities, views, view):  # type: ignore[no-untyped-def]
-    """Return the sum of the priorities in a view that were not counted yet, and the whole sum.
+    """Return the sum of the priorities in a view's uncounted cells, and in all its cells.
 
-    A cell is counted if ``views`` contains the number ``view`` there.
+    A cell counts as counted if ``views`` contains the number ``view`` at that cell.
     """
     new, total = 0.0, 0.0
     for cell in cells:

@@ -48,7 +48,8 @@ def run(
 def fly_experiment(experiment: Experiment, seed: int) -> tuple[Flight, float]:
     """Return one flight of 20 minutes, and the best coverage found for the fire at its end.
 
-    After a flight with complete coverage, no better placement is searched for.
+    If the flight reaches complete coverage, there is no search for a better placement, and the
+    second result is the flight's coverage.
     """
     rules = Rules(
         avoidance="intent" if experiment.avoids else "none", synchronises=experiment.synchronises

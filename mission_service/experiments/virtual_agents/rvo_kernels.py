@@ -40,7 +40,7 @@ def meets_after_s(away_x_m, away_y_m, rel_x_m_s, rel_y_m_s, radius_m):  # type: 
 def first_meeting_s(  # type: ignore[no-untyped-def]
     x_m, y_m, velocity_x, velocity_y, new_x, new_y, peers, radius_m, neighbourhood_m
 ):
-    """Return the time until the velocity ``new`` (RVO) meets a neighbour, infinity if never."""
+    """Return the time until the velocity ``new`` leads to a neighbour (RVO); infinity if never."""
     soonest_s = np.inf
     for row in range(peers.shape[0]):
         away_x = peers[row, X] + peers[row, VX] * peers[row, AGE_S] - x_m

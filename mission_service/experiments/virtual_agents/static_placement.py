@@ -1,9 +1,9 @@
 """Search offline for the best positions of n discs around a static fire.
 
-These positions are a reference for those of virtual agents. One disc at a time moves to the allowed
-cell where it adds most to the others; sums along rows give this exactly. The search runs from many
-starts, and then from the best result with some discs moved at random. Finally, discs are shifted by
-parts of a cell.
+These positions are a reference for the positions of virtual agents. One disc at a time moves to the
+allowed cell where the covered weight grows most, computed exactly from sums along rows. The search
+runs from many starts, and then from the best result with some discs moved at random. Finally, discs
+are shifted by parts of a cell.
 """
 
 import math
@@ -35,8 +35,8 @@ class Placement:
 def add_disc(weights, counts, row, col, radius, sign):  # type: ignore[no-untyped-def]
     """Add ``sign`` to ``counts`` within ``radius`` of a place, and return the changed weight.
 
-    The changed weight is what the disc adds to the other discs (sign 1), or what is lost without it
-    (sign -1). Lengths are in cells. A cell counts if its centre is within the radius.
+    The changed weight is the weight that only this disc covers: gained with sign 1, lost with sign
+    -1. Lengths are in cells. A cell counts if its centre is within the radius.
     """
     rows, cols = weights.shape
     changed = 0.0
@@ -51,7 +51,7 @@ def add_disc(weights, counts, row, col, radius, sign):  # type: ignore[no-untype
 
 @kernel
 def covered(weights, counts, places, radius):  # type: ignore[no-untyped-def]
-    """Return the weight that discs at ``places`` cover; ``counts`` is 0 on entry and on return."""
+    """Return the weight that discs at ``places`` cover; ``counts`` is all 0 before and after."""
     total = 0.0
     for place in places:
         total += add_disc(weights, counts, place[0], place[1], radius, 1)
@@ -62,7 +62,7 @@ def covered(weights, counts, places, radius):  # type: ignore[no-untyped-def]
 
 @kernel
 def best_cell(weights, counts, allowed, radius, sums):  # type: ignore[no-untyped-def]
-    """Return the allowed cell where a disc covers most weight not yet covered, and that weight.
+    """Return the allowed cell where a disc adds most weight to the covered weight, and this gain.
 
     ``sums`` (rows, cols + 1) is a work array for sums along rows.
     """
@@ -87,7 +87,7 @@ def best_cell(weights, counts, allowed, radius, sums):  # type: ignore[no-untype
 
 @kernel
 def settle(weights, counts, allowed, places, order, radius, sums):  # type: ignore[no-untyped-def]
-    """Move discs in turn to where they add most until none gains; return the covered weight.
+    """Move discs in turn to the best cell until no move gains; return the covered weight.
 
     ``places`` (n, 2) is changed; a disc with a negative row is not placed yet.
     """
@@ -114,7 +114,7 @@ def settle(weights, counts, allowed, places, order, radius, sums):  # type: igno
 
 @kernel
 def refine(weights, counts, allowed, places, radius):  # type: ignore[no-untyped-def]
-    """Shift discs by parts of a cell while that adds weight, and return the covered weight."""
+    """Shift discs by parts of a cell as long as the covered weight grows; return this weight."""
     rows, cols = weights.shape
     total = 0.0
     for place in places:
@@ -194,7 +194,7 @@ def best_placement(
     best, best_places = -1.0, np.empty((0, 2))
     for attempt in range(starts + kicks):
         if attempt == 0:
-            places = np.full((count, 2), -1.0)  # placed one after the other
+            places = np.full((count, 2), -1.0)  # -1: the disc is not placed yet
         elif attempt < starts:
             places = (cells[rng.integers(len(cells), size=count)] - corner).astype(np.float64)
         else:
@@ -246,7 +246,7 @@ def maps_of(fire: NDArray[np.int64], grid: MapGrid, settings: Settings) -> Agent
 def weights_of(maps: AgentMaps) -> Floats:
     """Return the monitoring-area map (y, x) of section 3.4.
 
-    It is 1 near fire, 0.2 farther away but within d_mon, and 0 elsewhere and on fire.
+    A weight is 1 near fire, 0.2 farther away but within d_mon, and 0 elsewhere and on fire.
     """
     weights = np.where(maps.augmentation > 0, 1.0, np.where(maps.monitored > 0, 0.2, 0.0))
     return np.where(maps.fire, 0.0, weights)

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-# Final coverage in percent in the paper's text and figures.
+# Final coverage, in percent, from the paper's text and figures.
 PAPER = {
     "Exp1": 100,
     "Exp2": 67,

@@ -32,8 +32,8 @@ Floats = NDArray[np.float64]
 CELL_M = 50.0
 STEP_S = 1.0
 P_SPREAD = 0.2
-ABREAST_M = 150.0  # between agents at the start
-PENALTY = 10.0  # for virtual agents that are at all times so near that UAVs fly over fire
+ABREAST_M = 150.0  # spacing of agents at the start
+PENALTY = 10.0  # weight of the share of time in which virtual agents lead UAVs over fire
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +60,7 @@ class Scenario:
     kind: Kind
     grid: MapGrid
     maps: AgentMaps
-    danger: NDArray[Any]  # not 0 where a virtual agent's UAV would fly over fire
+    danger: NDArray[Any]  # (y, x) not 0 where a virtual agent's UAV would fly over fire
     weights: Floats
     agents_m: Floats
 
@@ -114,7 +114,7 @@ def _fire(kind: Kind, rng: np.random.Generator) -> NDArray[np.bool_]:
 
 
 def flown(scenario: Scenario, constants: Floats) -> tuple[float, float]:
-    """Return the final coverage, and the share of time in which agents are too near to fire.
+    """Return the final coverage, and the share of time that agents are too near to fire.
 
     ``constants`` (8) are in the order of ``constants_array``.
     """
@@ -140,7 +140,7 @@ def flown(scenario: Scenario, constants: Floats) -> tuple[float, float]:
 
 
 def fitness(genes: tuple[float, ...], seed: int) -> float:
-    """Return the mean over a seed's scenarios of the final coverage minus the penalty."""
+    """Return the final coverage minus the penalty, averaged over a seed's scenarios."""
     constants = np.array(genes, dtype=np.float64)
     results = [flown(scenario, constants) for scenario in scenarios(seed)]
     return sum(covered - PENALTY * too_near for covered, too_near in results) / len(results)

@@ -9,15 +9,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firemodel.landscape.landscape import Landscape
-from mission_service.guidance.burn.line_flight import FlightConstraints, FlightPoint, Leg
+from mission_service.guidance.burn.lines.flight_constraints import (
+    FlightConstraints,
+    FlightPoint,
+    Leg,
+)
 from mission_service.ignition_plan import IgnitionPlan, PathPoint, PlannedDrop
 
 Floats = NDArray[np.float64]
 
-MAX_PROGRESS_M = 30.0  # in one update
+MAX_PROGRESS_M = 30.0  # maximum progress in one update
 HIGH_SHARE = 0.9  # a vehicle above this share of the safe height counts as at the safe height
-# For the fire of a vehicle's own spheres: the limit of the time margin, the spacing of samples
-# along a leg, and the number of points on the circle around a sample.
+# For the fire of a vehicle's own spheres: the upper limit of the time margin, the spacing of
+# samples along a leg, and the number of points on the circle around a sample.
 OWN_SOON_S, OWN_SAMPLES_M, OWN_RING_POINTS = 10.0, 5.0, 24
 
 
@@ -25,7 +29,7 @@ class PathProgress:
     """The progress of a vehicle along a path.
 
     ``points_m`` (n, 3) holds x, y and height in metres; ``after_s`` (n,) holds the times since the
-    path's begin.
+    path's start.
     """
 
     def __init__(self, points_m: Floats, after_s: Floats) -> None:
@@ -34,7 +38,7 @@ class PathProgress:
         steps = np.diff(points_m, axis=0)
         self._lengths_m = np.sqrt((steps * steps).sum(axis=1))
         self._along_m = np.concatenate([[0.0], np.cumsum(self._lengths_m)])
-        self.progress_m = 0.0  # along the path; never decreases
+        self.progress_m = 0.0  # progress along the path; never decreases
 
     @property
     def length_m(self) -> float:
@@ -48,7 +52,7 @@ class PathProgress:
 
     @property
     def after_s(self) -> float:
-        """Return the time since the path's begin that is planned for the present progress."""
+        """Return the time since the path's start that is planned for the present progress."""
         return float(np.interp(self.progress_m, self._along_m, self._after_s))
 
     def update(self, position_m: Floats) -> float:
@@ -89,14 +93,14 @@ class ApprovedPlan:
     """An approved plan and its progress."""
 
     plan: IgnitionPlan
-    progress: PathProgress  # in x, y and height above the ground
+    progress: PathProgress  # progress along the path in x, y and height above the ground
     targets_m: Floats  # (m, 2) targets of its drops
     next_drop: int = 0
     sent: bool = False
 
 
 def approved_plan_of(plan: IgnitionPlan, landscape: Landscape) -> ApprovedPlan:
-    """Return the approved plan for a plan whose flight has not yet begun."""
+    """Return a plan as an ``ApprovedPlan`` with no progress and no drops yet."""
     height_m, after_s = np.array([(point.height_m, point.after_s) for point in plan.path]).T
     progress = PathProgress(np.column_stack([_xy(plan.path, landscape), height_m]), after_s)
     return ApprovedPlan(plan, progress, _xy(plan.drops, landscape))
@@ -109,15 +113,15 @@ def _xy(points: Sequence[PathPoint | PlannedDrop], landscape: Landscape) -> Floa
 
 
 def first_danger_s(path: Floats, air: FlightConstraints, own_sources: Floats) -> float | None:
-    """Return the begin of the first leg that comes too near to fire, in mission time, or None.
+    """Return the start of the first leg that comes too near to fire, in mission time, or None.
 
-    The columns of ``path`` (n, 4) are x, y, height and mission time. The rules are those of
+    The columns of ``path`` (n, 4) are x, y, height and mission time. The rules are the rules of
     planning, except that ``HIGH_SHARE`` of the safe height suffices, because no vehicle holds its
     height exactly. The result is None if the whole path is safe.
 
     ``own_sources`` (m, 3) holds the spheres that the vehicle has dropped on this path. The plan
-    ensures that the vehicle leaves them in time. So they are too near only if their fire is within
-    reach, or will be within a few seconds.
+    ensures that the vehicle leaves these spheres in time. The fire of a sphere is therefore too
+    near only if it is within reach, or will be within a few seconds.
     """
     safe_m = air.settings.safe_height_m
     places = [
@@ -138,8 +142,8 @@ def first_danger_s(path: Floats, air: FlightConstraints, own_sources: Floats) ->
 def _own_margin_s(leg: Leg, air: FlightConstraints, own_sources: Floats) -> float:
     """Return the smallest time by which a leg is ahead of the fire of the vehicle's own spheres.
 
-    The fire of a sphere within reach counts from its ignition. The fire of a sphere farther away
-    counts from the time at which it comes within reach.
+    The fire of a sphere within reach is tested from its ignition on. The fire of a sphere farther
+    away is tested from the time at which it comes within reach.
     """
     begin, end = np.array(leg[0]), np.array(leg[1])
     count = max(math.ceil(math.dist(begin[:2], end[:2]) / OWN_SAMPLES_M), 1) + 1

@@ -12,21 +12,21 @@ import shapely
 from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
-from mission_service.guidance.burn.hazard import LONG_AGO_S
-from mission_service.guidance.burn.ignition_lines import only_areas
+from mission_service.guidance.burn.lines.hazard import LONG_AGO_S
+from mission_service.guidance.burn.lines.ignition_lines import only_areas
 from mission_service.guidance.burn.plan_summary import in_feet
 from mission_service.guidance.burn.whole_burn import WholeBurn
 
 Floats = NDArray[np.float64]
 
 M2_PER_ACRE, M_PER_CHAIN = 4046.8564224, 20.1168
-TIMES = 61  # number of fire fronts
+TIMES = 61  # number of fire fronts in a report
 FRONT_CELL_M, FRONT_NODES = 3.0, 20_000
 LOAD_COLOURS = ("#0b3c8c", "#7a0177", "#00695c", "#4e342e", "#33691e", "#ad1457")
 
 
 def slider_times_s(burn: WholeBurn, count: int = TIMES) -> Floats:
-    """Return ``count`` evenly spaced times from the begin of a burn to its end."""
+    """Return ``count`` evenly spaced times from the start of a burn to its end."""
     return np.linspace(burn.begin_s, max(burn.end_s, burn.begin_s + 1.0), count)
 
 
@@ -47,7 +47,7 @@ def ignition_raster(burn: WholeBurn, area: BaseGeometry) -> tuple[Floats, Floats
 def burned_areas(
     burn: WholeBurn, area: BaseGeometry, times_s: Floats, simplified_m: float = 1.0
 ) -> list[BaseGeometry]:
-    """Return the burned area at each time as polygons with holes; it is empty before any fire."""
+    """Return the burned area at each time as polygons with holes; each is empty before the fire."""
     x, y, ignition_s = ignition_raster(burn, area)
     never = float(np.max(times_s)) + 1e6
     lines = contourpy.contour_generator(
@@ -140,7 +140,7 @@ def draw_burn(path: Path, burn: WholeBurn, area: BaseGeometry, title: str) -> No
     shades = axes.imshow(
         minutes, cmap="autumn", extent=edges, origin="lower", alpha=0.7, vmin=0.0, vmax=until
     )
-    figure.colorbar(shades, ax=axes, label="fire arrival, minutes after the begin", shrink=0.7)
+    figure.colorbar(shades, ax=axes, label="fire arrival, minutes after the start", shrink=0.7)
     for ring in shapely.get_rings(shapely.get_parts(area)):
         axes.plot(*(shapely.get_coordinates(ring) - (west, south)).T, color="black")
     for line in burn.lines:

@@ -16,9 +16,9 @@ from mission_service.errors import MissionServiceError
 from mission_service.events import BurnUnitSet, PersonReported, PlanRequested
 from mission_service.fire.estimated_fire import EstimatedFire, toward
 from mission_service.guidance.burn.burn_unit import ExclusionCircle, burn_unit_of
-from mission_service.guidance.burn.hazard import hazard_of
-from mission_service.guidance.burn.line_flight import FlightConstraints
-from mission_service.guidance.burn.line_planner import (
+from mission_service.guidance.burn.lines.flight_constraints import FlightConstraints
+from mission_service.guidance.burn.lines.hazard import hazard_of
+from mission_service.guidance.burn.lines.line_planner import (
     LinePlan,
     NoPlan,
     Situation,
@@ -32,8 +32,8 @@ from mission_service.ignition_plan import IgnitionPlan, PlannedDrop
 from mission_service.position_fix import PositionFix
 from mission_service.vehicles.vehicle_state import Vehicle
 
-# Added to the margins of plans, because a flight deviates from its plan. Flights are monitored with
-# the margins alone.
+# Plans have these additions to their margins, because a flight deviates from its plan. Flights are
+# monitored without these additions.
 SLACK_S, SLACK_M = 20.0, 3.0
 AROUND_M = 12.0  # radius around home and vehicle in which fire is also monitored
 NO_FIRE_S = 86400.0  # time margin of a path that no fire approaches
@@ -99,7 +99,7 @@ class BurnState:
         return None
 
     def calibrate_altitude(self, fix: PositionFix) -> None:
-        """Set the autopilot's altitude minus the landscape's, from a position on the ground."""
+        """Set the autopilot's altitude minus the landscape's altitude, from a fix on the ground."""
         self._above_map_m = round(fix.altitude_m - self._ground_m(fix), 1)
 
     # Outputs ----------------------------------------------------------------------------------
@@ -130,7 +130,7 @@ class BurnState:
         return round(float(lat_deg), 7), round(float(lon_deg), 7)
 
     def map_shapes(self) -> dict[str, Any]:
-        """Return the unit's areas as rings (lat, lon) and the circles around people for display."""
+        """Return the unit's areas (rings of lat, lon) and the circles around people, to display."""
         unit = self.unit
         return {
             "unit": self._rings(unit.area),
@@ -192,7 +192,7 @@ class BurnState:
     def next_plan(
         self, vehicle: Vehicle, fix: PositionFix, begin_s: float
     ) -> tuple[LinePlan, IgnitionPlan] | NoPlan:
-        """Plan the next line; return the plan twice, as it was found and as data to approve.
+        """Plan the next line; return it as a ``LinePlan``, and as an ``IgnitionPlan`` to approve.
 
         Returns a ``NoPlan`` if no line can be planned.
         """

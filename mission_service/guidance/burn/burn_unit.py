@@ -17,13 +17,13 @@ from firemodel.landscape.landscape import Landscape
 from firemodel.landscape.readers.shapes import box_of, read_shapes
 from mission_service.config.sections import BurnSection
 from mission_service.errors import MissionServiceError
-from mission_service.guidance.burn.ignition_lines import only_areas
-from mission_service.guidance.burn.visibility_graph import VisibilityGraph
+from mission_service.guidance.burn.lines.ignition_lines import only_areas
+from mission_service.guidance.burn.lines.visibility_graph import VisibilityGraph
 
 Floats = NDArray[np.float64]
 Corners = tuple[tuple[float, float], ...]  # lat_deg, lon_deg
 
-ARC = 16  # segments of a quarter circle
+ARC = 16  # number of segments of a quarter circle
 MIN_AREA_M2 = 1.0
 CLEAR_M = 0.01  # added to margins for rounding errors
 
@@ -89,7 +89,7 @@ class BurnUnit:
         return np.asarray(good, np.bool_)
 
     def with_people(self, people: tuple[ExclusionCircle, ...]) -> "BurnUnit":
-        """Return the same unit with other people instead of the present ones."""
+        """Return a copy of the unit with ``people`` in place of the present people."""
         return replace(self, people=people)
 
     def digest(self, settings: BurnSection) -> str:
@@ -106,7 +106,7 @@ class BurnUnit:
 
 
 def _grown(shape: BaseGeometry, by_m: float) -> BaseGeometry:
-    """Return a buffer that contains the exact one, as its polygonal arcs lie outside the true arcs.
+    """Return a polygonal buffer that contains the exact buffer, because it encloses the true arcs.
 
     If the shape is empty or the distance is not positive, the shape is returned unchanged.
     """

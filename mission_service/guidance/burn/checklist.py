@@ -18,7 +18,7 @@ class Checklist:
 
     @property
     def open_items(self) -> tuple[str, ...]:
-        """Return the items that are not GO, in the order of the list."""
+        """Return the items that are not GO, in the checklist's order."""
         return tuple(
             item for item in self.items if item not in self._answers or not self._answers[item].go
         )
@@ -44,16 +44,18 @@ class Checklist:
         if not self._answers:
             return None
         self._answers.clear()
-        return f"GO list: all {len(self.items)} items are open again ({why})"
+        return f"GO/NO-GO checklist: all {len(self.items)} items are open again ({why})"
 
     def _answered(self, event: ChecklistAnswered) -> str:
         if event.item not in self.items:
-            return f'GO list: "{event.item}" is not an item; the items are: {"; ".join(self.items)}'
+            items = "; ".join(self.items)
+            return f'GO/NO-GO checklist: "{event.item}" is not an item; the items are: {items}'
         self._answers[event.item] = event
         word = "GO" if event.go else "NO-GO"
         left = len(self.open_items)
         state = "complete" if not left else f"{left} of {len(self.items)} open"
-        return f'GO list: {word} for "{event.item}" by {event.by} at {event.station}; {state}'
+        answer = f'{word} for "{event.item}" by {event.by} at {event.station}'
+        return f"GO/NO-GO checklist: {answer}; {state}"
 
     def status(self) -> dict[str, Any]:
         """Return each item with its answer ("go", "no-go" or "open") and the operator's name."""

@@ -24,7 +24,6 @@ from mission_service.commands import (
     REJECTED,
     Announce,
     AnyCommand,
-    ClimbAndHold,
     Drop,
     ProposePlan,
     WithdrawPlan,
@@ -53,27 +52,26 @@ from mission_service.events import (
     WindMeasured,
 )
 from mission_service.fire.estimated_fire import EstimatedFire
-from mission_service.fire.setup import weather_of
+from mission_service.fire.scenario_fire import weather_of
 from mission_service.guidance.burn.approved_plan import (
-    HIGH_SHARE,
     ApprovedPlan,
     approved_plan_of,
-    first_danger_s,
 )
 from mission_service.guidance.burn.burn_state import BurnState
 from mission_service.guidance.burn.checklist import Checklist
 from mission_service.guidance.burn.due_drops import due_drops
-from mission_service.guidance.burn.line_planner import LinePlan, NoPlan
+from mission_service.guidance.burn.lines.line_planner import LinePlan, NoPlan
 from mission_service.guidance.burn.plan_approval import ApprovalTracker
 from mission_service.guidance.burn.plan_mission import mission_items
 from mission_service.guidance.burn.plan_validity import (
     WindFrom,
     mean_wind,
-    plan_problem,
     wind_differs,
 )
+from mission_service.guidance.burn.plan_watch import invalid_reason
+from mission_service.guidance.burn.planners import Undecided
+from mission_service.guidance.burn.safe_climb import SafeClimb
 from mission_service.guidance.protocol import Awaited, Decision, Guidance
-from mission_service.ignition_plan import IgnitionPlan
 from mission_service.position_fix import PositionFix
 from mission_service.vehicles.availability import named_mode
 from mission_service.vehicles.missions_sent import MissionsSent
@@ -83,9 +81,8 @@ from mission_service.vehicles.vehicle_state import Vehicle, announce
 Floats = NDArray[np.float64]
 Phase = Literal["waiting", "planning", "proposed", "approved", "flying", "climbing"]
 
-REPEAT_CLIMB_S, CLIMB_SHARE = 5.0, 1.05  # interval of climb commands; share of the safe height
 CHECK_EVERY_S, CHECK_PROPOSED_EVERY_S = 1.0, 5.0
-BEGINS_ON_GROUND_S, BEGINS_IN_AIR_S = 30.0, 15.0  # planned begin after the proposal
+BEGINS_ON_GROUND_S, BEGINS_IN_AIR_S = 30.0, 15.0  # from the proposal to the planned start
 OFF_PATH_M = 12.0
 AT_END_M = 3.0
 WIND_COUNT = 3  # successive measurements that must differ from the planned wind
@@ -118,7 +115,8 @@ class BurnFlight(Guidance):
         self._after_climb: Phase = "planning"
         self._mode, self._armed, self._fix_good, self._manual_control = "", False, True, False
         self._battery_pct: float | None = None
-        self._climbed_at_s = self._checked_at_s = -math.inf
+        self._safe_climb = SafeClimb(self.state)
+        self._checked_at_s = -math.inf
         self._reloads = False
         self._winds: list[WindFrom] = []
 
@@ -196,7 +194,7 @@ class BurnFlight(Guidance):
             case WindMeasured() if vehicle.availability.airborne:
                 return self._wind_measured(event)
             case Observed():
-                self.state.fire.apply(event)  # the plan is checked once a second
+                self.state.fire.apply(event)  # a check each second follows
         return []
 
     # Fire, unit and wind ----------------------------------------------------------------------
@@ -230,30 +228,10 @@ class BurnFlight(Guidance):
 
     def _why_invalid(self, at_s: float) -> str | None:
         """Return why the present plan is no longer valid; None if it is valid or there is none."""
-        plan = self.approvals.plan
+        plan, flown = self.approvals.plan, self._flown if self.phase == "flying" else None
         if plan is None:
             return None
-        if plan.digest != self.state.unit.digest(self.state.burn):
-            return "the burn unit, its people or its settings have changed since the plan"
-        differs = wind_differs(plan, self.state.wind_from(at_s), self.state.burn)
-        return differs or self._danger_ahead(plan, at_s)
-
-    def _danger_ahead(self, plan: IgnitionPlan, at_s: float) -> str | None:
-        """Return why the path that remains must not be flown; None if it is safe."""
-        flown, vehicle = self._flown, self._vehicle
-        if vehicle is None or vehicle.availability.fix is None or self._found is None:
-            return None
-        fix = vehicle.availability.fix
-        if flown is None or self.phase != "flying":
-            begins = self.state.situation(vehicle, fix, max(at_s, plan.begin_us / 1e6))
-            return plan_problem(self._found, begins, self.state.burn) or None
-        path = flown.progress.ahead(at_s)
-        path[0, :3] = fix.x_m, fix.y_m, self.state.height_m(fix)
-        air = self.state.air(vehicle, fix, at_s)
-        danger_s = first_danger_s(path, air, self.state.fire.held)
-        if danger_s is None:
-            return None
-        return f"fire would be too near to the path in {max(danger_s - at_s, 0.0):.0f} s"
+        return invalid_reason(self.state, plan, self._found, flown, self._vehicle, at_s)
 
     # Plans and approvals ----------------------------------------------------------------------
 
@@ -264,7 +242,8 @@ class BurnFlight(Guidance):
         fix = vehicle.availability.fix
         if fix is None:
             return []
-        if not (vehicle.availability.airborne or self._armed or vehicle.deployed):  # on the ground
+        # The vehicle is on the ground.
+        if not (vehicle.availability.airborne or self._armed or vehicle.deployed):
             self.state.calibrate_altitude(fix)
         why = self._why_expired(round(at_s * 1e6))
         if why is None and self.phase in ("proposed", "approved"):
@@ -281,7 +260,7 @@ class BurnFlight(Guidance):
         return []
 
     def _why_expired(self, at_us: int) -> str | None:
-        """Return why the plan or its approval has expired; None if neither has."""
+        """Return why the plan or its approval has expired; None if neither has expired."""
         expired = "the plan has expired" if self.approvals.is_expired(at_us) else None
         return self.approvals.expiry_reason(at_us) or expired
 
@@ -301,7 +280,7 @@ class BurnFlight(Guidance):
     def _may_plan(self, vehicle: Vehicle, fix: PositionFix) -> bool:
         if not self._fix_good or self._battery_low or vehicle.going_home or self.complete:
             return False
-        return not vehicle.availability.airborne or self._is_high(fix)
+        return not vehicle.availability.airborne or self._safe_climb.is_high(fix)
 
     def _plan_requested(self, event: PlanRequested) -> list[AnyCommand]:
         if self.phase in ("flying", "approved", "climbing"):
@@ -390,7 +369,7 @@ class BurnFlight(Guidance):
     # In the air -------------------------------------------------------------------------------
 
     def first_path(self, vehicle: Vehicle, fix: PositionFix) -> Floats | None:
-        """Return the approved plan's path (n, 2), x and y in metres; None if it has been sent."""
+        """Return the path (n, 2) of the approved plan; None once its mission is sent."""
         flown = self._flown
         if self.phase != "approved" or flown is None or flown.sent:
             return None
@@ -423,8 +402,8 @@ class BurnFlight(Guidance):
         return self._climb(vehicle, fix)
 
     def way_home(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand] | None:
-        """Return the climb to the safe height before a return home; None if it is reached."""
-        return None if self._is_high(fix) else self._climb(vehicle, fix)
+        """Return the climb to the safe height before a return home; None at the safe height."""
+        return None if self._safe_climb.is_high(fix) else self._climb(vehicle, fix)
 
     def _fly(self, vehicle: Vehicle, flown: ApprovedPlan, fix: PositionFix) -> list[AnyCommand]:
         off_m = flown.progress.update(np.array([fix.x_m, fix.y_m, self.state.height_m(fix)]))
@@ -502,24 +481,25 @@ class BurnFlight(Guidance):
         self.state.fire.let_go()
 
     def _stop(self, why: str, then: Phase = "planning", always: bool = False) -> list[AnyCommand]:
-        """Withdraw the plan; an airborne vehicle under it climbs to the safe height and holds.
+        """Withdraw the plan; an airborne vehicle that flies it climbs to the safe height and holds.
 
-        If ``always``, an airborne vehicle climbs and holds even without a plan. When the climb has
-        ended, or if there is none, the phase ``then`` begins.
+        If ``always``, an airborne vehicle climbs and holds even without a plan. The phase ``then``
+        begins when the climb has ended, or at once if no climb is needed.
         """
         vehicle, flew = self._vehicle, self.phase in ("approved", "flying", "climbing")
         commands = self._withdraw(why)
         if vehicle is None or not vehicle.availability.airborne or not (flew or always):
             self.phase = then
             if vehicle is not None and not vehicle.availability.airborne:
-                # Prevents a takeoff with a mission that may be on board.
+                # The hold prevents a takeoff with a mission that may be on board.
                 vehicle.deployed = vehicle.started = False
                 vehicle.drop_upload()
                 vehicle.flown_line = vehicle.start_again_at_s = None
             return commands
         vehicle.drop_upload()
         vehicle.flown_line = None
-        self.phase, self._after_climb, self._climbed_at_s = "climbing", then, -math.inf
+        self.phase, self._after_climb = "climbing", then
+        self._safe_climb.restart()
         fix = vehicle.availability.fix
         if vehicle.availability.flies and fix is not None and self._fix_good:
             commands += self._climb(vehicle, fix)
@@ -527,20 +507,11 @@ class BurnFlight(Guidance):
 
     def _climb(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand]:
         """Return a climb straight up to the safe height, unless the vehicle is flown manually."""
-        ordered = self._climbed_at_s > -math.inf
-        if self._is_high(fix) and (ordered or self.phase != "climbing"):
+        if self._safe_climb.is_high(fix) and (self._safe_climb.ordered or self.phase != "climbing"):
             if self.phase == "climbing":
                 vehicle.holding, self.phase = True, self._after_climb
             return []
-        if self._manual_control or fix.at_s - self._climbed_at_s < REPEAT_CLIMB_S:
-            return []
-        self._climbed_at_s = fix.at_s
-        safe_m = self.state.altitude_m(fix, CLIMB_SHARE * self.state.burn.safe_height_m)
-        altitude_m = round(max(safe_m, fix.altitude_m), 1)
-        return [ClimbAndHold(self._name, *self.state.lat_lon(fix.x_m, fix.y_m), altitude_m)]
-
-    def _is_high(self, fix: PositionFix) -> bool:
-        return self.state.height_m(fix) >= HIGH_SHARE * self.state.burn.safe_height_m
+        return [] if self._manual_control else self._safe_climb.order(self._name, fix)
 
     def _mode_changed(self, vehicle: Vehicle, event: ModeChanged) -> list[AnyCommand]:
         was_armed = self._armed
@@ -576,26 +547,10 @@ class BurnFlight(Guidance):
 
 
 def burn_flight(guidance: Guidance) -> BurnFlight:
-    """Return a run's guidance as a ``BurnFlight``. Raises MissionServiceError if it is none."""
+    """Return a run's guidance as a ``BurnFlight``.
+
+    Raises MissionServiceError if the guidance is of another type.
+    """
     if not isinstance(guidance, BurnFlight):
         raise MissionServiceError("this run is not a burn")
     return guidance
-
-
-class Undecided:
-    """A planner that decides nothing, because the vehicle of a burn flies approved plans."""
-
-    def observe(self, observed: Observed) -> None:
-        """Do nothing."""
-
-    def correct(self, observed: Observed) -> None:
-        """Do nothing: corrections apply to the burn's estimated fire."""
-
-    def wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
-        """Do nothing."""
-
-    def at(self, row: float, col: float, at_s: float) -> None:
-        """Do nothing."""
-
-    def left(self, at_s: float) -> None:
-        """Do nothing."""

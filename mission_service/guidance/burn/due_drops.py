@@ -18,8 +18,9 @@ from mission_service.guidance.burn.sphere_account import PointXY, Sphere
 from mission_service.position_fix import PositionFix
 
 TELEMETRY_S = 0.1
-RELEASES_BEFORE_S = 6.0  # earliest time of a drop before its time in the plan
-LOW_SHARE, HIGH_SHARE, FAST_SHARE = 0.7, 1.4, 1.3  # limits, as shares of planned height and speed
+RELEASES_BEFORE_S = 6.0  # a sphere is released at most this long before its planned time
+# Limits of a drop, as shares of the planned height (lowest, highest) and of the planned speed.
+LOW_SHARE, HIGH_SHARE, FAST_SHARE = 0.7, 1.4, 1.3
 
 
 class DueDrop(NamedTuple):
@@ -36,7 +37,7 @@ class DueDrop(NamedTuple):
 
 
 def due_drops(state: BurnState, flown: ApprovedPlan, fix: PositionFix) -> Iterator[DueDrop]:
-    """Yield the drops of a plan that have become due, in their order, and each only once."""
+    """Yield the drops of a plan that have become due, in the plan's order, and each only once."""
     drops, until_s = flown.plan.drops, flown.progress.after_s + RELEASES_BEFORE_S
     if flown.next_drop == len(drops) or until_s < drops[flown.next_drop].after_s:
         return

@@ -9,7 +9,6 @@ import math
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any
 
 import msgspec
@@ -51,23 +50,20 @@ from mission_service.events import (
     VehicleConnected,
     VehicleRebooted,
 )
-from mission_service.ground_distance import distance_m
+from mission_service.guidance.burn.drop_limits import (
+    Circle,
+    place_problem,
+    planned_drop,
+    target_problem,
+)
 from mission_service.guidance.burn.plan_mission import has_drop
 from mission_service.ignition_plan import IgnitionPlan, plan_hash
 from mission_service.vehicles.availability import named_mode
 
 POSITION_GOOD_US = 1_500_000
 MINUTE_US = 60_000_000
-GOING_HOME = ("return", "land")  # modes, in the bridge's names
+GOING_HOME = ("return", "land")  # the bridge's names of these modes
 AIRBORNE_M = 2.0
-# Tolerances for the position and height of a drop. They exclude gross errors only, since the
-# controller computes the exact impact point (drop_release.py).
-LATE_S = 1.0
-OFF_PATH_M = 5.0
-HEIGHT_SHARE, MIN_BAND_M = 0.5, 5.0
-GRAVITY_M_S2 = 9.81
-
-Circle = tuple[float, float, float]  # lat_deg, lon_deg, radius_m
 
 
 @dataclass
@@ -80,7 +76,7 @@ class _Vehicle:
     fix: Telemetry | None = None
     battery_pct: float | None = None
     fix_good: bool = False
-    used: int = 0  # spheres of this load whose drop was ordered
+    used: int = 0  # spheres of the present load whose drops were ordered
 
 
 @dataclass
@@ -88,7 +84,7 @@ class _Plan:
     """A proposed plan and its approval."""
 
     plan: IgnitionPlan
-    proposed_host_us: int | None = None  # time on the host's clock
+    proposed_host_us: int | None = None  # time of the proposal on the host's clock
     approved: Approved | None = None
     approved_host_us: int | None = None
     attended_us: int = 0  # time of the last input that shows an approver's presence
@@ -100,14 +96,15 @@ class _Plan:
 class Interlock:
     """The interlock, which checks each drop immediately before it is sent.
 
-    It must receive all events and commands in order. An approval counts only if the plan was
-    proposed, the station is in the scenario, and the GO list is complete. The approval remains
-    valid while its operator, or another one with the role approve, gives input at that station.
-    Time limits apply both to mission time and to the host's clock. A NO-GO ends the approval.
+    The interlock must receive all events and commands in order. An approval is accepted only if the
+    plan was proposed, the station is in the scenario, and the GO/NO-GO checklist is complete. The
+    approval remains valid while its operator, or another operator with the role approve, gives
+    input at the station of the approval. Time limits apply both to mission time and to the host's
+    clock. A NO-GO ends the approval.
 
     An abort, a restart of service or autopilot, a return home, and a landing also end the approval,
-    and reset every item of the GO list. Drops are then refused until all items are GO and a plan is
-    approved again. Each drop is allowed only once, whatever its outcome.
+    and reset every item of the GO/NO-GO checklist. Drops are then refused until all items are GO
+    and a plan is approved again. Each drop is allowed only once, whatever its outcome.
     """
 
     def __init__(self, burn: BurnSection, unit: BaseGeometry | None = None) -> None:
@@ -145,7 +142,8 @@ class Interlock:
     def on_commands(self, commands: Iterable[AnyCommand]) -> None:
         """Update the state from commands.
 
-        A drop must be applied after the call of ``refuses`` for it, whatever the result.
+        Call ``refuses`` for a drop first, and pass the drop to this method afterwards, whatever the
+        result.
         """
         for command in commands:
             match command:
@@ -219,7 +217,7 @@ class Interlock:
         vehicle.armed, vehicle.mode = event.armed, event.mode
         airborne = vehicle.fix is not None and vehicle.fix.altitude_relative_m > AIRBORNE_M
         if landed:
-            vehicle.used = 0  # the GO list requires a reload before the next flight
+            vehicle.used = 0  # the GO/NO-GO checklist requires a reload before the next flight
             self._restart("the vehicle has landed")
         elif event.armed and airborne and event.mode in GOING_HOME:
             self._restart(f"the vehicle was recalled (mode {event.mode})")
@@ -241,7 +239,7 @@ class Interlock:
         elif not event.by.strip() or event.by == "service":
             entry.why_not = "its approval has no name of an operator"
         elif self.open_items:
-            entry.why_not = "approved before the GO list was complete; approve again"
+            entry.why_not = "approved before the GO/NO-GO checklist was complete; approve again"
         else:
             entry.approved, entry.approved_host_us = event, self._host_us
             entry.attended_us, entry.attended_host_us = event.at_us, self._host_us
@@ -259,9 +257,9 @@ class Interlock:
                 entry.approved, entry.why_not = None, why
 
     def _restart(self, why: str) -> None:
-        """End all approvals and reset every item of the GO list."""
+        """End all approvals and reset every item of the GO/NO-GO checklist."""
         self._go.clear()
-        self._void(f"{why}; answer the GO list and approve a plan again")
+        self._void(f"{why}; answer the GO/NO-GO checklist and approve a plan again")
 
     def _order(self, drop: Drop) -> None:
         self._dropped_us.append(self._at_us)
@@ -274,7 +272,7 @@ class Interlock:
 
     @property
     def open_items(self) -> tuple[str, ...]:
-        """Return the items of the GO list that are not GO."""
+        """Return the items of the GO/NO-GO checklist that are not GO."""
         return tuple(item for item in self._burn.go_items if item not in self._go)
 
     def status(self) -> dict[str, Any]:
@@ -348,7 +346,8 @@ class Interlock:
         if age_us > burn.approval_s * 1e6:
             return f"{name}: its approval is older than {burn.approval_s:g} s"
         if self.open_items:
-            return f"GO list: {len(self.open_items)} items open, the first: {self.open_items[0]}"
+            count, first = len(self.open_items), self.open_items[0]
+            return f"GO/NO-GO checklist: {count} items open, the first: {first}"
         absent_us = max(at_us - entry.attended_us, self._elapsed_us(entry.attended_host_us))
         if absent_us > burn.approver_timeout_s * 1e6:
             since = (
@@ -382,40 +381,14 @@ class Interlock:
     def _place_refuses(self, plan: IgnitionPlan, drop: Drop) -> str | None:
         fix = self._vehicles[drop.vehicle].fix
         assert fix is not None
-        planned = next(planned for planned in plan.drops if planned.number == drop.number)
-        place = (planned.lat_deg, planned.lon_deg)
-        ground_m = ground_amsl_m(plan, planned.after_s)
-        away_m = distance_m(place, (fix.lat_deg, fix.lon_deg))
-        reach_m = self._reach_m(plan)
-        if not away_m <= reach_m:
-            return f"{drop.vehicle} is {away_m:.0f} m off drop {drop.number} (max {reach_m:.0f} m)"
-        miss_m = distance_m(place, (drop.lat_deg, drop.lon_deg))
-        if not miss_m <= self._burn.max_miss_m:
-            return f"drop {drop.number} would fall {miss_m:.1f} m off its target"
-        height_m = math.nan if ground_m is None else fix.altitude_amsl_m - ground_m
-        band_m = max(MIN_BAND_M, HEIGHT_SHARE * plan.drop_height_m)
-        if not abs(height_m - plan.drop_height_m) <= band_m:
-            required = f"{plan.drop_height_m:.0f} ± {band_m:.0f} m"
-            return f"{drop.vehicle} is {height_m:.0f} m above the drop's target, not {required}"
-        for name, area in self._areas.items():
-            if not shapely.contains_xy(area, place[1], place[0]):
-                return f"drop {drop.number} lies outside the {name}"
-        for name, (lat_deg, lon_deg, radius_m) in self._people.items():
-            if radius_m > 0.0 and distance_m(place, (lat_deg, lon_deg)) <= radius_m:
-                return f"drop {drop.number} lies within {radius_m:.0f} m of {name}"
-        return None
-
-    def _reach_m(self, plan: IgnitionPlan) -> float:
-        """Return the largest horizontal distance allowed between a vehicle and its target."""
-        fall_s = math.sqrt(2.0 * plan.drop_height_m / GRAVITY_M_S2)
-        duration_s = self._burn.dropper.delay_s + fall_s + LATE_S
-        max_speed_m_s = max(plan.speed_m_s, plan.wind_speed_m_s)
-        return max_speed_m_s * duration_s + self._burn.max_miss_m + OFF_PATH_M
+        return target_problem(self._burn, plan, drop, fix) or place_problem(
+            planned_drop(plan, drop), self._areas, self._people
+        )
 
     def _payload_refuses(self, name: str, at_us: int) -> str | None:
         burn = self._burn
         if self._vehicles[name].used >= burn.spheres:
-            return f"{name}: all {burn.spheres} spheres of the load were ordered"
+            return f"{name}: all {burn.spheres} spheres of the load are used"
         in_minute = sum(at_us - dropped_us < MINUTE_US for dropped_us in self._dropped_us)
         if in_minute >= burn.max_drops_per_min:
             return f"{in_minute} drops in a minute; at most {burn.max_drops_per_min:g} are allowed"
@@ -427,16 +400,6 @@ def _shows_presence(event: OperatorEvent, approved: Approved) -> bool:
     if isinstance(event, Resumed) or event.station != approved.station:
         return False
     return event.by == approved.by or event.may_approve
-
-
-def ground_amsl_m(plan: IgnitionPlan, after_s: float) -> float | None:
-    """Return the altitude of the ground under a plan's path at a time; None outside its times."""
-    for start, end in pairwise(plan.path):
-        if start.after_s <= after_s <= end.after_s:
-            share = (after_s - start.after_s) / max(end.after_s - start.after_s, 1e-9)
-            ground_m = [point.altitude_amsl_m - point.height_m for point in (start, end)]
-            return ground_m[0] + share * (ground_m[1] - ground_m[0])
-    return None
 
 
 def _polygon(corners: Iterable[tuple[float, float]]) -> shapely.Polygon:

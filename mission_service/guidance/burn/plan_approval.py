@@ -1,4 +1,4 @@
-"""Tracks the proposed plan and its approval: who approved it, where, and until when."""
+"""Tracks the proposed plan and its approval, with the approver, the station and the time limit."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -35,7 +35,7 @@ class PlanApproval:
     by: str
     station: str
     at_us: int
-    host_us: int  # time on the host's clock
+    host_us: int  # time of the approval on the host's clock
 
 
 class ApprovalTracker:
@@ -61,9 +61,9 @@ class ApprovalTracker:
         self._host_us = event.monotonic_us
 
     def on_operator_input(self, event: OperatorEvent) -> None:
-        """Record that an approver is present, if this is an approver's input at the same station.
+        """Record that an approver is present, if an approver made this input.
 
-        The station must be that of the approval.
+        The input must be from the station of the approval.
         """
         approval = self.approval
         if approval is None or isinstance(event, Resumed) or event.station != approval.station:
@@ -117,7 +117,7 @@ class ApprovalTracker:
         return None
 
     def withdraw(self) -> None:
-        """Withdraw the plan and its approval, if any."""
+        """Withdraw the plan and its approval, if there is a plan."""
         if self.plan is not None:
             self._enter(PlanPhase.NONE)
         self.plan, self.plan_hash, self.approval = None, "", None

@@ -79,8 +79,8 @@ def mission_items(
 def return_height_m(scenario: Scenario, landscape: Landscape) -> float | None:
     """Return the height above home at which a return is safe; None without a burn.
 
-    It is the safe height above the highest ground in the rectangle around home and the unit.
-    Raises FireModelError if the landscape has no elevation.
+    The return is at the safe height above the highest ground in the rectangle around home and the
+    unit. Raises FireModelError if the landscape has no elevation.
     """
     burn = scenario.burn_flown
     if burn is None:
@@ -102,7 +102,7 @@ def _steps(begin_m: float, end_m: float, landscape: Landscape) -> Floats:
 
 
 def _safe_amsl_m(point: PathPoint, burn: BurnSection) -> float:
-    """Return the altitude of the safe height at a point, or the point's own if that is higher."""
+    """Return the altitude of the safe height at a point; at least the point's own altitude."""
     lift_m = max(burn.safe_height_m - point.height_m, 0.0)
     return round(point.altitude_amsl_m + lift_m, 2)
 

@@ -9,14 +9,14 @@ import numpy as np
 
 from mission_service.config.sections import BurnSection
 from mission_service.guidance.burn.drop_release import VehicleMotion, impact_point
-from mission_service.guidance.burn.line_flight import (
+from mission_service.guidance.burn.lines.flight_constraints import (
     FlightConstraints,
     FlightPoint,
     Leg,
-    SphereFires,
     point_on_leg,
 )
-from mission_service.guidance.burn.line_planner import LinePlan, Situation, constraints_of
+from mission_service.guidance.burn.lines.line_planner import LinePlan, Situation, constraints_of
+from mission_service.guidance.burn.lines.sphere_fires import SphereFires
 from mission_service.ignition_plan import IgnitionPlan
 
 ROUNDED_S = 1e-6
@@ -27,8 +27,8 @@ def plan_problem(
 ) -> str:
     """Return why the rest of a plan after ``flown_s`` must not be flown; "" if it is valid.
 
-    The rest begins at ``situation.at_s``, in the situation's wind and unit. The situation's fire
-    must not contain the drops of this plan; they are added at their times in the plan.
+    The rest of the plan begins at ``situation.at_s``, in the situation's wind and unit. The
+    situation's fire must not contain the drops of this plan; they are added at their times.
     """
     air = constraints_of(situation, settings)
     begin_s = situation.at_s - flown_s
@@ -47,15 +47,15 @@ def plan_problem(
         after_s = rest[0].at_s - begin_s
         problem = _airspace_problem(air, rest, places[0])
         if problem:
-            return f"{problem} {after_s:.0f} s after the begin"
-        # The margin is that of the whole leg, as in planning, or of the leg's rest if larger.
+            return f"{problem} {after_s:.0f} s after the start"
+        # Use the larger of two margins: the whole leg's, as in planning, and its remaining part's.
         margin_s = max(
             min(air.margin_s(part), own.margin_s(part)) for part in dict.fromkeys((leg, rest))
         )
         first = plan.climbs_first and leg[0] == places[0]
         if margin_s < settings.time_margin_s and not first:
             near = f"comes within {margin_s:.0f} s" if margin_s > 0.0 else "burns within reach"
-            return f"fire {near} of the path {after_s:.0f} s after the begin"
+            return f"fire {near} of the path {after_s:.0f} s after the start"
     return _drop_problem(plan, air, begin_s, flown_s) or _load_problem(
         plan, situation, settings, flown_s
     )
@@ -66,7 +66,7 @@ def _dropped_by(plan: LinePlan, number: int, after_s: float) -> bool:
 
 
 def _later(leg: Leg, at_s: float) -> FlightPoint:
-    """Return the point on a leg at the time ``at_s``, or its begin if that is later."""
+    """Return the point on a leg at the time ``at_s``, or the leg's start if ``at_s`` is earlier."""
     begin, end = leg
     if at_s <= begin.at_s:
         return begin
@@ -114,7 +114,7 @@ WindFrom = tuple[float, float]  # speed in m/s; direction it blows from, degrees
 
 
 def wind_differs(plan: IgnitionPlan, wind: WindFrom, burn: BurnSection) -> str | None:
-    """Return how a wind differs too much from the planned wind, or None if it does not."""
+    """Return how a wind differs from the planned wind, or None if the difference is small."""
     speed_m_s, from_deg = wind
     turned_deg = abs((from_deg - plan.wind_from_deg + 180.0) % 360.0 - 180.0)
     faster = abs(speed_m_s - plan.wind_speed_m_s) > burn.wind_changes_m_s
@@ -137,7 +137,7 @@ def mean_wind(winds: Sequence[WindFrom]) -> WindFrom:
 def drift_compensated(plan: LinePlan, situation: Situation, burn: BurnSection) -> LinePlan:
     """Return the plan with its path moved upwind by the drift of a falling sphere.
 
-    The drift is that from the drop height. Points above the path's begin are not moved. If the
+    The sphere falls from the drop height. Points above the path's start are not moved. If the
     moved path is invalid, for example outside the unit or too near to fire, the plan is returned
     unchanged; its spheres then miss their targets or are skipped.
     """

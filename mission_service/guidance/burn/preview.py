@@ -8,10 +8,10 @@ from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario
 from mission_service.config.sections import BurnSection
 from mission_service.errors import ScenarioError
-from mission_service.fire.setup import landscape_of, weather_of
+from mission_service.fire.scenario_fire import landscape_of, weather_of
 from mission_service.guidance.burn.burn_report import burn_json, burn_totals, draw_burn
 from mission_service.guidance.burn.burn_state import BurnState
-from mission_service.guidance.burn.line_planner import Situation
+from mission_service.guidance.burn.lines.line_planner import Situation
 from mission_service.guidance.burn.whole_burn import whole_burn
 
 

@@ -21,7 +21,9 @@ from mission_service.requests import (
     refuse_no_polygon,
 )
 
-Spacing = Annotated[Annotated[float, Meta(ge=1, le=1000)] | None, Meta(description="From now on.")]
+Spacing = Annotated[
+    Annotated[float, Meta(ge=1, le=1000)] | None, Meta(description="Spacing from now on.")
+]
 
 
 class BurnRequest(Request, frozen=True):
@@ -65,7 +67,7 @@ class Reject(HashRequest, frozen=True):
 
 
 class Go(BurnRequest, frozen=True):
-    """Set an item of the list to GO."""
+    """Set an item of the GO/NO-GO checklist to GO."""
 
     over_mqtt = False
     example: ClassVar = {"item": "weather is within the prescription"}
@@ -79,14 +81,14 @@ class Go(BurnRequest, frozen=True):
 
 
 class NoGo(Go, frozen=True, tag="no-go"):
-    """Set an item to NO-GO: no drop until the item is GO and a plan is newly approved."""
+    """Set an item to NO-GO: no drop until the item is GO and a plan is approved again."""
 
     over_mqtt = True
     go: ClassVar = False
 
 
 class Person(BurnRequest, frozen=True):
-    """Report a person at a place: no drop, no low flight within the radius; 0: has left."""
+    """Report a person: no drop or low flight within the radius. Radius 0: the person has left."""
 
     role = "correct"
     example: ClassVar = {"name": "crew 2", **PLACE, "radius_m": 100.0}
@@ -94,7 +96,7 @@ class Person(BurnRequest, frozen=True):
     name: Name
     lat_deg: Latitude
     lon_deg: Longitude
-    radius_m: Annotated[Radius, Meta(description="To be kept clear; 0: has left.")]
+    radius_m: Annotated[Radius, Meta(description="Radius to keep clear; 0: the person has left.")]
 
     def event(self, at_us: int) -> events.AnyOperatorEvent:
         """Return a ``PersonReported`` event."""

@@ -1,4 +1,4 @@
-"""The account of the ignition spheres: outcomes of drops, and distances from their targets."""
+"""The account of the ignition spheres: outcomes of drops, targets and impact points."""
 
 import math
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ class Sphere:
     number: int
     at_us: int
     target_m: PointXY
-    falls_m: PointXY  # predicted at its release
+    falls_m: PointXY  # impact point as predicted at the release
     outcome: str = "ordered"
 
     @property
@@ -26,7 +26,7 @@ class Sphere:
 
     @property
     def counts(self) -> bool:
-        """Return whether the sphere counts as dropped, as all spheres except refused ones do."""
+        """Return whether the sphere counts as dropped; only a refused drop does not count."""
         return self.outcome != "refused"
 
 

@@ -2,7 +2,7 @@
 
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario
-from mission_service.guidance.burn.line_planner import next_line
+from mission_service.guidance.burn.lines.line_planner import next_line
 from mission_service.guidance.burn.preview import situation_of
 
 

@@ -1,4 +1,4 @@
-"""Simulates a burn from begin to end, with all lines in order, loads, times, and the fire."""
+"""Simulates a burn from start to end, with all lines in order, loads, times, and the fire."""
 
 import math
 from collections.abc import Sequence
@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
-from firemodel.ellipses.observations import Simulation
+from firemodel.ellipses.point_observations import Simulation
 from mission_service.config.sections import BurnSection
-from mission_service.guidance.burn.line_flight import FlightPoint
-from mission_service.guidance.burn.line_planner import (
+from mission_service.guidance.burn.lines.flight_constraints import FlightPoint
+from mission_service.guidance.burn.lines.line_planner import (
     LinePlan,
     NoPlan,
     Situation,
@@ -41,7 +41,7 @@ class Assumptions:
     battery_s: float
     battery_reserve_s: float
     reload_s: float
-    pause_s: float  # between the end of a line and the begin of the next
+    pause_s: float  # time between the end of a line and the start of the next
     time_margin_s: float
     distance_margin_m: float
     wind_m_s: float  # constant for lines and margins; in the simulation the wind may change
@@ -50,10 +50,10 @@ class Assumptions:
 
 @dataclass(frozen=True, eq=False)
 class BurnLine:
-    """A line, or a part of a line that is ignited with one load."""
+    """A line, or the part of a line that one load of spheres ignites."""
 
-    number: int  # from 1
-    load: int  # from 1
+    number: int  # number from 1
+    load: int  # number from 1
     plan: LinePlan
 
     @property
@@ -77,7 +77,7 @@ class WholeBurn:
 
 
 class CombinedFires:
-    """Several fires combined, where each point ignites at its earliest time in any of them."""
+    """Several fires combined: each point ignites at its earliest ignition time in any fire."""
 
     def __init__(self, fires: Sequence[Simulation]) -> None:
         self.fires = tuple(fires)
@@ -89,10 +89,10 @@ class CombinedFires:
 
 
 def whole_burn(situation: Situation, settings: BurnSection, pause_s: float = 0.0) -> WholeBurn:
-    """Plan all lines from a situation until none is left, each ``pause_s`` after the last one.
+    """Plan all lines from a situation until none is left, each ``pause_s`` after the previous one.
 
     If the spheres or the battery do not suffice for the rest of a line, and are not full, the
-    vehicle reloads before it begins that line. For a reload it returns home at the safe height,
+    vehicle reloads before it begins this rest. For a reload it returns home at the safe height,
     spends ``reload_s`` on the ground, and takes off at home.
     """
     now, base = situation, situation.fire
@@ -107,7 +107,7 @@ def whole_burn(situation: Situation, settings: BurnSection, pause_s: float = 0.0
             now, load, fresh = _reloaded(now, settings), load + 1, True
             continue
         if isinstance(plan, NoPlan):
-            # Wait until fire near home, for example that of the burn's own spheres, burns out.
+            # Wait until fire near home, for example from the burn's own spheres, burns out.
             if plan.why == "danger" and waits < MAX_WAITS:
                 now, waits = replace(now, at_s=now.at_s + WAIT_S), waits + 1
                 continue

@@ -1,9 +1,9 @@
 """The agent of one UAV in the formation: its maps, its virtual agent, and its intended orbit.
 
 Every UAV has one agent, whose inputs are the views of the UAV's camera and the messages received.
-``step`` is called at each position of the UAV. It returns an ``Intention``, which is an orbit and
-an airspeed. They are flown by a simulation's kinematics, by an orbit command to the autopilot, or
-by a loiter item.
+``step`` is called at each position of the UAV. The result of ``step`` is an ``Intention``, which is
+an orbit and an airspeed. Orbit and airspeed are flown by a simulation's kinematics, by an orbit
+command to the autopilot, or by a loiter item.
 """
 
 import math
@@ -40,7 +40,7 @@ NO_CELLS: Cells = np.empty(0, dtype=np.int64)
 Avoidance = Literal["intent", "rvo", "none"]
 
 STATE_EVERY_US = 500_000
-RESEND_M = 20.0  # if the orbit moves farther, the state is sent at once, as after a new goal
+RESEND_M = 20.0  # if the orbit moves farther, the state is sent at once
 MAX_STEP_S = 1.0
 SETTLED_M, SETTLED_FOR_S = 10.0, 20.0
 NOWHERE = (math.nan, math.nan)
@@ -99,7 +99,7 @@ class Agent:
         avoidance: Avoidance = "intent",
         synchronises: bool = True,
     ) -> None:
-        """Create an agent; ``fire`` holds the cells burning at ``at_us``, the same for all UAVs.
+        """Create an agent; ``fire`` holds the cells that burn on all UAVs' maps at ``at_us``.
 
         Raises MissionServiceError if a cell is not on the grid.
         """
@@ -144,7 +144,7 @@ class Agent:
         match message:
             case State():
                 self.peers.apply_state(message)
-                self._lost_peers.update(message)
+                self._lost_peers.store(message)
             case Leaving():
                 self.peers.remove(message.sender)
                 self._lost_peers.remove(message.sender)

@@ -10,7 +10,6 @@ commands is limited: there is one pending command at a time, and a minimum inter
 """
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +25,6 @@ from mission_service.commands import (
     StartMission,
 )
 from mission_service.config.scenario import Scenario
-from mission_service.config.sections import VehicleSection
 from mission_service.errors import MissionServiceError
 from mission_service.events import (
     AnyOperatorEvent,
@@ -46,8 +44,9 @@ from mission_service.events import (
 )
 from mission_service.guidance.formation.agent import Intention
 from mission_service.guidance.formation.members import Formation
+from mission_service.guidance.formation.order_state import OrderState
+from mission_service.guidance.formation.waiting_places import clear_of_fire_m, waits_at
 from mission_service.guidance.protocol import Guidance
-from mission_service.missions.landing import Landing
 from mission_service.missions.orbits import (
     CLIMBS_FIRST_M,
     Circle,
@@ -58,7 +57,6 @@ from mission_service.missions.orbits import (
     loiter_mission,
     orbit_of,
     pushed_out,
-    waiting_place,
 )
 from mission_service.peer_messages import AnyMessage
 from mission_service.position_fix import PositionFix
@@ -75,74 +73,13 @@ RADIUS_CHANGES_M, ALTITUDE_CHANGES_M = 1.0, 5.0
 CHECK_GROUND_EVERY_S = 10.0
 SPEED_EVERY_S, SPEED_CHANGES_M_S = 3.0, 0.5
 CLIMBS_BELOW_M = 30.0
-SETTLED_FOR_S = 20.0
 RENEW_EVERY_S, RENEW_BEYOND_M = 60.0, 300.0
 RETRY_AFTER_S = 5.0
 HOME_WITHIN_M = 500.0  # within this distance of home the autopilot flies the return
 ORDER_TIMEOUT_S = 30.0
-TAKES_EFFECT_S = 15.0  # a mode change within this time after an orbit command is its effect
+TAKES_EFFECT_S = 15.0  # mode changes within this time are attributed to the last orbit command
 # Modes in which the stacks fly commanded orbits.
 ORBITS_IN = {"px4": ("hold", "guided", "orbit"), "ardupilot": ("guided",)}
-
-
-@dataclass
-class OrderState:
-    """The state of one vehicle, and the orders sent to it."""
-
-    guided: bool = False  # it flies its mission or commanded orbits, and is not flown manually
-    taken_over: bool = False
-    mode: str = ""
-    order: str = ""  # pending order
-    ordered_at_s: float = -math.inf
-    circle: Circle | None = None  # last ordered, or flown by the mission
-    altitude_m: float = 0.0
-    orbit_at_s: float = -math.inf
-    check_ground_at_s: float = -math.inf
-    airspeed_m_s: float | None = None
-    speed_at_s: float = -math.inf
-    settled_since_s: float | None = None
-    start_not_before_s: float = -math.inf
-    goes_home_until_s: float = math.inf  # when the agent's guidance home ends
-    sending: Circle | None = None  # final circle of a mission being uploaded
-    loiter: Circle | None = None  # final circle of the mission on board
-
-    def has_settled(self, at_s: float) -> bool:
-        """Return whether the agent has been settled for long enough to use a loiter item."""
-        return self.settled_since_s is not None and at_s - self.settled_since_s >= SETTLED_FOR_S
-
-    def start_due(self, at_s: float) -> bool:
-        """Return whether to start the mission on board now.
-
-        It must end in the circle that the vehicle flies.
-        """
-        if self.loiter is None or self.loiter != self.circle or self.mode == "mission":
-            return False
-        return self.has_settled(at_s) and at_s >= self.start_not_before_s
-
-
-def clear_of_fire_m(formation: Formation, section: VehicleSection) -> float:
-    """Return the distance from the fire's centre at which a loiter is clear of all known fire."""
-    return formation.reach_m + 3.0 * section.loiter_radius_m
-
-
-def waits_at(
-    scenario: Scenario, formation: Formation, section: VehicleSection, home_m: Place
-) -> Place:
-    """Return the place at the fire's edge where a vehicle's first mission ends."""
-    number = [each.name for each in scenario.vehicles].index(section.name)
-    reach_m = clear_of_fire_m(formation, section)
-    apart_m = 2.0 * section.loiter_radius_m + 4.0 * scenario.formation.safety_radius_m
-    return waiting_place(number, formation.centre_m, reach_m, home_m, apart_m)
-
-
-def mission_to_place(
-    scenario: Scenario, section: VehicleSection, landscape: Landscape
-) -> tuple[MissionItem, ...]:
-    """Return a vehicle's first mission, from the ground to its place at the fire's edge."""
-    home_m = landscape.xy_of_lat_lon(section.home_lat_deg, section.home_lon_deg)
-    place_m = waits_at(scenario, Formation(scenario, landscape), section, home_m)
-    landing = Landing(scenario, section, landscape).at(scenario.first_flight_s)
-    return first_mission(landscape, Circle(*place_m, -section.loiter_radius_m), section, landing)
 
 
 class FormationFlight(Guidance):
@@ -164,7 +101,7 @@ class FormationFlight(Guidance):
         self._rejected_senders: set[str] = set()
         self._in_contact = (
             not scenario.formation.peer_messaging
-        )  # else each vehicle keeps its loiter
+        )  # if False, each vehicle stays in its loiter
 
     # Inputs ----------------------------------------------------------------------------
 
@@ -178,9 +115,7 @@ class FormationFlight(Guidance):
             return [Announce(self.scenario.flown[0].name, words, "warning")]
         if isinstance(event, Resumed):
             for state in self._states.values():
-                if (
-                    state.order == "orbit"
-                ):  # it may have been received and may still change the mode
+                if state.order == "orbit":  # the autopilot may have received the order
                     state.orbit_at_s = event.at_us / 1e6
                 state.order, state.circle, state.airspeed_m_s = "", None, None
         return []
@@ -282,7 +217,7 @@ class FormationFlight(Guidance):
     def first_path(self, vehicle: Vehicle, fix: PositionFix) -> Floats:
         """Return the path to the fire's edge.
 
-        For an airborne vehicle it leads to the nearest place that is clear of fire.
+        For an airborne vehicle the path leads to the nearest place that is clear of fire.
         """
         section, centre_m = vehicle.section, self.formation.centre_m
         if vehicle.availability.airborne:
@@ -298,9 +233,13 @@ class FormationFlight(Guidance):
         circle = Circle(float(path_m[-1, 0]), float(path_m[-1, 1]), -section.loiter_radius_m)
         state.sending = circle
         if not vehicle.availability.airborne:
-            return first_mission(self.landscape, circle, section, vehicle.landing.at(fix.at_s))
+            return first_mission(
+                self.landscape, circle, section, vehicle.landing.items_at(fix.at_s)
+            )
         altitude_m = self._altitude(vehicle, circle, fix)
-        return loiter_mission(self.landscape, circle, altitude_m, vehicle.landing.at(fix.at_s))
+        return loiter_mission(
+            self.landscape, circle, altitude_m, vehicle.landing.items_at(fix.at_s)
+        )
 
     def _resend_first(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand]:
         """Send the first mission again to an airborne vehicle that rejected it."""
@@ -323,7 +262,7 @@ class FormationFlight(Guidance):
             if near or fix.at_s - vehicle.uploaded_at_s < RENEW_EVERY_S:
                 return []
         state.sending = circle
-        landing = vehicle.landing.at(fix.at_s)
+        landing = vehicle.landing.items_at(fix.at_s)
         items = loiter_mission(self.landscape, circle, state.altitude_m, landing)
         why = "settled: loiter on this circle" if settled else "loiter on a circle nearby"
         path_m = np.array([circle.centre_m])
@@ -344,7 +283,7 @@ class FormationFlight(Guidance):
             return []
         if not self._in_contact:
             return []
-        intention = self.formation.step(vehicle.name, fix)
+        intention = self.formation.step_agent(vehicle.name, fix)
         centre_m, radius_m = (intention.orbit_x_m, intention.orbit_y_m), intention.orbit_radius_m
         desired = Circle(*centre_m, radius_m, intention.climb_m)
         near = not intention.settled and self.formation.is_near_others(vehicle.name)
@@ -430,7 +369,7 @@ class FormationFlight(Guidance):
         if fix.altitude_m < state.altitude_m - CLIMBS_BELOW_M:  # a climb needs airspeed
             min_m_s = max(min_m_s, min(section.airspeed_m_s, max_m_s))
         new_m_s = round(min(max(intention.airspeed_m_s, min_m_s), max_m_s), 1)
-        ordered_m_s = state.airspeed_m_s  # None after a mode change, which resets it
+        ordered_m_s = state.airspeed_m_s  # None after a mode change, which resets the airspeed
         every_s = NEAR_EVERY_S if near else SPEED_EVERY_S
         if fix.at_s - state.speed_at_s < (0.0 if ordered_m_s is None else every_s):
             return []

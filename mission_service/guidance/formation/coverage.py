@@ -7,9 +7,9 @@ rest. In measurements, the total was then at most 3 % below that of the best pla
 forces cancel, between the fire's centre and a neighbour.
 
 An agent compares all places of a lattice in its area, by their gain minus the cost of the path to
-them around the augmented fire. It moves only for a gain of ``WORTH``, or if fire reaches its place.
-Therefore a loiter item can fly the orbit of a settled agent. Among places without a gain, an agent
-prefers those far from other agents.
+them around the augmented fire. An agent moves only for a gain of ``WORTH``, or if fire reaches its
+place. Therefore a loiter item can fly the orbit of a settled agent. Among places without a gain, an
+agent prefers places far from other agents.
 
 Weights are in fifths: 5 for a cell within the augmentation (priority 1), and 1 for a cell within
 d_mon (priority 0.2).
@@ -100,7 +100,7 @@ def next_goal(
 ) -> Goal | None:
     """Return the goal of the agent at (x, y); None if forces must move the agent.
 
-    This is the case outside the agent's area. ``goal`` is the previous result (None at first).
+    Forces must move an agent outside its area. ``goal`` is the previous result (None at first).
     ``others_m`` (n, 2) holds x and y of the other agents' goals, or of their positions if they have
     no goal. ``AgentMover`` calls this function every few seconds.
     """
@@ -165,7 +165,7 @@ class AgentMover:
         self._constants = constants_array(settings.constants)
         self._tie_rad = tie_rad
         self._due_s: float | None = None
-        self._others_m: Floats = np.empty((0, 2))  # at the last decision
+        self._others_m: Floats = np.empty((0, 2))  # goals of the others at the last decision
 
     @property
     def goal_m(self) -> tuple[float, float] | None:
@@ -185,15 +185,15 @@ class AgentMover:
     ) -> tuple[float, float]:
         """Return the velocity (east, north) in m/s for the next ``step_s``; 0 without fire.
 
-        ``others_x_m`` and ``others_y_m`` (n) hold the goals of the virtual agents in range. An
-        agent without a goal has its position there, and a UAV without an agent has NaN. ``at_s``
-        must not decrease between calls.
+        ``others_x_m`` and ``others_y_m`` (n) hold the goals of the virtual agents in range. The
+        arrays hold the position of an agent without a goal, and NaN for a UAV without an agent.
+        ``at_s`` must not decrease between calls.
         """
         settings, grid = self.settings, self.grid
         centre = maps.centre_row_col
         if centre is None:
             return 0.0, 0.0
-        if self._due_s is None:  # agents decide at different times
+        if self._due_s is None:  # so that agents decide at different times
             self._due_s = at_s + DECIDE_EVERY_S * self._tie_rad / (2.0 * math.pi)
         if settings.placement == "coverage" and (
             at_s >= self._due_s or (self.goal and self._is_at_via(x_m, y_m, self.goal))
@@ -219,7 +219,8 @@ class AgentMover:
         before_m, self._others_m = self._others_m, others_m
         goal = self._next(at_s, x_m, y_m, others_m, maps)
         if self.goal and goal and goal.since_s == at_s and self._is_at(x_m, y_m, self.goal):
-            away_m = np.hypot(*(others_m[:, None] - before_m).T)  # (before, now)
+            # Distances (others before, others now).
+            away_m = np.hypot(*(others_m[:, None] - before_m).T)
             still_m = others_m[(away_m < STILL_M).any(axis=0)]
             without = self._next(at_s, x_m, y_m, still_m, maps)
             goal = goal if without is None or without.since_s == at_s else self.goal

@@ -206,7 +206,7 @@ def find_paths(row, col, augmentation, box, stride, distances, previous, queue, 
 
 @kernel
 def node_next_to(row, col, stride, box, wide, distances):  # type: ignore[no-untyped-def]
-    """Return the node next to a cell by which the path to the cell is shortest, and its length.
+    """Return the neighbouring node on the shortest path to a cell, and the path's length.
 
     The node is -1 if no path leads to the cell.
     """

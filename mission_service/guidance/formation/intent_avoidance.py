@@ -1,13 +1,14 @@
-"""Avoids other vehicles by shared intentions: a vehicle adopts only an orbit with a clear path.
+"""Avoids other vehicles: each sends its intended orbit, and adopts orbits with a clear path.
 
 The vehicles in the paper use only velocities. Here each vehicle sends the orbit to which it flies
 (``State.orbit_*``), and flies it by eqs. 14 and 15, so that the others can predict its path.
 
 A vehicle keeps its orbit, which was clear of all others when adopted, until another orbit is clear
-over the horizon. This is the desired orbit, or else the best of some detours, waiting circles and
-other airspeeds. So each orbit was checked against all orbits adopted before it. Conflicts could
-arise only if two vehicles adopted orbits at the same time, so nearby vehicles take turns. If no
-orbit is clear over the horizon, the vehicle flies the one that is clear for longest.
+over the horizon. The new orbit is the desired orbit or, if its path is not clear, the best of some
+detours, waiting circles and orbits at different airspeeds. Each orbit was therefore checked against
+all orbits adopted before it. Conflicts could arise only if two vehicles adopted orbits at the same
+time, so nearby vehicles take turns. If no orbit is clear over the horizon, the vehicle flies the
+orbit that is clear for longest.
 """
 
 from dataclasses import dataclass

@@ -32,7 +32,7 @@ FRESH_S = 1.0  # states older than this are late
 LATE_M = 45.0  # maximum additional margin for a late state
 HASTE_S = 8.0  # a path that is clear for a shorter time is changed at once, out of turn
 SMALL_M = 40.0  # minimum radius of waiting circles
-WORTH_M = 40.0  # minimum gain of one detour over another
+WORTH_M = 40.0  # minimum saving in cost for a change from one clear orbit to another
 NOTES = 6  # number of values noted for each predicted peer
 
 # Indices of ``own`` and of a peer's notes.
@@ -62,9 +62,9 @@ def rank(key, slot):  # type: ignore[no-untyped-def]
 def is_own_turn(at_s, own, peers, turn_s, layers_m):  # type: ignore[no-untyped-def]
     """Return whether this vehicle may adopt an orbit now.
 
-    It may not if any vehicle that is near, or will soon be near, has a higher priority or an old
-    state. A state is old if it was sent before the slot began, because a later adoption may not
-    have been received.
+    The vehicle must wait if any vehicle that is near, or will soon be near, has a higher priority
+    or an old state. A state is old if it was sent before the slot began, because a later adoption
+    may not have been received.
     """
     slot = math.floor(at_s / turn_s)
     into_s = at_s - slot * turn_s + 1e-6
@@ -228,7 +228,7 @@ def _copy(orbit, to):  # type: ignore[no-untyped-def]
 
 @kernel
 def _cost_m(orbit, desired):  # type: ignore[no-untyped-def]
-    """Return the cost, in metres, by which an orbit deviates from the desired orbit."""
+    """Return the cost, in metres, of an orbit's deviation from the desired orbit."""
     return (
         math.hypot(orbit[0] - desired[0], orbit[1] - desired[1])
         + 0.5 * abs(abs(orbit[2]) - abs(desired[2]))
@@ -245,7 +245,8 @@ KINDS = AIRSPEEDS + AIRSPEEDS + 3 + 2 * ROUND + 8
 def slow_of(own, frame):  # type: ignore[no-untyped-def]
     """Return the airspeed for waiting circles.
 
-    It is midway between the minimum and the cruise airspeed, or higher to exceed the wind speed.
+    This airspeed is midway between the minimum and the cruise airspeed, or higher to exceed the
+    wind speed.
     """
     min_m_s, max_m_s, _ = frame
     slow_m_s = 0.5 * (min_m_s + max(0.7 * max_m_s, min_m_s))
@@ -302,10 +303,10 @@ def _differs(orbit, other):  # type: ignore[no-untyped-def]
 def decide_orbit(  # type: ignore[no-untyped-def]
     at_s, own, desired, held, peers, rule, frame, path, paths, notes, adopted
 ):
-    """Decide on the orbit to fly; fill ``adopted`` if this is another orbit.
+    """Decide on the orbit to fly; fill ``adopted`` if it differs from the present orbit.
 
-    Returns whether another orbit is adopted, whether a conflict prevents the desired orbit, and for
-    how long the orbit to fly is free of conflicts.
+    Returns whether a different orbit is adopted, whether a conflict prevents the desired orbit, and
+    for how long the orbit to fly is free of conflicts.
     """
     near_m = rule[0] + rule[1] + LATE_M
     nowhere = (np.inf, -np.inf, np.inf, -np.inf)

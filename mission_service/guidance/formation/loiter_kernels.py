@@ -9,8 +9,8 @@ uses the position at the end of the step, so that the circle flown has the comma
 
 Eq. 14 (turn right until the agent is on the left) is omitted, because eq. 15 leads to the same
 orbit. With eq. 14 a vehicle whose agent is inside its turning circle would turn right for ever.
-Instead, a vehicle that must reverse its course turns in the direction of the orbit. So the vehicle
-does not alternate between left and right, and others can predict its path.
+Instead, a vehicle that must reverse its course turns in the direction of the orbit. Therefore the
+vehicle does not alternate between left and right, and others can predict its path.
 """
 
 import math
@@ -20,7 +20,8 @@ from firemodel.compiled import kernel
 GRAVITY_M_S2 = 9.80665
 ACCELERATION_M_S2 = 1.5  # maximum change of the airspeed, up and down
 ABOUT = -0.7  # cosine of the smallest course change that counts as a reversal
-FORK = 0.15  # if the cosine of a course change is this close to ABOUT, the turn may be to any side
+# If the cosine of a course change is this close to ABOUT, the turn may be to either side.
+FORK = 0.15
 
 
 @kernel
@@ -49,7 +50,7 @@ def _aim(  # type: ignore[no-untyped-def]
 ):  # fmt: skip
     """Return the desired heading at the end of a step, as a unit vector.
 
-    It follows eq. 15 in the corrected form: the desired course is the polar angle seen from the
+    The heading follows from eq. 15, corrected: the desired course is the polar angle seen from the
     agent plus 2 atan(d / r). Far away from the agent, the course points at it; on the orbit, along
     the orbit; and near the agent, outwards. The course is computed without angles: with q = d / r,
     the cosine of 2 atan(q) is (1 - q²) / (1 + q²), and the sine is 2 q / (1 + q²).
@@ -86,7 +87,7 @@ def _turned(head_x, head_y, aim_x, aim_y, sense, cos, sin):  # type: ignore[no-u
     """Return the heading, as a unit vector, after a turn towards the heading ``aim``.
 
     The turn is at most the angle that has the given ``cos`` and ``sin``. A reversal turns in the
-    direction ``sense``; if ``sense`` is 0, every turn is the shorter one.
+    direction ``sense``; if ``sense`` is 0, every turn takes the shorter way.
     """
     along = head_x * aim_x + head_y * aim_y
     if along >= cos:

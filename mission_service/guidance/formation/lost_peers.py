@@ -1,4 +1,4 @@
-"""Dead reckons UAVs whose messages have stopped, along the orbits that they last sent.
+"""Computes positions of UAVs without recent messages, by dead reckoning on their last orbits.
 
 The virtual agent of such a UAV is removed after ``peer_table.LOST_AFTER_S``, so that the other
 agents take over its area. The UAV itself may continue to fly at the common height, so the others
@@ -12,7 +12,7 @@ from msgspec.structs import replace
 from mission_service.guidance.formation.peer_table import LOST_AFTER_S
 from mission_service.peer_messages import State
 
-RECKON_AFTER_US = 3_000_000  # two states a second are sent: random loss rarely takes all of them
+RECKON_AFTER_US = 3_000_000  # random loss rarely lasts this long at two states a second
 AVOIDED_FOR_US = 120_000_000
 EVERY_US = 500_000
 AGENT_FIELDS = ("agent_x_m", "agent_y_m", "goal_x_m", "goal_y_m")
@@ -41,7 +41,7 @@ class LostPeers:
         self._last: dict[str, State] = {}
         self._due_us = 0
 
-    def update(self, state: State) -> None:
+    def store(self, state: State) -> None:
         """Store a received state as the sender's last state."""
         self._last[state.sender] = state
 
@@ -52,7 +52,7 @@ class LostPeers:
     def states(self, at_us: int) -> list[State]:
         """Return the dead-reckoned states of lost UAVs.
 
-        They are returned at most twice a second; further calls return an empty list.
+        States are returned at most twice a second; further calls return an empty list.
         """
         if at_us < self._due_us:
             return []

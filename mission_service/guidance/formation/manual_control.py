@@ -1,7 +1,8 @@
 """Estimates the orbits of UAVs under manual control, so that the formation can avoid them.
 
 Such a UAV (held, recalled or flown by a pilot) has no virtual agent and does not avoid the others.
-Its state is sent with the orbit that its motion suggests, so that the others avoid it.
+The state of such a UAV is sent with the orbit that its motion suggests, so that the others avoid
+it.
 """
 
 import math

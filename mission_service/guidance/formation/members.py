@@ -17,7 +17,7 @@ from mission_service.config.scenario import Scenario
 from mission_service.config.sections import VehicleSection
 from mission_service.events import Observed
 from mission_service.fire.camera import camera_of
-from mission_service.fire.setup import burning_of, fire_position
+from mission_service.fire.scenario_fire import burning_of, fire_position
 from mission_service.guidance.formation.agent import STATE_EVERY_US, Agent, Intention, OwnState
 from mission_service.guidance.formation.manual_control import (
     MEASURED_OVER_S,
@@ -32,8 +32,8 @@ from mission_service.position_fix import PositionFix
 
 Cells = NDArray[np.int64]
 BURNING = ord("b")
-ASPECT_RATIO = 0.75  # of the image (4:3), for a camera without an angle along the track
-HOT_FOR_S = 1.5  # duration of heat after the last view of fire straight below
+ASPECT_RATIO = 0.75  # height-to-width ratio of images, if the angle along the track is unknown
+HOT_FOR_S = 1.5  # heat lasts this long after the last view of fire straight below
 
 
 def settings_of(scenario: Scenario, section: VehicleSection) -> Settings:
@@ -59,10 +59,10 @@ def settings_of(scenario: Scenario, section: VehicleSection) -> Settings:
 
 
 def first_fire(scenario: Scenario, landscape: Landscape) -> Cells:
-    """Return the numbers, in rising order, of the burning cells that all agents initially know.
+    """Return the numbers, in rising order, of the burning cells on all agents' maps at the start.
 
-    They are the fire at the start if the scenario defines one, or else the cell where the fire was
-    reported.
+    These cells are the initial fire if the scenario defines one, or else the cell where the fire
+    was reported.
     """
     burning = burning_of(scenario, landscape)
     if burning is not None:
@@ -72,23 +72,23 @@ def first_fire(scenario: Scenario, landscape: Landscape) -> Cells:
 
 
 class FormationMember:
-    """One vehicle of the formation: its agent, and the vehicle's state as known from events."""
+    """One vehicle of the formation: its agent, and the vehicle's state as events report it."""
 
     def __init__(self, agent: Agent, formation: "Formation") -> None:
         self.agent = agent
-        self.wind_m_s = (0.0, 0.0)  # towards (x, y)
+        self.wind_m_s = (0.0, 0.0)  # wind towards (x, y)
         self.hot_until_s = -math.inf
         self.fix: PositionFix | None = None
         self.flies = False
-        self.state: State | None = None  # the last one sent
-        self.manual_control = False  # in the air, but not controlled by its agent
-        self.recent: deque[ObservedMotion] = deque()  # over the last ``MEASURED_OVER_S``
+        self.state: State | None = None  # last state sent
+        self.manual_control = False  # whether the vehicle flies without control by its agent
+        self.recent: deque[ObservedMotion] = deque()  # motion during the last ``MEASURED_OVER_S``
         self._formation = formation
 
     def observe(self, observed: Observed) -> None:
         """Update the agent's map from a camera window; fire straight below counts as heat.
 
-        This replaces the outside temperature, which autopilots do not report.
+        The view replaces the outside temperature, which autopilots do not report.
         """
         self.correct(observed)
         below = observed.cells[len(observed.cells) // 2][len(observed.cells[0]) // 2]
@@ -112,11 +112,11 @@ class FormationMember:
         self.wind_m_s = self._formation.on_grid(*true_m_s)
 
     def at(self, row: float, col: float, at_s: float) -> Decision | None:
-        """Do nothing: ``Formation.step`` receives the positions."""
+        """Do nothing: ``Formation.step_agent`` receives the positions."""
         return None
 
     def left(self, at_s: float) -> None:
-        """Leave the formation until the next ``Formation.step``."""
+        """Leave the formation until the next ``Formation.step_agent``."""
         if self.flies:
             self.flies = False
             self._formation.leave(self.agent.name, at_s)
@@ -167,7 +167,7 @@ class Formation:
             east_m_s * self._sin + north_m_s * self._cos,
         )
 
-    def step(self, name: str, fix: PositionFix) -> Intention:
+    def step_agent(self, name: str, fix: PositionFix) -> Intention:
         """Advance a vehicle's agent, and send the agent's messages; return its intention."""
         member = self.members[name]
         member.fix, member.flies, member.manual_control = fix, True, False

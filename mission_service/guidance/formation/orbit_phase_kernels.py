@@ -1,9 +1,10 @@
 """Synchronises phases on orbits: a vehicle ahead of the others flies slower (section 5.3.2).
 
-Unlike in the paper, all vehicles within radio range count, not only the neighbours. Otherwise a
-ring of vehicles that each follow their neighbours could settle with phases spread over a full turn.
-If the phases are spread so evenly that they have no mean, all vehicles follow the one with the
-lowest key. A vehicle off its orbit does not count. Angles are in radians, anticlockwise.
+Unlike in the paper, all vehicles within radio range are included, not only the neighbours.
+Otherwise a ring of vehicles that each follow their neighbours could settle with phases spread over
+a full turn. If the phases are spread so evenly that they have no mean, all vehicles follow the
+vehicle with the lowest key. A vehicle off its orbit is not included. Angles are in radians,
+anticlockwise.
 """
 
 import math
@@ -22,10 +23,10 @@ from mission_service.guidance.formation.peer_table import (
     Y,
 )
 
-MIN_SHARE, CRUISE_SHARE, MAX_SHARE = 0.4, 0.7, 1.0  # of the maximum thrust (eq. 16)
-STEEPNESS = 2.3  # per radian (eq. 17)
+MIN_SHARE, CRUISE_SHARE, MAX_SHARE = 0.4, 0.7, 1.0  # shares of the maximum thrust (eq. 16)
+STEEPNESS = 2.3  # steepness of the thrust, per radian (eq. 17)
 ON_ORBIT = 0.25  # maximum distance from an orbit, as a share of its radius
-NO_MEAN = 0.3  # phases whose mean unit vector is shorter than this have no mean
+NO_MEAN = 0.3  # minimum length of the mean unit vector for phases with a mean
 WIND_MARGIN_M_S = 2.0  # minimum of airspeed minus wind speed
 
 
@@ -74,7 +75,7 @@ def ahead_of_others_rad(  # type: ignore[no-untyped-def]
 
     The mean is circular, over the vehicles in range that are on an orbit of this radius. ``peers``
     (n, COLUMNS) is the result of ``PeerTable.rows``; old states are advanced on their circles. The
-    angle is positive if the vehicle is ahead, whichever way it turns. It is 0 without other
+    angle is positive if the vehicle is ahead, whichever way it turns. The angle is 0 without other
     vehicles, or if the vehicle is not on its orbit.
     """
     if not is_on_orbit(x_m, y_m, orbit_x_m, orbit_y_m, radius_m):

@@ -30,7 +30,7 @@ class Airframe:
     def cruise_m_s(self) -> float:
         """Return the airspeed of a vehicle in phase, which is 0.7 of the maximum (eq. 16).
 
-        It is not below the minimum airspeed.
+        The result is not below the minimum airspeed.
         """
         return max(0.7 * self.max_airspeed_m_s, self.min_airspeed_m_s)
 
@@ -54,7 +54,7 @@ class Constants:
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """The settings in table 1 of the paper, followed by settings without a value there."""
+    """The settings in table 1 of the paper, then settings for which the table has no value."""
 
     monitoring_m: float = 350.0  # d_mon
     altitude_agl_m: float = 300.0  # alt
@@ -69,7 +69,7 @@ class Settings:
         NEVER_M  # no avoidance between altitudes that differ by this or more
     )
     placement: Literal["coverage", "forces"] = (
-        "coverage"  # rule of ``coverage.py``, or of the paper
+        "coverage"  # rule of ``coverage.py``, or "forces", the rule of the paper
     )
     camera: Camera = PAPER_CAMERA
     airframe: Airframe = Airframe()

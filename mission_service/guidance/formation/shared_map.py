@@ -1,16 +1,17 @@
 """A fire map with a copy on each UAV; the copies converge despite lost messages.
 
-Every cell has a version, the time of its observation. The later version wins; among equal versions
-a burning cell wins. A cell is therefore one number, ``2 * seen_at_us + burning``, or 0 if unknown.
-A merge takes the larger number, so order, repetition and sender do not matter.
+Every cell has a version, the time of its observation. A later version replaces an earlier version;
+between equal versions, burning replaces unburned. A cell is therefore one number, ``2 * seen_at_us
++ burning``, or 0 if unknown. A merge takes the larger number, so order, repetition and sender do
+not matter.
 
 A UAV sends each view once, as a ``FireUpdate``, which may be lost. Therefore every UAV regularly
 sends a checksum of each tile of the map (``Digest``), which is the sum of the hashes of the tile's
-cells. If the receiver has another checksum, it tests whether the difference is the hash of one or
-two of its own cells. If so, the sender lacks these cells, and the receiver sends them
-(``Difference``). If not, the receiver may itself lack cells, and sends its own digest of the tile
-as a request. If no UAV can derive the missing cells from that digest, one UAV sends the whole tile,
-and the others send the cells that are newer on their maps.
+cells. If the receiver's checksum of a tile differs, the receiver tests whether the difference is
+the hash of one or two of its own cells. If so, the sender lacks these cells, and the receiver sends
+them (``Difference``). If not, the receiver may itself lack cells, and sends its own digest of the
+tile as a request. If no UAV can derive the missing cells from that digest, one UAV sends the whole
+tile, and the others send the cells that are newer on their maps.
 
 Replies are delayed by a pseudo-random number of slots, and omit cells that others have sent in the
 meantime. The size and the rate of messages are bounded.
@@ -38,14 +39,15 @@ from mission_service.peer_messages import Difference, Digest, FireUpdate
 Cells = NDArray[np.int64]
 MapMessage = FireUpdate | Digest | Difference
 
-DIGEST_EVERY_US = 4_000_000  # for up to TEAM UAVs; larger teams send at the same total rate
+# Interval for up to TEAM UAVs; larger teams send at the same total rate.
+DIGEST_EVERY_US = 4_000_000
 TEAM = 8
-PEER_FOR_US = 120_000_000  # a UAV counts for this time after its last message
+PEER_FOR_US = 120_000_000  # a UAV counts as present for this time after its last message
 SLOT_US = 250_000
 MAX_SLOTS = 16
 REPEAT_US = 500_000  # minimum interval between requests, and between differences
 MAX_DIGEST_TILES = 128  # maximum number of tiles in a message
-MAX_DIFFERENCE_RUNS = 96  # beyond these no tile is added; one tile has up to TILE**2 runs
+MAX_DIFFERENCE_RUNS = 96  # no tile is added beyond this number; one tile has up to TILE**2 runs
 
 NONE: Cells = np.empty(0, dtype=np.int64)
 
@@ -67,16 +69,17 @@ class SharedMap:
         self._cells_due: dict[int, int] = {}  # cell: time to send it
         self._requests_due: dict[int, tuple[int, int]] = {}  # tile: time, checksum at the sender
         self._tiles_due: dict[int, tuple[int, int]] = {}  # tile to send as a whole: time, checksum
-        self._digest_at_us = self._request_at_us = self._difference_at_us = 0  # earliest times
+        # Earliest times of the next messages.
+        self._digest_at_us = self._request_at_us = self._difference_at_us = 0
         self._next_tile = 0
-        self._map = f"the map of {shape[0]} x {shape[1]} cells; use the same landscape for all"
+        self._map = f"the map of {shape[0]} x {shape[1]} cells; use one landscape for all vehicles"
         # Arrays that kernels fill.
         self._found: Cells = np.empty(max(tiles, TILE * TILE), dtype=np.int64)
         self._shares: Cells = np.empty(TILE * TILE, dtype=np.int64)
         self._theirs: Cells = np.empty(tiles, dtype=np.int64)
 
     def set_initial(self, cells_burning: Cells, at_us: int) -> None:
-        """Set the fire that all UAVs know before the mission; it is not sent."""
+        """Set the fire that all UAVs have on their maps before the mission; it is not sent."""
         self.add_view(cells_burning, NONE, at_us)
         self._unsent.clear()
 

@@ -51,7 +51,7 @@ def _first_off_map(cells, size):  # type: ignore[no-untyped-def]
 
 @kernel
 def record_view(cells, burns, at_us, stamps, fire, sums, changed):  # type: ignore[no-untyped-def]
-    """Set cells as burning or not, as a camera shows them; they get the newest stamps.
+    """Set cells to burning or not, as a camera shows them, with the newest stamps.
 
     Fills ``changed`` with the changed cells; returns their number and -1. If a cell is off the map,
     nothing changes, and the result is 0 and the index of this cell.

@@ -7,8 +7,9 @@ paper is incomplete, these rules apply:
 - Eq. 7 raises a negative number to the power e3. The magnitude of this number, which is the overlap
   of the two agents, is used instead. The force is repulsive, as the text states.
 - For two agents at the same place, or for an agent at the fire's centre, the paper's direction is
-  undefined. It is then ``tie_rad``, which must differ between vehicles.
-- The escape (eq. 13) replaces the weak force. It leads anticlockwise around the fire, which is the
+  undefined. The direction is then ``tie_rad``, which must differ between vehicles.
+- The escape (eq. 13) replaces the weak force. The escape leads anticlockwise around the fire, which
+is the
   direction in which UAVs loiter.
 
 ``constants`` is the result of ``constants_array``. A map is an array (rows, cols) with row 0 north,

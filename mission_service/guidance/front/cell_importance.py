@@ -12,7 +12,7 @@ Floats = NDArray[np.float64]
 
 def adjusted_spread_rate(spread_rate: Floats, alpha: float) -> Floats:
     """Return the spread rates after scaling their heterogeneity by ``alpha`` >= 0 (eq. 7)."""
-    if not spread_rate.size:  # a front within one cell
+    if not spread_rate.size:  # the front is within one cell
         return spread_rate
     lowest = spread_rate.min()
     adjusted: Floats = lowest + alpha * (spread_rate - lowest)
@@ -43,7 +43,7 @@ def time_to_cells_s(step_m: Floats, speed_m_s: float) -> Floats:
 def window_importance(importance: Floats) -> tuple[float, float]:
     """Return the importance of the back window (eq. 5) and of the front window (eq. 6).
 
-    They are the sums over the first and the second half of the ring.
+    The back window is the first half of the ring, the front window the second half.
     """
     half = importance.size // 2
     return float(importance[:half].sum()), float(importance[half:].sum())

@@ -33,7 +33,7 @@ from mission_service.guidance.protocol import (
 )
 from mission_service.guidance.team.team import TeamMember
 from mission_service.guidance.team.team_size import CoverageTargets, TeamSizeAdviser
-from mission_service.missions.approach import approach_path
+from mission_service.missions.first_mission import approach_path
 from mission_service.missions.from_path import mission_along
 from mission_service.position_fix import PositionFix
 from mission_service.vehicles.missions_sent import MissionsSent
@@ -128,10 +128,10 @@ class FrontFlight(Guidance):
             return []
         return [announce(vehicle, f"team: {advice[1]}", warning=advice[0])]
 
-    def after(
+    def further_commands(
         self, event: AnyEvent, leaving: list[AnyCommand], vehicles: Mapping[str, Vehicle]
     ) -> list[AnyCommand]:
-        """Record the missions sent; report parts of the front that are left or monitored again."""
+        """Record the missions sent; report parts of the front that lose or regain monitoring."""
         for command in leaving:
             if isinstance(command, UploadMission):
                 self.traffic.on_mission(command.vehicle, command.items)
@@ -145,7 +145,7 @@ class FrontFlight(Guidance):
         return commands
 
     def lead(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand]:
-        """Return the commands to give way, or to renew the mission if that is due."""
+        """Return the commands to give way, or to renew the mission if a renewal is due."""
         if vehicle.pending is not None or _takes_off(vehicle):
             return []
         commands = self._give_way(vehicle, fix)
@@ -167,7 +167,7 @@ class FrontFlight(Guidance):
         return [self._upload(vehicle, place, fix, f"give way to {other}", keeps_apart=True)]
 
     def _follow(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand]:
-        """Return the upload of a new rolling mission if the path of the present one is outdated."""
+        """Return the upload of a new mission if the path of the present mission is outdated."""
         planner = self.planners[vehicle.name]
         if planner.phase == "approach":
             path, why = self.first_path(vehicle, fix), self._renewal.why_on_approach(vehicle)
@@ -221,7 +221,7 @@ class FrontFlight(Guidance):
             vehicle.section,
             self.landscape,
             from_ground=not vehicle.availability.airborne,
-            landing=vehicle.landing.at(fix.at_s),
+            landing=vehicle.landing.items_at(fix.at_s),
             min_at=self.traffic.min_altitudes(vehicle.name),
             start_m=(fix.x_m, fix.y_m) if vehicle.availability.airborne else None,
         )

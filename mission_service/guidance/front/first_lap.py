@@ -21,13 +21,13 @@ CameraView = tuple[int, int, NDArray[np.uint8], float]  # a camera's window: row
 class LapProgress:
     """The degrees that a vehicle has flown around the map's centre, in its flying direction."""
 
-    bearing_deg: float | None = None  # of the vehicle, at the last update
+    bearing_deg: float | None = None  # bearing of the vehicle at the last update
     swept_deg: float = 0.0
 
     def update(self, bearing_deg: float, clockwise: bool, counts: bool) -> bool:
         """Set the bearing; return whether the lap is complete.
 
-        The angle since the last bearing is added to the lap only if ``counts``.
+        The angle since the last bearing is added to the lap only if ``counts`` is True.
         """
         if counts and self.bearing_deg is not None:
             self.swept_deg += turned_deg(self.bearing_deg, bearing_deg, clockwise)
@@ -41,7 +41,7 @@ def view_of(observed: Observed) -> CameraView:
 
 
 def append_view(seen: list[CameraView], one: CameraView) -> None:
-    """Add a view to a lap's views; if there are ``MAX_SEEN``, first delete every second view."""
+    """Add a view to a lap's views; first delete every second of them if they are ``MAX_SEEN``."""
     if len(seen) >= MAX_SEEN:
         del seen[1::2]
     seen.append(one)
@@ -52,12 +52,12 @@ def recentred_map(
 ) -> tuple[FireMap, NDArray[np.bool_]]:
     """Return a map of the same views around the fire's centre of area, for an unknown ignition.
 
-    The second result tells which bearings (360) the last view showed.
+    The second result is the mask of the bearings (360) that the last view showed.
     """
     outer, _ = fire_map.filled_outer()
     centre = centre_of_area(outer, fire_map.centre_row, fire_map.centre_col)
     renewed = FireMap(fire_map.shape, *centre, fire_map.ignited_at_s, fire_map.baseline_s)
     in_view = np.zeros(BEARINGS, dtype=bool)
     for window in seen:
-        in_view = renewed.observe(*window)
+        in_view = renewed.add_window(*window)
     return renewed, in_view

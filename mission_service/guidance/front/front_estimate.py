@@ -5,10 +5,11 @@ rate of spread divided by the fire model's rate under the wind that the vehicle 
 front is in view, the estimate is set to the observation. Out of view, the estimate advances at the
 model's rate times the factor.
 
-A Kalman filter estimates the factors of 72 sectors. Each factor is correlated with its neighbours
-and, less strongly, with all others. The filter assumes that the advance between two views is the
-factor times the modelled advance, plus the noise of a front that moves in whole cells. Therefore a
-view changes the estimate little a few seconds after another view, and much after half an hour.
+A Kalman filter estimates the factors of 72 sectors. Each sector's factor is correlated with the
+factors of its neighbours and, less strongly, with the factors of all other sectors. The filter
+assumes that the advance between two views is the factor times the modelled advance, plus the noise
+of a front that moves in whole cells. Therefore a view changes the estimate little a few seconds
+after another view, and much after half an hour.
 
 Without a landscape, or before a wind is measured, the model is an even spread; the factor then
 represents the measured rate of spread. The simulated fire is not an input.
@@ -62,7 +63,8 @@ class FactorPrior(NamedTuple):
     """The distribution of the factors before the first view, and their changes.
 
     ``common`` and ``local`` are the standard deviations of the part of the factor that all sectors
-    share, and of each sector's own part. ``drift`` is that of the random walk of both in an hour.
+    share, and of each sector's own part. ``drift`` is the standard deviation of both parts' random
+    walk in an hour.
     """
 
     common: float
@@ -76,8 +78,9 @@ class FactorPrior(NamedTuple):
 
 MODELLED = FactorPrior(0.25, 0.25, 20.0, 0.15, 0.15, 0.3, 2.5)
 UNMODELLED = FactorPrior(1.0, 1.0, 20.0, 0.15, 0.15, 0.05, 10.0)  # the rate of spread is unknown
-# Of a model that may be wrong: chosen on the fires 200 to 229 of ``benchmarks.random_fires
-# --wrong``; a smaller error of advances or a shorter correlation length is worse.
+# The prior for a model that may be wrong, chosen on the fires 200 to 229 of
+# ``benchmarks.random_fires --wrong``; a smaller error of advances or a shorter correlation length
+# is worse.
 CAUTIOUS = FactorPrior(0.8, 0.4, 40.0, 0.5, 0.4, 0.05, 10.0)
 
 
@@ -97,7 +100,7 @@ class FrontModel:
 
 
 def cautious(model: FrontModel) -> FrontModel:
-    """Return a model that follows wind and slope less, and no map of fuels.
+    """Return a model that depends less on wind and slope, and not on the map of fuels.
 
     All burnable ground has the fuel that is most frequent in the landscape.
     """
@@ -136,10 +139,10 @@ class FrontEstimate:
         self._shape = shape
         self.at_s = at_s
         self.front = front.copy()
-        self.speed_cells_s = np.zeros(BEARINGS)  # outwards, estimated
+        self.speed_cells_s = np.zeros(BEARINGS)  # estimated speed outwards
         self.seen_at_s = np.full(BEARINGS, -np.inf)
         self.burned = np.zeros(BEARINGS)  # outermost ground seen burned
-        self.wind_m_s: Floats | None = None  # towards north and east
+        self.wind_m_s: Floats | None = None  # wind towards north and east
         self._short_wind = self._long_wind = np.zeros(2)
         self._wind_at_s = -np.inf
         self._reset_factors()
@@ -172,7 +175,7 @@ class FrontEstimate:
         alike = np.exp(-np.minimum(apart, BEARINGS - apart) / prior.alike_deg)
         self.factor = np.ones(SECTORS)
         self._covariance = prior.common**2 + prior.local**2 * alike
-        self._drift = prior.drift**2 * (0.5 + 0.5 * alike)  # of the covariance, in an hour
+        self._drift = prior.drift**2 * (0.5 + 0.5 * alike)  # increase of the covariance in an hour
 
     def _fuel_at(self, front: Floats) -> NDArray[np.int16]:
         """Return the fuel model under a front on each bearing; 0 without a landscape."""
@@ -186,7 +189,7 @@ class FrontEstimate:
     def reset_around(
         self, centre: tuple[float, float], front: Floats, at_s: float
     ) -> "FrontEstimate":
-        """Return an estimate around another centre that keeps the model and wind, but no views."""
+        """Return a new estimate, around the given centre, with this model and wind but no views."""
         renewed = FrontEstimate(self._shape, centre, self.model, front, at_s)
         renewed.wind_m_s = self.wind_m_s
         renewed._short_wind, renewed._long_wind = self._short_wind, self._long_wind
@@ -197,9 +200,9 @@ class FrontEstimate:
     def add_wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
         """Add a measured wind to the mean over a quarter of an hour.
 
-        The wind is that at 20 ft. ``from_deg`` is the direction from which it blows, clockwise from
-        true north. If the wind shifts by more than gusts and errors explain, the mean follows
-        within one or two minutes.
+        The wind is measured at 20 ft and blows from ``from_deg``, clockwise from true north. If the
+        wind shifts by more than gusts and errors explain, the mean follows within one or two
+        minutes.
         """
         toward = math.radians(from_deg + 180.0)
         new = speed_m_s * np.array([math.cos(toward), math.sin(toward)])
@@ -234,7 +237,7 @@ class FrontEstimate:
             self._covariance += step_s / 3600.0 * self._drift
 
     def factors(self) -> Floats:
-        """Return the factor on each bearing: the rate of spread divided by the model's."""
+        """Return the factor on each bearing: the rate of spread divided by the modelled rate."""
         found = np.empty(BEARINGS)
         interpolate_sectors(self.factor, found)
         return found
@@ -272,7 +275,7 @@ class FrontEstimate:
         speed_along_bearings(bearing, rate, stretch, limit, LONGEST_STEP_S, self._unit)
         return self._unit
 
-    def observe(self, row: int, col: int, window: NDArray[np.uint8], at_s: float) -> Booleans:
+    def add_window(self, row: int, col: int, window: NDArray[np.uint8], at_s: float) -> Booleans:
         """Update the front from one camera window; return which bearings show it (360).
 
         ``window`` (y, x) holds the codes of ``fire_map``; ``row`` and ``col`` are the grid cell of
@@ -295,8 +298,8 @@ class FrontEstimate:
         self._update_factors(in_view, at_s)
         return in_view
 
-    def correct(self, row: int, col: int, window: NDArray[np.uint8], at_s: float) -> None:
-        """Apply an operator's correction of a window. This does not change the factors."""
+    def correct_window(self, row: int, col: int, window: NDArray[np.uint8], at_s: float) -> None:
+        """Apply an operator's correction of a window to the front; leave the factors unchanged."""
         self.advance(at_s)
         centre = (self.centre_row, self.centre_col)
         not_burned, still_burned = taken_back(row, col, window, centre, self.burned)
@@ -338,8 +341,8 @@ class FrontEstimate:
         """Scale the unseen parts of the front after other parts have been seen for the first time.
 
         ``new`` holds the bearings seen for the first time, and ``before`` the front before this
-        view. An unseen bearing is scaled like the nearest new bearing, but less the farther away it
-        is.
+        view. An unseen bearing is scaled like the nearest new bearing, but the change decreases
+        with the distance from that bearing.
         """
         unseen = np.isinf(self.seen_at_s)
         unseen[new] = False

@@ -10,20 +10,20 @@ import numpy as np
 
 from firemodel.compiled import compiled
 
-UNBURNED, BURNED = 1, 2  # as in fire_map
-SAMPLES_PER_CELL = 2  # along a bearing, as for the distance error
+UNBURNED, BURNED = 1, 2  # codes as in fire_map
+SAMPLES_PER_CELL = 2  # samples along a bearing, as for the distance error
 TANGENT_CELLS = 3.5  # length of the front on each side over which its slant is computed
 HOLLOW = 0.5  # difference between the slants on both sides above which a front is hollow
-LEAP_CELLS = 2.0  # a larger step outwards to the next bearing is another part of the front
+LEAP_CELLS = 2.0  # a larger step outwards to the next bearing leads to another part of the front
 PLACES = 9  # maximum number of places for each bearing at which the rate of spread is computed
 BEHIND_CELLS = 0.7  # distance behind the front of the cell from which fire spreads
 STEEPEST = 4.0  # limit of the slant, with which the speed along a bearing grows
 
 PER_SECTOR = 5
 # A view is compared with an earlier view once the front has advanced this far since, or this long
-# afterwards.
+# after the earlier view.
 BASELINE_CELLS, BASELINE_S = 2.0, 1800.0
-CELL_VARIANCE = 1.0 / 12.0  # of a position with a resolution of one cell
+CELL_VARIANCE = 1.0 / 12.0  # variance of a position with a resolution of one cell
 # Relative error of an advance before the first view, when the wind is unknown.
 UNLIKE_AT_FIRST = 1.0
 AT_IGNITION_CELLS = 1.0
@@ -84,7 +84,7 @@ def front_normals(  # type: ignore[no-untyped-def]
 def speed_along_bearings(bearing, rate, stretch, max_advance, step_s, unit):  # type: ignore[no-untyped-def]
     """Compute the front's speed along each bearing; in a hollow the fire of the faster side counts.
 
-    This is Godunov's scheme, which treats the front as a Hamilton-Jacobi equation.
+    The method is Godunov's scheme, which treats the front as a Hamilton-Jacobi equation.
     """
     for place in range(rate.size):
         speed = min(rate[place] * stretch[place], max_advance[place] / step_s)

@@ -1,11 +1,11 @@
-"""Mixes two estimates of the front, by how well each of them has predicted the views so far.
+"""Mixes two estimates of the front, weighted by their errors in predicting the views so far.
 
-The first estimate follows the fire model. Where fuel map or wind are wrong, it is far off between
-two views. The second one is ``cautious``: it follows measured rates more than the model. Its
-mixture with a small share of the first estimate and of the front as last seen has a smaller
-largest error than each of them. The front is the first estimate if its errors are clearly smaller
-than those of this mixture, and else this mixture. The errors are those with which each predicted
-the front where it comes into view again.
+The first estimate follows the fire model. Where the fuel map or the wind is wrong, the first
+estimate is far off between two views. The second estimate is ``cautious``: it follows measured
+rates more than the model. The second estimate is mixed with small shares of the first estimate and
+of the front as last seen; the largest error of this mixture is smaller than the largest error of
+each part. The result is the first estimate if its errors are clearly smaller than those of the
+mixture, and otherwise the mixture. Errors are measured where the front comes into view again.
 
 The constants were chosen on the fires 200 to 229 of ``benchmarks.random_fires --wrong``. Without a
 model there is only one estimate.
@@ -19,16 +19,17 @@ from mission_service.guidance.front.front_estimate import FrontEstimate, FrontMo
 
 Floats = NDArray[np.float64]
 
-SHARES = (0.15, 0.75, 0.10)  # of the estimate by the model, the cautious one, the last seen front
-CLEARLY = 0.5  # the estimate by the model counts if its mean square error is smaller by this factor
+# Shares of the estimate by the model, of the cautious estimate, and of the front as last seen.
+SHARES = (0.15, 0.75, 0.10)
+CLEARLY = 0.5  # ratio of mean square errors (model / mixture) where both have equal weight
 SHARPNESS = 4.0
 AGAIN_S = 120.0  # a bearing counts if it has been out of view for this time
-KEPT = 0.9975  # of the weight of earlier bearings, at each bearing
+KEPT = 0.9975  # factor of the weights of earlier bearings at each new bearing
 FIRST_SQUARES = 20.0  # sum of the mixture's square errors in cells before the first prediction
 
 
 class FrontMixture:
-    """The estimated front, with the interface of its estimates; arrays are (360)."""
+    """The mixed front, with the interface of ``FrontEstimate``; arrays are (360)."""
 
     def __init__(
         self,
@@ -57,7 +58,7 @@ class FrontMixture:
         return float(1.0 / (1.0 + min(ratio, 1e3) ** SHARPNESS))
 
     def _cautious_mixture(self) -> Floats:
-        """Return the mixture that counts if the model is not clearly better."""
+        """Return the mixture that is used if the model is not clearly better."""
         modelled = self.modelled.front
         if self._cautious is None:
             return modelled
@@ -93,14 +94,14 @@ class FrontMixture:
             estimate.advance(to_s)
         self.front = self._mixed()
 
-    def observe(self, row: int, col: int, window: NDArray[np.uint8], at_s: float) -> None:
-        """Update the front from one camera window, as ``FrontEstimate.observe``."""
+    def add_window(self, row: int, col: int, window: NDArray[np.uint8], at_s: float) -> None:
+        """Update the front from one camera window, as ``FrontEstimate.add_window``."""
         self.advance(at_s)
         predicted = np.stack([self.modelled.front, self._cautious_mixture()])
         unseen_s = at_s - self.modelled.seen_at_s
-        in_view = self.modelled.observe(row, col, window, at_s)
+        in_view = self.modelled.add_window(row, col, window, at_s)
         if self._cautious is not None:
-            self._cautious.observe(row, col, window, at_s)
+            self._cautious.add_window(row, col, window, at_s)
         seen = self.modelled.front[in_view]
         again = ((unseen_s > AGAIN_S) & np.isfinite(unseen_s))[in_view]
         self._last_seen[in_view] = seen
@@ -108,10 +109,10 @@ class FrontMixture:
         self._squares = KEPT ** np.count_nonzero(again) * self._squares + (off**2).sum(axis=1)
         self.front = self._mixed()
 
-    def correct(self, row: int, col: int, window: NDArray[np.uint8], at_s: float) -> None:
+    def correct_window(self, row: int, col: int, window: NDArray[np.uint8], at_s: float) -> None:
         """Apply an operator's correction of a window."""
         for estimate in self._estimates():
-            estimate.correct(row, col, window, at_s)
+            estimate.correct_window(row, col, window, at_s)
         self._last_seen = np.where(
             self.modelled.seen_at_s == at_s, self.modelled.front, self._last_seen
         )

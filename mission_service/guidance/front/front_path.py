@@ -23,7 +23,7 @@ WIDEST_GAP_DEG = 3
 
 @dataclass(frozen=True, slots=True)
 class PathSettings:
-    """The length of a path, and the distance from the vehicle to its start ahead, in cells."""
+    """The length of a path, and how far ahead of the vehicle the path starts, both in cells."""
 
     horizon_cells: float
     lookahead_cells: float
@@ -54,7 +54,7 @@ def turned_deg(from_deg: float, to_deg: float, clockwise: bool) -> float:
 
 
 def foremost_in_view(in_view: Booleans, bearing: int, clockwise: bool) -> int:
-    """Return the farthest bearing ahead of a vehicle that it sees without a wide gap before it."""
+    """Return the farthest bearing ahead up to which the view of the front has no wide gap."""
     found: int = _foremost(in_view, int(bearing), 1 if clockwise else -1)
     return found
 

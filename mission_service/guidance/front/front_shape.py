@@ -19,7 +19,7 @@ SCAN_DEG = 150
 
 
 def close_gap(outer: Floats, foremost: int, clockwise: bool) -> Floats:
-    """Join the freshly seen front to the older front ahead by a straight line (scan method).
+    """Draw a straight line from the end of the front in view to the older front ahead (scan).
 
     Args:
         outer: The distance of the front in cells on each bearing (360), without NaN.
@@ -69,7 +69,7 @@ def _close_gap(outer, foremost, step):  # type: ignore[no-untyped-def]
 def ring_of_cells(
     outer: Floats, start: int, clockwise: bool
 ) -> tuple[Floats, Floats, NDArray[np.int64]]:
-    """Return the closed ring of perimeter cells, from the vehicle's bearing against its direction.
+    """Return the closed ring of perimeter cells, from the vehicle's bearing backwards.
 
     The three arrays hold each cell's distance north and east of the centre, in whole cells, and its
     bearing. Successive cells are neighbours, with or without a common side.
@@ -134,7 +134,7 @@ def _hull_of(shape):  # type: ignore[no-untyped-def]
             last, before = corners[size - 1], corners[size - 2]
             turn = (east[last] - east[before]) * (north[added] - north[last])
             turn -= (north[last] - north[before]) * (east[added] - east[last])
-            if turn < 0.0:  # clockwise, as the bearings go
+            if turn < 0.0:  # a right turn, as on a convex hull
                 break
             size -= 1
         corners[size] = added

@@ -14,7 +14,7 @@ from mission_service.vehicles.traffic import TrafficManager
 from mission_service.vehicles.vehicle_state import Vehicle
 
 COMPARED_SHARE = 0.25  # share of the horizon over which a new path is compared with the flown one
-LEFT_SHARE = 0.4  # share of the horizon; if less of the path is left, the mission is extended
+LEFT_SHARE = 0.4  # share of the horizon; a mission with less path left is extended
 CHECK_EVERY_S = 2.0
 CLOSE_BELOW = "another vehicle flies close below"
 TURN_BACK = "turn back"
@@ -38,7 +38,7 @@ class Renewal:
         if vehicle.due != CLOSE_BELOW and self._traffic.comes_too_low(vehicle.name):
             vehicle.due = CLOSE_BELOW
         if vehicle.proposed is not None and vehicle.due != CLOSE_BELOW:
-            return False  # until it is accepted, refused or withdrawn
+            return False  # no check until the proposal is accepted, refused or withdrawn
         if vehicle.due == TURN_BACK and not self._traffic.may_turn_back(vehicle.name):
             return False
         if not vehicle.due and fix.at_s < vehicle.not_before_s:
@@ -53,12 +53,12 @@ class Renewal:
         return vehicle.due or "fly to the fire"
 
     def is_open(self, vehicle: Vehicle, fix: PositionFix) -> bool:
-        """Return whether the last upload is long enough ago, or a reason is set, for a renewal."""
+        """Return whether a renewal has a reason, or ``min_upload_interval_s`` has passed."""
         since_s = fix.at_s - vehicle.uploaded_at_s
         return bool(vehicle.due) or since_s >= self._settings.min_upload_interval_s
 
     def why(self, vehicle: Vehicle, path_m: NDArray[np.float64], fix: PositionFix) -> str | None:
-        """Return the reason to replace the mission by one along ``path_m``, or None.
+        """Return the reason to replace the mission by a mission along ``path_m``, or None.
 
         ``path_m`` (n, 2; x, y in metres) is the path of a mission that would start now.
         """

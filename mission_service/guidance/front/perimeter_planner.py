@@ -4,9 +4,10 @@ By listing 1 the vehicle first circles once to fill the on-board map. Then, at e
 planner reconstructs the fire's shape, compares the importance of the two halves of the perimeter,
 and turns the vehicle back or keeps its direction.
 
-The planner has three rules. ``islam_hu`` is the rule in the paper. It oscillates if the spread is
-very uneven, for two reasons: each turn makes the other window more important, and spread rates are
-computed from two views only seconds apart. ``islam_hu_damped`` has three differences:
+The planner has three rules. ``islam_hu`` is the rule in the paper. A vehicle with this rule
+oscillates if the spread is very uneven, for two reasons: each turn makes the other window more
+important, and spread rates are computed from two views only seconds apart. ``islam_hu_damped`` has
+three differences:
 
 - Spread rates are computed from views at least ``baseline_s`` apart and averaged over neighbouring
   bearings, so that a difference of one cell does not become a high rate.
@@ -31,10 +32,6 @@ from mission_service.events import Observed, SettingsChanged
 from mission_service.guidance.fire_map import BEARINGS, FireMap
 from mission_service.guidance.front.cell_importance import ring_importance, window_importance
 from mission_service.guidance.front.first_lap import (
-    CameraView,
-    LapProgress,
-    append_view,
-    recentred_map,
     view_of,
 )
 from mission_service.guidance.front.front_path import (
@@ -45,8 +42,9 @@ from mission_service.guidance.front.front_path import (
     reconstructed_front,
 )
 from mission_service.guidance.front.front_shape import ring_of_cells, steps_between
+from mission_service.guidance.front.lap_planner import LapPlanner
 from mission_service.guidance.front.planners import path_settings
-from mission_service.guidance.protocol import Compared, Decision, Ground, Phase
+from mission_service.guidance.protocol import Compared, Decision, Ground
 
 Floats = NDArray[np.float64]
 Rule = Literal["islam_hu_damped", "islam_hu", "circling"]
@@ -69,7 +67,7 @@ class PerimeterSettings:
     path: PathSettings
 
 
-class PerimeterPlanner:
+class PerimeterPlanner(LapPlanner):
     """The planner of one vehicle; positions are rows and columns of the landscape's grid."""
 
     def __init__(
@@ -80,58 +78,24 @@ class PerimeterPlanner:
         ignited_at_s: float,
     ) -> None:
         self.settings = settings
-        self.phase: Phase = "approach"
-        self.clockwise = settings.clockwise_first
-        self.reversals = 0
         baseline_s = 0.0 if settings.rule == "islam_hu" else settings.baseline_s
-        self.map = FireMap(shape, *centre, ignited_at_s, baseline_s)
-        self._observations: list[CameraView] = []
-        self._in_view = np.zeros(BEARINGS, dtype=bool)
-        self._cell: tuple[int, int] | None = None
-        self._lap = LapProgress()
-        self._turned_at_s = -np.inf
+        fire_map = FireMap(shape, *centre, ignited_at_s, baseline_s)
+        super().__init__(fire_map, settings.clockwise_first, settings.ignition_known)
 
     def observe(self, observed: Observed) -> None:
         """Update the map from a camera window."""
-        view = view_of(observed)
-        self._in_view = self.map.observe(*view)
-        if self.phase == "approach" and self._in_view.any():
-            self.phase = "initial circle"
-        if self.phase == "initial circle" and not self.settings.ignition_known:
-            append_view(self._observations, view)
+        self._survey(view_of(observed))
 
     def correct(self, observed: Observed) -> None:
         """Apply an operator's correction of a window of the fire."""
-        self.map.correct(*view_of(observed))
+        self.map.correct_window(*view_of(observed))
 
     def tune(self, event: SettingsChanged) -> None:
         """Apply changed settings to all later decisions."""
         self.settings = replace(self.settings, **event.given)
 
-    def at(self, row: float, col: float, at_s: float) -> Decision | None:
-        """Set the vehicle's position; return a decision if it is in a new cell of the grid."""
-        bearing, circling = bearing_deg(self.map, row, col), self.phase == "initial circle"
-        if self._lap.update(bearing, self.clockwise, counts=circling):
-            self._finish_initial_circle()
-        cell = (round(row), round(col))
-        if cell == self._cell or self.phase != "monitor":
-            self._cell = cell
-            return None
-        self._cell = cell
-        return self._decide(row, col, at_s)
-
     def wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
         """Do nothing: the paper's rule does not use the wind."""
-
-    def left(self, at_s: float) -> None:
-        """Do nothing: the planner has only one vehicle."""
-
-    def _finish_initial_circle(self) -> None:
-        """End the first lap (listing 2); the fire's centre replaces an unknown ignition point."""
-        self.phase = "monitor"
-        if not self.settings.ignition_known:
-            self.map, self._in_view = recentred_map(self.map, self._observations)
-            self._observations.clear()
 
     def shape(self, row: float, col: float) -> Floats:
         """Return the reconstructed front: distances in cells on 360 bearings."""
@@ -171,9 +135,7 @@ class PerimeterPlanner:
         back, front = window_importance(importance)
         turn = self._turns_back(back, front, importance.size // 2, at_s)
         if turn:
-            self.clockwise = not self.clockwise
-            self.reversals += 1
-            self._turned_at_s = at_s
+            self._turn_back(at_s)
         return Decision(self.clockwise, turn, back, front, importance.size)
 
     def _turns_back(self, back: float, front: float, window_cells: int, at_s: float) -> bool:

@@ -3,7 +3,7 @@
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario
 from mission_service.config.sections import VehicleSection
-from mission_service.fire.setup import fire_position
+from mission_service.fire.scenario_fire import fire_position
 from mission_service.guidance.front.front_path import PathSettings
 from mission_service.guidance.protocol import Ground
 

@@ -1,8 +1,8 @@
 """The predictive planner, which guides one vehicle where the estimated front is most uncertain.
 
 ``front_estimate`` advances each part of the front from its last view, and ``front_mixture`` reduces
-the effect of a wrong fire model. The expected error of a part grows at its speed times the standard
-deviation of the factor in that speed. At every new cell of the grid, ``sweeps`` rolls out plans of
+the effect of a wrong fire model. The expected error of a part grows at the part's speed times the
+standard deviation of its factor. At every new cell of the grid, ``sweeps`` rolls out plans of
 sweeps and circles on the estimated front. Some plans keep the direction, and some turn back now.
 The cost of a plan measures the error. The vehicle turns if the best plan that turns back costs
 clearly less than the best plan that keeps the direction.
@@ -23,14 +23,10 @@ from firemodel.spread.front_rates import FrontRates
 from mission_service.config.scenario import Scenario
 from mission_service.config.sections import VehicleSection
 from mission_service.events import Observed
-from mission_service.fire.setup import weather_of
+from mission_service.fire.scenario_fire import weather_of
 from mission_service.guidance.fire_map import BEARINGS, FireMap
 from mission_service.guidance.front.cell_importance import window_importance
 from mission_service.guidance.front.first_lap import (
-    CameraView,
-    LapProgress,
-    append_view,
-    recentred_map,
     view_of,
 )
 from mission_service.guidance.front.front_estimate import FrontEstimate, FrontModel
@@ -41,10 +37,11 @@ from mission_service.guidance.front.front_path import (
     extrapolated_front,
     path_along,
 )
+from mission_service.guidance.front.lap_planner import LapPlanner
 from mission_service.guidance.front.planners import path_settings
 from mission_service.guidance.front.robust_front import robust_front
 from mission_service.guidance.front.sweeps import NODES, PLANS, CoarseRing, costs_of, fill_ring
-from mission_service.guidance.protocol import Compared, Decision, Ground, Phase
+from mission_service.guidance.protocol import Compared, Decision, Ground
 
 Floats = NDArray[np.float64]
 
@@ -52,7 +49,7 @@ HORIZON_LAPS = 2.0
 REST_LAPS = 0.03  # minimum interval between turns
 # Share of the cost that a turn must save. With 0.25, turns increased the error on random fires.
 MIN_GAIN = 0.5
-TURN_BACK = 7.0 / 3.0 * math.pi  # length in radii of the shortest turn to the opposite course
+TURN_BACK = 7.0 / 3.0 * math.pi  # shortest path to the opposite course, in turn radii
 LEFT_CELLS = 0.5  # error across a front in view
 RECENTRED_BASELINE_S = 300.0
 
@@ -81,7 +78,7 @@ def model_of(landscape: Landscape, weather: Weather) -> FrontModel:
     return FrontModel(FrontRates(landscape, weather_stream), landscape, weather_stream)
 
 
-class PredictivePlanner:
+class PredictivePlanner(LapPlanner):
     """A predictive ``Planner``; positions are rows and columns of the landscape's grid."""
 
     def __init__(
@@ -94,17 +91,10 @@ class PredictivePlanner:
         model: FrontModel | None,
     ) -> None:
         self.settings = settings
+        fire_map = FireMap(shape, *centre, ignited_at_s, RECENTRED_BASELINE_S)
+        super().__init__(fire_map, settings.clockwise_first, settings.ignition_known)
         self._cell_m = cell_m
-        self.phase: Phase = "approach"
-        self.clockwise = settings.clockwise_first
-        self.reversals = 0
-        self.map = FireMap(shape, *centre, ignited_at_s, RECENTRED_BASELINE_S)
         self.fronts = FrontMixture(shape, centre, model, np.full(BEARINGS, 0.5), ignited_at_s)
-        self._observations: list[CameraView] = []
-        self._in_view = np.zeros(BEARINGS, dtype=bool)
-        self._cell: tuple[int, int] | None = None
-        self._lap = LapProgress()
-        self._turned_at_s = -np.inf
         self._ring = CoarseRing(*(np.zeros(NODES) for _ in range(5)))
         self._node_of = np.zeros(BEARINGS, dtype=np.int64)
         self._costs = np.zeros(len(PLANS))
@@ -118,55 +108,33 @@ class PredictivePlanner:
         """Update the map and the estimate from a camera window."""
         seen = view_of(observed)
         if self.phase != "monitor":
-            self._in_view = self.map.observe(*seen)
-            if self.phase == "approach" and self._in_view.any():
-                self.phase = "initial circle"
+            self._survey(seen)
             if not self.settings.ignition_known:
-                if self.phase == "initial circle":
-                    append_view(self._observations, seen)
                 return
-        self.fronts.observe(*seen)
+        self.fronts.add_window(*seen)
 
     def correct(self, observed: Observed) -> None:
         """Apply an operator's correction of a window of the fire."""
         seen = view_of(observed)
-        self.map.correct(*seen)
-        self.fronts.correct(*seen)
+        self.map.correct_window(*seen)
+        self.fronts.correct_window(*seen)
 
     def wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
         """Add a wind measured in the air; ``from_deg`` is clockwise from true north."""
         self.fronts.add_wind(speed_m_s * self.settings.wind_20ft_share, from_deg, at_s)
 
-    def left(self, at_s: float) -> None:
-        """Do nothing: the planner has only one vehicle."""
+    def _recentre(self) -> None:
+        """Apply all views of the lap to a map and an estimate around the fire's centre."""
+        super()._recentre()
+        centre = (self.map.centre_row, self.map.centre_col)
+        outer, _ = self.map.filled_outer()
+        self.fronts = self.fronts.reset_around(centre, outer, self._observations[0][3])
+        for seen in self._observations:
+            self.fronts.add_window(*seen)
 
-    def at(self, row: float, col: float, at_s: float) -> Decision | None:
-        """Set the vehicle's position; return a decision if it is in a new cell of the grid."""
-        bearing, circling = bearing_deg(self.map, row, col), self.phase == "initial circle"
-        if self._lap.update(bearing, self.clockwise, counts=circling):
-            self._finish_initial_circle()
-            bearing = bearing_deg(self.map, row, col)
-        cell = (round(row), round(col))
-        new = cell != self._cell
-        self._cell = cell
-        if self.phase != "monitor" or not new:
-            return None
+    def _decide(self, row: float, col: float, at_s: float) -> Decision:
         self.fronts.advance(at_s)
-        return self._decide(round(bearing) % BEARINGS, at_s)
-
-    def _finish_initial_circle(self) -> None:
-        """Replace an unknown ignition point by the fire's centre, and apply all views again."""
-        self.phase = "monitor"
-        if not self.settings.ignition_known:
-            self.map, self._in_view = recentred_map(self.map, self._observations)
-            centre = (self.map.centre_row, self.map.centre_col)
-            outer, _ = self.map.filled_outer()
-            self.fronts = self.fronts.reset_around(centre, outer, self._observations[0][3])
-            for seen in self._observations:
-                self.fronts.observe(*seen)
-            self._observations.clear()
-
-    def _decide(self, bearing: int, at_s: float) -> Decision:
+        bearing = round(bearing_deg(self.map, row, col)) % BEARINGS
         settings = self.settings
         length = self._fill_ring()
         node, ring = int(self._node_of[bearing]), self._ring
@@ -181,16 +149,15 @@ class PredictivePlanner:
         rested = at_s - self._turned_at_s >= max(REST_LAPS * lap_s, 2.0 * turn_s)
         turns = rested and back < on * (1.0 - MIN_GAIN)
         if turns:
-            self.clockwise = not self.clockwise
-            self.reversals += 1
-            self._turned_at_s = at_s
+            self._turn_back(at_s)
         # The importance of turning back is the cost of keeping the direction.
         return Decision(self.clockwise, turns, on, back, round(length))
 
     def compared(self, row: float, col: float, at_s: float) -> Compared:
-        """Return the expected error in cells and the position of each of 360 bearings."""
+        """Return the front's expected error, in cells, and position on each of 360 bearings."""
         first, step = round(bearing_deg(self.map, row, col)), -1 if self.clockwise else 1
-        places = (first + step * np.arange(BEARINGS)) % BEARINGS  # begins at the vehicle, backwards
+        # Bearings from the vehicle backwards.
+        places = (first + step * np.arange(BEARINGS)) % BEARINGS
         estimate = self.estimate
         values = self._error(estimate.factor_sd())[places]
         front, bearing_rad = self.fronts.front[places], np.radians(places)
@@ -226,17 +193,18 @@ class PredictivePlanner:
         return length
 
     def shape(self, row: float, col: float) -> Floats:
-        """Return the estimated front, made robust: distances in cells on 360 bearings."""
+        """Return the robust shape of the estimated front: distances in cells on 360 bearings."""
         return robust_front(self.fronts.front)
 
     def path(self, row: float, col: float) -> Floats:
         """Return the path to fly along the front ahead: an array (n, 2) with row and column.
 
-        The path follows the estimated front. Before the phase ``monitor`` it follows the visible
-        front, extended by a straight line.
+        The path follows the estimated front. Before the phase ``monitor`` the path follows the
+        visible front, extended by a straight line.
         """
         settings = self.settings.path
-        if self.phase == "monitor":  # not smoothed: the tip of a narrow fire must be seen
+        # Not smoothed, so that the tip of a narrow fire comes into view.
+        if self.phase == "monitor":
             front = self.fronts.front
             return path_along(front, self.estimate, row, col, self.clockwise, settings, 0)
         front = extrapolated_front(self.map, self._in_view, row, col, self.clockwise)
@@ -263,5 +231,5 @@ def predictive_planner(
         ground.centre,
         ground.burns_from_s,
         cell_m,
-        model_of(ground.landscape, weather_of(scenario).at(ground.burns_from_s)),
+        model_of(ground.landscape, weather_of(scenario).weather_at(ground.burns_from_s)),
     )

@@ -13,13 +13,13 @@ from mission_service.guidance.front.front_shape import hull_of
 
 Floats = NDArray[np.float64]
 
-# Shares of a hollow that are filled up to a depth (in cells) and beyond it. They were tuned on
-# random fires (benchmarks.random_fires); constant shares of 0 and of 0.5 are both worse.
+# Shares of a hollow that are filled up to a depth (in cells) and beyond it. The shares were tuned
+# on random fires (benchmarks.random_fires); constant shares of 0 and of 0.5 are both worse.
 SHALLOW, DEEP, DEEP_FROM_CELLS = 0.25, 0.5, 10.0
 
 
 def robust_front(front: Floats) -> Floats:
-    """Return the robust shape of a front; both are in cells on 360 bearings."""
+    """Return the robust shape of a front; shape and front are in cells on 360 bearings."""
     before, after = np.roll(front, 1), np.roll(front, -1)
     highest = np.maximum(np.maximum(before, after), front)
     lowest = np.minimum(np.minimum(before, after), front)

@@ -4,8 +4,8 @@ A plan is a sequence of legs with turns between them. Legs are measured in nodes
 the last leg does not end. The cost of a plan is the cube of the expected error, integrated over
 time and summed over the ring. The cost approximates the largest error, but also distinguishes
 between plans with the same largest error. The error of a node out of view grows linearly, so a
-roll-out computes only the visits. Its time is proportional to the number of nodes plus the number
-of steps.
+roll-out computes only the visits. The time of a roll-out is proportional to the number of nodes
+plus the number of steps.
 
 Lengths are in cells, times in seconds, and speeds in cells per second.
 """
@@ -24,7 +24,7 @@ Integers = NDArray[np.int64]
 NODES = 72
 NEVER = 1 << 40
 MIN_GROWTH_CELLS_S = 1e-6
-SLOWEST = 0.2  # over the ground, as a share of the airspeed
+SLOWEST = 0.2  # minimum ground speed, as a share of the airspeed
 
 
 class CoarseRing(NamedTuple):
@@ -32,7 +32,7 @@ class CoarseRing(NamedTuple):
 
     ahead_s: Floats  # flight time from each node to the next one
     back_s: Floats  # flight time from each node to the previous one
-    error: Floats  # expected now, in cells
+    error: Floats  # error expected now, in cells
     growth: Floats  # growth of the error while the node is not in view, in cells/s
     left: Floats  # error of a node in view, in cells
 

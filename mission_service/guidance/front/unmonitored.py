@@ -75,7 +75,7 @@ class FrontMonitor:
         self._planners = planners
         self._cell_m = cell_m
         self._watching: set[str] = set()
-        self._alarm: RaiseAlarm | None = None  # of the last vehicle that left the front
+        self._alarm: RaiseAlarm | None = None  # about the last vehicle that left the front
 
     def standing_alarms(self) -> list[AnyCommand]:
         """Return the active alarm, if any, to be sent again after a restart of the service."""
@@ -90,8 +90,8 @@ class FrontMonitor:
     ) -> list[AnyCommand]:
         """Return reports that a part of the front is no longer monitored, or is monitored again.
 
-        A vehicle monitors the front from its first observation of it (``observes``) for as long as
-        it follows its planner (``available``).
+        A vehicle monitors the front from its first observation of the front (``observes``) for as
+        long as the vehicle follows its planner (``available``).
         """
         watches = available and (observes or name in self._watching)
         if watches == (name in self._watching):
@@ -115,7 +115,7 @@ class FrontMonitor:
     def _left(
         self, name: str, fire: FireMap, availability: Mapping[str, VehicleAvailability]
     ) -> NDArray[np.int64]:
-        """Return the bearings to which no other vehicle on the same map is nearer than this one."""
+        """Return the bearings to which no other vehicle on the same map is nearer than ``name``."""
         places = {
             each: fix
             for each in (name, *sorted(self._watching))

@@ -7,7 +7,7 @@ import numpy as np
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario
 from mission_service.events import Observed
-from mission_service.fire.setup import fire_position
+from mission_service.fire.scenario_fire import fire_position
 from mission_service.guidance.front.way import Planners
 from mission_service.missions.separation import Track, heights_below
 
@@ -45,7 +45,7 @@ def warm_up(planners_of: Planners, scenario: Scenario, landscape: Landscape) -> 
             cells = tuple("".join(line) for line in np.where(burns, "b", "u"))
             planner.wind(4.0, 45.0, at_s)
             planner.observe(Observed(round(at_s * 1e6), name, top, left, cells))
-            if step == 0:  # an image from the ground, for which numba compiles kernels again
+            if step == 0:  # a single cell, for which numba compiles kernels again
                 planner.observe(Observed(round(at_s * 1e6), name, top, left, (cells[0][0],)))
             planner.at(row, col, at_s)
             planner.shape(row, col)

@@ -72,7 +72,7 @@ def _each_alone(maker: Maker, scenario: "Scenario", landscape: "Landscape") -> "
 
 
 def _checked(maker: Maker, scenario: "Scenario", landscape: "Landscape") -> "dict[str, Planner]":
-    """Return the planners of another package. Raises PlannerError for incomplete ones."""
+    """Return the planners of another package. Raises PlannerError if one lacks methods."""
     from mission_service.guidance.protocol import Planner, Steered
 
     with faults_of(scenario.planner.rule):

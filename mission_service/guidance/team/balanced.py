@@ -1,9 +1,9 @@
 """The team rule that divides the front at the minimum mean cost (``team.balanced``).
 
-The rule searches twice, by roll-outs. With ``patterns`` it searches the long-term division of the
-ring: all vehicles lap, all lap and pass a hot arc three times, or some sweep the arc. With
-``lookahead`` it searches the next turns of each vehicle, so that the team reaches that pattern with
-even gaps and visits the cells that have not been seen for long.
+The rule searches twice, by roll-outs. With ``patterns`` the rule searches the long-term division of
+the ring: all vehicles lap, all lap and pass an arc of fast spread three times, or some sweep the
+arc. With ``lookahead`` the rule searches the next turns of each vehicle, so that the team reaches
+that pattern with even gaps and visits the cells that have not been seen for long.
 
 Each decision tries only a few plans, and keeps the present plan unless another is better by a
 margin. Therefore a decision takes the same short time, however long the search lasts.
@@ -39,7 +39,8 @@ SHIFTS = (-8, -4, -2, -1, 1, 2, 4, 8)  # cells by which a turn is delayed
 AHEAD_LAPS, LATE_TIMES = 0.5, 3.0
 AHEAD_ON_ARCS, LATE_ON_ARCS = 1.0, 1.0
 MARGIN = 1e-3  # share of the cost that another plan must save
-PATTERN_MARGIN = 0.03  # times (vehicles - 1)²: large teams have less even gaps on a growing front
+# The share that another pattern must save, per (vehicles - 1)²: gaps in large teams are less even.
+PATTERN_MARGIN = 0.03
 SEARCH_S = 2.0  # time between two searches for a vehicle's plan
 
 Importance = Literal["linear", "exponential"]
@@ -213,7 +214,7 @@ class Balanced:
         self._legs[vehicle] = legs
 
     def _set_team(self, members: list[int], fleet: ActiveFleet, at_s: float) -> None:
-        """Set the members after one has joined or left.
+        """Set the members after a vehicle has joined or left.
 
         All vehicles lap until a better pattern is found.
         """
@@ -240,7 +241,7 @@ class Balanced:
         """Try other plans for one vehicle; keep the best one."""
         assert self._ring is not None
         unreported = self._due_s < at_s - SEARCH_S
-        if unreported.any():  # their positions are dead reckoned
+        if unreported.any():  # the positions of these vehicles are dead reckoned
             self._goal[unreported] = fleet.cell[unreported]
             self._due_s[unreported] = at_s
             self._heading[unreported] = np.where(fleet.clockwise[unreported], 1, -1)

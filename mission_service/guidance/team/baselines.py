@@ -25,13 +25,14 @@ class Bumper:
     """
 
     def __init__(self) -> None:
-        # Decided directions: if two vehicles meet, the other one turns at its next cell.
+        # The directions last decided: when two vehicles meet, one turns now, and its neighbour at
+        # the neighbour's next cell.
         self._clockwise: dict[int, bool] = {}
         self._around: list[int] = []  # members in their constant order around the ring
         self._cells_on: dict[int, int] = {}  # cells from each member to the next one clockwise
 
     def decide(self, ring: FrontRing, fleet: ActiveFleet, which: int, at_s: float) -> bool:
-        """Return the present direction, or the other one if the vehicle meets its neighbour.
+        """Return the present direction, or the opposite if the vehicle meets its neighbour.
 
         Two neighbours meet if they are at most one cell apart and fly towards each other.
         """
@@ -56,7 +57,7 @@ class Bumper:
     def _gap(self, rear: int, cell_of: dict[int, int], around: int) -> int:
         """Return the number of cells from ``rear`` to the next vehicle.
 
-        Of the numbers that differ by whole laps, it is the one nearest to the last result.
+        Of the numbers that differ by whole laps, the number nearest to the last result is returned.
         """
         front = self._around[(self._around.index(rear) + 1) % len(self._around)]
         gap = (cell_of[front] - cell_of[rear]) % around

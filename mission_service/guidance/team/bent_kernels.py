@@ -20,8 +20,8 @@ def _importance(rate, age, exponential):  # type: ignore[no-untyped-def]
 def highest(rate, visited, begin, end, own_cell, at_s, exponential):  # type: ignore[no-untyped-def]
     """Return the lifted cell with the highest importance, or ``own_cell`` in a region of one cell.
 
-    The vehicle's own cell has no importance (4.1.3). Among equally important cells the nearest is
-    returned; among two at the same distance, the one that lies clockwise.
+    The vehicle's own cell has no importance (4.1.3). Among equally important cells the nearest cell
+    is returned; of two cells at the same distance, the cell in the clockwise direction is returned.
     """
     n = rate.size
     best, best_worth = own_cell, -1.0
@@ -44,8 +44,9 @@ def best_path(  # type: ignore[no-untyped-def]
 ):
     """Return the lifted end of the path whose cells have the highest mean importance (4.1.4).
 
-    The importance of each cell is that at the time of its visit. Among equal paths the one to
-    ``target`` is preferred, then the one with the nearer end, then the clockwise one.
+    The importance of each cell is computed for the time of its visit. Among paths with the same
+    mean, the path to ``target`` is preferred, then the path with the nearest end, then the path in
+    the clockwise direction.
     """
     n = rate.size
     best, best_worth, before = own_cell, -1.0, -1.0
@@ -83,9 +84,9 @@ def total(rate, visited, begin, end, at_s, exponential):  # type: ignore[no-unty
 def chunk(  # type: ignore[no-untyped-def]
     rate, visited, first, direction, max_cells, offer, at_s, exponential
 ):
-    """Return the largest number of cells, from ``first`` inwards, worth no more than ``offer``.
+    """Return how many cells, from ``first`` inwards, have a total importance of at most ``offer``.
 
-    It is at most ``max_cells``; the worth is the sum of the cells' importance.
+    The result is the largest such number up to ``max_cells``.
     """
     n = rate.size
     worth = 0.0
@@ -103,9 +104,9 @@ def max_centred(  # type: ignore[no-untyped-def]
 ):
     """Return the numbers of cells to give away at the beginning and at the end of a region.
 
-    The numbers are at most ``max_first`` and ``max_last``. They are chosen so that the importance
-    that remains is best centred in the remaining region (4.2.2). The result is (0, 0) unless
-    another pair is better.
+    The numbers are at most ``max_first`` and ``max_last``. The remaining importance is then best
+    centred in the remaining region (4.2.2). The result is (0, 0) unless giving cells away improves
+    the centring.
     """
     n = rate.size
     worth, moment = 0.0, 0.0
@@ -118,7 +119,7 @@ def max_centred(  # type: ignore[no-untyped-def]
         return 0, 0
     best_first, best_last = 0, 0
     best_off = abs(moment / worth - (begin + end - 1) / 2.0)
-    # Sums without the given cells: the whole first chunk is removed, then added cell by cell.
+    # Sums over the cells that remain: the whole first chunk is removed, then added cell by cell.
     worth_first, moment_first = worth, moment
     for cell in range(begin, begin + max_first):
         place = cell % n

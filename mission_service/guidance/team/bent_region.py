@@ -31,7 +31,7 @@ class Course(NamedTuple):
     target: int | None = None
 
 
-# Returns the new course of a vehicle that is in its region, given its course so far.
+# Returns a vehicle's new course in its region from the course so far.
 CourseRule = Callable[[Region, Course], Course]
 
 

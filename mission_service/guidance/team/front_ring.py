@@ -26,7 +26,7 @@ class FrontRing:
 
 @dataclass(frozen=True, slots=True)
 class ActiveFleet:
-    """The vehicles that fly now; each array has a value per vehicle (k), by ascending member."""
+    """The vehicles that fly now; arrays have one value per vehicle (k), sorted by ``member``."""
 
     member: Integers  # constant number of the vehicle in the team
     cell: Integers  # the vehicle's cell on the ring

@@ -37,7 +37,7 @@ class StartState(NamedTuple):
 
     node: Integers  # next node of each vehicle
     arrival_s: Floats  # time of arrival there
-    heading: Integers  # 1 clockwise, -1 the other way
+    heading: Integers  # 1: clockwise, -1: anticlockwise
     speed_m_s: Floats
     turn_s: float  # duration of a turn back
 
@@ -73,7 +73,7 @@ class Moves(NamedTuple):
 def workspace_for(nodes: int, vehicles: int) -> Workspace:
     """Return work arrays for roll-outs of this size.
 
-    They are zero, because they are part of a recorded state.
+    The arrays are zero, because they are part of a recorded state.
     """
     return Workspace(
         np.zeros(nodes),
@@ -107,7 +107,7 @@ def _standing(nodes, visited_s, at_s):  # type: ignore[no-untyped-def]
 def _fly(nodes, start, legs, room, until_s):  # type: ignore[no-untyped-def]
     """Fly all vehicles until ``until_s``; return the importance of the visited nodes.
 
-    For each visit it is integrated over the time since the node's previous visit.
+    For each visit the importance is integrated over the time since the node's previous visit.
     """
     ended = 0.0
     count = room.node.size
@@ -182,7 +182,7 @@ def late_mean(nodes, start, legs, span, room):  # type: ignore[no-untyped-def]
 
 @kernel
 def _tried(nodes, start, legs, span, room, vehicle, best, best_cost):  # type: ignore[no-untyped-def]
-    """Roll out the plans; if they cost less, copy this vehicle's plan to ``best`` (LEGS).
+    """Roll out the plans; if they cost less than ``best_cost``, copy this vehicle's to ``best``.
 
     Returns the lower of the two costs.
     """
@@ -219,7 +219,8 @@ def _shift_turn(plan, kept, turn, shift):  # type: ignore[no-untyped-def]
 def _leave_out_turns(plan, kept):  # type: ignore[no-untyped-def]
     """Remove the next two turns; return whether this is possible.
 
-    It is not possible if a plan has no two turns, or if the vehicle would end up behind its start.
+    The removal is not possible if a plan has no two turns, or if the vehicle would end up behind
+    its start.
     """
     if kept[0] >= NEVER or kept[1] >= NEVER or (kept[2] < NEVER and kept[0] + kept[2] < kept[1]):
         return False

@@ -66,7 +66,7 @@ def offers(own: float, left: float, right: float, alone: bool) -> tuple[float, f
 def on_importance(
     ring: FrontRing, left: Party, own: Party, right: Party, at_s: float, exponential: bool
 ) -> tuple[int, int]:
-    """Return how many cells at each end are together worth no more than the offer (4.2.1)."""
+    """Return how many cells at each end have a total importance within the offer (4.2.1)."""
     rate, visited = ring.spread_rate_m_s, ring.visited_at_s
 
     def worth(part: Party) -> float:
@@ -85,10 +85,11 @@ def on_centre(
 ) -> tuple[int, int]:
     """Return the numbers of cells, within the offers, that best centre what remains (4.2.2).
 
-    The pseudocode is inconsistent with the text of the thesis. It compares signed differences,
-    never refills an emptied chunk, and tries the first chunk alone only if there is no second one.
-    This function follows the text: it tries every combination, and chooses the one with the
-    smallest distance between the centre of importance and the middle of the region.
+    The pseudocode is inconsistent with the text of the thesis. The pseudocode compares signed
+    differences, never refills an emptied chunk, and tries the first chunk alone only if there is no
+    second one. This function follows the thesis: it tries every combination and chooses the
+    combination with the smallest distance between the centre of importance and the middle of the
+    region.
     """
     first, last = on_importance(ring, left, own, right, at_s, exponential)
     if not first and not last:
@@ -104,8 +105,8 @@ def on_arrival(
 ) -> tuple[int, int]:
     """Return the numbers of cells that the neighbours would reach first (6.1; Ahmadi & Stone).
 
-    Each neighbour is assumed to fly there at once. All vehicles have the same speed, so the nearer
-    vehicle arrives first. Distances are in cells, because steps are nearly equal.
+    Each neighbour is assumed to fly to these cells at once. All vehicles have the same speed, so
+    the nearer vehicle arrives first. Distances are in cells, because steps are nearly equal.
     """
     cells = ring.step_m.size
     behind = lifted(left.own_cell, own.own_cell - cells, cells)

@@ -1,9 +1,9 @@
 """The long-term patterns of a team on a ring, and their steady-state costs.
 
-There are three kinds of patterns: all vehicles circle in single file; all circle and pass a hot arc
-three times (on, back, on); or some sweep the arc while the others circle. On an even front circling
-is best: with the same number of passes, sweeping makes the mean age of a cell 4/3 times as high. A
-sweep reduces the cost only if the arc spreads several times as fast as the rest.
+There are three kinds of patterns: all vehicles circle in single file; all circle and pass an arc of
+fast spread three times (on, back, on); or some sweep the arc while the others circle. On an even
+front circling is best: with the same number of passes, sweeping makes the mean age of a cell 4/3
+times as high. A sweep reduces the cost only if the arc spreads several times as fast as the rest.
 """
 
 from typing import NamedTuple

@@ -1,14 +1,14 @@
 """Contiguous regions of the ring, one for each vehicle, and a protocol that moves their borders.
 
-The vehicles left (counter-clockwise) and right of a border each store a state of it, called a side,
-with a place and a version. A side moves the border only by giving cells away, and only in its turn:
-the left side after even versions, the right side after odd versions. A side that offers version
-v + 1 serves the offered cells until it receives version v + 1 or a later one. The other side owns
-the cells as soon as it receives the offer, and has the next turn.
+The vehicles left (counter-clockwise) and right of a border each store a state of this border,
+called a side, which has a place and a version. A side moves the border only by giving cells away,
+and only in its turn: the left side after even versions, the right side after odd versions. A side
+that offers version v + 1 serves the offered cells until it receives version v + 1 or a later
+version. The other side owns the cells as soon as it receives the offer, and has the next turn.
 
 A message consists of a place and a version. Messages may be lost, duplicated or late, so a receiver
 applies only newer versions, and no version number is used twice. The served cells always cover the
-ring. By the newer side of every border (``ledger``), each cell has exactly one owner.
+ring. Each cell has exactly one owner according to the newer side of every border (``ledger``).
 
 Places are *lifted*: the count of cells continues around the ring. A region is therefore
 ``range(begin, end)``, modulo the number of cells, and may be empty or the whole ring.
@@ -36,7 +36,7 @@ class Side(NamedTuple):
 
 
 class Border(NamedTuple):
-    """Both sides of a border."""
+    """A border, with the states that its two vehicles store."""
 
     left: Side
     right: Side
@@ -59,7 +59,7 @@ class Regions:
     """The regions of a team, clockwise; the region of ``members[i]`` begins at ``borders[i]``.
 
     Places ascend from border to border, by at most ``cells`` in one lap. ``epoch`` counts how often
-    the ring has grown or the team has changed; all vehicles learn of these events.
+    the ring has grown or the team has changed; all vehicles receive these events.
     """
 
     members: tuple[int, ...]
@@ -71,7 +71,7 @@ class Regions:
 def equal_regions(members: Sequence[int], cells_of: Sequence[int], cells: int) -> Regions:
     """Return regions of equal size, in the vehicles' order along the ring.
 
-    These are Bent's initial regions (section 4.2). The first region begins at the cell of the first
+    Bent starts with such regions (section 4.2). The first region begins at the cell of the first
     vehicle. The positions of the other vehicles only set the order of the regions.
     """
     order = sorted(range(len(members)), key=lambda which: (cells_of[which], members[which]))
@@ -82,9 +82,9 @@ def equal_regions(members: Sequence[int], cells_of: Sequence[int], cells: int) -
 
 
 def served(regions: Regions, index: int) -> tuple[int, int]:
-    """Return the begin and the end (lifted, excluded) of the cells that a vehicle serves.
+    """Return the start and the end (lifted, excluded) of the cells that a vehicle serves.
 
-    They follow from the vehicle's own sides of its two borders.
+    The cells follow from the vehicle's own sides of its two borders.
     """
     after = (index + 1) % len(regions.borders)
     end = regions.borders[after].left.place + (0 if after else regions.cells)
@@ -92,9 +92,9 @@ def served(regions: Regions, index: int) -> tuple[int, int]:
 
 
 def retained(regions: Regions, index: int) -> tuple[int, int]:
-    """Return the begin and the end of the cells that a vehicle serves and has not offered.
+    """Return the start and the end of the cells that a vehicle serves and has not offered.
 
-    Both are lifted; the end is excluded.
+    Start and end are lifted; the end is excluded.
     """
     after = (index + 1) % len(regions.borders)
     begin, end = regions.borders[index].right, regions.borders[after].left
@@ -106,7 +106,7 @@ def retained(regions: Regions, index: int) -> tuple[int, int]:
 
 
 def ledger(regions: Regions) -> tuple[int, ...]:
-    """Return the lifted begin of each region, by the newer side of its border."""
+    """Return the lifted start of each region, by the newer side of its border."""
     return tuple(
         (right if right.version > left.version else left).place for left, right in regions.borders
     )
@@ -139,7 +139,7 @@ def offering(border: Border, place: int, *, left: bool) -> Border:
 
 
 def message_of(regions: Regions, index: int, *, left: bool) -> BorderMessage:
-    """Return the message of one side of a border: its offer, or its state if it has none."""
+    """Return the message of one side of a border: its offer, or else its state."""
     side = regions.borders[index].left if left else regions.borders[index].right
     if side.offered is not None:
         return BorderMessage(regions.epoch, side.offered, side.version + 1)

@@ -59,7 +59,7 @@ class MemberPerformance:
     """The speed of a vehicle, and the duration of its turn back."""
 
     speed_m_s: float
-    turn_s: float  # during this time the rule makes no decision
+    turn_s: float  # duration of a turn back, during which the rule makes no decision
 
 
 class Team:
@@ -93,7 +93,7 @@ class Team:
         seen = view_of(observed)
         if not self.surveyed and not self.settings.ignition_known:
             append_view(self._observations, seen)
-        return self.map.observe(*seen)
+        return self.map.add_window(*seen)
 
     def end_survey(self) -> None:
         """End the first lap; the fire's centre replaces an unknown ignition point."""
@@ -143,7 +143,7 @@ class TeamMember:
     def __init__(self, team: Team, number: int, performance: MemberPerformance) -> None:
         self.number = number
         self.performance = performance
-        self.flies = False  # whether it is in the air and has had the front in view
+        self.flies = False  # whether the vehicle is in the air and has had the front in view
         self.reported_at_s = -np.inf
         self.bearing = 0  # the last cell of the ring that the vehicle reached
         # On the first lap successive members fly in opposite directions: half a lap is sufficient.
@@ -179,7 +179,7 @@ class TeamMember:
 
     def correct(self, observed: Observed) -> None:
         """Apply an operator's correction of a window to the team's map."""
-        self._team.map.correct(*view_of(observed))
+        self._team.map.correct_window(*view_of(observed))
 
     def wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
         """Do nothing: team rules do not use the wind."""

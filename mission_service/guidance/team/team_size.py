@@ -1,4 +1,4 @@
-"""Computes how many vehicles a front needs, how many of them lap and sweep, and advice.
+"""Computes how many vehicles a front needs, and how many of them lap or sweep; gives advice.
 
 On a ring of length L, n vehicles with speed v that lap with even spacing see every point at
 intervals of L/(n v). If k vehicles sweep an arc of length l, they see its ends at intervals of
@@ -49,7 +49,8 @@ def best_split(step_m: Floats, spread_rate_m_s: Floats, vehicles: int, speed_m_s
     """Return the split and the arc with the smallest worst unseen advance.
 
     ``step_m`` and ``spread_rate_m_s`` (n) have a value per cell of the ring. All vehicles lap
-    unless sweeping is better. Among equal splits the one with the fewest sweeping vehicles wins.
+    unless sweeping is better. Among splits with the same worst advance, the split with the fewest
+    sweeping vehicles is returned.
     """
     length_m = float(step_m.sum())
     lapping_m = float(spread_rate_m_s.max()) * length_m / speed_m_s / vehicles
@@ -133,9 +134,9 @@ def _vehicles(count: int) -> str:
 
 
 class TeamSizeAdviser:
-    """The adviser, which gives advice when the team, or whether it is too small, has changed.
+    """Gives advice when the team changes, or becomes too small or sufficient.
 
-    It checks every five minutes.
+    The team is checked every five minutes.
     """
 
     def __init__(self, targets: CoverageTargets) -> None:

@@ -17,7 +17,7 @@ from mission_service.interfaces.maps.terrain import TerrainTiles
 from mission_service.runtime.published_states import VehicleState
 from mission_service.runtime.run_context import RunContext
 
-MAX_THREADS = 2  # in use at once, because requests must not delay the flight
+MAX_THREADS = 2  # threads in use at once; requests must not delay the flight
 
 Result = TypeVar("Result")
 
@@ -62,7 +62,7 @@ class ApiContext:
         for key in ("do", *named):
             if key in body:
                 raise ApiError(422, f"{do}: unknown key {key}: the path contains it")
-        return answer(self.handle(request.state.user, {**body, **named, "do": do}))
+        return answer(await self.handle(request.state.user, {**body, **named, "do": do}))
 
     def abort(self, user: User, query_string: bytes) -> dict[str, Any]:
         """Carry out an abort without its body, which may be incomplete; return the reply.
@@ -80,11 +80,12 @@ class ApiContext:
             raise ApiError(507 if self.context.replay is None else 409, str(found["error"]))
         return found
 
-    def handle(self, user: User, request: dict[str, Any]) -> dict[str, Any]:
+    async def handle(self, user: User, request: dict[str, Any]) -> dict[str, Any]:
         """Handle a request of ``user``; return the reply. Raises ApiError if it is refused."""
         request = {**request, **self._requesting_operator(user, request)}
         may_approve = user.may("approve") if self.tokens.named else None
-        found = self.context.request_handler.ask(request, may_approve)
+        role = user.highest_role if self.tokens.named else ""
+        found = await self.context.request_handler.ask_and_wait(request, may_approve, role)
         self.context.ring()
         if not found["ok"]:
             if self.context.service.recording.trouble:
@@ -107,7 +108,7 @@ class ApiContext:
         return {"by": by, "station": station}
 
     def _only_station(self) -> str:
-        """Return the only station of a burn, "" for several stations, or ``http`` for none."""
+        """Return the only station of a burn; "" for several stations, ``http`` for no station."""
         burn = self.context.scenario.burn
         stations = [] if burn is None else [station.name for station in burn.stations]
         return stations[0] if len(stations) == 1 else "http" if not stations else ""

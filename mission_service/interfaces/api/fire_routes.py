@@ -200,7 +200,7 @@ def _add_corrections(routes: APIRouter, api: ApiContext) -> None:
         replies: list[dict[str, Any]] = []
         for each in found.corrections:
             try:
-                replies.append(api.handle(request.state.user, each))
+                replies.append(await api.handle(request.state.user, each))
             except ApiError as error:
                 number = f"outline {len(replies) + 1} of {len(found.corrections)}"
                 text = f"{number}: {error}; the outlines before it were applied"

@@ -35,7 +35,8 @@ class Frames:
         return b"".join(self._frame(key, version, since) for version, key in new)
 
     def _frame(self, key: str, version: int, since: int) -> bytes:
-        if key == "announcements":  # differs between clients: only announcements after ``since``
+        # Announcements differ between clients: only those after ``since``.
+        if key == "announcements":
             lines = [line for line in self._context.state_view.announcements if line.id > since]
             return _event("announcements", version, lines)
         cached = self._cached.get(key)

@@ -18,7 +18,7 @@ class JournalLines:
         self._files: OrderedDict[tuple[int, int], _LineIndex] = OrderedDict()
 
     def after(self, file: BinaryIO, line: int, limit: int, max_bytes: int) -> tuple[bytes, int]:
-        """Return the complete lines after number ``line``, and the number of the last one returned.
+        """Return the complete lines after number ``line``, and the number of the last of them.
 
         The header is line 1. Returns at most ``limit`` lines, and no further line after the total
         exceeds ``max_bytes``.

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from mission_service.config.service import HttpSection
+from mission_service.config.service_section import HttpSection
 from mission_service.interfaces.api.access.auth import Tokens, own_token
 from mission_service.interfaces.api.app import app_of
 from mission_service.interfaces.api.server import bound, serving, tls_of, url_of

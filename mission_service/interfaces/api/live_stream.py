@@ -1,9 +1,9 @@
 """Streams changed states as server-sent events, in the order of their changes.
 
 A client receives the newest state of each item, but not every intermediate state. For each client
-the service stores only the last version sent, so slow clients need no more memory than fast ones.
-While a connection is blocked, nothing is encoded for it. Afterwards the client receives the states
-that are then the newest.
+the service stores only the last version sent, so slow clients need no more memory than fast
+clients. While a connection is blocked, nothing is encoded for it. Afterwards the client receives
+the states that are then the newest.
 """
 
 import asyncio

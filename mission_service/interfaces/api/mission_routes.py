@@ -1,4 +1,4 @@
-"""Defines the routes of missions: on board, proposed, and a preview of the next one."""
+"""Defines the routes of missions: on board, proposed, and a preview of the next mission."""
 
 import tempfile
 from functools import partial
@@ -7,9 +7,9 @@ from pathlib import Path
 from fastapi import APIRouter, Request, Response
 
 from autopilot_bridge.items import Items, MissionItem, Plan
-from autopilot_bridge.missions.planfile import write_plan
+from autopilot_bridge.missions.plan_file import write_plan
 from autopilot_bridge.stacks.stacks import stack_named
-from mission_service.fire.setup import home_of
+from mission_service.fire.scenario_fire import home_of
 from mission_service.interfaces.api.context import ApiContext
 from mission_service.interfaces.api.mission_difference import difference_of
 from mission_service.interfaces.api.models import Preview

@@ -28,8 +28,8 @@ class RequestResult(msgspec.Struct):
     """The result of a request: mission time, event type and the resulting announcements.
 
     For a correction of the fire (correct, erase, undo, redo), the result also contains the areas
-    burned before and after the correction. In a burn it does not, because there a correction
-    changes the estimated fire.
+    burned before and after the correction. In a burn these areas are missing, because a correction
+    changes the estimated fire there.
     """
 
     ok: bool
@@ -42,7 +42,7 @@ class RequestResult(msgspec.Struct):
 
 
 class StatusState(msgspec.Struct, tag="run/1", tag_field="schema"):
-    """The run's status. ``not_ready`` lists the conditions that the service still waits for."""
+    """The run's status. ``not_ready`` lists the conditions that are not met yet."""
 
     at_us: int
     time_unix_us: int
@@ -106,8 +106,8 @@ class Preview(msgspec.Struct):
 class Importance(msgspec.Struct):
     """The importances that the planner compares.
 
-    ``cells`` lie along the estimated front, from the vehicle backwards. Each is (lat_deg, lon_deg,
-    importance), in the planner's unit.
+    ``cells`` lie along the estimated front, from the vehicle backwards. Each cell is (lat_deg,
+    lon_deg, importance), in the planner's unit.
     """
 
     at_us: int
@@ -119,7 +119,7 @@ class Importance(msgspec.Struct):
 
 
 class Health(msgspec.Struct):
-    """The health of the service. ``not_ready`` lists the conditions that it still waits for."""
+    """The health of the service. ``not_ready`` lists the conditions that are not met yet."""
 
     ok: bool
     not_ready: list[str] = []

@@ -2,7 +2,7 @@
 
 uvicorn contributes the HTTP protocol (h11) and the main loop. This module adds the listening
 socket, TLS, timeouts, the limits of connections (``access/client_connections.py``) and the
-shutdown. It depends on uvicorn's internals, so pyproject.toml restricts uvicorn's version.
+shutdown. This module depends on uvicorn's internals, so pyproject.toml restricts uvicorn's version.
 """
 
 import asyncio
@@ -20,7 +20,7 @@ from h11 import ERROR
 from starlette.types import ASGIApp, Receive, Scope, Send
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
-from mission_service.config.service import HttpSection
+from mission_service.config.service_section import HttpSection
 from mission_service.errors import MissionServiceError
 from mission_service.interfaces.api.access.client_connections import (
     ClientConnection,
@@ -33,7 +33,7 @@ from mission_service.interfaces.api.responses import error_body
 REQUEST_WITHIN_S = 10.0  # time limit for headers, from the first byte or the connection's start
 KEEP_ALIVE_S = 30
 HANDSHAKE_WITHIN_S = 5.0
-NO_ROOM_S = 0.05  # until the next attempt to accept a connection
+NO_ROOM_S = 0.05  # time until the next attempt to accept a connection
 STOP_WITHIN_S = 1  # after this time of a shutdown, open connections are closed
 MAX_HEADER_BYTES = 16 * 1024
 SEND_BUFFER_BYTES = 128 * 1024  # a larger buffer of the kernel would store outdated states
@@ -54,7 +54,7 @@ def bound(section: HttpSection) -> Iterator[socket.socket]:
         listening.close()
         why = error.strerror or str(error)
         if error.errno == errno.EADDRINUSE:
-            why = "the port is in use, perhaps by another service; choose another in [service.http]"
+            why = "the port is in use, perhaps by another service; change it in [service.http]"
         raise MissionServiceError(f"HTTP on {section.listen}: {why}") from None
     with listening:
         yield listening

@@ -10,7 +10,7 @@ import contextlib
 import socket
 import stat
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Awaitable, Iterator
 from pathlib import Path
 
 import msgspec
@@ -20,7 +20,7 @@ from mission_service.runtime.request_handler import Answer, RequestHandler, wron
 
 MAX_LINE_BYTES = 64 * 1024
 MAX_CLIENTS = 16
-MAX_WAITING = 64  # clients after the first MAX_CLIENTS may only abort; one of them makes room
+MAX_WAITING = 64  # further clients may only abort; beyond this number the oldest is closed
 IDLE_S = 60.0
 LATE_CLIENT_S = 2.0
 MAX_QUEUED = 100  # queued lines at which reading pauses
@@ -110,7 +110,7 @@ class _Clients:
         self.connected: dict[_Client, None] = {}
 
     def add(self, client: "_Client") -> bool:
-        """Add a client and return True if it is above the limit, so that it may only abort."""
+        """Add a client; return True if the client exceeds the limit and so may only abort."""
         late = len(self.connected) >= MAX_CLIENTS
         if len(self.connected) >= MAX_WAITING:
             next(each for each in self.connected if each.late).cut()
@@ -131,10 +131,11 @@ class _Client(asyncio.Protocol):
         self._loop = asyncio.get_running_loop()
         self._rest = b""
         # Lines to handle, and finished replies to later lines.
-        self._queued: deque[bytes | Answer] = deque()
+        self._queued: deque[bytes | Answer | Awaitable[Answer]] = deque()
         self._read_s = 0.0
         self._after_abort = False  # the newline of the abort has not arrived
         self._scheduled = self._unread = self._ended = self._disconnected = False
+        self._task: asyncio.Task[None] | None = None  # of the line that is handled
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Add the client."""
@@ -186,7 +187,7 @@ class _Client(asyncio.Protocol):
         self._unread = True
 
     def resume_writing(self) -> None:
-        """Handle lines again: the client reads its replies."""
+        """Resume handling lines: the client reads its replies again."""
         self._unread = False
         self._schedule()
 
@@ -216,15 +217,21 @@ class _Client(asyncio.Protocol):
             self._loop.call_soon(self._handle_line)
 
     def _handle_line(self) -> None:
-        """Handle one line and send its reply."""
+        """Handle one line; its reply, and the next line, may have to wait for a thread."""
+        first = self._queued.popleft() if self._queued else None
+        answer = self._answer(first) if isinstance(first, bytes) else first
+        if answer is None or isinstance(answer, dict):
+            self._reply(answer)
+        else:
+            self._task = self._loop.create_task(self._reply_after(answer))
+
+    def _reply(self, answer: Answer | None) -> None:
+        """Send the reply to a line, if there is one, and continue with the next line."""
         self._scheduled = False
-        if self._queued:
-            first = self._queued.popleft()
-            answer = self._answer(first) if isinstance(first, bytes) else first
-            if not self._disconnected:
-                self._transport.write(msgspec.json.encode(answer) + b"\n")
-                self._timeout.cancel()
-                self._timeout = self._loop.call_later(self._idle_s, self.cut)
+        if answer is not None and not self._disconnected:
+            self._transport.write(msgspec.json.encode(answer) + b"\n")
+            self._timeout.cancel()
+            self._timeout = self._loop.call_later(self._idle_s, self.cut)
         if self._queued:
             self._schedule()
         elif self._ended:
@@ -232,13 +239,23 @@ class _Client(asyncio.Protocol):
         elif not self._disconnected:
             self._transport.resume_reading()
 
-    def _answer(self, line: bytes) -> Answer:
+    def _answer(self, line: bytes) -> Answer | Awaitable[Answer]:
         try:
             return self._clients.request_handler.answer(line)
-        except Exception as error:  # serve_control raises it
-            if not self._clients.failed.done():
-                self._clients.failed.set_exception(error)
-            return wrong("internal error of the service; the request may be incomplete")
+        except Exception as error:
+            return self._failed(error)
+
+    async def _reply_after(self, waiting: Awaitable[Answer]) -> None:
+        try:
+            answer = await waiting
+        except Exception as error:
+            answer = self._failed(error)
+        self._reply(answer)
+
+    def _failed(self, error: Exception) -> Answer:
+        if not self._clients.failed.done():
+            self._clients.failed.set_exception(error)  # serve_control raises it
+        return wrong("internal error of the service; the request may be incomplete")
 
 
 def _is_abort(line: bytes) -> bool:

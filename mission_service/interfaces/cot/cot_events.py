@@ -19,12 +19,12 @@ from shapely.geometry import Polygon, shape
 
 from mission_service.runtime.published_states import TelemetryState
 
-TYPES = {"plane": "a-f-A-M-F-Q", "copter": "a-f-A-M-H-Q"}  # friendly, drone: fixed wing, rotary
+TYPES = {"plane": "a-f-A-M-F-Q", "copter": "a-f-A-M-H-Q"}  # friendly drones: fixed wing, rotary
 DRAWN = "u-d-f"
-MACHINE_GPS, MADE_UP = "m-g", "m-s"  # source: measured; simulated or computed
+MACHINE_GPS, MADE_UP = "m-g", "m-s"  # source of a position: measured; simulated or computed
 UNKNOWN_M = "9999999.0"
 POSITION_ERROR_M = "10.0"
-MAX_CORNERS = 250  # an event is one datagram
+MAX_CORNERS = 250  # an event must fit into one datagram
 MAX_AREAS = 20
 RED, FAINT_RED = "-65536", "1090453504"  # ARGB as a signed integer
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)

@@ -13,7 +13,7 @@ from collections.abc import Callable, Coroutine
 from typing import TYPE_CHECKING, Any, Protocol
 
 from mission_service.config.mqtt_names import site_of
-from mission_service.config.service import CotSection
+from mission_service.config.service_section import CotSection
 from mission_service.interfaces.cot.cot_events import fire_events, vehicle_event
 from mission_service.interfaces.maps.run_forecasts import forecasts_of, front_now
 from mission_service.interfaces.mqtt.broker_connection import tls_of
@@ -22,7 +22,7 @@ from mission_service.runtime.clocks import wall_us
 if TYPE_CHECKING:
     from mission_service.runtime.run_context import RunContext
 
-FIRE_EVERY = 10  # rounds between two fronts
+FIRE_EVERY = 10  # the front is sent once in this many rounds
 ROUNDS_UNTIL_STALE = 3
 ANSWER_S = 5.0  # time limit for connecting and for sending an event
 MIN_WAIT_S, MAX_WAIT_S = 1.0, 30.0
@@ -33,7 +33,7 @@ class CotTransport(Protocol):
     """A transport for events."""
 
     async def send(self, event: bytes) -> None:
-        """Send an event. Raises OSError or TimeoutError if it cannot be sent."""
+        """Send an event. Raises OSError or TimeoutError if sending fails."""
 
     def close(self) -> None:
         """Close the transport."""
@@ -149,7 +149,7 @@ class CotSender:
             if number % FIRE_EVERY == 0:
                 await self._send_fire(transport, FIRE_EVERY * stale_us)
             await self._send_vehicles(transport, stale_us)
-            self._context.state_view.clear(ALARM)
+            self._context.state_view.clear_alarm(ALARM)
             await asyncio.sleep(self._settings.every_s)
 
     async def _send_vehicles(self, transport: CotTransport, stale_us: int) -> None:

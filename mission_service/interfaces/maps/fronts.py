@@ -22,10 +22,11 @@ def burned_area(
     """Return the area burned at a time as a shapely MultiPolygon in the landscape's CRS.
 
     Args:
-        arrival_s: arrival times (y, x), infinite where fire never arrives; times after ``at_s`` are
-        used to interpolate the front between two cells. landscape: the grid of ``arrival_s``. at_s:
-        mission time. start_area: the area that had burned when the fire began
-        (``Fire.start_area``).
+        arrival_s: The arrival times (y, x), infinite where fire never arrives; times after
+            ``at_s`` are used to interpolate the front between two cells.
+        landscape: The grid of ``arrival_s``.
+        at_s: Mission time.
+        start_area: The area that had burned when the fire began (``Fire.start_area``).
     """
     return with_start(front_polygons(arrival_s, at_s, landscape), start_area, at_s)
 
@@ -73,10 +74,10 @@ def probability_geojson(
     levels: Sequence[float] = LEVELS,
     **props: Any,
 ) -> dict[str, Any]:
-    """Return a FeatureCollection of the areas burned with at least the probability of each level.
+    """Return a FeatureCollection: for each level, the area burned with at least this probability.
 
     The lowest level (the largest area) comes first, which is the order for drawing. ``probability``
-    (y, x), from 0 to 1, is that of being burned at ``at_s``.
+    (y, x) is the probability, from 0 to 1, that a cell is burned at ``at_s``.
     """
     features = []
     for level in sorted(set(levels)):

@@ -11,8 +11,9 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-MAX_PAIRS = 3_000_000  # in one file; real perimeters have about four for each vertex
-MAX_PAIRS_REPAIRED, MORE_A_VERTEX = 5_000, 10  # in one invalid shape: base, and for each vertex
+MAX_PAIRS = 3_000_000  # pairs in one file; real perimeters have about four for each vertex
+# Pairs in one invalid shape, and more for each vertex.
+MAX_PAIRS_REPAIRED, MORE_A_VERTEX = 5_000, 10
 AT_ONCE = 16  # segments per query, to limit the pairs that one query returns
 
 

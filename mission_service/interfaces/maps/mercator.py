@@ -8,10 +8,11 @@ from numpy.typing import NDArray
 
 from firemodel.landscape.landscape import Landscape
 
-RADIUS_M = 6378137.0  # of the sphere of EPSG:3857
+RADIUS_M = 6378137.0  # radius of the sphere of EPSG:3857
 WORLD_M = 2.0 * math.pi * RADIUS_M
-# Number of points along each side at which the projections are computed. Between these points they
-# are interpolated linearly. Over 100 km the error is 2 m, less than a thousandth of a tile.
+# Number of points along each side at which the projections are computed. Between these points the
+# projections are interpolated linearly. Over 100 km the error is 2 m, less than a thousandth of a
+# tile.
 NODES = 33
 
 Floats = NDArray[np.float64]

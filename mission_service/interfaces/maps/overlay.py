@@ -18,8 +18,8 @@ from mission_service.interfaces.maps.mercator import (
 )
 
 PIXELS_A_CELL = 2.0  # preserves the edges of cells in the warped image
-MAX_PIXELS = 2048  # along a side
-OPAQUE = 185  # of 255
+MAX_PIXELS = 2048  # pixels along a side
+OPAQUE = 185  # opacity, of 255
 COLOURS = 250
 # Nine colours of matplotlib's inferno without its black end, which resembles a shadow.
 INFERNO = (

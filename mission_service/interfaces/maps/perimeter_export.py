@@ -34,9 +34,11 @@ def perimeter_geojson(
     Times are in ms since 1970 UTC.
 
     Args:
-        arrival_s, landscape, at_s, start_area: as in ``fronts.burned_area``. name: IncidentName.
-        written_unix_ms: the current time. prescribed: whether the fire is a prescribed burn.
-        time_zero: the date and time of mission time 0; without it PolygonDateTime is None.
+        arrival_s, landscape, at_s, start_area: As in ``fronts.burned_area``.
+        name: The value of IncidentName.
+        written_unix_ms: The current time.
+        prescribed: Whether the fire is a prescribed burn.
+        time_zero: The date and time of mission time 0; without it PolygonDateTime is None.
     """
     area = burned_area(arrival_s, landscape, at_s, start_area)
     at_unix_ms = None if time_zero is None else round((time_zero.timestamp() + at_s) * 1000)

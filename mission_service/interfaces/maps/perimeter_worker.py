@@ -22,7 +22,7 @@ from mission_service.interfaces.maps.thinning import thinned
 
 MAX_RINGS = 50  # polygons and islands together
 EDGE_DEG = 1e-5  # a metre: corners on the edge of the landscape may be rounded to the outside
-MAX_POINTS = 900  # in a correction; below the limit of requests
+MAX_POINTS = 900  # maximum in a correction; less than the limit for requests
 MAX_MEMORY_BYTES = 2 * 1024**3
 MAX_CPU_S = 25
 NICENESS = 5  # lower priority than the service
@@ -53,8 +53,8 @@ def corrections_of(perimeter: Perimeter, extent: BaseGeometry) -> list[dict[str,
     """Return a correction request for each outline: burning now, or unburned for an island.
 
     Only the part in ``extent``, the landscape (lon, lat), has corrections. Later corrections
-    override earlier ones, so each polygon is followed by its islands, and a polygon in an island
-    comes after it. Raises FireModelError for more than ``MAX_RINGS`` polygons.
+    override earlier corrections, so each polygon is followed by its islands, and a polygon in an
+    island comes after that island. Raises FireModelError for more than ``MAX_RINGS`` polygons.
     """
     on_it = multipolygon(perimeter.area.intersection(extent.buffer(-EDGE_DEG)))
     polygons = sorted(on_it.geoms, key=_area_within, reverse=True)

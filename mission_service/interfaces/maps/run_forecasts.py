@@ -8,15 +8,15 @@ from mission_service.fire.forecast import Forecasts
 from mission_service.interfaces.maps.fronts import front_geojson
 
 if TYPE_CHECKING:
+    from mission_service.fire.burn_forecast import EstimatedForecasts
     from mission_service.fire.estimated_fire import EstimatedFire
-    from mission_service.fire.estimated_forecast import EstimatedForecasts
     from mission_service.runtime.run_context import RunContext
 
 
 def forecasts_of(context: "RunContext") -> "Forecasts | EstimatedForecasts":
     """Return the forecasts of the run's fire or, in a burn, of the estimated fire."""
     if context.estimated_fire is not None:
-        from mission_service.fire.estimated_forecast import EstimatedForecasts
+        from mission_service.fire.burn_forecast import EstimatedForecasts
 
         def estimated() -> "EstimatedFire":
             assert context.estimated_fire is not None

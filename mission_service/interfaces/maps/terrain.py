@@ -19,8 +19,8 @@ from mission_service.interfaces.maps.mercator import (
     mercator_box,
 )
 
-TILE = 256  # pixels
-MAX_BYTES = 24_000_000  # of all cached tiles, each counted with its maximum size
+TILE = 256  # side of a tile in pixels
+MAX_BYTES = 24_000_000  # size of all cached tiles, each counted with its maximum size
 LARGEST_TILE_BYTES = 3 * TILE * TILE + 4096
 SMALLEST_SHARE = 1 / 4  # minimum share of a tile that the landscape fills, at the lowest zoom
 HIGHEST_ZOOM = 22
@@ -41,7 +41,8 @@ class TerrainTiles:
         self._box = mercator_box(landscape)
         self._halved = [] if landscape.elevation_m is None else halved(landscape.elevation_m)
         west, south, east, north = self._box
-        across = WORLD_M / max(east - west, north - south)  # in widths of the landscape
+        # The world is this many times as wide as the landscape.
+        across = WORLD_M / max(east - west, north - south)
         cells = WORLD_M / cell_mercator_m(landscape)
         self._maxzoom = min(max(math.ceil(math.log2(cells / TILE)), 0), HIGHEST_ZOOM)
         self._minzoom = min(max(math.floor(math.log2(across * SMALLEST_SHARE)), 0), self._maxzoom)
@@ -51,8 +52,8 @@ class TerrainTiles:
         """Return a PNG (256 x 256), or None outside the landscape or the range of zoom levels.
 
         Elevation is 256 R + G + B / 256 - 32768 m. Beyond the landscape a tile continues the
-        heights of its edge. They are smoothed more with increasing distance, so that the hillshade
-        shows no ridges there.
+        heights of its edge. These heights are smoothed more with increasing distance, so that the
+        hillshade shows no ridges there.
         """
         if not (self._halved and self._minzoom <= z <= self._maxzoom and self._meets(z, x, y)):
             return None
@@ -168,6 +169,6 @@ def terrarium_png(heights: NDArray[np.floating]) -> bytes:
     value = np.rint((heights + TERRARIUM_ZERO_M) * 256.0).astype(np.uint32)
     pixels = np.stack([value >> 16, value >> 8 & 255, value & 255], axis=-1).astype(np.uint8)
     file = io.BytesIO()
-    # The lowest bits are noise, in which the compression finds no longer matches.
+    # The lowest bits are noise, so that a search for long matches would only cost time.
     Image.fromarray(pixels).save(file, "PNG", compress_type=zlib.Z_HUFFMAN_ONLY)
     return file.getvalue()

@@ -1,7 +1,7 @@
 """Reads shapes and their attributes from the bytes of an uploaded, untrusted file.
 
 This module parses GeoJSON and KML and does not pass them to GDAL, which would also follow
-references to other files. It reads only a few members of an archive and ignores their paths.
+references to other files. Only a few members of an archive are read, and their paths are ignored.
 """
 
 import io
@@ -22,12 +22,12 @@ from shapely.geometry.base import BaseGeometry
 from firemodel.errors import FireModelError
 from firemodel.landscape.readers.shapes import into_crs, records_of
 
-LARGEST_BYTES = 8_000_000  # of an upload
+LARGEST_BYTES = 8_000_000  # size of an upload
 MAX_UNPACKED_BYTES = 32_000_000
-MAX_MEMBERS = 1000  # of an archive
+MAX_MEMBERS = 1000  # files in an archive
 MAX_FEATURES = 5000
 MAX_VERTICES = 200_000
-DEEPEST = 64  # nested elements of KML
+DEEPEST = 64  # limit of nested elements in KML
 WGS84 = "EPSG:4326"
 # Names of WGS84 in the crs member of older GeoJSON, and of NAD83, which differs by up to 2 m.
 LON_LAT = re.compile(r"(urn:ogc:def:crs:OGC:.*:CRS84|(urn:ogc:def:crs:)?EPSG:+(4326|4269))$")
@@ -90,7 +90,8 @@ def _unpacked(data: bytes, name: str) -> dict[str, bytes]:
             _check_count(len(archive.infolist()), MAX_MEMBERS, "files in the archive", name)
             for member in archive.infolist():
                 inside = member.filename.replace("\\", "/").rsplit("/", 1)[-1].lower()
-                if not inside.endswith(suffixes) or inside.startswith("._"):  # macOS
+                # Files with metadata from macOS.
+                if not inside.endswith(suffixes) or inside.startswith("._"):
                     continue
                 if member.flag_bits & 1 or member.compress_type not in (0, zipfile.ZIP_DEFLATED):
                     raise FireModelError(

@@ -24,7 +24,7 @@ from paho.mqtt.reasoncodes import ReasonCode
 from mission_service.config.mqtt_names import Broker
 from mission_service.errors import MissionServiceError
 
-MIN_WAIT_S, MAX_WAIT_S = 0.25, 2.0  # before the next attempt to connect
+MIN_WAIT_S, MAX_WAIT_S = 0.25, 2.0  # waiting time before the next attempt to connect
 KEEPALIVE_S = 5  # the connection counts as lost after twice this time without a packet
 ANSWER_S = 3.0  # time limit for a response of the broker
 TAKE_S = 15.0  # time limit for publishing: longer than the detection of a lost broker
@@ -61,7 +61,7 @@ def tls_of(
     """
     try:
         context = ssl.create_default_context(cafile=authority)
-    except OSError as error:  # includes ssl.SSLError
+    except OSError as error:  # ssl.SSLError is an OSError
         raise MissionServiceError(f"{authority}: no certificates to trust: {_why(error)}") from None
     if certificate is not None:
         try:
@@ -137,9 +137,9 @@ async def keep_connected(
                 try:
                     await use(client)
                 except asyncio.CancelledError:
-                    ends = True  # even if disconnecting fails
+                    ends = True  # set first, because disconnecting may fail
                     raise
-        except (aiomqtt.MqttError, OSError) as error:  # OSError: from disconnecting over TLS
+        except (aiomqtt.MqttError, OSError) as error:  # disconnecting over TLS may raise OSError
             lost(cause_of(error, last_error.text))
             # asyncio.wait_for (3.11) drops a cancellation that arrives as an attempt ends.
             ends = ends or (task is not None and task.cancelling() > 0)
@@ -190,8 +190,8 @@ async def together(*coroutines: Coroutine[Any, Any, None]) -> None:
 def _handle_loop_exception(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
     """Pass exceptions to the loop's default handler, except two kinds that aiomqtt causes.
 
-    aiomqtt may register a writer for a socket that is being closed (EBADF). It may also store the
-    cause of a lost connection in a future that is not awaited; ``keep_connected`` reports that
+    aiomqtt may register a writer for a socket that is being closed (EBADF). aiomqtt may also store
+    the cause of a lost connection in a future that is not awaited; ``keep_connected`` reports that
     cause.
     """
     error = context.get("exception")
@@ -216,4 +216,4 @@ async def _end(tasks: set[asyncio.Task[None]]) -> None:
         _, running = await asyncio.wait(running, timeout=0.1)
     for task in tasks:
         if not task.cancelled():
-            task.exception()  # marks it as retrieved; ``together`` raises the first one
+            task.exception()  # marks the exception as retrieved; ``together`` raises the first

@@ -13,7 +13,7 @@ from mission_service.config.mqtt_names import (
     site_of,
     site_topic,
 )
-from mission_service.config.service import MqttSection
+from mission_service.config.service_section import MqttSection
 from mission_service.errors import MissionServiceError
 from mission_service.interfaces.mqtt.broker_connection import OPEN, BrokerAccess, tls_of
 from mission_service.runtime.redaction import hide

@@ -1,8 +1,8 @@
 """Validates MQTT commands before the service handles them. Pure: times are arguments.
 
 The broker controls which user may publish to which topic, so every command has a separate topic.
-The service cannot identify the sender, and therefore refuses every request that permits drops. It
-accepts an abort with any content.
+The service cannot identify the sender, and therefore refuses every request that permits drops. The
+service accepts an abort with any content.
 """
 
 import hashlib
@@ -49,7 +49,8 @@ class _Answered:
 class CommandGate:
     """A filter that passes valid commands to the request handler and stores the replies.
 
-    It stores ``MAX_REMEMBERED`` replies, as many as the rate limit allows in ``REMEMBERED_S``.
+    The filter stores ``MAX_REMEMBERED`` replies, as many as the rate limit allows in
+    ``REMEMBERED_S``.
     """
 
     def __init__(self, ask: Ask) -> None:
@@ -113,7 +114,7 @@ class CommandGate:
     def _abort(
         self, payload: bytes, retained: bool, at_us: int, now_s: float, unix_us: int
     ) -> Reply:
-        """Handle an abort; refuse an old retained one, which would stop the run at each start."""
+        """Handle an abort; refuse an old retained abort, which would stop the run at each start."""
         command_id = _id_in(payload)
         try:
             command, request = _read(payload)

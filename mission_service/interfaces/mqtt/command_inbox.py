@@ -21,7 +21,6 @@ class Inbox(asyncio.Queue[aiomqtt.Message]):
         For each topic with an ending in ``newest``, the queue stores only the newest message.
         """
         super().__init__(size)
-        self.dropped = 0
         self._urgent_ending, self._newest = urgent, newest
 
     def _init(self, maxsize: int) -> None:
@@ -49,9 +48,8 @@ class Inbox(asyncio.Queue[aiomqtt.Message]):
         return self._others.pop(next(iter(self._others)))
 
     def put_nowait(self, item: aiomqtt.Message) -> None:
-        """Add a message; drop it or another one if the queue is full."""
+        """Add a message; if the queue is full, drop this message or another."""
         if self.full():
-            self.dropped += 1
             if not self._urgent_ending:
                 self.get_nowait()
             elif self._others and self._is_urgent(item):

@@ -1,6 +1,6 @@
 """Defines the MQTT messages that are not states in the state view.
 
-They are flat JSON with units in the keys.
+The messages are flat JSON with units in the keys.
 """
 
 from typing import Annotated
@@ -19,7 +19,7 @@ class ServiceStatus(msgspec.Struct, tag="status/1", tag_field="schema"):
     """State of the service: whether it runs, and its scenario.
 
     If the connection is lost, the broker publishes a status with ``online`` false; its times are
-    those of the start of the connection.
+    from the start of the connection.
     """
 
     at_us: int

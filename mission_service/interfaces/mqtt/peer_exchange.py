@@ -1,8 +1,8 @@
 """Exchanges MQTT messages between the UAVs of a formation that several processes control.
 
 Sending never waits for a broker. Each process puts its messages in a short queue, in which a newer
-state replaces an older one. Maps recover from lost messages by their digests. Without a broker all
-vehicles circle at their positions, because a moving vehicle could not detect conflicts.
+state replaces an older state. Maps recover from lost messages by their digests. Without a broker
+all vehicles circle at their positions, because a moving vehicle could not detect conflicts.
 """
 
 import asyncio
@@ -19,7 +19,7 @@ import aiomqtt
 import msgspec
 
 from mission_service.config.mqtt_names import Broker, check_prefix, read_broker, site_of, site_topic
-from mission_service.config.service import MqttSection
+from mission_service.config.service_section import MqttSection
 from mission_service.interfaces.mqtt.broker_connection import (
     MAX_WAIT_S,
     OPEN,
@@ -36,7 +36,7 @@ from mission_service.peer_messages import AnyMessage, Difference, Digest, State
 if TYPE_CHECKING:
     from mission_service.runtime.peer_listener import PeerListener
 
-MAX_WAITING = 200  # queued messages, besides states and digests
+MAX_WAITING = 200  # maximum number of queued messages, besides states and digests
 MAX_UNREAD = 2000
 READ_S = 0.02  # pause between two reads of the inbox
 TIME = "time"  # kind of the messages with the mission time of a process, in microseconds
@@ -59,7 +59,7 @@ class Channel:
     access: BrokerAccess = OPEN
 
     def topic(self, vehicle: str, kind: str) -> str:
-        """Return the topic for a vehicle's messages of one kind; ``+`` stands for all of them."""
+        """Return the topic for a vehicle's messages of one kind; ``+`` matches any name or kind."""
         return f"{site_topic(self.prefix, self.site)}/formation/{vehicle}/{kind}"
 
 
@@ -107,7 +107,7 @@ def decoded(vehicle: str, payload: bytes, latest_us: int) -> AnyMessage:
 
 
 def decoded_time(payload: bytes, latest_us: int) -> int:
-    """Decode the mission time of another process. Raises UnfitError if it is invalid."""
+    """Decode the mission time of another process. Raises UnfitError for an invalid time."""
     if re.fullmatch(rb"[0-9]{1,16}", payload) is None or int(payload) > latest_us:
         raise UnfitError("the mission time is outside this mission")
     return int(payload)
@@ -120,13 +120,13 @@ class Outbox:
     """
 
     def __init__(self) -> None:
-        self._states: dict[str, AnyMessage] = {}  # by sender
+        self._states: dict[str, AnyMessage] = {}  # newest state by sender
         self._digests: dict[str, AnyMessage] = {}
         self._rest: deque[AnyMessage] = deque(maxlen=MAX_WAITING)
         self.is_not_empty = asyncio.Event()
 
     def put(self, message: AnyMessage) -> None:
-        """Add a message; a state or digest replaces an older one of its sender."""
+        """Add a message; a state or digest replaces the sender's older state or digest."""
         if isinstance(message, State):
             self._states[message.sender] = message
         elif isinstance(message, Digest):
@@ -156,8 +156,8 @@ class PeerExchange:
     def __init__(self, channel: Channel, own: Collection[str], latest_us: int) -> None:
         self.channel = channel
         self.connected, self._loss_reported = False, False
-        self.sent: Counter[str] = Counter()  # by kind
-        self.refused: Counter[str] = Counter()  # by vehicle
+        self.sent: Counter[str] = Counter()  # number of messages by kind
+        self.refused: Counter[str] = Counter()  # number of messages by vehicle
         self._own = frozenset(own)
         self._latest_us = latest_us
         self._outbox, self._inbox = Outbox(), Inbox(MAX_UNREAD, newest=OVERTAKEN)
@@ -240,7 +240,7 @@ class PeerExchange:
             self._handle(message, listener)
             while not self._inbox.empty():
                 self._handle(self._inbox.get_nowait(), listener)
-            await asyncio.sleep(READ_S)  # meanwhile newer states replace older ones
+            await asyncio.sleep(READ_S)  # during the pause, newer states replace older states
 
     def _handle(self, message: aiomqtt.Message, listener: "PeerListener") -> None:
         *_, vehicle, kind = message.topic.value.split("/")
@@ -261,6 +261,6 @@ class PeerExchange:
         if mission_us < listener.mission_us - BEHIND_US:
             self._time_due.set()
         else:
-            self._time_due.clear()  # another process has published it
+            self._time_due.clear()  # another process has published the time
         listener.passed(mission_us)
         self._joined.set()

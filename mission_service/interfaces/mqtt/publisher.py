@@ -1,6 +1,7 @@
 """Publishes the state view's states to a broker, and handles commands if configured.
 
-The run never waits for the broker, and memory does not grow without one (``publish_schedule.py``).
+The run never waits for the broker. Memory does not grow without a broker
+(``publish_schedule.py``).
 """
 
 import asyncio
@@ -16,7 +17,7 @@ import msgspec
 from paho.mqtt.reasoncodes import ReasonCode
 from paho.mqtt.subscribeoptions import SubscribeOptions
 
-from mission_service.config.service import MqttSection
+from mission_service.config.service_section import MqttSection
 from mission_service.core.request_events import ABORT
 from mission_service.interfaces.maps.run_forecasts import forecasts_of, front_now
 from mission_service.interfaces.mqtt.broker_connection import (
@@ -43,8 +44,8 @@ STATUS_EVERY_S = 1.0  # interval of checks for a change
 POLLED_EVERY_S = 0.5
 FAREWELL_S = 1.0
 REPUBLISH_AFTER_US = 60_000_000
-MAX_UNREAD = 100  # queued commands
-MAX_REPLIES = 100  # queued replies; beyond this number the oldest is dropped
+MAX_UNREAD = 100  # maximum number of queued commands
+MAX_REPLIES = 100  # maximum number of queued replies; then the oldest is dropped
 PACKET_BYTES = 2 * MAX_BYTES  # the broker drops larger packets; the service refuses > MAX_BYTES
 BROKER_ALARM, COMMANDS_ALARM = "broker", "broker/commands"
 
@@ -75,7 +76,7 @@ class Publisher:
         self.site = site
         self.connected = False
         self._loss_reported, self._publish_from_us = False, 0
-        self.sent: Counter[str] = Counter()  # by schema
+        self.sent: Counter[str] = Counter()  # number of messages by schema
         self._context = context
         context.gauges["mqtt_connected"] = lambda: self.connected
         context.gauges["mqtt_sent_total"] = self.sent.total
@@ -142,7 +143,7 @@ class Publisher:
 
     def _on_connected(self) -> None:
         self.connected = True
-        self._context.state_view.clear(BROKER_ALARM)
+        self._context.state_view.clear_alarm(BROKER_ALARM)
         if self._loss_reported:
             self._context.service.announce(
                 "mqtt", f"reconnected to the broker at {self.site.broker}", "info"
@@ -151,7 +152,7 @@ class Publisher:
         self._context.ring()
 
     def _lost(self, why: str) -> None:
-        """Raise the alarm and announce the loss, but not the loss of each short connection."""
+        """Raise the alarm; announce the loss unless a loss was announced shortly before."""
         self.connected = False
         text = f"no MQTT broker at {self.site.broker}: {why}"
         now_us = clock_us()
@@ -172,7 +173,7 @@ class Publisher:
             text = f"no commands over MQTT: the broker does not permit {user} to read {topic}"
             self._context.state_view.alarm(COMMANDS_ALARM, text)
         else:
-            self._context.state_view.clear(COMMANDS_ALARM)
+            self._context.state_view.clear_alarm(COMMANDS_ALARM)
 
     def _topic(self, rest: str) -> str:
         return f"{self.site.topic}/{rest}"

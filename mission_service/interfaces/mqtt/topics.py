@@ -1,8 +1,9 @@
 """Lists all topics of a site: names after ``PREFIX/v1/SITE/``, payloads, QoS and times. Pure.
 
 A topic with ``part`` is published when that part of the state view changes. A topic with only
-``build`` is published when its message differs from the last one. The publisher builds the messages
-of all other topics. The schemas and the table of ``docs/mqtt.md`` are generated from this table.
+``build`` is published when its message differs from the last message. The publisher builds the
+messages of all other topics. The schemas and the table of ``docs/mqtt.md`` are generated from this
+table.
 """
 
 from collections.abc import Callable
@@ -30,8 +31,8 @@ class Topic(NamedTuple):
     carries: type[msgspec.Struct] | str  # the Struct of its messages, or the name of a schema
     qos: int
     retained: bool
-    when: str  # for docs/mqtt.md
-    part: str = ""  # of the state view
+    when: str  # time of publication, for docs/mqtt.md
+    part: str = ""  # name of a part of the state view
     # Returns the current message for the name of a vehicle.
     build: Callable[["RunContext", str], Any] | None = None
 

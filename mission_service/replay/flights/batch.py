@@ -21,7 +21,7 @@ def analysis_of(name: str, flight: Flight) -> RunAnalysis:
 
 
 def analysis_with_fire(name: str, pairing: Pairing, out: Path | None, created: str) -> RunAnalysis:
-    """Analyse a flight with its open-loop replay; write the replay's journal to any ``out``.
+    """Analyse a flight with its open-loop replay; write the replay's journal to ``out`` if given.
 
     ``created`` is the time in the journal's header. Raises FlightError if ``out`` already contains
     the journal of a run.

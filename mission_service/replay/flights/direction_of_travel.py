@@ -62,7 +62,7 @@ def differing(
 ) -> list[Span]:
     """Return the spans in which two directions differ; None (unknown) differs from neither.
 
-    Each direction (time, clockwise) is valid from its time until the next one.
+    Each direction (time, clockwise) is valid until the time of the next direction.
     """
     times = sorted({at_us for at_us, _ in (*flown, *decided)} | {end_us})
     spans: list[Span] = []

@@ -10,7 +10,7 @@ from autopilot_bridge.items import Items, place_of
 from mission_service.ground_distance import distance_m
 
 SERVO_MATCHES_US = 50.0
-GRIPPER = 0  # used as the servo number
+GRIPPER = 0  # output number of the gripper; servos have numbers from 1
 
 
 class Planned(NamedTuple):

@@ -10,7 +10,7 @@ from xml.sax.saxutils import escape
 
 from autopilot_bridge.items import Plan
 from autopilot_bridge.logs.entries import Log, LogEvent
-from autopilot_bridge.missions.planfile import write_plan
+from autopilot_bridge.missions.plan_file import write_plan
 from autopilot_bridge.stacks.stacks import stack_named
 from mission_service.errors import RequestError
 from mission_service.replay.flights.flight_tables import Rows
@@ -65,7 +65,7 @@ def export(logs: list[Log], out: Path, formats: Collection[str]) -> list[str]:
 
 def _add_rows(tables: TableFiles, rows: Rows, system_id: int, event: LogEvent) -> None:
     for table, row in rows.of(system_id, event):
-        tables.add(table, row)
+        tables.add_row(table, row)
 
 
 def _unique(name: str, suffix: str, used: Collection[str]) -> str:

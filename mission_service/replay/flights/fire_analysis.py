@@ -23,7 +23,7 @@ from mission_service.events import (
     UploadFinished,
 )
 from mission_service.fire.observed_window import states_in, without_speckles
-from mission_service.fire.setup import fire_position, warnings_on
+from mission_service.fire.scenario_fire import fire_position, warnings_on
 from mission_service.fire.simulated_cameras import fires_of_run
 from mission_service.guidance.fire_map import BEARINGS, FireMap
 from mission_service.guidance.registry import way_of
@@ -73,14 +73,15 @@ class FireAnalysis:
     record: RunStatistics
     open_loop: bool  # a replay of a logged flight, in which no mission was sent or flown
     centre: tuple[float, float] | None = None  # lat_deg, lon_deg of the reported fire
-    area_ha: float = 0.0  # burned at the end
+    area_ha: float = 0.0  # area burned at the end
     arrival_s: Floats = field(default_factory=lambda: np.empty((0, 0)))
     samples: list[Sample] = field(default_factory=list)
     errors_m: dict[str, list[tuple[int, float, float]]] = field(default_factory=dict)
     revisits_s: list[float] = field(default_factory=list)
     directions: dict[str, list[tuple[int, bool | None]]] = field(default_factory=dict)
     uploads: list[Upload] = field(default_factory=list)
-    warnings: list[str] = field(default_factory=list)  # about the scenario, then about the edge
+    # Warnings about the scenario, then about the edge.
+    warnings: list[str] = field(default_factory=list)
     reached_edge_us: int | None = None  # mission time of the event ``FireReachedEdge``
 
     @property
@@ -148,7 +149,7 @@ class _Analyser:
                 each.on_command(command)
 
     def _fire_at(self, at_us: int) -> Fire:
-        """Return the fire for the evaluation: the simulated one or, without it, the estimate."""
+        """Return the fire for the evaluation: the simulated fire or, without it, the estimate."""
         if self._cameras is not None:
             self._cameras.advance(at_us)
             return self._cameras.fire.fire
@@ -182,9 +183,9 @@ class _Analyser:
         assert self._map is not None
         window, at_s = states_in(without_speckles(observed).cells), observed.at_us / 1e6
         if observed.corrects:
-            self._map.correct(observed.row, observed.col, window, at_s)
+            self._map.correct_window(observed.row, observed.col, window, at_s)
             return
-        in_view = self._map.observe(observed.row, observed.col, window, at_s)
+        in_view = self._map.add_window(observed.row, observed.col, window, at_s)
         gap_s = at_s - self._seen_s[in_view]
         self._analysis.revisits_s += gap_s[gap_s >= VISIT_S].tolist()
         self._seen_s[in_view] = at_s
@@ -228,6 +229,6 @@ class _Analyser:
             return
         truth = TrueShape(analysis.arrival_s, (round(self._centre[0]), round(self._centre[1])))
         for at_us, name, shape in self._estimates:
-            off_m = np.abs(shape - truth.at(at_us / 1e6)) * self._landscape.cell_size_m
+            off_m = np.abs(shape - truth.distances_at(at_us / 1e6)) * self._landscape.cell_size_m
             error = (at_us, float(off_m.mean()), float(off_m.max()))
             analysis.errors_m.setdefault(name, []).append(error)

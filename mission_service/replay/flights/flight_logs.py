@@ -67,11 +67,11 @@ class Flight(NamedTuple):
         """Return the time at which the whole flight begins. Raises FlightError for empty logs."""
         first = next(self._whole(), None)
         if first is None:
-            raise FlightError(f"{self.paths}: no vehicle in it")
+            raise FlightError(f"{self.paths_text}: no vehicle in it")
         return first.at_us
 
     @property
-    def paths(self) -> str:
+    def paths_text(self) -> str:
         """The paths of all its logs, as text."""
         return ", ".join(str(log.path) for log in self.logs)
 
@@ -122,7 +122,7 @@ def _replace(lasting: dict[tuple[str, str], VehicleLog], entry: VehicleLog, at_u
     kind = next((word for kinds, word in LASTING if isinstance(entry.event, kinds)), None)
     if kind is None:
         return
-    if kind == "mission":  # the progress was that of the previous mission
+    if kind == "mission":  # the progress belonged to the previous mission
         lasting.pop((entry.vehicle, "progress"), None)
     lasting.pop((entry.vehicle, kind), None)
     lasting[entry.vehicle, kind] = entry._replace(at_us=at_us)
@@ -162,12 +162,12 @@ class Survey(NamedTuple):
     zero_us: int
     begin_us: int
     end_us: int
-    offset_us: int | None  # to microseconds since 1970
+    offset_us: int | None  # offset to microseconds since 1970
     damage: tuple[str, ...]
 
 
 def survey(flight: Flight) -> Survey:
-    """Read a flight to its end. Raises FlightError if it contains no vehicle."""
+    """Read a flight to its end. Raises FlightError for a flight without a vehicle."""
     zero_us, offset_us = flight.zero_us(), flight.offset_us
     flown: dict[str, Flown] = {}
     begin_us = end_us = 0
@@ -180,6 +180,6 @@ def survey(flight: Flight) -> Survey:
         end_us = max(end_us, entry.at_us)
     if not flown:
         part = "this part of it" if flight.is_part else "it"
-        raise FlightError(f"{flight.paths}: no vehicle in {part}")
+        raise FlightError(f"{flight.paths_text}: no vehicle in {part}")
     damage = tuple(f"{log.path}: {each}" for log in flight.logs for each in log.damage)
     return Survey(flown, zero_us, begin_us, end_us, offset_us, damage)

@@ -39,7 +39,7 @@ Columns = dict[str, type]  # the value of a datetime is in microseconds since 19
 Row = tuple[Any, ...]
 
 SERVOS = 16
-WORDS = {0: "accepted", 5: "in progress", **RESULTS}  # of MAV_RESULT
+WORDS = {0: "accepted", 5: "in progress", **RESULTS}  # words for MAV_RESULT
 
 HEAD: Columns = {"log": str, "vehicle": int, "at_us": int, "utc": datetime}
 OWN: dict[str, Columns] = {
@@ -111,7 +111,7 @@ class Rows:
             yield table, (self._log, system_id, at_us, unix_us, *own)
 
     def _own(self, system_id: int, event: LogEvent) -> Iterator[tuple[str, Row]]:
-        """Yield the tables for an event, with the values of those columns that only they have."""
+        """Yield the tables for an event, with the values of the columns that no other table has."""
         table = SAME_FIELDS.get(type(event))
         if table is not None:
             yield table, tuple(getattr(event, column) for column in OWN[table])

@@ -27,7 +27,7 @@ from mission_service.replay.flights.drop_comparison import planned_in
 from mission_service.replay.flights.utc_time import utc
 from mission_service.runtime.track import Track
 
-MOVES_M_S = 1.0  # a slower vehicle stands still, and its positions drift
+MOVES_M_S = 1.0  # a slower vehicle is taken as standing, with drifting positions
 SETTLES_US = 3_000_000
 FIRST_AUXILIARY, STEP_US = 5, 300  # servos 1 to 4 control the flight
 
@@ -41,7 +41,8 @@ class Flown:
         self.stack: Stack | None = None
         self.track = Track()
         self.missions: list[tuple[int, Items]] = []
-        self.replaced_us: list[int] = []  # replacements by missions whose items are not in the log
+        # Times of replacements by missions whose items are not in the log.
+        self.replaced_us: list[int] = []
         self.home: tuple[float, float, float] | None = None
         self.offset_us = offset_us or 0
         self.dated = offset_us is not None
@@ -51,15 +52,15 @@ class Flown:
         self._fix_us: int | None = None
         self.longest_gap_s = 0.0
         self.flown_m = self._max_m_s = 0.0
-        self.highest_m: float | None = None  # above its first position
+        self.highest_m: float | None = None  # height above its first position
         self.modes: list[tuple[int, str, bool]] = []  # at_us, name, armed
-        self.turned_back_us: list[int] = []  # to an earlier item of the same mission
+        self.turned_back_us: list[int] = []  # times of jumps to an earlier item of the same mission
         self._current: int | None = None
         self.positions = self.items_reached = 0
         self._pulses: tuple[int, ...] = ()
         self.servo_steps: list[tuple[int, int, int]] = []  # at_us, servo, pulse_us
         self._dropping: set[int] = set()
-        self.releases_us: list[int] = []  # by a gripper
+        self.releases_us: list[int] = []  # times of releases by a gripper
         self.silences: list[tuple[int, int]] = []  # at_us, silent_us
 
     def apply(self, event: LogEvent, at_us: int) -> None:
@@ -96,7 +97,7 @@ class Flown:
                 pass
 
     def _begin_mission(self, at_us: int) -> None:
-        """Begin a new mission; remove a jump back shortly before, which was to its first item."""
+        """Begin a new mission; remove a jump shortly before, which led to the first item."""
         self._current = None
         if self.turned_back_us and at_us - self.turned_back_us[-1] <= SETTLES_US:
             self.turned_back_us.pop()
@@ -118,7 +119,7 @@ class Flown:
         speed_m_s = math.hypot(fix.velocity_north_m_s, fix.velocity_east_m_s, down_m_s)
         self._max_m_s = max(self._max_m_s, speed_m_s)
         if self.home is None or self._max_m_s < MOVES_M_S:
-            # The last position on the ground, because the first ones may lack the altitude.
+            # The last position on the ground, because the first positions may lack the altitude.
             self.home = (fix.lat_deg, fix.lon_deg, fix.altitude_amsl_m)
             self.highest_m = None
         above_m = fix.altitude_amsl_m - self.home[2]
@@ -170,7 +171,7 @@ class Flown:
 
 
 def file_of(log: Log) -> str:
-    """Return a log's file name; that of a journal contains its folder."""
+    """Return a log's file name; for a journal, the name contains the folder."""
     return f"{log.path.resolve().parent.name}/{log.path.name}" if log.names else log.path.name
 
 
@@ -182,7 +183,7 @@ def name_of(log: Log, system_id: int) -> str:
 def flown_in(
     log: Log, on_event: Callable[[int, LogEvent], None] = lambda system_id, event: None
 ) -> dict[int, Flown]:
-    """Return all vehicles of a log by system id. Raises BridgeError if it cannot be read.
+    """Return all vehicles of a log by system id. Raises BridgeError for an unreadable log.
 
     ``on_event`` receives the system id and the event of each entry.
     """

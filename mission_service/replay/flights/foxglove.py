@@ -40,8 +40,8 @@ QUATERNION = _object(x=NUMBER, y=NUMBER, z=NUMBER, w=NUMBER)
 JSON_KINDS = {str: STRING, int: INTEGER, float: NUMBER, bool: {"type": "boolean"}, datetime: STRING}
 UNKNOWN_COVARIANCE = 0  # foxglove.PositionCovarianceType
 DEBUG, INFO, WARNING, ERROR, FATAL = range(1, 6)  # foxglove.LogLevel
-LEVELS = (FATAL, FATAL, FATAL, ERROR, WARNING, INFO, INFO, DEBUG)  # by MAV_SEVERITY
-WARNINGS = ("link_lost", "rebooted")  # kinds of events
+LEVELS = (FATAL, FATAL, FATAL, ERROR, WARNING, INFO, INFO, DEBUG)  # log level for each MAV_SEVERITY
+WARNINGS = ("link_lost", "rebooted")  # kinds of events with log level WARNING
 WITH_WORDS = ("events", "missions")  # tables whose rows are not plotted: see /log and /mission
 
 

@@ -38,10 +38,10 @@ from mission_service.replay.flights.write_once_journal import REPLAY
 
 SEVERITY = {"warning": 4, "info": 6}  # MAV_SEVERITY
 JOURNAL = "journal.jsonl"
-ANY_RULE = "circling"  # for a log's own data, which do not depend on the planner
+ANY_RULE = "circling"  # a rule for reading the log's own data, which do not depend on the planner
 
 
-class JournalLog:
+class JournalLog(Log):
     """A journal's vehicles, numbered from 1 in the order of its scenario.
 
     System ids are not used, because vehicles on separate links may have equal ids.
@@ -49,9 +49,7 @@ class JournalLog:
 
     def __init__(self, path: Path) -> None:
         """Open the journal at ``path``. Raises JournalError if it or its header is missing."""
-        self.path = path
-        self.messages = 0
-        self.damage: list[Damage] = []
+        super().__init__(path)
         self._chain = Chain(path)
         header = self._chain.readers[0].header
         self._recorded = header["scenario"]

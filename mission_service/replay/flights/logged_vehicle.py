@@ -11,8 +11,8 @@ from autopilot_bridge.vehicle.client_events import ClientEvent
 from autopilot_bridge.vehicle.orders import Dropper
 from autopilot_bridge.vehicle.transfer_states import StartItem
 
-# The log events that the core uses as input. Mission progress is not one of them, because it refers
-# to the mission that was flown and not to the missions that the core would have sent.
+# The log events that the core uses as input. Mission progress is left out, because it refers to the
+# mission that was flown and not to the missions that the core would have sent.
 INPUT_EVENTS = (
     bridge.Connected
     | bridge.LinkLost
@@ -53,7 +53,7 @@ class LoggedVehicle:
     def upload(
         self, items: Items, now_us: int, *, begin: StartItem = "restart", holds_first: bool = False
     ) -> int:
-        """Accept the mission and report it as begun."""
+        """Accept the mission and report its start."""
         transfer_id = self._transferred("upload", items, now_us)
         self._events.append(bridge.MissionProgress(now_us, min(1, len(items) - 1)))
         return transfer_id

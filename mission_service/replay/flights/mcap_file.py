@@ -11,7 +11,8 @@ from mission_service.replay.flights.flight_tables import Rows
 from mission_service.replay.flights.flown_vehicle import file_of
 from mission_service.replay.flights.foxglove import SCHEMAS, Message, messages_of
 
-LIBRARY = "mission-service"  # the default contains the version of mcap, which changes the bytes
+# Fixed: the default contains the version of mcap, which would change the bytes.
+LIBRARY = "mission-service"
 
 
 def write_mcap(path: Path, logs: Sequence[Log], names: Mapping[tuple[int, int], str]) -> None:
@@ -31,7 +32,7 @@ def write_mcap(path: Path, logs: Sequence[Log], names: Mapping[tuple[int, int], 
             name = names[number, system_id]
             event_rows = list(rows[number].of(system_id, event))
             for message in messages_of(name, at_ns, event, event_rows):
-                channels.add(name, at_ns, message)
+                channels.write(name, at_ns, message)
         channels.finish()
 
 
@@ -46,7 +47,7 @@ class _Channels:
         self._schemas: dict[str, int] = {}
         self._channels: dict[tuple[str, str], int] = {}
 
-    def add(self, name: str, at_ns: int, message: Message) -> None:
+    def write(self, name: str, at_ns: int, message: Message) -> None:
         channel = self._channels.get((name, message.topic))
         if channel is None:
             schema = self._schema(message.schema)

@@ -1,7 +1,7 @@
 """Replays a logged flight in an open loop: the core's commands do not change the flight.
 
 The log's vehicles replace the vehicles on links (``logged_vehicle.py``). The simulated camera, the
-core, the journal and the state view are those of a live run. The replay of a flight therefore
+core, the journal and the state view are the same as in a live run. The replay of a flight therefore
 writes a journal that can be verified, and the interfaces show it like a run.
 """
 
@@ -13,21 +13,20 @@ from autopilot_bridge.vehicle.client_events import Position
 from mission_service.core.core import Core
 from mission_service.events import AnyOperatorEvent, IgnitionReported
 from mission_service.fire.run_estimate import OF_FIRE, RunEstimate
-from mission_service.fire.setup import warnings_on
+from mission_service.fire.scenario_fire import warnings_on
 from mission_service.fire.simulated_cameras import cameras_of
 from mission_service.journal.journal_file import Journal
 from mission_service.replay.flights.flight_logs import VehicleLog
 from mission_service.replay.flights.journal_log import JournalLog
 from mission_service.replay.flights.logged_vehicle import LoggedVehicle
 from mission_service.replay.flights.scenario_pairing import Pairing
+from mission_service.runtime.alarms.proximity_alarms import ProximityAlarms
 from mission_service.runtime.engine import Engine
 from mission_service.runtime.gateway import Gateway, MissionClock
-from mission_service.runtime.health_monitor import HealthMonitor
 from mission_service.runtime.state_view import StateView
 
 FlightEntry = VehicleLog | AnyOperatorEvent
-EVERY_US = 50_000  # minimum interval between positions of a vehicle
-NEVER_LATE_US = 1 << 62  # disables the alarm for delays of the event loop
+EVERY_US = 50_000  # minimum interval between replayed positions of a vehicle
 
 
 def entries_of(pairing: Pairing) -> Iterator[FlightEntry]:
@@ -68,7 +67,7 @@ class OpenLoopReplay:
         self.clock: MissionClock = state["clock"]
         self.vehicles: dict[str, LoggedVehicle] = state["vehicles"]
         self.gateways: dict[str, Gateway] = state["gateways"]
-        self._health_monitor: HealthMonitor = state["health_monitor"]
+        self._proximity: ProximityAlarms = state["proximity"]
         self.service = Engine(
             pairing.scenario,
             state["core"],
@@ -87,7 +86,7 @@ class OpenLoopReplay:
             "clock": self.clock,
             "vehicles": self.vehicles,
             "gateways": self.gateways,
-            "health_monitor": self._health_monitor,
+            "proximity": self._proximity,
             **self.service.snapshot_fields(),
         }
 
@@ -98,7 +97,7 @@ class OpenLoopReplay:
             return
         self.vehicles[entry.vehicle].apply(entry.event)
         self.service.handle_events(self.gateways[entry.vehicle].events(entry.at_us), entry.at_us)
-        self._health_monitor.check(entry.at_us)
+        self._proximity.check_pairs(entry.at_us)
 
 
 def _initial_state(pairing: Pairing) -> dict[str, Any]:
@@ -112,12 +111,11 @@ def _initial_state(pairing: Pairing) -> dict[str, Any]:
     estimate.advance(mission.start_us)
     warnings = warnings_on(scenario, landscape)
     state_view = StateView(scenario, landscape, mission.start_us, warnings)
-    separation_m = scenario.mission.separation_m
     return {
         "clock": clock,
         "vehicles": vehicles,
         "gateways": {name: Gateway(name, vehicle, clock) for name, vehicle in vehicles.items()},
-        "health_monitor": HealthMonitor(state_view, separation_m, NEVER_LATE_US),
+        "proximity": ProximityAlarms(state_view, scenario.mission.separation_m),
         "core": Core(scenario, landscape),
         "cameras": cameras_of(scenario, landscape),
         "estimate": estimate,

@@ -17,15 +17,15 @@ from firemodel.outputs.graticule import km_of
 from mission_service.ground_distance import M_PER_DEG
 from mission_service.replay.flights.run_analysis import RunAnalysis, VehicleAnalysis, places_of
 from mission_service.replay.flights.run_figures import above_terrain_m
-from mission_service.runtime.outputs import VEHICLE_COLOURS
+from mission_service.runtime.run_outputs import VEHICLE_COLOURS
 
 Floats = NDArray[np.float64]
-Places = Callable[[Any, Any], tuple[Any, Any]]  # from lat, lon to km on the axes
+Places = Callable[[Any, Any], tuple[Any, Any]]  # converts lat, lon to km on the axes
 
-MAX_MISSIONS = 6  # with more missions none is drawn, because they would hide the map
+MAX_MISSIONS = 6  # with more missions no mission is drawn, because they would hide the map
 GAP_US = 10_000_000
 MAX_LABELS = 8  # with more reversals, their positions have no labels
-DIFFERS, PLANNED = "#d500f9", "#004d40"
+DIFFERS = "#d500f9"
 CLOCKWISE, ANTICLOCKWISE = "#0b6fb8", "#c75000"
 MODE_COLOURS = (
     "#8dd3c7", "#ffffb3", "#bebada", "#fb8072", "#80b1d3", "#fdb462", "#b3de69", "#fccde5",
@@ -168,7 +168,7 @@ def _draw_drops(axes: Any, run: RunAnalysis, vehicle: VehicleAnalysis, places: P
     done = [each.done[1:3] for each in vehicle.drops if each.done is not None]
     record = None if run.fire is None else run.fire.record.vehicles[vehicle.name]
     if record is not None and record.drops:
-        done = [each.place for each in record.drops if each.outcome == "done"]
+        done = [each.lat_lon for each in record.drops if each.outcome == "done"]
         flown = {each.plan_hash for each in record.drops}
         planned = [
             (drop.lat_deg, drop.lon_deg)
@@ -267,7 +267,7 @@ def draw_heights(run: RunAnalysis) -> Figure:
     for axes, (colour, vehicle) in zip(panels, coloured(run), strict=True):
         since = (vehicle.track[:, 0] - run.zero_us) / 1e6 / scale
         altitude = vehicle.track[:, 3].copy()
-        altitude[1:][np.diff(vehicle.track[:, 0]) > GAP_US] = np.nan  # interrupts the line
+        altitude[1:][np.diff(vehicle.track[:, 0]) > GAP_US] = np.nan  # interrupts the drawn line
         axes.plot(since, altitude, color=colour, linewidth=1.2, label="altitude")
         if vehicle.terrain_amsl_m is not None and np.isfinite(vehicle.terrain_amsl_m).any():
             low = float(np.nanmin(vehicle.terrain_amsl_m)) - 20.0

@@ -59,12 +59,13 @@ class Playback:
         self._journal = journal
         self._shared_references = Known(pairing.scenario, pairing.landscape)
         self._cache: EntryCache[FlightEntry] = EntryCache(entries_of(pairing))
-        self._cache.get(0)  # this reads a journal once for its operators' requests
+        self._cache.get(0)  # reads a journal once for its operators' requests
         replay = OpenLoopReplay(pairing, journal)
         self._shown = _Progress(replay, 0, head.begin_us, journal.rest)
         self._every_us = max(STATE_EVERY_US, (head.end_us - head.begin_us) // MAX_STATES)
         self._states = [self._state_of(self._shown)]
-        if 4 * self._states[0].size > MAX_STATES_BYTES:  # too large: seeks begin at the first entry
+        # States are too large: seeks begin at the first entry.
+        if 4 * self._states[0].size > MAX_STATES_BYTES:
             self._every_us = 1 << 62
         self._work = self._shown  # the replay that a seek computes
         self._seeks_us: int | None = None
@@ -103,7 +104,7 @@ class Playback:
         self._cache.close()
 
     def turn(self, now_us: int, is_over: Callable[[], bool]) -> bool:
-        """Play due entries until ``is_over`` returns True; return whether more are due."""
+        """Play due entries until ``is_over`` returns True; return whether more entries are due."""
         head = self.head
         due_us = head.due_us(now_us)
         if head.seek_to_us is None:
@@ -147,7 +148,7 @@ class Playback:
         return _Progress(replay, saved.number, saved.at_us, saved.rest)
 
     def _play(self, progress: _Progress, until_us: int, is_over: Callable[[], bool]) -> bool:
-        """Play up to a time; return whether it was reached before the end of the turn."""
+        """Play up to a time; return whether that time was reached before the end of the turn."""
         self._journal.rest = progress.rest
         try:
             while True:
@@ -170,7 +171,7 @@ class Playback:
         return self.pairing.mission.log_us(entry.at_us)
 
     def _save(self, progress: _Progress) -> None:
-        """Save a state if the last one is old enough; number and total size are limited."""
+        """Save a state if the last state is old enough; number and total size are limited."""
         if progress.at_us < self._states[-1].at_us + self._every_us:
             return
         self._states.append(self._state_of(progress))

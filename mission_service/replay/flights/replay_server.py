@@ -12,7 +12,7 @@ import msgspec
 
 from firemodel.spread.fire_scheme import Fire
 from mission_service.config.rule_lookup import faults_of
-from mission_service.config.service import ServiceSection
+from mission_service.config.service_section import ServiceSection
 from mission_service.core.request_events import REPLAY, STATUS, RequestScope
 from mission_service.errors import RequestError
 from mission_service.guidance.registry import way_of
@@ -20,7 +20,7 @@ from mission_service.interfaces.control.control_client import NAME
 from mission_service.interfaces.control.control_server import claimed, serve_control
 from mission_service.journal.journal_file import header_of
 from mission_service.live.daemon import stop_on_signals
-from mission_service.live.interfaces import interfaces_of
+from mission_service.live.interface_setup import interfaces_of
 from mission_service.replay.flights.journal_log import JOURNAL
 from mission_service.replay.flights.playback import Playback
 from mission_service.replay.flights.scenario_pairing import Pairing
@@ -35,7 +35,7 @@ from mission_service.runtime.run_context import RunContext
 from mission_service.runtime.run_statistics import RunStatistics
 from mission_service.value_errors import in_words
 
-TURN_US = 20_000  # time of playing before other tasks run
+TURN_US = 20_000  # duration of a turn, after which other tasks run
 TICK_S = 0.02  # interval of turns while no entry is due
 SHOWN_EVERY_S = 0.2
 NO_ORDERS = "this is a replay, which refuses orders"
@@ -83,6 +83,10 @@ class ReplayRequestHandler(RequestHandler):
             return wrong(str(error))
         at_s = self._player.state().at_us / 1e6
         return {"ok": True, "at_s": at_s, "event": "Replay", "messages": messages}
+
+    def ask_or_wait(self, request: Any, may_approve: bool | None = None, role: str = "") -> Answer:
+        """Return the reply of ``ask``."""
+        return self.ask(request, may_approve)
 
 
 def control(player: Playback, request: dict[str, Any], now_us: int) -> list[str]:

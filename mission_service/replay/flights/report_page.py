@@ -15,7 +15,7 @@ from mission_service.replay.flights.utc_time import utc
 
 LONG_US = 30_000_000  # a shorter flight against the planner's direction belongs to a reversal
 FEW_MISSIONS = 8  # up to this number, missions count as main events
-MAX_EVENTS = 400  # lines; the page states the number of omitted lines
+MAX_EVENTS = 400  # maximum number of lines; the page states the number of omitted lines
 
 
 class ReportLine(NamedTuple):
@@ -31,7 +31,7 @@ def write_report(out: Path, runs: Sequence[RunAnalysis]) -> list[str]:
     """Write report.html, its pictures and figures.json to ``out``; returns the files' names."""
     figures = [figures_of(run) for run in runs]
     images: dict[str, bytes] = {}
-    for name, drawn in _drawn(runs):  # only one figure is in memory, because each takes megabytes
+    for name, drawn in _drawn(runs):  # one figure at a time, because each takes megabytes
         if drawn is not None:
             images[name] = pictures.png(drawn)
     for name, data in images.items():

@@ -31,8 +31,10 @@ from mission_service.vehicles.availability import AIRBORNE_M
 
 Floats = NDArray[np.float64]
 
-FOLLOWS_US = 20_000_000  # a reversal in the track within this time after one in the mission
-NEAR_CELLS, NEAR_SHARE = 2.0, 0.25  # radius around the middle in which bearings are uncertain
+# A reversal in the track this soon after a reversal in the mission is left out.
+FOLLOWS_US = 20_000_000
+# Bearings are uncertain within this radius of the middle: in cells, or as a share of the track.
+NEAR_CELLS, NEAR_SHARE = 2.0, 0.25
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,10 +53,11 @@ class VehicleAnalysis:
 
     flown: Flown
     track: Floats  # (n, 4): at_us, lat_deg, lon_deg, altitude_amsl_m
-    terrain_amsl_m: Floats | None = None  # under the track; NaN off the landscape
+    terrain_amsl_m: Floats | None = None  # terrain under the track; NaN off the landscape
     directions: list[tuple[int, bool]] = field(default_factory=list)  # (time, is clockwise)
     turned_back: list[TurnedBack] = field(default_factory=list)
-    decided: list[tuple[int, bool | None]] = field(default_factory=list)  # by its planner
+    # Directions that its planner decided.
+    decided: list[tuple[int, bool | None]] = field(default_factory=list)
     differs: list[Span] = field(default_factory=list)
     drops: list[Compared] = field(default_factory=list)
 
@@ -74,7 +77,7 @@ class VehicleAnalysis:
 class RunAnalysis:
     """A run. ``mission.of(at_us)`` converts a time on the log's clock to mission time.
 
-    ``zero_us`` is the time at which the flight begins, ``begin_us`` that of the analysed part.
+    The flight begins at ``zero_us``, and the analysed part at ``begin_us``.
     """
 
     name: str
@@ -104,7 +107,7 @@ def run_analysis(
     journal: JournalLog | None = None,
     mission: Mission | None = None,
 ) -> RunAnalysis:
-    """Analyse a flight, and the fire in its own journal or in that of its open-loop replay."""
+    """Analyse a flight, and the fire in its own journal or in its open-loop replay's journal."""
     fire = None if journal is None else fire_analysis(journal)
     mission = mission or Mission(found.zero_us, found.zero_us)
     times_us = (found.zero_us, found.begin_us, found.end_us, found.offset_us)
@@ -149,7 +152,7 @@ def _vehicle(flown: Flown, run: RunAnalysis) -> VehicleAnalysis:
 def _merged(
     by_mission: list[TurnedBack], by_track: list[TurnedBack], run: RunAnalysis
 ) -> list[TurnedBack]:
-    """Return all reversals by time, without those in the track soon after one in a mission."""
+    """Return all reversals by time, without reversals of the track soon after one of a mission."""
     found = list(by_track)
     for turn in by_mission:
         after = [each for each in found if 0 <= each.at_us - turn.at_us <= FOLLOWS_US]

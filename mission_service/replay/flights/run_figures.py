@@ -32,7 +32,7 @@ VEHICLE_ROWS: tuple[Row, ...] = (
     ("distance error, mean", "m", lambda of: of["distance_error_mean_m"]),
     ("distance error, maximum over bearings", "m", lambda of: of["distance_error_worst_m"]),
     ("missions loaded", "", lambda of: len(of["missions"])),
-    ("missions replaced without items in the log", "", lambda of: of["missions_replaced"] or None),
+    ("missions replaced, items not in the log", "", lambda of: of["missions_replaced"] or None),
     ("missions sent, accepted", "", lambda of: _of_two(of, "missions_sent", "accepted")),
     ("time from upload to acceptance, median", "s", lambda of: of["mission_latency_median_s"]),
     ("time from upload to acceptance, maximum", "s", lambda of: of["mission_latency_worst_s"]),
@@ -117,7 +117,7 @@ def _vehicle(run: RunAnalysis, vehicle: VehicleAnalysis) -> dict[str, Any]:
 def above_terrain_m(vehicle: VehicleAnalysis) -> Any:
     """Return the height above terrain along the track, or None without a landscape.
 
-    It is NaN for points off the landscape.
+    The height is NaN for points off the landscape.
     """
     if vehicle.terrain_amsl_m is None:
         return None
@@ -157,7 +157,7 @@ def _missions(fire: FireAnalysis | None, name: str) -> dict[str, Any]:
 
 
 def _drops(fire: FireAnalysis | None, vehicle: VehicleAnalysis) -> dict[str, Any]:
-    """Count a burn's drops by its plans, and those of other flights by missions and outputs."""
+    """Count the drops of a burn by its plans, and of other flights by missions and outputs."""
     record = None if fire is None else fire.record.vehicles[vehicle.name]
     if record is not None and record.plans:
         flown = {drop.plan_hash for drop in record.drops}
@@ -166,7 +166,7 @@ def _drops(fire: FireAnalysis | None, vehicle: VehicleAnalysis) -> dict[str, Any
         off_m = []
         for drop in done:
             place = record.plans[drop.plan_hash].drops[drop.number]
-            off_m.append(distance_m((place.lat_deg, place.lon_deg), drop.place))
+            off_m.append(distance_m((place.lat_deg, place.lon_deg), drop.lat_lon))
         return _counted(planned_count, len(done), off_m)
     pairs = vehicle.drops
     if not pairs:

@@ -8,16 +8,16 @@ from firemodel.landscape.landscape import Landscape
 from mission_service.config.fire_sections import Ignition, LandscapeSection, WeatherEntry
 from mission_service.config.scenario import Scenario, flying, load_run, run_of
 from mission_service.config.sections import PlannerSection, VehicleSection
-from mission_service.config.service import ServiceSection
+from mission_service.config.service_section import ServiceSection
 from mission_service.errors import FlightError
-from mission_service.fire.setup import landscape_of
+from mission_service.fire.scenario_fire import landscape_of
 from mission_service.ground_distance import M_PER_DEG
 from mission_service.replay.flights.flight_logs import Flight, Survey
 from mission_service.replay.flights.flown_vehicle import Flown, file_of
 from mission_service.replay.flights.journal_log import JournalLog
 from mission_service.replay.flights.utc_time import EPOCH, unix_us
 
-# The landscape that is made for a flight without a scenario; AROUND_M is its margin around the
+# The landscape that is made for a flight without a scenario; AROUND_M is the margin around the
 # tracks.
 AROUND_M = 2000.0
 CELL_M, MAX_CELLS = 30.0, 600
@@ -89,8 +89,8 @@ def pair(flight: Flight, found: Survey, scenario: Scenario, at_s: float | None =
 class Mission(NamedTuple):
     """The relation between the log's clock and mission time."""
 
-    begin_us: int  # on the log's clock
-    start_us: int  # the same instant in mission time
+    begin_us: int  # start of the flight on the log's clock
+    start_us: int  # start of the flight in mission time
 
     def of(self, log_us: int) -> int:
         """Convert a time of the log's clock to mission time."""
@@ -106,8 +106,8 @@ def mission_time(
 ) -> Mission:
     """Return the mission time at which a flight begins.
 
-    It is ``at_s`` if given, else computed from UTC if log and scenario have it, else the time at
-    which the scenario's vehicles take off. The times of journals are mission times. Raises
+    This time is ``at_s`` if given, else computed from UTC if log and scenario have it, else the
+    time at which the scenario's vehicles take off. The times of journals are mission times. Raises
     FlightError for a flight outside the time of the scenario.
     """
     begin_us, zero = found.zero_us, scenario.time_zero
@@ -121,7 +121,7 @@ def mission_time(
     if not 0 <= start_us < round(scenario.duration_s * 1e6):
         raise FlightError(
             f"the flight begins {start_us / 3.6e9:+.1f} h after time_zero of {scenario.name}, "
-            f"which lasts {scenario.duration_s / 3600:.1f} h; give the flight's begin with --at, "
+            f"which lasts {scenario.duration_s / 3600:.1f} h; give the flight's start with --at, "
             "in seconds of mission time"
         )
     return Mission(begin_us, start_us)

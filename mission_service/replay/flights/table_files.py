@@ -14,7 +14,7 @@ GROUP_ROWS = 10_000
 class TableFile(Protocol):
     """One table in one file."""
 
-    def add(self, row: Row) -> None:
+    def add_row(self, row: Row) -> None:
         """Add the next row."""
 
     def close(self) -> None:
@@ -30,7 +30,7 @@ class CsvFile:
         self._table.writerow(columns)
         self._dated = [place for place, kind in enumerate(columns.values()) if kind is datetime]
 
-    def add(self, row: Row) -> None:
+    def add_row(self, row: Row) -> None:
         """Add the next row."""
         written = list(row)
         for place in self._dated:
@@ -62,7 +62,7 @@ class ParquetFile:
         self._writer: Any = ParquetWriter(path, self._schema)
         self._rows: list[Row] = []
 
-    def add(self, row: Row) -> None:
+    def add_row(self, row: Row) -> None:
         """Add the next row."""
         self._rows.append(row)
         if len(self._rows) == GROUP_ROWS:
@@ -103,7 +103,7 @@ class TableFiles:
             for file in files:
                 file.close()
 
-    def add(self, table: str, row: Row) -> None:
+    def add_row(self, table: str, row: Row) -> None:
         """Add the next row of a table."""
         if table not in self._files:
             self._files[table] = [
@@ -111,7 +111,7 @@ class TableFiles:
                 for each in self._formats
             ]
         for file in self._files[table]:
-            file.add(row)
+            file.add_row(row)
 
     @property
     def names(self) -> list[str]:

@@ -12,7 +12,7 @@ from typing import Any
 from mission_service.errors import FlightError
 from mission_service.journal.journal_file import Journal, Rest, SegmentReader, begins_journal
 
-REPLAY = "replay"  # the key of the logs' names in the header of such a journal
+REPLAY = "replay"  # key of the logs' names in the header of a replay's journal
 
 
 class WriteOnceJournal(Journal):
@@ -23,7 +23,10 @@ class WriteOnceJournal(Journal):
         self._farthest = self.rest
 
     def remove_last(self, before: Rest) -> None:
-        """Move the position back. Lines are removed only if it was the end of the journal."""
+        """Move the position back.
+
+        Lines are removed only if the position was the end of the journal.
+        """
         if self.rest == self._farthest:
             super().remove_last(before)
             self._farthest = before
@@ -37,7 +40,7 @@ class WriteOnceJournal(Journal):
         self.close()
 
     def _put(self, lines: list[bytes], crc: int, to_disk: bool = False) -> None:
-        if not hasattr(self, "_farthest"):  # the header
+        if not hasattr(self, "_farthest"):  # the line is the header
             super()._put(lines, crc, to_disk)
             return
         if self.rest.at_byte < self._farthest.at_byte:

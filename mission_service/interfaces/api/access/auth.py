@@ -22,7 +22,7 @@ from mission_service.runtime.redaction import hide
 from mission_service.value_errors import in_words
 
 ROLES: tuple[Role, ...] = get_args(Role)
-TOKEN_FILE = "token"  # in the folder of a run
+TOKEN_FILE = "token"  # name of the file in the folder of a run
 LONGEST_TOKEN = 200
 _TOKEN = re.compile(rf"[A-Za-z0-9_-]{{20,{LONGEST_TOKEN}}}")
 
@@ -40,6 +40,11 @@ class User(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def may(self, role: Role) -> bool:
         """Return whether the user has this role; every user has ``look``."""
         return role == "look" or role in self.roles
+
+    @property
+    def highest_role(self) -> Role:
+        """The last role of ``ROLES`` that this user has."""
+        return next(role for role in reversed(ROLES) if self.may(role))
 
 
 class _TokensFile(msgspec.Struct, forbid_unknown_fields=True):
@@ -114,7 +119,7 @@ def own_token(out: Path) -> str:
 
 
 class Tokens:
-    """The valid tokens: those in a file that is read again after each change, or the one of a run.
+    """The valid tokens: all tokens in a file, read again after each change, or the token of a run.
 
     With ``named`` each token is personal and determines the name in requests; the token of a run is
     not personal. If the file becomes invalid, the tokens stay valid and a warning is logged,
@@ -141,7 +146,7 @@ class Tokens:
     def user_of(self, token: str) -> User | None:
         """Return the user of a token, or None.
 
-        The comparison takes the same time for all tokens, because it always covers all stored sums.
+        The comparison takes the same time for all tokens, because it covers all users.
         """
         self._read_again()
         digest, found = sum_of(token), None
@@ -168,7 +173,7 @@ class Tokens:
 
 
 def _stamp(path: Path | None) -> tuple[int, ...]:
-    """Return a value that differs once the file was changed or replaced; empty without a file."""
+    """Return a value that changes when the file is changed or replaced; () without a file."""
     if path is None:
         return ()
     try:

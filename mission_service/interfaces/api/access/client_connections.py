@@ -1,4 +1,4 @@
-"""Limits the open connections: beyond a limit, the oldest one without a valid token is closed."""
+"""Limits open connections: beyond a limit, the oldest one without a valid token is closed."""
 
 import ipaddress
 from collections import Counter
@@ -26,7 +26,7 @@ class ClientConnections:
         self._proven: dict[ClientConnection, None] = {}
 
     def add(self, connection: ClientConnection) -> None:
-        """Add a connection; beyond a limit, close one of this or of the busiest client."""
+        """Add a connection; beyond a limit, close one of this client or of the busiest client."""
         self._unproven[connection] = None
         counts = Counter(each.client for each in self._unproven)
         if counts[connection.client] > MAX_OF_AN_ADDRESS:

@@ -1,7 +1,7 @@
 """Guards all routes: checks the origin, token, rate, size and speed of each request.
 
-The guard is a plain ASGI application, so that it covers all routes. It checks host and origin
-first, then token, rate and the number of concurrent requests. Clients without a token have a
+The guard is a plain ASGI application, so that it covers all routes. The guard checks host and
+origin first, then token, rate and the number of concurrent requests. Clients without a token have a
 separate limit. No limit applies to an abort with a valid token, which the guard carries out as soon
 as its headers have arrived, nor to health routes. The guard reads bodies before it awaits anything
 else, so that a complete request is carried out even if its client has closed the connection
@@ -31,8 +31,8 @@ ABORT, PERIMETER = "/api/v1/abort", "/api/v1/fire/perimeter"
 BODY_WITHIN_S = 20.0
 PREFIXES_WITH_TOKEN = ("/api/", "/metrics")
 HEALTH = ("/healthz", "/readyz")
-# Limits of concurrent requests with a token: for those that read (including live streams), and for
-# those that change something.
+# Limits of concurrent requests with a token: for requests that read (including live streams), and
+# for requests that change something.
 MAX_READING, MAX_CHANGING = 64 + MAX_STREAMS, 64
 # Limits of concurrent requests without a token (for the page): for all clients together, and for
 # each client.
@@ -107,7 +107,7 @@ class AccessGuard:
             await self._app(scope, receive, bounded)
         except _DisconnectedError:
             return
-        except ApiError as error:  # raised for the body
+        except ApiError as error:  # an error of the body
             await _refuse(bounded, error)
         except TooSlowError:
             await _cut(scope)
@@ -254,7 +254,7 @@ def _origin(scope: Scope, host: str) -> str:
 
 
 def _refuse_other_sites(headers: dict[bytes, list[bytes]], own: Collection[str]) -> None:
-    """Refuse requests from pages of other sites, which the headers of browsers reveal."""
+    """Refuse requests from pages of other sites, by the headers that browsers send."""
     for origin in headers.get(b"origin", []):
         if origin.decode("latin-1").lower() not in own:
             raise ApiError(403, "pages of other origins may not use the service")
@@ -286,4 +286,4 @@ async def _refuse(send: Send, error: ApiError) -> None:
 async def _cut(scope: dict[str, Any] | Scope) -> None:
     """Close a connection even if its buffer is not empty, if the server supports that."""
     scope.get("state", {}).get("cut", _nothing)()
-    await asyncio.sleep(0)  # the server processes the end of the connection
+    await asyncio.sleep(0)  # lets the server process the end of the connection

@@ -37,7 +37,7 @@ export function askForToken(reason: string, entered: () => void): void {
 
 let unanswered: (yes: boolean) => void = () => undefined;
 
-/** Show a question; return whether the answer is yes. Answers an earlier open question with no. */
+/** Show a question; return whether the answer is yes. A question that is still open is answered with no. */
 export function confirmed(text: string): Promise<boolean> {
   const question = byId("question") as HTMLDialogElement;
   unanswered(false);

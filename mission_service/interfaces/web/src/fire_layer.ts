@@ -77,7 +77,7 @@ export const FIRE_GROUPS: Record<string, Group> = {
     layers: ["corrections-area", "corrections-line", "corrections-point"],
     shown: true,
   },
-  hillshade: { label: "Hills", layers: ["hillshade"], shown: true },
+  hillshade: { label: "Hillshade", layers: ["hillshade"], shown: true },
 };
 
 /** Keep the sources of the fire up to date; request only the layers that are visible. */

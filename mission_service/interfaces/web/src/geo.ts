@@ -69,7 +69,7 @@ export function simplified(points: [number, number][], tolerance: number): [numb
   return points.filter((_, i) => keep[i]);
 }
 
-/** A drawn loop without crossings, which occur near its start: keeps the larger part at each one. */
+/** A drawn loop without its crossings, which are near its start: of each, the larger part remains. */
 export function uncrossed(loop: [number, number][]): [number, number][] {
   for (let ring = loop; ; ) {
     const crossing = firstCrossing(ring);

@@ -1,4 +1,4 @@
-// The page: creates all parts, which follow one store.
+// Creates all parts of the page; each part shows the state in one store.
 
 import "./style.css";
 import type { Map as MapView } from "maplibre-gl";

@@ -54,7 +54,7 @@ export class Store {
   telemetry = new Map<string, Telemetry>();
   missions = new Map<string, MissionState>();
   tracks = new Map<string, TrackPoint[]>();
-  missed = false; // positions are missing that the service has
+  missed = false; // the service has positions that are missing here
   chosen = "";
   inMin = 0; // the selected time, from now
   linked = false;

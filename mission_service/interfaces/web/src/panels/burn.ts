@@ -1,4 +1,4 @@
-// The burn panel: GO list, plan with its safety figures, and presence at a station.
+// The burn panel: GO/NO-GO checklist, plan with its safety figures, and presence at a station.
 
 import { attempt, lacking } from "../actions.ts";
 import { post } from "../api.ts";

@@ -1,0 +1,88 @@
+"""Sends commands to a vehicle through MAVSDK, which repeats each until its acknowledgement."""
+
+import json
+from collections.abc import Callable
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from autopilot_bridge.clients.mavsdk_library import library, raw_message
+from autopilot_bridge.clients.mavsdk_system import NO_ANSWER, MavsdkSystem
+from autopilot_bridge.links.codec import Message
+from autopilot_bridge.stacks.stacks import Stack, Step
+from autopilot_bridge.vehicle.command_sequence import command_message, result_words
+from autopilot_bridge.vehicle.commanded_modes import CommandedModes, modes_of_step
+from autopilot_bridge.vehicle.mode_change import changed_meanwhile
+from autopilot_bridge.vehicle.monitor import VehicleMonitor
+
+REPLY_TIMEOUT_S = 1.5
+
+
+class MavsdkCommands:
+    """Sends commands to one vehicle until its autopilot or a pilot changes the mode.
+
+    ``overrides`` describes the mode changes that were not commanded.
+    """
+
+    def __init__(
+        self,
+        system: MavsdkSystem,
+        monitor: VehicleMonitor,
+        target: tuple[int, int],
+        clock: Callable[[], int],
+    ) -> None:
+        self.overrides: list[str] = []
+        self._system = system
+        self._monitor = monitor
+        self._target = target
+        self._clock = clock
+        self._modes = CommandedModes()
+        self._heartbeats = 0
+
+    def receive(self, message: Message) -> None:
+        """Count the heartbeats of the vehicle."""
+        self._heartbeats += message.get_type() == "HEARTBEAT"
+
+    def mode_changed(self, stack: Stack, mode: int, now_us: int) -> str | None:
+        """Process a mode change; return its description if it was not commanded, else None."""
+        if self._modes.has(mode, now_us):
+            return None
+        self.overrides.append(changed_meanwhile(stack, mode))
+        return self.overrides[-1]
+
+    async def send_steps(self, steps: tuple[Step, ...], stack: Stack) -> tuple[bool, str]:
+        """Send commands in sequence until a command is refused; MAVSDK repeats each command.
+
+        No command is sent after a failsafe or after a pilot has taken control.
+        """
+        overrides = len(self.overrides)
+        for step in steps:
+            if len(self.overrides) > overrides:
+                return False, self.overrides[-1]
+            self._modes.expect(modes_of_step(step, stack), self._clock())
+            command, request = step.command, command_message(self._target, step, 0)
+            try:
+                ack = await self._system.call(
+                    self._system.direct.send_command(raw_message(request, self._target))
+                )
+            except library().direct.MavlinkDirectError as error:
+                return False, f"command {command}: no acknowledgement ({error.result.name})"
+            except TimeoutError:
+                return False, f"command {command}: no acknowledgement ({NO_ANSWER})"
+            result = json.loads(ack.fields_json)["result"]
+            if result != mavlink.MAV_RESULT_ACCEPTED:
+                return False, f"command {command} {result_words(result)}"
+        return True, "accepted"
+
+    async def change_mode(self, stack: Stack, before: int, custom_mode: int) -> tuple[bool, str]:
+        """Change the mode right after a heartbeat, and only if the mode is still ``before``."""
+        heartbeats = self._heartbeats
+        await self._system.until(lambda: self._heartbeats > heartbeats, 2 * REPLY_TIMEOUT_S)
+        if self._monitor.custom_mode != before:
+            return False, changed_meanwhile(stack, self._monitor.custom_mode)
+        accepted, reason = await self.send_steps((stack.set_mode(custom_mode),), stack)
+        if not accepted:
+            return False, reason
+        changed = await self._system.until(
+            lambda: self._monitor.custom_mode == custom_mode, 2 * REPLY_TIMEOUT_S
+        )
+        return changed, "accepted" if changed else "no heartbeat shows the mode"

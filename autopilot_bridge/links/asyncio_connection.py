@@ -1,0 +1,212 @@
+"""Connects a link to a peer in asyncio: moves frames between them and sets the peer's timer.
+
+A *peer* is a protocol endpoint that does no input or output of its own.
+"""
+
+import asyncio
+from collections.abc import Callable
+from typing import Protocol, Self, runtime_checkable
+
+from autopilot_bridge.links.codec import Codec
+from autopilot_bridge.links.link_address import parse_link
+from autopilot_bridge.links.signing import Counts, Key, Signing, is_secret, is_signed, setup_signing
+from autopilot_bridge.links.tlog_writer import Tlog
+from autopilot_bridge.links.transport import Batch
+from autopilot_bridge.links.transports import transport_of
+
+SHORTEST_WAIT_S = 0.001
+
+
+class Peer(Protocol):
+    """A protocol endpoint without input or output: a station's client or a mock autopilot."""
+
+    def receive_data(self, data: bytes, now_us: int) -> None:
+        """Process complete frames that all come from one remote."""
+
+    def data_to_send(self) -> list[bytes]:
+        """Return the frames to send."""
+
+    def next_timer(self) -> int | None:
+        """Return the time of the next ``handle_timer`` call; None if no action is due."""
+
+    def handle_timer(self, now_us: int) -> None:
+        """Run all actions due at ``now_us``."""
+
+
+@runtime_checkable
+class RemotesPeer(Protocol):
+    """A peer that distinguishes the remotes of a link by their names."""
+
+    called: str  # the remote to which the link connects; "" if it listens
+
+    def receive_frames(self, remote: str, frames: list[bytes], now_us: int) -> None:
+        """Process complete frames from a remote."""
+
+    def addressed_to_send(self) -> list[tuple[str, bytes]]:
+        """Return the frames to send, each with its remote; "" means all remotes."""
+
+
+class Connection:
+    """The connection of one peer to one link while the context (``async with``) is open.
+
+    Args:
+        link: The address of the link: ``udpin:HOST:PORT``, ``tcp:HOST:PORT``, ``serial:...``.
+        peer: The client or mock at this end.
+        clock: Returns the peer's time in microseconds.
+        rate: The speed of ``clock`` relative to real time.
+        tlog: Records the frames sent and received; the caller closes it.
+        signing: Signs all sent frames; received frames without a valid signature are dropped.
+        link_id: The link id of signatures, 0 to 255.
+
+    Raises:
+        BridgeError: The address is not valid, or cannot be opened when the context is entered.
+    """
+
+    def __init__(
+        self,
+        link: str,
+        peer: Peer,
+        clock: Callable[[], int],
+        rate: float = 1.0,
+        tlog: Tlog | None = None,
+        signing: Signing | None = None,
+        link_id: int = 0,
+    ) -> None:
+        self._transport = transport_of(parse_link(link), self)
+        self._peer = peer
+        self._by_remote = peer if isinstance(peer, RemotesPeer) else None
+        self._clock = clock
+        self._rate = rate
+        self._tlog = tlog
+        self._signing = signing
+        self._link_id = link_id
+        self.counts = Counts()  # of this link; ``signing`` has the counts of all links
+        self.receives_signed = False  # True if the last frame was signed but not verified
+        self._activity = asyncio.Event()
+        self._open = False
+        self._timer: asyncio.TimerHandle | None = None
+        self._armed_us = 0  # time at which the timer expires
+        self._failure: Exception | None = None
+
+    async def __aenter__(self) -> Self:
+        await self._transport.open()
+        if self._by_remote is not None:
+            self._by_remote.called = self._transport.called
+        self._open = True
+        self._wake()
+        return self
+
+    async def __aexit__(self, *error: object) -> None:
+        self._open = False
+        if self._timer is not None:
+            self._timer.cancel()
+        await self._transport.close()
+
+    async def wait(self) -> None:
+        """Wait until frames have arrived or the timer has expired since the last call.
+
+        The peer's exceptions are raised again here, so that a defect ends the program and is not
+        only logged. A lost connection raises no exception: the peer only receives no frames.
+        """
+        await self._activity.wait()
+        self._activity.clear()
+        if self._failure is not None:
+            raise self._failure
+
+    def flush(self) -> None:
+        """Send the peer's frames and restart its timer."""
+        if self._by_remote is not None:
+            for remote, frame in self._by_remote.addressed_to_send():
+                self._send([frame], remote)
+        elif frames := self._peer.data_to_send():
+            self._send(frames)
+        self._arm()
+
+    def notify(self) -> None:
+        """Flush and let ``wait`` return; for a peer that creates events without input."""
+        self._guarded(lambda: None)
+
+    def set_up_signing(
+        self,
+        own: tuple[int, int],
+        target: tuple[int, int],
+        key: Key | None,
+        wall_us: int,
+        signing: Signing | None,
+    ) -> None:
+        """Send the key (None to stop signing) to a vehicle, then continue with ``signing``.
+
+        The key is sent in clear text and is not recorded. It is sent twice because vehicles do not
+        acknowledge it. A vehicle that already signs accepts only frames signed with its old key.
+        """
+        codec = Codec(*own)
+        for _ in range(2):
+            self._send([codec.encode(setup_signing(target, key, wall_us))])
+        self.change_signing(signing)
+
+    def change_signing(self, signing: Signing | None) -> None:
+        """Sign and verify with another key from now on; with None, neither sign nor verify."""
+        self._signing = signing
+        self.receives_signed = False
+
+    def _send(self, frames: list[bytes], remote: str = "") -> None:
+        if not self._open:
+            return
+        if self._signing is not None:
+            frames = [self._signing.sign(frame, self._link_id) for frame in frames]
+        if self._transport.send(frames, remote):
+            self._record(frames)
+
+    def _record(self, frames: list[bytes]) -> None:
+        if self._tlog is not None:
+            self._tlog.record([frame for frame in frames if not is_secret(frame)])
+
+    def _arm(self) -> None:
+        due_us = self._peer.next_timer()
+        if due_us is None or not self._open:
+            return
+        if self._timer is not None:
+            if self._armed_us <= due_us:
+                # The timer is set again when it expires; setting it for every datagram costs more.
+                return
+            self._timer.cancel()
+        self._armed_us = due_us
+        wait_s = max((due_us - self._clock()) / 1e6 / self._rate, SHORTEST_WAIT_S)
+        self._timer = asyncio.get_running_loop().call_later(wait_s, self._wake)
+
+    def _wake(self) -> None:
+        self._timer = None
+        self._guarded(lambda: self._peer.handle_timer(self._clock()))
+
+    def _guarded(self, handle: Callable[[], None]) -> None:
+        try:
+            handle()
+            self.flush()
+        except Exception as error:
+            self._failure = error
+        self._activity.set()
+
+    def frames_received(self, batch: Batch) -> None:
+        """Pass the frames of each remote to the peer."""
+        if self._signing is not None:
+            accepts, counts = self._signing.accepts, self.counts
+            batch = [
+                (remote, [f for f in frames if accepts(f, counts)]) for remote, frames in batch
+            ]
+        elif batch and batch[-1][1]:
+            self.receives_signed = is_signed(batch[-1][1][-1])
+        if any(frames for _, frames in batch):
+            self._guarded(lambda: self._deliver(batch))
+
+    def _deliver(self, batch: Batch) -> None:
+        for remote, frames in batch:
+            self._record(frames)
+            if self._by_remote is not None:
+                self._by_remote.receive_frames(remote, frames, self._clock())
+            else:
+                self._peer.receive_data(b"".join(frames), self._clock())
+
+    def failed(self, error: Exception) -> None:
+        """Store an error of the transport, which ``wait`` raises."""
+        self._failure = error
+        self._activity.set()

@@ -1,0 +1,89 @@
+"""Flies the mock along the leg to a loiter or a waypoint of its mission."""
+
+import math
+from dataclasses import dataclass
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from autopilot_bridge.items import MissionItem
+from autopilot_bridge.mock.body import Body, Place, wider_m
+from autopilot_bridge.mock.mission_sequencer import DEFAULT_RADIUS_M, acceptance_m, loiter_radius_m
+from autopilot_bridge.stacks.item_treatment import TERRAIN_FRAMES
+
+NEAR_M = 5.0  # acceptance radius of a copter that does not stop
+STOP_WITHIN_M = 2.0  # acceptance radius of a copter that stops
+
+
+@dataclass(slots=True)
+class Target:
+    """The current item, and the leg that leads to it."""
+
+    item: MissionItem
+    leg_start: Place
+    begun_amsl_m: float
+    begun_at_s: float
+    arrived_at_s: float | None = None
+    turned_rad: float = 0.0
+    last_bearing: float | None = None
+
+
+def loitered(body: Body, target: Target, centre: Place, altitude_m: float, now_s: float) -> bool:
+    """Fly a loiter and return whether it has ended; time and turns count from the arrival."""
+    item = target.item
+    radius_m = loiter_radius_m(item, body.stack)
+    turns = item.command == mavlink.MAV_CMD_NAV_LOITER_TURNS
+    if turns and body.stack.vehicle == "copter":
+        body.circle(centre, altitude_m, radius_m)
+    else:
+        body.loiter(centre, altitude_m, radius_m)
+    if item.command == mavlink.MAV_CMD_NAV_LOITER_UNLIM:
+        return False
+    if target.arrived_at_s is None:
+        on_circle = turns or body.stack.vehicle == "plane"
+        circle_m = abs(radius_m) * 1.1 + wider_m(body.stack) if on_circle else 0.0
+        if body.distance(centre) > circle_m + NEAR_M:
+            return False
+        target.arrived_at_s = now_s
+    if item.command == mavlink.MAV_CMD_NAV_LOITER_TO_ALT:
+        return abs(body.motion.altitude_m - altitude_m) < 2.0
+    if not turns:
+        return now_s - target.arrived_at_s >= item.param1
+    bearing = math.atan2(body.motion.east_m - centre[1], body.motion.north_m - centre[0])
+    if target.last_bearing is not None:
+        change = (bearing - target.last_bearing + math.pi) % math.tau - math.pi
+        target.turned_rad += abs(change)
+    target.last_bearing = bearing
+    return target.turned_rad >= item.param1 * math.tau
+
+
+def passed(body: Body, target: Target, place: Place, altitude_m: float, now_s: float) -> bool:
+    """Fly to a waypoint; return True when it is reached and its holding time has ended."""
+    item = target.item
+    # ArduPlane does not store the holding time.
+    hold_s = 0.0 if math.isnan(item.param1) else item.param1
+    if target.arrived_at_s is not None:
+        body.loiter(place, altitude_m, DEFAULT_RADIUS_M)
+        return now_s - target.arrived_at_s >= hold_s
+    if body.stack.vehicle == "copter":
+        stop = hold_s > 0.0
+        near_m = acceptance_m(item, body.stack, STOP_WITHIN_M if stop else NEAR_M)
+        rise_m = altitude_m - target.begun_amsl_m
+        rise_m = 0.0 if item.frame in TERRAIN_FRAMES else rise_m
+        arrived = body.straight(target.leg_start, place, altitude_m, rise_m, stop, near_m)
+    else:
+        body.follow(target.leg_start, place, altitude_m)
+        arrived = _is_past(body, target, place)
+    if arrived and hold_s > 0.0:
+        target.arrived_at_s = now_s
+        return False
+    return arrived
+
+
+def _is_past(body: Body, target: Target, place: Place) -> bool:
+    """Return whether the vehicle is inside the acceptance radius or past the end of the leg."""
+    turn_radius_m = body.limits.airspeed_m_s / body.limits.turn_rate_rad_s
+    if body.distance(place) <= acceptance_m(target.item, body.stack, 0.7 * turn_radius_m):
+        return True
+    leg = (place[0] - target.leg_start[0], place[1] - target.leg_start[1])
+    beyond = (body.motion.north_m - place[0]) * leg[0] + (body.motion.east_m - place[1]) * leg[1]
+    return beyond > 0.0 and body.distance(place) < 3.0 * turn_radius_m

@@ -1,0 +1,52 @@
+"""Creates the folder of a command's results, and checks that it is writable."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+import click
+
+
+class Interrupted(click.ClickException):
+    """Ctrl-C ended the command."""
+
+    exit_code = 130  # 128 plus the number of SIGINT
+
+
+def output_folder(out: Path) -> Path:
+    """Create the folder ``out`` if it is missing, check that it is writable, and return it.
+
+    Raises MissionServiceError if the folder cannot be created or written.
+    """
+    from tempfile import TemporaryFile
+
+    from mission_service.errors import MissionServiceError
+    from mission_service.journal.private_files import FOLDER_MODE
+
+    try:
+        out.mkdir(FOLDER_MODE, parents=True, exist_ok=True)
+    except OSError as error:
+        raise MissionServiceError(f"{out}: cannot be created: {error.strerror}") from None
+    try:
+        with TemporaryFile(dir=out):  # fails now, not after an hour of simulation
+            pass
+    except OSError as error:
+        raise MissionServiceError(f"{out}: cannot be written to: {error.strerror}") from None
+    return out
+
+
+@contextmanager
+def results_in(out: Path, after_interrupt: str) -> Iterator[Path]:
+    """Yield the folder ``out``, made by ``output_folder``; remove the folder if it stays empty.
+
+    After Ctrl-C the command raises Interrupted with a line that ends in ``after_interrupt``.
+    """
+    created = [each for each in (out, *out.parents) if not each.exists()]
+    try:
+        yield output_folder(out)
+    except KeyboardInterrupt:
+        raise Interrupted(f"interrupted; {after_interrupt}") from None
+    finally:
+        with suppress(OSError):  # a folder that is not empty remains
+            for each in created:
+                each.rmdir()

@@ -1,0 +1,137 @@
+"""Defines the table [service]: the daemon's interfaces, its journal and its shutdown.
+
+The table is in the scenario file, but neither part of the scenario nor in the journal, so a run can
+resume with other ports.
+"""
+
+import re
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field, field_validator, model_validator
+
+from mission_service.config.mqtt_names import is_host
+from mission_service.config.section_base import NotNegative, Positive, Section
+from mission_service.config.sections import KEY_SOURCE
+
+LOOPBACK = ("127.0.0.1", "::1", "localhost")
+
+
+class HttpSection(Section):
+    """The HTTP interface and the map; addresses other than loopback require tokens and TLS."""
+
+    listen: str = "127.0.0.1:8765"
+    hosts: tuple[str, ...] = ()  # further names of this host in URLs
+    tokens: Path | None = None
+    tls_certificate: Path | None = None
+    tls_key: Path | None = None
+
+    @field_validator("listen")
+    @classmethod
+    def _is_address(cls, listen: str) -> str:
+        found = re.fullmatch(r"([\w.-]+|\[[0-9a-fA-F:]+\]):(\d{1,5})", listen)
+        if found is None or int(found[2]) > 65535:
+            raise ValueError('write it as HOST:PORT, as in "127.0.0.1:8765"')
+        return listen
+
+    @model_validator(mode="after")
+    def _safe_beyond_loopback(self) -> "HttpSection":
+        if (self.tls_certificate is None) != (self.tls_key is None):
+            raise ValueError("TLS requires both tls_certificate and tls_key")
+        if self.host not in LOOPBACK and (self.tokens is None or self.tls_certificate is None):
+            raise ValueError(
+                f"listen = {self.listen!r} is not a loopback address: give tokens, "
+                "tls_certificate and tls_key, or listen on 127.0.0.1"
+            )
+        return self
+
+    @property
+    def host(self) -> str:
+        """The address to listen on."""
+        return self.listen.rpartition(":")[0].strip("[]")
+
+    @property
+    def port(self) -> int:
+        """The port to listen on; 0 selects a free port."""
+        return int(self.listen.rpartition(":")[2])
+
+
+class MqttSection(Section):
+    """The MQTT broker to publish to; commands are accepted only with ``commands = true``."""
+
+    broker: str = "127.0.0.1:1883"
+    prefix: str = "mission-service"
+    user: str | None = None
+    password: str | None = None  # "file:PATH" or "env:NAME"
+    tls: bool = False
+    tls_ca: Path | None = None
+    tls_certificate: Path | None = None
+    tls_key: Path | None = None
+    commands: bool = False
+    telemetry_hz: Annotated[float, Field(gt=0, le=10)] = 2.0
+
+    @field_validator("password")
+    @classmethod
+    def _password_is_source(cls, source: str | None) -> str | None:
+        if source is not None and re.fullmatch(KEY_SOURCE, source) is None:
+            raise ValueError('give the source of the password, as "file:PATH" or "env:NAME"')
+        return source
+
+
+class CotSection(Section):
+    """The receiver of Cursor on Target events for TAK.
+
+    Examples of its URL are ``udp://239.2.3.1:6969``, ``tcp://HOST:8087`` and ``tls://HOST:8089``.
+    """
+
+    url: str = "udp://239.2.3.1:6969"
+    every_s: Annotated[float, Field(ge=0.1, le=600)] = 2.0
+    tls_ca: Path | None = None
+    tls_certificate: Path | None = None
+    tls_key: Path | None = None
+
+    @field_validator("url")
+    @classmethod
+    def _is_url(cls, url: str) -> str:
+        found = re.fullmatch(r"(udp|tcp|tls)://([\w.-]+|\[[0-9a-fA-F:]+\]):(\d{1,5})", url)
+        if found is None or not 0 < int(found[3]) < 65536 or not is_host(found[2]):
+            raise ValueError(
+                'write it as "udp://HOST:PORT", "tcp://HOST:PORT" or "tls://HOST:PORT"'
+            )
+        return url
+
+    @property
+    def scheme(self) -> str:
+        """The transport: udp, tcp or tls."""
+        return self.url.partition(":")[0]
+
+    @property
+    def host(self) -> str:
+        """The destination host."""
+        return self.url.partition("://")[2].rpartition(":")[0].strip("[]")
+
+    @property
+    def port(self) -> int:
+        """The destination port."""
+        return int(self.url.rpartition(":")[2])
+
+
+class JournalSection(Section):
+    """Rotation and retention of the journal on disk."""
+
+    rotate_mb: Positive = 64.0  # size of one segment of the journal
+    keep_mb: Positive = 2048.0  # size of all segments together
+    state_every_s: Positive = 30.0
+
+
+class ServiceSection(Section):
+    """The daemon's interfaces, its journal and its shutdown."""
+
+    http: HttpSection | None = None
+    mqtt: MqttSection | None = None
+    cot: CotSection | None = None
+    journal: JournalSection = JournalSection()
+    # Command to vehicles at an orderly shutdown: none (their missions end in a loiter), a hold at
+    # the present position, or a return home.
+    on_shutdown: Literal["leave", "hold", "return"] = "leave"
+    shutdown_s: NotNegative = 5.0  # maximum wait for acknowledgements

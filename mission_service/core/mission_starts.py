@@ -1,0 +1,69 @@
+"""Decides when a vehicle may start its mission, and when a refused start is repeated."""
+
+from mission_service import events
+from mission_service.commands import AnyCommand, StartMission
+from mission_service.config.scenario import Scenario
+from mission_service.guidance.protocol import Guidance
+from mission_service.vehicles.traffic import TrafficManager
+from mission_service.vehicles.vehicle_state import Vehicle, announce
+
+CHECK_EVERY_S = 2.0
+TAKEOFF_EVERY_S = 20.0
+WAITS = "on the ground: it waits for an operator's order to start"
+
+
+class MissionStarts:
+    """Decides about the starts of missions."""
+
+    def __init__(self, scenario: Scenario, traffic: TrafficManager, guidance: Guidance) -> None:
+        self.scenario = scenario
+        self.traffic = traffic
+        self.guidance = guidance
+
+    def is_due(self, vehicle: Vehicle, at_s: float) -> bool:
+        """Return whether a start that was refused or waited for a mission is due now."""
+        again_at_s = vehicle.start_again_at_s
+        return again_at_s is not None and at_s >= again_at_s and vehicle.flown_line is not None
+
+    def start_mission(self, vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
+        """Start the mission. A takeoff requires separation and, after a landing, also an order."""
+        vehicle.start_again_at_s = None
+        if vehicle.availability.taken_over:
+            return []
+        if vehicle.waits_for_operator and not vehicle.availability.airborne:
+            return [announce(vehicle, WAITS, warning=True)]
+        measured = vehicle.availability.position_good or not vehicle.availability.airborne
+        if measured and (vehicle.availability.airborne or self._may_take_off(vehicle, at_s)):
+            return [StartMission(vehicle.name)]
+        vehicle.start_again_at_s = at_s + CHECK_EVERY_S
+        return []
+
+    def _may_take_off(self, vehicle: Vehicle, at_s: float) -> bool:
+        """Return whether a vehicle on the ground may take off now.
+
+        Vehicles of other processes report no position during their takeoff, so each vehicle has a
+        different earliest takeoff time.
+        """
+        if self.scenario.only is not None:
+            number = [section.name for section in self.scenario.vehicles].index(vehicle.name)
+            if at_s < self.scenario.start_s + number * TAKEOFF_EVERY_S:
+                return False
+        return self.traffic.may_take_off(vehicle.name, at_s)
+
+    def may_repeat(self, vehicle: Vehicle) -> bool:
+        """Return whether to repeat a start that the autopilot has refused.
+
+        On the ground a start is repeated, because autopilots refuse to arm until they have a
+        position. In the air a start is repeated only for a vehicle that flies by its mission.
+        """
+        availability = vehicle.availability
+        if availability.taken_over or availability.recalled or vehicle.ordered:
+            return False
+        return self.guidance.in_mission(vehicle.name) or not availability.airborne
+
+    def was_announced(self, vehicle: Vehicle, event: events.CommandFinished) -> bool:
+        """Return whether a start in flight was announced before and nothing has ended it since."""
+        announced = vehicle.start_confirmed and vehicle.availability.airborne
+        if event.command in ("start mission", "hold", "return"):
+            vehicle.start_confirmed = event.command == "start mission"
+        return announced and event.command == "start mission"

@@ -1,0 +1,79 @@
+"""Forecast the estimated fire of a burn, on which its plans are based."""
+
+import asyncio
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr
+
+from firemodel.ellipses.point_observations import Simulation
+from firemodel.landscape.landscape import Landscape
+from mission_service.fire.estimated_fire import EstimatedFire
+from mission_service.fire.forecast import Arrival
+
+Floats = NDArray[np.float64]
+
+# Relative standard deviation of the time since ignition without corrections: the combined
+# uncertainty of spread and wind (firemodel/ensemble/uncertainty.py).
+UNCORRECTED_SD = 0.37
+
+
+class EstimatedForecasts:
+    """The forecasts of an estimate that includes future arrival times.
+
+    The interface is the same as the interface of ``Forecasts``.
+    """
+
+    def __init__(
+        self,
+        estimate_of: Callable[[], EstimatedFire],
+        landscape: Landscape,
+        now_s: Callable[[], float],
+    ) -> None:
+        self._estimate_of = estimate_of
+        self._landscape = landscape
+        self._now_s = now_s
+        row, col = np.indices(landscape.shape)
+        centres = [np.asarray(axis, float).ravel() for axis in landscape.xy_of(row, col)]
+        self._centres_m = np.column_stack(centres)
+        self.took_s = 0.0  # as in ``Forecasts``; always 0, because no fire is simulated here
+        self._arrival_s: tuple[int, Simulation | None, Floats] = (-1, None, np.empty(0))
+
+    async def arrival(self, until_s: float) -> Arrival:
+        """Return the arrival times of the current estimate."""
+        version, _, arrival_s = await self._arrivals()
+        return Arrival(self._now_s(), until_s, arrival_s, version)
+
+    async def probability(self, at_s: float) -> Floats:
+        """Return the probability (y, x) that fire has reached each cell by a time."""
+        _, simulation, arrival_s = await self._arrivals()
+        return await asyncio.to_thread(self._probability, simulation, arrival_s, at_s)
+
+    async def follow(self) -> None:
+        """Wait until cancelled; the estimate of a burn needs no processing."""
+        await asyncio.Event().wait()
+
+    def close(self) -> None:
+        """Do nothing; a caller may close ``Forecasts`` or this object."""
+
+    async def _arrivals(self) -> tuple[int, Simulation, Floats]:
+        estimate = self._estimate_of()
+        version, simulation = estimate.version, estimate.simulation
+        found = self._arrival_s
+        if found[0] != version or found[1] is not simulation:
+            times_s = await asyncio.to_thread(simulation.ignition_time_s, self._centres_m)
+            found = self._arrival_s = (version, simulation, times_s.reshape(self._landscape.shape))
+        return version, simulation, found[2]
+
+    def _probability(self, simulation: Simulation, arrival_s: Floats, at_s: float) -> Floats:
+        # The paper's correction has no standard deviations.
+        sd_of = getattr(simulation, "sd_s", None)
+        if sd_of is None:
+            first_s = float(arrival_s.min())
+            sd_s = UNCORRECTED_SD * (arrival_s - first_s if np.isfinite(first_s) else arrival_s)
+        else:
+            sd_s = sd_of(self._centres_m).reshape(arrival_s.shape)
+        with np.errstate(invalid="ignore"):
+            share = ndtr((at_s - arrival_s) / np.maximum(sd_s, 1.0))
+        return np.where(np.isfinite(arrival_s), share, 0.0)

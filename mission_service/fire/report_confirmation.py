@@ -1,0 +1,88 @@
+"""Find the part of a reported observation that changes the estimate. Pure.
+
+A report that the estimate explains within its error of position changes nothing. A place in another
+state counts at once if its source makes no errors of detection, otherwise only after a second
+report nearby, of another time or source.
+"""
+
+import copy
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firemodel.arrays import Floats, Mask, Place, widened, window_at
+from firemodel.assimilation.observation import BURNED, UNBURNED, UNSEEN, Observation
+
+WITHIN_SD = 2.0  # tolerance, in standard deviations of the position
+CONFIRMED_WITHIN_S, APART_S = 1800.0, 10.0
+
+
+class Confirmation:
+    """The last places that sources with errors of detection have reported, by their state."""
+
+    def __init__(self, shape: tuple[int, int]) -> None:
+        """Begin without reports on a grid of this shape."""
+        self._shape = shape
+        self._last: dict[int, _LastReports] = {}  # by state
+        self._numbers: dict[str, int] = {}  # of the sources
+
+    def copy(self) -> "Confirmation":
+        """Return an independent copy."""
+        found = copy.copy(self)
+        found._last = {
+            state: _LastReports(each.at_s.copy(), each.source.copy())
+            for state, each in self._last.items()
+        }
+        found._numbers = self._numbers.copy()
+        return found
+
+    def surprising(self, seen: Observation, burned: Mask, cell_m: float) -> Observation:
+        """Return the part of an observation that changes the estimate.
+
+        Args:
+            seen: A reported observation.
+            burned: (y, x) the cells of the grid that are burned in the estimate at the report's
+                time.
+            cell_m: The size of a cell.
+        """
+        reach = int(WITHIN_SD * seen.position_sd_m / cell_m)
+        state = seen.state.copy()
+        state[(state == BURNED) & _near(burned, seen.where, reach)] = UNSEEN
+        state[(state == UNBURNED) & _near(~burned, seen.where, reach)] = UNSEEN
+        for code, errors in ((BURNED, seen.false_alarms), (UNBURNED, seen.missed)):
+            if errors and (seen.state == code).any():
+                state[(state == code) & ~self._confirmed(seen, code, reach + 1)] = UNSEEN
+        return seen._replace(state=state, missed=0.0, false_alarms=0.0)
+
+    def _confirmed(self, seen: Observation, code: int, reach: int) -> Mask:
+        """Return the window's cells (y, x) near another report, and store this report."""
+        number = self._numbers.setdefault(seen.source, len(self._numbers))
+        if code not in self._last:
+            at_s, source = np.full(self._shape, -np.inf), np.full(self._shape, -1, dtype=np.int64)
+            self._last[code] = _LastReports(at_s, source)
+        last = self._last[code]
+        apart_s = np.abs(last.at_s - seen.at_s)
+        other = (last.source != number) | (apart_s >= APART_S)
+        near = _near(other & (apart_s <= CONFIRMED_WITHIN_S), seen.where, reach)
+        waits = ~other & (apart_s <= CONFIRMED_WITHIN_S)  # for a later report of this source
+        new = (seen.state == code) & ~waits[seen.where]
+        last.at_s[seen.where][new] = seen.at_s
+        last.source[seen.where][new] = number
+        return near
+
+
+class _LastReports(NamedTuple):
+    """The time and the number of the source of the last report of each cell (y, x)."""
+
+    at_s: Floats
+    source: NDArray[np.int64]
+
+
+def _near(cells: Mask, where: Place, reach: int) -> Mask:
+    """Return the cells (y, x) of a window that are within ``reach`` cells of one of ``cells``."""
+    rows, cols = (slice(max(each.start - reach, 0), each.stop + reach) for each in where)
+    part = widened(cells[rows, cols], reach)
+    top, left = where[0].start - rows.start, where[1].start - cols.start
+    shape = (where[0].stop - where[0].start, where[1].stop - where[1].start)
+    return part[window_at(top, left, shape)]

@@ -1,0 +1,346 @@
+"""Create the landscape, the weather and the fire of a scenario."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+from shapely.geometry.base import BaseGeometry
+
+from firemodel.ensemble.uncertainty import UNMEASURED, Uncertainty
+from firemodel.input_warnings import FireInputs, input_warnings, time_zero_warnings
+from firemodel.landscape.default import jacksboro
+from firemodel.landscape.flat import flat_landscape
+from firemodel.landscape.landscape import Landscape
+from firemodel.landscape.rasterise import burnable_cells, with_barriers
+from firemodel.physics.fuels import FUEL_MODELS, FuelModel
+from firemodel.physics.rothermel import Moisture
+from firemodel.physics.weather import Weather, WeatherStream
+from firemodel.simulate import cells_of_file
+from firemodel.spread.fire_scheme import BURNING, Burning, Fire, check_burning, check_ignitions
+from firemodel.spread.fire_scheme import Ignition as CellIgnition
+from firemodel.spread.schemes import SCHEMES, new_fire
+from mission_service.config.fire_sections import (
+    FuelMoisture,
+    Ignition,
+    LandscapeSection,
+    WeatherFile,
+)
+from mission_service.config.scenario import Scenario
+from mission_service.config.sections import VehicleSection
+from mission_service.errors import ScenarioError
+
+STALLED = 100  # updates without growth after which the fire is checked for burning cells
+
+
+def landscape_of(scenario: Scenario) -> Landscape:
+    """Return the landscape of a scenario, with its barriers."""
+    return landscape_in(scenario.landscape)
+
+
+def landscape_in(section: LandscapeSection) -> Landscape:
+    """Return the landscape of a table [landscape], with its barriers."""
+    if section.source == "jacksboro":
+        found = jacksboro(section.rows, section.cols, section.cell_size_m)
+    elif section.source == "flat":
+        assert section.lat_deg is not None
+        assert section.lon_deg is not None
+        grid = (section.rows, section.cols, section.cell_size_m)
+        place = (section.lat_deg, section.lon_deg)
+        found = flat_landscape(*grid, *place, section.elevation_m, section.fuel_model)
+    else:
+        found = _from_rasters(section)
+    if section.barriers:
+        from firemodel.landscape.readers.shapes import read_shapes
+
+        shapes = [shape for path in section.barriers for shape in read_shapes(path, found)]
+        found = with_barriers(found, shapes)
+    return found
+
+
+def home_of(section: VehicleSection, landscape: Landscape) -> tuple[float, float, float]:
+    """Return lat_deg, lon_deg and altitude_amsl_m of a vehicle's home on the ground."""
+    place = (section.home_lat_deg, section.home_lon_deg)
+    return *place, float(landscape.elevation_at(*landscape.xy_of_lat_lon(*place)))
+
+
+def _from_rasters(section: LandscapeSection) -> Landscape:
+    from firemodel.landscape.readers.rasters import read_landscape
+
+    files: Path | dict[str, Path] | dict[str, tuple[Path, int]] = section.layers
+    if section.file is not None:
+        files = section.file
+        if section.bands:
+            files = {layer: (section.file, band) for layer, band in section.bands.items()}
+    return read_landscape(
+        files,
+        units=section.units,
+        missing=section.missing,
+        crs=section.crs,
+        nodata=section.nodata,
+        fuel_codes=section.fuel_codes,
+        custom_fuels=custom_fuels_of(section),
+    )
+
+
+def custom_fuels_of(section: LandscapeSection) -> dict[int, FuelModel]:
+    """Return the fuel models of a scenario's .fmd and .adj files, by code."""
+    from firemodel.landscape.readers.fuel_files import read_fuels, with_rate_factors
+
+    found = {} if section.custom_fuels is None else read_fuels(section.custom_fuels)
+    if section.rate_factors is not None:
+        found |= with_rate_factors(FUEL_MODELS | found, section.rate_factors)
+    return found
+
+
+def weather_of(scenario: Scenario) -> WeatherStream:
+    """Return the weather of a scenario, from its entries or its weather file."""
+    if scenario.weather_file is not None:
+        return _from_file(scenario.weather_file)
+    return WeatherStream(tuple(Weather(**entry.model_dump()) for entry in scenario.weather))
+
+
+def _from_file(section: WeatherFile) -> WeatherStream:
+    from firemodel.landscape.readers.inputs_files import read_fuel_moistures
+    from firemodel.landscape.readers.weather_files import read_weather
+
+    moisture = Moisture(*(getattr(section, name) / 100.0 for name in FuelMoisture.model_fields))
+    own = read_fuel_moistures(section.fuel_moistures) if section.fuel_moistures else None
+    return read_weather(
+        section.path,
+        start=section.start,
+        moisture=moisture,
+        conditioned=section.conditioned,
+        wind=section.wind,
+        fuel_moistures=own,
+    )
+
+
+def cells_of_ignition(ignition: Ignition, landscape: Landscape) -> list[tuple[int, int]]:
+    """Return the cells (row, column) that an ignition of a scenario lights."""
+    if ignition.file is not None:
+        return cells_of_file(ignition.file, landscape)
+    assert ignition.lat_deg is not None
+    assert ignition.lon_deg is not None
+    return [landscape.cell_of_lat_lon(ignition.lat_deg, ignition.lon_deg)]
+
+
+def cells_lit(points: Sequence[tuple[float, float]], landscape: Landscape) -> list[tuple[int, int]]:
+    """Return the burnable cells (row, column) that a point or line in (lat, lon) touches."""
+    places = landscape.xy_of_places(points)
+    shape = shapely.Point(places[0]) if len(places) == 1 else shapely.LineString(places)
+    return burnable_cells([shape], landscape)
+
+
+def burning_of(scenario: Scenario, landscape: Landscape) -> Burning | None:
+    """Return the initial fire of a scenario, or None if it begins with ignitions or nothing."""
+    from firemodel.spread.burning import burning_from_arrival, burning_from_perimeter
+
+    section = scenario.fire
+    if section.initial_cells is not None:
+        return _grown(scenario, landscape, section.initial_cells)
+    if section.perimeter is not None:
+        from firemodel.landscape.readers.shapes import read_shapes
+
+        shapes = read_shapes(
+            section.perimeter,
+            landscape,
+            repair=section.repair_perimeter,
+            feature=section.perimeter_feature,
+        )
+        _check_polygons(section.perimeter, shapes)
+        return burning_from_perimeter(shapes, landscape, section.burning_at_s)
+    if section.arrival is not None:
+        from firemodel.landscape.readers.rasters import read_arrival
+
+        arrival_s = read_arrival(
+            section.arrival, landscape, unit=section.arrival_unit, crs=scenario.landscape.crs
+        )
+        return burning_from_arrival(arrival_s, landscape, section.burning_at_s)
+    return None
+
+
+def _grown(scenario: Scenario, landscape: Landscape, cells: int) -> Burning:
+    """Return an initial fire of at least ``cells`` cells, grown with the probabilistic scheme."""
+    from firemodel.spread.burning import burning_from_arrival
+
+    fire = new_fire(
+        "probabilistic",
+        landscape,
+        weather_of(scenario),
+        [
+            (row, col, 0.0)
+            for each in scenario.ignition
+            for row, col in cells_of_ignition(each, landscape)
+        ],
+        p_spread=scenario.fire.p_spread,
+        update_s=1.0,
+        seed=(scenario.seed, 1),
+    )
+    before = stalled = 0
+    while (burned := int(np.count_nonzero(fire.burned()))) < cells:
+        stalled = stalled + 1 if burned == before else 0
+        if stalled and stalled % STALLED == 0 and not (fire.state_at(fire.time_s) == BURNING).any():
+            raise ScenarioError(
+                f"fire.initial_cells = {cells}: no burnable cell is left after {burned} cells; "
+                "reduce the number, or move the ignition"
+            )
+        before = burned
+        fire.advance(fire.time_s + 1.0)  # one update of the automaton
+    at_s = scenario.fire.burning_at_s
+    return burning_from_arrival(np.where(fire.burned(), at_s, np.inf), landscape, at_s)
+
+
+def _check_polygons(path: Path, shapes: list[BaseGeometry]) -> None:
+    for number, shape in enumerate(shapes, start=1):
+        kinds = {part.geom_type for part in shapely.get_parts(shapely.get_parts(shape))}
+        if kinds != {"Polygon"}:
+            raise ScenarioError(
+                f"{path}: feature {number} has {', '.join(sorted(kinds - {'Polygon'}))}; a "
+                "perimeter has only polygons: remove the other shapes, give them as an ignition, "
+                "or make polygons of closed lines with fire.repair_perimeter = true"
+            )
+
+
+def warnings_on(scenario: Scenario, landscape: Landscape) -> list[str]:
+    """Return the warnings about inputs that are valid but probably unintended.
+
+    The warnings concern repaired perimeters, keys of an inputs file that have no effect, and a
+    ``time_zero`` with another date than the weather. The ``input_warnings`` of the fire model are
+    included.
+    """
+    lines = []
+    if scenario.fire.perimeter is not None and scenario.fire.repair_perimeter:
+        from firemodel.landscape.readers.shapes import repairs_of
+
+        lines += repairs_of(scenario.fire.perimeter, scenario.fire.perimeter_feature)
+    if scenario.weather_file is not None:
+        lines += _ignored_in(scenario.weather_file)
+    weather = weather_of(scenario)
+    inputs = FireInputs(landscape, weather, ignitions_of(scenario, landscape), scenario.duration_s)
+    return [*lines, *input_warnings(inputs), *time_zero_warnings(weather, scenario.time_zero)]
+
+
+def _ignored_in(section: WeatherFile) -> list[str]:
+    """Return a line with the keys of an inputs file that have no effect, if there are any."""
+    from firemodel.landscape.readers.inputs_files import is_inputs_file, read_inputs
+
+    if not is_inputs_file(section.path):
+        return []
+    keys = read_inputs(section.path).ignored()
+    return [f"{section.path}: the run ignores {', '.join(keys)}"] if keys else []
+
+
+def fire_of(scenario: Scenario, landscape: Landscape, weather: WeatherStream | None = None) -> Fire:
+    """Return the fire of a scenario at its start, in its own weather unless another is given.
+
+    Raises ScenarioError if nothing burns.
+    """
+    require_fire(scenario)
+    return reported_fire(scenario, landscape, weather)
+
+
+def reported_fire(
+    scenario: Scenario, landscape: Landscape, weather: WeatherStream | None = None
+) -> Fire:
+    """Return the fire of ``fire_of``, or a fire without burning cells if none is reported."""
+    ignitions = ignitions_of(scenario, landscape)
+    burning = burning_of(scenario, landscape)
+    return _fire(scenario, landscape, weather or weather_of(scenario), ignitions, burning)
+
+
+def require_fire(scenario: Scenario) -> None:
+    """Raise ScenarioError unless the scenario has an ignition, a burn or an initial fire."""
+    lit = scenario.ignition or scenario.burn_flown is not None
+    if not (lit or scenario.fire.perimeter or scenario.fire.arrival):
+        raise ScenarioError(
+            f"{scenario.name}: nothing burns: give an ignition, fire.perimeter or fire.arrival"
+        )
+
+
+def check_fire(scenario: Scenario, landscape: Landscape) -> None:
+    """Raise the errors that ``reported_fire`` would raise, without loading a spread scheme."""
+    burning, at_s = burning_of(scenario, landscape), 0.0
+    weather_of(scenario)
+    if burning is not None:
+        check_burning(burning, landscape)
+        at_s = burning.at_s
+    check_ignitions(landscape, ignitions_of(scenario, landscape), at_s)
+
+
+def begun_again(
+    scenario: Scenario,
+    landscape: Landscape,
+    burning: Burning | None,
+    weather: WeatherStream,
+    at_s: float,
+) -> Fire:
+    """Return the fire of a scenario, restarted at ``at_s`` and with later ignitions.
+
+    ``burning`` is its state at that time, or None if nothing has burned.
+    """
+    later = [each for each in ignitions_of(scenario, landscape) if each[2] > at_s]
+    found = _fire(scenario, landscape, weather, later, burning)
+    found.advance(at_s)
+    return found
+
+
+def ignitions_of(scenario: Scenario, landscape: Landscape) -> list[CellIgnition]:
+    """Return the cells that are ignited in the scenario: row, column, time in s."""
+    section = scenario.fire
+    ignitions: list[CellIgnition] = [
+        (row, col, ignition.at_s)
+        for ignition in scenario.ignition
+        for row, col in cells_of_ignition(ignition, landscape)
+        if section.initial_cells is None  # with ``initial_cells`` they are part of the initial fire
+    ]
+    if scenario.burn is not None:
+        ignitions += [
+            (row, col, line.at_s)
+            for line in scenario.burn.lit
+            for row, col in cells_lit(line.points, landscape)
+        ]
+    return ignitions
+
+
+def _fire(
+    scenario: Scenario,
+    landscape: Landscape,
+    weather: WeatherStream,
+    ignitions: list[CellIgnition],
+    burning: Burning | None,
+) -> Fire:
+    name, settings = scenario.fire.scheme, settings_of(scenario)
+    return new_fire(name, landscape, weather, ignitions, burning, seed=scenario.seed, **settings)
+
+
+def settings_of(scenario: Scenario) -> dict[str, Any]:
+    """Return the settings of the scenario's spread scheme."""
+    return {each: getattr(scenario.fire, each) for each in SCHEMES[scenario.fire.scheme].settings}
+
+
+def uncertainty_of(scenario: Scenario) -> Uncertainty:
+    """Return the standard deviations of the errors in the scenario's table [ensemble]."""
+    return Uncertainty(**scenario.ensemble.model_dump())
+
+
+def estimate_errors(scenario: Scenario) -> Uncertainty:
+    """Return the distributions of [ensemble], or ``UNMEASURED`` if that table has only defaults."""
+    given = uncertainty_of(scenario)
+    return UNMEASURED if given == Uncertainty() else given
+
+
+def fire_position(scenario: Scenario, landscape: Landscape) -> tuple[float, float]:
+    """Return the reported position (x, y) of the fire, which is its ignition or a point inside it.
+
+    In a burn, the position of the firing boss is returned instead.
+    """
+    planner, burn = scenario.planner, scenario.burn_flown
+    if burn is not None:
+        boss = burn.stations[0]
+        return landscape.xy_of_lat_lon(boss.lat_deg, boss.lon_deg)
+    if planner.ignition_known:
+        first = scenario.ignition[0]
+        return landscape.xy_of_lat_lon(first.lat_deg, first.lon_deg)
+    return landscape.xy_of_lat_lon(planner.reported_lat_deg, planner.reported_lon_deg)

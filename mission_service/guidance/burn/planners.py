@@ -1,0 +1,24 @@
+"""The planner of a burn, which decides nothing."""
+
+from mission_service.events import (
+    Observed,
+)
+
+
+class Undecided:
+    """A planner that decides nothing, because the vehicle of a burn flies approved plans."""
+
+    def observe(self, observed: Observed) -> None:
+        """Do nothing."""
+
+    def correct(self, observed: Observed) -> None:
+        """Do nothing: corrections apply to the burn's estimated fire."""
+
+    def wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
+        """Do nothing."""
+
+    def at(self, row: float, col: float, at_s: float) -> None:
+        """Do nothing."""
+
+    def left(self, at_s: float) -> None:
+        """Do nothing."""

@@ -1,0 +1,75 @@
+"""Folds the inputs of the estimate one after the other in a thread, so that the loop is not held.
+
+An input is journalled before it is folded. A run that is killed meanwhile folds it when it resumes.
+"""
+
+import asyncio
+import contextlib
+from collections.abc import Awaitable, Callable
+
+from mission_service.errors import RefusedEventError
+from mission_service.events import AnyOperatorEvent
+from mission_service.runtime.engine import Engine
+
+LOOK_EVERY_S = 0.1  # for images; a report is folded at once
+
+
+class EstimateWorker:
+    """The task that folds the estimate's inputs, and the reports whose senders wait for it."""
+
+    def __init__(self, service: Engine, now_us: Callable[[], int], flush: Callable[[], None]):
+        """Set the clock of the links, and the function that sends the resulting frames."""
+        self._service, self._now_us, self._flush = service, now_us, flush
+        self._outcomes: dict[int, asyncio.Future[Exception | None]] = {}  # by the report's id
+        self._bell = asyncio.Event()
+
+    async def fold_inputs(self) -> None:
+        """Fold inputs until cancelled; those that then wait are folded by the next read."""
+        estimate = self._service.estimate
+        estimate.in_background = True
+        try:
+            while True:
+                with contextlib.suppress(TimeoutError):
+                    await asyncio.wait_for(self._bell.wait(), LOOK_EVERY_S)
+                self._bell.clear()
+                while estimate.is_behind:
+                    await self._fold_next()
+        finally:
+            estimate.end_background()
+            for each in self._outcomes.values():
+                each.cancel()
+
+    async def _fold_next(self) -> None:
+        work = self._service.estimate.next_work()
+        assert work is not None
+        try:
+            found = await asyncio.to_thread(work)
+        except Exception as error:
+            self._service.defect = RefusedEventError(
+                f"the estimate cannot use an image: {type(error).__name__}: {error}; this is a "
+                "defect, please report it"
+            )
+            raise self._service.defect from error
+        report = self._service.adopt(found)
+        while self._service.deliver_next(self._now_us()):
+            self._flush()
+            await asyncio.sleep(0)
+        if report is None:
+            return
+        unused = None if found.unused is None else self._service.unused(report, found.unused)
+        outcome = self._outcomes.pop(id(report), None)
+        if outcome is not None:
+            outcome.set_result(unused)
+        elif unused is not None:  # over MQTT, which does not wait
+            self._service.announce("service", f"the report of {report.by} is not used: {unused}")
+
+    def outcome(self, report: AnyOperatorEvent) -> Awaitable[Exception | None] | None:
+        """Return what waits until a submitted report is folded; None if it does not wait.
+
+        Its result is why the report changes nothing, or None.
+        """
+        if not self._service.estimate.waits_for(report):
+            return None
+        found = self._outcomes.setdefault(id(report), asyncio.get_running_loop().create_future())
+        self._bell.set()
+        return asyncio.shield(found)

@@ -1,0 +1,1 @@
+"""The alarms and the announcements of a run, and the conditions that raise and clear them. Pure."""

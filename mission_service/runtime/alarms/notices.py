@@ -1,0 +1,86 @@
+"""The alarms and the announcements of a run, and the versions of its states. Pure."""
+
+from collections import deque
+from collections.abc import Mapping
+
+from mission_service.commands import Severity
+from mission_service.runtime.published_states import Alarm, Announcement
+from mission_service.runtime.run_statistics import RunStatistics
+
+MAX_ANNOUNCEMENTS = 500
+MAX_CLEARED = 50
+
+
+class Notices:
+    """The alarms and the announcements of a run; ``version`` grows with each change."""
+
+    def __init__(self, at_us: int, statistics: RunStatistics) -> None:
+        self.at_us = at_us
+        self.version = 1
+        self.changed: dict[str, int] = {}
+        self.statistics = statistics
+        self.alarms: dict[str, Alarm] = {}
+        self.cleared: deque[Alarm] = deque(maxlen=MAX_CLEARED)
+        self.announcements: deque[Announcement] = deque(maxlen=MAX_ANNOUNCEMENTS)
+        self.announcement_id = 0
+        self.announcement_count = 0
+        self.last_id_before_restart = 0  # the last announcement from before a restart
+
+    def alarm(self, key: str, text: str, severity: Severity = "warning", vehicle: str = "") -> None:
+        """Raise an alarm, or update its text."""
+        before = self.alarms.get(key)
+        if before is not None and (before.text, before.severity) == (text, severity):
+            return
+        since_us = self.at_us if before is None else before.at_us
+        self.alarms[key] = Alarm(key, since_us, vehicle, severity, text)
+        if before is None:
+            self.statistics.alarms[key.partition("/")[0]] += 1
+        self._touch("alarms")
+
+    def show_alarms(self, prefix: str, texts: Mapping[str, str], severity: Severity) -> None:
+        """Raise ``prefix/NAME`` for each name with a text, and clear all others of the prefix."""
+        for key in [key for key in self.alarms if key.startswith(f"{prefix}/")]:
+            if key.partition("/")[2] not in texts:
+                self.clear_alarm(key)
+        for name, text in texts.items():
+            self.alarm(f"{prefix}/{name}", text, severity)
+
+    def clear_alarm(self, key: str) -> None:
+        """Clear an alarm."""
+        alarm = self.alarms.pop(key, None)
+        if alarm is not None:
+            alarm.cleared_at_us = self.at_us
+            self.cleared.append(alarm)
+            self._touch("alarms")
+
+    def clear_all_but(self, *prefixes: str) -> None:
+        """Clear all other alarms; their sources raise them again if the cause persists."""
+        for key in [key for key in self.alarms if key.partition("/")[0] not in prefixes]:
+            self.clear_alarm(key)
+
+    def announce(self, vehicle: str, text: str, level: str = "info") -> None:
+        """Add an announcement to the operators."""
+        self.announcement_id = self.version + 1  # the id is also the version of the change
+        self.announcement_count += 1
+        self.announcements.append(
+            Announcement(self.announcement_id, self.at_us, vehicle, level, text)
+        )
+        self._touch("announcements")
+
+    def _warn(self, key: str, text: str) -> None:
+        """Raise an alarm about the fire and announce it."""
+        self.alarm(key, text)
+        self.announce("fire", text, "warning")
+
+    def announcements_after(self, line_id: int) -> list[Announcement]:
+        """Return the announcements after ``line_id`` to forward; none from before a restart."""
+        return [
+            line
+            for line in self.announcements
+            if line.id > max(line_id, self.last_id_before_restart)
+        ]
+
+    def _touch(self, *keys: str) -> None:
+        self.version += 1
+        for key in keys:
+            self.changed[key] = self.version
