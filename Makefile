@@ -26,7 +26,7 @@ demo: .venv/ready $(MAP)
 	$(BIN)/mission-service demo --out out
 
 test: .venv/ready $(MAP) lint mosquitto chromium
-	$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder  # some tests wait for processes
+	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 # Tests that take too long for every change; CI runs them after the other tests.
 long: .venv/ready $(MAP) mosquitto chromium

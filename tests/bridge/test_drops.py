@@ -401,7 +401,7 @@ def test_a_return_height_that_cannot_be_is_an_error(height_m: float) -> None:
 
 def test_planes_cannot() -> None:
     plane = stack_named("px4", "plane")
-    with pytest.raises(BridgeError, match="multirotors"):
+    with pytest.raises(BridgeError, match="only a multirotor can climb and hold"):
         orders.climb_and_hold(plane, 36.3, -84.2, 400.0)
 
 
