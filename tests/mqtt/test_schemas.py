@@ -22,7 +22,7 @@ from tests.patience import until
 
 PAGE = (FOLDER.parent / "mqtt.md").read_text("utf-8")
 HOW_TO_UPDATE = "run .venv/bin/python -m benchmarks.mqtt_schemas"
-UNITS = ("_us", "_s", "_m", "_m_s", "_deg", "_pct", "_ha", "_acres")
+UNITS = ("_us", "_s", "_m", "_m_s", "_deg", "_pct", "_ha", "_acres", "_c")
 COUNTS = {"system_id", "current_seq", "mission_id", "command", "frame", "id", "alpha", "params"}
 COUNTS |= {"decisions", "reversals", "importance_back", "importance_front", "front_cells"}
 COUNTS |= {"uploads_accepted", "uploads_failed", "drops_done", "drops_refused", "drops_unknown"}
@@ -49,7 +49,7 @@ def test_every_schema_is_one_and_its_example_fits(name: str) -> None:
     assert set(example) <= properties
     unneeded = {"station"} | ({"item"} if name == "command-go-1.json" else set())
     if name.startswith("command-"):
-        unneeded |= {"reversal_margin", "dwell_s"}
+        unneeded |= {"reversal_margin", "dwell_s", "temperature_c", "missed_pct"}
     assert set(example) >= properties - unneeded, "an example shows all there is"
     for key in ("id", "by"):
         if key in example and name.startswith("command-") and "abort" not in name:
