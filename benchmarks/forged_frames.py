@@ -243,7 +243,7 @@ class ForgedRig(SimulatedVehicle):
         timers = (self.link.next_timer(), self._up.next_timer(), self._down.next_timer())
         return min(self.mock.next_timer(), *(timer for timer in timers if timer is not None))
 
-    def advance(self, now_us: int, service: Engine) -> None:
+    def handle_due(self, now_us: int, service: Engine) -> None:
         """Process all due work, with forged frames before and after the vehicle's frames."""
         if self._weather is not None:
             self._blow(self._weather.weather_at(self._clock.now_us / 1e6))
