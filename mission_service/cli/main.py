@@ -15,6 +15,7 @@ from mission_service.cli.fire_commands import bench, fire
 from mission_service.cli.log_commands import log
 from mission_service.cli.mission_commands import mission, signing
 from mission_service.cli.mock_command import mock
+from mission_service.cli.observe_command import observe
 from mission_service.cli.options import (
     JSON,
     OUT,
@@ -74,7 +75,7 @@ def main() -> None:
 
 
 GROUPS = (fire, bench, mission, signing, experiment, tune, burn, request, log)
-for command in (*GROUPS, mock, token, replay, report):
+for command in (*GROUPS, mock, token, replay, report, observe):
     main.add_command(command)
 
 

@@ -12,6 +12,7 @@ from firemodel.spread.schemes import SchemeName
 from mission_service.config.section_base import (
     Finite,
     Latitude,
+    Line,
     Longitude,
     NotNegative,
     Positive,
@@ -202,16 +203,44 @@ class EnsembleSection(Section):
     ignition_sd_m: Annotated[float, Field(ge=0, le=100_000)] = DEFAULT_ERRORS.ignition_sd_m
 
 
+class ThermalFramesSection(Section):
+    """The images of thermal cameras that arrive in a folder, for the sensor ``thermal_frames``.
+
+    ``field_of_view_deg`` is the horizontal field of view; without it the focal length in each file
+    is used. ``distortion`` is k1, k2, p1, p2, k3 (Brown-Conrady, as OpenCV defines them). Pixels
+    from ``hot_c`` on burn, and pixels up to ``warm_above_c`` above the background are cool. Images
+    of grey levels require ``hot_level``. ``kelvin_per_count`` converts 16-bit counts. The other
+    keys are standard deviations of the camera's position (of each horizontal axis), altitude and
+    direction (of yaw, pitch and roll each), and of the landscape's elevation. Images older than
+    ``max_age_s`` when they arrive are not used.
+    """
+
+    folder: Line | None = None
+    field_of_view_deg: Annotated[float, Field(ge=1, le=150)] | None = None
+    distortion: tuple[Finite, Finite, Finite, Finite, Finite] = (0.0, 0.0, 0.0, 0.0, 0.0)
+    hot_c: Annotated[float, Field(ge=50, le=1500)] = 200.0
+    warm_above_c: Annotated[float, Field(ge=1, le=500)] = 20.0
+    hot_level: Annotated[float, Field(gt=0, le=255)] | None = None
+    kelvin_per_count: Annotated[float, Field(gt=0, le=10)] = 0.01
+    position_sd_m: Annotated[float, Field(ge=0, le=1000)] = 1.5
+    altitude_sd_m: Annotated[float, Field(ge=0, le=1000)] = 1.5
+    direction_sd_deg: Annotated[float, Field(ge=0, le=45)] = 0.5
+    elevation_sd_m: Annotated[float, Field(ge=0, le=1000)] = 2.0
+    max_age_s: Annotated[float, Field(gt=0, le=21_600)] = 3600.0
+
+
 class EstimateSection(Section):
     """The ensemble that estimates a fire from observations.
 
     ``perimeter_error_m`` is the standard deviation of the outlines of mapped perimeters.
-    ``sensors`` names the sensors of other packages (``fire/sensors.py``) to use.
+    ``sensors`` names the sensors (``fire/sensors.py``) to use: ``thermal_frames`` or a sensor of
+    another package.
     """
 
     members: Annotated[int, Field(ge=2, le=1000)] = 24
     perimeter_error_m: Annotated[float, Field(gt=0, le=1000)] = 20.0
     sensors: tuple[str, ...] = ()
+    thermal_frames: ThermalFramesSection = ThermalFramesSection()
 
 
 class SimulatedFireSection(Section):

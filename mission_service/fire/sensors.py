@@ -1,6 +1,7 @@
-"""Sensors of other packages: sources of observations of the fire, found by entry points.
+"""Sensors: sources of observations of the fire, found by entry points.
 
-A scenario names its sensors in ``estimate.sensors``. The service's own simulated cameras
+A scenario names its sensors in ``estimate.sensors``: those of this service
+(``mission_service.sensors``) and of other packages. The service's own simulated cameras
 (``simulated_cameras``) have the same method ``observe``.
 """
 
@@ -23,7 +24,8 @@ class Sensor(Protocol):
 
     The methods of a sensor are called on the event loop and must return at once. A sensor that
     waits for files or sockets does so in a thread and returns from ``observe`` what has arrived
-    since.
+    since. A sensor may have an attribute ``problem``, a text that is shown as an alarm unless it is
+    empty.
     """
 
     def observe(self, fix: Telemetry) -> Observed | None:
@@ -60,6 +62,12 @@ class Sensors:
             except (Exception, SystemExit) as error:  # another package may raise anything
                 self._fail(name, error)
         return found
+
+    def problems(self) -> dict[str, str]:
+        """Return why sensors have failed, and the problems that sensors report, by sensor."""
+        reported = {name: str(getattr(each, "problem", "")) for name, each in self._sensors.items()}
+        found = {name: f"sensor {name}: {text}" for name, text in reported.items() if text}
+        return found | self.failed
 
     def on_event(self, event: AnyEvent) -> None:
         """Pass an event to the sensors."""

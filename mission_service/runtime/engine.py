@@ -181,7 +181,7 @@ class Engine:
         self.estimate.advance(at_us)
         texts = self.estimate.agreement.contradictions()
         self.state_view.show_alarms("camera", texts, "severe")
-        self.state_view.show_alarms("sensor", self.sensors.failed, "severe")
+        self.state_view.show_alarms("sensor", self.sensors.problems(), "severe")
         if windows := self.estimate.contradicted():
             for window in windows:
                 self._queue(window)
