@@ -2,8 +2,7 @@
 
 import math
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -62,16 +61,25 @@ def draw_arrival(
     frame = frame_around(land, arrival_s)
     figure, axes = start_map(land, arrival_s, frame, isochrones=True, layer=layer)
     set_title(axes, title, line)
-    with whole_file(path) as part, without_glyph_warnings():
-        figure.savefig(part, format="png", metadata={"Software": None})
+    with whole_file(path) as part:
+        save_map(figure, part)
 
 
-@contextmanager
-def without_glyph_warnings() -> Iterator[None]:
-    """Suppress warnings about characters that the font lacks; they are drawn as boxes."""
+def save_map(figure: Any, file: Any) -> None:
+    """Write a figure of ``start_map`` as a PNG without a date, and suppress font warnings.
+
+    The figure is drawn once: ``savefig`` alone draws a figure twice if it has a layout engine, the
+    first time only for the layout. Characters that the font lacks are drawn as boxes.
+
+    Args:
+        figure: The figure; it has no layout engine afterwards.
+        file: The path or the open binary file to write.
+    """
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "(Glyph|Matplotlib currently does not support)")
-        yield
+        figure.get_layout_engine().execute(figure)
+        figure.set_layout_engine("none")
+        figure.savefig(file, format="png", metadata={"Software": None})
 
 
 def status_line(fire: Fire, time_zero: datetime | None = None) -> str:
