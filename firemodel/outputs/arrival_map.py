@@ -66,20 +66,17 @@ def draw_arrival(
 
 
 def save_map(figure: Any, file: Any) -> None:
-    """Write a figure of ``start_map`` as a PNG without a date, and suppress font warnings.
+    """Write a figure of ``start_map`` as a PNG without the name of the software.
 
-    The figure is drawn once: ``savefig`` alone draws a figure twice if it has a layout engine, the
-    first time only for the layout. Characters that the font lacks are drawn as boxes.
+    The canvas draws the figure once; ``savefig`` would draw it twice, the first time for the layout.
 
     Args:
-        figure: The figure; it has no layout engine afterwards.
+        figure: The figure. Characters that its font lacks are drawn as boxes, without a warning.
         file: The path or the open binary file to write.
     """
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "(Glyph|Matplotlib currently does not support)")
-        figure.get_layout_engine().execute(figure)
-        figure.set_layout_engine("none")
-        figure.savefig(file, format="png", metadata={"Software": None})
+        figure.canvas.print_png(file, metadata={"Software": None})
 
 
 def status_line(fire: Fire, time_zero: datetime | None = None) -> str:
