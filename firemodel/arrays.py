@@ -27,6 +27,4 @@ def widened(cells: Mask, reach: int) -> Mask:
     inside = np.pad(cells, (reach + 1, reach))
     count = inside.cumsum(axis=0, dtype=np.int32).cumsum(axis=1, dtype=np.int32)
     above, below = count[:-size], count[size:]
-    return np.asarray(
-        below[:, size:] - below[:, :-size] - above[:, size:] + above[:, :-size] > 0
-    )
+    return np.asarray(below[:, size:] - below[:, :-size] - above[:, size:] + above[:, :-size] > 0)

@@ -68,7 +68,7 @@ def draw_arrival(
 def save_map(figure: Any, file: Any) -> None:
     """Write a figure of ``start_map`` as a PNG without the name of the software.
 
-    The canvas draws the figure once; ``savefig`` would draw it twice, the first time for the layout.
+    The canvas draws the figure once. ``savefig`` would draw it twice, first for the layout alone.
 
     Args:
         figure: The figure. Characters that its font lacks are drawn as boxes, without a warning.

@@ -310,7 +310,10 @@ def _load_for_corrections() -> None:
     Without this, the first of them would hold the event loop for the time of the imports.
     """
     modules = (
-        "scipy.ndimage", "firemodel.assimilation.corrected_cells", "contourpy", "rasterio.features"
+        "scipy.ndimage",
+        "firemodel.assimilation.corrected_cells",
+        "contourpy",
+        "rasterio.features",
     )
     for name in modules:
         import_module(name)
