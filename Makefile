@@ -6,6 +6,9 @@ WEB := mission_service/interfaces/web
 MAP := $(WEB)/dist/index.html
 MAP_SOURCES := $(wildcard $(addprefix $(WEB)/,*.json *.html *.ts src/*.* src/panels/*.* public/*.*))
 
+# The processes of tests share compiled modules, also where the environment turns this off.
+unexport PYTHONDONTWRITEBYTECODE
+
 .PHONY: demo test long lint format clean mosquitto chromium web
 
 .venv/ready: pyproject.toml

@@ -23,8 +23,8 @@ def window_at(top: int, left: int, shape: tuple[int, ...]) -> Place:
 
 def widened(cells: Mask, reach: int) -> Mask:
     """Return the cells (y, x) with one of ``cells`` within ``reach`` rows and columns."""
-    from scipy.ndimage import maximum_filter  # importing SciPy is slow
-
-    if not reach:
-        return cells
-    return np.asarray(maximum_filter(cells, 2 * reach + 1, mode="constant"))
+    size = 2 * reach + 1
+    inside = np.pad(cells, (reach + 1, reach))
+    count = inside.cumsum(axis=0, dtype=np.int32).cumsum(axis=1, dtype=np.int32)
+    above, below = count[:-size], count[size:]
+    return np.asarray(below[:, size:] - below[:, :-size] - above[:, size:] + above[:, :-size] > 0)

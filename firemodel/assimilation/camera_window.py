@@ -2,9 +2,9 @@
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import binary_dilation, distance_transform_edt
 
 from firemodel.arrays import Floats, Mask
+from firemodel.assimilation.distance_kernels import distance_cells
 from firemodel.assimilation.observation import BURNED, UNBURNED, UNSEEN
 
 BLOCK_CELLS = 8  # side of the blocks in which burned areas are compared
@@ -26,6 +26,8 @@ def block_excess(state: NDArray[np.uint8], windows: Mask) -> tuple[Floats, Float
         left out if all members agree in it, or if it contains neither an observed front nor fire of
         a member.
     """
+    from scipy.ndimage import binary_dilation  # importing SciPy is slow
+
     rows, cols = state.shape
     across = -(-cols // BLOCK_CELLS)
     seen = state != UNSEEN
@@ -57,6 +59,6 @@ def signed_distance_m(state: NDArray[np.uint8], cell_m: float) -> Floats:
     if not (burned.any() and unburned.any()):
         size_m = float(max(state.shape) * cell_m)
         return np.where(burned, size_m, -size_m).astype(np.float64)
-    inside: Floats = distance_transform_edt(~unburned) - 0.5
-    outside: Floats = distance_transform_edt(~burned) - 0.5
+    inside: Floats = distance_cells(unburned) - 0.5
+    outside: Floats = distance_cells(burned) - 0.5
     return np.asarray(np.where(burned, inside, -outside) * cell_m, dtype=np.float64)

@@ -4,7 +4,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter
 
 from firemodel.arrays import Place, window_at
 from firemodel.landscape.landscape import Landscape
@@ -61,6 +60,8 @@ def despeckled(observation: Observation) -> NDArray[np.uint8]:
     state = observation.state
     if not (observation.missed or observation.false_alarms):
         return state
+    from scipy.ndimage import uniform_filter  # importing SciPy is slow
+
     seen = state != UNSEEN
     count, burned = (
         uniform_filter(each.astype(np.float64), FILTER_CELLS, mode="constant")

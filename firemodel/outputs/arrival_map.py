@@ -2,8 +2,7 @@
 
 import math
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -62,16 +61,22 @@ def draw_arrival(
     frame = frame_around(land, arrival_s)
     figure, axes = start_map(land, arrival_s, frame, isochrones=True, layer=layer)
     set_title(axes, title, line)
-    with whole_file(path) as part, without_glyph_warnings():
-        figure.savefig(part, format="png", metadata={"Software": None})
+    with whole_file(path) as part:
+        save_map(figure, part)
 
 
-@contextmanager
-def without_glyph_warnings() -> Iterator[None]:
-    """Suppress warnings about characters that the font lacks; they are drawn as boxes."""
+def save_map(figure: Any, file: Any) -> None:
+    """Write a figure of ``start_map`` as a PNG without the name of the software.
+
+    The canvas draws the figure once. ``savefig`` would draw it twice, first for the layout alone.
+
+    Args:
+        figure: The figure. Characters that its font lacks are drawn as boxes, without a warning.
+        file: The path or the open binary file to write.
+    """
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "(Glyph|Matplotlib currently does not support)")
-        yield
+        figure.canvas.print_png(file, metadata={"Software": None})
 
 
 def status_line(fire: Fire, time_zero: datetime | None = None) -> str:

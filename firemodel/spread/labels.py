@@ -10,8 +10,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_matrix
-from scipy.sparse.csgraph import connected_components
 
 from firemodel.arrays import Floats
 from firemodel.compiled import kernel
@@ -250,6 +248,30 @@ def paths_to_centres(found, arrival_s, cell_m, points, labels, lattice):  # type
                 found[1, row, col] = (col + 0.5 - x) * cell_m
 
 
+@kernel
+def _lowest(front_of, point):  # type: ignore[no-untyped-def]
+    """Return the lowest number of the points that have been joined with a point."""
+    while front_of[point] != point:
+        front_of[point] = front_of[front_of[point]]  # shortens the way for the next call
+        point = front_of[point]
+    return point
+
+
+@kernel
+def join_fronts(beside, front_of):  # type: ignore[no-untyped-def]
+    """Set the number of each point's front: the lowest number of its points.
+
+    ``beside`` (k, 2) is as in ``Points``. ``front_of`` (k) contains each point's own number before.
+    """
+    for point in range(front_of.size):
+        for side in range(2):
+            if beside[point, side] >= 0:
+                one, other = _lowest(front_of, point), _lowest(front_of, beside[point, side])
+                front_of[max(one, other)] = min(one, other)
+    for point in range(front_of.size):
+        front_of[point] = _lowest(front_of, point)
+
+
 def without_unused(points: Points, labels: Labels, since_s: float) -> tuple[Points, Labels]:
     """Return the points that are still needed, and the labels with their new numbers.
 
@@ -260,9 +282,8 @@ def without_unused(points: Points, labels: Labels, since_s: float) -> tuple[Poin
     count, keys = len(points.at), labels.best_s.size
     at_point = np.flatnonzero(labels.source >= keys)
     source = labels.source[at_point] - keys
-    one, side = np.nonzero(points.beside >= 0)
-    links = (np.ones(one.size, dtype=bool), (one, points.beside[one, side]))
-    _, front_of = connected_components(csr_matrix(links, shape=(count, count)), directed=False)
+    front_of = np.arange(count, dtype=np.int32)
+    join_fronts(points.beside, front_of)
     is_active = np.zeros(count, dtype=bool)
     is_active[front_of[source[labels.best_s[at_point] >= since_s]]] = True
     linked = is_active[front_of]

@@ -268,7 +268,6 @@ def config_check(file: str, overrides: tuple[str, ...], as_json: bool) -> None:
     from firemodel.errors import FireModelError
     from mission_service.config.rule_lookup import own_ways
     from mission_service.config.scenario import load_scenario, scenario_path
-    from mission_service.core.core import Core
     from mission_service.errors import MissionServiceError, ScenarioError
     from mission_service.fire.scenario_check import check
     from mission_service.fire.scenario_fire import landscape_of
@@ -277,6 +276,8 @@ def config_check(file: str, overrides: tuple[str, ...], as_json: bool) -> None:
     try:
         summary = check(loaded)
         if loaded.vehicles and loaded.planner.rule not in own_ways():
+            from mission_service.core.core import Core
+
             Core(loaded, landscape_of(loaded))  # also creates the planners of other packages
     except (FireModelError, MissionServiceError) as error:  # the text does not name the file
         raise ScenarioError(f"{scenario_path(file)}: {error}") from None

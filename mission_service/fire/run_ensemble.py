@@ -7,12 +7,11 @@ ensembles, however they are divided among the requests.
 
 import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from firemodel.arrays import Floats
-from firemodel.assimilation.fire_estimate import EstimateSettings, FireEstimate
 from firemodel.assimilation.observation import BURNED, Observation
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.weather import WeatherStream
@@ -20,6 +19,9 @@ from firemodel.spread.burning import burning_from_arrival
 from firemodel.spread.fire_scheme import Burning, Fire
 from mission_service.config.scenario import Scenario
 from mission_service.fire.scenario_fire import burning_of, estimate_errors, ignitions_of, weather_of
+
+if TYPE_CHECKING:
+    from firemodel.assimilation.fire_estimate import FireEstimate
 
 IMAGES_PERIOD_S = 120.0
 INPUTS_PER_MARK = 60  # the number of periods in two hours
@@ -91,7 +93,7 @@ class RunEnsemble:
         self._scheduled = [Lit(at_s, at_s, [(row, col)]) for row, col, at_s in lit]
 
     @property
-    def processed(self) -> FireEstimate:
+    def processed(self) -> "FireEstimate":
         """The ensemble after the inputs processed so far; it must not be changed."""
         if self._processed is None:
             scenario, landscape = self._scenario, self._landscape
@@ -186,7 +188,7 @@ class RunEnsemble:
             self._count = max(self._count - mark.inputs, 0)
         self._mark = _Mark(len(self._inputs), fire.weather, fire.time_s, fire.arrival_time_s.copy())
 
-    def replace(self, before: FireEstimate, after: FireEstimate, count: int) -> None:
+    def replace(self, before: "FireEstimate", after: "FireEstimate", count: int) -> None:
         """Replace the ensemble ``before`` by ``after``, unless it was replaced already."""
         if self.processed is before:
             self._processed = after
@@ -198,8 +200,11 @@ def new_estimate(
     landscape: Landscape,
     weather: WeatherStream,
     burning: Burning | None = None,
-) -> FireEstimate:
+) -> "FireEstimate":
     """Return an ensemble with a scenario's settings, and with an initial fire if there is one."""
+    # Imports SciPy, which is slow; a run without forecasts needs no ensemble.
+    from firemodel.assimilation.fire_estimate import EstimateSettings, FireEstimate
+
     return FireEstimate(
         landscape,
         weather,
@@ -212,7 +217,7 @@ def new_estimate(
     )
 
 
-def processed(estimate: FireEstimate, inputs: Sequence[Input]) -> FireEstimate:
+def processed(estimate: "FireEstimate", inputs: Sequence[Input]) -> "FireEstimate":
     """Return an ensemble after inputs, which are in order of time; ``estimate`` is unchanged."""
     found = estimate.copy()
     for each in inputs:
@@ -231,7 +236,7 @@ def processed(estimate: FireEstimate, inputs: Sequence[Input]) -> FireEstimate:
     return found
 
 
-def _see(estimate: FireEstimate, seen: Observation) -> None:
+def _see(estimate: "FireEstimate", seen: Observation) -> None:
     """Process a window; the first burned cells that are seen begin the fire."""
     if estimate.begun:
         estimate.assimilate(seen)

@@ -305,8 +305,17 @@ def _journal_of(
 
 
 def _load_for_corrections() -> None:
-    """Import and compile the modules that the first correction of the fire uses."""
-    for name in ("firemodel.assimilation.corrected_cells", "contourpy", "rasterio.features"):
+    """Import and compile the modules that the first corrections and images of the fire use.
+
+    Without this, the first of them would hold the event loop for the time of the imports.
+    """
+    modules = (
+        "scipy.ndimage",
+        "firemodel.assimilation.corrected_cells",
+        "contourpy",
+        "rasterio.features",
+    )
+    for name in modules:
         import_module(name)
     from firemodel.assimilation.corrected_cells import warm_up
 

@@ -11,10 +11,10 @@ import numpy as np
 from firemodel.landscape.landscape import Landscape
 from firemodel.outputs.arrival_map import (
     frame_around,
+    save_map,
     set_title,
     start_map,
     status_line,
-    without_glyph_warnings,
 )
 from firemodel.outputs.front_files import write_fronts
 from firemodel.outputs.graticule import km_of
@@ -170,8 +170,7 @@ def draw_map(path: Path, scenario: Scenario, record: RunStatistics, fire: Fire) 
     below = {"ncols": 4, "loc": "upper center", "bbox_to_anchor": (0.5, -0.07)}
     placement = below if len(handles) > LEGEND_INSIDE else {"loc": "upper left"}
     axes.legend(handles=handles, **placement)
-    with without_glyph_warnings():
-        figure.savefig(path)
+    save_map(figure, path)
 
 
 def _draw_vehicle(axes: Any, vehicle: VehicleStatistics, land: Landscape, colour: str) -> None:

@@ -9,7 +9,13 @@ import numpy as np
 from firemodel.assimilation.observation import BURNED
 from firemodel.assimilation.scores import overlap
 from firemodel.landscape.landscape import Landscape
-from firemodel.outputs.arrival_map import frame_around, set_title, start_map, time_in_words
+from firemodel.outputs.arrival_map import (
+    frame_around,
+    save_map,
+    set_title,
+    start_map,
+    time_in_words,
+)
 from firemodel.outputs.whole_file import whole_file
 
 if TYPE_CHECKING:
@@ -78,7 +84,7 @@ def draw_forecast(
         f"{time_in_words(after_s, time_zero)} · {scores}",
     )
     with whole_file(path) as part:
-        figure.savefig(part, format="png", metadata={"Software": None})
+        save_map(figure, part)
 
 
 def _extent(landscape: Landscape) -> tuple[float, float, float, float]:

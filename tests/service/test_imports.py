@@ -1,6 +1,8 @@
 """The repository's rules for imports."""
 
 import ast
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -101,3 +103,42 @@ def test_only_the_shell_asks_what_time_it_is(path: Path) -> None:
 
 def test_the_packages_are_found() -> None:
     assert len(modules()) > 30
+
+
+# Modules that are slow to import. Each takes a tenth of a second or more.
+SCIPY = {"scipy.linalg", "scipy.ndimage", "scipy.sparse", "scipy.spatial", "scipy.special"}
+SLOW = {*SCIPY, "matplotlib.figure", "fastapi", "jinja2", "rasterio", "pyogrio"}
+
+
+def loaded_by(code: str) -> set[str]:
+    """Return the modules that a new process has loaded after ``code``."""
+    shown = f"import sys\n{code}\nprint('\\n'.join(sys.modules))"
+    arguments = [sys.executable, "-c", shown]
+    done = subprocess.run(arguments, cwd=ROOT, capture_output=True, text=True, check=True)
+    return set(done.stdout.splitlines())
+
+
+def test_daemon_and_simulation_begin_without_slow_modules() -> None:
+    modules = ("live.daemon", "simulation.sim", "replay.decisions", "runtime.run_outputs")
+    code = "".join(f"import mission_service.{module}\n" for module in modules)
+    loaded = loaded_by(code)
+    assert "mission_service.core.core" in loaded
+    assert not loaded & SLOW
+
+
+def test_first_kernel_is_loaded_without_scipy() -> None:
+    loaded = loaded_by(
+        "import numpy as np\n"
+        "from firemodel.assimilation.distance_kernels import distance_cells\n"
+        "assert distance_cells(np.eye(3, dtype=bool))[0, 2] == 2**0.5\n"
+    )
+    assert not loaded & SLOW
+
+
+def test_config_check_loads_no_compiler_and_no_core() -> None:
+    loaded = loaded_by(
+        "from mission_service.cli.main import main\n"
+        "main(['config', 'check', 'default'], standalone_mode=False)\n"
+    )
+    assert "mission_service.config.scenario" in loaded
+    assert not loaded & {*SLOW, "numba", "matplotlib", "rich", "mission_service.core.core"}
