@@ -1,0 +1,190 @@
+"""Convert the pixels of a thermal image to observed cells of the landscape's grid. Pure.
+
+Each pixel is hot, warm or cool. Hot pixels burn. Warm pixels are warmer than the background, which
+is the most frequent temperature of the image without its hot pixels. Ground that has burned stays
+warm, but ground in the sun is warm, too. Therefore warm pixels have burned only if they are
+connected to hot pixels, and are otherwise unknown. A cell is burned if most of its pixels are hot
+or have burned, unburned if nearly all of its pixels are cool, and unseen otherwise. Ground that has
+burned out and cooled cannot be told from unburned ground; therefore cells that an earlier image of
+the sensor showed as burned stay burned (``Burned``). An image of grey levels has no temperatures:
+its pixels are hot or unknown.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firemodel.arrays import Floats, Mask
+from firemodel.errors import FireModelError
+from firemodel.landscape.landscape import Landscape
+from mission_service.config.fire_sections import ThermalFramesSection
+from mission_service.fire.observed_window import Window, in_letters
+from mission_service.sensors.camera_geometry import CameraPose, Lens, PoseErrors, focal_px_of
+from mission_service.sensors.ground_points import (
+    ErrorEllipse,
+    covariances,
+    ellipse_of,
+    ground_points,
+)
+from mission_service.sensors.thermal_image import ThermalImage
+
+BACKGROUND_C, STEP_C = (-60.0, 200.0), 2.0
+COOL, BURNED_OUT, HOT, UNKNOWN = 0, 1, 2, 3
+KELVIN_C = 273.15
+MOST = 0.5  # share of hot and burned-out pixels in a burned cell
+NEARLY_ALL = 0.95  # share of cool pixels in an unburned cell
+MIN_PIXELS = 4  # in a cell
+LARGE_PIXELS = 100_000  # of a larger image every second row and column is used
+ERRORS_OF = 200  # pixels, at most, for which the error of the place is computed
+
+
+class FrameCells(NamedTuple):
+    """What an image shows of the landscape."""
+
+    window: Window
+    hot_pixels: int  # that show ground of the landscape
+    position_sd_m: float  # of each axis, the mean over the seen pixels
+    ellipse: ErrorEllipse  # at the middle of the hot pixels, or of the image if none is hot
+    centre: tuple[float, float]  # grid position (row, column) of the ellipse
+
+
+class Burned:
+    """The cells that earlier images of one sensor showed as burned."""
+
+    def __init__(self, shape: tuple[int, int]) -> None:
+        self._burned: Mask = np.zeros(shape, dtype=bool)
+
+    def added(self, found: FrameCells) -> FrameCells:
+        """Return what an image shows, without unburned cells that have burned; add its cells."""
+        window = found.window
+        letters = np.frombuffer("".join(window.cells).encode(), dtype=np.uint8)
+        letters = letters.reshape(len(window.cells), -1)
+        rows, cols = letters.shape
+        here = self._burned[window.row : window.row + rows, window.col : window.col + cols]
+        kept = np.where(here & (letters == ord("u")), ord("b"), letters)
+        here |= letters == ord("b")
+        return found._replace(window=window._replace(cells=in_letters(kept)))
+
+
+def frame_cells(
+    image: ThermalImage, landscape: Landscape, settings: ThermalFramesSection
+) -> FrameCells:
+    """Return the cells that a thermal image shows, with the error of their place.
+
+    Raises FireModelError if the image shows no ground of the landscape, or if the settings do not
+    determine its lens or its hot pixels.
+    """
+    height, width = image.values.shape
+    focal_px = image.focal_px
+    if settings.field_of_view_deg is not None:
+        focal_px = focal_px_of(settings.field_of_view_deg, width)
+    if focal_px is None:
+        raise FireModelError(
+            f"{image.name}: the file has no focal length; give "
+            "estimate.thermal_frames.field_of_view_deg"
+        )
+    lens = Lens(width, height, focal_px, settings.distortion)
+    pose = _pose_of(image, landscape)
+    step = 1 if width * height < LARGE_PIXELS else 2
+    kinds = kinds_of(image, settings)[::step, ::step].ravel()
+    col, row = (
+        each.ravel().astype(float)
+        for each in np.meshgrid(np.arange(0, width, step), np.arange(0, height, step))
+    )
+    places = ground_points(landscape, lens, pose, col, row)
+    seen = np.isfinite(places[:, 0])
+    if not seen.any():
+        raise FireModelError(f"{image.name}: shows no ground of the landscape")
+    shown = np.flatnonzero(seen & (kinds == HOT))
+    hot_pixels = shown.size * step * step
+    if not hot_pixels:
+        shown = np.flatnonzero(seen)
+    chosen = shown[:: max(1, shown.size // ERRORS_OF)]
+    errors = PoseErrors(
+        settings.position_sd_m,
+        settings.altitude_sd_m,
+        settings.direction_sd_deg,
+        settings.elevation_sd_m,
+    )
+    spread = covariances(landscape, lens, pose, errors, col[chosen], row[chosen])
+    spread = np.nanmean(spread, axis=0) if np.isfinite(spread).any() else np.zeros((2, 2))
+    middle = places[shown].mean(axis=0)
+    return FrameCells(
+        _window_of(places[seen], kinds[seen], landscape.shape),
+        hot_pixels,
+        float(np.sqrt(np.trace(spread) / 2.0)),
+        ellipse_of(spread),
+        (float(middle[0]), float(middle[1])),
+    )
+
+
+def kinds_of(image: ThermalImage, settings: ThermalFramesSection) -> NDArray[np.int8]:
+    """Return the kind (y, x) of each pixel: COOL, BURNED_OUT, HOT or UNKNOWN.
+
+    Raises FireModelError for an image of grey levels if the settings have no ``hot_level``.
+    """
+    values = image.values
+    if image.kind == "levels":
+        if settings.hot_level is None:
+            raise FireModelError(
+                f"{image.name}: contains grey levels instead of temperatures; give "
+                "estimate.thermal_frames.hot_level"
+            )
+        return np.where(values >= settings.hot_level, HOT, UNKNOWN).astype(np.int8)
+    if image.kind == "counts":
+        values = values * np.float32(settings.kelvin_per_count) - np.float32(KELVIN_C)
+    hot = values >= settings.hot_c
+    warm = values > _background_c(values[~hot]) + settings.warm_above_c
+    kinds = np.where(hot, HOT, np.where(warm, UNKNOWN, COOL)).astype(np.int8)
+    kinds[_connected(hot | warm, hot) & ~hot] = BURNED_OUT
+    return kinds
+
+
+def _connected(mask: Mask, to: Mask) -> Mask:
+    """Return the regions of a mask (y, x), by edges and corners, that contain places of ``to``."""
+    from scipy.ndimage import label
+
+    regions, count = label(mask, structure=np.ones((3, 3)))
+    chosen = np.zeros(count + 1, dtype=bool)
+    chosen[regions[to]] = True
+    found: Mask = chosen[regions]
+    return found
+
+
+def _background_c(values_c: NDArray[np.float32]) -> float:
+    """Return the most frequent temperature (n,), in steps; 0 °C if there is none."""
+    steps = np.clip(values_c, *BACKGROUND_C) - BACKGROUND_C[0]
+    counts = np.bincount((steps / STEP_C).astype(np.int64), minlength=1)
+    return BACKGROUND_C[0] + STEP_C * (float(counts.argmax()) + 0.5) if values_c.size else 0.0
+
+
+def _pose_of(image: ThermalImage, landscape: Landscape) -> CameraPose:
+    x_m, y_m = landscape.xy_of_lat_lon(image.lat_deg, image.lon_deg)
+    if not np.isfinite(x_m + y_m):
+        raise FireModelError(f"{image.name}: the camera is not above the landscape")
+    yaw_deg = landscape.grid_deg(image.yaw_deg)
+    return CameraPose(
+        float(x_m), float(y_m), image.altitude_amsl_m, yaw_deg, image.pitch_deg, image.roll_deg
+    )
+
+
+def _window_of(places: Floats, kinds: NDArray[np.int8], shape: tuple[int, int]) -> Window:
+    """Return the states of the cells around the places (n, 2) of seen pixels."""
+    cells = np.rint(places).astype(np.int64)
+    top, left = (int(each) for each in cells.min(axis=0))
+    rows, cols = (int(each) for each in cells.max(axis=0) - (top, left) + 1)
+    number = (cells[:, 0] - top) * cols + cells[:, 1] - left
+    counted = [
+        np.bincount(number[kinds == kind], minlength=rows * cols).reshape(rows, cols)
+        for kind in (COOL, BURNED_OUT, HOT)
+    ]
+    cool, burned_out, hot = counted
+    pixels = np.bincount(number, minlength=rows * cols).reshape(rows, cols)
+    enough = pixels >= MIN_PIXELS
+    letters = np.full((rows, cols), ord("."), dtype=np.uint8)
+    letters[enough & (hot + burned_out >= MOST * pixels)] = ord("b")
+    letters[enough & (cool >= NEARLY_ALL * pixels)] = ord("u")
+    assert 0 <= top <= shape[0] - rows
+    assert 0 <= left <= shape[1] - cols
+    return Window(top, left, in_letters(letters))

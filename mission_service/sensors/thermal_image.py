@@ -1,0 +1,200 @@
+"""Read thermal images: temperatures or grey levels, and the time and the pose in their metadata.
+
+Files are TIFF with temperatures in °C (32-bit floats) or counts of a radiometric camera (16 bits),
+or TIFF, JPEG and PNG with grey levels (8 bits). Positions and times are read from EXIF, and the
+direction of the camera from the XMP keys ``GimbalYawDegree``, ``GimbalPitchDegree`` and
+``GimbalRollDegree`` of DJI. The temperatures inside radiometric JPEGs (R-JPEG) are in formats of
+their makers and are not read; such a file is an image of grey levels.
+"""
+
+import math
+import re
+from collections.abc import Mapping
+from contextlib import suppress
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mission_service.errors import MissionServiceError
+
+if TYPE_CHECKING:
+    from PIL.Image import Exif, Image
+
+SUFFIXES = (".tif", ".tiff", ".jpg", ".jpeg", ".png")
+MAX_FILE_BYTES = 64_000_000
+MAX_PIXELS = 25_000_000
+MAX_XMP_BYTES = 256_000
+MAX_MESSAGE = 200
+EXIF_IFD, GPS_IFD = 0x8769, 0x8825
+TAKEN, OFFSET, FOCAL_35_MM, XMP_TAG = 0x9003, 0x9011, 0xA405, 700
+GPS_LAT_REF, GPS_LAT, GPS_LON_REF, GPS_LON, GPS_BELOW_SEA, GPS_ALTITUDE = range(1, 7)
+GPS_TIME, GPS_DATE = 7, 29
+FILM_DIAGONAL_MM = math.hypot(36.0, 24.0)
+DIRECTIONS = ("GimbalYawDegree", "GimbalPitchDegree", "GimbalRollDegree")
+
+
+class ThermalImageError(MissionServiceError):
+    """A file that is not a usable thermal image; the message names the file and the reason."""
+
+
+class ThermalImage(NamedTuple):
+    """A thermal image with the time and the pose of its camera."""
+
+    name: str
+    values: NDArray[np.float32]  # (y, x) °C, counts or grey levels
+    kind: str  # of the values: "celsius", "counts" or "levels"
+    taken: datetime
+    lat_deg: float
+    lon_deg: float
+    altitude_amsl_m: float
+    yaw_deg: float  # clockwise from true north
+    pitch_deg: float  # -90: straight down
+    roll_deg: float
+    focal_px: float | None  # None if the file does not contain it
+
+
+def read_thermal_image(path: Path) -> ThermalImage:
+    """Read a thermal image. Raises ThermalImageError for a file that is not usable."""
+    from PIL import Image, UnidentifiedImageError
+
+    try:
+        size = path.stat().st_size
+        if size > MAX_FILE_BYTES:
+            raise ThermalImageError(
+                f"{path}: {size / 1e6:.0f} MB; images up to {MAX_FILE_BYTES / 1e6:.0f} MB are read"
+            )
+        with Image.open(path, formats=("TIFF", "JPEG", "PNG")) as image:
+            if image.width * image.height > MAX_PIXELS:
+                raise ThermalImageError(f"{path}: {image.width} x {image.height} pixels; too many")
+            return _image_of(path, image)
+    except (ThermalImageError, MemoryError):
+        raise
+    except UnidentifiedImageError:
+        raise ThermalImageError(f"{path}: is not a TIFF, JPEG or PNG image") from None
+    except OSError as error:
+        raise ThermalImageError(f"{path}: {_in_words(error)}") from None
+    # Pillow raises many kinds of errors for damaged files.
+    except Exception as error:
+        raise ThermalImageError(f"{path}: is damaged: {_in_words(error)}") from None
+
+
+def _in_words(error: Exception) -> str:
+    words = getattr(error, "strerror", None) or str(error) or type(error).__name__
+    return " ".join(str(words).split())[:MAX_MESSAGE]
+
+
+def _image_of(path: Path, image: "Image") -> ThermalImage:
+    exif = image.getexif()
+    gps, camera = exif.get_ifd(GPS_IFD), exif.get_ifd(EXIF_IFD)
+    xmp = _xmp_keys(_xmp_of(image, exif))
+    values, kind = _values(path, image)
+    lat_deg, lon_deg, altitude_m = _position(path, gps)
+    yaw, pitch, roll = _direction(path, xmp)
+    taken = _taken(path, gps, camera)
+    focal_px = _focal_px(image, camera, xmp)
+    return ThermalImage(
+        path.name,
+        *(values, kind, taken, lat_deg, lon_deg, altitude_m, yaw, pitch, roll, focal_px),
+    )
+
+
+def _values(path: Path, image: "Image") -> tuple[NDArray[np.float32], str]:
+    if image.mode == "F":
+        values, kind = np.asarray(image, dtype=np.float32), "celsius"
+    elif image.mode.startswith("I"):
+        values, kind = np.asarray(image).astype(np.float32), "counts"
+    else:
+        values, kind = np.asarray(image.convert("L"), dtype=np.float32), "levels"
+    if values.ndim != 2 or min(values.shape) < 2:
+        raise ThermalImageError(f"{path}: {values.shape} values; an image has rows and columns")
+    if not np.isfinite(values).all():
+        raise ThermalImageError(f"{path}: contains values that are not finite")
+    return values, kind
+
+
+def _position(path: Path, gps: Mapping[int, Any]) -> tuple[float, float, float]:
+    try:
+        lat_deg, lon_deg = (
+            math.copysign(_degrees(gps[place]), -1.0 if str(gps[ref]).upper() in "SW" else 1.0)
+            for place, ref in ((GPS_LAT, GPS_LAT_REF), (GPS_LON, GPS_LON_REF))
+        )
+        altitude_m = float(gps[GPS_ALTITUDE])
+        below = gps.get(GPS_BELOW_SEA, 0) in (1, b"\x01")
+    except (KeyError, TypeError, ValueError, ZeroDivisionError):
+        raise ThermalImageError(
+            f"{path}: EXIF has no GPS latitude, longitude and altitude"
+        ) from None
+    if not (abs(lat_deg) <= 90.0 and abs(lon_deg) <= 180.0 and abs(altitude_m) < 20_000.0):
+        raise ThermalImageError(f"{path}: the GPS position in EXIF is {lat_deg}, {lon_deg}")
+    return lat_deg, lon_deg, -altitude_m if below else altitude_m
+
+
+def _degrees(parts: Any) -> float:
+    degrees, minutes, seconds = (float(part) for part in parts)
+    return degrees + minutes / 60.0 + seconds / 3600.0
+
+
+def _taken(path: Path, gps: Mapping[int, Any], camera: Mapping[int, Any]) -> datetime:
+    """Return the GPS time, which is UTC, or else the camera's time with its offset from UTC."""
+    with suppress(KeyError, TypeError, ValueError, OverflowError):
+        year, month, day = (int(part) for part in str(gps[GPS_DATE]).strip("\0 ").split(":"))
+        hours, minutes, seconds = (float(part) for part in gps[GPS_TIME])
+        whole, part = divmod(seconds, 1.0)
+        clock = (int(hours), int(minutes), int(whole), round(part * 1e6) % 1_000_000)
+        return datetime(year, month, day, *clock, tzinfo=UTC)
+    with suppress(KeyError, TypeError, ValueError):
+        text = f"{str(camera[TAKEN]).strip()} {str(camera[OFFSET]).strip()}"
+        return datetime.strptime(text, "%Y:%m:%d %H:%M:%S %z").astimezone(UTC)
+    raise ThermalImageError(
+        f"{path}: EXIF has neither GPS date and time nor DateTimeOriginal with OffsetTimeOriginal"
+    )
+
+
+def _xmp_of(image: "Image", exif: "Exif") -> bytes:
+    found = image.info.get("xmp") or exif.get(XMP_TAG) or b""
+    data = found.encode() if isinstance(found, str) else bytes(found)
+    return data if len(data) <= MAX_XMP_BYTES else b""
+
+
+def _xmp_keys(data: bytes) -> dict[str, str]:
+    """Return the values of XMP keys without their namespaces; {} if it is missing or damaged."""
+    from xml.etree import ElementTree
+
+    begin, end = data.find(b"<x:xmpmeta"), data.rfind(b"</x:xmpmeta>")
+    if begin < 0 or end < 0:
+        return {}
+    found = {}
+    with suppress(ElementTree.ParseError):
+        for element in ElementTree.fromstring(data[begin : end + len(b"</x:xmpmeta>")]).iter():
+            for key, value in (*element.attrib.items(), (element.tag, element.text or "")):
+                found[re.sub(r"^\{.*\}", "", key)] = value.strip()
+    return found
+
+
+def _direction(path: Path, xmp: Mapping[str, str]) -> tuple[float, float, float]:
+    try:
+        yaw, pitch, roll = (float(xmp[key]) for key in DIRECTIONS)
+    except (KeyError, ValueError):
+        raise ThermalImageError(f"{path}: XMP has no {', '.join(DIRECTIONS)}") from None
+    if not (abs(yaw) <= 360.0 and abs(pitch) <= 180.0 and abs(roll) <= 180.0):
+        raise ThermalImageError(f"{path}: the direction in XMP is {yaw}, {pitch}, {roll}")
+    if abs(roll) == 180.0 and pitch < -90.0:  # the same direction, written upside down
+        return yaw + 180.0, -180.0 - pitch, 0.0
+    return yaw, pitch, roll
+
+
+def _focal_px(image: "Image", camera: Mapping[int, Any], xmp: Mapping[str, str]) -> float | None:
+    """Return DJI's calibrated focal length, or that of EXIF for 35 mm film, in pixels."""
+    diagonal_px = math.hypot(image.width, image.height)
+    for number, px in (
+        (xmp.get("CalibratedFocalLength"), 1.0),
+        (camera.get(FOCAL_35_MM), diagonal_px / FILM_DIAGONAL_MM),
+    ):
+        with suppress(TypeError, ValueError, ZeroDivisionError):
+            focal_px = float(number) * px  # type: ignore[arg-type]
+            if 0.1 * image.width < focal_px < 100.0 * image.width:
+                return focal_px
+    return None

@@ -1,0 +1,208 @@
+"""Thermal images in a watched folder reach the estimate; nothing else of the true fire does."""
+
+import json
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from benchmarks.thermal_frames import LENS, rendered, write_frame
+from firemodel.landscape.landscape import Landscape
+from firemodel.spread.fire_scheme import Fire
+from mission_service.cli.main import main
+from mission_service.config.scenario import Scenario, load_scenario
+from mission_service.errors import ScenarioError
+from mission_service.events import Observed, Telemetry
+from mission_service.fire.scenario_check import check
+from mission_service.fire.scenario_fire import fire_of, landscape_of
+from mission_service.journal.journal_file import SegmentReader
+from mission_service.replay.verification import verify
+from mission_service.runtime.published_states import TelemetryState
+from mission_service.sensors.camera_geometry import CameraPose
+from mission_service.sensors.frame_folder import FrameFolder
+from tests.api.worlds import World, world_in
+from tests.patience import wait_until
+
+START_S = 3600.0
+FIX = Telemetry(7_200_000_000, "hawk", 36.36, -84.15, 600.0, 120.0, 20.0, 0.0, 0.0)
+WIDE = LENS._replace(width=160, height=128, focal_px=70.0)
+
+
+@pytest.fixture
+def frames(tmp_path: Path) -> Path:
+    folder = tmp_path / "frames"
+    folder.mkdir()
+    return folder
+
+
+def scenario_for(frames: Path, *changes: str) -> Scenario:
+    """Return a run without a simulated fire, whose only sensor reads the images of a folder."""
+    found = load_scenario(
+        "default",
+        (
+            *(f"start_s={START_S:g}", f"deploy_at_s={START_S:g}", "planner.rule=circling"),
+            *('estimate.sensors=["thermal_frames"]', f'estimate.thermal_frames.folder="{frames}"'),
+            f"estimate.thermal_frames.distortion={list(LENS.distortion)}",
+            *changes,
+        ),
+    )
+    return found.model_copy(update={"simulation": type(found.simulation)()})
+
+
+def pose_at(land: Landscape, fix: TelemetryState) -> CameraPose:
+    x_m, y_m = land.xy_of_lat_lon(fix.lat_deg, fix.lon_deg)
+    yaw_deg = land.grid_deg(fix.heading_deg)
+    return CameraPose(x_m, y_m, fix.altitude_amsl_m, yaw_deg, -90.0)
+
+
+def photograph(frames: Path, fire: Fire, pose: CameraPose, taken: datetime, number: int) -> Path:
+    """Write an image of a fire into the folder."""
+    path = frames / f"{number:05d}.tif"
+    rng = np.random.default_rng(number)
+    celsius = rendered(fire.landscape, fire.arrival_time_s, fire.time_s, pose, rng, WIDE)
+    write_frame(path, fire.landscape, pose, celsius, taken, WIDE)
+    return path
+
+
+@pytest.fixture
+def without_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The test looks into the folder itself, so that each image is used at its own time."""
+    monkeypatch.setattr(FrameFolder, "_watch", lambda self: None)
+
+
+def folder_sensor(world: World) -> FrameFolder:
+    sensor = world.simulation.service.sensors._sensors["thermal_frames"]
+    assert isinstance(sensor, FrameFolder)
+    return sensor
+
+
+@pytest.mark.usefixtures("without_thread")
+def test_the_estimate_follows_a_fire_that_only_the_images_show(
+    frames: Path, tmp_path: Path
+) -> None:
+    """The true fire burns in a wind that differs by 40 degrees from the reported wind."""
+    scenario = scenario_for(frames)
+    turned = (f"weather.0.wind_from_deg={(scenario.weather[0].wind_from_deg + 40.0) % 360:g}",)
+    land = landscape_of(scenario)
+    true = fire_of(load_scenario("default", turned), land)
+    world = world_in(tmp_path, scenario)
+    sensor, alone = folder_sensor(world), fire_of(scenario, land)
+    number, at_s = 0, START_S
+    while at_s < START_S + 1500.0:
+        at_s += 15.0
+        world.fly(at_s)
+        fix = world.context.state_view.telemetry.get("hawk")
+        if fix is None:
+            continue
+        true.advance(at_s)
+        now = datetime.now(UTC)
+        photograph(frames, true, pose_at(land, fix), now, number)
+        number += 1
+        sensor.look(now)  # notes the file
+        sensor.look(now)  # reads it, because it has not grown
+    assert number > 90
+    assert sensor.problem == ""
+    world.fly(at_s + 30.0)
+    true.advance(at_s + 30.0)
+    alone.advance(at_s + 30.0)
+    burned = true.burned()
+    error = np.count_nonzero(world.simulation.estimate.fire.burned() ^ burned)
+    of_model = np.count_nonzero(alone.burned() ^ burned)
+    assert error < 0.5 * of_model
+    world.simulation.service.recording.journal.close()
+    contents = [entry.content for entry in SegmentReader(tmp_path / "journal.jsonl")]
+    images = [each for each in contents if isinstance(each, Observed) and not each.corrects]
+    assert {each.source for each in images if not each.estimated} == {"thermal_frames"}
+    assert verify(tmp_path / "journal.jsonl").difference is None
+
+
+def test_a_thread_finds_files_and_names_those_it_cannot_use(frames: Path, tmp_path: Path) -> None:
+    scenario = scenario_for(frames)
+    land = landscape_of(scenario)
+    fire = fire_of(scenario, land)
+    fire.advance(7200.0)
+    row, col = np.argwhere(fire.burned())[0]
+    x_m, y_m = land.xy_of(float(row), float(col))
+    pose = CameraPose(x_m, y_m, float(land.elevation_at(x_m, y_m)) + 200.0, 0.0, -90.0)
+    sensor = FrameFolder(scenario, land)
+    assert sensor.observe(FIX) is None
+    (frames / "half.tif").write_bytes(b"II*\0 not whole")
+    wait_until(lambda: sensor.problem)
+    assert "half.tif" in sensor.problem
+    photograph(frames, fire, pose, datetime.now(UTC) - timedelta(seconds=20), 1)
+    found: list[Observed | None] = []
+
+    def has_arrived() -> bool:
+        found.append(sensor.observe(FIX))
+        return found[-1] is not None
+
+    wait_until(has_arrived)
+    image = found[-1]
+    assert image is not None
+    assert FIX.at_us - image.at_us >= 20_000_000
+    assert "b" in "".join(image.cells)
+    assert sensor.observe(FIX) is None, "each file is used once"
+
+
+@pytest.mark.usefixtures("without_thread")
+@pytest.mark.parametrize(
+    ("age_s", "words"), [(7200.0, "was taken 7200 s ago"), (-60.0, "60 s in the future")]
+)
+def test_an_image_of_another_time_is_not_used(age_s: float, words: str, frames: Path) -> None:
+    scenario = scenario_for(frames)
+    land = landscape_of(scenario)
+    now = datetime(2026, 7, 4, tzinfo=UTC)
+    pose = CameraPose(*land.xy_of(100.0, 100.0), 900.0, 0.0, -90.0)
+    photograph(frames, fire_of(scenario, land), pose, now - timedelta(seconds=age_s), 1)
+    sensor = FrameFolder(scenario, land)
+    sensor.look(now)
+    assert sensor.problem == ""
+    sensor.look(now)
+    assert words in sensor.problem
+    assert sensor.observe(FIX) is None
+
+
+@pytest.mark.usefixtures("without_thread")
+def test_a_problem_is_an_alarm(frames: Path, tmp_path: Path) -> None:
+    world = world_in(tmp_path, scenario_for(frames))
+    (frames / "a.jpg").write_bytes(b"no image")
+    for _ in range(2):
+        folder_sensor(world).look(datetime.now(UTC))
+    world.fly(START_S + 120.0)
+    alarm = world.context.state_view.alarms["sensor/thermal_frames"]
+    assert "a.jpg: is not a TIFF, JPEG or PNG image" in alarm.text
+
+
+def test_a_folder_that_does_not_exist_is_refused(frames: Path) -> None:
+    with pytest.raises(ScenarioError, match="is not a folder; create it"):
+        check(scenario_for(frames / "missing"))
+    with pytest.raises(ScenarioError, match=r"estimate\.thermal_frames\.folder is missing"):
+        check(load_scenario("default", ('estimate.sensors=["thermal_frames"]',)))
+
+
+def test_the_command_shows_what_images_contribute(frames: Path, tmp_path: Path) -> None:
+    scenario = scenario_for(frames)
+    land = landscape_of(scenario)
+    fire = fire_of(scenario, land)
+    fire.advance(7200.0)
+    row, col = np.argwhere(fire.burned())[0]
+    x_m, y_m = land.xy_of(float(row), float(col))
+    pose = CameraPose(x_m, y_m, float(land.elevation_at(x_m, y_m)) + 200.0, 0.0, -90.0)
+    good = photograph(frames, fire, pose, datetime(2026, 7, 4, tzinfo=UTC), 1)
+    out = tmp_path / "out"
+    distortion = f"estimate.thermal_frames.distortion={list(LENS.distortion)}"
+    common = ["--scenario", "default", "--out", str(out), "--set", distortion, "--json"]
+    done = CliRunner().invoke(main, ["observe", str(good), *common])
+    assert done.exit_code == 0, done.output
+    (image,) = json.loads(done.stdout)["images"]
+    assert image["burned_cells"] > 0
+    assert image["taken"] == "2026-07-04T00:00:00+00:00"
+    assert 1.0 < image["ellipse"]["minor_m"] <= image["ellipse"]["major_m"] < 6.0
+    assert (out / image["picture"]).read_bytes().startswith(b"\x89PNG")
+    both = CliRunner().invoke(main, ["observe", str(good), str(tmp_path / "none.tif"), *common])
+    assert both.exit_code == 1
+    first, second = json.loads(both.stdout)["images"]
+    assert first["burned_cells"] == image["burned_cells"]
+    assert "No such file" in second["error"]

@@ -1,0 +1,130 @@
+"""Places of pixels on the ground, and their errors; ``benchmarks.thermal_frames`` has the table."""
+
+import math
+
+import numpy as np
+import pytest
+
+from benchmarks.thermal_frames import LENS, georeferenced, pose_above, steep_landscape
+from firemodel.errors import FireModelError
+from firemodel.landscape.landscape import Landscape
+from mission_service.sensors.camera_geometry import (
+    CameraPose,
+    Lens,
+    PoseErrors,
+    axes_of,
+    focal_px_of,
+    undistorted,
+)
+from mission_service.sensors.ground_points import covariances, ellipse_of, ground_points
+
+MIDDLE = (np.array([319.5]), np.array([255.5]))
+STRAIGHT = Lens(640, 512, focal_px_of(45.0, 640))
+
+
+@pytest.fixture(scope="module")
+def flat() -> Landscape:
+    fuel = np.full((200, 200), 1, dtype=np.int16)
+    level = np.full((200, 200), 300.0, dtype=np.float32)
+    return Landscape("EPSG:32616", 747_000.0, 4_030_000.0, 10.0, fuel, level)
+
+
+def east_north_m(
+    land: Landscape, pose: CameraPose, lens: Lens, col: float, row: float
+) -> list[float]:
+    (place,) = ground_points(land, lens, pose, np.array([col]), np.array([row]))
+    x_m, y_m = land.xy_of(*place)
+    return [float(x_m) - pose.x_m, float(y_m) - pose.y_m]
+
+
+def test_pixels_over_flat_ground_are_where_trigonometry_places_them(flat: Landscape) -> None:
+    x_m, y_m = flat.xy_of(100.0, 100.0)
+    down = CameraPose(x_m, y_m, 400.0, 0.0, -90.0)
+    half_m = 100.0 * math.tan(math.radians(22.5))
+    assert east_north_m(flat, down, STRAIGHT, 319.5, 255.5) == pytest.approx([0.0, 0.0], abs=0.01)
+    right = east_north_m(flat, down, STRAIGHT, 639.5, 255.5)
+    assert right == pytest.approx([half_m, 0.0], abs=0.01)
+    top = east_north_m(flat, down, STRAIGHT, 319.5, -0.5)
+    assert top == pytest.approx([0.0, half_m * 0.8], abs=0.01)
+    ahead = down._replace(yaw_deg=90.0, pitch_deg=-45.0)
+    assert east_north_m(flat, ahead, STRAIGHT, 319.5, 255.5) == pytest.approx(
+        [100.0, 0.0], abs=0.01
+    )
+    turned = down._replace(yaw_deg=90.0)
+    assert east_north_m(flat, turned, STRAIGHT, 319.5, -0.5) == pytest.approx(
+        [half_m * 0.8, 0.0], abs=0.01
+    )
+    rolled = down._replace(pitch_deg=-45.0, roll_deg=90.0)  # the image's right side points down
+    assert east_north_m(flat, rolled, STRAIGHT, 639.5, 255.5)[1] < 100.0
+
+
+def test_axes_are_perpendicular_and_of_unit_length() -> None:
+    axes = axes_of(CameraPose(0.0, 0.0, 0.0, 33.0, -52.0, 12.0))
+    assert axes @ axes.T == pytest.approx(np.eye(3), abs=1e-12)
+    assert np.linalg.det(axes) == pytest.approx(-1.0)  # right, up, forward
+
+
+def test_the_inverse_of_the_distortion_is_exact() -> None:
+    k1, k2, p1, p2, k3 = LENS.distortion
+    col, row = (
+        each.ravel() for each in np.meshgrid(np.linspace(0, 639, 9), np.linspace(0, 511, 9))
+    )
+    x, y = undistorted(LENS, col, row)
+    r2 = x * x + y * y
+    radial = 1.0 + k1 * r2 + k2 * r2**2 + k3 * r2**3
+    right = x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x)
+    down = y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y
+    assert right * LENS.focal_px + 319.5 == pytest.approx(col, abs=1e-3)
+    assert down * LENS.focal_px + 255.5 == pytest.approx(row, abs=1e-3)
+
+
+def test_the_sky_and_ground_beyond_the_landscape_are_not_seen(flat: Landscape) -> None:
+    x_m, y_m = flat.xy_of(100.0, 100.0)
+    level = CameraPose(x_m, y_m, 400.0, 0.0, 0.0)
+    col, row = np.array([319.5, 319.5, 319.5]), np.array([0.0, 255.5, 511.0])
+    found = ground_points(flat, STRAIGHT, level, col, row)
+    assert np.isnan(found[:2]).all()
+    assert np.isfinite(found[2]).all()
+
+
+def test_a_ridge_hides_the_ground_behind_it(flat: Landscape) -> None:
+    elevation = np.full((200, 200), 300.0, dtype=np.float32)
+    elevation[80:82] = 390.0
+    ridge = Landscape("EPSG:32616", 747_000.0, 4_030_000.0, 10.0, flat.fuel_model, elevation)
+    x_m, y_m = ridge.xy_of(100.0, 100.0)
+    ahead = CameraPose(x_m, y_m, 400.0, 0.0, -15.0)
+    (place,) = ground_points(ridge, STRAIGHT, ahead, *MIDDLE)
+    assert 79.0 < place[0] < 83.0
+    (behind,) = ground_points(flat, STRAIGHT, ahead, *MIDDLE)
+    assert behind[0] < 70.0
+
+
+@pytest.mark.parametrize("cell_size_m", [30.0, 10.0])
+def test_errors_over_steep_ground_are_small_and_as_stated(cell_size_m: float) -> None:
+    """The mean slope is 35 degrees; the stated ellipses contain 90 % of the true places."""
+    rng = np.random.default_rng(7)
+    landscape = steep_landscape(cell_size_m)
+    found = [georeferenced(landscape, pitch, 60, rng) for pitch in (-90.0, -60.0, -45.0)]
+    assert np.mean([each.mean_error_m for each in found]) < 4.2
+    assert 0.82 < np.mean([each.covered for each in found]) < 0.97
+    assert all(each.flat_error_m > 2.0 * each.mean_error_m for each in found)
+
+
+def test_the_ellipse_of_a_tilted_camera_is_long_along_its_view(flat: Landscape) -> None:
+    pose = pose_above(flat, 100.0, 100.0, 60.0, -35.0)
+    errors = PoseErrors(0.1, 2.0, 0.5, 0.0)
+    ellipse = ellipse_of(covariances(flat, STRAIGHT, pose, errors, *MIDDLE)[0])
+    assert ellipse.major_m > 1.5 * ellipse.minor_m
+    assert ellipse.major_from_grid_north_deg == pytest.approx(60.0, abs=2.0)
+    # 2 m of altitude, and 0.5 degrees of pitch at a slant range of 120 m / sin(35 degrees).
+    pitch_m = math.radians(0.5) * 120.0 / math.sin(math.radians(35.0)) ** 2
+    expected_m = math.hypot(2.0 / math.tan(math.radians(35.0)), pitch_m, 0.1)
+    assert ellipse.major_m == pytest.approx(expected_m, rel=0.02)
+
+
+def test_a_camera_below_the_ground_or_off_the_landscape_is_refused(flat: Landscape) -> None:
+    pose = pose_above(flat, 100.0, 100.0, 0.0, -90.0)
+    with pytest.raises(FireModelError, match="50 m below the ground"):
+        ground_points(flat, STRAIGHT, pose._replace(altitude_amsl_m=250.0), *MIDDLE)
+    with pytest.raises(FireModelError, match="not above the landscape"):
+        ground_points(flat, STRAIGHT, pose._replace(x_m=0.0), *MIDDLE)
