@@ -137,7 +137,8 @@ def rendered(
     """
     col, row = np.meshgrid(np.arange(lens.width, dtype=float), np.arange(lens.height, dtype=float))
     places = ground_points(landscape, lens, pose, col.ravel(), row.ravel())
-    celsius: Floats = rng.normal(25.0, 2.0, places.shape[0])
+    celsius: Floats = np.full(places.shape[0], 25.0)
+    celsius += rng.normal(0.0, 2.0, celsius.size)
     seen = np.isfinite(places[:, 0])
     celsius[~seen] -= 50.0
     cells = np.rint(places[seen]).astype(int)
