@@ -49,22 +49,28 @@ def front_normals(  # type: ignore[no-untyped-def]
         w = min(max(round(TANGENT_CELLS / (r * degree)), 2), 15)
         forward = (front[(i + w) % n] - front[i]) / (w * degree * r)
         backward = (front[i] - front[(i - w) % n]) / (w * degree * r)
+        to_next, to_last = front[(i + 1) % n] - front[i], front[(i - 1) % n] - front[i]
+        hollow = forward - backward > HOLLOW
+        leaps_on = to_next - max(-to_last, 0.0) > LEAP_CELLS
+        leaps_back = to_last - max(-to_next, 0.0) > LEAP_CELLS
         cos, sin = math.cos(i * degree), math.sin(i * degree)
-        for kind in range(9):
-            far, beyond, limit, cap = r, i, np.inf, STEEPEST
+        for kind in range(9 if hollow or leaps_on or leaps_back else 1):
+            far, limit, cap = r, np.inf, STEEPEST
+            cos_there, sin_there = cos, sin
             if kind == 0:
                 slant = 0.5 * (forward + backward)
             elif kind <= 2:
-                if forward - backward <= HOLLOW:
+                if not hollow:
                     continue
                 slant = forward if kind == 1 else backward
             else:
-                side = 1 if kind <= 5 else -1
-                limit = front[(i + side) % n] - front[i]
-                if limit - max(front[i] - front[(i - side) % n], 0.0) <= LEAP_CELLS:
+                if not (leaps_on if kind <= 5 else leaps_back):
                     continue
+                side, limit = (1, to_next) if kind <= 5 else (-1, to_last)
                 slant, cap = side * limit / (degree * r), np.inf
-                far, beyond = r + limit * (0.1 + 0.35 * (kind % 3)), i + side
+                far = r + limit * (0.1 + 0.35 * (kind % 3))
+                cos_there = math.cos((i + side) * degree)
+                sin_there = math.sin((i + side) * degree)
             slant = min(max(slant, -cap), cap)
             along = math.sqrt(1.0 + slant * slant)
             place = i if kind == 0 else count
@@ -73,8 +79,8 @@ def front_normals(  # type: ignore[no-untyped-def]
             north[place] = (cos + slant * sin) / along
             east[place] = (sin - slant * cos) / along
             behind = 0.0 if kind > 2 else BEHIND_CELLS
-            row = centre_row - far * math.cos(beyond * degree) + behind * north[place]
-            col = centre_col + far * math.sin(beyond * degree) - behind * east[place]
+            row = centre_row - far * cos_there + behind * north[place]
+            col = centre_col + far * sin_there - behind * east[place]
             rows[place] = min(max(round(row), 0), shape[0] - 1)
             cols[place] = min(max(round(col), 0), shape[1] - 1)
     return count
