@@ -18,6 +18,8 @@ LEAP_CELLS = 2.0  # a larger step outwards to the next bearing leads to another 
 PLACES = 9  # maximum number of places for each bearing at which the rate of spread is computed
 BEHIND_CELLS = 0.7  # distance behind the front of the cell from which fire spreads
 STEEPEST = 4.0  # limit of the slant, with which the speed along a bearing grows
+WITHIN_CELLS = 1.5  # maximum distance between burned and unburned ground around the front
+BEYOND_CELLS = 2.0  # minimum distance of an unseen front from the ground in view
 
 PER_SECTOR = 5
 # A view is compared with an earlier view once the front has advanced this far since, or this long
@@ -107,6 +109,58 @@ def interpolate_sectors(factor, found):  # type: ignore[no-untyped-def]
         low = math.floor(at)
         share = at - low
         found[i] = factor[low % sectors] * (1.0 - share) + factor[(low + 1) % sectors] * share
+
+
+@compiled
+def advance_front(  # type: ignore[no-untyped-def]
+    unit, factors, step_s, edge, speed, front, modelled, unseen
+):
+    """Advance the front by the speed ``unit`` times the factor, at most to the ``edge``.
+
+    ``speed`` receives the speed. ``modelled`` and ``unseen`` advance with a factor of 1.
+    """
+    for i in range(front.size):
+        speed[i] = unit[i] * factors[i]
+        front[i] = min(front[i] + speed[i] * step_s, edge[i])
+        modelled[i] += unit[i] * step_s
+        unseen[i] += unit[i] * step_s
+
+
+@compiled
+def values_at_front(values, front, centre_row, centre_col, north, east, found):  # type: ignore[no-untyped-def]
+    """Compute the value (y, x) of the cell under the front on each bearing."""
+    rows, cols = values.shape
+    for i in range(front.size):
+        row = min(max(round(centre_row - front[i] * north[i]), 0), rows - 1)
+        col = min(max(round(centre_col + front[i] * east[i]), 0), cols - 1)
+        found[i] = values[row, col]
+
+
+@compiled
+def bearings_in_view(burned_to, unburned_from, burned, in_view):  # type: ignore[no-untyped-def]
+    """Update the outermost ground seen burned; compute which bearings show the front."""
+    for i in range(burned.size):
+        burned[i] = max(burned[i], burned_to[i])
+        near = unburned_from[i] <= burned_to[i] + WITHIN_CELLS
+        in_view[i] = burned_to[i] >= burned[i] and near
+
+
+@compiled
+def bound_front(window, in_view, burned_to, unburned_from, burned, front):  # type: ignore[no-untyped-def]
+    """Move the front outwards from burned ground and inwards from unburned ground in view."""
+    shows_burned = shows_unburned = False
+    for code in window.flat:
+        shows_burned = shows_burned or code == BURNED
+        shows_unburned = shows_unburned or code == UNBURNED
+    for i in range(front.size):
+        free = unburned_from[i]
+        if not in_view[i] and free < np.inf and free > burned[i]:
+            front[i] = min(front[i], free)
+            if not shows_burned and free >= burned[i] + BEYOND_CELLS:
+                front[i] = min(front[i], free - BEYOND_CELLS)
+        if not shows_unburned and burned_to[i] >= burned[i] and burned_to[i] >= 0.0:
+            front[i] = max(front[i], burned_to[i] + BEYOND_CELLS)
+        front[i] = max(front[i], burned[i] - 0.5)
 
 
 @compiled

@@ -96,7 +96,8 @@ class FrontMixture:
 
     def add_window(self, row: int, col: int, window: NDArray[np.uint8], at_s: float) -> None:
         """Update the front from one camera window, as ``FrontEstimate.add_window``."""
-        self.advance(at_s)
+        for estimate in self._estimates():
+            estimate.advance(at_s)
         predicted = np.stack([self.modelled.front, self._cautious_mixture()])
         unseen_s = at_s - self.modelled.seen_at_s
         in_view = self.modelled.add_window(row, col, window, at_s)
@@ -105,8 +106,9 @@ class FrontMixture:
         seen = self.modelled.front[in_view]
         again = ((unseen_s > AGAIN_S) & np.isfinite(unseen_s))[in_view]
         self._last_seen[in_view] = seen
-        off = predicted[:, in_view][:, again] - seen[again]
-        self._squares = KEPT ** np.count_nonzero(again) * self._squares + (off**2).sum(axis=1)
+        if again.any():
+            off = predicted[:, in_view][:, again] - seen[again]
+            self._squares = KEPT ** np.count_nonzero(again) * self._squares + (off**2).sum(axis=1)
         self.front = self._mixed()
 
     def correct_window(self, row: int, col: int, window: NDArray[np.uint8], at_s: float) -> None:
