@@ -299,10 +299,10 @@ class NativeClient:
         if not monitor.used:
             return
         self._drops.receive(message, now_us)
-        self._send(*self._rates.receive(message, now_us))
+        self._outgoing += self._rates.receive(message, now_us)
         if now_us >= monitor.undecided_until_us:  # otherwise a restart may undo the command
-            self._send(*self._commands.receive(message, now_us))
-        self._send(*self._parameters.receive(message, now_us))
+            self._outgoing += self._commands.receive(message, now_us)
+        self._outgoing += self._parameters.receive(message, now_us)
         if self._jobs.next_timer() is not None:  # a transfer is active
             self._send(*self._jobs.receive(message, now_us))
             self._advance(now_us)

@@ -137,6 +137,22 @@ def values_at_front(values, front, centre_row, centre_col, north, east, found): 
 
 
 @compiled
+def mixed_front(  # type: ignore[no-untyped-def]
+    modelled, cautious, last_seen, shares, model_share, burned, mixture, front
+):
+    """Compute the cautious mixture, and the front with a share of the estimate by the model.
+
+    ``shares`` are those of the model, the cautious estimate and the front as last seen (NaN: never)
+    in the mixture. The front is not behind ground seen burned.
+    """
+    for i in range(front.size):
+        seen = modelled[i] if math.isnan(last_seen[i]) else last_seen[i]
+        mixture[i] = shares[0] * modelled[i] + shares[1] * cautious[i] + shares[2] * seen
+        mixed = model_share * modelled[i] + (1.0 - model_share) * mixture[i]
+        front[i] = max(mixed, burned[i] - 0.5)
+
+
+@compiled
 def bearings_in_view(burned_to, unburned_from, burned, in_view):  # type: ignore[no-untyped-def]
     """Update the outermost ground seen burned; compute which bearings show the front."""
     for i in range(burned.size):
