@@ -71,8 +71,8 @@ class Renewal:
         share = 1.0 if vehicle.name in self._corrected else COMPARED_SHARE
         self._corrected.discard(vehicle.name)
         near = path_m[along <= share * horizon_m]
-        shapely.prepare(line)  # has an effect once for each mission
-        if not shapely.dwithin(line, shapely.points(near), self._settings.path_tolerance_m).all():
+        off_m = float(shapely.distance(shapely.points(near), line).max())
+        if off_m > self._settings.path_tolerance_m:
             return "the front has left the mission's path"
         left_m = line.length - line.project(shapely.Point(fix.x_m, fix.y_m))
         if left_m < LEFT_SHARE * horizon_m:
