@@ -235,9 +235,9 @@ class NativeClient:
 
     def next_timer(self) -> int:
         """Return the time of the next ``handle_timer`` call."""
-        heartbeat_us = self._heartbeat_due_us if self._heartbeats else NEVER_US
         lost_us = self._monitor.next_timer()
         timers = (
+            self._heartbeat_due_us if self._heartbeats else NEVER_US,
             self._jobs.next_timer(),
             self._commands_timer(),
             self._drops.next_timer(),
@@ -247,10 +247,13 @@ class NativeClient:
             # No requests are sent on a lost link.
             None if lost_us is None else self._rates.next_timer(),
         )
-        return min((heartbeat_us, *(timer_us for timer_us in timers if timer_us is not None)))
+        return min([timer_us for timer_us in timers if timer_us is not None])
 
     def handle_timer(self, now_us: int) -> None:
         """Run all actions due at ``now_us``."""
+        idle = self._jobs.idle and self._commands.idle and self._parameters.idle
+        if idle and now_us < self.next_timer():
+            return
         if self._heartbeats and now_us >= self._heartbeat_due_us:
             self._heartbeat_due_us = now_us + HEARTBEAT_EVERY_US
             self._send(gcs_heartbeat())
@@ -296,10 +299,10 @@ class NativeClient:
         if not monitor.used:
             return
         self._drops.receive(message, now_us)
-        self._send(*self._rates.receive(message, now_us))
+        self._outgoing += self._rates.receive(message, now_us)
         if now_us >= monitor.undecided_until_us:  # otherwise a restart may undo the command
-            self._send(*self._commands.receive(message, now_us))
-        self._send(*self._parameters.receive(message, now_us))
+            self._outgoing += self._commands.receive(message, now_us)
+        self._outgoing += self._parameters.receive(message, now_us)
         if self._jobs.next_timer() is not None:  # a transfer is active
             self._send(*self._jobs.receive(message, now_us))
             self._advance(now_us)

@@ -1,7 +1,9 @@
 """Encodes and decodes MAVLink 2 messages with pymavlink's generated codec."""
 
 import struct
+from collections.abc import Callable
 from dataclasses import asdict, fields
+from operator import attrgetter
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -37,6 +39,19 @@ _NUMERIC = {
     if set(message_class.lengths) == {1} and "char" not in message_class.fieldtypes
 }
 _HEADER_V2 = struct.Struct("<BBBBBBBHB")
+
+
+def _values_getter(names: list[str]) -> Callable[[Message], tuple[Any, ...]]:
+    """Return a function that returns the values of these fields of a message."""
+    if len(names) == 1:
+        return lambda message: (getattr(message, names[0]),)
+    return attrgetter(*names)
+
+
+_VALUES_OF = {
+    message_id: _values_getter(message_class.ordered_fieldnames)
+    for message_id, message_class in _NUMERIC.items()
+}
 
 
 class Codec:
@@ -94,9 +109,9 @@ def _encode_numeric(message: Message, sent: tuple[int, int, int]) -> bytes:
 
     This function is faster than pymavlink.
     """
-    values = [getattr(message, name) for name in message.ordered_fieldnames]
-    payload = message.unpacker.pack(*values).rstrip(b"\0") or b"\0"
     message_id = message.get_msgId()  # not named ``id``, because some messages have a field ``id``
+    values = _VALUES_OF[message_id](message)
+    payload = message.unpacker.pack(*values).rstrip(b"\0") or b"\0"
     low, high = message_id & 0xFFFF, message_id >> 16
     body = _HEADER_V2.pack(V2, len(payload), 0, 0, *sent, low, high) + payload
     crc: int = checksum(body[1:], message_id)
@@ -108,11 +123,12 @@ def _decode_numeric(frame: bytes, message_class: Any) -> Message:
     payload, size = payload_of(frame), message_class.unpacker.size
     values = message_class.unpacker.unpack(payload.ljust(size, b"\0")[:size])
     message = message_class(*[values[index] for index in message_class.orders])
-    flags = (frame[2], frame[3]) if frame[0] == V2 else (0, 0)
-    seq = frame[4] if frame[0] == V2 else frame[2]
-    message._header = mavlink.MAVLink_header(
-        message_class.id, *flags, len(payload), seq, *source_of(frame)
-    )
+    header = message._header
+    if frame[0] == V2:
+        header.mlen, header.incompat_flags, header.compat_flags, header.seq = frame[1:5]
+    else:
+        header.mlen, header.seq = frame[1:3]
+    header.srcSystem, header.srcComponent = source_of(frame)
     message._msgbuf = bytearray(frame)
     if message_class.id in _MISSING_EXTENSIONS:
         _set_extensions(message, payload, *_MISSING_EXTENSIONS[message_class.id])

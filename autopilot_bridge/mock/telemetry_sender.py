@@ -67,7 +67,7 @@ class TelemetrySender:
         due = self._intervals.due_in(steps)
         if flight.gps and POSITION in due:
             self._position(flight, steps)
-        if due:
+        if due and due != [POSITION]:
             self._instruments(flight, steps, due)
         if steps % HOME_EVERY_STEPS == 1:
             self._home(flight)

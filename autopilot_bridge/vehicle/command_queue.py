@@ -41,6 +41,11 @@ class _RequestQueue(Generic[R]):
             return []
         return self._after_messages(self._queue[0][1].receive(message, now_us), now_us)
 
+    @property
+    def idle(self) -> bool:
+        """Whether no request is in progress."""
+        return not self._active
+
     def next_timer(self) -> int | None:
         """Return the time of the next ``handle_timer`` call; None if no request is active."""
         return self._queue[0][1].next_timer() if self._active else None

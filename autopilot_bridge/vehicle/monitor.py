@@ -98,10 +98,12 @@ class VehicleMonitor:
 
     def alarm_timer(self) -> int | None:
         """Return the time of the next ``end_alarms`` call."""
-        return min(self._alarms.values(), default=None)
+        return min(self._alarms.values()) if self._alarms else None
 
     def end_alarms(self, now_us: int) -> list[ClientEvent]:
         """End the alarms whose causes have not occurred recently."""
+        if not self._alarms:
+            return []
         ended = [kind for kind, ends_us in self._alarms.items() if now_us >= ends_us]
         for kind in ended:
             del self._alarms[kind]

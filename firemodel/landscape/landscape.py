@@ -148,6 +148,12 @@ def bilinear(values: NDArray[Any], row: Any, col: Any) -> Any:
     return north * (1 - down) + south * down
 
 
+@lru_cache(maxsize=64, typed=True)  # several readers convert each position of a vehicle
+def _projected(crs: str, lat_deg: float, lon_deg: float) -> tuple[float, float]:
+    x_m, y_m = transformers(crs)[1].transform(lon_deg, lat_deg)
+    return x_m, y_m
+
+
 @dataclass(frozen=True, eq=False)
 class Landscape:
     """A grid of square cells in a projected CRS in metres.
@@ -302,6 +308,8 @@ class Landscape:
 
     def xy_of_lat_lon(self, lat_deg: Any, lon_deg: Any) -> tuple[Any, Any]:
         """Return the projected x, y in metres of WGS84 coordinates."""
+        if isinstance(lat_deg, float) and isinstance(lon_deg, float):
+            return _projected(self.crs, lat_deg, lon_deg)
         x_m, y_m = transformers(self.crs)[1].transform(lon_deg, lat_deg)
         return x_m, y_m
 

@@ -77,13 +77,17 @@ class FrontRates:
 @compiled
 def _rates(cells, north, east, entry, terrain, tables):  # type: ignore[no-untyped-def]
     found = np.zeros(cells.size)
+    computed = -1  # adjacent places of a front are often in the same cell
+    a, b_north, b_east, rise_north, rise_east = np.inf, 0.0, 0.0, 0.0, 0.0
     for place in range(cells.size):
         cell = cells[place]
-        a, b_north, b_east = slowness_of(cell, entry, terrain, tables)
+        if cell != computed:
+            a, b_north, b_east = slowness_of(cell, entry, terrain, tables)
+            rise_north = np.float64(terrain.gradient[0, cell])
+            rise_east = np.float64(terrain.gradient[1, cell])
+            computed = cell
         if a == np.inf:
             continue
-        rise_north = np.float64(terrain.gradient[0, cell])
-        rise_east = np.float64(terrain.gradient[1, cell])
         # (v - c)' M (v - c) = 1 + B c with M = A² G - B B', G the length on the slope, M c = B.
         m_nn = a * a * (1.0 + rise_north * rise_north) - b_north * b_north
         m_ee = a * a * (1.0 + rise_east * rise_east) - b_east * b_east

@@ -132,7 +132,14 @@ class Core:
             return self._on_operator(event)
         vehicle = self.vehicles[event.vehicle]
         availability = vehicle.availability
-        was = _Was(*(getattr(availability, name) for name in _Was._fields))
+        was = _Was(
+            availability.airborne,
+            availability.recalled,
+            availability.taken_over,
+            availability.armed,
+            availability.mode,
+            availability.estimator_healthy,
+        )
         decision = self.decision_engine.apply(event)
         commands = self._answer(vehicle, event, decision, was)
         return [*commands, *self.guidance.on_vehicle(vehicle, event)]

@@ -70,6 +70,8 @@ class SourceAgreement:
 
     def _compare(self, image: Observation) -> None:
         """Compare an image with the sightings of other sources."""
+        if len(self._sightings) == 1:  # only the image's own source
+            return
         reach = math.ceil(WITHIN_SD * image.position_sd_m / self._cell_m)
         state = image.state
         unburned = (state == UNBURNED) & ~widened(state == BURNED, reach)

@@ -18,10 +18,11 @@ class Track(Sequence[Point]):
         self._points = np.empty((64, 4))  # float64 is exact for 285 years in microseconds
         self._count = 0
         self._every_us = EVERY_US
+        self._latest_us = 0  # time of the last point
 
     def append_point(self, point: Point) -> None:
         """Add the current position if the interval since the last point has passed."""
-        if self._count and point[0] - self._points[self._count - 1, 0] < self._every_us:
+        if self._count and point[0] - self._latest_us < self._every_us:
             return
         if self._count == MAX_POINTS:
             self._count = MAX_POINTS // 2
@@ -33,6 +34,7 @@ class Track(Sequence[Point]):
             self._points = larger
         self._points[self._count] = point
         self._count += 1
+        self._latest_us = point[0]
 
     def __len__(self) -> int:
         return self._count

@@ -84,22 +84,18 @@ class SimulatedVehicle:
 
     def next_timer(self) -> int:
         """Return the time of the next timer of client, mock and links (µs)."""
-        arrivals_us = (self._up.next_timer(), self._down.next_timer())
-        arriving_us = (at_us for at_us in arrivals_us if at_us is not None)
-        return min(self._mock_due_us, self.client.next_timer(), *arriving_us)
+        due_us = min(self._mock_due_us, self.client.next_timer())
+        for link in (self._up, self._down):
+            arrives_us = link.next_timer()
+            if arrives_us is not None and arrives_us < due_us:
+                due_us = arrives_us
+        return due_us
 
     def handle_due(self, now_us: int, service: Engine) -> None:
         """Handle all datagrams and timers that are due at ``now_us``."""
-        if self._weather is not None:
-            self._blow(self._weather.weather_at(self._clock.now_us / 1e6))
         arrived = self._up.receive(now_us)
-        for datagram in arrived:
-            self.mock.receive_data(datagram, now_us)
         if arrived or now_us >= self._mock_due_us:
-            self.mock.handle_timer(now_us)
-            self._mock_due_us = self.mock.next_timer()
-        for datagram in self.mock.data_to_send():
-            self._down.send(datagram, now_us)
+            self._advance_mock(arrived, now_us)
         for datagram in self._down.receive(now_us):
             self.client.receive_data(datagram, now_us)
         self.client.handle_timer(now_us)
@@ -107,8 +103,19 @@ class SimulatedVehicle:
         for datagram in self.client.data_to_send():
             self._up.send(datagram, now_us)
 
+    def _advance_mock(self, arrived: list[bytes], now_us: int) -> None:
+        """Handle the mock's datagrams and timer, in the wind that drives the fire."""
+        if self._weather is not None:
+            self._blow(self._weather.weather_at(self._clock.now_us / 1e6))
+        for datagram in arrived:
+            self.mock.receive_data(datagram, now_us)
+        self.mock.handle_timer(now_us)
+        self._mock_due_us = self.mock.next_timer()
+        for datagram in self.mock.data_to_send():
+            self._down.send(datagram, now_us)
+
     def _blow(self, entry: Weather) -> None:
-        """Set the mock's wind to the wind that drives the fire."""
+        """Set the mock's wind."""
         if entry is not self._entry:
             self._entry = entry
             self.mock.flight.wind = Wind(entry.wind_from_deg, entry.wind_speed_m_s)

@@ -24,7 +24,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from firemodel.assimilation.observation import BURNED, UNBURNED
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.fuels import NON_BURNABLE
 from firemodel.physics.weather import WeatherStream
@@ -35,11 +34,15 @@ from mission_service.guidance.front.front_estimate_kernels import (
     BASELINE_S,
     PER_SECTOR,
     PLACES,
+    advance_front,
+    bearings_in_view,
+    bound_front,
     bounds_in_window,
     front_normals,
     interpolate_sectors,
     speed_along_bearings,
     update_factors,
+    values_at_front,
 )
 
 Floats = NDArray[np.float64]
@@ -54,8 +57,6 @@ EVEN_CELLS_S = 0.01  # rate of spread without a model; the factor multiplies it
 # more than the noise (m/s, plus a share of the speed).
 SHORT_WIND_S, LONG_WIND_S = 90.0, 900.0
 WIND_NOISE_M_S, WIND_NOISE = 0.8, 0.08
-WITHIN_CELLS = 1.5  # maximum distance between burned and unburned ground around the front
-BEYOND_CELLS = 2.0  # minimum distance of an unseen front from the ground in view
 UNSEEN_ALIKE_DEG = 60.0
 
 
@@ -179,12 +180,11 @@ class FrontEstimate:
 
     def _fuel_at(self, front: Floats) -> NDArray[np.int16]:
         """Return the fuel model under a front on each bearing; 0 without a landscape."""
-        if self.model is None:
-            return np.zeros(BEARINGS, np.int16)
-        rows = np.rint(self.centre_row - front * NORTH).astype(np.int64)
-        cols = np.rint(self.centre_col + front * EAST).astype(np.int64)
-        rows, cols = np.clip(rows, 0, self._shape[0] - 1), np.clip(cols, 0, self._shape[1] - 1)
-        return self.model.landscape.fuel_model[rows, cols]
+        found = np.zeros(BEARINGS, np.int16)
+        if self.model is not None:
+            centre, fuel = (self.centre_row, self.centre_col), self.model.landscape.fuel_model
+            values_at_front(fuel, front, *centre, NORTH, EAST, found)
+        return found
 
     def reset_around(
         self, centre: tuple[float, float], front: Floats, at_s: float
@@ -227,12 +227,9 @@ class FrontEstimate:
         """Advance the front to the time ``to_s``."""
         while self.at_s < to_s:
             step_s = min(LONGEST_STEP_S, to_s - self.at_s)
-            unit = self._model_speed()
-            np.multiply(unit, self.factors(), out=self.speed_cells_s)
-            self.front += self.speed_cells_s * step_s
-            np.minimum(self.front, self._edge, out=self.front)
-            self._modelled += unit * step_s
-            self._unseen += unit * step_s
+            unit, moved = self._model_speed(), (self.front, self._modelled, self._unseen)
+            factors = self.factors()
+            advance_front(unit, factors, step_s, self._edge, self.speed_cells_s, *moved)
             self.at_s = to_s if step_s < LONGEST_STEP_S else self.at_s + step_s
             self._covariance += step_s / 3600.0 * self._drift
 
@@ -317,25 +314,16 @@ class FrontEstimate:
 
     def _front_in(self, row: int, col: int, window: NDArray[np.uint8]) -> tuple[Booleans, Floats]:
         """Update the bounds from a window; return which bearings show the front, and its place."""
-        burned_to, unburned_from = self._burned_to, self._unburned_from
-        centre = (self.centre_row, self.centre_col)
-        bounds_in_window(window, row, col, *centre, NORTH, EAST, burned_to, unburned_from)
-        np.maximum(self.burned, burned_to, out=self.burned)
-        in_view = (burned_to >= self.burned) & (unburned_from <= burned_to + WITHIN_CELLS)
-        return in_view, burned_to
+        bounds = (self._burned_to, self._unburned_from)
+        centre, in_view = (self.centre_row, self.centre_col), np.empty(BEARINGS, np.bool_)
+        bounds_in_window(window, row, col, *centre, NORTH, EAST, *bounds)
+        bearings_in_view(*bounds, self.burned, in_view)
+        return in_view, self._burned_to
 
     def _bound(self, window: NDArray[np.uint8], in_view: Booleans) -> None:
         """Move the front outwards from burned ground and inwards from unburned ground in view."""
-        burned_to, unburned_from, front = self._burned_to, self._unburned_from, self.front
-        short = ~in_view & np.isfinite(unburned_from) & (unburned_from > self.burned)
-        front[short] = np.minimum(front[short], unburned_from[short])
-        if not (window == BURNED).any():
-            outside = short & (unburned_from >= self.burned + BEYOND_CELLS)
-            front[outside] = np.minimum(front[outside], unburned_from[outside] - BEYOND_CELLS)
-        if not (window == UNBURNED).any():
-            inside = (burned_to >= self.burned) & (burned_to >= 0.0)
-            front[inside] = np.maximum(front[inside], burned_to[inside] + BEYOND_CELLS)
-        np.maximum(front, self.burned - 0.5, out=front)
+        bounds = (self._burned_to, self._unburned_from)
+        bound_front(window, in_view, *bounds, self.burned, self.front)
 
     def _scale_unseen(self, new: Integers, before: Floats) -> None:
         """Scale the unseen parts of the front after other parts have been seen for the first time.

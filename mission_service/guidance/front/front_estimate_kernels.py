@@ -18,6 +18,8 @@ LEAP_CELLS = 2.0  # a larger step outwards to the next bearing leads to another 
 PLACES = 9  # maximum number of places for each bearing at which the rate of spread is computed
 BEHIND_CELLS = 0.7  # distance behind the front of the cell from which fire spreads
 STEEPEST = 4.0  # limit of the slant, with which the speed along a bearing grows
+WITHIN_CELLS = 1.5  # maximum distance between burned and unburned ground around the front
+BEYOND_CELLS = 2.0  # minimum distance of an unseen front from the ground in view
 
 PER_SECTOR = 5
 # A view is compared with an earlier view once the front has advanced this far since, or this long
@@ -49,22 +51,28 @@ def front_normals(  # type: ignore[no-untyped-def]
         w = min(max(round(TANGENT_CELLS / (r * degree)), 2), 15)
         forward = (front[(i + w) % n] - front[i]) / (w * degree * r)
         backward = (front[i] - front[(i - w) % n]) / (w * degree * r)
+        to_next, to_last = front[(i + 1) % n] - front[i], front[(i - 1) % n] - front[i]
+        hollow = forward - backward > HOLLOW
+        leaps_on = to_next - max(-to_last, 0.0) > LEAP_CELLS
+        leaps_back = to_last - max(-to_next, 0.0) > LEAP_CELLS
         cos, sin = math.cos(i * degree), math.sin(i * degree)
-        for kind in range(9):
-            far, beyond, limit, cap = r, i, np.inf, STEEPEST
+        for kind in range(9 if hollow or leaps_on or leaps_back else 1):
+            far, limit, cap = r, np.inf, STEEPEST
+            cos_there, sin_there = cos, sin
             if kind == 0:
                 slant = 0.5 * (forward + backward)
             elif kind <= 2:
-                if forward - backward <= HOLLOW:
+                if not hollow:
                     continue
                 slant = forward if kind == 1 else backward
             else:
-                side = 1 if kind <= 5 else -1
-                limit = front[(i + side) % n] - front[i]
-                if limit - max(front[i] - front[(i - side) % n], 0.0) <= LEAP_CELLS:
+                if not (leaps_on if kind <= 5 else leaps_back):
                     continue
+                side, limit = (1, to_next) if kind <= 5 else (-1, to_last)
                 slant, cap = side * limit / (degree * r), np.inf
-                far, beyond = r + limit * (0.1 + 0.35 * (kind % 3)), i + side
+                far = r + limit * (0.1 + 0.35 * (kind % 3))
+                cos_there = math.cos((i + side) * degree)
+                sin_there = math.sin((i + side) * degree)
             slant = min(max(slant, -cap), cap)
             along = math.sqrt(1.0 + slant * slant)
             place = i if kind == 0 else count
@@ -73,8 +81,8 @@ def front_normals(  # type: ignore[no-untyped-def]
             north[place] = (cos + slant * sin) / along
             east[place] = (sin - slant * cos) / along
             behind = 0.0 if kind > 2 else BEHIND_CELLS
-            row = centre_row - far * math.cos(beyond * degree) + behind * north[place]
-            col = centre_col + far * math.sin(beyond * degree) - behind * east[place]
+            row = centre_row - far * cos_there + behind * north[place]
+            col = centre_col + far * sin_there - behind * east[place]
             rows[place] = min(max(round(row), 0), shape[0] - 1)
             cols[place] = min(max(round(col), 0), shape[1] - 1)
     return count
@@ -101,6 +109,74 @@ def interpolate_sectors(factor, found):  # type: ignore[no-untyped-def]
         low = math.floor(at)
         share = at - low
         found[i] = factor[low % sectors] * (1.0 - share) + factor[(low + 1) % sectors] * share
+
+
+@compiled
+def advance_front(  # type: ignore[no-untyped-def]
+    unit, factors, step_s, edge, speed, front, modelled, unseen
+):
+    """Advance the front by the speed ``unit`` times the factor, at most to the ``edge``.
+
+    ``speed`` receives the speed. ``modelled`` and ``unseen`` advance with a factor of 1.
+    """
+    for i in range(front.size):
+        speed[i] = unit[i] * factors[i]
+        front[i] = min(front[i] + speed[i] * step_s, edge[i])
+        modelled[i] += unit[i] * step_s
+        unseen[i] += unit[i] * step_s
+
+
+@compiled
+def values_at_front(values, front, centre_row, centre_col, north, east, found):  # type: ignore[no-untyped-def]
+    """Compute the value (y, x) of the cell under the front on each bearing."""
+    rows, cols = values.shape
+    for i in range(front.size):
+        row = min(max(round(centre_row - front[i] * north[i]), 0), rows - 1)
+        col = min(max(round(centre_col + front[i] * east[i]), 0), cols - 1)
+        found[i] = values[row, col]
+
+
+@compiled
+def mixed_front(  # type: ignore[no-untyped-def]
+    modelled, cautious, last_seen, shares, model_share, burned, mixture, front
+):
+    """Compute the cautious mixture, and the front with a share of the estimate by the model.
+
+    ``shares`` are those of the model, the cautious estimate and the front as last seen (NaN: never)
+    in the mixture. The front is not behind ground seen burned.
+    """
+    for i in range(front.size):
+        seen = modelled[i] if math.isnan(last_seen[i]) else last_seen[i]
+        mixture[i] = shares[0] * modelled[i] + shares[1] * cautious[i] + shares[2] * seen
+        mixed = model_share * modelled[i] + (1.0 - model_share) * mixture[i]
+        front[i] = max(mixed, burned[i] - 0.5)
+
+
+@compiled
+def bearings_in_view(burned_to, unburned_from, burned, in_view):  # type: ignore[no-untyped-def]
+    """Update the outermost ground seen burned; compute which bearings show the front."""
+    for i in range(burned.size):
+        burned[i] = max(burned[i], burned_to[i])
+        near = unburned_from[i] <= burned_to[i] + WITHIN_CELLS
+        in_view[i] = burned_to[i] >= burned[i] and near
+
+
+@compiled
+def bound_front(window, in_view, burned_to, unburned_from, burned, front):  # type: ignore[no-untyped-def]
+    """Move the front outwards from burned ground and inwards from unburned ground in view."""
+    shows_burned = shows_unburned = False
+    for code in window.flat:
+        shows_burned = shows_burned or code == BURNED
+        shows_unburned = shows_unburned or code == UNBURNED
+    for i in range(front.size):
+        free = unburned_from[i]
+        if not in_view[i] and free < np.inf and free > burned[i]:
+            front[i] = min(front[i], free)
+            if not shows_burned and free >= burned[i] + BEYOND_CELLS:
+                front[i] = min(front[i], free - BEYOND_CELLS)
+        if not shows_unburned and burned_to[i] >= burned[i] and burned_to[i] >= 0.0:
+            front[i] = max(front[i], burned_to[i] + BEYOND_CELLS)
+        front[i] = max(front[i], burned[i] - 0.5)
 
 
 @compiled

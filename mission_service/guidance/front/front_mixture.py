@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from mission_service.guidance.fire_map import BEARINGS
 from mission_service.guidance.front.front_estimate import FrontEstimate, FrontModel, cautious
+from mission_service.guidance.front.front_estimate_kernels import mixed_front
 
 Floats = NDArray[np.float64]
 
@@ -49,7 +50,7 @@ class FrontMixture:
     def _begin(self) -> None:
         self._last_seen = np.full(BEARINGS, np.nan)
         self._squares = FIRST_SQUARES * np.array([CLEARLY, 1.0])
-        self.front = self._mixed()
+        _, self.front = self._mixed()
 
     @property
     def model_share(self) -> float:
@@ -57,20 +58,15 @@ class FrontMixture:
         ratio = float(self._squares[0] / (CLEARLY * max(self._squares[1], 1e-9)))
         return float(1.0 / (1.0 + min(ratio, 1e3) ** SHARPNESS))
 
-    def _cautious_mixture(self) -> Floats:
-        """Return the mixture that is used if the model is not clearly better."""
-        modelled = self.modelled.front
+    def _mixed(self) -> tuple[Floats, Floats]:
+        """Return the mixture that is used if the model is not clearly better, and the front."""
+        modelled = self.modelled
         if self._cautious is None:
-            return modelled
-        seen = np.where(np.isnan(self._last_seen), modelled, self._last_seen)
-        return SHARES[0] * modelled + SHARES[1] * self._cautious.front + SHARES[2] * seen
-
-    def _mixed(self) -> Floats:
-        if self._cautious is None:
-            return self.modelled.front
-        share = self.model_share
-        front = share * self.modelled.front + (1.0 - share) * self._cautious_mixture()
-        return np.maximum(front, self.modelled.burned - 0.5)
+            return modelled.front, modelled.front
+        mixture, front = np.empty(BEARINGS), np.empty(BEARINGS)
+        shares, views = (SHARES, self.model_share), (modelled.burned, mixture, front)
+        mixed_front(modelled.front, self._cautious.front, self._last_seen, *shares, *views)
+        return mixture, front
 
     def reset_around(
         self, centre: tuple[float, float], front: Floats, at_s: float
@@ -92,12 +88,13 @@ class FrontMixture:
         """Advance the front to the time ``to_s``."""
         for estimate in self._estimates():
             estimate.advance(to_s)
-        self.front = self._mixed()
+        _, self.front = self._mixed()
 
     def add_window(self, row: int, col: int, window: NDArray[np.uint8], at_s: float) -> None:
         """Update the front from one camera window, as ``FrontEstimate.add_window``."""
-        self.advance(at_s)
-        predicted = np.stack([self.modelled.front, self._cautious_mixture()])
+        for estimate in self._estimates():
+            estimate.advance(at_s)
+        predicted = np.stack([self.modelled.front, self._mixed()[0]])
         unseen_s = at_s - self.modelled.seen_at_s
         in_view = self.modelled.add_window(row, col, window, at_s)
         if self._cautious is not None:
@@ -105,9 +102,10 @@ class FrontMixture:
         seen = self.modelled.front[in_view]
         again = ((unseen_s > AGAIN_S) & np.isfinite(unseen_s))[in_view]
         self._last_seen[in_view] = seen
-        off = predicted[:, in_view][:, again] - seen[again]
-        self._squares = KEPT ** np.count_nonzero(again) * self._squares + (off**2).sum(axis=1)
-        self.front = self._mixed()
+        if again.any():
+            off = predicted[:, in_view][:, again] - seen[again]
+            self._squares = KEPT ** np.count_nonzero(again) * self._squares + (off**2).sum(axis=1)
+        _, self.front = self._mixed()
 
     def correct_window(self, row: int, col: int, window: NDArray[np.uint8], at_s: float) -> None:
         """Apply an operator's correction of a window."""
@@ -116,7 +114,7 @@ class FrontMixture:
         self._last_seen = np.where(
             self.modelled.seen_at_s == at_s, self.modelled.front, self._last_seen
         )
-        self.front = self._mixed()
+        _, self.front = self._mixed()
 
     def _estimates(self) -> tuple[FrontEstimate, ...]:
         return (self.modelled,) if self._cautious is None else (self.modelled, self._cautious)
