@@ -167,13 +167,15 @@ class Observe(FireRequest, frozen=True):
     operation = "observe"
     max_length_m = MAX_FIRE_LENGTH_M
     example: ClassVar = {
-        "state": "burning",
+        "state": "hot",
         "shape": "points",
         "points": LINE,
         "age_s": 40.0,
         "position_sd_m": 20.0,
         "false_alarms_pct": 5.0,
         "source": "tower",
+        "temperature_c": 450.0,
+        "missed_pct": 10.0,
     }
 
     state: Annotated[

@@ -102,7 +102,7 @@ class RunEstimate:
         self._latest_us = round(scenario.start_s * 1e6)  # of the events so far
         self._written_us = -(2**63)  # end of the last period with images
         self._ahead: Fire | None = None  # a copy at a time after the latest event
-        self._contradicted: Window | None = None
+        self._contradicted: tuple[Window, ...] = ()  # not delivered yet
         self._smoke: tuple[Smoke, ...] = ()  # the last reports
         self.agreement = SourceAgreement(landscape.shape, landscape.cell_size_m)
         self.ensemble = RunEnsemble(scenario, landscape)
@@ -186,7 +186,8 @@ class RunEstimate:
     def _adopt(self, found: Folded) -> None:
         self._waiting.popleft()
         self._best, self._ahead, change = found.best, None, found.change
-        self._contradicted = change.contradicted or self._contradicted
+        if change.contradicted is not None:
+            self._contradicted = (*self._contradicted, change.contradicted)
         if change.add is not None:
             change.add(self.ensemble)
             if self.ensemble.is_long():
@@ -223,10 +224,11 @@ class RunEstimate:
         """Return the estimate's arrival time at a cell; None if unburned or off the grid."""
         return arrival_at(self._best.fire, row, col)
 
-    def contradicted(self) -> Window | None:
-        """Return the window around the corrections that images removed last, or None.
+    def contradicted(self) -> tuple[Window, ...]:
+        """Return the windows around corrections that images have removed.
 
-        Planners need it, because they received these corrections.
+        Planners need them, because they received these corrections. A window that an event
+        delivers is removed.
         """
         return self._contradicted
 
@@ -240,7 +242,7 @@ class RunEstimate:
         self._views.on_event(event)
         if isinstance(event, Observed):
             if event.corrects:
-                self._contradicted = None
+                self._delivered(event)
             elif not event.estimated:
                 seen = observation_of(event, self.landscape)
                 seen = behind_smoke(seen, self._smoke, seen.source)
@@ -251,6 +253,16 @@ class RunEstimate:
             self._end_period(self._latest_us)
             cells = cells_lit(reported.points, self.landscape)
             self._queue(Ignited(self._latest_us / 1e6, reported.at_s, cells))
+
+    def _delivered(self, event: Observed) -> None:
+        """Forget the window of an event.
+
+        A replay, which folds no input before it must, folds those that the live run had folded.
+        """
+        if not self.in_background:
+            self._fold_all()
+        of_event = Window(event.row, event.col, event.cells)
+        self._contradicted = tuple(each for each in self._contradicted if each != of_event)
 
     def on_command(self, command: AnyCommand) -> None:
         """Process a drop."""

@@ -182,9 +182,9 @@ class Engine:
         texts = self.estimate.agreement.contradictions()
         self.state_view.show_alarms("camera", texts, "severe")
         self.state_view.show_alarms("sensor", self.sensors.failed, "severe")
-        window = self.estimate.contradicted()
-        if window is not None:
-            self._queue(window)
+        if windows := self.estimate.contradicted():
+            for window in windows:
+                self._queue(window)
             self._deliver(at_us, now_us)
         found = None if self.state_view.reached_edge else at_edge(self.estimate.fire)
         if found is not None:
@@ -241,7 +241,7 @@ class Engine:
             reason = self.recording.trouble
             raise NotRecordedError(f"not recorded: {reason}; the request was not executed")
         try:
-            window = self._apply_to_fire(event)
+            window = self.estimate.apply_report(event)
         except UnusedReportError as error:  # its line remains: others may depend on its time
             self._process(event, now_us)
             raise self.unused(event, error.reason) from error
@@ -286,13 +286,6 @@ class Engine:
                     gateway.execute(Hold(name), now_us)
             raise _defect(event, error, self._scenario.planner.rule) from error
 
-    def _apply_to_fire(self, event: AnyOperatorEvent) -> Window | None:
-        """Apply an operator's event to the fire, which refuses impossible changes."""
-        found = self.estimate.apply_report(event)
-        if isinstance(event, OF_FIRE):
-            self.state_view.fire_changed()
-        return found
-
     def on_peer_link(self, connected: bool, at_us: int, now_us: int) -> None:
         """Handle a lost or restored link to other processes, for each vehicle of this process."""
         for name in self._gateways:
@@ -305,8 +298,6 @@ class Engine:
         window = self.estimate.apply_history(event)
         for command in commands:
             self._apply_command_to_fire(command)
-        if isinstance(event, OF_FIRE):
-            self.state_view.fire_changed()
         self._show(event, commands)
         self._queue(window)
         if isinstance(event, Observed) and event.corrects:
@@ -460,6 +451,8 @@ class Engine:
         return commands
 
     def _show(self, event: AnyEvent, commands: list[AnyCommand]) -> None:
+        if isinstance(event, OF_FIRE):
+            self.state_view.fire_changed()
         if isinstance(event, CommandFinished) and event.accepted:
             self._acknowledged[event.vehicle, event.command] = event.at_us
         self._missions.apply(event, commands)

@@ -1,6 +1,9 @@
 """The mock flies missions, and the client receives its reports."""
 
+import copy
+import copyreg
 import math
+import struct
 
 import pytest
 
@@ -21,6 +24,9 @@ from autopilot_bridge.vehicle.client_events import (
     Rebooted,
 )
 from tests.bridge.helpers import HOME, Pair, flight_of, line_of, mock_of
+
+# Copies of a flight contain messages of pymavlink, which contain their struct.
+copyreg.pickle(struct.Struct, lambda packed: (struct.Struct, (packed.format,)))
 
 each_stack = pytest.mark.parametrize("stack", STACKS, ids=lambda s: f"{s.name}-{s.vehicle}")
 
@@ -180,9 +186,10 @@ def test_a_reupload_cut_at_any_message_leaves_the_old_the_new_or_a_hold(
     # After a shorter file, old items remain behind its endless loiter until they are removed.
     whole_ones = (old, new, (*new, *old[len(new) :])) if by_file else (old, new)
     hidden = 1 if stack.item_0_is_home else 0
+    on_its_way = flying(stack)
+    on_its_way.run_for(60.0)
     for frames in range(frames_of_a_reupload(stack, by_file, replacement)):
-        pair = flying(stack)
-        pair.run_for(60.0)
+        pair = copy.deepcopy(on_its_way)
         CutAfter.left = frames
         pair.up, pair.down = CutAfter(), CutAfter()
         transfer_id = reupload(pair, by_file, replacement)

@@ -49,7 +49,7 @@ def test_every_schema_is_one_and_its_example_fits(name: str) -> None:
     assert set(example) <= properties
     unneeded = {"station"} | ({"item"} if name == "command-go-1.json" else set())
     if name.startswith("command-"):
-        unneeded |= {"reversal_margin", "dwell_s", "temperature_c", "missed_pct"}
+        unneeded |= {"reversal_margin", "dwell_s"}
     assert set(example) >= properties - unneeded, "an example shows all there is"
     for key in ("id", "by"):
         if key in example and name.startswith("command-") and "abort" not in name:

@@ -39,6 +39,7 @@ def until_first_drop(boss: Service) -> None:
         time.sleep(POLL_S)
 
 
+@pytest.mark.long
 def test_the_wind_feed_of_another_user_keeps_no_drop_going(burning: Service) -> None:
     tokens = burning.log.parent / "tokens.toml"
     feed = burning._replace(boss=added(tokens, "weather station", ("correct",), ""))

@@ -31,7 +31,7 @@ from mission_service.replay.verification import verify
 from tests.api.worlds import World, world_in
 from tests.patience import until
 
-SCENARIO = load_scenario("default", ("deploy_at_s=600", "planner.rule=circling"))
+SCENARIO = load_scenario("default", ("start_s=1380", "deploy_at_s=1380", "planner.rule=circling"))
 Place = tuple[float, float]
 
 

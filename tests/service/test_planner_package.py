@@ -6,7 +6,9 @@ import re
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -16,6 +18,7 @@ from tests.service.test_live import free_port, mock
 
 ROOT = Path(__file__).parents[2]
 GUIDE = (ROOT / "docs" / "planners.md").read_text(encoding="utf-8")
+INHERITED = os.environ.get("PYTHONPATH", "")
 CLI = [sys.executable, "-m", "mission_service.cli"]
 FLOWN = ("start_s=3600", "deploy_at_s=3600", "duration_s=4050", "fire.scheme=devs8")
 RULE = ("planner.rule=pendulum", "pendulum.turn_every_s=40", "pendulum.radius_m=1200")
@@ -38,15 +41,20 @@ def install(site: Path, module: str, entry_point: str) -> None:
     (info / "entry_points.txt").write_text(f"[mission_service.planners]\n{entry_point}\n")
 
 
-@pytest.fixture
-def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Return a folder of packages with the guide's planner, which all processes of the test use."""
-    folder = tmp_path / "site"
+def python_path(*folders: Path) -> str:
+    """Return a value of PYTHONPATH: these folders, this repository and what it was."""
+    return os.pathsep.join((*map(str, folders), str(ROOT), INHERITED))
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Install the guide's planner for all processes of a test."""
+    folder = tmp_path_factory.mktemp("installed") / "site"
     (line,) = re.findall(r"^pendulum = .*$", block("toml", "entry-points"), re.MULTILINE)
     install(folder, block("python", "PENDULUM ="), line.replace('"', ""))
-    inherited = os.environ.get("PYTHONPATH", "")
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join((str(folder), str(ROOT), inherited)))
-    return folder
+    with pytest.MonkeyPatch.context() as environment:
+        environment.setenv("PYTHONPATH", python_path(folder))
+        yield
 
 
 def service(*arguments: str) -> "subprocess.CompletedProcess[str]":
@@ -58,31 +66,39 @@ def changed(*keys: str) -> list[str]:
     return [part for key in keys for part in ("--set", key)]
 
 
-@pytest.mark.usefixtures("site")
-def test_it_flies_in_a_simulation_and_decides_the_same_again(tmp_path: Path) -> None:
-    out = tmp_path / "out"
+@pytest.fixture(scope="module")
+def flight(site: None, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
+    """Return the journal and the summary of a simulated flight of the guide's planner."""
+    out = tmp_path_factory.mktemp("flight") / "out"
     done = service("sim", "default", "--out", str(out), "--json", *changed(*FLOWN, *RULE))
     assert done.returncode == 0, done.stderr
-    (vehicle,) = json.loads(done.stdout)["vehicles"]
+    return out / "journal.jsonl", json.loads(done.stdout)
+
+
+def test_it_flies_in_a_simulation_and_decides_the_same_again(
+    flight: tuple[Path, dict[str, Any]],
+) -> None:
+    journal, summary = flight
+    (vehicle,) = summary["vehicles"]
     assert vehicle["reversals"] >= 3
     assert vehicle["upload_reasons"]["turn back"] >= 3
-    header = SegmentReader(out / "journal.jsonl").header
+    header = SegmentReader(journal).header
     assert header["scenario"]["pendulum"] == {"turn_every_s": 40.0, "radius_m": 1200.0}
-    again = service("decide", str(out / "journal.jsonl"))
+    again = service("decide", str(journal))
     assert again.returncode == 0, again.stderr
     assert "all decisions equal the recorded" in again.stdout
-    assert service("replay", str(out / "journal.jsonl"), "--verify").returncode == 0
-    other = service("decide", str(out / "journal.jsonl"), "--planner", "circling", "--json")
+    assert service("replay", str(journal), "--verify").returncode == 0
+    other = service("decide", str(journal), "--planner", "circling", "--json")
     assert json.loads(other.stdout)["journal_rule"] == "pendulum"
 
 
-def test_a_journal_is_readable_without_the_package_of_its_rule(site: Path, tmp_path: Path) -> None:
-    run = tmp_path / "out"
-    assert service("sim", "default", "--out", str(run), *changed(*FLOWN, *RULE)).returncode == 0
-    journal = str(run / "journal.jsonl")
+def test_a_journal_is_readable_without_the_package_of_its_rule(
+    flight: tuple[Path, dict[str, Any]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    journal = str(flight[0])
     with_package = service("replay", journal, "--planner", "circling")
     assert with_package.returncode == 0, with_package.stderr
-    site.rename(tmp_path / "removed")
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
     for command in (
         ["decide"],
         ["replay", "--verify"],
@@ -181,7 +197,7 @@ def test_a_planner_that_fails_in_flight_is_named_with_its_package(
     good = block("python", "PENDULUM =")
     assert good.count(line) == 1
     install(tmp_path / "site", good.replace(line, f"{fault}{line}"), "pendulum = pendulum:PENDULUM")
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join((str(tmp_path / "site"), str(ROOT))))
+    monkeypatch.setenv("PYTHONPATH", python_path(tmp_path / "site"))
     done = service("sim", "default", "--out", str(tmp_path / "out"), *changed(*FLOWN, *RULE))
     assert done.returncode == 1
     assert "Traceback" not in done.stderr
@@ -221,10 +237,17 @@ def test_a_package_that_cannot_be_used_is_named(
     words: str,
 ) -> None:
     install(tmp_path / "site", module, entry_point)
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join((str(tmp_path / "site"), str(ROOT))))
+    monkeypatch.setenv("PYTHONPATH", python_path(tmp_path / "site"))
     rule = entry_point.partition(" ")[0]
     error = error_of(f"planner.rule={rule}")
     assert words in error
     assert f"entry point {entry_point}" in error
     assert "Traceback" not in error
-    assert service("config", "check", "default").returncode == 0, "other rules fly all the same"
+
+
+def test_without_a_package_that_cannot_be_used_other_rules_fly(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    install(tmp_path / "site", "import nothing_such", "pendulum = pendulum:WAY")
+    monkeypatch.setenv("PYTHONPATH", python_path(tmp_path / "site"))
+    assert service("config", "check", "default").returncode == 0

@@ -27,7 +27,7 @@ from mission_service.journal.journal_file import SegmentReader
 from mission_service.replay.verification import verify
 from tests.api.worlds import World, world_in
 
-SCENARIO = load_scenario("default", ("deploy_at_s=600", "planner.rule=circling"))
+SCENARIO = load_scenario("default", ("start_s=1380", "deploy_at_s=1380", "planner.rule=circling"))
 FREE = np.zeros((SCENARIO.landscape.rows, SCENARIO.landscape.cols), dtype=bool)
 
 

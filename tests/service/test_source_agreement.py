@@ -121,14 +121,8 @@ def flown(folder: Path, false_image: str | None) -> tuple[float, World]:
     return np.count_nonzero(estimate ^ true) / np.count_nonzero(true), world
 
 
-@pytest.mark.parametrize(
-    "false_image",
-    [
-        "inverted",
-        pytest.param("unburned", marks=pytest.mark.long),
-        pytest.param("burned", marks=pytest.mark.long),
-    ],
-)
+@pytest.mark.long
+@pytest.mark.parametrize("false_image", FALSE_IMAGES)
 def test_one_false_camera_among_four_is_outvoted_with_an_alarm(
     tmp_path: Path, false_image: str
 ) -> None:

@@ -187,20 +187,19 @@ def test_images_that_contradict_a_correction_reach_the_planners(tmp_path: Path) 
     )
     engine.submit(Corrected(now_us, "ann", "", "burned", "polygon", places, now_us), 0)  # type: ignore[arg-type]
     assert estimate.fire.burned()[row + 4, col + 4]
-    assert estimate.contradicted() is None
+    assert estimate.contradicted() == ()
     image = Observed(now_us + 1_000_000, "hawk", int(row) - 5, int(col) - 5, ("u" * 20,) * 20)
     estimate.on_event(image)
     estimate.on_event(Observed(now_us + 60_000_000, "hawk", 0, 0, (".",)))
     estimate.advance(now_us + 60_000_000)
-    window = estimate.contradicted()
-    assert window is not None
+    (window,) = estimate.contradicted()
     assert not estimate.fire.burned()[row + 4, col + 4]
     state = states_in(window.cells)
     assert state[row + 4 - window.row, col + 4 - window.col] == UNBURNED
     engine.check_estimate(world.simulation.link_us)
     engine._estimate_due_us = 0
     engine.check_estimate(world.simulation.link_us)
-    assert estimate.contradicted() is None
+    assert estimate.contradicted() == ()
     planner: Any = engine.core.guidance.planners["hawk"]
     assert planner.shape(float(row), float(col)).max() < 40.0
 

@@ -92,7 +92,9 @@ class StartsAfterARestart(Core):
     [
         (StartsAgainAfterALanding, "started after"),
         (StartsWhateverItUploads, "started after|StartMission to one that was taken"),
-        (HoldsAgainInAFailsafe, "Hold to one that was taken"),
+        pytest.param(
+            *(HoldsAgainInAFailsafe, "Hold to one that was taken"), marks=pytest.mark.long
+        ),
         (SeesNoFailsafe, "to one that was taken"),
         (StartsAfterARestart, "started after"),
     ],
