@@ -10,33 +10,14 @@ import hashlib
 import os
 from collections.abc import Callable
 from functools import cache
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 from numba import njit
 from numba.core import config
-from numba.np import linalg
 
 NUMBA: Any = config
 PACKAGE = Path(__file__).parent
-
-
-def _load_array_functions() -> None:
-    """Load Numba's array functions, which the first kernel needs, without its check for a BLAS.
-
-    The check imports SciPy's linear algebra, which takes as long as the import of Numba. No kernel
-    uses a BLAS.
-    """
-    check = linalg.ensure_blas
-    linalg.ensure_blas = lambda: None
-    try:
-        import_module("numba.np.arraymath")
-    finally:
-        linalg.ensure_blas = check
-
-
-_load_array_functions()
 
 
 @cache
