@@ -127,15 +127,6 @@ def test_daemon_and_simulation_begin_without_slow_modules() -> None:
     assert not loaded & SLOW
 
 
-def test_first_kernel_is_loaded_without_scipy() -> None:
-    loaded = loaded_by(
-        "import numpy as np\n"
-        "from firemodel.assimilation.distance_kernels import distance_cells\n"
-        "assert distance_cells(np.eye(3, dtype=bool))[0, 2] == 2**0.5\n"
-    )
-    assert not loaded & SLOW
-
-
 def test_config_check_loads_no_compiler_and_no_core() -> None:
     loaded = loaded_by(
         "from mission_service.cli.main import main\n"
