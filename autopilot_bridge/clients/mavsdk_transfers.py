@@ -113,7 +113,7 @@ class MavsdkTransfers:
                 stack, stack.mission_mode, stack.hold_mode
             )
             if not held:
-                words = f"it did not hold for the upload: {reason}"
+                words = f"the vehicle did not hold for the upload: {reason}"
                 return TransferResult("rejected", words, holds="the old one")
         wire_items = (*job.items[:hidden], *jumps_moved(job.items, hidden))
         verdict = await self._send_request(

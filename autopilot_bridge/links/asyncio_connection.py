@@ -106,7 +106,7 @@ class Connection:
         """Wait until frames have arrived or the timer has expired since the last call.
 
         The peer's exceptions are raised again here, so that a defect ends the program and is not
-        only logged. A lost connection raises no exception: the peer only receives no frames.
+        only logged. A lost connection raises no exception: the peer then receives no frames.
         """
         await self._activity.wait()
         self._activity.clear()

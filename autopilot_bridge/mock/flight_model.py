@@ -138,7 +138,7 @@ class FlightModel(Body):
         return 100 if self.engine_failed else 60
 
     def fail_engine(self, failed: bool) -> None:
-        """Stop or restart the engine; without its engine the vehicle sinks, without a report."""
+        """Stop or restart the engine; without its engine the vehicle sinks and sends no report."""
         if failed == self.engine_failed:
             return
         self.engine_failed = failed

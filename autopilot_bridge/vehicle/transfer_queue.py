@@ -315,7 +315,7 @@ class TransferQueue:
     def _after_hold(self, job: Job, result: TransferResult, state: VehicleState) -> Following:
         if result.outcome == "accepted":
             return self._send_items(job, state)
-        words = f"it did not hold for the upload: {result.reason}"
+        words = f"the vehicle did not hold for the upload: {result.reason}"
         return replace(result, reason=words, holds="the old one")
 
     def _after_resume(self, job: Job, result: TransferResult, state: VehicleState) -> Following:

@@ -182,10 +182,10 @@ def evenest_cell(y, x, ground):  # type: ignore[no-untyped-def]
 
 @inlined
 def _mirrored(start, end):  # type: ignore[no-untyped-def]
-    """Return a line's first row (or column), the number of borders to others, and the first border.
+    """Return a line's first row (or column), the number of borders crossed, and the first border.
 
-    The border is a distance from the start. All are exact. There are no branches, because the
-    directions of successive lines cannot be predicted.
+    The border is given as a distance from the start. All results are exact. The function has no
+    branches, because the processor cannot predict the directions of successive lines.
     """
     sign = 1.0 if end >= start else -1.0
     start, end = sign * start, sign * end

@@ -1,7 +1,7 @@
 """Simulate errors of cameras: in position, direction and detection, and through smoke.
 
-Equal seeds, vehicles and times give equal errors, however often and in which order images are
-taken.
+Equal seeds, vehicles and times give equal errors; the number and the order of the images have no
+effect.
 """
 
 import math

@@ -43,7 +43,7 @@ def observation_of(
     """Return the cells that an image, a report or a correction shows, with their time and errors.
 
     Args:
-        event: The event. A burning area has burned inside.
+        event: The event. The inside of a burning area counts as burned.
         landscape: The landscape.
         erasures: The later erasures; the cells in their circles are not shown.
 

@@ -22,8 +22,7 @@ class Sensor(Protocol):
     """A source of observations of the fire.
 
     The methods of a sensor are called on the event loop and must return at once. A sensor that
-    waits for files or sockets does so in a thread and returns from ``observe`` what has arrived
-    since.
+    waits for files or sockets waits in a thread; ``observe`` returns the data that have arrived.
     """
 
     def observe(self, fix: Telemetry) -> Observed | None:

@@ -1,4 +1,4 @@
-"""Simulate the fire that really burns in a simulation: the truth.
+"""Simulate the true fire of a simulation.
 
 Only the simulated cameras read this fire (``simulated_cameras``). The estimate, the planners and
 the map receive their observations, never this fire itself.

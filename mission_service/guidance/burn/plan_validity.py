@@ -103,7 +103,10 @@ def _load_problem(
         return f"the plan has {left} more drops, but only {situation.spheres} spheres are left"
     needs_s = plan.duration_s - flown_s + plan.home_s + settings.battery_reserve_s
     if needs_s > situation.battery_s + ROUNDED_S:
-        return f"the plan needs {needs_s:.0f} s of battery, but has {situation.battery_s:.0f} s"
+        return (
+            f"the plan needs {needs_s:.0f} s of flight time, but the battery lasts "
+            f"{situation.battery_s:.0f} s"
+        )
     return ""
 
 

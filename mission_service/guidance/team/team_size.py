@@ -134,7 +134,7 @@ def _vehicles(count: int) -> str:
 
 
 class TeamSizeAdviser:
-    """Gives advice when the team changes, or becomes too small or sufficient.
+    """An adviser that reports when the team changes, becomes too small, or becomes large enough.
 
     The team is checked every five minutes.
     """
