@@ -209,7 +209,7 @@ class MavsdkClient:
         self.receive_frames("", frames_of(data), now_us)
 
     def receive_frames(self, remote: str, frames: list[bytes], now_us: int) -> None:
-        """Pass frames from the vehicle's remote to MAVSDK and to our own monitor.
+        """Pass frames from the vehicle's remote to MAVSDK and to the client's own monitor.
 
         MAVSDK receives frames only after a HEARTBEAT has identified the remote. It receives no
         frame that has a value out of bounds.

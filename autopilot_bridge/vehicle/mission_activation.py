@@ -54,7 +54,7 @@ class Onboard(NamedTuple):
 class MissionActivation(Exchange):
     """An exchange that starts a new mission and waits for proof that it is flown.
 
-    Of the ``count`` transmitted items, ``seq`` is the item to start with. ``shown`` is the item
+    ``count`` items are transmitted; ``seq`` is the item to start with. ``shown`` is the item
     number that the autopilot then reports; it differs from ``seq`` if ArduPilot skips DO items.
     ``plan_id`` is the id of the list; None on ArduPilot.
     """

@@ -191,7 +191,7 @@ class Telemetry:
         self._has_battery_status = False
 
     def reset(self) -> None:
-        """Forget all times and states, because the autopilot has restarted."""
+        """Discard all times and states, because the autopilot has restarted."""
         self._boot_us.clear()
         self._changes = Changes()
         self._estimator = Estimator()

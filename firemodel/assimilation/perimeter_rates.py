@@ -88,7 +88,7 @@ class _Samples(NamedTuple):
 
 
 def segments_of(burned: Mask, cell_m: float) -> Segments:
-    """Return the segments of the front of a burned area (y, x), outlines of islands included."""
+    """Return the segments of the front of a burned area (y, x), including outlines of islands."""
     cells = np.argwhere(burned & ~binary_erosion(burned, border_value=1))
     side = max(MIN_SEGMENT_CELLS, len(cells) // MAX_SEGMENTS)
     blocks = cells // side

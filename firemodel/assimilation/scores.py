@@ -1,4 +1,4 @@
-"""Compare forecasts of burned areas with what was observed later."""
+"""Compare forecasts of burned areas with later observations."""
 
 from typing import Any
 

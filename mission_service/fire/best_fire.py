@@ -75,7 +75,7 @@ Input = Mosaic | LateImage | Ignited | Reported
 
 
 class Change(NamedTuple):
-    """What an input changed.
+    """The changes that an input has made.
 
     Attributes:
         window: A window around the cells that a report changed, for planners.
@@ -135,7 +135,7 @@ class BestFire:
             self._corrected.check_report(event)
 
     def fold(self, each: Input) -> Change:
-        """Apply an input, and return what it changed.
+        """Apply an input, and return the changes.
 
         Raises FireModelError for a report that cannot be used.
         """

@@ -1,4 +1,4 @@
-"""Track the fire of a run by an ensemble, which estimates wind and spread rates as well.
+"""Track the fire of a run by an ensemble, which also estimates wind and spread rates.
 
 The ensemble (``firemodel.assimilation.fire_estimate``) needs much computing time. Its inputs are
 therefore collected in a list, which a thread processes when a forecast is requested. Equal inputs

@@ -211,7 +211,7 @@ class RunEstimate:
         return self.seen_from(fix)
 
     def seen_from(self, fix: Telemetry, wider_cells: float = 0.0) -> Observed | None:
-        """Return what ``view`` returns, whether an image is due or not.
+        """Return the result of ``view``, even if no image is due.
 
         ``wider_cells`` is added to the footprint of the camera on each side.
         """

@@ -188,7 +188,7 @@ def fastest_flight(trips: list[LineFlight]) -> LineFlight | None:
     """Return the fastest flight with enough drops, or None if no flight has a drop.
 
     A flight to the line's end is preferred to a flight that the spheres or the battery end early.
-    Of flights with the same duration, the first is returned.
+    If flights have the same duration, the first is returned.
     """
     max_drops = max((len(trip.drops) for trip in trips), default=0)
     enough = [trip for trip in trips if len(trip.drops) >= max(MIN_DROPS_SHARE * max_drops, 1)]
