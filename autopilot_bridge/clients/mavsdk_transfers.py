@@ -92,7 +92,7 @@ class MavsdkTransfers:
         verdict = await self._send_request(self._system.missions.clear_mission())
         read, reason = await self._read()
         if read is None:
-            return TransferResult("unknown", f"{verdict}; the read-back: {reason}")
+            return TransferResult("unknown", f"{verdict}; the read-back failed: {reason}")
         if len(read) > self._monitor.hidden_items:
             return TransferResult("rejected", f"the mission is still on board ({verdict})")
         return ACCEPTED
@@ -122,7 +122,7 @@ class MavsdkTransfers:
         read, reason = await self._read()
         ended = upload_result(stack, hidden, wire_items, verdict, read)
         if read is None:
-            ended = replace(ended, reason=f"{ended.reason}; the read-back: {reason}")
+            ended = replace(ended, reason=f"{ended.reason}; the read-back failed: {reason}")
         if ended.outcome != "accepted":
             return ended
         ended = replace(ended, items=job.items)

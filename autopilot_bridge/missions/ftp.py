@@ -10,10 +10,10 @@ If the link is lost, the mission on board is either the complete old mission or 
 one. Each write ends between two items. If a session is closed too early (by this client or another
 station), complete items are missing; these are zeros in the autopilot's buffer. ArduPilot rejects a
 file with an item of zeros before it changes the old mission. This client closes a session only if
-it has certainly opened the session. The caller must read back after every upload, because the applied
-mission can differ from the file although the autopilot acknowledged the closing. This happens if a
-command is rejected, or if the mission in flight was longer (``leaves_old_tail``). ``FtpDownload``
-reads back; when it opens a file, the autopilot ends an open session.
+it has certainly opened the session. The caller must read back after every upload, because the
+applied mission can differ from the file although the autopilot acknowledged the closing. This
+happens if a command is rejected, or if the mission in flight was longer (``leaves_old_tail``).
+``FtpDownload`` reads back; when it opens a file, the autopilot ends an open session.
 """
 
 from collections import deque

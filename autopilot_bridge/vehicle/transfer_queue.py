@@ -383,7 +383,7 @@ _AFTER: dict[
 
 def _unread(uploaded: TransferResult, read: TransferResult, holds: Holds) -> TransferResult:
     """Return the result of an upload that could not be read back."""
-    words = f"{uploaded.reason}; the read-back: {read.reason}"
+    words = f"{uploaded.reason}; the read-back failed: {read.reason}"
     outcome = "unknown" if uploaded.outcome == "accepted" else uploaded.outcome
     return replace(uploaded, outcome=outcome, reason=words, items=None, holds=holds)
 

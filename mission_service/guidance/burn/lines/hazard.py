@@ -185,8 +185,9 @@ class Hazard:
 def cell_for(box: Box, margins: Margins) -> float:
     """Return the cell size at which a raster of a box and its reach has at most ``NODES`` nodes.
 
-    The size is at least ``MIN_CELL_M``. To limit the raster's error on a large unit, the size is at
-    most the larger of 3 m and a third of the distance margin, even if this takes more nodes.
+    The size is at least ``MIN_CELL_M``. It is at most ``MAX_CELL_M``, or a third of the distance
+    margin if that is larger, so that the raster's error is limited on a large unit. The raster may
+    then have more nodes.
     """
     by_budget_m = math.sqrt(_reached_m2(box, margins) / NODES)
     return max(MIN_CELL_M, min(by_budget_m, max(margins.distance_m / 3.0, MAX_CELL_M)))
