@@ -136,8 +136,9 @@ class Connection:
     ) -> None:
         """Send the key (None to stop signing) to a vehicle, then continue with ``signing``.
 
-        The key is sent in clear text and is not recorded. It is sent twice because vehicles do not
-        acknowledge it. A vehicle that already signs accepts only frames signed with its old key.
+        The key is sent in clear text and is not recorded. The key is sent twice because vehicles do
+        not acknowledge it. A vehicle that already signs accepts only frames signed with its old
+        key.
         """
         codec = Codec(*own)
         for _ in range(2):

@@ -1,8 +1,8 @@
 """Track the fire of a run by an ensemble, which also estimates wind and spread rates.
 
-The ensemble (``firemodel.assimilation.fire_estimate``) needs much computing time. Its inputs are
-therefore collected in a list, which a thread processes when a forecast is requested. Equal inputs
-give equal ensembles; their division among the requests has no effect.
+The ensemble (``firemodel.assimilation.fire_estimate``) needs much computing time. The inputs of the
+ensemble are therefore collected in a list, which a thread processes when a forecast is requested.
+Equal inputs give equal ensembles; their division among the requests has no effect.
 """
 
 import math

@@ -169,7 +169,7 @@ class RunEstimate:
     def next_work(self) -> Callable[[], Folded] | None:
         """Return a function that applies the next input, for a thread; None if no input waits.
 
-        Its result must be passed to ``adopt`` before the next call.
+        The result of the function must be passed to ``adopt`` before the next call.
         """
         if not self._waiting:
             return None

@@ -198,7 +198,7 @@ class Guidance(ABC):
         return {"complete": True}
 
     def preview(self, vehicle: Vehicle, fix: PositionFix) -> tuple[MissionItem, ...] | None:
-        """Return the mission that a renewal would send now, or None. This changes no state."""
+        """Return the mission that a renewal would send now, or None; change no state."""
         return None
 
     def compared(self, name: str, fix: PositionFix) -> Compared | None:

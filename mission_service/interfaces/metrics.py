@@ -1,7 +1,7 @@
 """Exports the metrics of a run to Prometheus, read from the run context at each scrape.
 
 Metrics of an interface, such as the number of live streams, are functions in ``context.gauges``.
-Their keys there are the names in ``FIGURES``.
+The keys of these functions are the names in ``FIGURES``.
 """
 
 from collections import Counter

@@ -47,8 +47,8 @@ class MissionApprovals:
     def __init__(self, path_tolerance_m: float, horizon_m: float) -> None:
         """Set the distances at which a mission differs from a refused mission.
 
-        These are ``path_tolerance_m`` at right angles to the refused mission's path, and a share of
-        ``horizon_m`` beyond the end of the path.
+        The distances are ``path_tolerance_m`` at right angles to the refused mission's path, and a
+        share of ``horizon_m`` beyond the end of the path.
         """
         self._proposals: dict[str, Proposal] = {}
         self._announced: set[str] = set()  # vehicles with a proposal that waits for an answer

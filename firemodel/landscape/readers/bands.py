@@ -184,7 +184,8 @@ def size_problems(band: Band) -> Iterator[str]:
 def missing_in(band: Band, values: NDArray[Any], nodata: float | None = None) -> Mask:
     """Return a mask (y, x) that is True for each cell without a value.
 
-    Such a cell is not finite, has the file's nodata value or ``nodata``, or is masked in the file.
+    A cell without a value is not finite, has the file's nodata value or ``nodata``, or is masked in
+    the file.
     """
     if np.issubdtype(values.dtype, np.floating):
         missing: Mask = ~np.isfinite(values)

@@ -181,8 +181,8 @@ def known_cells(tile, stamps, found):  # type: ignore[no-untyped-def]
 def missing_cells(tile, checksum, stamps, sums, found, shares):  # type: ignore[no-untyped-def]
     """Find the cells of a tile that another UAV lacks, from its checksum of the tile.
 
-    These are all known cells if the checksum is 0, or else one or two cells whose checksum is the
-    difference. Fills ``found``; returns the number of cells, or 0 if there are no such cells.
+    The result is all known cells if the checksum is 0, or else one or two cells whose checksum is
+    the difference. Fills ``found``; returns the number of cells, or 0 if there are no such cells.
     ``shares`` is a work array.
     """
     cols = stamps.shape[1]

@@ -173,7 +173,7 @@ class Hazard:
     ) -> bool:
         """Return whether fire at a corner of a cell is too near a leg.
 
-        Such a leg is in danger on any finer raster too.
+        The leg is then in danger on any finer raster too.
         """
         _, _, west_m, north_m, cell_m, *margins = self._raster()
         self._evaluate(x0_m, y0_m, x1_m, y1_m, 0.0)
@@ -185,9 +185,9 @@ class Hazard:
 def cell_for(box: Box, margins: Margins) -> float:
     """Return the cell size at which a raster of a box and its reach has at most ``NODES`` nodes.
 
-    The size is at least ``MIN_CELL_M``. It is at most ``MAX_CELL_M``, or a third of the distance
-    margin if that is larger, so that the raster's error is limited on a large unit. The raster may
-    then have more nodes.
+    The size is at least ``MIN_CELL_M``. The size is at most ``MAX_CELL_M``, or a third of the
+    distance margin if that is larger, so that the raster's error is limited on a large unit. The
+    raster may then have more nodes.
     """
     by_budget_m = math.sqrt(_reached_m2(box, margins) / NODES)
     return max(MIN_CELL_M, min(by_budget_m, max(margins.distance_m / 3.0, MAX_CELL_M)))

@@ -8,7 +8,7 @@ MAX_CLIENTS = 1024  # clients with a bucket; the least recently used bucket is d
 class RateLimiter:
     """A token bucket for each client.
 
-    It permits ``burst`` requests at once, and ``rate_s`` requests a second on average.
+    The bucket permits ``burst`` requests at once, and ``rate_s`` requests a second on average.
     """
 
     def __init__(self, rate_s: float, burst: float) -> None:
