@@ -309,7 +309,9 @@ class OrderRequest(Request, frozen=True):
     vehicle: AnyVehicle = ""
     confirmed: Annotated[
         bool,
-        Meta(description="Execute it even if it ends a mode that autopilot or pilot selected."),
+        Meta(
+            description="Execute the order even if it ends a mode that autopilot or pilot selected."
+        ),
     ] = False
 
     def event(self, at_us: int) -> events.AnyOperatorEvent:

@@ -81,7 +81,7 @@ class MissionClock:
 
     In a simulation that runs faster than real time, the autopilots' clocks synchronise fire and
     flight. The first autopilot begins at ``start_us``. An autopilot that connects later, is
-    restarted or has a slower clock joins at the time reached so far, because a team ignores a
+    restarted or has a slower clock joins at the present mission time, because a team ignores a
     vehicle whose time lags behind. With the wall clock, mission time is the time since the service
     began.
     """
