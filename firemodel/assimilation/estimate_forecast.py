@@ -90,7 +90,8 @@ class Forecast:
         return found
 
     def _share(self, at_s: float) -> Floats:
-        """Return the members' mean burn probability, with ``TIME_LOG_SD`` as error of their times.
+        """Return the members' mean burn probability, with ``TIME_LOG_SD`` as the error of their
+        times.
 
         This error represents local spread rates, which the members' inputs do not contain.
         """

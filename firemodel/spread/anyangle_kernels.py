@@ -302,9 +302,9 @@ def bend(  # type: ignore[no-untyped-def]
 ):
     """Improve the label of a node near its source: try paths that bend on an edge between them.
 
-    ``rounds`` is the number of searches for the place of the bend, each finer than the one before.
-    The bend of a path whose relative gain in time is more than ``worth`` becomes a point. Returns
-    the number of points in use.
+    ``rounds`` is the number of searches for the place of the bend, each finer than the previous
+    search. The bend of a path whose relative gain in time is more than ``worth`` becomes a point.
+    Returns the number of points in use.
     """
     best_s, sources = labels
     n = best_s.size

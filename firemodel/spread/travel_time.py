@@ -95,7 +95,7 @@ def _reach(terrain, cols):  # type: ignore[no-untyped-def]
 
 @kernel
 def _compare(alike, one, other, terrain):  # type: ignore[no-untyped-def]
-    """Set which cells from ``one`` on are like those from ``other`` on: all bits set, or 0."""
+    """Set ``alike`` to -1 where a cell from ``one`` on equals the cell from ``other`` on, else 0."""
     fuel, gradient, midflame = terrain
     north, east, size = gradient[0], gradient[1], alike.size
     fuel_1, fuel_2 = fuel[one : one + size], fuel[other : other + size]
@@ -200,8 +200,8 @@ def _line_s(y, x, to_y, to_x, ground):  # type: ignore[no-untyped-def]
 
     The result is not finite if the slowness of a cell is not known, if a cell that does not burn
     is on or beside the line, or if the line has no length or is on an edge. A line through a corner
-    enters one of the two other cells for a distance of 0 or of a rounding error. The loop has no
-    other end than the number of cells, so that the processor can work on several cells at once.
+    enters one of the two other cells for a distance of 0 or of a rounding error. The loop ends only
+    after the number of cells, so that the processor can work on several cells at once.
     """
     down, right = to_y - y, to_x - x
     north, east = -down * ground.cell_m, right * ground.cell_m

@@ -135,7 +135,7 @@ def refuse_contradicted(seen: Observation, state: NDArray[np.uint8], seen_s: Flo
     """Raise FireModelError for a report that contradicts most of the sightings of its cells.
 
     Burned cells must not have been seen as unburned at a later time; for several cells, sightings
-    shortly before count too. Unburned cells must not have been seen as burned before.
+    shortly before that time also count. Unburned cells must not have been seen as burned before.
 
     Args:
         seen: The reported observation.

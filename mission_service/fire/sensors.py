@@ -22,7 +22,8 @@ class Sensor(Protocol):
     """A source of observations of the fire.
 
     The methods of a sensor are called on the event loop and must return at once. A sensor that
-    waits for files or sockets waits in a thread; ``observe`` returns the data that have arrived.
+    waits for files or sockets waits in a thread; ``observe`` returns an observation that has
+    arrived.
     """
 
     def observe(self, fix: Telemetry) -> Observed | None:

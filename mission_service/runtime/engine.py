@@ -368,7 +368,7 @@ class Engine:
                 self._deliver_to(name, at_us, now_us)
 
     def deliver_next(self, now_us: int) -> bool:
-        """Deliver one change to one vehicle's planner; return whether there was one to deliver.
+        """Deliver one change to one vehicle's planner; return False if no change was pending.
 
         A planner may take a third of the time for which the event loop may be blocked.
         """

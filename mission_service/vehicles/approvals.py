@@ -117,7 +117,8 @@ class MissionApprovals:
         return proposal.command
 
     def refused(self, vehicle: Vehicle, named: str, by: str) -> bool:
-        """Refuse the proposed mission with this hash and similar missions; False without one."""
+        """Refuse the proposed mission with this hash and similar missions; False if there is
+        none."""
         proposal = self._take_proposal(vehicle, named)
         if proposal is None:
             return False

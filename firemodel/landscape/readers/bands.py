@@ -209,7 +209,7 @@ def _fits(value: float, values: NDArray[Any]) -> bool:
 
 
 def cells_with(bad: Mask, values: NDArray[Any]) -> str:
-    """Return text on the first bad cell (value, row, column) and on the number of bad cells."""
+    """Describe the first bad cell (value, row, column) and the number of bad cells."""
     row, col = divmod(int(np.argmax(bad)), bad.shape[1])
     return f"{values[row, col]} at row {row}, column {col} ({np.count_nonzero(bad)} such cells)"
 

@@ -6,7 +6,7 @@ The paper leaves some points open, which are decided here as follows:
   line that lies in a gap between parts of the area. Therefore such a line is cut off, in the same
   way as a line without a safe drop.
 - The faster of the two paths is chosen. A path with less than ``MIN_DROPS_SHARE`` of the other
-  path's drops does not count, because a gap in a line costs more than a minute.
+  path's drops does not count, because a gap in a line is worse than a delay of a minute.
 - If the spheres or the battery end a line early, the remaining area does not change. The next plan
   is then for the rest of the same line, because places near earlier drops are excluded.
 """
