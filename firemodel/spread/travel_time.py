@@ -95,7 +95,7 @@ def _reach(terrain, cols):  # type: ignore[no-untyped-def]
 
 @kernel
 def _compare(alike, one, other, terrain):  # type: ignore[no-untyped-def]
-    """Set ``alike`` to -1 where a cell from ``one`` on equals the cell from ``other`` on, else 0."""
+    """Set ``alike`` to -1 where cells from ``one`` on equal those from ``other`` on, else to 0."""
     fuel, gradient, midflame = terrain
     north, east, size = gradient[0], gradient[1], alike.size
     fuel_1, fuel_2 = fuel[one : one + size], fuel[other : other + size]

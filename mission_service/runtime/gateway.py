@@ -338,8 +338,7 @@ class Gateway:
         return self._changed(GpsFixChanged(now_us, self.name, event.fix in GOOD_FIXES, event.fix))
 
     def _held(self, items: tuple[MissionItem, ...] | None) -> Iterator[VehicleEvent]:
-        """Yield the mode, otherwise reported only on a change, and the mission that was read
-        back."""
+        """Yield the mode, which is otherwise yielded on change, and the mission read back."""
         now_us, stack, recognise = self._clock.now_us, self.client.stack, self._recognise
         self._reading = self._recognise = None
         if stack is None or recognise is None:

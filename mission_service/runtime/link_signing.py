@@ -59,8 +59,7 @@ def signings(
 
 
 def refusal(counts: Counts, link: str, from_frames: int = 1) -> str | None:
-    """Return one line about the main cause of refusal; None if fewer than ``from_frames``
-    frames."""
+    """Return a line about the main cause of refusal; None below ``from_frames`` frames."""
     verdict = max(WORDS, key=lambda verdict: getattr(counts, verdict))
     frames = getattr(counts, verdict)
     if frames < from_frames:

@@ -117,8 +117,7 @@ class MissionApprovals:
         return proposal.command
 
     def refused(self, vehicle: Vehicle, named: str, by: str) -> bool:
-        """Refuse the proposed mission with this hash and similar missions; False if there is
-        none."""
+        """Refuse the proposed mission with this hash and similar ones; False if there is none."""
         proposal = self._take_proposal(vehicle, named)
         if proposal is None:
             return False
