@@ -143,7 +143,7 @@ def _chunks(many: Sequence[Genes], workers: int) -> list[Sequence[Genes]]:
 
 @contextmanager
 def on_cores(workers: int, seed: int) -> Iterator[Evaluate]:
-    """Yield a function that evaluates in ``workers`` processes or, for 1, in this process."""
+    """Yield a function that evaluates in ``workers`` processes, or in this process if it is 1."""
     if workers <= 1:
         yield lambda many: fitnesses(many, seed)
         return
