@@ -99,7 +99,7 @@ class BootClock:
         return 1.0 if self._peak <= REAL else REAL * self._peak
 
     def ahead_us(self, boot_us: int, now_us: int) -> int:
-        """Return by how many microseconds a time since boot is ahead of the expected time."""
+        """Return the lead in microseconds of a time since boot over the expected time."""
         if self._latest_us is None:
             return 0
         return round(boot_us - self._latest_us - self.rate * (now_us - self._received_us))

@@ -96,7 +96,7 @@ class MissionClock:
         self._began_us: int | None = None
 
     def go_on(self, mission_us: int, wall_us: int) -> None:
-        """Set mission time for the machine's time ``wall_us``, before any vehicle is connected."""
+        """Set the mission time at the machine's time ``wall_us``, before a vehicle is connected."""
         self.now_us = self.latest_us = self._start_us = mission_us
         self._began_us = wall_us if self.wall else None
 
