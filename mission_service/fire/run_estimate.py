@@ -202,9 +202,8 @@ class RunEstimate:
     def view(self, fix: Telemetry) -> Observed | None:
         """Return the part of the estimate that a vehicle's camera would show, if an image is due.
 
-        The result is None off the landscape, and while the estimate has waiting inputs. It is also
-        None in a run with a simulated fire, which the cameras observe, and in a burn, whose
-        guidance has its own estimate.
+        The result is None off the landscape, while inputs wait, in a run with a simulated fire
+        (which cameras observe), and in a burn (whose guidance has its own estimate).
         """
         if not (self._gives_views and self._views.is_due(fix)):
             return None
