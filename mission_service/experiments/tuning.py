@@ -52,7 +52,8 @@ def tune(
     base, tools = _deap()
     if population < 4 or generations < 1:
         raise MissionServiceError(
-            f"tune: {generations} generations of {population}; give at least 1 generation of 4"
+            f"tune: {generations} generations of {population} sets of constants; "
+            "give at least 1 generation of 4"
         )
 
     rated = type("Fitness", (base.Fitness,), {"weights": (1.0,)})

@@ -74,7 +74,7 @@ def clear_heading_rad(  # type: ignore[no-untyped-def]
     """Return the heading nearest to the desired heading whose velocity is outside all cones.
 
     If every velocity is inside a cone, the heading with the latest meeting is returned. The second
-    result is whether the desired heading was in conflict. ``radius_m`` is the combined radius (2
+    result is True if the desired heading was in conflict. ``radius_m`` is the combined radius (2
     r_s).
     """
     best_rad, best_s = desired_rad, -1.0
