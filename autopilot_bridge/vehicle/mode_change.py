@@ -16,7 +16,7 @@ from autopilot_bridge.vehicle.command_sequence import TAKEN, command_message, re
 
 
 def changed_meanwhile(stack: Stack, custom_mode: int) -> str:
-    """Return the words for a mode change that ends an operation which would change the mode."""
+    """Return a text about a mode change by the autopilot or a pilot, which ends an operation."""
     return f"its autopilot changed to {stack.mode_name(custom_mode)} meanwhile"
 
 
