@@ -209,8 +209,8 @@ def hazard_of(
     """Return the hazard of a fire for all places in a box; no place burns before ``begins_s``.
 
     Between the corners of a cell, ignition times are bounded by their gradient around the cell.
-    These bounds can miss fires smaller than a cell, such as new fires, which ``sources_of``
-    returns.
+    These bounds can miss fires smaller than a cell, such as new fires; the sources of the fire
+    (``sources_of``) therefore lower the bounds.
     """
     cell = cell_for(box, margins) if cell_m is None else cell_m
     return Hazard(fire, sources_of(fire), box, margins, cell, begins_s)
