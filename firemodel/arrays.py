@@ -1,4 +1,4 @@
-"""Array types of this package, and windows of arrays."""
+"""Define the array types of this package, and make windows of arrays."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -1,9 +1,9 @@
 """Compile inner loops with Numba, with a cache on disk that depends on all sources used.
 
-Numba's own cache checks only the file of the compiled function. It ignores changes to functions in
-other files that this function calls. The name of this module's cache folder is a hash of all files
-of this package, of the files in the function's folder, and of all modules of its package that
-compile functions.
+Numba's own cache checks only the file of the compiled function. The cache ignores changes to
+functions in other files that this function calls. The name of this module's cache folder is a hash
+of all files of this package, of the files in the function's folder, and of all modules of its
+package that compile functions.
 """
 
 import hashlib

@@ -57,8 +57,8 @@ def burn(
         settings: Settings of the scheme, such as ``wind_limit=True``; ``seed`` for random schemes.
 
     Returns:
-        The fire. ``arrival_time_s`` is float64 (y, x) with row 0 in the north. It is in seconds
-        after ignition, and infinity in unburned cells. ``front(time_s)`` returns a shapely
+        The fire. ``arrival_time_s`` is float64 (y, x) with row 0 in the north. Arrival times are in
+        seconds after ignition, and infinity in unburned cells. ``front(time_s)`` returns a shapely
         MultiPolygon in the landscape's CRS, ``burned_ha`` is the burned area, and
         ``advance(time_s)`` continues the fire.
 

@@ -1,3 +1,3 @@
-"""Fire model and planners whose decisions fly as MAVLink missions."""
+"""Fire model, planners, and MAVLink missions that carry out the planners' decisions."""
 
 __version__ = "0.2.0"

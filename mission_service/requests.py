@@ -144,7 +144,7 @@ class Correct(FireRequest, frozen=True):
     shape: Literal["point", "line", "polygon"]
     points: Places
     in_s: Annotated[
-        Seconds, Meta(description="Time of the report, from now; negative: in the past.")
+        Seconds, Meta(description="Time of the reported state, from now; negative in the past.")
     ] = 0.0
 
     def event(self, at_us: int) -> events.AnyOperatorEvent:
@@ -180,7 +180,7 @@ class Observe(FireRequest, frozen=True):
 
     state: Annotated[
         Literal["burned", "burning", "unburned", "hot", "smoke"],
-        Meta(description="Smoke: the area was not seen. Hot ground needs temperature_c."),
+        Meta(description="smoke: the area was not seen; hot: requires temperature_c."),
     ]
     shape: Literal["points", "line", "polygon"]
     points: Places
@@ -194,11 +194,11 @@ class Observe(FireRequest, frozen=True):
         float, Meta(ge=0, lt=100, description="Share of unburned places reported as burned.")
     ] = 0.0
     source: Annotated[
-        str, Meta(max_length=80, pattern=PRINTED, description="The sensor; empty: the user.")
+        str, Meta(max_length=80, pattern=PRINTED, description="The sensor; empty for the user.")
     ] = ""
     temperature_c: Annotated[
         Annotated[float, Meta(ge=100, le=2000)] | None,
-        Meta(description="Of hot ground; from 320 degrees Celsius on it burns."),
+        Meta(description="Temperature of hot ground; from 320 degrees on it counts as burning."),
     ] = None
     missed_pct: Annotated[
         float, Meta(ge=0, lt=100, description="Share of burned places reported as unburned.")
@@ -309,7 +309,9 @@ class OrderRequest(Request, frozen=True):
     vehicle: AnyVehicle = ""
     confirmed: Annotated[
         bool,
-        Meta(description="Execute it even if it ends a mode that autopilot or pilot selected."),
+        Meta(
+            description="Execute the order even if it ends a mode that autopilot or pilot selected."
+        ),
     ] = False
 
     def event(self, at_us: int) -> events.AnyOperatorEvent:

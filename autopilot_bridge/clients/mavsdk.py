@@ -1,6 +1,6 @@
 """Implements a vehicle client with MAVSDK, to replace ``NativeClient`` and its ``Connection``.
 
-MAVSDK (a C library in this process) receives the bytes from our link. It detects the vehicle,
+MAVSDK (a C library in this process) receives the bytes from our link. MAVSDK detects the vehicle,
 transfers missions and repeats commands. This module adds three steps that real autopilots require.
 A mission is checked before its upload, because ArduPilot keeps a truncated mission after a rejected
 item. After the upload the mission is read back, because MAVSDK's result does not prove the upload.
@@ -209,10 +209,10 @@ class MavsdkClient:
         self.receive_frames("", frames_of(data), now_us)
 
     def receive_frames(self, remote: str, frames: list[bytes], now_us: int) -> None:
-        """Pass frames from the vehicle's remote to MAVSDK and to our own monitor.
+        """Pass frames from the vehicle's remote to MAVSDK and to the client's own monitor.
 
-        MAVSDK receives frames only after a HEARTBEAT has identified the remote. It receives no
-        frame that has a value out of bounds.
+        MAVSDK receives frames only after a HEARTBEAT has identified the remote. Frames that have a
+        value out of bounds are not passed.
         """
         if self._source is None:
             self._source = RemoteBinding(HEARTBEAT_TIMEOUT_US, self.called, self._signed)

@@ -1,4 +1,4 @@
-"""Imports MAVSDK's modules, and converts between MAVSDK's types and ours."""
+"""Imports MAVSDK's modules, and converts between MAVSDK's types and those of this package."""
 
 import functools
 import json

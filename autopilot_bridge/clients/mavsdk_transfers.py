@@ -92,7 +92,7 @@ class MavsdkTransfers:
         verdict = await self._send_request(self._system.missions.clear_mission())
         read, reason = await self._read()
         if read is None:
-            return TransferResult("unknown", f"{verdict}; the read-back: {reason}")
+            return TransferResult("unknown", f"{verdict}; the read-back failed: {reason}")
         if len(read) > self._monitor.hidden_items:
             return TransferResult("rejected", f"the mission is still on board ({verdict})")
         return ACCEPTED
@@ -113,7 +113,7 @@ class MavsdkTransfers:
                 stack, stack.mission_mode, stack.hold_mode
             )
             if not held:
-                words = f"it did not hold for the upload: {reason}"
+                words = f"the vehicle did not hold for the upload: {reason}"
                 return TransferResult("rejected", words, holds="the old one")
         wire_items = (*job.items[:hidden], *jumps_moved(job.items, hidden))
         verdict = await self._send_request(
@@ -122,7 +122,7 @@ class MavsdkTransfers:
         read, reason = await self._read()
         ended = upload_result(stack, hidden, wire_items, verdict, read)
         if read is None:
-            ended = replace(ended, reason=f"{ended.reason}; the read-back: {reason}")
+            ended = replace(ended, reason=f"{ended.reason}; the read-back failed: {reason}")
         if ended.outcome != "accepted":
             return ended
         ended = replace(ended, items=job.items)

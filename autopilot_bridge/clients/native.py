@@ -1,9 +1,9 @@
 """Implements the native client of one vehicle on one link, without input or output.
 
 The client receives bytes (``receive_data``), and returns datagrams (``data_to_send``) and events
-(``next_event``). It needs one timer (``next_timer``, ``handle_timer``). The time is an argument, in
-microseconds of any clock. On a link with several vehicles, ``shared_link.py`` decodes each message
-once and calls ``receive_message``.
+(``next_event``). The client needs one timer (``next_timer``, ``handle_timer``). The time is an
+argument, in microseconds of any clock. On a link with several vehicles, ``shared_link.py`` decodes
+each message once and calls ``receive_message``.
 """
 
 from collections import deque

@@ -1,9 +1,9 @@
 """Handles several vehicles on one link; each is detected by its heartbeat and has its own client.
 
-The shared link is a peer of a connection. It decodes each message once and passes it to the client
-of the sending system. A link and a system id together identify a vehicle: the same id on another
-link belongs to another vehicle. ``remote_binding.py`` selects the remote whose messages a client
-accepts.
+The shared link is a peer of a connection. The shared link decodes each message once and passes the
+message to the client of the sending system. A link and a system id together identify a vehicle: the
+same id on another link belongs to another vehicle. ``remote_binding.py`` selects the remote whose
+messages a client accepts.
 """
 
 import heapq

@@ -106,7 +106,7 @@ class Connection:
         """Wait until frames have arrived or the timer has expired since the last call.
 
         The peer's exceptions are raised again here, so that a defect ends the program and is not
-        only logged. A lost connection raises no exception: the peer only receives no frames.
+        only logged. A lost connection raises no exception: the peer then receives no frames.
         """
         await self._activity.wait()
         self._activity.clear()
@@ -136,8 +136,9 @@ class Connection:
     ) -> None:
         """Send the key (None to stop signing) to a vehicle, then continue with ``signing``.
 
-        The key is sent in clear text and is not recorded. It is sent twice because vehicles do not
-        acknowledge it. A vehicle that already signs accepts only frames signed with its old key.
+        The key is sent in clear text and is not recorded. The key is sent twice because vehicles do
+        not acknowledge it. A vehicle that already signs accepts only frames signed with its old
+        key.
         """
         codec = Codec(*own)
         for _ in range(2):

@@ -4,7 +4,7 @@ After a false start marker, pymavlink's parser discards as many bytes as the fal
 including valid frames. This parser consumes the bytes of a frame only if the checksum is correct;
 otherwise it skips one byte and searches again. A frame is therefore lost only if noise before it
 has a correct checksum by chance (1 in 65536). On a stream, bytes after a false start marker are
-buffered until as many bytes have arrived as the false header states, at most 280 bytes.
+buffered until the number of bytes in the false header has arrived, at most 280.
 """
 
 import re

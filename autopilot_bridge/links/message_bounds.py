@@ -68,7 +68,7 @@ UNKNOWN: Final = {
 
 
 def out_of_bounds(message: Message) -> str | None:
-    """Return a text on a message's first value out of bounds; None if all are within bounds."""
+    """Describe a message's first value out of bounds; None if all values are within bounds."""
     kind = message.get_type()
     for field, minimum, maximum, also in BOUNDS.get(kind, ()):
         value = getattr(message, field)
@@ -84,7 +84,7 @@ def _unknown(kind: str, field: str, value: Any) -> bool:
 
 
 def list_out_of_bounds(items: Iterable[MissionItem]) -> str | None:
-    """Return a text on the items' first value out of bounds; None if all are within bounds."""
+    """Describe the items' first value out of bounds; None if all values are within bounds."""
     found = (
         f"item {n}: {words}" for n, item in enumerate(items) if (words := _item_out_of_bounds(item))
     )
@@ -92,7 +92,7 @@ def list_out_of_bounds(items: Iterable[MissionItem]) -> str | None:
 
 
 def _item_out_of_bounds(item: MissionItem | Message) -> str | None:
-    """Return a text on an item's first value out of bounds, or None; NaN is valid in params."""
+    """Describe an item's first value out of bounds, or return None; NaN is valid in params."""
     for field in ("param1", "param2", "param3", "param4"):
         value = getattr(item, field)
         if not (abs(value) <= MAX_PARAM or math.isnan(value)):

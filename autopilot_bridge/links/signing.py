@@ -14,14 +14,14 @@ The implementation in pymavlink 2.4.50 (``MAVLink.check_signature``, ``decode``)
 - it passes frames with a *wrong* signature to the callback that allows unsigned frames;
 - it does not verify frames of unknown messages, and compares signatures with ``!=``.
 
-This module stores a timestamp only if the hash is right, and received timestamps do not change our
-own. A stream may be ahead of our clock only by a bounded time. A wrong signature is rejected for
-every message.
+This module stores a timestamp only if the hash is right, and received timestamps do not change the
+sent ones. A stream may be ahead of our clock only by a bounded time. A wrong signature is rejected
+for every message.
 
 At every boot and with every new key, ArduPilot 4.6 (source: ``GCS_Signing.cpp``) starts from its
-saved timestamp plus 60 s. It uses UTC as soon as GPS provides the time. It accepts unsigned frames
-on its first port (USB; SERIAL0 of the simulator), and rejects a stream that begins more than a
-minute behind the timestamp of ArduPilot. PX4 signs frames from version 1.18.
+saved timestamp plus 60 s. ArduPilot uses UTC as soon as GPS provides the time. It accepts unsigned
+frames on its first port (USB; SERIAL0 of the simulator), and rejects a stream that begins more than
+a minute behind the timestamp of ArduPilot. PX4 signs frames from version 1.18.
 """
 
 import base64

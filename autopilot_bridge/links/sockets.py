@@ -1,4 +1,4 @@
-"""Creates and binds the sockets of links, and words their errors."""
+"""Creates and binds the sockets of links, and describes their errors."""
 
 import asyncio
 import os

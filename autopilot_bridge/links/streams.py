@@ -64,7 +64,7 @@ class Stream(asyncio.Protocol):
             self._listener.frames_received([(self.remote, frames)])
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Record that the connection is closed, by the remote or by us."""
+        """Record that the connection is closed, by either end."""
         self.lost.set()
         if self.out is not None and self.out is not self._read_transport:
             self.out.abort()

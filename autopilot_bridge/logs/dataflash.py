@@ -1,8 +1,8 @@
 """Reads ArduPilot's DataFlash logs (.bin), a self-describing format.
 
-A message consists of A3 95, its type and its values. An FMT message (type 128) names the columns of
-one type and their formats. Source: ArduPilot 4.6 ``libraries/AP_Logger/LogStructure.h``. Time is
-microseconds since boot (``TimeUS``); the date is in GPS messages.
+A message consists of the bytes A3 95, its type and its values. An FMT message (type 128) names the
+columns of one type and their formats. Source: ArduPilot 4.6 ``libraries/AP_Logger/LogStructure.h``.
+Time is microseconds since boot (``TimeUS``); the date is in GPS messages.
 """
 
 import math

@@ -50,7 +50,7 @@ def check(items: Sequence[MissionItem], stack: Stack, mission_type: int = MISSIO
         mission_type: The MAV_MISSION_TYPE: 0 for a mission, 1 for a fence, 2 for rally points.
 
     Returns:
-        The problems, those of single items first; ``str`` of a problem is a line for users.
+        The problems, first the problems of single items; ``str`` of a problem is a line for users.
 
     Source: see ``stacks/item_treatment.py``.
     """

@@ -95,7 +95,7 @@ def _bad_polygons(points: Sequence[MissionItem], rules: Rules) -> Iterator[Probl
             yield problem("refused", index, first, "param1", reason, "simplify it")
         if len(vertices) % count:
             kind: Kind = "dangerous" if rules.accepts_bad_numbers else "refused"
-            reason = f"{len(vertices)} vertices are not whole polygons of {count:g}"
+            reason = f"{len(vertices)} vertices cannot be divided into polygons of {count:g}"
             yield problem(kind, index, first, "param1", reason, "give the number of vertices")
             continue
         for start in range(0, len(vertices), int(count)):

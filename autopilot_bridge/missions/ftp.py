@@ -7,13 +7,13 @@ moving:  up to five reads or writes are pending; each is repeated if its reply i
 closing: the autopilot applies the written data only now
 
 If the link is lost, the mission on board is either the complete old mission or the complete new
-one. Each write ends between two items. If a session is closed too early (by us or by another
+one. Each write ends between two items. If a session is closed too early (by this client or another
 station), complete items are missing; these are zeros in the autopilot's buffer. ArduPilot rejects a
-file with an item of zeros before it changes the old mission. This module closes a session only if
-the session is certainly ours. The caller must read back after every upload, because the applied
-mission can differ from the file although the autopilot acknowledged the closing. This happens if a
-command is rejected, or if the mission in flight was longer (``leaves_old_tail``). ``FtpDownload``
-reads back; when it opens a file, the autopilot ends an open session.
+file with an item of zeros before it changes the old mission. This client closes a session only if
+it has certainly opened the session. The caller must read back after every upload, because the
+applied mission can differ from the file although the autopilot acknowledged the closing. The two
+differ if a command is rejected, or if the mission in flight was longer (``leaves_old_tail``).
+``FtpDownload`` reads back; when it opens a file, the autopilot ends an open session.
 """
 
 from collections import deque
@@ -56,7 +56,7 @@ def next_session(session: int) -> int:
 def leaves_old_tail(flying_mission: bool, held_items: int, new_items: int) -> bool:
     """Return whether old items would remain on board after the items of a new file.
 
-    They may remain because ArduPilot does not clear a mission in flight. ``held_items``
+    Old items may remain because ArduPilot does not clear a mission in flight. ``held_items``
     (MISSION_CURRENT.total + 1) and ``new_items`` include home.
     """
     return flying_mission and new_items < held_items

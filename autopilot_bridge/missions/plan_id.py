@@ -2,9 +2,9 @@
 
 PX4 1.17 (source: ``mavlink_mission.cpp``, ``crc32_for_mission_item``; observed in simulation)
 computes a CRC-32 that begins with 0 and has no inversions. The CRC covers 32 bytes of each
-MISSION_ITEM_INT as received: frame, command, autocontinue, params 1 to 4, x, y and z. It does not
-cover ``current`` and the mission type, so two plans that differ only in the first item to fly have
-the same id. A list without items has id 0. PX4 sends the id in MISSION_ACK.opaque_id, in
+MISSION_ITEM_INT as received: frame, command, autocontinue, params 1 to 4, x, y and z. The CRC does
+not cover ``current`` and the mission type, so two plans that differ only in the first item to fly
+have the same id. A list without items has id 0. PX4 sends the id in MISSION_ACK.opaque_id, in
 MISSION_COUNT.opaque_id when a list is read, and in MISSION_CURRENT (once a second, and at once
 after a change). The id remains the same after a reboot. PX4 computes the id of a fence differently
 if it loads the fence from a file on the vehicle. ArduPilot 4.6 has no ids.

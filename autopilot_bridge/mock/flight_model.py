@@ -138,7 +138,7 @@ class FlightModel(Body):
         return 100 if self.engine_failed else 60
 
     def fail_engine(self, failed: bool) -> None:
-        """Stop or restart the engine; without its engine the vehicle sinks, without a report."""
+        """Stop or restart the engine; without its engine the vehicle sinks and sends no report."""
         if failed == self.engine_failed:
             return
         self.engine_failed = failed
@@ -159,7 +159,7 @@ class FlightModel(Body):
 
         ``kind`` is 0 for airspeed and 1 for ground speed; a speed of -2 resets the speed. Planes
         accept an airspeed within their limits and ignore a ground speed. ArduCopter also accepts
-        kinds 2 and 3, its climb rate and its sink rate.
+        kinds 2 (climb rate) and 3 (sink rate).
         """
         if kind in (2, 3) and self.stack.name == "ardupilot" and speed_m_s > 0.0:
             change = {"climb_m_s" if kind == 2 else "sink_m_s": speed_m_s}

@@ -10,7 +10,7 @@ this flag while the vehicle stands still, so it is ignored for PX4;
 - a glitch of the satellite position: both stacks set it after a single bad sample, so it is
   reported only if two consecutive messages have it;
 - the prediction of the absolute position: if PX4 clears it, the position is dead reckoned without
-  satellites, although PX4 still calls it "valid" for some seconds. ArduPilot sets this flag
+  satellites, although PX4 still reports it as valid for some seconds. ArduPilot sets this flag
   together with that of the absolute horizontal position.
 """
 

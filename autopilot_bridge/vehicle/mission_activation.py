@@ -2,13 +2,14 @@
 
 PX4 starts a new list without a command, at the item that was sent with ``current`` set.
 MISSION_CURRENT, sent once a second, contains the id of the list, and whether PX4 accepts the list
-for flight. Its sequence number is weak evidence: a plane in the air skips its takeoff item at once,
-and a waypoint may be reached before the first message arrives. If the same list (the same id) was
-on board before, PX4 keeps its current item, and the first item must be commanded.
+for flight. The sequence number of MISSION_CURRENT is weak evidence: a plane in the air skips its
+takeoff item at once, and a waypoint may be reached before the first message arrives. If the same
+list (the same id) was on board before, PX4 keeps its current item, and the first item must be
+commanded.
 
-ArduPilot flies on to its old target, and keeps its current item, until an item is commanded. It
-acknowledges that command. If the acknowledgement is lost, a sequence number that the vehicle could
-not have reached from the old current item proves the start as well.
+ArduPilot flies on to its old target, and keeps its current item, until an item is commanded.
+ArduPilot acknowledges that command. If the acknowledgement is lost, a sequence number that the
+vehicle could not have reached from the old current item proves the start as well.
 
 sent --acknowledgement, or report of the new item--> ended
 sent --timeout after a report of the old item--> repeated; without a report: wait
@@ -54,7 +55,7 @@ class Onboard(NamedTuple):
 class MissionActivation(Exchange):
     """An exchange that starts a new mission and waits for proof that it is flown.
 
-    Of the ``count`` transmitted items, ``seq`` is the item to start with. ``shown`` is the item
+    ``count`` items are transmitted; ``seq`` is the item to start with. ``shown`` is the item
     number that the autopilot then reports; it differs from ``seq`` if ArduPilot skips DO items.
     ``plan_id`` is the id of the list; None on ArduPilot.
     """

@@ -4,9 +4,9 @@ waiting --HEARTBEAT in a mode to be left--> sent --HEARTBEAT in the new mode--> 
 sent --COMMAND_ACK with an error--> ended
 any --HEARTBEAT in another mode--> ended: the autopilot or a pilot has taken over
 
-The command is sent right after a heartbeat. It is repeated (its acknowledgement may be lost) only
-after another heartbeat. Thus a mode that the autopilot selects in the meantime is detected and not
-overridden.
+The command is sent right after a heartbeat. The command is repeated (its acknowledgement may be
+lost) only after another heartbeat. A mode that the autopilot selects in the meantime is therefore
+detected and not overridden.
 """
 
 from autopilot_bridge.links.codec import Message
@@ -16,7 +16,7 @@ from autopilot_bridge.vehicle.command_sequence import TAKEN, command_message, re
 
 
 def changed_meanwhile(stack: Stack, custom_mode: int) -> str:
-    """Return the words for a mode change that ends an operation which would change the mode."""
+    """Return a text about a mode change by the autopilot or a pilot, which ends an operation."""
     return f"its autopilot changed to {stack.mode_name(custom_mode)} meanwhile"
 
 

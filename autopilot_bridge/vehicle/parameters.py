@@ -5,8 +5,8 @@ read all: list requested --PARAM_VALUE ... pause--> missing indexes requested, s
     ended
 set: sent --PARAM_VALUE of that name--> ended; repeated on timeout
 
-A value is sent as a float. Of an int32, PX4 puts the four bytes into the float, and ArduPilot
-converts the number to a float. Neither stack replies to a request with an unknown name.
+A value is sent as a float. PX4 puts the four bytes of an int32 into the float; ArduPilot converts
+the number to a float. Neither stack replies to a request with an unknown name.
 """
 
 import math

@@ -7,9 +7,9 @@ message was recorded).
 or slower. A line is fitted to the received times by medians, so that a minority of wrong times has
 no effect; the line gives the expected time since boot at each moment. A time is not used if it is
 later than the expected time by more than ``AHEAD_US`` (in simulations: by more than the vehicle's
-clock advances in ten seconds). Nor is it used if it is earlier than the latest received time by
-more than ``BACK_US`` (in simulations: five seconds of the vehicle's clock). The times in delayed
-messages and in bursts are earlier than expected, and are accepted.
+clock advances in ten seconds), or if it is earlier than the latest received time by more than
+``BACK_US`` (in simulations: five seconds of the vehicle's clock). The times in delayed messages and
+in bursts are earlier than expected, and are accepted.
 
 Autopilots count from zero at their boot (``hrt_absolute_time`` in PX4, ``millis`` in ArduPilot). A
 new series of times is therefore a *restart* only if its first time since boot does not exceed the
@@ -99,7 +99,7 @@ class BootClock:
         return 1.0 if self._peak <= REAL else REAL * self._peak
 
     def ahead_us(self, boot_us: int, now_us: int) -> int:
-        """Return by how many microseconds a time since boot is ahead of the expected time."""
+        """Return the lead in microseconds of a time since boot over the expected time."""
         if self._latest_us is None:
             return 0
         return round(boot_us - self._latest_us - self.rate * (now_us - self._received_us))
@@ -149,7 +149,7 @@ class BootClock:
         return boot_us + self.rate * (now_us - at_us) + slack_us
 
     def _expected_us(self, now_us: int) -> int:
-        """Return the limit of ``_latest_us``: a wrong time must not make right times late."""
+        """Return the limit of ``_latest_us``, so that one wrong time makes no right time late."""
         if len(self._points) < POINTS:
             return 1 << 62
         at_us, boot_us = self._line

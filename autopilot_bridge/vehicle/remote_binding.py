@@ -4,9 +4,9 @@ A *remote* is an address and port, or a connection. A vehicle is bound to the re
 a HEARTBEAT of its autopilot. While this remote sends, messages with the same system id from another
 remote are not used and raise an alarm. After ``timeout_us`` without messages, a HEARTBEAT from
 another remote binds the vehicle to that remote, because an autopilot may have another port after it
-restarts or its network changes. This raises an alarm too, unless the link is signed, because a
-verified signature is proof. When a remote that was bound earlier sends again, it takes precedence,
-and the messages from remotes bound later are no longer used.
+restarts or its network changes. The new binding also raises an alarm, unless the link is signed,
+because a verified signature is proof. When a remote that was bound earlier sends again, it takes
+precedence, and the messages from remotes bound later are no longer used.
 
 The binding cannot detect whether the first remote is the vehicle. If a forger sends before the
 vehicle, the alarm remains until the forger stops. Only a signed link prevents this.

@@ -31,8 +31,8 @@ FIXES = ("no gps", "no fix", "2d", "3d", "dgps", "rtk float", "rtk fixed", "stat
 def position(message: Message, at_us: int) -> Position | None:
     """Decode a GLOBAL_POSITION_INT; return None near latitude 0, longitude 0.
 
-    ArduPilot sends such positions before its first fix. They drift by dead reckoning: in one
-    simulation by 35 m in the first seconds.
+    ArduPilot sends such positions before its first fix. These positions drift by dead reckoning: in
+    one simulation by 35 m in the first seconds.
     """
     if max(abs(message.lat), abs(message.lon)) < NO_PLACE_DEG_E7:
         return None
@@ -191,7 +191,7 @@ class Telemetry:
         self._has_battery_status = False
 
     def reset(self) -> None:
-        """Forget all times and states, because the autopilot has restarted."""
+        """Discard all times and states, because the autopilot has restarted."""
         self._boot_us.clear()
         self._changes = Changes()
         self._estimator = Estimator()

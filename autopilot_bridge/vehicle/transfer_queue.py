@@ -315,7 +315,7 @@ class TransferQueue:
     def _after_hold(self, job: Job, result: TransferResult, state: VehicleState) -> Following:
         if result.outcome == "accepted":
             return self._send_items(job, state)
-        words = f"it did not hold for the upload: {result.reason}"
+        words = f"the vehicle did not hold for the upload: {result.reason}"
         return replace(result, reason=words, holds="the old one")
 
     def _after_resume(self, job: Job, result: TransferResult, state: VehicleState) -> Following:
@@ -383,7 +383,7 @@ _AFTER: dict[
 
 def _unread(uploaded: TransferResult, read: TransferResult, holds: Holds) -> TransferResult:
     """Return the result of an upload that could not be read back."""
-    words = f"{uploaded.reason}; the read-back: {read.reason}"
+    words = f"{uploaded.reason}; the read-back failed: {read.reason}"
     outcome = "unknown" if uploaded.outcome == "accepted" else uploaded.outcome
     return replace(uploaded, outcome=outcome, reason=words, items=None, holds=holds)
 

@@ -15,7 +15,7 @@ MIN_SD_CELLS = 0.3  # blocks in which the members differ less give no informatio
 
 
 def block_excess(state: NDArray[np.uint8], windows: Mask) -> tuple[Floats, Floats]:
-    """Return how many more cells than observed each member has burned, in blocks of a window.
+    """Return the burned cells of each member minus the observed ones, in blocks of a window.
 
     Args:
         state: (y, x) the observed states.

@@ -102,7 +102,7 @@ class ArrivalRaster:
 def _origins(arrival_s: Floats) -> Ints:
     """Return, for each cell, the index (n,) of the cell where the fire that burns it started.
 
-    An ignition cell has its own index, and so has a cell without fire.
+    For an ignition cell and a cell without fire, this is the index of the cell itself.
     """
     rows, cols = arrival_s.shape
     origin: Ints = np.arange(arrival_s.size).reshape(rows, cols)

@@ -164,7 +164,7 @@ def _polynomial(c, xs, ys, middle_x, middle_y, per_x, per_y, found):  # type: ig
 def _shifts(places, error_s, length_m, tiles, room, total, weight):  # type: ignore[no-untyped-def]
     """Write Σ k e into ``total`` and Σ k into ``weight`` for each point, in the order of the tiles.
 
-    Both arrays are 0 on entry.
+    ``total`` and ``weight`` are 0 on entry.
     """
     part = 0.5 / (length_m * length_m)
     tile_boxes = tiles.boxes[first_of(tiles.levels) :]

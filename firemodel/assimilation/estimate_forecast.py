@@ -90,7 +90,7 @@ class Forecast:
         return found
 
     def _share(self, at_s: float) -> Floats:
-        """Return the members' mean burn probability, with ``TIME_LOG_SD`` as error of their times.
+        """Return the members' mean burn probability, if their times have the error ``TIME_LOG_SD``.
 
         This error represents local spread rates, which the members' inputs do not contain.
         """

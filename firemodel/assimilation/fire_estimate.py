@@ -4,9 +4,9 @@ The method depends on the kind of observation:
 
 - A camera sees a small part of the fire at a time. Each member has its own wind and spread rates
   and its own fire. An image first updates these inputs (``member_inputs``) by the difference
-  between observed and simulated burned areas in blocks of the window. It then replaces the member's
-  fire in the window. Cells that stay unburned although most members expect fire there are barriers
-  in forecasts (``held_cells``).
+  between observed and simulated burned areas in blocks of the window. The image then replaces the
+  member's fire in the window. Cells that stay unburned although most members expect fire there are
+  barriers in forecasts (``held_cells``).
 - A mapped perimeter shows the whole fire, which all members then share. The spread observed since
 the previous perimeter gives a rate for each part of the front (``perimeter_rates``), because wind
 and fuel do not explain where a real fire stops. Members then differ only in their inputs.

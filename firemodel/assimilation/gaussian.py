@@ -7,8 +7,8 @@ whole path behind it and, by correlation, along the path ahead. In the corrected
 before the ignition, and arrival times increase along each path.
 
 The unknowns are the rates and the wind of the simulation (``paths.AdjustableFire``), and a field of
-w over places, which represents errors in fuel and terrain. All have Gaussian priors and are
-estimated together (Gauss-Newton, MAP). The position error of an observation, multiplied by the
+w over places, which represents errors in fuel and terrain. All unknowns have Gaussian priors and
+are estimated together (Gauss-Newton, MAP). The position error of an observation, multiplied by the
 slowness there, is a time error; it is combined with ``TIME_SD_S``. The likelihood of a burning
 observation is a Student's t distribution, so that a few outliers have little influence. The
 likelihood of a burned or unburned observation is the probability of its state (Laplace's method).
@@ -353,7 +353,7 @@ def _curvature(state: Floats, y: Floats, sd: Floats, f: Floats) -> tuple[Floats,
 def _mode(k: Floats, w: Floats, b: Floats) -> tuple[Floats, Floats]:
     """Return the mode f under the Gaussian prior k, and alpha.
 
-    They satisfy f = k alpha and alpha = b - w f.
+    The results satisfy f = k alpha and alpha = b - w f.
     """
     root = np.sqrt(w)
     inner = np.eye(len(w)) + root[:, None] * k * root

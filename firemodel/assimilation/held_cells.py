@@ -70,7 +70,7 @@ def ground_behind(held: Mask, front: Mask) -> Mask:
 
     Args:
         held: (y, x) held cells.
-        front: (y, x) unburned cells that touch burned ones.
+        front: (y, x) unburned cells that touch burned cells.
 
     Returns:
         (y, x) The cells within ``BEHIND_CELLS`` of a part of the front of which most cells are

@@ -30,7 +30,8 @@ def observations_of(
     points = np.asarray(points_m, dtype=np.float64).reshape(-1, 2)
     if shape not in MIN_POINTS or len(points) < MIN_POINTS[shape]:
         raise FireModelError(
-            f"{shape} of {len(points)} points: draw a point, a line of 2 or a polygon of 3 at least"
+            f"{shape} of {len(points)} points: draw a point, a line of 2 or more points, or a "
+            "polygon of 3 or more"
         )
     if not np.isfinite(points).all() or not np.isfinite(at_s):
         raise FireModelError(f"{shape} at {at_s} s: places and time must be finite numbers")

@@ -3,10 +3,10 @@
 The part of the landscape nearest to a segment of the front is the segment's ground. The ratio
 between two perimeters is the time in which the model burns as much of that ground as really burned,
 divided by the length of the interval. The logarithm of the ratio is a Gaussian process over place,
-direction of spread and time. Its mean falls with the length of the forecast and with the age of the
-fire. A segment that does not move although the model expects a movement is *held*. The probability
-that it is held again is computed from the counts of held segments near it and along the whole
-front.
+direction of spread and time. The mean of the process falls with the length of the forecast and with
+the age of the fire. A segment that does not move although the model expects a movement is *held*.
+The probability that it is held again is computed from the counts of held segments near it and along
+the whole front.
 """
 
 import math
@@ -88,7 +88,7 @@ class _Samples(NamedTuple):
 
 
 def segments_of(burned: Mask, cell_m: float) -> Segments:
-    """Return the segments of the front of a burned area (y, x), outlines of islands included."""
+    """Return the segments of the front of a burned area (y, x), including outlines of islands."""
     cells = np.argwhere(burned & ~binary_erosion(burned, border_value=1))
     side = max(MIN_SEGMENT_CELLS, len(cells) // MAX_SEGMENTS)
     blocks = cells // side

@@ -1,4 +1,4 @@
-"""Compare forecasts of burned areas with what was observed later."""
+"""Compare forecasts of burned areas with later observations."""
 
 from typing import Any
 
@@ -71,9 +71,9 @@ def coverage(probability: Floats, observed: Mask) -> float | None:
 def crps_s(probabilities: list[Floats], observed: list[Mask], times_s: Floats) -> float:
     """Return the continuous ranked probability score of arrival times in s.
 
-    It is the integral over time of the squared error of the probability that a cell has burned
-    (Hersbach 2000), summed over all cells and divided by the number of cells that have burned at
-    the last time.
+    The score is the integral over time of the squared error of the probability that a cell has
+    burned (Hersbach 2000), summed over all cells and divided by the number of cells that have
+    burned at the last time.
 
     Args:
         probabilities: (y, x) for each time, the forecast.

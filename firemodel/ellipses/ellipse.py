@@ -157,7 +157,7 @@ def _checked(sources: Floats) -> Floats:
 def _table(spreads: Sequence[Spread]) -> Floats:
     """Return the spreads as a table (changes, 6).
 
-    Its columns are from_s, the centre c (x, y) in m/s and the matrix Q (xx, xy, yy).
+    The columns of the table are from_s, the centre c (x, y) in m/s and the matrix Q (xx, xy, yy).
 
     The support function of the ellipse is h(n) = c·n + √(n·Qn).
     """
@@ -211,7 +211,7 @@ def _plane(spread: Spread) -> tuple[Floats, float]:
 
     The place (x, y) is relative to the source.
 
-    This solves (p - c t)² / a² + q² / b² = t² for t, with p along the wind and q across it.
+    The result solves (p - c t)² / a² + q² / b² = t² for t, with p along the wind and q across it.
     """
     a, b = (spread.head_m_s + spread.back_m_s) / 2.0, spread.flank_m_s
     e = (spread.head_m_s - spread.back_m_s) / (2.0 * a)

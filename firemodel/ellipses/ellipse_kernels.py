@@ -1,8 +1,8 @@
 """Compute the arrival time from one source, and its minimum over all sources, for ``ellipse``.
 
 A point is compared only with the sources that may be first somewhere in its tile. At each level of
-the quadtree in ``tiles``, a square keeps some of its parent's sources. It drops a source whose
-earliest arrival in the square is after the latest arrival of another source there.
+the quadtree in ``tiles``, a square keeps some of its parent's sources. The square drops a source
+whose earliest arrival in the square is after the latest arrival of another source there.
 """
 
 import math
@@ -261,8 +261,8 @@ def _limit(limit_s, table, bounds):  # type: ignore[no-untyped-def]
 def _too_late(x, y, half_x, half_y, sources, number, limit_s, bounds):  # type: ignore[no-untyped-def]
     """Return True if the fire of a source reaches a box only after the time limit.
 
-    This is true if in at least one direction the fire does not cover the distance to the box in
-    time.
+    The result is True if in at least one direction the fire does not cover the distance to the box
+    in time.
     """
     if sources[number, 2] > limit_s:
         return True

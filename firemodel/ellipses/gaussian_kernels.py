@@ -74,7 +74,7 @@ def _share(x, y, dx, dy, number, field):  # type: ignore[no-untyped-def]
 def slopes(points, origin, field, found):  # type: ignore[no-untyped-def]
     """Compute the derivatives of ln(mean of exp w along each path) by w at each node.
 
-    They are written into ``found`` (n, rows, cols), which is 0 on entry.
+    The derivatives are written into ``found`` (n, rows, cols), which is 0 on entry.
     """
     cols = field.slower.shape[1]
     for place in range(points.shape[0]):

@@ -15,7 +15,7 @@ MOISTURES = 15
 
 
 class Draw(NamedTuple):
-    """The errors of a member. Its inputs are the given inputs times factors, or plus offsets."""
+    """The errors of a member: factors of the given inputs, and offsets that are added to them."""
 
     wind_factor: float
     turn_deg: float  # clockwise turn of the wind

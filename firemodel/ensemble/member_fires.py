@@ -167,7 +167,8 @@ def burned_windows(
         each: ``map``, or the map of a pool of threads.
 
     Returns:
-        The windows, in the order of ``numbers``. They depend only on start, draw, number and seed.
+        The windows, in the order of ``numbers``. A window depends only on start, draw, number and
+        seed.
     """
 
     def burned(number: int) -> Window:

@@ -13,8 +13,8 @@ class Uncertainty:
     Cruz & Alexander 2013 (Environ. Model. Softw. 47, 16-28) compared 1278 rates of spread: the best
     models have an error of 35 %, including errors of weather. Rates grow with the wind to a power
     of 1.2 to 1.6. The deviations of the wind speed, of the common factor of the rates and of the
-    factor of each fuel together therefore give 0.37. That the two factors of the rates have equal
-    deviations is an assumption.
+    factor of each fuel together therefore give 0.37. The two factors of the rates are assumed
+    to have equal deviations.
 
     Models of the moisture of dead grass have a mean error of 1.16 percentage points (Fire 2019,
     2(1), 2); at a moisture of 10 % this corresponds to a standard deviation of 0.15. The deviations

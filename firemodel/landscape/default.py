@@ -50,7 +50,7 @@ def jacksboro(rows: int = 200, cols: int = 200, cell_size_m: float = 30.0) -> La
 def _corner(rows: int, cols: int, cell_size_m: float) -> tuple[float, float]:
     """Return the north-west corner x, y in metres of a grid around the centre.
 
-    Both coordinates are multiples of the cell size.
+    x and y are multiples of the cell size.
     """
     x_m, y_m = transformers(CRS)[1].transform(CENTRE_LON_DEG, CENTRE_LAT_DEG)
     west = round(x_m / cell_size_m - cols / 2) * cell_size_m

@@ -159,9 +159,9 @@ class Landscape:
     """A grid of square cells in a projected CRS in metres.
 
     ``west_m``, ``north_m`` are the outer north-west corner of cell (0, 0). The arrays are (y, x)
-    with row 0 in the north. They are fuel codes (see ``fuels``), elevation in metres above sea
-    level and, optionally, canopy cover (0 to 1), canopy height in metres and canopy base height in
-    metres. ``gradient`` (2, y, x) is the rise per metre towards north and towards east. If no
+    with row 0 in the north. The arrays are fuel codes (see ``fuels``), elevation in metres above
+    sea level and, optionally, canopy cover (0 to 1), canopy height in metres and canopy base height
+    in metres. ``gradient`` (2, y, x) is the rise per metre towards north and towards east. If no
     gradient is given, it is computed from the elevation (see ``horn``). If a gradient is given, the
     elevation may be missing. ``custom_fuels`` are the fuel models of codes that are not standard,
     or that differ from the standard models. A position in the grid is a pair of floats (row, col).

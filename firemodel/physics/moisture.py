@@ -16,7 +16,8 @@ def equilibrium_moisture_pct(temperature_c: float | Floats, humidity_pct: float 
     """Return the equilibrium moisture of wood from the air temperature and relative humidity.
 
     The function is Simard's (1968, FF-X-14), in degrees Fahrenheit as in Cohen & Deeming 1985
-    (PSW-82), eq. 1. It has three parts, with jumps of up to one percent of moisture between them.
+    (PSW-82), eq. 1. The function has three parts, with jumps of up to one percent of moisture
+    between them.
     """
     t = np.asarray(temperature_c) * 1.8 + 32.0
     h = np.asarray(humidity_pct)

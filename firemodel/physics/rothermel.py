@@ -158,7 +158,7 @@ def size_classes(fuel: FuelModel, moisture: Moisture) -> tuple[Floats, Floats, F
 def live_extinction_moisture(fuel: FuelModel, moisture: Moisture) -> float:
     """Return the extinction moisture M_x of the live fuel (Albini 1976, p. 16; Andrews 2018).
 
-    It is a fraction. It decreases as the moisture of the dead fuel increases, and it is at least
+    M_x is a fraction. It decreases as the moisture of the dead fuel increases, and it is at least
     M_x of the dead fuel.
     """
     loads, savs, moistures = size_classes(fuel, moisture)
@@ -252,8 +252,8 @@ def wind_limit_ft_min(reaction_intensity_btu_ft2_min: float) -> float:
 def slope_factor(bed: FuelBed, slope_tan: float | Floats) -> float | Floats:
     """Return the slope factor φ_s (Rothermel 1972, eq. 51).
 
-    As in `behave`, the factor is not greater than the wind limit expressed in ft/min. This matters
-    only on steep slopes with fuel near its extinction moisture.
+    As in `behave`, the factor is not greater than the wind limit expressed in ft/min. The limit
+    matters only on steep slopes with fuel near its extinction moisture.
     """
     limit = wind_limit_ft_min(bed.reaction_intensity_btu_ft2_min)
     return np.minimum(bed.slope_k * np.square(slope_tan), limit)

@@ -193,10 +193,10 @@ def wind_adjustment_factor(
     """Return the ratio of the midflame wind to the wind 20 ft above the vegetation (Andrews 2012).
 
     The fuel depth is in ft; canopy cover and crown ratio are fractions. All arguments are numbers
-    or arrays of one shape. Crowns are cones, so that they fill cover times crown ratio / 3 of the
-    volume. Fuel is sheltered if crowns fill at least 5 % of the volume and, as in `behave`, the
-    canopy is at least 6 ft high. See RMRS-GTR-266. Raises FireModelError for a cover or ratio
-    outside 0 to 1.
+    or arrays of one shape. Crowns are assumed to be cones, which fill the share cover times crown
+    ratio / 3 of the volume. Fuel is sheltered if crowns fill at least 5 % of the volume and, as in
+    `behave`, the canopy is at least 6 ft high. See RMRS-GTR-266. Raises FireModelError for a cover
+    or ratio outside 0 to 1.
     """
     for name, part in (("canopy_cover", canopy_cover), ("crown_ratio", crown_ratio)):
         wrong = ~((np.asarray(part) >= 0.0) & (np.asarray(part) <= 1.0))

@@ -14,7 +14,8 @@ exact ellipse. Every arrival time is the time along a possible path and therefor
 
 A path from a near source may also bend once on an edge between the source and the node (``bend``):
 from a point, because there are few nodes near an ignition at which paths could bend, and from a
-node, if fire spreads at different rates in the first and the last cell. Such a bend is a point.
+node, if fire spreads at different rates in the first and the last cell. This bend is stored as a
+point.
 
 When the weather changes, each line along which fire is moving is cut at the position of the fire,
 and that point becomes the source of the remaining line. Only the remaining line has the new spread
@@ -386,7 +387,7 @@ class AnyAngleFire(Fire):
     def arrival_vectors(self) -> Floats:
         """Return the vector (2, y, x) from each cell's source to the cell, in m north and east.
 
-        It is 0 where the fire was lit.
+        The vector is 0 where the fire was lit.
         """
         found = np.zeros((2, *self.landscape.shape))
         cell_m, lattice = self.landscape.cell_size_m, self._lattice

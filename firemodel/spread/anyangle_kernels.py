@@ -57,11 +57,12 @@ def _within_a_cell(step: int, odd_i: bool, odd_j: bool) -> list[tuple[int, int]]
 def _offsets() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the offsets (kinds, 24, 4), and the number of offsets for each kind of node.
 
-    An offset has the differences of i, j, the row of the cell that has the key, and the rest of the
-    key. The second array has the number of offsets to nodes on edges, the third that of all
-    offsets. The kinds (``kind_of``) are, in the lattice of corners, a corner and a centre; then, in
-    the lattice with middles of edges, a corner, the middle of a horizontal and of a vertical edge,
-    and a centre.
+    An offset consists of four differences between two nodes: in i, in j, in the row of the cell to
+    which the key belongs, and in the rest of the key. The second array has the number of offsets to
+    nodes on edges, the third that of all offsets. The first two kinds (``kind_of``) are those of
+    the lattice of corners: a corner and a centre. The other four are those of the lattice with
+    middles of edges: a corner, the middle of a horizontal edge, the middle of a vertical edge, and
+    a centre.
     """
     kinds = [(2, odd, odd) for odd in (False, True)]
     kinds += [(1, odd_i, odd_j) for odd_i in (False, True) for odd_j in (False, True)]
@@ -302,9 +303,9 @@ def bend(  # type: ignore[no-untyped-def]
 ):
     """Improve the label of a node near its source: try paths that bend on an edge between them.
 
-    ``rounds`` is the number of searches for the place of the bend, each finer than the one before.
-    The bend of a path whose relative gain in time is more than ``worth`` becomes a point. Returns
-    the number of points in use.
+    ``rounds`` is the number of searches for the place of the bend, each finer than the previous
+    search. The bend of a path whose relative gain in time is more than ``worth`` becomes a point.
+    Returns the number of points in use.
     """
     best_s, sources = labels
     n = best_s.size

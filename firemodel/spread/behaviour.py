@@ -37,9 +37,9 @@ class Behaviour(NamedTuple):
 def behaviour_of(fire: Fire) -> Behaviour:
     """Return the fire behaviour at the arrival of the front in each cell.
 
-    The spread rate is normal to the front. It is computed from the cell's ellipse (Rothermel 1972;
-    Anderson 1983, INT-305) and the direction from which fire came. In an ignition cell it is the
-    rate of the head. The intensity is Byram's, and the flame length is after Byram 1959.
+    The spread rate is normal to the front. This rate is computed from the cell's ellipse (Rothermel
+    1972; Anderson 1983, INT-305) and the direction from which fire came. In an ignition cell it is
+    the rate of the head. The intensity is Byram's, and the flame length is after Byram 1959.
 
     Args:
         fire: A fire that has been advanced to the time of interest.

@@ -39,7 +39,7 @@ class Fire(ABC):
     """One burning fire, whose time in seconds only increases.
 
     ``arrival_time_s`` (y, x), float64, is the ignition time of each cell; unburned cells have
-    infinity. It is the internal array of the fire, not a copy. Callers must not write to it.
+    infinity. The array is internal to the fire, not a copy. Callers must not write to it.
     """
 
     landscape: Landscape
@@ -159,8 +159,8 @@ class Fire(ABC):
     def front(self, time_s: float) -> Any:
         """Return the burned area at a time as a shapely MultiPolygon in the landscape's CRS.
 
-        Its edge is interpolated between the cells' centres. Raises FireModelError if the fire has
-        not been advanced to ``time_s`` yet.
+        The edge of the area is interpolated between the cells' centres. Raises FireModelError if
+        the fire has not been advanced to ``time_s`` yet.
         """
         self._check_past(time_s)
         found = front_polygons(self._expected_s(), time_s, self.landscape)
@@ -169,8 +169,8 @@ class Fire(ABC):
     def arrival_vectors(self) -> Floats:
         """Return the last straight path to each cell as a vector (2, y, x) in m north and east.
 
-        By default the path comes from the neighbour that burned first. It is 0 where the fire was
-        lit.
+        By default the path comes from the neighbour that burned first. The vector is 0 where the
+        fire was lit.
         """
         from_row, from_col = earliest_neighbour(self.arrival_time_s)
         return np.stack([from_row, -from_col]) * self.landscape.cell_size_m

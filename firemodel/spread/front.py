@@ -95,8 +95,8 @@ def multipolygon(area: Any) -> Any:
 def front_polygons(expected_s: Floats, time_s: float, landscape: Landscape) -> Any:
     """Return the burned area at a time as a MultiPolygon, computed from arrival times (y, x).
 
-    The edge is interpolated linearly between the centres of cells. It is at most halfway to a cell
-    that fire does not reach, or to the edge of the landscape.
+    The edge is interpolated linearly between the centres of cells. The edge is at most halfway to a
+    cell that fire does not reach, or to the edge of the landscape.
     """
     from contourpy import FillType, contour_generator
     from shapely.geometry import MultiPolygon, Polygon

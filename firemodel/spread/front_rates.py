@@ -33,9 +33,9 @@ class FrontRates:
             north, east: Outward normals of the front in these cells (n), unit vectors on the grid.
             at_s: The time of the weather.
 
-        The speed is 0 where fire does not spread. It is the support function of the ellipse A |v| -
-        B v = 1 in the direction (north, east) (Huygens). |v| is measured on the slope; A and B are
-        those of ``local_spread``.
+        The speed is 0 where fire does not spread. The speed is the support function of the ellipse
+        A |v| - B v = 1 in the direction (north, east) (Huygens). |v| is measured on the slope; A
+        and B are those of ``local_spread``.
         """
         entry = self._weather.index_at(at_s)
         return self._of(self._tables, entry, rows, cols, north, east)

@@ -1,7 +1,7 @@
 """Keep times and keys in a compiled heap; entries with equal times are ordered by key.
 
-Each entry has four children, which are close together in memory, and the earliest of them is found
-without branches: the processor could not predict them.
+Each entry has four children, which are close together in memory. The code that finds the earliest
+child has no branches, because the processor could not predict them.
 """
 
 import numpy as np

@@ -44,7 +44,7 @@ class Points(NamedTuple):
 
 
 class Queue(NamedTuple):
-    """The nodes that fire reaches next: a heap of those on edges (``heap``), a list of centres."""
+    """The nodes that fire reaches next: nodes on edges in a heap (``heap``), centres in a list."""
 
     times: Floats
     keys: NDArray[np.int32]

@@ -76,7 +76,7 @@ def burnable_codes(landscape: Landscape) -> list[int]:
 
 
 def beds_of(landscape: Landscape, entries: Sequence[Weather]) -> list[list[FuelBed]]:
-    """Return, for each weather entry, the fuel bed of each of ``burnable_codes`` when so moist."""
+    """Return the fuel bed of each of ``burnable_codes``, for the moistures of each entry."""
     codes = burnable_codes(landscape)
     return [
         [fuel_bed(landscape.fuels[code], entry.moisture_of(code)) for code in codes]

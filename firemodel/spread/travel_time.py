@@ -95,7 +95,7 @@ def _reach(terrain, cols):  # type: ignore[no-untyped-def]
 
 @kernel
 def _compare(alike, one, other, terrain):  # type: ignore[no-untyped-def]
-    """Set which cells from ``one`` on are like those from ``other`` on: all bits set, or 0."""
+    """Set ``alike`` to -1 where cells from ``one`` on equal those from ``other`` on, else to 0."""
     fuel, gradient, midflame = terrain
     north, east, size = gradient[0], gradient[1], alike.size
     fuel_1, fuel_2 = fuel[one : one + size], fuel[other : other + size]
@@ -182,10 +182,10 @@ def evenest_cell(y, x, ground):  # type: ignore[no-untyped-def]
 
 @inlined
 def _mirrored(start, end):  # type: ignore[no-untyped-def]
-    """Return a line's first row (or column), the number of borders to others, and the first border.
+    """Return a line's first row (or column), the number of borders crossed, and the first border.
 
-    The border is a distance from the start. All are exact. There are no branches, because the
-    directions of successive lines cannot be predicted.
+    The border is given as a distance from the start. All results are exact. The function has no
+    branches, because the processor cannot predict the directions of successive lines.
     """
     sign = 1.0 if end >= start else -1.0
     start, end = sign * start, sign * end
@@ -200,8 +200,8 @@ def _line_s(y, x, to_y, to_x, ground):  # type: ignore[no-untyped-def]
 
     The result is not finite if the slowness of a cell is not known, if a cell that does not burn
     is on or beside the line, or if the line has no length or is on an edge. A line through a corner
-    enters one of the two other cells for a distance of 0 or of a rounding error. The loop has no
-    other end than the number of cells, so that the processor can work on several cells at once.
+    enters one of the two other cells for a distance of 0 or of a rounding error. The loop ends only
+    after the number of cells, so that the processor can work on several cells at once.
     """
     down, right = to_y - y, to_x - x
     north, east = -down * ground.cell_m, right * ground.cell_m

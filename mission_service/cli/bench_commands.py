@@ -71,7 +71,7 @@ def _whole_burn(cells: int, mixed: bool, progress: Callable[[str], None]) -> dic
 
 
 def _closed_loop(cells: int, mixed: bool, progress: Callable[[str], None]) -> dict[str, Any]:
-    """Measure steps of 10 s during three hours, from when a tenth of the cells has burned."""
+    """Measure steps of 10 s during three hours; at their start a tenth of the cells has burned."""
     fire = AnyAngleFire(landscape(cells, mixed), WEATHER, [(cells // 2, cells // 2, 0.0)])
     while np.count_nonzero(fire.burned()) < cells * cells / 10:
         fire.advance(fire.time_s + 600.0)

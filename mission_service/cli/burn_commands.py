@@ -85,7 +85,7 @@ def watch(out: Path, by: str, station: str | None, as_json: bool, every_s: float
 @click.option("--yes", is_flag=True, help="Do not prompt.")
 @user_options
 def approve(out: Path, by: str, station: str | None, as_json: bool, hash_: str, yes: bool) -> None:
-    """Show a summary of plan HASH (8 or more of its first digits), ask, and approve the plan."""
+    """Show a summary of plan HASH (8 or more of its first digits); ask, then approve it."""
     from mission_service.errors import RequestError
     from mission_service.guidance.burn.plan_summary import describe_plan
     from mission_service.interfaces.control.control_client import ControlClient

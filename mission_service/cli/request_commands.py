@@ -247,8 +247,9 @@ def _completed(do: str, given: dict[str, Any], status: Status) -> list[dict[str,
 def proposed_plan(status: dict[str, Any], digits: str) -> tuple[Any, str]:
     """Return the proposed plan whose hash begins with ``digits``, and its hash.
 
-    The hash is computed from the plan in ``status``. Raises RequestError if the computed hash
-    differs from the hash in ``status``, or unless exactly one plan has a hash with these digits.
+    The hash is computed from the plan in ``status``. Raises RequestError if no plan, or more than
+    one plan, has a hash with these digits, or if the computed hash differs from the hash in
+    ``status``.
     """
     import msgspec
 

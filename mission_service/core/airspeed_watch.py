@@ -35,8 +35,8 @@ def airspeed_compared(vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
         return []
     vehicle.airspeed_alarm = True
     words = (
-        f"flies {measured_m_s:.0f} m/s through the air, its missions command {commanded_m_s:g}: "
-        "correct its airspeed_m_s, or its autopilot's limits of airspeed"
+        f"flies {measured_m_s:.0f} m/s through the air, but its missions command "
+        f"{commanded_m_s:g}: correct its airspeed_m_s, or its autopilot's limits of airspeed"
     )
     return [RaiseAlarm(vehicle.name, AIRSPEED, words, "warning")]
 

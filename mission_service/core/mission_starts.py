@@ -13,7 +13,7 @@ WAITS = "on the ground: it waits for an operator's order to start"
 
 
 class MissionStarts:
-    """Decides about the starts of missions."""
+    """Decides when missions are started."""
 
     def __init__(self, scenario: Scenario, traffic: TrafficManager, guidance: Guidance) -> None:
         self.scenario = scenario

@@ -52,7 +52,8 @@ def tune(
     base, tools = _deap()
     if population < 4 or generations < 1:
         raise MissionServiceError(
-            f"tune: {generations} generations of {population}; give at least 1 generation of 4"
+            f"tune: {generations} generations of {population} sets of constants; "
+            "give at least 1 generation of 4"
         )
 
     rated = type("Fitness", (base.Fitness,), {"weights": (1.0,)})
@@ -143,7 +144,7 @@ def _chunks(many: Sequence[Genes], workers: int) -> list[Sequence[Genes]]:
 
 @contextmanager
 def on_cores(workers: int, seed: int) -> Iterator[Evaluate]:
-    """Yield a function that evaluates in ``workers`` processes or, for 1, in this process."""
+    """Yield a function that evaluates in ``workers`` processes, or in this process if it is 1."""
     if workers <= 1:
         yield lambda many: fitnesses(many, seed)
         return

@@ -1,1 +1,1 @@
-"""Simulate the fire, observe and forecast it, and estimate the fire of a burn."""
+"""Simulate fires, observe and forecast them, and estimate the fire of a run or of a burn."""

@@ -1,7 +1,7 @@
-"""Fold images, reports, ignitions and wind into the best estimate of a fire: one fire. Pure.
+"""Apply images, reports, ignitions and wind to the best estimate, which is one fire. Pure.
 
-An input (``Mosaic``, ``LateImage``, ``Ignited``, ``Reported``) takes milliseconds to a second,
-which the event loop cannot wait for. ``after`` therefore works on a copy, and may run in a thread.
+Applying an input (``Mosaic``, ``LateImage``, ``Ignited``, ``Reported``) takes from milliseconds to
+a second, too long for the event loop. ``after`` therefore works on a copy, and may run in a thread.
 """
 
 import copy
@@ -75,7 +75,7 @@ Input = Mosaic | LateImage | Ignited | Reported
 
 
 class Change(NamedTuple):
-    """What an input changed.
+    """The changes that an input has made.
 
     Attributes:
         window: A window around the cells that a report changed, for planners.
@@ -92,7 +92,7 @@ NOTHING = Change()
 
 
 class BestFire:
-    """The fire, its corrections, and the last sighting of each cell."""
+    """The estimated fire, its corrections, and the last sighting of each cell."""
 
     def __init__(self, scenario: Scenario, landscape: Landscape) -> None:
         """Begin with the fire that the scenario names."""
@@ -123,7 +123,7 @@ class BestFire:
         return found
 
     def burn_until(self, at_s: float) -> None:
-        """Advance the fire to a time, never back."""
+        """Advance the fire to a time; an earlier time has no effect."""
         if at_s > self.fire.time_s:
             self.fire.advance(at_s)
 
@@ -135,7 +135,7 @@ class BestFire:
             self._corrected.check_report(event)
 
     def fold(self, each: Input) -> Change:
-        """Apply an input, and return what it changed.
+        """Apply an input, and return the changes.
 
         Raises FireModelError for a report that cannot be used.
         """
@@ -199,7 +199,7 @@ class BestFire:
         return Change(self._reported_change(before), add=lambda ensemble: ensemble.add_late(seen))
 
     def _place_in_time(self, seen: Observation) -> None:
-        """Change the fire by an observation of the present or of an earlier time."""
+        """Change the fire to agree with an observation of the present or an earlier time."""
         change = partial(
             with_observation,
             seen=seen,
@@ -232,7 +232,7 @@ class BestFire:
         )
 
     def _removed(self, before: Fire) -> Window | None:
-        """Return a window around the reported cells that have not burned any more, or None."""
+        """Return a window around the reported cells that are no longer burned, or None."""
         removed: Mask = self._reported & before.burned() & ~self.fire.burned()
         if not removed.any():
             return None
@@ -240,7 +240,7 @@ class BestFire:
         return window_around(removed, self.fire)
 
     def _rewritten(self, fire: Fire, here: Place, state: NDArray[np.uint8], seen_s: Floats) -> Fire:
-        """Return the fire after sightings in a window, ``fire`` itself if both agree.
+        """Return the fire after sightings in a window; ``fire`` itself if it agrees with them.
 
         ``state`` and ``seen_s`` (y, x) are those of the window's cells.
         """
@@ -251,7 +251,7 @@ class BestFire:
         return rewritten(fire, *found, self._begin)
 
     def _with_sightings(self, fire: Fire, after_s: float = -math.inf) -> Fire:
-        """Return a corrected fire in which sightings that no later correction replaces hold.
+        """Return a corrected fire that agrees with all sightings without a later correction.
 
         Sightings until ``after_s`` are ignored.
         """
@@ -273,7 +273,7 @@ class Folded(NamedTuple):
 def after(best: BestFire, each: Input) -> Folded:
     """Return a fire after an input; the given one is not changed.
 
-    A report that raises an exception has no effect. So nothing in a journal stops a restart.
+    A report that raises an exception has no effect, so that no journal can make a restart fail.
     """
     found = best.copy()
     try:
@@ -285,7 +285,7 @@ def after(best: BestFire, each: Input) -> Folded:
 
 
 def _lit(fire: Fire, cells: Sequence[tuple[int, int]], at_s: float) -> Fire:
-    """Light cells (row, column) of a fire at a time or, if past, at its present time."""
+    """Light cells (row, column) of a fire at ``at_s``, or now if ``at_s`` is in the past."""
     for row, col in cells:
         fire.light(row, col, max(at_s, fire.time_s))
     return fire

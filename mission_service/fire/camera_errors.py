@@ -1,7 +1,7 @@
 """Simulate errors of cameras: in position, direction and detection, and through smoke.
 
-Equal seeds, vehicles and times give equal errors, however often and in which order images are
-taken.
+Equal seeds, vehicles and times give equal errors; the number and the order of the images have no
+effect.
 """
 
 import math
@@ -24,7 +24,7 @@ CALM_M_S = 0.5  # in a weaker wind, smoke rises and does not cover the ground
 
 
 class Shown(NamedTuple):
-    """What an image with errors shows."""
+    """The content of an image with errors."""
 
     burned: Mask  # (y, x) cells that appear as burned
     unseen: Mask  # (y, x) cells behind smoke

@@ -57,7 +57,7 @@ class CameraViews:
     def seen_from(
         self, fix: events.Telemetry, fire: Fire, wider_cells: float = 0.0
     ) -> events.Observed | None:
-        """Return what a vehicle's camera shows of a fire, or None off the landscape.
+        """Return the image of a fire by a vehicle's camera, or None off the landscape.
 
         ``wider_cells`` is added to the footprint on each side.
         """
@@ -80,7 +80,7 @@ class CameraViews:
 def observed(
     fire: Fire, fix: events.Telemetry, camera: Camera, wider_cells: float = 0.0
 ) -> events.Observed | None:
-    """Return what a camera sees of a fire from a position, or None off the landscape."""
+    """Return the image of a fire from a camera's position, or None off the landscape."""
     shown = footprint_of(fire.landscape, fix, camera, wider_cells)
     if shown is None:
         return None

@@ -139,7 +139,7 @@ class CorrectedFire:
 def thinned(observations: Floats) -> Floats:
     """Return at most ``MAX_OBSERVATIONS`` evenly chosen rows of observations (n, 4).
 
-    So many observations are sufficient to correct the fire around them; ``as_drawn`` sets all drawn
+    So many observations suffice to correct the fire around them; ``as_drawn`` sets all drawn
     cells exactly.
     """
     if len(observations) <= MAX_OBSERVATIONS:

@@ -130,7 +130,7 @@ class Forecasts:
         return not old or asyncio.get_running_loop().time() - self._begun_s < REST_S
 
     async def follow(self) -> None:
-        """Let the ensemble process its inputs as they come until cancelled.
+        """Let the ensemble process its inputs soon after their arrival, until cancelled.
 
         Without this coroutine the first forecast has to process all inputs.
         """

@@ -1,4 +1,4 @@
-"""Bring a fire in line with an observation of an earlier time. Pure."""
+"""Change a fire to agree with an observation of an earlier time. Pure."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -23,18 +23,19 @@ EQUAL_S = 1.0  # smaller differences of arrival times are rounding
 def with_observation(
     fire: Fire, seen: Observation, unburnable: Mask, begin: Begin, weather: WeatherStream
 ) -> Fire:
-    """Return a fire at its present time after an observation, ``fire`` itself if both agree.
+    """Return a fire after an observation; ``fire`` itself if it agrees with the observation.
 
     The fire is simulated twice from the time of the observation to the present, with and without
     the observed change. Only arrival times that differ are changed. Elsewhere the fire keeps its
-    progress within the cells, which a restart would lose.
+    progress within the cells, which a restart would lose. The result is at the time of the fire.
 
     Args:
         fire: The fire; it is not changed.
         seen: The observation; its time may be earlier than that of the fire, but not later.
         unburnable: (y, x) the cells of the grid that cannot burn.
         begin: Starts a fire from its state (None if nothing has burned) and weather at a time.
-        weather: The weather since the time of the observation; that of the fire may begin later.
+        weather: The weather since the time of the observation; the weather of the fire may begin
+            later.
     """
     cell_m, arrival_s = fire.landscape.cell_size_m, fire.expected_s()
     is_late = seen.at_s < fire.time_s
@@ -50,7 +51,7 @@ def with_observation(
 
 
 class _Past:
-    """Burns fires of earlier times on to the present of a fire."""
+    """Simulates fires from earlier times to the present time of a fire."""
 
     def __init__(self, fire: Fire, weather: WeatherStream, begin: Begin) -> None:
         self._fire, self._weather, self._begin = fire, weather, begin
@@ -63,7 +64,7 @@ class _Past:
                 self._model = model
 
     def burned_on(self, arrival_s: Floats, at_s: float) -> Floats:
-        """Return the expected arrival times (y, x) of a fire that burned so until ``at_s``."""
+        """Return the expected arrival times (y, x) now of a fire with these times at ``at_s``."""
         if not (arrival_s <= at_s).any():
             return np.full(arrival_s.shape, np.inf)
         burning = burning_from_arrival(arrival_s, self._fire.landscape, at_s)
@@ -83,7 +84,7 @@ def _burned_on(fire: Fire, known_s: Floats, new_s: Floats, at_s: float, past: _P
         known_s: (y, x) its arrival times until ``at_s``.
         new_s: (y, x) these times after the change.
         at_s: The time of the change.
-        past: Burns on to the present.
+        past: Simulates the fires to the present time.
     """
     arrival_s = fire.expected_s()
     if isinstance(fire, ProbabilisticFire):
@@ -101,7 +102,7 @@ def _burned_on(fire: Fire, known_s: Floats, new_s: Floats, at_s: float, past: _P
 def with_wind(past: WeatherStream, speed_m_s: float, from_deg: float, at_s: float) -> WeatherStream:
     """Return the weather of the last hours after a wind report, for late observations.
 
-    Of reports within ``WINDS_APART_S`` it contains the last.
+    Of the reports within ``WINDS_APART_S`` it contains only the last.
     """
     found = past.blown(speed_m_s, from_deg, at_s).since(at_s - MAX_AGE_S)
     if len(found.entries) > 2 and at_s - found.entries[-2].at_s < WINDS_APART_S:

@@ -1,8 +1,8 @@
 """Find the part of a reported observation that changes the estimate. Pure.
 
-A report that the estimate explains within its error of position changes nothing. A place in another
-state counts at once if its source makes no errors of detection, otherwise only after a second
-report nearby, of another time or source.
+A report that agrees with the estimate within the report's error of position changes nothing. A
+place that is reported in another state changes the estimate at once if the source makes no errors
+of detection, otherwise only after a second report nearby, of another time or source.
 """
 
 import copy

@@ -43,7 +43,7 @@ def observation_of(
     """Return the cells that an image, a report or a correction shows, with their time and errors.
 
     Args:
-        event: The event. A burning area has burned inside.
+        event: The event. The inside of a burning area counts as burned.
         landscape: The landscape.
         erasures: The later erasures; the cells in their circles are not shown.
 
@@ -135,7 +135,7 @@ def refuse_contradicted(seen: Observation, state: NDArray[np.uint8], seen_s: Flo
     """Raise FireModelError for a report that contradicts most of the sightings of its cells.
 
     Burned cells must not have been seen as unburned at a later time; for several cells, sightings
-    shortly before count too. Unburned cells must not have been seen as burned before.
+    shortly before that time also count. Unburned cells must not have been seen as burned before.
 
     Args:
         seen: The reported observation.

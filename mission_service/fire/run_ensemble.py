@@ -1,8 +1,8 @@
-"""Track the fire of a run by an ensemble, which estimates wind and spread rates as well.
+"""Track the fire of a run by an ensemble, which also estimates wind and spread rates.
 
-The ensemble (``firemodel.assimilation.fire_estimate``) is expensive. Its inputs are therefore
-collected in a list, which a thread processes when a forecast is requested. Equal inputs give equal
-ensembles, however they are divided among the requests.
+The ensemble (``firemodel.assimilation.fire_estimate``) needs much computing time. The inputs of the
+ensemble are therefore collected in a list, which a thread processes when a forecast is requested.
+Equal inputs give equal ensembles; their division among the requests has no effect.
 """
 
 import math
@@ -109,13 +109,13 @@ class RunEnsemble:
         return {**vars(self), "_processed": None, "_count": 0}
 
     def add_image(self, new: Observation) -> None:
-        """Add an image, which must not be earlier than the input before."""
+        """Add an image, which must not be earlier than the previous input."""
         self._end_period_by(new.at_s, exclusive=True)
         self._images.append(new)
         self._end_period_by(new.at_s)
 
     def add_input(self, new: Observation | Lit | WeatherSet) -> None:
-        """Add another input, which must not be earlier than the input before."""
+        """Add another input, which must not be earlier than the previous input."""
         at_s = _time_of(new)
         self._end_period_by(at_s)
         self._end_period(at_s)
@@ -140,14 +140,14 @@ class RunEnsemble:
     def inputs_until(self, at_s: float) -> list[Input]:
         """Return the unprocessed inputs until a time.
 
-        The images of the present period and later ignitions of the scenario are not among them.
+        The result contains no images of the present period, and no later ignitions of the scenario.
         """
         self._end_period_by(at_s)
         self._add_due(at_s)
         return self._inputs[self._count :]
 
     def _end_period_by(self, at_s: float, exclusive: bool = False) -> None:
-        """End the period of the images if it ends by (or, if exclusive, before) a time."""
+        """End the period of the images if it ends before a time or, unless exclusive, at it."""
         if not self._images:
             return
         end_s = math.ceil(self._images[0].at_s / IMAGES_PERIOD_S) * IMAGES_PERIOD_S
@@ -170,12 +170,12 @@ class RunEnsemble:
             self._inputs.append(Images(self._last_s, ()))
 
     def is_long(self) -> bool:
-        """Return whether ``forget`` is due."""
+        """Return whether ``forget_before_mark`` is due."""
         kept = 0 if self._mark is None else self._mark.inputs
         return len(self._inputs) - kept >= INPUTS_PER_MARK
 
     def forget_before_mark(self, fire: Fire) -> None:
-        """Forget the inputs before the last mark, and set a mark with this state of the fire.
+        """Delete the inputs before the last mark, and set a mark with this state of the fire.
 
         Without this, the inputs of a long run would fill the memory. The effect of these inputs on
         the ensemble remains, but only until a restart of the service.

@@ -1,16 +1,16 @@
 """Estimate the fire of a run from camera images, operators' reports and the reported weather.
 
 The estimate begins with the initial fire of the scenario, or without any fire, and is simulated by
-the fire model. Camera images replace the estimate where they differ: all images of a period are
+the fire model. Camera images replace the estimate where the two differ: all images of a period are
 written into the estimate at once at the end of that period. Reports of operators correct the
 estimate (``corrected_fire``). Interfaces and forecasts read this fire, and planners receive its
-corrections; nothing here reads the simulated fire.
+corrections; this module does not read the simulated fire.
 
 Equal events give equal estimates, bit for bit: events become inputs (``best_fire``), which are
-folded in their order. Images are written at fixed mission times, however often the estimate is
-read, and late inputs are folded as if they had been folded at once. In a live run
-(``in_background``) a thread folds each input on a copy (``next_work``, ``adopt``); until it is
-adopted, reads show the fire before it.
+applied in the order of the events. Images are written at fixed mission times, however often the
+estimate is read, and a delay between an event and the application of its input changes nothing. In
+a live run (``in_background``) a thread applies each input to a copy of the estimate (``next_work``,
+``adopt``); until the copy is adopted, reads show the fire without the input.
 """
 
 import contextlib
@@ -86,12 +86,12 @@ class RunEstimate:
     def __init__(self, scenario: Scenario, landscape: Landscape) -> None:
         """Begin with the initial fire of the scenario.
 
-        In a burn, operators' reports correct the estimate of the burn's guidance instead of this.
+        In a burn, operators' reports correct the estimate of the burn's guidance, not this one.
         """
         self.landscape = landscape
-        self.in_background = False  # inputs are folded by ``next_work`` and ``adopt``, not by reads
+        self.in_background = False  # ``next_work`` and ``adopt``, not reads, apply the inputs
         self._best = BestFire(scenario, landscape)
-        self._waiting: deque[Input] = deque()  # the first one is in work if ``_in_work``
+        self._waiting: deque[Input] = deque()  # if ``_in_work``, a thread applies the first one
         self._in_work = False
         self._accepts_reports = scenario.burn_flown is None
         self._ignitions = ignition_reports_of(scenario)
@@ -108,7 +108,7 @@ class RunEstimate:
         self.ensemble = RunEnsemble(scenario, landscape)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the attributes for a snapshot; input in work is folded again."""
+        """Return the attributes for a snapshot; a thread's unfinished work is repeated later."""
         return {**vars(self), "in_background": False, "_in_work": False}
 
     @property
@@ -118,22 +118,22 @@ class RunEstimate:
 
     @property
     def is_behind(self) -> bool:
-        """Whether inputs wait to be folded."""
+        """Whether inputs wait to be applied."""
         return bool(self._waiting)
 
     def waits_for(self, report: AnyOperatorEvent) -> bool:
-        """Return whether a report waits to be folded."""
+        """Return whether a report waits to be applied."""
         return any(isinstance(each, Reported) and each.event is report for each in self._waiting)
 
     def end_background(self) -> None:
-        """Let reads fold the inputs that wait; work in a thread is dropped."""
+        """Let reads apply the waiting inputs from now on; discard the work of a thread."""
         self.in_background = self._in_work = False
 
     def advance(self, at_us: int) -> None:
-        """Advance the fire to this mission time, never backwards.
+        """Advance the fire to this mission time; an earlier time has no effect.
 
-        Long after the latest event only a copy advances, because events of earlier times may
-        follow. Therefore the estimate does not depend on the times at which it is read.
+        If the time is long after the latest event, only a copy advances, because events of earlier
+        times may follow. Therefore the estimate does not depend on the times at which it is read.
         """
         if not self._catch_up(min(at_us, self._latest_us)):
             return
@@ -143,9 +143,9 @@ class RunEstimate:
             self._ahead.advance(at_us / 1e6)
 
     def _catch_up(self, at_us: int) -> bool:
-        """Fold the inputs that wait, and burn until a time, at most ``_latest_us``.
+        """Apply the waiting inputs, and burn until a time, at most ``_latest_us``.
 
-        In the background do nothing, and return False, while inputs wait.
+        If inputs wait for a thread (``in_background``), do nothing and return False.
         """
         if self._waiting and self.in_background:
             return False
@@ -167,9 +167,9 @@ class RunEstimate:
         return found
 
     def next_work(self) -> Callable[[], Folded] | None:
-        """Return the computation of the next input, for a thread; None if no input waits.
+        """Return a function that applies the next input, for a thread; None if no input waits.
 
-        Its result must be passed to ``adopt`` before the next one is begun.
+        The result of the function must be passed to ``adopt`` before the next call.
         """
         if not self._waiting:
             return None
@@ -194,7 +194,7 @@ class RunEstimate:
                 self.ensemble.forget_before_mark(self._best.fire)
 
     def _queue(self, new: Input) -> None:
-        """Add an input; images of a period are folded later, all other inputs at once."""
+        """Add an input; images of a period are applied later, all other inputs at once."""
         self._waiting.append(new)
         if not self.in_background and not isinstance(new, Mosaic):
             self._fold_all()
@@ -202,15 +202,15 @@ class RunEstimate:
     def view(self, fix: Telemetry) -> Observed | None:
         """Return the part of the estimate that a vehicle's camera would show, if an image is due.
 
-        The result is None off the landscape, in a run with a simulated fire, which cameras observe,
-        in a burn, which has an estimate of its own, and while the estimate is behind.
+        The result is None off the landscape, while inputs wait, in a run with a simulated fire
+        (which cameras observe), and in a burn (whose guidance has its own estimate).
         """
         if not (self._gives_views and self._views.is_due(fix)):
             return None
         return self.seen_from(fix)
 
     def seen_from(self, fix: Telemetry, wider_cells: float = 0.0) -> Observed | None:
-        """Return what ``view`` returns, whether an image is due or not.
+        """Return the result of ``view``, even if no image is due.
 
         ``wider_cells`` is added to the footprint of the camera on each side.
         """
@@ -255,9 +255,10 @@ class RunEstimate:
             self._queue(Ignited(self._latest_us / 1e6, reported.at_s, cells))
 
     def _delivered(self, event: Observed) -> None:
-        """Forget the window of an event.
+        """Remove the window of a delivered event.
 
-        A replay, which folds no input before it must, folds those that the live run had folded.
+        A replay applies inputs as late as possible. Here it applies the inputs that the live run
+        had applied before this event.
         """
         if not self.in_background:
             self._fold_all()
@@ -271,7 +272,7 @@ class RunEstimate:
     def check(self, event: AnyEvent) -> None:
         """Raise FireModelError for an operator's report that cannot be used; change nothing.
 
-        Not all such reports are recognised in the background while inputs wait.
+        While inputs wait for a thread (``in_background``), not all such reports are recognised.
         """
         if not isinstance(event, OF_FIRE):
             return
@@ -288,7 +289,7 @@ class RunEstimate:
     def apply_report(self, event: AnyEvent) -> Window | None:
         """Apply an operator's report, and return a window around the changed cells or None.
 
-        In the background the report waits, and the result is None.
+        If a thread applies the inputs (``in_background``), the report waits; the result is None.
 
         Raises UnusedReportError for a report that changes nothing, because it cannot be used.
         """

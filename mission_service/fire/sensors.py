@@ -23,9 +23,9 @@ class Sensor(Protocol):
     """A source of observations of the fire.
 
     The methods of a sensor are called on the event loop and must return at once. A sensor that
-    waits for files or sockets does so in a thread and returns from ``observe`` what has arrived
-    since. A sensor may have an attribute ``problem``, a text that is shown as an alarm unless it is
-    empty.
+    waits for files or sockets waits in a thread; ``observe`` returns an observation that has
+    arrived. A sensor may have an attribute ``problem``: a text that is shown as an alarm unless it
+    is empty.
     """
 
     def observe(self, fix: Telemetry) -> Observed | None:

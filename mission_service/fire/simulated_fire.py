@@ -1,4 +1,4 @@
-"""Simulate the fire that really burns in a simulation: the truth.
+"""Simulate the true fire of a simulation.
 
 Only the simulated cameras read this fire (``simulated_cameras``). The estimate, the planners and
 the map receive their observations, never this fire itself.
@@ -48,7 +48,7 @@ def simulated_fire_of(scenario: Scenario, landscape: Landscape) -> SimulatedFire
 def simulated_weather(scenario: Scenario) -> WeatherStream:
     """Return the weather that drives the simulated fire and moves simulated vehicles.
 
-    This is the scenario's weather, changed by the keys of [simulation.fire].
+    The result is the scenario's weather, changed by the keys of [simulation.fire].
     """
     reported, section = weather_of(scenario), scenario.simulation.fire or SimulatedFireSection()
     if section == SimulatedFireSection(spread_factor=section.spread_factor):

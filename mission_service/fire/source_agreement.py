@@ -111,7 +111,7 @@ class SourceAgreement:
         return frozenset() if disagree or len(others) <= len(found) else frozenset(found)
 
     def contradictions(self) -> dict[str, str]:
-        """Return a text on each source that contradicts others, by the name of the source."""
+        """Return a text about each source that contradicts others, by the name of the source."""
         found = {
             one: f"the images of {one} and {other} contradict each other; check both cameras"
             for (one, other), compared in sorted(self._compared.items())

@@ -134,7 +134,7 @@ class ComparesParts(Protocol):
 class Awaited(NamedTuple):
     """The operator input that the guidance awaits.
 
-    ``plan_hash`` identifies the plan to approve ("" if there is none). ``answers`` is whether
+    ``plan_hash`` identifies the plan to approve ("" if there is none). ``answers`` is True if
     answers to the GO/NO-GO checklist are awaited.
     """
 
@@ -194,11 +194,11 @@ class Guidance(ABC):
     # For operators and interfaces -----------------------------------------------------------------
 
     def status(self) -> dict[str, Any]:
-        """Return the state for interfaces; ``complete`` is whether the run may end without loss."""
+        """Return the state for interfaces; ``complete``: the run may end without loss."""
         return {"complete": True}
 
     def preview(self, vehicle: Vehicle, fix: PositionFix) -> tuple[MissionItem, ...] | None:
-        """Return the mission that a renewal would send now, or None. This changes no state."""
+        """Return the mission that a renewal would send now, or None; change no state."""
         return None
 
     def compared(self, name: str, fix: PositionFix) -> Compared | None:

@@ -1,1 +1,1 @@
-"""How operators and other programs reach a run."""
+"""The interfaces of a run for operators and other programs."""

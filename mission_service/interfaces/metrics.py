@@ -1,7 +1,7 @@
 """Exports the metrics of a run to Prometheus, read from the run context at each scrape.
 
 Metrics of an interface, such as the number of live streams, are functions in ``context.gauges``.
-Their keys there are the names in ``FIGURES``.
+The keys of these functions are the names in ``FIGURES``.
 """
 
 from collections import Counter
@@ -22,7 +22,7 @@ PREFIX = "mission_service_"
 # For each name without the prefix: its help text and labels. Names that end in _total are counters.
 FIGURES: dict[str, tuple[str, tuple[str, ...]]] = {
     "info": ("Version, scenario and rule; always 1.", ("version", "scenario", "rule")),
-    "ready": ("1 while /readyz answers 200.", ()),
+    "ready": ("1 while /readyz returns 200.", ()),
     "mission_time_seconds": ("Mission time.", ()),
     "vehicles": ("Vehicles that this process flies.", ()),
     "vehicles_online": ("Vehicles whose link is up.", ()),

@@ -358,7 +358,8 @@ async def _resume(
 def replay(interrupted: InterruptedRun, service: Engine) -> None:
     """Apply the journal to the core and all other projections; no command is executed.
 
-    If a line cannot be applied but may be skipped, starts again without it. Raises JournalError.
+    If a line cannot be applied but may be skipped, the method starts again without the line. Raises
+    JournalError.
     """
     initial = Frozen(service.snapshot_fields(), service.shared_references)
     while True:

@@ -1,6 +1,7 @@
-"""Folds the inputs of the estimate one after the other in a thread, so that the loop is not held.
+"""Applies the inputs of the estimate in a thread, so that the event loop is not blocked.
 
-An input is journalled before it is folded. A run that is killed meanwhile folds it when it resumes.
+Inputs are applied one after the other. Each input is journalled before it is applied. If the run is
+killed between these two steps, it applies the input when it resumes.
 """
 
 import asyncio
@@ -11,11 +12,11 @@ from mission_service.errors import RefusedEventError
 from mission_service.events import AnyOperatorEvent
 from mission_service.runtime.engine import Engine
 
-LOOK_EVERY_S = 0.1  # for images; a report is folded at once
+LOOK_EVERY_S = 0.1  # for images; a report is applied at once
 
 
 class EstimateWorker:
-    """The task that folds the estimate's inputs, and the reports whose senders wait for it."""
+    """The task that applies the inputs of the estimate, and the reports whose senders wait."""
 
     def __init__(self, service: Engine, now_us: Callable[[], int], flush: Callable[[], None]):
         """Set the clock of the links, and the function that sends the resulting frames."""
@@ -24,7 +25,7 @@ class EstimateWorker:
         self._bell = asyncio.Event()
 
     async def fold_inputs(self) -> None:
-        """Fold inputs until cancelled; those that then wait are folded by the next read."""
+        """Apply inputs until cancelled; the next read applies the inputs that then still wait."""
         estimate = self._service.estimate
         estimate.in_background = True
         try:
@@ -64,9 +65,9 @@ class EstimateWorker:
             self._service.announce("service", f"the report of {report.by} is not used: {unused}")
 
     def outcome(self, report: AnyOperatorEvent) -> Awaitable[Exception | None] | None:
-        """Return what waits until a submitted report is folded; None if it does not wait.
+        """Return an awaitable for the result of a submitted report; None if it does not wait.
 
-        Its result is why the report changes nothing, or None.
+        The result is the reason why the report changes nothing, or None if it was used.
         """
         if not self._service.estimate.waits_for(report):
             return None

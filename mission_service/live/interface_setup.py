@@ -65,7 +65,7 @@ def request_handler_of(
 ) -> RequestHandler:
     """Return the handler of operators' requests; the resulting frames are sent without delay.
 
-    ``outcome`` is the one of ``RequestHandler``.
+    ``outcome`` is an argument of ``RequestHandler``.
     """
     burn = scenario.burn_flown
     stations = () if burn is None else tuple(station.name for station in burn.stations)

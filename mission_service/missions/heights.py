@@ -5,7 +5,7 @@ from firemodel.compiled import kernel
 
 @kernel
 def heights_near(points_m, others_m, highest_m, near_m, found_m):  # type: ignore[no-untyped-def]
-    """Raise ``found_m`` (n,) to the highest altitude of others near each point.
+    """Raise ``found_m`` (n,) to the highest altitude of other vehicles near each point.
 
     Others at ``others_m`` (m, 2), with altitudes ``highest_m`` (m,), are near a point of
     ``points_m`` (n, 2) if they are within ``near_m``.

@@ -39,7 +39,7 @@ class TrueShape:
 
 @compiled
 def _reached(reached_s, at_s):  # type: ignore[no-untyped-def]
-    """Return how many samples on each bearing burned by ``at_s``; each row is sorted."""
+    """Return the number of samples on each bearing burned by ``at_s``; each row is sorted."""
     found = np.empty(reached_s.shape[0], dtype=np.int64)
     for bearing in range(found.size):
         found[bearing] = np.searchsorted(reached_s[bearing], at_s, side="right")

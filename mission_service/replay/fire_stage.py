@@ -95,7 +95,7 @@ class _Comparison:
         return Stage("fire", counts, self._difference, self._details, "; ".join(note))
 
     def _source(self, image: Observed) -> Source | None:
-        """Return what an image shows: the estimate or the simulated fire; None if neither."""
+        """Return the fire in an image: the estimate or the simulated fire, or None."""
         return self._estimate if image.estimated else self._cameras
 
     def _compare(self, place: str, recorded: Observed, fix: Telemetry) -> None:

@@ -7,13 +7,13 @@ commands and executes them. At each position a simulated camera, if there is one
 content. The engine first applies each request to a copy of all projections (core, state view,
 interlock, missions), as a restart does, and journals it only if none of them raises an exception.
 The copy takes milliseconds, or tens of milliseconds with the maps of a formation. The estimated
-fire takes too long. It folds the request after the journal line is written, in a live run in a
-thread (``estimate_worker``), completely or not at all: a request that it cannot fold changes
-nothing, then and in a restart. Events of vehicles are too frequent for a copy. Their types limit
-their values (``events.py``), and the journal refuses other values. An event of a vehicle that still
-raises an exception is a defect. The engine removes it from the journal and executes none of its
-commands. The run then ends with an error of one line, because memory and journal differ. A restart
-resumes the run.
+fire is not copied, because a change of it takes too long: the request is applied to the estimate
+after the journal line is written (in a live run in a thread, ``estimate_worker``). A request that
+raises an exception there changes nothing in the estimate, in the run and after a restart. Events of
+vehicles are too frequent for a copy. Their types limit their values (``events.py``), and the
+journal refuses other values. An event of a vehicle that still raises an exception is a defect. The
+engine removes it from the journal and executes none of its commands. The run then ends with an
+error of one line, because memory and journal differ. A restart resumes the run.
 """
 
 import copy
@@ -228,7 +228,7 @@ class Engine:
     def submit(self, event: AnyOperatorEvent, now_us: int) -> None:
         """Handle an operator's event, and flush it to the disk before returning.
 
-        In the background a report of the fire is journalled, but not folded into the estimate yet.
+        In a live run a report about the fire is only journalled; a thread applies it afterwards.
 
         Raises NotRecordedError if the journal cannot be written, FireModelError for an impossible
         correction of the fire, and RefusedEventError for an event that a projection cannot handle.
@@ -253,7 +253,7 @@ class Engine:
         self._deliver(event.at_us, now_us)
 
     def adopt(self, found: Folded) -> AnyOperatorEvent | None:
-        """Adopt an input of the estimate that a thread has folded; return the report, if it is one.
+        """Adopt the result of a thread that applied an input; return the input if it is a report.
 
         ``deliver_next`` delivers the change to the vehicles' planners.
         """
@@ -368,9 +368,9 @@ class Engine:
                 self._deliver_to(name, at_us, now_us)
 
     def deliver_next(self, now_us: int) -> bool:
-        """Deliver one change to one vehicle's planner; return whether there was one to deliver.
+        """Deliver one change to one vehicle's planner; return False if no change was pending.
 
-        A planner may take a third of the time for which the event loop may be held.
+        A planner may take a third of the time for which the event loop may be blocked.
         """
         name = next(iter(self._undelivered), None)
         return name is not None and self._deliver_to(name, self.statistics.at_us, now_us)

@@ -81,7 +81,7 @@ class MissionClock:
 
     In a simulation that runs faster than real time, the autopilots' clocks synchronise fire and
     flight. The first autopilot begins at ``start_us``. An autopilot that connects later, is
-    restarted or has a slower clock joins at the time reached so far, because a team ignores a
+    restarted or has a slower clock joins at the present mission time, because a team ignores a
     vehicle whose time lags behind. With the wall clock, mission time is the time since the service
     began.
     """
@@ -96,7 +96,7 @@ class MissionClock:
         self._began_us: int | None = None
 
     def go_on(self, mission_us: int, wall_us: int) -> None:
-        """Set mission time for the machine's time ``wall_us``, before any vehicle is connected."""
+        """Set the mission time at the machine's time ``wall_us``, before a vehicle is connected."""
         self.now_us = self.latest_us = self._start_us = mission_us
         self._began_us = wall_us if self.wall else None
 
@@ -338,7 +338,7 @@ class Gateway:
         return self._changed(GpsFixChanged(now_us, self.name, event.fix in GOOD_FIXES, event.fix))
 
     def _held(self, items: tuple[MissionItem, ...] | None) -> Iterator[VehicleEvent]:
-        """Yield the mode, otherwise reported on change, and the mission that was read back."""
+        """Yield the mode, which is otherwise yielded on change, and the mission read back."""
         now_us, stack, recognise = self._clock.now_us, self.client.stack, self._recognise
         self._reading = self._recognise = None
         if stack is None or recognise is None:

@@ -59,7 +59,7 @@ def signings(
 
 
 def refusal(counts: Counts, link: str, from_frames: int = 1) -> str | None:
-    """Return one line on the main cause of refusal; None if fewer than ``from_frames`` frames."""
+    """Return a line about the main cause of refusal; None below ``from_frames`` frames."""
     verdict = max(WORDS, key=lambda verdict: getattr(counts, verdict))
     frames = getattr(counts, verdict)
     if frames < from_frames:
@@ -70,7 +70,7 @@ def refusal(counts: Counts, link: str, from_frames: int = 1) -> str | None:
 
 
 def key_missing(link: str) -> str:
-    """Return one line on a link whose vehicle signs frames while this program has no key."""
+    """Return one line about a link whose vehicle signs frames while this program has no key."""
     return f"frames on {link} are signed, and no signing key is given; the vehicle may not answer"
 
 

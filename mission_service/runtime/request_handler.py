@@ -13,8 +13,8 @@ from mission_service.errors import MissionServiceError
 from mission_service.events import AnyOperatorEvent, Corrected, Erased, FireObserved, Redone, Undone
 
 Answer = dict[str, Any]
-# Returns what waits until the estimate uses a report and then returns why it cannot, or None; or
-# None if no report waits.
+# Returns an awaitable for the reason why the estimate does not use a report (None if it is used).
+# Returns None if the report does not wait.
 Outcome = Callable[[AnyOperatorEvent], Awaitable[Exception | None] | None]
 CHANGES_AREA = (Corrected, FireObserved, Erased, Undone, Redone)
 OWN_ERRORS = (MissionServiceError, FireModelError, BridgeError)

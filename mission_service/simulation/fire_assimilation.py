@@ -181,7 +181,7 @@ def _observations(
 
 
 def _inside(area: BaseGeometry, landscape: Landscape) -> BaseGeometry:
-    """Return the part of an area on the landscape, on which the fires are compared."""
+    """Return the part of an area that lies on the landscape; the fires are compared there."""
     box = box_of(landscape)
     if box.covers(area):
         return area

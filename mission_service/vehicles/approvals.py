@@ -47,8 +47,8 @@ class MissionApprovals:
     def __init__(self, path_tolerance_m: float, horizon_m: float) -> None:
         """Set the distances at which a mission differs from a refused mission.
 
-        These are ``path_tolerance_m`` at right angles to the refused mission's path, and a share of
-        ``horizon_m`` beyond the end of the path.
+        The distances are ``path_tolerance_m`` at right angles to the refused mission's path, and a
+        share of ``horizon_m`` beyond the end of the path.
         """
         self._proposals: dict[str, Proposal] = {}
         self._announced: set[str] = set()  # vehicles with a proposal that waits for an answer
@@ -117,7 +117,7 @@ class MissionApprovals:
         return proposal.command
 
     def refused(self, vehicle: Vehicle, named: str, by: str) -> bool:
-        """Refuse the proposed mission with this hash and similar missions; False without one."""
+        """Refuse the proposed mission with this hash and similar ones; False if there is none."""
         proposal = self._take_proposal(vehicle, named)
         if proposal is None:
             return False

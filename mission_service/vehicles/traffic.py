@@ -54,7 +54,7 @@ class Flown:
 
 
 class TrafficManager:
-    """The tracks and positions of all vehicles, and the decisions which of them give way."""
+    """The tracks and positions of all vehicles, and the decisions on which of them gives way."""
 
     def __init__(
         self, scenario: Scenario, landscape: Landscape, availability: dict[str, VehicleAvailability]

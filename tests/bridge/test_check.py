@@ -246,8 +246,8 @@ def test_a_good_fence_and_good_rally_points_have_no_problems(stack: Stack) -> No
 FENCES: list[tuple[tuple[Stack, ...], Items, tuple[str, int | None, str], str]] = [
     (ALL, polygon((0, 1), (0, 9)), ("refused", 0, "param1"), "three vertices"),
     (ALL, polygon(*SQUARE, count=NAN), ("refused", 0, "param1"), "three vertices"),
-    (ARDUPILOT, polygon(*SQUARE, count=5.0), ("refused", 0, "param1"), "4 vertices are"),
-    (BOTH_PX4, polygon(*SQUARE, count=5.0), ("dangerous", 0, "param1"), "4 vertices are"),
+    (ARDUPILOT, polygon(*SQUARE, count=5.0), ("refused", 0, "param1"), "4 vertices cannot"),
+    (BOTH_PX4, polygon(*SQUARE, count=5.0), ("dangerous", 0, "param1"), "4 vertices cannot"),
     (ALL, polygon((0, 1), (9, 9), (0, 9), (9, 1)), ("dangerous", 0, "param1"), "crosses itself"),
     (
         ALL,

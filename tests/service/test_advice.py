@@ -25,7 +25,7 @@ def test_it_reports_what_the_team_can_do_and_what_a_target_requires() -> None:
     )
     assert too_few
     assert text == (
-        "front of 5.0 km, fastest 30.0 m/min: 3 vehicles can see each part every 111 s; the "
+        "front of 5.0 km, spread up to 30.0 m/min: 3 vehicles can see each part every 111 s; the "
         "maximum unseen advance is 56 m; every 100 s requires 4 vehicles; at most 50 m requires "
         "4 vehicles"
     )

@@ -184,7 +184,8 @@ def size_problems(band: Band) -> Iterator[str]:
 def missing_in(band: Band, values: NDArray[Any], nodata: float | None = None) -> Mask:
     """Return a mask (y, x) that is True for each cell without a value.
 
-    Such a cell is not finite, has the file's nodata value or ``nodata``, or is masked in the file.
+    A cell without a value is not finite, has the file's nodata value or ``nodata``, or is masked in
+    the file.
     """
     if np.issubdtype(values.dtype, np.floating):
         missing: Mask = ~np.isfinite(values)
@@ -208,7 +209,7 @@ def _fits(value: float, values: NDArray[Any]) -> bool:
 
 
 def cells_with(bad: Mask, values: NDArray[Any]) -> str:
-    """Return text on the first bad cell (value, row, column) and on the number of bad cells."""
+    """Describe the first bad cell (value, row, column) and the number of bad cells."""
     row, col = divmod(int(np.argmax(bad)), bad.shape[1])
     return f"{values[row, col]} at row {row}, column {col} ({np.count_nonzero(bad)} such cells)"
 

@@ -43,8 +43,8 @@ class TimeColumn(NamedTuple):
 def time_column(records: Sequence[Record]) -> TimeColumn | None:
     """Return the field with the times of features, from the attributes of each feature.
 
-    It is the first of ``FIELDS`` that has a value in any feature, or FIRIS' pair of date and time.
-    Returns None if there is no such field.
+    The field is the first of ``FIELDS`` that has a value in any feature, or FIRIS' pair of date and
+    time. Returns None if there is no such field.
     """
     names = {key.lower(): key for record in records for key in record}
     day, clock = names.get(FIRIS_DATE.lower()), names.get(FIRIS_TIME.lower())

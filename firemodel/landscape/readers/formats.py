@@ -64,7 +64,7 @@ def raster_driver(path: Path) -> str:
 def check_shapes(path: Path) -> None:
     """Raise FireModelError unless a file is in one of the formats of shapes.
 
-    These are GeoJSON, KML, KMZ, GeoPackage and Shapefile (zipped or not).
+    The formats are GeoJSON, KML, KMZ, GeoPackage and Shapefile (zipped or not).
     """
     start = _start(path).removeprefix(b"\xef\xbb\xbf").lstrip()
     if start.startswith(b"{"):

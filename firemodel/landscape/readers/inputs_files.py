@@ -1,7 +1,7 @@
 """Read the inputs files of FARSITE and FlamMap: fuel moistures, weather and wind.
 
-Such a file has lines ``KEY: value``. The value of some keys is the number of rows of numbers that
-follow. ``USED`` lists the keys that affect a run; ``Inputs.ignored`` returns all others.
+An inputs file has lines ``KEY: value``. The value of some keys is the number of rows of numbers
+that follow. ``USED`` lists the keys that affect a run; ``Inputs.ignored`` returns all others.
 """
 
 import re

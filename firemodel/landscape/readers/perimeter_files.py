@@ -157,7 +157,7 @@ def _time(path: Path, number: int, field: str, value: Any, zone: tzinfo) -> date
 def _area(
     path: Path, number: int, shape: BaseGeometry, crs: str, landscape: Landscape
 ) -> tuple[BaseGeometry, list[str]]:
-    """Return a feature's area in the landscape's CRS, and lines of text on changes to it.
+    """Return a feature's area in the landscape's CRS, and lines of text about changes to it.
 
     Raises FireModelError if the feature has no area on the landscape.
     """

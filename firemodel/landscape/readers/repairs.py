@@ -14,9 +14,9 @@ def repaired(shape: BaseGeometry) -> BaseGeometry:
     """Return a valid polygon for closed lines or an invalid polygon, else the shape itself.
 
     The area of several closed lines consists of the points inside an odd number of them, so that a
-    line inside another one is the edge of an island. A self-intersecting polygon keeps the areas of
-    all its loops. Parts without area are removed. A shape with a coordinate that is not finite is
-    returned unchanged.
+    line inside another line is the edge of an island. A self-intersecting polygon keeps the areas
+    of all its loops. Parts without area are removed. A shape with a coordinate that is not finite
+    is returned unchanged.
     """
     if not np.isfinite(shapely.get_coordinates(shape)).all():
         return shape

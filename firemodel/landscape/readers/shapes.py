@@ -96,7 +96,7 @@ def repairs_of(path: Path, feature: int | None = None) -> list[str]:
 def repair_note(
     path: Path, number: int, shape: BaseGeometry, found: BaseGeometry, crs: str | None
 ) -> str:
-    """Return a line on the repair of a feature's ``shape`` to ``found``, both in ``crs``.
+    """Return a line about the repair of a feature's ``shape`` to ``found``, both in ``crs``.
 
     The line contains both areas in hectares, if the CRS is known.
     """
@@ -245,7 +245,7 @@ def crs_problems(path: Path, found: str | None, given: str | None) -> Iterator[s
 
 
 def no_crs(path: Path) -> str:
-    """Return a line of text on a file without CRS."""
+    """Return a line of text about a file without CRS."""
     lost = "has no .prj file" if path.suffix.lower() == ".shp" else "has no CRS"
     return f"{path}: {lost}; add its projection"
 

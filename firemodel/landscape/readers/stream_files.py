@@ -78,7 +78,7 @@ def daily_records(
 
     Returns:
         The units of both files, and a record for each full hour and for each change of the wind. A
-        record is the number of the line in the .wnd with its wind, and a list of texts: the time,
+        record consists of the number of the .wnd line with its wind, and a list of texts: the time,
         then the value of each of ``COLUMNS``.
 
     Raises:

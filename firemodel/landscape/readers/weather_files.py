@@ -88,8 +88,8 @@ def read_weather(
     Args:
         path: The file.
         start: The time of the stream's 0 s, by default the time of the first record or the start
-            in an inputs file. It must lie within the file; records that end before it are ignored.
-            It must have no UTC offset, unless the file is .csv.
+            in an inputs file. This time must lie within the file; records that end before it are
+            ignored. It must have no UTC offset, unless the file is .csv.
         moisture: Fuel moistures (fractions) of the classes that have no column in the file.
         conditioned: True if the dead moistures begin with ``moisture`` at the file's first record
             and then follow temperature, humidity and rain (``physics/moisture.py``).

@@ -166,8 +166,8 @@ def _csv_rows(path: Path) -> Rows:
 def _raws_rows(path: Path) -> Rows:
     """Return the records with the column names of the CSV format.
 
-    The count in the ``RAWS:`` line is often 1. If it is more than the number of records, the file
-    is not complete.
+    The count in the ``RAWS:`` line is often 1. A larger count than the number of records means that
+    the file is not complete.
     """
     if path.suffix.lower() not in (".raws", ".wxs"):
         raise FireModelError(f"{path}: is not a known kind of weather file; give {KINDS}")

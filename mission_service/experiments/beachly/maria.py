@@ -1,10 +1,10 @@
 """Test corrections with the Maria fire (California, 2019) as the truth.
 
 In the model, ellipses grow from all points of the first mapped perimeter. The model has one fuel
-and always the wind that was recorded for that perimeter. Without corrections the model does not
-match the later perimeters, because the terrain is steep and the fuel varies. Participants mark
-points on each perimeter with random errors. The front error is measured at the following perimeter,
-before participants mark points on it.
+and one constant wind, as recorded for that perimeter. Without corrections the model does not match
+the later perimeters, because the terrain is steep and the fuel varies. Participants mark points on
+each perimeter with random errors. The front error is measured at the following perimeter, before
+participants mark points on it.
 """
 
 from collections.abc import Callable

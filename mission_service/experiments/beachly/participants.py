@@ -82,7 +82,7 @@ def random_observations(
 
     In each segment the camera shows a part of the front. Most observations are ``burning`` and lie
     on the true front. The others are ``burned`` behind the front or ``unburned`` ahead of it, at
-    places where the uncorrected simulation is wrong; The observations are therefore the same for
+    places where the uncorrected simulation is wrong. The observations are therefore the same for
     every method. All positions have the participant's constant offset and a random error.
     """
     row, col = np.indices(arrival_s.shape)

@@ -62,7 +62,7 @@ def _steps(burn: Burn, rates: FrontRates, every_s: float) -> Iterator[RingStep]:
 def outer_cells(burned: NDArray[np.bool_]) -> Integers:
     """Return the front (n, 2) of a burned area (y, x): row, column, clockwise, no cell twice.
 
-    Where the burned area is only one cell wide, a walk along the edge passes each cell twice. Such
+    Where the burned area is only one cell wide, a walk along the edge passes each cell twice. These
     cells are counted only on the first pass.
     """
     loop = perimeter(burned)[::-1].astype(np.int64)

@@ -47,7 +47,7 @@ class Flight:
 
 
 def look(burn: Burn, row: int, col: int, at_s: float) -> Observed:
-    """Return what the vehicle's camera observes: the cells within ``VIEW_CELLS``."""
+    """Return the cells that the vehicle's camera observes, all within ``VIEW_CELLS``."""
     rows, cols = burn.arrival_s.shape
     top, left = max(row - REACH, 0), max(col - REACH, 0)
     bottom, right = min(row + REACH + 1, rows), min(col + REACH + 1, cols)

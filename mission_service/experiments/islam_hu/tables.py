@@ -33,8 +33,8 @@ def _errors(found: dict[str, Any]) -> str:
     planners = [row["planner"] for row in _of(found["distance_error"], *_fires(found)[0])]
     lines = [
         "Distance error in cells over 360 angles, α = 1: mean over time of the maximum (change",
-        "against circling), then of the mean; of the convex hull of the seen front (section VI.E),",
-        "for predictive of its estimated front",
+        "against circling), then mean over time of the mean. The error is that of the convex hull",
+        "of the observed front (section VI.E); for predictive, that of its estimated front",
         "  fire            scheme    "
         + "".join(f"{planner:>15}" for planner in planners)
         + "   "

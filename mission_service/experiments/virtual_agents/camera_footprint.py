@@ -20,7 +20,7 @@ Footprint = tuple[float, float, float, float, float]
 def changed_cells(
     grid: MapGrid, footprint: Footprint, arrival_s: Floats, at_s: float, fire: NDArray[np.bool_]
 ) -> tuple[Cells, Cells]:
-    """Return the cells in a footprint that burn but are not mapped as fire, and the reverse.
+    """Return the cells in a footprint that burn but are not on the map, and those only on the map.
 
     ``arrival_s`` (y, x) are the arrival times of the true fire; cells that never burn have
     infinity. Burned cells count as burning. ``fire`` (y, x) is the map. Returns two arrays of cell

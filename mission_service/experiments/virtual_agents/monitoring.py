@@ -154,7 +154,7 @@ def _seen(cells, priorities, seen_s, since_s):  # type: ignore[no-untyped-def]
 def _in_view(cells, priorities, views, view):  # type: ignore[no-untyped-def]
     """Return the sum of the priorities in a view's uncounted cells, and in all its cells.
 
-    A cell counts as counted if ``views`` contains the number ``view`` at that cell.
+    A cell has been counted if ``views`` contains the number ``view`` at that cell.
     """
     new, total = 0.0, 0.0
     for cell in cells:

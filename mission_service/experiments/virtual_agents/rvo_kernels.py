@@ -1,9 +1,9 @@
 """Avoid other vehicles by reciprocal velocity obstacles (5.3.3; van den Berg et al. 2008).
 
 Consider a vehicle A with velocity v_A and another vehicle B with velocity v_B. A velocity v' is
-inside the reciprocal obstacle of B for A if 2 v' - v_A is inside B's velocity obstacle. This is so
-if motion with 2 v' - v_A - v_B relative to B leads into the combined radius. Velocities are over
-the ground. ``peers`` (n, COLUMNS) is as returned by ``PeerTable.rows``.
+inside the reciprocal obstacle of B for A if 2 v' - v_A is inside B's velocity obstacle. That is the
+case if motion with 2 v' - v_A - v_B relative to B leads into the combined radius. Velocities are
+over the ground. ``peers`` (n, COLUMNS) is as returned by ``PeerTable.rows``.
 """
 
 import math
@@ -74,7 +74,7 @@ def clear_heading_rad(  # type: ignore[no-untyped-def]
     """Return the heading nearest to the desired heading whose velocity is outside all cones.
 
     If every velocity is inside a cone, the heading with the latest meeting is returned. The second
-    result is whether the desired heading was in conflict. ``radius_m`` is the combined radius (2
+    result is True if the desired heading was in conflict. ``radius_m`` is the combined radius (2
     r_s).
     """
     best_rad, best_s = desired_rad, -1.0

@@ -114,7 +114,7 @@ def _fire(kind: Kind, rng: np.random.Generator) -> NDArray[np.bool_]:
 
 
 def flown(scenario: Scenario, constants: Floats) -> tuple[float, float]:
-    """Return the final coverage, and the share of time that agents are too near to fire.
+    """Return the final coverage, and the share of time for which agents are too near to fire.
 
     ``constants`` (8) are in the order of ``constants_array``.
     """

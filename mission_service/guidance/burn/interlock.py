@@ -237,7 +237,7 @@ class Interlock:
         if event.station not in self._stations:
             entry.why_not = f'approved from "{event.station}", which is not a station for approvals'
         elif not event.by.strip() or event.by == "service":
-            entry.why_not = "its approval has no name of an operator"
+            entry.why_not = "its approval contains no name of an operator"
         elif self.open_items:
             entry.why_not = "approved before the GO/NO-GO checklist was complete; approve again"
         else:

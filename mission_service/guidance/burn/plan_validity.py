@@ -103,7 +103,10 @@ def _load_problem(
         return f"the plan has {left} more drops, but only {situation.spheres} spheres are left"
     needs_s = plan.duration_s - flown_s + plan.home_s + settings.battery_reserve_s
     if needs_s > situation.battery_s + ROUNDED_S:
-        return f"the plan needs {needs_s:.0f} s of battery, but has {situation.battery_s:.0f} s"
+        return (
+            f"the plan needs {needs_s:.0f} s of flight time, but the battery lasts "
+            f"{situation.battery_s:.0f} s"
+        )
     return ""
 
 
@@ -114,7 +117,7 @@ WindFrom = tuple[float, float]  # speed in m/s; direction it blows from, degrees
 
 
 def wind_differs(plan: IgnitionPlan, wind: WindFrom, burn: BurnSection) -> str | None:
-    """Return how a wind differs from the planned wind, or None if the difference is small."""
+    """Describe the difference of a wind from the planned wind; None if it is small."""
     speed_m_s, from_deg = wind
     turned_deg = abs((from_deg - plan.wind_from_deg + 180.0) % 360.0 - 180.0)
     faster = abs(speed_m_s - plan.wind_speed_m_s) > burn.wind_changes_m_s

@@ -1,4 +1,4 @@
-"""The planner of a burn, which decides nothing."""
+"""The planner of a burn, which makes no decisions."""
 
 from mission_service.events import (
     Observed,
@@ -6,7 +6,7 @@ from mission_service.events import (
 
 
 class Undecided:
-    """A planner that decides nothing, because the vehicle of a burn flies approved plans."""
+    """A planner that makes no decisions, because the vehicle of a burn flies approved plans."""
 
     def observe(self, observed: Observed) -> None:
         """Do nothing."""

@@ -22,7 +22,7 @@ def _check(scenario: Scenario) -> None:
         except BridgeError as error:
             raise ValueError(f"{vehicle.name}: burn.dropper: {error}") from None
     if len(vehicles) > 1:
-        raise ValueError('rule = "burn" is for one vehicle: others would fly in each other\'s fire')
+        raise ValueError('rule = "burn" is for one vehicle; remove the other vehicles')
 
 
 FOLDER = __package__

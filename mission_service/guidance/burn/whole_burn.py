@@ -91,9 +91,9 @@ class CombinedFires:
 def whole_burn(situation: Situation, settings: BurnSection, pause_s: float = 0.0) -> WholeBurn:
     """Plan all lines from a situation until none is left, each ``pause_s`` after the previous one.
 
-    If the spheres or the battery do not suffice for the rest of a line, and are not full, the
-    vehicle reloads before it begins this rest. For a reload it returns home at the safe height,
-    spends ``reload_s`` on the ground, and takes off at home.
+    If the spheres or the battery do not suffice for the rest of a line, the vehicle reloads before
+    it flies this rest, unless its load and battery are still full. For a reload it returns home at
+    the safe height, spends ``reload_s`` on the ground, and takes off at home.
     """
     now, base = situation, situation.fire
     lit = np.empty((0, 3))

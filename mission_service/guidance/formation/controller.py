@@ -106,7 +106,7 @@ class FormationFlight(Guidance):
     # Inputs ----------------------------------------------------------------------------
 
     def on_operator(self, event: AnyOperatorEvent) -> list[AnyCommand]:
-        """Forget pending orders after a restart of the service; orbits are commanded again.
+        """Discard pending orders after a restart of the service; orbits are commanded again.
 
         Settings are refused.
         """

@@ -100,7 +100,7 @@ def _box(path, more_m):  # type: ignore[no-untyped-def]
 
 @kernel
 def clear_for_s(path, paths, notes, count, apart_at, max_m_s):  # type: ignore[no-untyped-def]
-    """Return for how long a path (rows, 2) is clear of the first ``count`` paths of the peers.
+    """Return the time for which a path (rows, 2) is clear of the first ``count`` peers' paths.
 
     ``paths`` (n, rows, 2) holds the paths of the peers. ``apart_at`` (APART or HELD_APART) is the
     index of the minimum distance in ``notes``.
@@ -210,7 +210,7 @@ def _ahead(own, orbit, frame, path):  # type: ignore[no-untyped-def]
 
 @kernel
 def _clear_s(own, orbit, frame, path, paths, notes, count, apart_at):  # type: ignore[no-untyped-def]
-    """Return for how long the path to an orbit is clear; 0 if others cannot predict the path."""
+    """Return the time for which the path to an orbit is clear; 0 if others cannot predict it."""
     if apart_at == APART and at_fork(
         own[OWN_X], own[OWN_Y], own[HEADING], own[OWN_AIRSPEED], orbit[0], orbit[1], orbit[2],
         own[WIND_X], own[WIND_Y],

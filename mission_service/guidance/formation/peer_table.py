@@ -20,7 +20,7 @@ LOST_AFTER_S = 10.0
 
 
 def priority_key(name: str) -> int:
-    """Return a number for a name, the same in all processes, that sets a UAV's priority."""
+    """Return the number for a UAV's priority, computed from its name in every process."""
     return zlib.crc32(name.encode())
 
 

@@ -86,7 +86,7 @@ class Settings:
         return 2.0 * self.coverage_radius_m / math.sqrt(2.0)
 
     def augmentation_m(self, cell_m: float) -> float:
-        """Return the minimum distance between a virtual agent and fire, r_l + a cell (5.1)."""
+        """Return the minimum distance between a virtual agent and fire: r_l plus one cell (5.1)."""
         return self.loiter_radius_m + cell_m
 
     @property

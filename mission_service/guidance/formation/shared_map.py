@@ -88,7 +88,8 @@ class SharedMap:
     ) -> tuple[Cells, Cells]:
         """Apply a camera view, which is newer than all received cells.
 
-        Returns the cells that have begun to burn on this map, and the cells that have ceased to.
+        Returns the cells that have begun to burn on this map, and the cells that have ceased to
+        burn.
         """
         self._now_us = max(self._now_us, at_us)
         return self._record(cells_burning, True, at_us), self._record(cells_unburned, False, at_us)

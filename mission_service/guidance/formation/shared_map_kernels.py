@@ -27,7 +27,7 @@ def cell_checksum(cell, stamp):  # type: ignore[no-untyped-def]
 
 @kernel
 def _set_stamp(cell, stamp, stamps, fire, sums):  # type: ignore[no-untyped-def]
-    """Set a cell's stamp; return 1 if the cell begins to burn, -1 if it ceases to, else 0."""
+    """Set a cell's stamp; return 1 if the cell begins to burn, -1 if it ceases to burn, else 0."""
     cols = fire.shape[1]
     row, col = cell // cols, cell % cols
     tile = row // TILE * ((cols + TILE - 1) // TILE) + col // TILE
@@ -77,8 +77,8 @@ def merge(cells, new, stamps, fire, sums, changed):  # type: ignore[no-untyped-d
     """Merge received stamps into the map; the later stamp of each cell wins.
 
     Fills ``changed`` from the front with cells that have begun to burn, and from the back with
-    cells that have ceased to. Returns the two numbers of cells and -1. If a cell is off the map,
-    nothing changes, and the third result is the index of this cell.
+    cells that have ceased to burn. Returns the two numbers of cells and -1. If a cell is off the
+    map, nothing changes, and the third result is the index of this cell.
     """
     cols = fire.shape[1]
     off_map = _first_off_map(cells, fire.size)
@@ -181,8 +181,8 @@ def known_cells(tile, stamps, found):  # type: ignore[no-untyped-def]
 def missing_cells(tile, checksum, stamps, sums, found, shares):  # type: ignore[no-untyped-def]
     """Find the cells of a tile that another UAV lacks, from its checksum of the tile.
 
-    These are all known cells if the checksum is 0, or else one or two cells whose checksum is the
-    difference. Fills ``found``; returns the number of cells, or 0 if there are no such cells.
+    The result is all known cells if the checksum is 0, or else one or two cells whose checksum is
+    the difference. Fills ``found``; returns the number of cells, or 0 if there are no such cells.
     ``shares`` is a work array.
     """
     cols = stamps.shape[1]

@@ -185,7 +185,7 @@ class FrontFlight(Guidance):
         return np.column_stack(self.landscape.xy_of(cells[:, 0], cells[:, 1]))
 
     def preview(self, vehicle: Vehicle, fix: PositionFix) -> tuple[MissionItem, ...] | None:
-        """Return the mission that a renewal would send now, or None. This changes no state."""
+        """Return the mission that a renewal would send now, or None; change no state."""
         planner = self.planners[vehicle.name]
         if planner.phase == "approach":
             return self.items(vehicle, self.first_path(vehicle, fix), fix)

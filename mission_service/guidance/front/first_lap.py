@@ -41,7 +41,7 @@ def view_of(observed: Observed) -> CameraView:
 
 
 def append_view(seen: list[CameraView], one: CameraView) -> None:
-    """Add a view to a lap's views; first delete every second of them if they are ``MAX_SEEN``."""
+    """Add a view to a lap's views; if there are ``MAX_SEEN``, first delete every second view."""
     if len(seen) >= MAX_SEEN:
         del seen[1::2]
     seen.append(one)

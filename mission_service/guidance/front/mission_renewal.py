@@ -1,7 +1,8 @@
 """Decides when, and for which reason, the mission of a vehicle along a front is renewed.
 
 Other modules set a reason in ``Vehicle.due``, such as a decision to turn back, a path that is clear
-again, or an operator's request. ``Renewal.why`` adds the reasons that lie in the mission itself.
+again, or an operator's request. ``Renewal.why`` adds the reasons that follow from the mission
+itself.
 """
 
 import numpy as np

@@ -59,7 +59,7 @@ class PredictiveSettings:
     """The settings of the planner; lengths are in cells and speeds in cells per second.
 
     ``wind_20ft_share`` is the wind speed 20 ft above the vegetation divided by the wind speed that
-    the vehicle measures. ``flies_in_wind`` is whether the wind carries the vehicle.
+    the vehicle measures. ``flies_in_wind`` is True if the wind carries the vehicle.
     """
 
     clockwise_first: bool

@@ -1,9 +1,9 @@
 """Computes a robust shape of an uncertain front, which reduces the largest error.
 
 If a step of the front is misplaced by one bearing, the error there is the step's full height; a
-point at half the height halves this error. The fire on both sides of a hollow can close it at once,
-as seen from the centre. Therefore a part of each hollow is filled, and a larger part if the hollow
-is deep. A front without steps and hollows does not change.
+point at half the height halves this error. The fire on both sides of a hollow can close the hollow
+at once, as seen from the centre. Therefore a part of each hollow is filled, and a larger part if
+the hollow is deep. A front without steps and hollows does not change.
 """
 
 import numpy as np

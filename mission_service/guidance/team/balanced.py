@@ -189,7 +189,7 @@ class Balanced:
     def _plan(self, vehicle: int, came_back: bool = False) -> None:
         """Set the plan of one vehicle to the pattern, from its next cell on.
 
-        ``came_back`` is whether the vehicle is in the third pass of the arc.
+        ``came_back`` is True if the vehicle is in the third pass of the arc.
         """
         size = self._size()
         first = self._pattern.first * size // PARTS

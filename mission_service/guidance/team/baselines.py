@@ -57,7 +57,7 @@ class Bumper:
     def _gap(self, rear: int, cell_of: dict[int, int], around: int) -> int:
         """Return the number of cells from ``rear`` to the next vehicle.
 
-        Of the numbers that differ by whole laps, the number nearest to the last result is returned.
+        The number is known up to whole laps; the number nearest to the last result is returned.
         """
         front = self._around[(self._around.index(rear) + 1) % len(self._around)]
         gap = (cell_of[front] - cell_of[rear]) % around

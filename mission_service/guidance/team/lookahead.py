@@ -182,7 +182,7 @@ def late_mean(nodes, start, legs, span, room):  # type: ignore[no-untyped-def]
 
 @kernel
 def _tried(nodes, start, legs, span, room, vehicle, best, best_cost):  # type: ignore[no-untyped-def]
-    """Roll out the plans; if they cost less than ``best_cost``, copy this vehicle's to ``best``.
+    """Roll out the plans; copy this vehicle's plan to ``best`` if the cost is below ``best_cost``.
 
     Returns the lower of the two costs.
     """

@@ -48,9 +48,9 @@ def reserved_cells(begin: int, end: int, cells: tuple[int, ...]) -> tuple[int, i
 def offers(own: float, left: float, right: float, alone: bool) -> tuple[float, float]:
     """Return the importance offered to the left and to the right neighbour.
 
-    ``alone`` means that both neighbours are the same vehicle. The vehicle then offers what makes
-    both regions equal, half of it at each border, because the thesis does not define the border at
-    which two vehicles trade.
+    ``alone`` means that both neighbours are the same vehicle. The vehicle then offers the
+    importance that makes both regions equal, half at each border, because the thesis does not
+    define the border at which two vehicles trade.
     """
     more_left, more_right = max(own - left, 0.0), max(own - right, 0.0)
     if alone:
@@ -66,7 +66,7 @@ def offers(own: float, left: float, right: float, alone: bool) -> tuple[float, f
 def on_importance(
     ring: FrontRing, left: Party, own: Party, right: Party, at_s: float, exponential: bool
 ) -> tuple[int, int]:
-    """Return how many cells at each end have a total importance within the offer (4.2.1)."""
+    """Return the number of cells at each end whose total importance is within the offer (4.2.1)."""
     rate, visited = ring.spread_rate_m_s, ring.visited_at_s
 
     def worth(part: Party) -> float:
@@ -83,11 +83,11 @@ def on_importance(
 def on_centre(
     ring: FrontRing, left: Party, own: Party, right: Party, at_s: float, exponential: bool
 ) -> tuple[int, int]:
-    """Return the numbers of cells, within the offers, that best centre what remains (4.2.2).
+    """Return the numbers of cells, within the offers, that best centre the remaining cells (4.2.2).
 
     The pseudocode is inconsistent with the text of the thesis. The pseudocode compares signed
     differences, never refills an emptied chunk, and tries the first chunk alone only if there is no
-    second one. This function follows the thesis: it tries every combination and chooses the
+    second chunk. This function follows the thesis: it tries every combination and chooses the
     combination with the smallest distance between the centre of importance and the middle of the
     region.
     """

@@ -2,7 +2,8 @@
 
 All cameras update the same map. The front is a ring of the map's 360 bearings. Whenever a vehicle
 reaches a new bearing, the rule decides its direction. In the first lap every second vehicle flies
-in the opposite direction. This lap ends when the map is complete or a vehicle has flown all round.
+in the opposite direction. This lap ends when the map is complete or a vehicle has flown around the
+fire.
 
 The fleet given to the rule does not contain vehicles that have left (lost, recalled, or on the
 ground), so the others close the gap at their next decision. A vehicle returns to the fleet when it

@@ -110,7 +110,7 @@ def team_size_advice(
     split = best_split(ring.step_m, ring.spread_rate_m_s, vehicles, mean_m_s)
     lapping = "" if not split.sweeping else f", {split.sweeping} of them sweeping the fastest part"
     text = (
-        f"front of {length_m / 1e3:.1f} km, fastest {60.0 * fastest_m_s:.1f} m/min: "
+        f"front of {length_m / 1e3:.1f} km, spread up to {60.0 * fastest_m_s:.1f} m/min: "
         f"{_vehicles(vehicles)} can see each part every {length_m / mean_m_s / vehicles:.0f} s; "
         f"the maximum unseen advance is {split.worst_advance_m:.0f} m{lapping}"
     )
@@ -134,7 +134,7 @@ def _vehicles(count: int) -> str:
 
 
 class TeamSizeAdviser:
-    """Gives advice when the team changes, or becomes too small or sufficient.
+    """An adviser that reports when the team changes, becomes too small, or becomes large enough.
 
     The team is checked every five minutes.
     """

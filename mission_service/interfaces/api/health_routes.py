@@ -16,7 +16,7 @@ def add(routes: APIRouter, api: ApiContext) -> None:
     async def healthz() -> Response:
         return Response(encode(Health(True)), media_type="application/json")
 
-    @routes.get("/readyz", **route(None, "Readiness of the service, or what it lacks.", healthy))
+    @routes.get("/readyz", **route(None, "Readiness of the service, or missing parts.", healthy))
     async def readyz() -> Response:
         lacks = api.context.ready()
         if api.context.stopping:

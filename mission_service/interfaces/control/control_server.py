@@ -110,7 +110,7 @@ class _Clients:
         self.connected: dict[_Client, None] = {}
 
     def add(self, client: "_Client") -> bool:
-        """Add a client; return True if the client exceeds the limit and so may only abort."""
+        """Add a client; return True if the client exceeds the limit and may only abort."""
         late = len(self.connected) >= MAX_CLIENTS
         if len(self.connected) >= MAX_WAITING:
             next(each for each in self.connected if each.late).cut()

@@ -83,7 +83,7 @@ def read_perimeter(data: bytes, file_name: str, landscape: Landscape) -> Perimet
 
 
 def read_perimeter_in(data: bytes, file_name: str, extent: BaseGeometry) -> Perimeter:
-    """Return what ``read_perimeter`` returns, for a landscape with this outline (lon, lat)."""
+    """Return the result of ``read_perimeter``, for a landscape with this outline (lon, lat)."""
     name = _printable(file_name)
     polygons, records, notes = [], [], []
     off: list[tuple[int, BaseGeometry]] = []

@@ -148,7 +148,7 @@ def blurred(
 def between(
     heights: Heights, row: NDArray[np.float64], col: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return heights at float rows and columns (bilinear); outside the grid those of its edge."""
+    """Return heights at float rows and columns (bilinear); off the grid, heights of its edge."""
     rows, cols = heights.shape
     row, col = np.clip(row, 0.0, rows - 1.0), np.clip(col, 0.0, cols - 1.0)
     top = np.minimum(row.astype(np.int32), max(rows - 2, 0))

@@ -208,7 +208,7 @@ def _from_client(error: BaseException) -> bool:
 
 
 async def _end(tasks: set[asyncio.Task[None]]) -> None:
-    """Cancel tasks until they end, because ``wait_for`` before Python 3.12 may drop one request."""
+    """Cancel tasks until they end: ``wait_for`` before Python 3.12 may lose a cancellation."""
     running = tasks
     while running:
         for task in running:

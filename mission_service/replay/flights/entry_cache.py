@@ -1,4 +1,4 @@
-"""Caches the entries of a stream in a file, so that it can be read again from any position."""
+"""Caches the entries of a stream in a file, from which they can be read again."""
 
 import pickle
 from collections.abc import Iterator

@@ -49,7 +49,7 @@ class _Progress:
 
 
 class Playback:
-    """The playback of a flight, as its play head prescribes."""
+    """The playback of a flight, controlled by its play head."""
 
     def __init__(self, pairing: Pairing, journal: WriteOnceJournal, head: PlayHead) -> None:
         self.pairing = pairing

@@ -1,4 +1,4 @@
-"""Writes the journal of a replay that can seek backwards, each line only once.
+"""Writes each line of a replay's journal only once, although the replay can seek backwards.
 
 A replay accepts no orders, so the same log always yields the same lines. After a seek backwards,
 lines are counted but not written until the journal's end is reached. The journal contains the

@@ -62,7 +62,7 @@ class UnrecordedEvents:
             view.announce(name, f"autopilot: {event.text}", "warning")
 
     def keeps_mode(self, command: AnyCommand, view: StateView) -> bool:
-        """Return whether a command of an abort is left out because of a mode not journalled."""
+        """Return whether a command of an abort is left out because a mode was not journalled."""
         mode = self._modes.get(command.vehicle, MISSION)
         if not isinstance(command, Hold | ClimbAndHold) or mode == MISSION:
             return False

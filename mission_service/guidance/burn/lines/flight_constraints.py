@@ -123,7 +123,7 @@ class FlightConstraints:
         return max(margin_s, self.hazard.fine.leg_margin_s(*ends, more_m=more_m))
 
     def _hazard_around(self, point: FlightPoint) -> Hazard:
-        """Return the hazard on a raster around a point outside the main raster, like the start."""
+        """Return the hazard around a point that may be off the main raster, such as the start."""
         key = point[:2]
         if key not in self.places:
             self.places[key] = self.hazard.over((*key, *key), self.hazard.cell_m)

@@ -173,7 +173,7 @@ class Hazard:
     ) -> bool:
         """Return whether fire at a corner of a cell is too near a leg.
 
-        Such a leg is in danger on any finer raster too.
+        The leg is then in danger on any finer raster too.
         """
         _, _, west_m, north_m, cell_m, *margins = self._raster()
         self._evaluate(x0_m, y0_m, x1_m, y1_m, 0.0)
@@ -185,8 +185,9 @@ class Hazard:
 def cell_for(box: Box, margins: Margins) -> float:
     """Return the cell size at which a raster of a box and its reach has at most ``NODES`` nodes.
 
-    The size is at least ``MIN_CELL_M``. To limit the raster's error on a large unit, the size is at
-    most the larger of 3 m and a third of the distance margin, even if this takes more nodes.
+    The size is at least ``MIN_CELL_M``. The size is at most ``MAX_CELL_M``, or a third of the
+    distance margin if that is larger, so that the raster's error is limited on a large unit. The
+    raster may then have more nodes.
     """
     by_budget_m = math.sqrt(_reached_m2(box, margins) / NODES)
     return max(MIN_CELL_M, min(by_budget_m, max(margins.distance_m / 3.0, MAX_CELL_M)))
@@ -208,7 +209,8 @@ def hazard_of(
     """Return the hazard of a fire for all places in a box; no place burns before ``begins_s``.
 
     Between the corners of a cell, ignition times are bounded by their gradient around the cell.
-    These bounds can miss fires smaller than a cell, such as new fires; ``sources_of`` covers them.
+    These bounds can miss fires smaller than a cell, such as new fires; the sources of the fire
+    (``sources_of``) therefore lower the bounds.
     """
     cell = cell_for(box, margins) if cell_m is None else cell_m
     return Hazard(fire, sources_of(fire), box, margins, cell, begins_s)

@@ -6,7 +6,7 @@ The paper leaves some points open, which are decided here as follows:
   line that lies in a gap between parts of the area. Therefore such a line is cut off, in the same
   way as a line without a safe drop.
 - The faster of the two paths is chosen. A path with less than ``MIN_DROPS_SHARE`` of the other
-  path's drops does not count, because a gap in a line costs more than a minute.
+  path's drops does not count, because a gap in a line is worse than a delay of a minute.
 - If the spheres or the battery end a line early, the remaining area does not change. The next plan
   is then for the rest of the same line, because places near earlier drops are excluded.
 """
@@ -188,7 +188,7 @@ def fastest_flight(trips: list[LineFlight]) -> LineFlight | None:
     """Return the fastest flight with enough drops, or None if no flight has a drop.
 
     A flight to the line's end is preferred to a flight that the spheres or the battery end early.
-    Of flights with the same duration, the first is returned.
+    If flights have the same duration, the first is returned.
     """
     max_drops = max((len(trip.drops) for trip in trips), default=0)
     enough = [trip for trip in trips if len(trip.drops) >= max(MIN_DROPS_SHARE * max_drops, 1)]

@@ -1,4 +1,4 @@
-"""Limits open connections: beyond a limit, the oldest one without a valid token is closed."""
+"""Limits open connections: beyond a limit, the oldest without a valid token is closed."""
 
 import ipaddress
 from collections import Counter

@@ -6,7 +6,10 @@ MAX_CLIENTS = 1024  # clients with a bucket; the least recently used bucket is d
 
 
 class RateLimiter:
-    """A token bucket per client: ``burst`` requests at once, ``rate_s`` per second on average."""
+    """A token bucket for each client.
+
+    The bucket permits ``burst`` requests at once, and ``rate_s`` requests a second on average.
+    """
 
     def __init__(self, rate_s: float, burst: float) -> None:
         self._rate_s = rate_s
