@@ -34,6 +34,7 @@ from mission_service.cli.output_folder import Interrupted, output_folder
 from mission_service.cli.replay_commands import replay
 from mission_service.cli.report_commands import report
 from mission_service.cli.request_commands import request
+from mission_service.cli.satellite_command import satellite_pixels
 from mission_service.cli.token_commands import token
 from mission_service.cli.tune_commands import tune
 from mission_service.runtime.clocks import now_text
@@ -79,6 +80,8 @@ def main() -> None:
     """Fire model, planners and MAVLink missions for PX4 and ArduPilot."""
     gc.set_threshold(*COLLECTION_THRESHOLDS)
 
+
+request.add_command(satellite_pixels)
 
 GROUPS = (fire, bench, mission, signing, experiment, tune, burn, request, log)
 for command in (*GROUPS, mock, token, replay, report, observe):

@@ -1,0 +1,160 @@
+"""Fire detections of satellites: files of FIRMS, footprints, and reports to a run."""
+
+import json
+import math
+import re
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from pyproj import Geod
+
+from mission_service.cli.main import main
+from mission_service.config.scenario import load_scenario
+from mission_service.errors import MissionServiceError
+from mission_service.sensors.satellite_pixels import (
+    footprints,
+    read_satellite_pixels,
+    reports_of,
+)
+from tests.api.worlds import World, world_in
+from tests.service.test_journal_processes import arguments, running
+
+VIIRS = (
+    "latitude,longitude,bright_ti4,scan,track,acq_date,acq_time,satellite,instrument,confidence,"
+    "version,bright_ti5,frp,daynight\n"
+)
+MODIS = (
+    "latitude,longitude,brightness,scan,track,acq_date,acq_time,satellite,confidence,version,"
+    "bright_t31,frp,daynight\n"
+)
+NOW = datetime(2026, 7, 4, 20, 0, tzinfo=UTC)
+
+
+def viirs(lat: float, lon: float, seen: datetime, confidence: str = "n") -> str:
+    """Return a line as in the files of FIRMS."""
+    clock = f"{seen:%Y-%m-%d},{int(f'{seen:%H%M}')}"  # without leading zeros
+    return f"{lat},{lon},340.1,0.39,0.36,{clock},N,VIIRS,{confidence},2.0NRT,295.2,5.1,D\n"
+
+
+def written(folder: Path, text: str) -> Path:
+    path = folder / "pixels.csv"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_lines_of_viirs_and_modis_are_read(tmp_path: Path) -> None:
+    seen = datetime(2026, 7, 4, 0, 42, tzinfo=UTC)
+    text = "".join((VIIRS, *(viirs(36.36, -84.14, seen, each) for each in ("l", "nominal", "h"))))
+    found = read_satellite_pixels(written(tmp_path, text))
+    assert [each.false_alarms_pct for each in found] == [50.0, 10.0, 0.0]
+    assert {each.seen for each in found} == {seen}
+    assert (found[0].scan_km, found[0].track_km, found[0].source) == (0.39, 0.36, "VIIRS N")
+    assert found[0].position_sd_m == pytest.approx(375.3 / math.sqrt(12.0), rel=0.001)
+    line = "36.36,-84.14,320.0,1.2,1.1,2026-07-04,1830,Terra,72,6.1NRT,290.0,12.0,D\n"
+    (modis,) = read_satellite_pixels(written(tmp_path, MODIS + line))
+    assert (modis.false_alarms_pct, modis.source) == (28.0, "Terra")
+
+
+def test_footprints_have_the_stated_size(tmp_path: Path) -> None:
+    text = VIIRS + viirs(36.36, -84.14, NOW) + viirs(61.0, 25.0, NOW)
+    pixels = read_satellite_pixels(written(tmp_path, text))
+    shapes = footprints(pixels)["features"]
+    assert len(shapes) == 2
+    geod = Geod(ellps="WGS84")
+    for each in shapes:
+        ((south_west, south_east, north_east, _, _),) = each["geometry"]["coordinates"]
+        assert geod.inv(*south_west, *south_east)[2] == pytest.approx(390.0, rel=0.005)
+        assert geod.inv(*south_east, *north_east)[2] == pytest.approx(360.0, rel=0.005)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("a,b\n1,2\n", "has no column latitude"),
+        (VIIRS + "36,x,340,0.4,0.4,2026-07-04,1200,N,VIIRS,n,2,295,5,D\n", "line 2: could not"),
+        (VIIRS + "36,-84,340,0.4,0.4,2026-07-04,2561,N,VIIRS,n,2,295,5,D\n", "line 2: unconverted"),
+        (VIIRS + "36,-84,340,400,0.4,2026-07-04,1200,N,VIIRS,n,2,295,5,D\n", "400 x 0.4 km"),
+        (VIIRS + "96,-84,340,0.4,0.4,2026-07-04,1200,N,VIIRS,n,2,295,5,D\n", "the place is 96.0"),
+        (VIIRS + "36,-84,340,0.4,0.4,2026-07-04,1200,N,VIIRS,z,2,295,5,D\n", "line 2: could not"),
+        (VIIRS + "36,-84\n", "line 2"),
+        ("\x00\x00", "has no column"),
+    ],
+)
+def test_a_file_that_cannot_be_used_is_named_with_its_line(
+    text: str, words: str, tmp_path: Path
+) -> None:
+    with pytest.raises(MissionServiceError, match=re.escape(words)) as raised:
+        read_satellite_pixels(written(tmp_path, text))
+    assert "pixels.csv" in str(raised.value)
+    with pytest.raises(MissionServiceError, match="No such file"):
+        read_satellite_pixels(tmp_path / "missing.csv")
+
+
+@pytest.fixture
+def world(tmp_path: Path) -> World:
+    """Return a run without cameras, 25 minutes after ignition."""
+    changes = ("start_s=1490", "deploy_at_s=1490", "planner.rule=circling")
+    scenario = load_scenario("default", changes)
+    scenario = scenario.model_copy(update={"simulation": type(scenario.simulation)()})
+    found = world_in(tmp_path, scenario)
+    found.fly(1500.0)
+    return found
+
+
+def reported(world: World, row: float, col: float, confidence: str, tmp_path: Path) -> None:
+    land = world.context.landscape
+    lat, lon = (float(each) for each in land.lat_lon_of(*land.xy_of(row, col)))
+    path = written(tmp_path, VIIRS + viirs(lat, lon, NOW - timedelta(minutes=10), confidence))
+    for each in reports_of(read_satellite_pixels(path), NOW):
+        reply = world.context.request_handler.ask({"by": "ann", "station": "desk", **each})
+        assert reply["ok"], reply
+
+
+def burned(world: World) -> np.ndarray:
+    world.simulation.estimate.advance(world.simulation.clock.now_us)
+    return world.simulation.estimate.fire.burned().copy()
+
+
+def test_pixels_move_the_front_by_no_more_than_their_error_allows(
+    world: World, tmp_path: Path
+) -> None:
+    before = burned(world)
+    rows, cols = np.nonzero(before)
+    for row, col in ((rows.mean(), cols.mean()), (rows.min() - 4.0, cols.mean())):
+        reported(world, float(row), float(col), "h", tmp_path)  # 120 m from the front
+        assert np.array_equal(burned(world), before)
+    reported(world, rows.min() - 40.0, cols.mean(), "n", tmp_path)
+    assert np.array_equal(burned(world), before), "a nominal pixel far away needs a second report"
+    reported(world, rows.min() - 40.0, cols.mean(), "h", tmp_path)
+    spot = burned(world) & ~before
+    assert spot.any()
+    assert np.nonzero(spot)[0].max() < rows.min() - 30
+
+
+def test_the_command_reports_the_pixels_of_a_file_to_a_run(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    now = datetime.now(UTC)
+    fresh, old = now - timedelta(minutes=30), now - timedelta(hours=9)
+    lines = (
+        viirs(36.375, -84.14, fresh, "h"),
+        viirs(36.375, -84.14, old),
+        viirs(10.0, 20.0, fresh),
+    )
+    path = written(tmp_path, "".join((VIIRS, *lines)))
+    shapes = tmp_path / "footprints.geojson"
+    with running(arguments(out), out):
+        command = ["request", "satellite-pixels", str(path), "--out", str(out), "--json"]
+        done = CliRunner().invoke(main, [*command, "--footprints", str(shapes)])
+    assert done.exit_code == 1, done.output
+    found = json.loads(done.stdout)
+    assert (found["pixels"], found["on_landscape"]) == (3, 2)
+    first, second = found["reports"]
+    assert "older than 21600 s" in first["error"]
+    assert second == {"source": "VIIRS N", "pixels": 1}
+    assert len(json.loads(shapes.read_text())["features"]) == 2
+    missing = CliRunner().invoke(main, ["request", "satellite-pixels", str(path), "--out", "none"])
+    assert missing.exit_code == 1
+    assert "no run has this folder" in missing.output
