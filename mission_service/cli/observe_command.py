@@ -51,7 +51,7 @@ def observe(
         echo({"images": summaries}, True)
     else:
         for each in summaries:
-            click.echo(_line(each))
+            click.echo(_line(each), err="error" in each)
     if any("error" in each for each in summaries):
         raise click.exceptions.Exit(1)
 

@@ -65,6 +65,6 @@ def satellite_pixels(
         click.echo(f"{len(inside)} of {len(pixels)} pixels lie on the landscape")
         for each in results:
             words = f"not used: {each['error']}" if "error" in each else "accepted"
-            click.echo(f"{each['source']}, {each['pixels']} pixels: {words}")
+            click.echo(f"{each['source']}, {each['pixels']} pixels: {words}", err="error" in each)
     if refused:
         raise click.exceptions.Exit(1)

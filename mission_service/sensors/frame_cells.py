@@ -10,6 +10,7 @@ the sensor showed as burned stay burned (``Burned``). An image of grey levels ha
 its pixels are hot or unknown.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -35,7 +36,8 @@ KELVIN_C = 273.15
 MOST = 0.5  # share of hot and burned-out pixels in a burned cell
 NEARLY_ALL = 0.95  # share of cool pixels in an unburned cell
 MIN_PIXELS = 4  # in a cell
-LARGE_PIXELS = 100_000  # of a larger image every second row and column is used
+MIN_NOT_HOT = 0.01  # share of the pixels
+MAX_RAYS = 100_000  # of a larger image every second, third, ... row and column is used
 ERRORS_OF = 200  # pixels, at most, for which the error of the place is computed
 
 
@@ -53,17 +55,20 @@ class Burned:
     """The cells that earlier images of one sensor showed as burned."""
 
     def __init__(self, shape: tuple[int, int]) -> None:
-        self._burned: Mask = np.zeros(shape, dtype=bool)
+        self._since_s: Floats = np.full(shape, np.inf)
 
-    def added(self, found: FrameCells) -> FrameCells:
-        """Return what an image shows, without unburned cells that have burned; add its cells."""
+    def added(self, found: FrameCells, taken_s: float) -> FrameCells:
+        """Return what an image shows, without unburned cells that have burned; add its cells.
+
+        Images may arrive in any order; ``taken_s`` is the time of the image.
+        """
         window = found.window
         letters = np.frombuffer("".join(window.cells).encode(), dtype=np.uint8)
         letters = letters.reshape(len(window.cells), -1)
         rows, cols = letters.shape
-        here = self._burned[window.row : window.row + rows, window.col : window.col + cols]
-        kept = np.where(here & (letters == ord("u")), ord("b"), letters)
-        here |= letters == ord("b")
+        here = self._since_s[window.row : window.row + rows, window.col : window.col + cols]
+        kept = np.where((here <= taken_s) & (letters == ord("u")), ord("b"), letters)
+        here[letters == ord("b")] = np.minimum(here[letters == ord("b")], taken_s)
         return found._replace(window=window._replace(cells=in_letters(kept)))
 
 
@@ -72,21 +77,29 @@ def frame_cells(
 ) -> FrameCells:
     """Return the cells that a thermal image shows, with the error of their place.
 
-    Raises FireModelError if the image shows no ground of the landscape, or if the settings do not
-    determine its lens or its hot pixels.
+    Raises FireModelError, which names the image, if it shows no ground of the landscape, if the
+    settings do not determine its lens or its hot pixels, or if its values are implausible.
     """
+    try:
+        return _cells_of(image, landscape, settings)
+    except FireModelError as error:
+        raise FireModelError(f"{image.name}: {error}") from None
+
+
+def _cells_of(
+    image: ThermalImage, landscape: Landscape, settings: ThermalFramesSection
+) -> FrameCells:
     height, width = image.values.shape
     focal_px = image.focal_px
     if settings.field_of_view_deg is not None:
         focal_px = focal_px_of(settings.field_of_view_deg, width)
     if focal_px is None:
         raise FireModelError(
-            f"{image.name}: the file has no focal length; give "
-            "estimate.thermal_frames.field_of_view_deg"
+            "the file has no focal length; give estimate.thermal_frames.field_of_view_deg"
         )
     lens = Lens(width, height, focal_px, settings.distortion)
     pose = _pose_of(image, landscape)
-    step = 1 if width * height < LARGE_PIXELS else 2
+    step = math.ceil(math.sqrt(width * height / MAX_RAYS))
     kinds = kinds_of(image, settings)[::step, ::step].ravel()
     col, row = (
         each.ravel().astype(float)
@@ -95,7 +108,7 @@ def frame_cells(
     places = ground_points(landscape, lens, pose, col, row)
     seen = np.isfinite(places[:, 0])
     if not seen.any():
-        raise FireModelError(f"{image.name}: shows no ground of the landscape")
+        raise FireModelError("shows no ground of the landscape")
     shown = np.flatnonzero(seen & (kinds == HOT))
     hot_pixels = shown.size * step * step
     if not hot_pixels:
@@ -108,7 +121,9 @@ def frame_cells(
         settings.elevation_sd_m,
     )
     spread = covariances(landscape, lens, pose, errors, col[chosen], row[chosen])
-    spread = np.nanmean(spread, axis=0) if np.isfinite(spread).any() else np.zeros((2, 2))
+    if not np.isfinite(spread).any():
+        raise FireModelError("shows too little of the landscape to know the error of its place")
+    spread = np.nanmean(spread, axis=0)
     middle = places[shown].mean(axis=0)
     return FrameCells(
         _window_of(places[seen], kinds[seen], landscape.shape),
@@ -122,19 +137,29 @@ def frame_cells(
 def kinds_of(image: ThermalImage, settings: ThermalFramesSection) -> NDArray[np.int8]:
     """Return the kind (y, x) of each pixel: COOL, BURNED_OUT, HOT or UNKNOWN.
 
-    Raises FireModelError for an image of grey levels if the settings have no ``hot_level``.
+    Raises FireModelError for an image of grey levels if the settings have no ``hot_level``, and if
+    hardly any value is one of ground that does not burn: its unit or range is probably another.
     """
     values = image.values
     if image.kind == "levels":
         if settings.hot_level is None:
             raise FireModelError(
-                f"{image.name}: contains grey levels instead of temperatures; give "
+                "contains grey levels instead of temperatures; give "
                 "estimate.thermal_frames.hot_level"
+            )
+        if np.mean(values < settings.hot_level) < MIN_NOT_HOT:
+            raise FireModelError(
+                "nearly all grey levels are hot; check estimate.thermal_frames.hot_level"
             )
         return np.where(values >= settings.hot_level, HOT, UNKNOWN).astype(np.int8)
     if image.kind == "counts":
         values = values * np.float32(settings.kelvin_per_count) - np.float32(KELVIN_C)
     hot = values >= settings.hot_c
+    if np.mean(~hot & (values > BACKGROUND_C[0])) < MIN_NOT_HOT:
+        raise FireModelError(
+            f"nearly all values are {values.min():.0f} to {values.max():.0f} °C; floats must be in "
+            "°C, and counts require estimate.thermal_frames.kelvin_per_count"
+        )
     warm = values > _background_c(values[~hot]) + settings.warm_above_c
     kinds = np.where(hot, HOT, np.where(warm, UNKNOWN, COOL)).astype(np.int8)
     kinds[_connected(hot | warm, hot) & ~hot] = BURNED_OUT
@@ -162,7 +187,7 @@ def _background_c(values_c: NDArray[np.float32]) -> float:
 def _pose_of(image: ThermalImage, landscape: Landscape) -> CameraPose:
     x_m, y_m = landscape.xy_of_lat_lon(image.lat_deg, image.lon_deg)
     if not np.isfinite(x_m + y_m):
-        raise FireModelError(f"{image.name}: the camera is not above the landscape")
+        raise FireModelError("the camera is not above the landscape")
     yaw_deg = landscape.grid_deg(image.yaw_deg)
     return CameraPose(
         float(x_m), float(y_m), image.altitude_amsl_m, yaw_deg, image.pitch_deg, image.roll_deg

@@ -2,13 +2,15 @@
 
 A thread looks into the folder (``estimate.thermal_frames.folder``), reads each new file when it no
 longer grows, and georeferences it. ``observe`` returns the results one by one. A file that is not
-used is named in ``problem`` with the reason, which the service shows as an alarm.
+used is named in ``problem`` with the reason, which the service shows as an alarm until the file is
+replaced or removed. While the folder cannot be read, ``problem`` has the reason.
 """
 
 import os
 import threading
 import time
 from collections import deque
+from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -39,12 +41,13 @@ class FrameFolder:
         self._folder = Path(self._settings.folder)
         if not self._folder.is_dir():
             raise ScenarioError(f"{self._folder}: is not a folder; create it")
-        self.problem = ""  # why the last unused file is not used
+        self._folder_problem = ""
+        self._problems: dict[str, str] = {}  # why files are not used, by name
         self._landscape = landscape
         self._burned = Burned(landscape.shape)
         self._growing: dict[str, Change] = {}
         self._read: dict[str, Change] = {}
-        self._arrived: deque[tuple[FrameCells, float]] = deque(maxlen=MAX_WAITING)
+        self._arrived: deque[tuple[str, FrameCells, float]] = deque()
         self._error: Exception | None = None
         self._thread: threading.Thread | None = None
 
@@ -57,16 +60,28 @@ class FrameFolder:
             self._thread.start()
         if not self._arrived:
             return None
-        found, taken_s = self._arrived.popleft()
-        age_us = round((time.time() - taken_s) * 1e6)
+        name, found, taken_s = self._arrived.popleft()
+        at_us = fix.at_us - max(round((time.time() - taken_s) * 1e6), 0)
+        if at_us < 0:
+            self._refuse(name, f"{name}: was taken {-at_us / 1e6:.0f} s before mission time 0")
+            return None
         return Observed(
-            max(fix.at_us - max(age_us, 0), 0),
+            at_us,
             fix.vehicle,
             *found.window,
             position_sd_m=round(found.position_sd_m, 2),
             missed=MISSED,
             false_alarms=FALSE_ALARMS,
         )
+
+    @property
+    def problem(self) -> str:
+        """Why the folder cannot be read, or why files in it are not used; or empty."""
+        texts = list(self._problems.values())  # a copy; the thread changes it
+        if self._folder_problem or not texts:
+            return self._folder_problem
+        others = f" (and {len(texts) - 1} others)" if texts[1:] else ""
+        return f"an image is not used: {texts[-1]}{others}"
 
     def on_event(self, event: AnyEvent) -> None:
         """Ignore the events of the run."""
@@ -81,31 +96,43 @@ class FrameFolder:
 
     def look(self, now: datetime) -> None:
         """Read the files that are new and have not grown since the last look."""
-        growing = {}
-        for path, change in self._files():
-            if self._read.get(path.name) == change:
-                continue
-            if self._growing.get(path.name) != change:
-                growing[path.name] = change
-                continue
-            self._read[path.name] = change
+        try:
+            files = self._files()
+        except OSError as error:
+            self._folder_problem = f"{self._folder}: cannot be read: {error.strerror}; restore it"
+            return
+        self._folder_problem = ""
+        for gone in self._read.keys() - files.keys():
+            del self._read[gone]
+            self._problems.pop(gone, None)
+        changed = {name: each for name, each in files.items() if self._read.get(name) != each}
+        ready = [name for name, each in changed.items() if self._growing.get(name) == each]
+        self._growing = {name: each for name, each in changed.items() if name not in ready}
+        for name in sorted(ready, key=lambda name: (changed[name], name)):
+            self._read[name] = changed[name]
+            self._problems.pop(name, None)
             try:
-                self._use(path, now)
+                self._use(self._folder / name, now)
             except (MissionServiceError, FireModelError) as error:
-                self.problem = f"an image is not used: {error}"
-        self._growing = growing
+                self._refuse(name, str(error))
+            except Exception as error:  # one file must not end the watch
+                self._refuse(name, f"{name}: {type(error).__name__}: {error}")
 
-    def _files(self) -> list[tuple[Path, Change]]:
-        """Return the images in the folder, the oldest first, and forget those that are gone."""
-        found = []
+    def _files(self) -> dict[str, Change]:
+        """Return the last changes of the images in the folder, by name."""
+        found = {}
         with os.scandir(self._folder) as entries:
             for entry in entries:
-                if entry.name.lower().endswith(SUFFIXES) and entry.is_file():
-                    state = entry.stat()
-                    found.append((Path(entry.path), (state.st_mtime_ns, state.st_size)))
-        names = {path.name for path, _ in found}
-        self._read = {name: change for name, change in self._read.items() if name in names}
-        return sorted(found, key=lambda each: (each[1][0], each[0].name))
+                with suppress(OSError):  # it has been removed, or is a link to itself
+                    if entry.name.lower().endswith(SUFFIXES) and entry.is_file():
+                        state = entry.stat()
+                        found[entry.name] = (state.st_mtime_ns, state.st_size)
+        return found
+
+    def _refuse(self, name: str, reason: str) -> None:
+        """Note why a file is not used, in one line of text that each interface can show."""
+        text = reason.encode(errors="backslashreplace").decode()
+        self._problems[name] = " ".join(text.split())
 
     def _use(self, path: Path, now: datetime) -> None:
         image = read_thermal_image(path)
@@ -119,5 +146,11 @@ class FrameFolder:
                 f"{path}: was taken {age_s:.0f} s ago; estimate.thermal_frames.max_age_s = "
                 f"{self._settings.max_age_s:g}"
             )
-        found = self._burned.added(frame_cells(image, self._landscape, self._settings))
-        self._arrived.append((found, image.taken.timestamp()))
+        taken_s = image.taken.timestamp()
+        cells = frame_cells(image, self._landscape, self._settings)
+        found = self._burned.added(cells, taken_s)
+        if not set("".join(found.window.cells)) <= {"."}:
+            self._arrived.append((path.name, found, taken_s))
+        while len(self._arrived) > MAX_WAITING:
+            dropped, _, _ = self._arrived.popleft()
+            self._refuse(dropped, f"{dropped}: more than {MAX_WAITING} newer images wait")

@@ -11,7 +11,7 @@ import math
 import re
 from collections.abc import Mapping
 from contextlib import suppress
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -29,7 +29,12 @@ MAX_PIXELS = 25_000_000
 MAX_XMP_BYTES = 256_000
 MAX_MESSAGE = 200
 EXIF_IFD, GPS_IFD = 0x8769, 0x8825
-TAKEN, OFFSET, FOCAL_35_MM, XMP_TAG = 0x9003, 0x9011, 0xA405, 700
+TAKEN, OFFSET, FOCAL_35_MM, XMP_TAG, ORIENTATION = 0x9003, 0x9011, 0xA405, 700, 0x0112
+NOT_TURNED = (None, 0, 1)
+HEMISPHERES = {"N": 1.0, "S": -1.0, "E": 1.0, "W": -1.0}
+BELOW_SEA = (1, 3, b"\x01", b"\x03")
+GREY_MODES = ("1", "L", "LA")
+MAX_COLOUR = 16.0  # mean difference between the largest and the smallest colour of a grey pixel
 GPS_LAT_REF, GPS_LAT, GPS_LON_REF, GPS_LON, GPS_BELOW_SEA, GPS_ALTITUDE = range(1, 7)
 GPS_TIME, GPS_DATE = 7, 29
 FILM_DIAGONAL_MM = math.hypot(36.0, 24.0)
@@ -90,6 +95,13 @@ def _image_of(path: Path, image: "Image") -> ThermalImage:
     exif = image.getexif()
     gps, camera = exif.get_ifd(GPS_IFD), exif.get_ifd(EXIF_IFD)
     xmp = _xmp_keys(_xmp_of(image, exif))
+    source, orientation = xmp.get("ImageSource", ""), exif.get(ORIENTATION)
+    if source and "infrared" not in source.lower():
+        raise ThermalImageError(f"{path}: was taken by the {source}, which is not thermal")
+    if orientation not in NOT_TURNED:
+        raise ThermalImageError(
+            f"{path}: EXIF orientation is {orientation}; store images as the camera sees them (1)"
+        )
     values, kind = _values(path, image)
     lat_deg, lon_deg, altitude_m = _position(path, gps)
     yaw, pitch, roll = _direction(path, xmp)
@@ -107,6 +119,8 @@ def _values(path: Path, image: "Image") -> tuple[NDArray[np.float32], str]:
     elif image.mode.startswith("I"):
         values, kind = np.asarray(image).astype(np.float32), "counts"
     else:
+        if image.mode not in GREY_MODES:
+            _refuse_colours(path, image)
         values, kind = np.asarray(image.convert("L"), dtype=np.float32), "levels"
     if values.ndim != 2 or min(values.shape) < 2:
         raise ThermalImageError(f"{path}: {values.shape} values; an image has rows and columns")
@@ -115,21 +129,35 @@ def _values(path: Path, image: "Image") -> tuple[NDArray[np.float32], str]:
     return values, kind
 
 
+def _refuse_colours(path: Path, image: "Image") -> None:
+    colours = np.asarray(image.convert("RGB"))
+    if float(np.mean(colours.max(axis=2) - colours.min(axis=2))) > MAX_COLOUR:
+        raise ThermalImageError(
+            f"{path}: is a picture in colours; set the camera's palette to grey levels (white hot)"
+        )
+
+
 def _position(path: Path, gps: Mapping[int, Any]) -> tuple[float, float, float]:
     try:
         lat_deg, lon_deg = (
-            math.copysign(_degrees(gps[place]), -1.0 if str(gps[ref]).upper() in "SW" else 1.0)
+            _degrees(gps[place]) * HEMISPHERES[_text(gps[ref])[:1].upper()]
             for place, ref in ((GPS_LAT, GPS_LAT_REF), (GPS_LON, GPS_LON_REF))
         )
         altitude_m = float(gps[GPS_ALTITUDE])
-        below = gps.get(GPS_BELOW_SEA, 0) in (1, b"\x01")
+        below = gps.get(GPS_BELOW_SEA, 0) in BELOW_SEA
     except (KeyError, TypeError, ValueError, ZeroDivisionError):
         raise ThermalImageError(
             f"{path}: EXIF has no GPS latitude, longitude and altitude"
         ) from None
     if not (abs(lat_deg) <= 90.0 and abs(lon_deg) <= 180.0 and abs(altitude_m) < 20_000.0):
-        raise ThermalImageError(f"{path}: the GPS position in EXIF is {lat_deg}, {lon_deg}")
+        raise ThermalImageError(
+            f"{path}: the GPS position in EXIF is {lat_deg}, {lon_deg}, {altitude_m} m"
+        )
     return lat_deg, lon_deg, -altitude_m if below else altitude_m
+
+
+def _text(value: Any) -> str:
+    return (value.decode("latin-1") if isinstance(value, bytes) else str(value)).strip("\0 ")
 
 
 def _degrees(parts: Any) -> float:
@@ -140,13 +168,13 @@ def _degrees(parts: Any) -> float:
 def _taken(path: Path, gps: Mapping[int, Any], camera: Mapping[int, Any]) -> datetime:
     """Return the GPS time, which is UTC, or else the camera's time with its offset from UTC."""
     with suppress(KeyError, TypeError, ValueError, OverflowError):
-        year, month, day = (int(part) for part in str(gps[GPS_DATE]).strip("\0 ").split(":"))
+        year, month, day = (int(part) for part in _text(gps[GPS_DATE]).split(":"))
         hours, minutes, seconds = (float(part) for part in gps[GPS_TIME])
         whole, part = divmod(seconds, 1.0)
-        clock = (int(hours), int(minutes), int(whole), round(part * 1e6) % 1_000_000)
-        return datetime(year, month, day, *clock, tzinfo=UTC)
+        clock = (int(hours), int(minutes), int(whole))
+        return datetime(year, month, day, *clock, tzinfo=UTC) + timedelta(seconds=part)
     with suppress(KeyError, TypeError, ValueError):
-        text = f"{str(camera[TAKEN]).strip()} {str(camera[OFFSET]).strip()}"
+        text = f"{_text(camera[TAKEN])} {_text(camera[OFFSET])}"
         return datetime.strptime(text, "%Y:%m:%d %H:%M:%S %z").astimezone(UTC)
     raise ThermalImageError(
         f"{path}: EXIF has neither GPS date and time nor DateTimeOriginal with OffsetTimeOriginal"
@@ -163,7 +191,8 @@ def _xmp_keys(data: bytes) -> dict[str, str]:
     """Return the values of XMP keys without their namespaces; {} if it is missing or damaged."""
     from xml.etree import ElementTree
 
-    begin, end = data.find(b"<x:xmpmeta"), data.rfind(b"</x:xmpmeta>")
+    begin = data.find(b"<x:xmpmeta")
+    end = data.find(b"</x:xmpmeta>", begin)  # of the first packet
     if begin < 0 or end < 0:
         return {}
     found = {}
@@ -175,10 +204,12 @@ def _xmp_keys(data: bytes) -> dict[str, str]:
 
 
 def _direction(path: Path, xmp: Mapping[str, str]) -> tuple[float, float, float]:
+    if missing := [key for key in DIRECTIONS if not xmp.get(key)]:
+        raise ThermalImageError(f"{path}: XMP has no {', '.join(missing)}")
     try:
         yaw, pitch, roll = (float(xmp[key]) for key in DIRECTIONS)
-    except (KeyError, ValueError):
-        raise ThermalImageError(f"{path}: XMP has no {', '.join(DIRECTIONS)}") from None
+    except ValueError as error:
+        raise ThermalImageError(f"{path}: a direction in XMP: {_in_words(error)}") from None
     if not (abs(yaw) <= 360.0 and abs(pitch) <= 180.0 and abs(roll) <= 180.0):
         raise ThermalImageError(f"{path}: the direction in XMP is {yaw}, {pitch}, {roll}")
     if abs(roll) == 180.0 and pitch < -90.0:  # the same direction, written upside down

@@ -97,12 +97,12 @@ def test_burned_ground_that_has_cooled_stays_burned(
     whole: bytes, land: Landscape, tmp_path: Path
 ) -> None:
     burned = Burned(land.shape)
-    first = burned.added(cells_of(written(tmp_path, whole), land))
+    first = burned.added(cells_of(written(tmp_path, whole), land), 10.0)
     pose = pose_above(land, 300.0, 300.0, 0.0, -90.0)
     write_frame(tmp_path / "cold.tif", land, pose, np.full((512, 640), 25.0), TAKEN)
     cold = cells_of(tmp_path / "cold.tif", land)
     assert "b" not in "".join(cold.window.cells)
-    again = "".join(burned.added(cold).window.cells)
+    again = "".join(burned.added(cold, 20.0).window.cells)
     assert again.count("b") == "".join(first.window.cells).count("b")
 
 
