@@ -138,7 +138,7 @@ def kinds_of(image: ThermalImage, settings: ThermalFramesSection) -> NDArray[np.
     """Return the kind (y, x) of each pixel: COOL, BURNED_OUT, HOT or UNKNOWN.
 
     Raises FireModelError for an image of grey levels if the settings have no ``hot_level``, and if
-    hardly any value is one of ground that does not burn: its unit or range is probably another.
+    nearly all pixels are hot, or most are colder than any ground: unit or range are probably wrong.
     """
     values = image.values
     if image.kind == "levels":
@@ -155,9 +155,9 @@ def kinds_of(image: ThermalImage, settings: ThermalFramesSection) -> NDArray[np.
     if image.kind == "counts":
         values = values * np.float32(settings.kelvin_per_count) - np.float32(KELVIN_C)
     hot = values >= settings.hot_c
-    if np.mean(~hot & (values > BACKGROUND_C[0])) < MIN_NOT_HOT:
+    if np.mean(~hot) < MIN_NOT_HOT or np.median(values) < BACKGROUND_C[0]:
         raise FireModelError(
-            f"nearly all values are {values.min():.0f} to {values.max():.0f} °C; floats must be in "
+            f"the median is {np.median(values):.0f} °C; floats must be in "
             "°C, and counts require estimate.thermal_frames.kelvin_per_count"
         )
     warm = values > _background_c(values[~hot]) + settings.warm_above_c

@@ -17,6 +17,9 @@ from mission_service.errors import MissionServiceError
 
 COLUMNS = ("latitude", "longitude", "scan", "track", "acq_date", "acq_time", "confidence")
 MAX_FILE_BYTES = 64_000_000
+MAX_POINTS = 1000  # of one request
+MAX_SOURCE, MAX_MESSAGE = 80, 200  # characters
+AHEAD_S = 300.0  # tolerated difference between the clocks of satellite and service
 MIN_KM, MAX_KM = 0.05, 20.0  # of a pixel's side
 # Shares of false alarms that are assumed for the classes of confidence of VIIRS. With a share above
 # zero a second report must confirm the place.
@@ -55,6 +58,8 @@ def read_satellite_pixels(path: Path) -> list[SatellitePixel]:
     Raises MissionServiceError, which names the line, for a file that is not such a file.
     """
     try:
+        if path.exists() and not path.is_file():
+            raise MissionServiceError(f"{path}: is not a file")
         if path.stat().st_size > MAX_FILE_BYTES:
             raise MissionServiceError(f"{path}: is larger than {MAX_FILE_BYTES / 1e6:.0f} MB")
         with path.open(encoding="utf-8-sig", newline="") as file:
@@ -62,12 +67,18 @@ def read_satellite_pixels(path: Path) -> list[SatellitePixel]:
             names = [name.strip().lower() for name in rows.fieldnames or ()]
             rows.fieldnames = names
             if missing := [name for name in COLUMNS if name not in names]:
-                raise MissionServiceError(f"{path}: has no column {', '.join(missing)}")
-            return [_pixel(path, rows.line_num, row) for row in rows]
+                raise MissionServiceError(
+                    f"{path}: has no column {', '.join(missing)}; give a CSV file of FIRMS"
+                )
+            return [_pixel(path, rows.line_num, row) for row in rows if not _is_blank(row)]
     except OSError as error:
         raise MissionServiceError(f"{path}: {error.strerror}") from None
     except (UnicodeDecodeError, csv.Error) as error:
         raise MissionServiceError(f"{path}: is not a CSV file: {error}") from None
+
+
+def _is_blank(row: dict[str, Any]) -> bool:
+    return not any(isinstance(each, str) and each.strip() for each in row.values())
 
 
 def _pixel(path: Path, line: int, row: dict[str, Any]) -> SatellitePixel:
@@ -77,7 +88,7 @@ def _pixel(path: Path, line: int, row: dict[str, Any]) -> SatellitePixel:
         seen = datetime.strptime(clock, "%Y-%m-%d %H%M").replace(tzinfo=UTC)
         false_alarms_pct = _false_alarms_pct(row["confidence"].strip().lower())
     except (ValueError, TypeError, AttributeError) as error:
-        raise MissionServiceError(f"{path}: line {line}: {error}") from None
+        raise MissionServiceError(f"{path}: line {line}: {str(error)[:MAX_MESSAGE]}") from None
     if not (abs(lat_deg) < 90.0 and abs(lon_deg) <= 180.0):
         raise MissionServiceError(f"{path}: line {line}: the place is {lat_deg}, {lon_deg}")
     if not all(MIN_KM <= side <= MAX_KM for side in (scan_km, track_km)):
@@ -87,6 +98,7 @@ def _pixel(path: Path, line: int, row: dict[str, Any]) -> SatellitePixel:
         )
     words = (row.get("instrument"), row.get("satellite"))
     source = " ".join(word.strip() for word in words if word and word.strip()) or "satellite"
+    source = "".join(each for each in source if each.isprintable())[:MAX_SOURCE]
     return SatellitePixel(lat_deg, lon_deg, scan_km, track_km, seen, false_alarms_pct, source)
 
 
@@ -104,10 +116,18 @@ def _false_alarms_pct(confidence: str) -> float:
 def reports_of(pixels: Iterable[SatellitePixel], now: datetime) -> list[dict[str, Any]]:
     """Return the requests ``observe``, without their user, that report pixels.
 
-    Pixels of one source, time, size and confidence are one request. The oldest come first.
+    Pixels of one source, time, size and confidence are one request, or more if there are many. The
+    oldest come first.
+
+    Raises MissionServiceError for an overpass in the future.
     """
     groups: dict[tuple[Any, ...], list[SatellitePixel]] = {}
     for each in pixels:
+        if (each.seen - now).total_seconds() > AHEAD_S:
+            raise MissionServiceError(
+                f"an overpass of {each.source} is in the future ({each.seen:%Y-%m-%d %H:%M} UTC); "
+                "acq_date and acq_time must be UTC, and the clock of this computer right"
+            )
         key = (each.seen, each.source, round(each.position_sd_m, 1), each.false_alarms_pct)
         groups.setdefault(key, []).append(each)
     return [
@@ -115,13 +135,14 @@ def reports_of(pixels: Iterable[SatellitePixel], now: datetime) -> list[dict[str
             "do": "observe",
             "state": "burning",
             "shape": "points",
-            "points": [(each.lat_deg, each.lon_deg) for each in group],
+            "points": [(each.lat_deg, each.lon_deg) for each in group[first : first + MAX_POINTS]],
             "age_s": max((now - seen).total_seconds(), 0.0),
             "position_sd_m": sd_m,
             "false_alarms_pct": false_alarms_pct,
             "source": source,
         }
         for (seen, source, sd_m, false_alarms_pct), group in sorted(groups.items())
+        for first in range(0, len(group), MAX_POINTS)
     ]
 
 

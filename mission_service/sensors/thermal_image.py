@@ -66,6 +66,8 @@ def read_thermal_image(path: Path) -> ThermalImage:
     from PIL import Image, UnidentifiedImageError
 
     try:
+        if path.exists() and not path.is_file():
+            raise ThermalImageError(f"{path}: is not a file")
         size = path.stat().st_size
         if size > MAX_FILE_BYTES:
             raise ThermalImageError(

@@ -1,9 +1,11 @@
 """Thermal images in a watched folder reach the estimate; nothing else of the true fire does."""
 
 import json
+import os
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -17,9 +19,11 @@ from mission_service.errors import ScenarioError
 from mission_service.events import Observed, Telemetry
 from mission_service.fire.scenario_check import check
 from mission_service.fire.scenario_fire import fire_of, landscape_of
+from mission_service.fire.sensors import Sensors
 from mission_service.journal.journal_file import SegmentReader
 from mission_service.replay.verification import verify
 from mission_service.runtime.published_states import TelemetryState
+from mission_service.sensors import frame_folder
 from mission_service.sensors.camera_geometry import CameraPose
 from mission_service.sensors.frame_folder import FrameFolder
 from tests.api.worlds import World, world_in
@@ -173,6 +177,103 @@ def test_a_problem_is_an_alarm(frames: Path, tmp_path: Path) -> None:
     world.fly(START_S + 120.0)
     alarm = world.context.state_view.alarms["sensor/thermal_frames"]
     assert "a.jpg: is not a TIFF, JPEG or PNG image" in alarm.text
+
+
+def down_at(land: Landscape) -> CameraPose:
+    x_m, y_m = land.xy_of(100.0, 100.0)
+    return CameraPose(x_m, y_m, float(land.elevation_at(x_m, y_m)) + 200.0, 0.0, -90.0)
+
+
+def looked(sensor: FrameFolder) -> None:
+    for _ in range(2):  # the second look reads files that have not grown
+        sensor.look(datetime.now(UTC))
+
+
+@pytest.mark.usefixtures("without_thread")
+def test_an_image_without_an_observed_cell_does_not_end_the_sensor(frames: Path) -> None:
+    scenario = scenario_for(frames, "estimate.thermal_frames.hot_level=200")
+    land = landscape_of(scenario)
+    sensor = FrameFolder(scenario, land)
+    sensors = Sensors({"thermal_frames": sensor}, land.shape)
+    grey = np.full((128, 160), 20, dtype=np.uint8)
+    write_frame(frames / "cold.tif", land, down_at(land), grey, datetime.now(UTC), WIDE)
+    looked(sensor)
+    assert sensors.observe(FIX) == []
+    assert sensors.problems() == {}
+
+
+@pytest.mark.usefixtures("without_thread")
+def test_odd_entries_and_an_absent_folder_do_not_end_the_watch(frames: Path) -> None:
+    scenario = scenario_for(frames)
+    land = landscape_of(scenario)
+    sensor = FrameFolder(scenario, land)
+    (frames / "folder.tif").mkdir()
+    (frames / "loop.tif").symlink_to("loop.tif")
+    (frames / "gone.tif").symlink_to("nowhere.tif")
+    looked(sensor)
+    assert sensor.problem == ""
+    away = frames.rename(frames.with_name("away"))
+    looked(sensor)
+    assert "frames: cannot be read: No such file" in sensor.problem
+    away.rename(frames)
+    celsius = np.full((128, 160), 25.0)
+    write_frame(frames / "a.tif", land, down_at(land), celsius, datetime.now(UTC), WIDE)
+    looked(sensor)
+    assert sensor.problem == ""
+    assert sensor.observe(FIX) is not None
+
+
+@pytest.mark.usefixtures("without_thread")
+def test_a_problem_ends_when_its_file_is_completed_or_removed(frames: Path) -> None:
+    scenario = scenario_for(frames)
+    land = landscape_of(scenario)
+    sensor = FrameFolder(scenario, land)
+    path = frames / "a.tif"
+    write_frame(path, land, down_at(land), np.full((128, 160), 25.0), datetime.now(UTC), WIDE)
+    whole = path.read_bytes()
+    path.write_bytes(whole[:9000])
+    odd = Path(os.fsdecode(os.fsencode(frames) + b"/\xe9\n.tif"))
+    odd.write_bytes(b"no image")
+    looked(sensor)
+    assert "(and 1 others)" in sensor.problem
+    assert sensor.problem.isprintable()
+    path.write_bytes(whole)
+    odd.unlink()
+    looked(sensor)
+    assert sensor.problem == ""
+
+
+@pytest.mark.usefixtures("without_thread")
+def test_images_that_are_dropped_or_from_before_the_run_are_named(
+    frames: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(frame_folder, "MAX_WAITING", 1)
+    scenario = scenario_for(frames)
+    land = landscape_of(scenario)
+    sensor = FrameFolder(scenario, land)
+    for number in range(2):
+        taken = datetime.now(UTC) - timedelta(seconds=60)
+        celsius = np.full((128, 160), 25.0)
+        write_frame(frames / f"{number}.tif", land, down_at(land), celsius, taken, WIDE)
+    looked(sensor)
+    assert "0.tif: more than 1 newer images wait" in sensor.problem
+    assert sensor.observe(msgspec.structs.replace(FIX, at_us=1_000_000)) is None
+    assert "1.tif: was taken 59 s before mission time 0" in sensor.problem
+
+
+@pytest.mark.usefixtures("without_thread")
+def test_an_unexpected_error_of_one_file_is_named(
+    frames: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(path: Path) -> None:
+        raise MemoryError
+
+    monkeypatch.setattr(frame_folder, "read_thermal_image", fail)
+    scenario = scenario_for(frames)
+    sensor = FrameFolder(scenario, landscape_of(scenario))
+    (frames / "a.tif").write_bytes(b"")
+    looked(sensor)
+    assert "a.tif: MemoryError" in sensor.problem
 
 
 def test_a_folder_that_does_not_exist_is_refused(frames: Path) -> None:

@@ -81,6 +81,8 @@ def test_footprints_have_the_stated_size(tmp_path: Path) -> None:
         (VIIRS + "36,-84,340,0.4,0.4,2026-07-04,1200,N,VIIRS,z,2,295,5,D\n", "line 2: could not"),
         (VIIRS + "36,-84\n", "line 2"),
         ("\x00\x00", "has no column"),
+        (VIIRS.replace(",", ";"), "give a CSV file of FIRMS"),
+        (VIIRS + '36,"' + "x\n" * 9999, "line 10000: could not convert"),
     ],
 )
 def test_a_file_that_cannot_be_used_is_named_with_its_line(
@@ -91,6 +93,31 @@ def test_a_file_that_cannot_be_used_is_named_with_its_line(
     assert "pixels.csv" in str(raised.value)
     with pytest.raises(MissionServiceError, match="No such file"):
         read_satellite_pixels(tmp_path / "missing.csv")
+
+
+def test_blank_lines_are_skipped_and_sources_are_one_printed_line(tmp_path: Path) -> None:
+    line = viirs(36.36, -84.14, NOW).replace("VIIRS", '"VI\n\x1b[2JIRS' + "S" * 99 + '"')
+    (found,) = read_satellite_pixels(written(tmp_path, VIIRS + "\n  \n" + "," * 13 + "\n" + line))
+    assert found.source.isprintable()
+    assert len(found.source) == 80
+
+
+def test_many_pixels_of_one_overpass_are_several_requests(tmp_path: Path) -> None:
+    path = written(tmp_path, VIIRS + viirs(36.36, -84.14, NOW) * 2500)
+    reports = reports_of(read_satellite_pixels(path), NOW)
+    assert [len(each["points"]) for each in reports] == [1000, 1000, 500]
+
+
+def test_an_overpass_in_the_future_is_refused(tmp_path: Path) -> None:
+    pixels = read_satellite_pixels(written(tmp_path, VIIRS + viirs(36.36, -84.14, NOW)))
+    assert reports_of(pixels, NOW - timedelta(minutes=4))[0]["age_s"] == 0.0
+    with pytest.raises(MissionServiceError, match=r"in the future .*must be UTC"):
+        reports_of(pixels, NOW - timedelta(hours=5))
+
+
+def test_a_device_is_no_file() -> None:
+    with pytest.raises(MissionServiceError, match="/dev/zero: is not a file"):
+        read_satellite_pixels(Path("/dev/zero"))
 
 
 @pytest.fixture

@@ -2,8 +2,10 @@
 
 import contextlib
 import os
+import time
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +18,13 @@ from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.fire_sections import ThermalFramesSection
 from mission_service.sensors.frame_cells import Burned, FrameCells, frame_cells
-from mission_service.sensors.thermal_image import ThermalImageError, read_thermal_image
+from mission_service.sensors.thermal_image import (
+    GPS_IFD,
+    ORIENTATION,
+    XMP_TAG,
+    ThermalImageError,
+    read_thermal_image,
+)
 
 TAKEN = datetime(2026, 7, 4, 13, 5, 6, 250_000, tzinfo=UTC)
 AT_S = 3600.0
@@ -130,6 +138,111 @@ def test_the_focal_length_is_that_of_the_scenario_if_given(
     path = written(tmp_path, whole)
     wide = cells_of(path, land, field_of_view_deg=90)
     assert len(wide.window.cells) > 1.8 * len(cells_of(path, land).window.cells)
+
+
+def test_an_older_image_that_arrives_later_is_not_changed(
+    whole: bytes, land: Landscape, tmp_path: Path
+) -> None:
+    burned = Burned(land.shape)
+    burned.added(cells_of(written(tmp_path, whole), land), 20.0)
+    pose = pose_above(land, 300.0, 300.0, 0.0, -90.0)
+    write_frame(tmp_path / "before.tif", land, pose, np.full((512, 640), 25.0), TAKEN)
+    before = cells_of(tmp_path / "before.tif", land)
+    assert burned.added(before, 10.0) == before
+
+
+@pytest.mark.parametrize(
+    ("scale", "words"),
+    [(1.0, "floats must be in °C"), (25.0, "kelvin_per_count")],
+)
+def test_values_of_another_unit_are_refused(
+    scale: float, words: str, land: Landscape, tmp_path: Path
+) -> None:
+    pose = pose_above(land, 300.0, 300.0, 0.0, -90.0)
+    kelvin = rendered(land, arrivals(land), AT_S, pose, np.random.default_rng(1)) + 273.15
+    path = tmp_path / "frame.tif"
+    write_frame(path, land, pose, kelvin if scale == 1.0 else (kelvin * scale).astype("u2"), TAKEN)
+    with pytest.raises(FireModelError, match=words):
+        cells_of(path, land)
+
+
+def test_an_image_in_which_everything_is_hot_is_refused(land: Landscape, tmp_path: Path) -> None:
+    pose = pose_above(land, 300.0, 300.0, 0.0, -90.0)
+    path = tmp_path / "frame.tif"
+    write_frame(path, land, pose, np.full((512, 640), 255, dtype=np.uint8), TAKEN)
+    with pytest.raises(FireModelError, match=r"frame\.tif: nearly all grey levels are hot"):
+        cells_of(path, land, hot_level=200)
+
+
+def test_a_camera_at_the_edge_of_the_landscape_has_no_error_of_zero(
+    land: Landscape, tmp_path: Path
+) -> None:
+    path = tmp_path / "frame.tif"
+    write_frame(path, land, pose_above(land, 0, 300, 0.0, -90.0), np.full((512, 640), 25.0), TAKEN)
+    with pytest.raises(FireModelError, match="too little of the landscape"):
+        frame_cells(read_thermal_image(path), land, ThermalFramesSection(field_of_view_deg=1))
+
+
+def test_a_small_file_with_many_pixels_is_cheap(land: Landscape, tmp_path: Path) -> None:
+    image = read_thermal_image(tiff_with(tmp_path, land))
+    large = image._replace(values=np.zeros((4000, 5000), np.float32), focal_px=6000.0)
+    began_s = time.process_time()
+    frame_cells(large, land, ThermalFramesSection(hot_level=100))
+    assert time.process_time() - began_s < 5.0
+
+
+def tiff_with(
+    folder: Path,
+    land: Landscape,
+    xmp: tuple[bytes, bytes] = (b"", b""),
+    gps: dict[int, object] | None = None,
+    orientation: int = 1,
+    colour: tuple[int, int, int] = (20, 20, 20),
+) -> Path:
+    """Write an image of grey levels or colours with changes in its metadata."""
+    pose = pose_above(land, 300.0, 300.0, 0.0, -90.0)
+    write_frame(folder / "whole.tif", land, pose, np.zeros((8, 8), np.uint8), TAKEN)
+    with Image.open(folder / "whole.tif") as image:
+        exif = image.getexif()
+        exif.get_ifd(GPS_IFD).update(gps or {})
+        for tag in (256, 257, 258, 259, 262, 273, 277, 278, 279):  # of the pixels
+            exif.pop(tag, None)
+        exif[XMP_TAG] = exif[XMP_TAG].replace(*xmp)
+        exif[ORIENTATION] = orientation
+        path = folder / "frame.tif"
+        Image.new("RGB", (8, 8), colour).save(path, exif=exif)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("keys", "words"),
+    [
+        ({"xmp": (b'PitchDegree="-90.0000"', b'PitchDegree="-90,0000"')}, "float: '-90,0000'"),
+        ({"xmp": (b'PitchDegree="-90.0000"', b'PitchDegree=""')}, "no GimbalPitchDegree$"),
+        ({"xmp": (b"drone-dji:Cal", b'drone-dji:ImageSource="WideCamera" drone-dji:Cal')}, "Wide"),
+        ({"gps": {1: ""}}, "no GPS latitude"),
+        ({"gps": {6: 30_000.0}}, r"30000\.0 m"),
+        ({"orientation": 6}, "EXIF orientation is 6"),
+        ({"colour": (250, 120, 20)}, "is a picture in colours"),
+    ],
+)
+def test_odd_metadata_are_refused(
+    keys: dict[str, Any], words: str, land: Landscape, tmp_path: Path
+) -> None:
+    with pytest.raises(ThermalImageError, match=words):
+        read_thermal_image(tiff_with(tmp_path, land, **keys))
+
+
+def test_hemispheres_times_and_packets_of_other_writers_are_read(
+    land: Landscape, tmp_path: Path
+) -> None:
+    plain = read_thermal_image(tiff_with(tmp_path, land))
+    end = b"</x:xmpmeta>"
+    gps = {1: "North", 3: b"W", 5: b"\x03", 7: (1.0, 2.0, 3.9999999)}
+    image = read_thermal_image(tiff_with(tmp_path, land, (end, end + b"<x:xmpmeta>" + end), gps))
+    assert image[4:6] == plain[4:6]
+    assert image.altitude_amsl_m == -plain.altitude_amsl_m
+    assert image.taken.second == 4
 
 
 @pytest.mark.parametrize(
