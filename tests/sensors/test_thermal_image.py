@@ -159,7 +159,7 @@ def test_values_of_another_unit_are_refused(
     scale: float, words: str, land: Landscape, tmp_path: Path
 ) -> None:
     pose = pose_above(land, 300.0, 300.0, 0.0, -90.0)
-    kelvin = rendered(land, arrivals(land), AT_S, pose, np.random.default_rng(1)) + 273.15
+    kelvin = np.full((512, 640), 298.15)
     path = tmp_path / "frame.tif"
     write_frame(path, land, pose, kelvin if scale == 1.0 else (kelvin * scale).astype("u2"), TAKEN)
     with pytest.raises(FireModelError, match=words):
@@ -195,7 +195,7 @@ def tiff_with(
     folder: Path,
     land: Landscape,
     xmp: tuple[bytes, bytes] = (b"", b""),
-    gps: dict[int, object] | None = None,
+    gps: dict[int, Any] | None = None,
     orientation: int = 1,
     colour: tuple[int, int, int] = (20, 20, 20),
 ) -> Path:
