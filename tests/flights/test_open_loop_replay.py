@@ -244,6 +244,7 @@ def test_logs_with_a_date_are_not_joined_with_others(log: Path, tmp_path: Path) 
         flight_of([str(other), str(log)])
 
 
+@pytest.mark.long
 def test_a_journal_by_its_own_rule_has_its_own_decisions(tmp_path: Path) -> None:
     """Two vehicles with late positions in turn: each has its own mission time."""
     run, out = tmp_path / "run", tmp_path / "out"

@@ -83,7 +83,7 @@ def test_what_another_saw_is_on_its_map() -> None:
 
 
 def test_cells_of_another_landscape_are_refused_in_words() -> None:
-    with pytest.raises(MissionServiceError, match="same landscape"):
+    with pytest.raises(MissionServiceError, match="use one landscape for all vehicles"):
         agent_of().on_message(FireUpdate(1_000_000, "kite", (300 * 300,)))
 
 

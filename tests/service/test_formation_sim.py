@@ -118,6 +118,7 @@ def test_both_stacks_fly_together_over_a_bad_link(tmp_path: Path) -> None:
     assert verify(run.journal).difference is None
 
 
+@pytest.mark.long
 def test_a_held_vehicle_is_kept_clear_of_for_as_long_as_the_hold_takes(
     tmp_path: Path,
 ) -> None:
