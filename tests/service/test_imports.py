@@ -41,6 +41,7 @@ SHELL = {
     "mission_service/cli/bench_commands.py",
     "mission_service/cli/burn_commands.py",
     "mission_service/cli/main.py",
+    "mission_service/cli/satellite_command.py",  # the age of detections
     "mission_service/interfaces/api/app.py",  # computations run in threads
     "mission_service/runtime/clocks.py",
     "mission_service/interfaces/control/control_server.py",
