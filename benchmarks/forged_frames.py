@@ -245,13 +245,7 @@ class ForgedRig(SimulatedVehicle):
 
     def handle_due(self, now_us: int, service: Engine) -> None:
         """Process all due work, with forged frames before and after the vehicle's frames."""
-        if self._weather is not None:
-            self._blow(self._weather.weather_at(self._clock.now_us / 1e6))
-        for datagram in self._up.receive(now_us):
-            self.mock.receive_data(datagram, now_us)
-        self.mock.handle_timer(now_us)
-        for datagram in self.mock.data_to_send():
-            self._down.send(datagram, now_us)
+        self._advance_mock(self._up.receive(now_us), now_us)
         boot_ms = self.mock._now_us() // 1000
         received = self._down.receive(now_us)
         self._forge(self._each // 2, now_us, boot_ms)

@@ -11,6 +11,7 @@ elevation below the camera.
 """
 
 import sys
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -153,7 +154,8 @@ def georeferenced(
     landscape: Landscape, pitch_deg: float, frames: int, rng: np.random.Generator
 ) -> Georeferenced:
     """Georeference frames at random places, and compare with the true places of pixels."""
-    flat = landscape_at(landscape)
+    level = np.zeros(landscape.shape, dtype=np.float32)
+    flat = replace(landscape, elevation_m=level, gradient=None)  # type: ignore[arg-type]  # computed
     size, cell_m = landscape.shape[0], landscape.cell_size_m
     col, row = (
         each.ravel() for each in np.meshgrid(np.linspace(0, 639, 9), np.linspace(0, 511, 7))
@@ -171,33 +173,17 @@ def georeferenced(
         found = ground_points(landscape, LENS, seen, col, row)
         errors_m += list(np.hypot(*((found - true) * cell_m).T))
         below_m = float(landscape.elevation_at(pose.x_m, pose.y_m))
-        level = seen._replace(altitude_amsl_m=seen.altitude_amsl_m - below_m)
+        lowered = seen._replace(altitude_amsl_m=seen.altitude_amsl_m - below_m)
         flat_errors_m += list(
-            np.hypot(*((ground_points(flat, LENS, level, col, row) - true) * cell_m).T)
+            np.hypot(*((ground_points(flat, LENS, lowered, col, row) - true) * cell_m).T)
         )
-        middle = (np.array([319.5]), np.array([255.5]))
-        covariance = covariances(landscape, LENS, seen, ERRORS, *middle)[0]
-        off = (
-            ground_points(landscape, LENS, seen, *middle)
-            - ground_points(landscape, LENS, pose, *middle)
-        )[0]
+        middle = slice(col.size // 2, col.size // 2 + 1)
+        covariance = covariances(landscape, LENS, seen, ERRORS, col[middle], row[middle])[0]
+        off = (found - true)[col.size // 2]
         east_north_m = np.array([off[1], -off[0]]) * cell_m
         inside += bool(east_north_m @ np.linalg.solve(covariance, east_north_m) <= CHI_SQUARE_90)
     return Georeferenced(
         float(np.nanmean(errors_m)), inside / frames, float(np.nanmean(flat_errors_m))
-    )
-
-
-def landscape_at(landscape: Landscape) -> Landscape:
-    """Return a flat landscape at sea level on the same grid."""
-    level = np.zeros(landscape.shape, dtype=np.float32)
-    return Landscape(
-        landscape.crs,
-        landscape.west_m,
-        landscape.north_m,
-        landscape.cell_size_m,
-        landscape.fuel_model,
-        level,
     )
 
 

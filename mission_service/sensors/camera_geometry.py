@@ -40,10 +40,10 @@ class CameraPose(NamedTuple):
 class PoseErrors(NamedTuple):
     """Standard deviations of the parts of a pose, and of the elevation of the ground."""
 
-    position_sd_m: float = 1.5  # of each horizontal axis
-    altitude_sd_m: float = 1.5
-    direction_sd_deg: float = 0.5  # of each of yaw, pitch and roll
-    elevation_sd_m: float = 2.0
+    position_sd_m: float  # of each horizontal axis
+    altitude_sd_m: float
+    direction_sd_deg: float  # of each of yaw, pitch and roll
+    elevation_sd_m: float
 
     def shifted(self, pose: CameraPose) -> list[CameraPose]:
         """Return the pose with each of its parts in error by one standard deviation.

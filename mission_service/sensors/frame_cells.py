@@ -5,7 +5,7 @@ is the most frequent temperature of the image without its hot pixels. Ground tha
 warm, but ground in the sun is warm, too. Therefore warm pixels have burned only if they are
 connected to hot pixels, and are otherwise unknown. A cell is burned if most of its pixels are hot
 or have burned, unburned if nearly all of its pixels are cool, and unseen otherwise. Ground that has
-burned out and cooled cannot be told from unburned ground; therefore cells that an earlier image of
+burned out and cooled looks like unburned ground; therefore cells that an earlier image of
 the sensor showed as burned stay burned (``Burned``). An image of grey levels has no temperatures:
 its pixels are hot or unknown.
 """
@@ -16,11 +16,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from firemodel.arrays import Floats, Mask
+from firemodel.arrays import Floats, Mask, window_at
+from firemodel.assimilation.observation import BURNED, UNBURNED, UNSEEN
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.fire_sections import ThermalFramesSection
-from mission_service.fire.observed_window import Window, in_letters
+from mission_service.fire.observed_window import LETTERS, Window, in_letters, states_in
 from mission_service.sensors.camera_geometry import CameraPose, Lens, PoseErrors, focal_px_of
 from mission_service.sensors.ground_points import (
     ErrorEllipse,
@@ -63,13 +64,11 @@ class Burned:
         Images may arrive in any order; ``taken_s`` is the time of the image.
         """
         window = found.window
-        letters = np.frombuffer("".join(window.cells).encode(), dtype=np.uint8)
-        letters = letters.reshape(len(window.cells), -1)
-        rows, cols = letters.shape
-        here = self._since_s[window.row : window.row + rows, window.col : window.col + cols]
-        kept = np.where((here <= taken_s) & (letters == ord("u")), ord("b"), letters)
-        here[letters == ord("b")] = np.minimum(here[letters == ord("b")], taken_s)
-        return found._replace(window=window._replace(cells=in_letters(kept)))
+        state = states_in(window.cells)
+        here = self._since_s[window_at(window.row, window.col, state.shape)]
+        kept = np.where((here <= taken_s) & (state == UNBURNED), BURNED, state)
+        here[state == BURNED] = np.minimum(here[state == BURNED], taken_s)
+        return found._replace(window=window._replace(cells=in_letters(LETTERS[kept])))
 
 
 def frame_cells(
@@ -207,9 +206,9 @@ def _window_of(places: Floats, kinds: NDArray[np.int8], shape: tuple[int, int]) 
     cool, burned_out, hot = counted
     pixels = np.bincount(number, minlength=rows * cols).reshape(rows, cols)
     enough = pixels >= MIN_PIXELS
-    letters = np.full((rows, cols), ord("."), dtype=np.uint8)
-    letters[enough & (hot + burned_out >= MOST * pixels)] = ord("b")
-    letters[enough & (cool >= NEARLY_ALL * pixels)] = ord("u")
+    state = np.full((rows, cols), UNSEEN, dtype=np.uint8)
+    state[enough & (hot + burned_out >= MOST * pixels)] = BURNED
+    state[enough & (cool >= NEARLY_ALL * pixels)] = UNBURNED
     assert 0 <= top <= shape[0] - rows
     assert 0 <= left <= shape[1] - cols
-    return Window(top, left, in_letters(letters))
+    return Window(top, left, in_letters(LETTERS[state]))

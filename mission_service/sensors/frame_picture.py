@@ -4,14 +4,18 @@ from pathlib import Path
 
 import numpy as np
 
+from firemodel.arrays import window_at
+from firemodel.assimilation.observation import BURNED, UNBURNED, UNSEEN
 from firemodel.landscape.landscape import Landscape
 from firemodel.outputs.arrival_map import frame_around, save_map, set_title, start_map
 from firemodel.outputs.whole_file import whole_file
+from mission_service.fire.observed_window import states_in
 from mission_service.sensors.frame_cells import FrameCells
 from mission_service.sensors.thermal_image import ThermalImage
 
 BURNED_COLOUR, UNBURNED_COLOUR, CAMERA_COLOUR = "#e31a1c", "#1f78ff", "#000000"
 NOTE = "Observed by a thermal camera. Not for navigation. Graticule WGS 84, arrow to true north."
+ALPHA = 0.7
 SIGMAS = 2.146  # the ellipse that contains the true place with a probability of 90 %
 
 
@@ -20,26 +24,22 @@ def draw_frame(path: Path, landscape: Landscape, image: ThermalImage, found: Fra
 
     Raises OSError if the file cannot be written.
     """
+    from matplotlib.colors import to_rgba
     from matplotlib.lines import Line2D
     from matplotlib.patches import Ellipse, Patch
 
     window, cell_km = found.window, landscape.cell_size_m / 1e3
-    letters = np.array([list(row) for row in window.cells])
+    state = states_in(window.cells)
     shown = np.full(landscape.shape, np.inf)
-    here = (
-        slice(window.row, window.row + letters.shape[0]),
-        slice(window.col, window.col + letters.shape[1]),
-    )
-    shown[here] = np.where(letters == ".", np.inf, 0.0)
+    shown[window_at(window.row, window.col, state.shape)] = np.where(state == UNSEEN, np.inf, 0.0)
     camera_m = np.array([landscape.xy_of_lat_lon(image.lat_deg, image.lon_deg)])
     frame = frame_around(landscape, shown, camera_m)
     figure, axes = start_map(landscape, np.full(landscape.shape, np.inf), frame)
     limits = axes.axis()
-    colours = np.zeros((*letters.shape, 4))
-    for letter, colour in (("b", BURNED_COLOUR), ("u", UNBURNED_COLOUR)):
-        rgb = [int(colour[at : at + 2], 16) / 255.0 for at in (1, 3, 5)]
-        colours[letters == letter] = (*rgb, 0.7)
-    rows, cols = letters.shape
+    colours = np.zeros((*state.shape, 4))
+    for code, colour in ((BURNED, BURNED_COLOUR), (UNBURNED, UNBURNED_COLOUR)):
+        colours[state == code] = to_rgba(colour, ALPHA)
+    rows, cols = state.shape
     west_km, south_km = window.col * cell_km, (landscape.shape[0] - window.row - rows) * cell_km
     extent = (west_km, west_km + cols * cell_km, south_km, south_km + rows * cell_km)
     axes.imshow(colours, extent=extent, origin="upper", interpolation="nearest", zorder=3)
@@ -62,8 +62,8 @@ def draw_frame(path: Path, landscape: Landscape, image: ThermalImage, found: Fra
     axes.axis(limits)
     axes.legend(
         handles=[
-            Patch(color=BURNED_COLOUR, alpha=0.7, label="burned"),
-            Patch(color=UNBURNED_COLOUR, alpha=0.7, label="unburned"),
+            Patch(color=BURNED_COLOUR, alpha=ALPHA, label="burned"),
+            Patch(color=UNBURNED_COLOUR, alpha=ALPHA, label="unburned"),
             Line2D([], [], color="black", label="error of the place, 90 %"),
             Line2D([], [], color=CAMERA_COLOUR, marker="^", linestyle="", label="camera"),
         ],

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from mission_service.errors import MissionServiceError
+from mission_service.ground_distance import M_PER_DEG
 
 COLUMNS = ("latitude", "longitude", "scan", "track", "acq_date", "acq_time", "confidence")
 MAX_FILE_BYTES = 64_000_000
@@ -25,7 +26,6 @@ MIN_KM, MAX_KM = 0.05, 20.0  # of a pixel's side
 # zero a second report must confirm the place.
 FALSE_ALARMS_PCT = {"low": 50.0, "nominal": 10.0, "high": 0.0}
 CLASSES = {name[0]: name for name in FALSE_ALARMS_PCT}
-METRES_PER_DEGREE = 111_195.0
 
 
 class SatellitePixel(NamedTuple):
@@ -46,8 +46,8 @@ class SatellitePixel(NamedTuple):
 
     def corners(self) -> list[tuple[float, float]]:
         """Return latitude and longitude of the corners, for a track from south to north."""
-        north = 500.0 * self.track_km / METRES_PER_DEGREE
-        east = 500.0 * self.scan_km / METRES_PER_DEGREE / math.cos(math.radians(self.lat_deg))
+        north = 500.0 * self.track_km / M_PER_DEG
+        east = 500.0 * self.scan_km / M_PER_DEG / math.cos(math.radians(self.lat_deg))
         signs = ((-1, -1), (-1, 1), (1, 1), (1, -1))
         return [(self.lat_deg + n * north, self.lon_deg + e * east) for n, e in signs]
 

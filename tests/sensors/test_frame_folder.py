@@ -61,6 +61,16 @@ def pose_at(land: Landscape, fix: TelemetryState) -> CameraPose:
     return CameraPose(x_m, y_m, fix.altitude_amsl_m, yaw_deg, -90.0)
 
 
+def camera_above_fire(scenario: Scenario) -> tuple[Fire, CameraPose]:
+    """Return the scenario's fire after two hours, and a camera 200 m above its northern edge."""
+    land = landscape_of(scenario)
+    fire = fire_of(scenario, land)
+    fire.advance(7200.0)
+    row, col = np.argwhere(fire.burned())[0]
+    x_m, y_m = land.xy_of(float(row), float(col))
+    return fire, CameraPose(x_m, y_m, float(land.elevation_at(x_m, y_m)) + 200.0, 0.0, -90.0)
+
+
 def photograph(frames: Path, fire: Fire, pose: CameraPose, taken: datetime, number: int) -> Path:
     """Write an image of a fire into the folder."""
     path = frames / f"{number:05d}.tif"
@@ -124,13 +134,8 @@ def test_the_estimate_follows_a_fire_that_only_the_images_show(
 
 def test_a_thread_finds_files_and_names_those_it_cannot_use(frames: Path, tmp_path: Path) -> None:
     scenario = scenario_for(frames)
-    land = landscape_of(scenario)
-    fire = fire_of(scenario, land)
-    fire.advance(7200.0)
-    row, col = np.argwhere(fire.burned())[0]
-    x_m, y_m = land.xy_of(float(row), float(col))
-    pose = CameraPose(x_m, y_m, float(land.elevation_at(x_m, y_m)) + 200.0, 0.0, -90.0)
-    sensor = FrameFolder(scenario, land)
+    fire, pose = camera_above_fire(scenario)
+    sensor = FrameFolder(scenario, fire.landscape)
     assert sensor.observe(FIX) is None
     (frames / "half.tif").write_bytes(b"II*\0 not whole")
     wait_until(lambda: sensor.problem)
@@ -284,13 +289,7 @@ def test_a_folder_that_does_not_exist_is_refused(frames: Path) -> None:
 
 
 def test_the_command_shows_what_images_contribute(frames: Path, tmp_path: Path) -> None:
-    scenario = scenario_for(frames)
-    land = landscape_of(scenario)
-    fire = fire_of(scenario, land)
-    fire.advance(7200.0)
-    row, col = np.argwhere(fire.burned())[0]
-    x_m, y_m = land.xy_of(float(row), float(col))
-    pose = CameraPose(x_m, y_m, float(land.elevation_at(x_m, y_m)) + 200.0, 0.0, -90.0)
+    fire, pose = camera_above_fire(scenario_for(frames))
     good = photograph(frames, fire, pose, datetime(2026, 7, 4, tzinfo=UTC), 1)
     out = tmp_path / "out"
     distortion = f"estimate.thermal_frames.distortion={list(LENS.distortion)}"
