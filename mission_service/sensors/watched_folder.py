@@ -96,7 +96,7 @@ class WatchedFolder(ABC):
             self._problems.pop(gone, None)
         changed = {name: each for name, each in files.items() if self._read.get(name) != each}
         ready = [name for name, each in changed.items() if self._growing.get(name) == each]
-        self._growing = {name: each for name, each in changed.items() if name not in set(ready)}
+        self._growing = {name: changed[name] for name in changed.keys() - set(ready)}
         ready.sort(key=lambda name: (changed[name], name))
         self._read |= {name: changed[name] for name in ready}
         for name in ready[:-MAX_AT_ONCE]:
