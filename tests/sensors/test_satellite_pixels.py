@@ -48,19 +48,19 @@ def written(folder: Path, text: str) -> Path:
 def test_lines_of_viirs_and_modis_are_read(tmp_path: Path) -> None:
     seen = datetime(2026, 7, 4, 0, 42, tzinfo=UTC)
     text = "".join((VIIRS, *(viirs(36.36, -84.14, seen, each) for each in ("l", "nominal", "h"))))
-    found = read_satellite_pixels(written(tmp_path, text))
+    found = read_satellite_pixels(written(tmp_path, text)).pixels
     assert [each.false_alarms_pct for each in found] == [50.0, 10.0, 0.0]
     assert {each.seen for each in found} == {seen}
     assert (found[0].scan_km, found[0].track_km, found[0].source) == (0.39, 0.36, "VIIRS N")
     assert found[0].position_sd_m == pytest.approx(375.3 / math.sqrt(12.0), rel=0.001)
     line = "36.36,-84.14,320.0,1.2,1.1,2026-07-04,1830,Terra,72,6.1NRT,290.0,12.0,D\n"
-    (modis,) = read_satellite_pixels(written(tmp_path, MODIS + line))
+    (modis,) = read_satellite_pixels(written(tmp_path, MODIS + line)).pixels
     assert (modis.false_alarms_pct, modis.source) == (28.0, "Terra")
 
 
 def test_footprints_have_the_stated_size(tmp_path: Path) -> None:
     text = VIIRS + viirs(36.36, -84.14, NOW) + viirs(61.0, 25.0, NOW)
-    pixels = read_satellite_pixels(written(tmp_path, text))
+    pixels = read_satellite_pixels(written(tmp_path, text)).pixels
     shapes = footprints(pixels)["features"]
     assert len(shapes) == 2
     geod = Geod(ellps="WGS84")
@@ -97,19 +97,21 @@ def test_a_file_that_cannot_be_used_is_named_with_its_line(
 
 def test_blank_lines_are_skipped_and_sources_are_one_printed_line(tmp_path: Path) -> None:
     line = viirs(36.36, -84.14, NOW).replace("VIIRS", '"VI\n\x1b[2JIRS' + "S" * 99 + '"')
-    (found,) = read_satellite_pixels(written(tmp_path, VIIRS + "\n  \n" + "," * 13 + "\n" + line))
+    (found,) = read_satellite_pixels(
+        written(tmp_path, VIIRS + "\n  \n" + "," * 13 + "\n" + line)
+    ).pixels
     assert found.source.isprintable()
     assert len(found.source) == 80
 
 
 def test_many_pixels_of_one_overpass_are_several_requests(tmp_path: Path) -> None:
     path = written(tmp_path, VIIRS + viirs(36.36, -84.14, NOW) * 2500)
-    reports = reports_of(read_satellite_pixels(path), NOW)
+    reports = reports_of(read_satellite_pixels(path).pixels, NOW)
     assert [len(each["points"]) for each in reports] == [1000, 1000, 500]
 
 
 def test_an_overpass_in_the_future_is_refused(tmp_path: Path) -> None:
-    pixels = read_satellite_pixels(written(tmp_path, VIIRS + viirs(36.36, -84.14, NOW)))
+    pixels = read_satellite_pixels(written(tmp_path, VIIRS + viirs(36.36, -84.14, NOW))).pixels
     assert reports_of(pixels, NOW - timedelta(minutes=4))[0]["age_s"] == 0.0
     with pytest.raises(MissionServiceError, match=r"in the future .*must be UTC"):
         reports_of(pixels, NOW - timedelta(hours=5))
@@ -135,7 +137,7 @@ def reported(world: World, row: float, col: float, confidence: str, tmp_path: Pa
     land = world.context.landscape
     lat, lon = (float(each) for each in land.lat_lon_of(*land.xy_of(row, col)))
     path = written(tmp_path, VIIRS + viirs(lat, lon, NOW - timedelta(minutes=10), confidence))
-    for each in reports_of(read_satellite_pixels(path), NOW):
+    for each in reports_of(read_satellite_pixels(path).pixels, NOW):
         reply = world.context.request_handler.ask({"by": "ann", "station": "desk", **each})
         assert reply["ok"], reply
 
