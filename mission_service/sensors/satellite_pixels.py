@@ -21,6 +21,7 @@ from mission_service.ground_distance import M_PER_DEG, distance_m
 PLACE, SIZE = ("latitude", "longitude"), ("scan", "track")
 COLUMNS = (*PLACE, "acq_date", "acq_time", "confidence")
 MAX_FILE_BYTES = 64_000_000
+MAX_PIXELS = 100_000  # of a file, on the landscape
 MAX_POINTS = 1000  # of one request
 MAX_SOURCE, MAX_MESSAGE = 80, 200  # characters
 AHEAD_S = 300.0  # tolerated difference between the clocks of satellite and service
@@ -109,18 +110,20 @@ def _within(path: Path, rows: Any, names: list[str], within: World) -> Satellite
     lat_column, lon_column = (names.index(name) for name in PLACE)
     pixels, lines = [], 0
     for row in rows:
-        if not any(map(str.strip, row)):
-            continue
-        lines += 1
-        where = f"{path}: line {rows.line_num}"
         try:
             lat_deg, lon_deg = float(row[lat_column]), float(row[lon_column])
         except (ValueError, IndexError) as error:
+            if not any(map(str.strip, row)):
+                continue
+            where = f"{path}: line {rows.line_num}"
             raise MissionServiceError(f"{where}: {str(error)[:MAX_MESSAGE]}") from None
-        if not (abs(lat_deg) < 90.0 and abs(lon_deg) <= 180.0):
-            raise MissionServiceError(f"{where}: the place is {lat_deg}, {lon_deg}")
-        if south <= lat_deg <= north and west <= lon_deg <= east:
+        lines += 1
+        elsewhere = lat_deg < south or lat_deg > north or lon_deg < west or lon_deg > east
+        if not elsewhere or not (abs(lat_deg) < 90.0 and abs(lon_deg) <= 180.0):
+            where = f"{path}: line {rows.line_num}"
             pixels.append(pixel_of(dict(zip(names, row, strict=False)), where))
+        if len(pixels) > MAX_PIXELS:
+            raise MissionServiceError(f"{path}: more than {MAX_PIXELS} pixels on the landscape")
     return SatelliteFile(pixels, lines)
 
 
