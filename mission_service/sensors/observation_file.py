@@ -20,6 +20,7 @@ from mission_service.sensors.file_contents import (
     degrees_around,
     grid_of,
 )
+from mission_service.sensors.one_line import one_line
 from mission_service.sensors.worker_process import limit_process, output_of
 
 SHAPES = (".geojson", ".json", ".kml", ".kmz", ".gpkg", ".shp", ".zip")
@@ -138,7 +139,7 @@ def answer_to(job: FileJob) -> Usable | Unusable:
         reason = f"{path}: needs too much memory"
     except Exception as error:  # a damaged file may cause any error in the libraries that read it
         reason = f"{path}: cannot be read: {type(error).__name__}: {error}"
-    return Unusable(" ".join(reason.encode(errors="backslashreplace").decode().split())[:500])
+    return Unusable(one_line(reason))
 
 
 def main() -> None:

@@ -18,6 +18,7 @@ from firemodel.landscape.readers.feature_times import time_in
 from mission_service.fire.observed_window import LETTERS, in_letters
 from mission_service.sensors.file_contents import FileCells, FileContents, FileSettings
 from mission_service.sensors.file_names import time_in_name
+from mission_service.sensors.one_line import one_line
 
 MAX_CELLS = 25_000_000
 MAX_WIDER = 2.0  # cells of the raster may be so many times wider than those of the landscape
@@ -51,14 +52,13 @@ def raster_contents(path: Path, landscape: Landscape, settings: FileSettings) ->
     if not (state != UNSEEN).any():
         raise FireModelError(f"{path}: shows no burned or unburned cell of the landscape")
     here = bounds_of(state != UNSEEN)
-    source = "".join(each if each.isprintable() else "?" for each in path.stem)[:80]
     cells = FileCells(
         here[0].start,
         here[1].start,
         in_letters(LETTERS[state[here]]),
         seen.timestamp(),
         round(math.hypot(cell_m / math.sqrt(12.0), settings.position_sd_m), 2),
-        source.encode(errors="replace").decode(),
+        one_line(path.stem),
     )
     return FileContents("raster", (cells,))
 

@@ -32,6 +32,7 @@ from firemodel.landscape.readers.shapes import (
 from mission_service.events import Place
 from mission_service.sensors.file_contents import FileContents, FileReport, FileSettings
 from mission_service.sensors.file_names import time_in_name
+from mission_service.sensors.one_line import one_line
 from mission_service.sensors.satellite_pixels import PixelGroup, groups_of, is_satellite, pixel_of
 
 MAX_FEATURES, MAX_VERTICES = 5000, 200_000  # in a file
@@ -41,7 +42,12 @@ MAX_CORNERS = 5000  # of one polygon or line
 SHIFT_CELLS = 0.1  # by which a simplified outline may differ
 MAX_SOURCE = 80  # characters
 CATEGORY = ("FeatureCategory", "type")
-SOURCE = (("Source",), ("agency",), ("IncidentName", "fireName", "name"), ("mission",))
+SOURCE = (
+    ("Source",),
+    ("agency",),
+    ("IncidentName", "incident_name", "fireName", "name"),
+    ("mission",),
+)
 # Words in the category of a feature that shows where fire is or was; others are, for example,
 # control lines, closures and the origin of a fire.
 OF_FIRE = ("perim", "heat", "burn", "hot", "spot fire", "fire edge", "front", "wildfire")
@@ -230,8 +236,7 @@ def _source(path: Path, record: Mapping[str, Any], method: str) -> str:
     """Return the agency, the incident, the mission and the method, or the name of the file."""
     words = [str(attribute(record, names) or "").strip() for names in SOURCE]
     text = ", ".join(dict.fromkeys(word for word in (*words, method) if word)) or path.name
-    printed = "".join(each if each.isprintable() else " " for each in text)
-    return printed.encode(errors="replace").decode()[:MAX_SOURCE]
+    return one_line(text)[:MAX_SOURCE]
 
 
 def _reports(features: Sequence[_Feature], landscape: Landscape) -> Iterator[FileReport]:

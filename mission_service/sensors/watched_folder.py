@@ -17,6 +17,7 @@ from pathlib import Path
 from firemodel.errors import FireModelError
 from mission_service.errors import MissionServiceError, ScenarioError
 from mission_service.fire.sensor_files import whole_files
+from mission_service.sensors.one_line import one_line
 
 LOOK_EVERY_S = 0.25
 MAX_SHARE = 0.05  # of the thread's time, for listing a folder of many files
@@ -88,8 +89,7 @@ class WatchedFolder(ABC):
 
     def refuse(self, name: str, reason: str) -> None:
         """Note why a file is not used, in one line of text that each interface can show."""
-        text = reason.encode(errors="backslashreplace").decode()
-        self._problems[name] = " ".join(text.split())
+        self._problems[name] = one_line(reason)
 
     def look(self, now: datetime) -> None:
         """Use the files that are new and have not grown since the last look.
