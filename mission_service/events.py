@@ -90,6 +90,7 @@ class Observed(Event, frozen=True, tag=True, omit_defaults=True):
     burned cells that are reported as unburned, and ``false_alarms`` the share of unburned cells
     that are reported as burned. ``source`` names the sensor; it is empty for the vehicle's camera.
     A ``distrusted`` window contradicts other sources: planners and the estimate do not use it.
+    ``file`` names the file that the sensor has read (``fire/sensor_files.py``), if it read one.
     """
 
     row: CellIndex
@@ -102,6 +103,7 @@ class Observed(Event, frozen=True, tag=True, omit_defaults=True):
     missed: Fraction = 0.0
     false_alarms: Fraction = 0.0
     distrusted: bool = False
+    file: str = ""
 
 
 class WindMeasured(Event, frozen=True, tag=True):
@@ -291,6 +293,9 @@ class FireObserved(OperatorEvent, frozen=True, tag=True):
     of ``Observed``. ``hot`` ground has the temperature ``temperature_c``. An area behind ``smoke``
     was not seen, by ``source`` or, if it is empty, by the sender. ``role`` is the highest role of
     the sender, as checked by the interface; it is empty if the interface identifies no user.
+    ``islands`` are the outlines of parts of a polygon about which the report states nothing.
+    ``file`` names the file that a sensor has read (``fire/sensor_files.py``); ``by`` is then the
+    sensor.
     """
 
     state: Literal["burned", "burning", "unburned", "hot", "smoke"]
@@ -303,6 +308,8 @@ class FireObserved(OperatorEvent, frozen=True, tag=True):
     temperature_c: Temperature | None = None
     missed: Fraction = 0.0
     role: str = ""
+    islands: tuple[tuple[Place, ...], ...] = ()
+    file: str = ""
 
 
 class Erased(OperatorEvent, frozen=True, tag=True):

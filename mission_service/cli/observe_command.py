@@ -1,66 +1,91 @@
-"""Defines ``mission-service observe``: what images of thermal cameras show of a landscape."""
+"""Defines ``mission-service observe``: what images and other files show of a landscape."""
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from mission_service.cli.options import JSON, OUT_FOLDER, OVERRIDE, echo
 from mission_service.cli.output_folder import results_in
 
+if TYPE_CHECKING:
+    from firemodel.landscape.landscape import Landscape
+    from mission_service.config.scenario import Scenario
+
 
 @click.command()
-@click.argument("images", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option("--scenario", required=True, help="Its landscape and [estimate.thermal_frames].")
+@click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("--scenario", required=True, help="Its landscape and the settings of its sensors.")
 @OUT_FOLDER
 @OVERRIDE
 @JSON
 def observe(
-    images: tuple[Path, ...], scenario: str, out: Path, overrides: tuple[str, ...], as_json: bool
+    files: tuple[Path, ...], scenario: str, out: Path, overrides: tuple[str, ...], as_json: bool
 ) -> None:
-    """Show what thermal IMAGES contribute to the estimate of a fire; no run is needed.
+    """Show what FILES contribute to the estimate of a fire; no run is needed.
 
-    Each image is placed on the ground by its position and direction. DIR/NAME.png shows the
-    observed cells on the map with the error ellipse of their place, and the summary contains
-    counts and errors. Images that cannot be used are listed with the reason; the exit code is
-    then 1.
+    Thermal images are placed on the ground by their position and direction. Perimeters, satellite
+    pixels and rasters are read as by the sensor observation_files. DIR/NAME.png shows the observed
+    cells on the map with the error of their place, and the summary contains counts and errors.
+    Files that cannot be used are listed with the reason; the exit code is then 1.
     """
     from firemodel.errors import FireModelError
     from mission_service.config.scenario import load_scenario
     from mission_service.errors import MissionServiceError
     from mission_service.fire.scenario_fire import landscape_of
+
+    loaded = load_scenario(scenario, overrides)
+    landscape = landscape_of(loaded)
+    images: list[dict[str, Any]] = []
+    others: list[dict[str, Any]] = []
+    with results_in(out, "repeat the command") as made:
+        for number, path in enumerate(files):
+            name = f"{path.stem}.png" if len(files) == 1 else f"{number:03d}-{path.stem}.png"
+            thermal = _is_thermal(path)
+            try:
+                found = (_image if thermal else _file)(path, made / name, loaded, landscape)
+                summary = {"file": str(path)} | found | {"picture": name}
+            except (MissionServiceError, FireModelError) as error:
+                summary = {"file": str(path), "error": str(error)}
+            (images if thermal else others).append(summary)
+            if not as_json:
+                click.echo(_line(summary), err="error" in summary)
+    if as_json:
+        echo({"images": images, "files": others}, True)
+    if any("error" in each for each in (*images, *others)):
+        raise click.exceptions.Exit(1)
+
+
+def _is_thermal(path: Path) -> bool:
+    """Return whether a file is an image of a camera, and not a georeferenced raster or another."""
+    from firemodel.errors import FireModelError
+    from firemodel.landscape.readers.bands import bands_of
+    from mission_service.sensors.observation_file import RASTERS
+    from mission_service.sensors.thermal_image import SUFFIXES
+
+    suffix = path.suffix.lower()
+    if suffix not in RASTERS:
+        return suffix in SUFFIXES
+    try:
+        return bands_of(path)[0].crs is None
+    except FireModelError:
+        return True  # its reader has the reason
+
+
+def _image(
+    path: Path, picture: Path, scenario: "Scenario", landscape: "Landscape"
+) -> dict[str, Any]:
+    """Draw a thermal image, and return its summary."""
     from mission_service.sensors.frame_cells import frame_cells
     from mission_service.sensors.frame_picture import draw_frame
     from mission_service.sensors.thermal_image import read_thermal_image
 
-    loaded = load_scenario(scenario, overrides)
-    landscape = landscape_of(loaded)
-    summaries: list[dict[str, Any]] = []
-    with results_in(out, "repeat the command") as made:
-        for number, path in enumerate(images):
-            try:
-                image = read_thermal_image(path)
-                found = frame_cells(image, landscape, loaded.estimate.thermal_frames)
-            except (MissionServiceError, FireModelError) as error:
-                summaries.append({"file": str(path), "error": str(error)})
-                continue
-            name = f"{path.stem}.png" if len(images) == 1 else f"{number:03d}-{path.stem}.png"
-            draw_frame(made / name, landscape, image, found)
-            summaries.append(_summary(path, image, found, landscape) | {"picture": name})
-    if as_json:
-        echo({"images": summaries}, True)
-    else:
-        for each in summaries:
-            click.echo(_line(each), err="error" in each)
-    if any("error" in each for each in summaries):
-        raise click.exceptions.Exit(1)
-
-
-def _summary(path: Path, image: Any, found: Any, landscape: Any) -> dict[str, Any]:
+    image = read_thermal_image(path)
+    found = frame_cells(image, landscape, scenario.estimate.thermal_frames)
+    draw_frame(picture, landscape, image, found)
     cells = "".join(found.window.cells)
     lat_deg, lon_deg = landscape.lat_lon_of(*landscape.xy_of(*found.centre))
     return {
-        "file": str(path),
         "taken": image.taken.isoformat(),
         "values": image.kind,
         "hot_pixels": found.hot_pixels,
@@ -79,11 +104,56 @@ def _summary(path: Path, image: Any, found: Any, landscape: Any) -> dict[str, An
     }
 
 
+def _file(
+    path: Path, picture: Path, scenario: "Scenario", landscape: "Landscape"
+) -> dict[str, Any]:
+    """Draw the observations in another file, and return its summary."""
+    import numpy as np
+
+    from firemodel.assimilation.observation import BURNED, UNBURNED
+    from mission_service.sensors.observation_file import read_observation_file
+    from mission_service.sensors.observation_folder import settings_of
+    from mission_service.sensors.observation_picture import draw_contents, states_of
+
+    contents = read_observation_file(path, landscape, settings_of(scenario))
+    draw_contents(picture, landscape, path.name, contents)
+    state = states_of(contents, landscape)
+    return {
+        "kind": contents.kind,
+        "burned_cells": int(np.count_nonzero(state == BURNED)),
+        "unburned_cells": int(np.count_nonzero(state == UNBURNED)),
+        "observations": [
+            {
+                "state": getattr(each, "state", "cells"),
+                "seen": _utc(each.seen_unix_s),
+                "source": each.source,
+                "position_sd_m": each.position_sd_m,
+            }
+            for each in contents.observations
+        ],
+        "notes": list(contents.notes),
+    }
+
+
+def _utc(unix_s: float) -> str:
+    from datetime import UTC, datetime
+
+    return datetime.fromtimestamp(unix_s, UTC).isoformat()
+
+
 def _line(each: dict[str, Any]) -> str:
     if "error" in each:
         return f"{each['error']}"
-    return (
-        f"{each['file']}: {each['hot_pixels']} hot pixels; {each['burned_cells']} cells burned, "
-        f"{each['unburned_cells']} unburned; position ± {each['position_sd_m']} m; "
-        f"{each['picture']}"
+    cells = f"{each['burned_cells']} cells burned, {each['unburned_cells']} unburned"
+    if "hot_pixels" in each:
+        return (
+            f"{each['file']}: {each['hot_pixels']} hot pixels; {cells}; "
+            f"position ± {each['position_sd_m']} m; {each['picture']}"
+        )
+    notes = "".join(f"\n  not used: {note}" for note in each["notes"])
+    seen = "".join(
+        f"\n  {seen['seen']}: {seen['state']}, {seen['source']}, position ± "
+        f"{seen['position_sd_m']:g} m"
+        for seen in each["observations"]
     )
+    return f"{each['file']}: {each['kind']}; {cells}; {each['picture']}{seen}{notes}"

@@ -33,11 +33,12 @@ def satellite_pixels(
     from mission_service.interfaces.control.control_client import ControlClient
     from mission_service.journal.reader import JournalReader
     from mission_service.sensors import satellite_pixels as satellite
+    from mission_service.sensors.file_contents import degrees_around
 
-    pixels = satellite.read_satellite_pixels(file)
     with ControlClient(out) as client:
         station = station or only_station(client)
         landscape = JournalReader(out / "journal.jsonl").landscape
+        pixels, count = satellite.read_satellite_pixels(file, degrees_around(landscape))
         inside = [
             each
             for each in pixels
@@ -58,11 +59,9 @@ def satellite_pixels(
                 results.append(result | {"error": str(error)})
     refused = [each for each in results if "error" in each]
     if as_json:
-        click.echo(
-            json.dumps({"pixels": len(pixels), "on_landscape": len(inside), "reports": results})
-        )
+        click.echo(json.dumps({"pixels": count, "on_landscape": len(inside), "reports": results}))
     else:
-        click.echo(f"{len(inside)} of {len(pixels)} pixels lie on the landscape")
+        click.echo(f"{len(inside)} of {count} pixels lie on the landscape")
         for each in results:
             words = f"not used: {each['error']}" if "error" in each else "accepted"
             click.echo(f"{each['source']}, {each['pixels']} pixels: {words}", err="error" in each)

@@ -3,8 +3,9 @@
 from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Literal
+from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from firemodel.ensemble.uncertainty import Uncertainty
 from firemodel.landscape import LAYERS
@@ -229,18 +230,45 @@ class ThermalFramesSection(Section):
     max_age_s: Annotated[float, Field(gt=0, le=21_600)] = 3600.0
 
 
+class ObservationFilesSection(Section):
+    """The files of perimeters, detections and rasters, for the sensor ``observation_files``.
+
+    Times without an offset from UTC are times of the zone ``time_zone``. ``position_sd_m`` is the
+    standard deviation of the place of mapped shapes whose file does not state how they were mapped.
+    Cells of a raster with one of ``burned_values`` have burned, and cells with one of
+    ``unburned_values`` are unburned. Observations older than ``max_age_s`` are not used.
+    """
+
+    folder: Line | None = None
+    time_zone: Line = "UTC"
+    position_sd_m: Annotated[float, Field(ge=0, le=1000)] = 20.0
+    burned_values: tuple[Finite, ...] = (1.0,)
+    unburned_values: tuple[Finite, ...] = (0.0,)
+    max_age_s: Annotated[float, Field(gt=0, le=21_600)] = 21_600.0
+
+    @field_validator("time_zone")
+    @classmethod
+    def _known_zone(cls, name: str) -> str:
+        try:
+            ZoneInfo(name)
+        except (ZoneInfoNotFoundError, ValueError, OSError):
+            raise ValueError(f"unknown time zone {name!r}; give a name such as UTC") from None
+        return name
+
+
 class EstimateSection(Section):
     """The ensemble that estimates a fire from observations.
 
     ``perimeter_error_m`` is the standard deviation of the outlines of mapped perimeters.
-    ``sensors`` names the sensors (``fire/sensors.py``) to use: ``thermal_frames`` or a sensor of
-    another package.
+    ``sensors`` names the sensors (``fire/sensors.py``) to use: ``thermal_frames``,
+    ``observation_files`` or a sensor of another package.
     """
 
     members: Annotated[int, Field(ge=2, le=1000)] = 24
     perimeter_error_m: Annotated[float, Field(gt=0, le=1000)] = 20.0
     sensors: tuple[str, ...] = ()
     thermal_frames: ThermalFramesSection = ThermalFramesSection()
+    observation_files: ObservationFilesSection = ObservationFilesSection()
 
 
 class SimulatedFireSection(Section):

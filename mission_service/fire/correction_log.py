@@ -107,7 +107,8 @@ def drawn_shape(report: Corrected | FireObserved, landscape: Landscape) -> BaseG
         case "line":
             return shapely.LineString(places_m)
         case "polygon":
-            return shapely.Polygon(places_m)
+            islands = getattr(report, "islands", ())
+            return shapely.Polygon(places_m, [landscape.xy_of_places(each) for each in islands])
         case "point" | "points":
             return shapely.MultiPoint(places_m)
 

@@ -14,9 +14,10 @@ import msgspec
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario
 from mission_service.errors import ScenarioError
-from mission_service.events import AnyEvent, Observed, Telemetry
+from mission_service.events import AnyEvent, FireObserved, Observed, Telemetry
 
 GROUP = "mission_service.sensors"
+STATION = "sensor"  # of the reports of sensors
 
 
 class Sensor(Protocol):
@@ -24,8 +25,14 @@ class Sensor(Protocol):
 
     The methods of a sensor are called on the event loop and must return at once. A sensor that
     waits for files or sockets waits in a thread; ``observe`` returns an observation that has
-    arrived. A sensor may have an attribute ``problem``: a text that is shown as an alarm unless it
-    is empty.
+    arrived. A sensor may have these attributes, too:
+
+    - ``problem``: a text that is shown as an alarm unless it is empty.
+    - ``report(at_us)``: a method that returns a report at places, or None. It is called several
+      times a second, also without a vehicle. The estimate weighs the report like the request
+      ``observe``. Its ``at_us`` must be the argument.
+    - ``skip(names)``: a method that receives, after a restart, the names of the events that the
+      run has already used (``Observed.file``, ``FireObserved.file``).
     """
 
     def observe(self, fix: Telemetry) -> Observed | None:
@@ -62,6 +69,27 @@ class Sensors:
             except (Exception, SystemExit) as error:  # another package may raise anything
                 self._fail(name, error)
         return found
+
+    def reports(self, at_us: int) -> list[FireObserved]:
+        """Return new reports of all sensors at a mission time, at most one of each sensor."""
+        found = []
+        for name, sensor in list(self._sensors.items()):
+            report = getattr(sensor, "report", None)
+            try:
+                made = None if report is None else report(at_us)
+                if made is not None:
+                    found.append(_checked_report(name, made, at_us))
+            except (Exception, SystemExit) as error:  # another package may raise anything
+                self._fail(name, error)
+        return found
+
+    def skip(self, names: frozenset[str]) -> None:
+        """Pass the names of the events that the run has used before a restart to the sensors."""
+        for name, sensor in list(self._sensors.items()):
+            try:
+                getattr(sensor, "skip", lambda names: None)(names)
+            except (Exception, SystemExit) as error:  # another package may raise anything
+                self._fail(name, error)
 
     def problems(self) -> dict[str, str]:
         """Return why sensors have failed, and the problems that sensors report, by sensor."""
@@ -104,6 +132,18 @@ class Sensors:
         except Exception:  # the error's own ``__str__`` may fail
             words = type(error).__name__
         self.failed[name] = f"sensor {name} failed and is not used until a restart: {words}"
+
+
+def _checked_report(name: str, made: FireObserved, at_us: int) -> FireObserved:
+    """Return a report with its sender. Raises ValueError for an unusable report."""
+    if not isinstance(made, FireObserved):
+        raise ValueError(f"it returned {type(made).__name__} instead of FireObserved")
+    made = msgspec.convert(msgspec.to_builtins(made), FireObserved)  # checks types and limits
+    if made.at_us != at_us or made.seen_at_us > at_us:
+        raise ValueError("its report is not of the present time, or was seen later")
+    return msgspec.structs.replace(
+        made, by=name, station=STATION, source=made.source or name, may_approve=False, role=""
+    )
 
 
 def sensors_of(scenario: Scenario, landscape: Landscape) -> Sensors:

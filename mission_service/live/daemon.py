@@ -278,6 +278,7 @@ class _Check:
             raise context.service.defect
         now_us = clock_us()
         context.service.clock_read(now_us)
+        context.service.take_reports(context.clock.now_us, now_us)
         self._health.check_delay(now_us)
         self._proximity.check_pairs(now_us)
         _check_links(context, self._links, now_us)

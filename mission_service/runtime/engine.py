@@ -60,6 +60,7 @@ from mission_service.events import (
 from mission_service.fire.best_fire import Folded
 from mission_service.fire.observed_window import Window
 from mission_service.fire.run_estimate import OF_FIRE, RunEstimate, UnusedReportError
+from mission_service.fire.sensor_files import SensorFiles
 from mission_service.fire.sensors import sensors_of
 from mission_service.fire.simulated_cameras import SimulatedCameras, fires_of_run
 from mission_service.guidance.registry import lock_of
@@ -86,9 +87,11 @@ SNAPSHOT_FIELDS = (
     "_undelivered",
     "_interlock",
     "_acknowledged",
+    "_sensor_files",
 )
 # The fields that are copied to try a request.
-TRIED = tuple(name for name in SNAPSHOT_FIELDS if name not in ("cameras", "estimate"))
+NOT_TRIED = ("cameras", "estimate", "_sensor_files")
+TRIED = tuple(name for name in SNAPSHOT_FIELDS if name not in NOT_TRIED)
 
 Progress = Callable[[StateView, Fire], None]
 
@@ -123,6 +126,7 @@ class Engine:
         self.core = core
         self.cameras = cameras
         self.sensors = sensors_of(scenario, estimate.landscape)
+        self._sensor_files = SensorFiles()
         self.estimate = estimate
         self.state_view = state_view
         self.recording = GuardedJournal(journal)
@@ -165,7 +169,19 @@ class Engine:
                     self._process(event, now_us)
                 else:
                     self.state_view.show_unrecorded(event)
+                self.take_reports(event.at_us, now_us)
         self.check_estimate(now_us)
+
+    def take_reports(self, at_us: int, now_us: int) -> None:
+        """Handle new reports of the sensors at a mission time; announce those that are refused."""
+        if self.recording.trouble:
+            return
+        for report in self.sensors.reports(at_us):
+            try:
+                self.submit(report, now_us)
+            except (FireModelError, NotRecordedError, RefusedEventError) as error:
+                text = f"sensor {report.by}: {report.source} is not used: {error}"
+                self.announce("service", text)
 
     def check_estimate(self, now_us: int) -> None:
         """Once a minute, deliver corrections that images have removed, and check the edge.
@@ -296,6 +312,7 @@ class Engine:
         if self.cameras is not None:
             self.cameras.apply_history(event)
         window = self.estimate.apply_history(event)
+        self._sensor_files.on_event(event)
         for command in commands:
             self._apply_command_to_fire(command)
         self._show(event, commands)
@@ -317,6 +334,7 @@ class Engine:
 
         ``skipped`` records the lines of the journal that were not applied.
         """
+        self.sensors.skip(self._sensor_files.names())
         self.recording.write_commands(list(missing))
         if skipped is not None:
             self._handle(skipped, now_us)
@@ -435,6 +453,7 @@ class Engine:
 
     def _apply_event_to_fire(self, event: AnyEvent) -> None:
         self.sensors.on_event(event)
+        self._sensor_files.on_event(event)
         for fire in fires_of_run(self.cameras, self.estimate):
             fire.on_event(event)
 

@@ -13,6 +13,7 @@ from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario
 from mission_service.errors import MissionServiceError
 from mission_service.events import AnyEvent, Observed, Telemetry
+from mission_service.fire.sensor_files import file_part
 from mission_service.sensors.frame_cells import Burned, FrameCells, frame_cells
 from mission_service.sensors.thermal_image import SUFFIXES, read_thermal_image
 from mission_service.sensors.watched_folder import WatchedFolder
@@ -32,14 +33,14 @@ class FrameFolder(WatchedFolder):
         super().__init__(key, self._settings.folder, SUFFIXES, "an image")
         self._landscape = landscape
         self._burned = Burned(landscape.shape)
-        self._arrived: deque[tuple[str, FrameCells, float]] = deque()
+        self._arrived: deque[tuple[str, str, FrameCells, float]] = deque()
 
     def observe(self, fix: Telemetry) -> Observed | None:
         """Return the next image that has arrived, or None; the first call starts the thread."""
         self.start()
         if not self._arrived:
             return None
-        name, found, taken_s = self._arrived.popleft()
+        name, part, found, taken_s = self._arrived.popleft()
         at_us = fix.at_us - max(round((time.time() - taken_s) * 1e6), 0)
         if at_us < 0:
             self.refuse(name, f"{name}: was taken {-at_us / 1e6:.0f} s before mission time 0")
@@ -51,6 +52,7 @@ class FrameFolder(WatchedFolder):
             position_sd_m=round(found.position_sd_m, 2),
             missed=MISSED,
             false_alarms=FALSE_ALARMS,
+            file=part,
         )
 
     def on_event(self, event: AnyEvent) -> None:
@@ -73,7 +75,8 @@ class FrameFolder(WatchedFolder):
         cells = frame_cells(image, self._landscape, self._settings)
         found = self._burned.added(cells, taken_s)
         if not set("".join(found.window.cells)) <= {"."}:
-            self._arrived.append((path.name, found, taken_s))
+            part = file_part(self.name_of(path.name))
+            self._arrived.append((path.name, part, found, taken_s))
         while len(self._arrived) > MAX_WAITING:
-            dropped, _, _ = self._arrived.popleft()
+            dropped, *_ = self._arrived.popleft()
             self.refuse(dropped, f"{dropped}: more than {MAX_WAITING} newer images wait")

@@ -1,8 +1,10 @@
 """Draws the cells that a thermal image shows on the map, with the error ellipse of their place."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from firemodel.arrays import window_at
 from firemodel.assimilation.observation import BURNED, UNBURNED, UNSEEN
@@ -24,11 +26,10 @@ def draw_frame(path: Path, landscape: Landscape, image: ThermalImage, found: Fra
 
     Raises OSError if the file cannot be written.
     """
-    from matplotlib.colors import to_rgba
     from matplotlib.lines import Line2D
     from matplotlib.patches import Ellipse, Patch
 
-    window, cell_km = found.window, landscape.cell_size_m / 1e3
+    window = found.window
     state = states_in(window.cells)
     shown = np.full(landscape.shape, np.inf)
     shown[window_at(window.row, window.col, state.shape)] = np.where(state == UNSEEN, np.inf, 0.0)
@@ -36,17 +37,11 @@ def draw_frame(path: Path, landscape: Landscape, image: ThermalImage, found: Fra
     frame = frame_around(landscape, shown, camera_m)
     figure, axes = start_map(landscape, np.full(landscape.shape, np.inf), frame)
     limits = axes.axis()
-    colours = np.zeros((*state.shape, 4))
-    for code, colour in ((BURNED, BURNED_COLOUR), (UNBURNED, UNBURNED_COLOUR)):
-        colours[state == code] = to_rgba(colour, ALPHA)
-    rows, cols = state.shape
-    west_km, south_km = window.col * cell_km, (landscape.shape[0] - window.row - rows) * cell_km
-    extent = (west_km, west_km + cols * cell_km, south_km, south_km + rows * cell_km)
-    axes.imshow(colours, extent=extent, origin="upper", interpolation="nearest", zorder=3)
+    draw_cells(axes, landscape, (window.row, window.col), state)
     ellipse = found.ellipse
     axes.add_patch(
         Ellipse(
-            _km(landscape, *landscape.xy_of(*found.centre)),
+            km_from_corner(landscape, *landscape.xy_of(*found.centre)),
             2.0 * SIGMAS * ellipse.major_m / 1e3,
             2.0 * SIGMAS * ellipse.minor_m / 1e3,
             angle=90.0 - ellipse.major_from_grid_north_deg,
@@ -57,7 +52,11 @@ def draw_frame(path: Path, landscape: Landscape, image: ThermalImage, found: Fra
         )
     )
     axes.plot(
-        *_km(landscape, *camera_m[0]), marker="^", color=CAMERA_COLOUR, markersize=9, zorder=6
+        *km_from_corner(landscape, *camera_m[0]),
+        marker="^",
+        color=CAMERA_COLOUR,
+        markersize=9,
+        zorder=6,
     )
     axes.axis(limits)
     axes.legend(
@@ -80,7 +79,23 @@ def draw_frame(path: Path, landscape: Landscape, image: ThermalImage, found: Fra
         save_map(figure, part)
 
 
-def _km(landscape: Landscape, x_m: float, y_m: float) -> tuple[float, float]:
+def draw_cells(
+    axes: Any, landscape: Landscape, corner: tuple[int, int], state: NDArray[np.uint8]
+) -> None:
+    """Colour the burned and unburned cells of a window; ``corner`` is its first row and column."""
+    from matplotlib.colors import to_rgba
+
+    cell_km = landscape.cell_size_m / 1e3
+    colours = np.zeros((*state.shape, 4))
+    for code, colour in ((BURNED, BURNED_COLOUR), (UNBURNED, UNBURNED_COLOUR)):
+        colours[state == code] = to_rgba(colour, ALPHA)
+    rows, cols = state.shape
+    west_km, south_km = corner[1] * cell_km, (landscape.shape[0] - corner[0] - rows) * cell_km
+    extent = (west_km, west_km + cols * cell_km, south_km, south_km + rows * cell_km)
+    axes.imshow(colours, extent=extent, origin="upper", interpolation="nearest", zorder=3)
+
+
+def km_from_corner(landscape: Landscape, x_m: float, y_m: float) -> tuple[float, float]:
     """Return a place in km from the landscape's south-west corner, for the axes."""
     south_m = landscape.north_m - landscape.shape[0] * landscape.cell_size_m
     return (x_m - landscape.west_m) / 1e3, (y_m - south_m) / 1e3

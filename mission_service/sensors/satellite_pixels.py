@@ -1,23 +1,27 @@
-"""Read fire detections of satellites from CSV files of FIRMS (VIIRS and MODIS). Pure.
+"""Read fire detections of satellites from CSV files of FIRMS (VIIRS, MODIS and GOES). Pure.
 
 Each line is a pixel in which the satellite detected fire: the latitude and longitude of its centre,
 its size along scan and track in km, the time of the overpass (UTC) and the confidence. The fire may
 burn anywhere in the pixel. Format: NASA FIRMS, "Attribute fields" of the products VNP14IMGT and
-MCD14DL.
+MCD14DL. A pixel of GOES without a size is a cell of the fixed grid of its imager: 56 microradians,
+2 km below the satellite (GOES-R Product Definition and Users' Guide, volume 3, 5.1.2).
 """
 
 import csv
 import math
-from collections.abc import Iterable
-from datetime import UTC, datetime
+from collections.abc import Iterable, Iterator, Mapping
+from datetime import UTC, date, datetime
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from mission_service.errors import MissionServiceError
-from mission_service.ground_distance import M_PER_DEG
+from mission_service.ground_distance import M_PER_DEG, distance_m
 
-COLUMNS = ("latitude", "longitude", "scan", "track", "acq_date", "acq_time", "confidence")
+PLACE, SIZE = ("latitude", "longitude"), ("scan", "track")
+COLUMNS = (*PLACE, "acq_date", "acq_time", "confidence")
 MAX_FILE_BYTES = 64_000_000
+MAX_PIXELS = 100_000  # of a file, on the landscape
 MAX_POINTS = 1000  # of one request
 MAX_SOURCE, MAX_MESSAGE = 80, 200  # characters
 AHEAD_S = 300.0  # tolerated difference between the clocks of satellite and service
@@ -26,6 +30,13 @@ MIN_KM, MAX_KM = 0.05, 20.0  # of a pixel's side
 # zero a second report must confirm the place.
 FALSE_ALARMS_PCT = {"low": 50.0, "nominal": 10.0, "high": 0.0}
 CLASSES = {name[0]: name for name in FALSE_ALARMS_PCT}
+# The same for the codes of the fire mask of GOES: processed and saturated, cloudy, and high, medium
+# and low probability. From 30 on they are confirmed by neighbours in time. None of them is certain.
+GOES_FALSE_ALARMS_PCT = {0: 10.0, 1: 10.0, 2: 30.0, 3: 30.0, 4: 50.0, 5: 70.0}
+GOES_LON_DEG = {"16": -75.2, "17": -137.2, "18": -137.2, "19": -75.2}
+GOES_HEIGHT_M, GOES_CELL_RAD = 35_786_023.0, 56e-6
+World = tuple[float, float, float, float]  # south, west, north, east
+WORLD: World = (-90.0, -180.0, 90.0, 180.0)
 
 
 class SatellitePixel(NamedTuple):
@@ -38,6 +49,7 @@ class SatellitePixel(NamedTuple):
     seen: datetime
     false_alarms_pct: float
     source: str
+    grid_lon_deg: float | None = None  # of a satellite whose fixed grid has the pixel
 
     @property
     def position_sd_m(self) -> float:
@@ -46,16 +58,26 @@ class SatellitePixel(NamedTuple):
 
     def corners(self) -> list[tuple[float, float]]:
         """Return latitude and longitude of the corners, for a track from south to north."""
+        if self.grid_lon_deg is not None:
+            return _grid_corners(self.lat_deg, self.lon_deg, self.grid_lon_deg)
         north = 500.0 * self.track_km / M_PER_DEG
         east = 500.0 * self.scan_km / M_PER_DEG / math.cos(math.radians(self.lat_deg))
         signs = ((-1, -1), (-1, 1), (1, 1), (1, -1))
         return [(self.lat_deg + n * north, self.lon_deg + e * east) for n, e in signs]
 
 
-def read_satellite_pixels(path: Path) -> list[SatellitePixel]:
+class SatelliteFile(NamedTuple):
+    """The pixels of a file within a box, and the number of its lines, without the first."""
+
+    pixels: list[SatellitePixel]
+    lines: int
+
+
+def read_satellite_pixels(path: Path, within: World = WORLD) -> SatelliteFile:
     """Read a CSV file of FIRMS.
 
-    Raises MissionServiceError, which names the line, for a file that is not such a file.
+    Of the lines outside the box ``within`` (south, west, north, east, in degrees) only the place is
+    read. Raises MissionServiceError, which names the line, for a file that is not such a file.
     """
     try:
         if path.exists() and not path.is_file():
@@ -63,87 +85,194 @@ def read_satellite_pixels(path: Path) -> list[SatellitePixel]:
         if path.stat().st_size > MAX_FILE_BYTES:
             raise MissionServiceError(f"{path}: is larger than {MAX_FILE_BYTES / 1e6:.0f} MB")
         with path.open(encoding="utf-8-sig", newline="") as file:
-            rows = csv.DictReader(file)
-            names = [name.strip().lower() for name in rows.fieldnames or ()]
-            rows.fieldnames = names
-            if missing := [name for name in COLUMNS if name not in names]:
+            rows = csv.reader(file)
+            names = [name.strip().lower() for name in next(rows, [])]
+            if not is_satellite(names):
+                missing = [name for name in COLUMNS if name not in names]
                 raise MissionServiceError(
                     f"{path}: has no column {', '.join(missing)}; give a CSV file of FIRMS"
                 )
-            return [_pixel(path, rows.line_num, row) for row in rows if not _is_blank(row)]
+            return _within(path, rows, names, within)
     except OSError as error:
         raise MissionServiceError(f"{path}: {error.strerror}") from None
     except (UnicodeDecodeError, csv.Error) as error:
         raise MissionServiceError(f"{path}: is not a CSV file: {error}") from None
 
 
-def _is_blank(row: dict[str, Any]) -> bool:
-    return not any(isinstance(each, str) and each.strip() for each in row.values())
+def is_satellite(names: Iterable[str]) -> bool:
+    """Return whether the names of columns, in lower case, are those of FIRMS."""
+    return set(COLUMNS) <= set(names)
 
 
-def _pixel(path: Path, line: int, row: dict[str, Any]) -> SatellitePixel:
+def _within(path: Path, rows: Any, names: list[str], within: World) -> SatelliteFile:
+    """Return the pixels of the rows of a CSV file. Places are read first, because it is faster."""
+    south, west, north, east = within
+    lat_column, lon_column = (names.index(name) for name in PLACE)
+    pixels, lines = [], 0
+    for row in rows:
+        try:
+            lat_deg, lon_deg = float(row[lat_column]), float(row[lon_column])
+        except (ValueError, IndexError) as error:
+            if not any(map(str.strip, row)):
+                continue
+            where = f"{path}: line {rows.line_num}"
+            raise MissionServiceError(f"{where}: {str(error)[:MAX_MESSAGE]}") from None
+        lines += 1
+        elsewhere = lat_deg < south or lat_deg > north or lon_deg < west or lon_deg > east
+        if not elsewhere or not (abs(lat_deg) < 90.0 and abs(lon_deg) <= 180.0):
+            where = f"{path}: line {rows.line_num}"
+            pixels.append(pixel_of(dict(zip(names, row, strict=False)), where))
+        if len(pixels) > MAX_PIXELS:
+            raise MissionServiceError(f"{path}: more than {MAX_PIXELS} pixels on the landscape")
+    return SatelliteFile(pixels, lines)
+
+
+def pixel_of(values: Mapping[str, Any], where: str) -> SatellitePixel:
+    """Return the pixel in the values of a line or a feature, by their names in lower case.
+
+    Raises MissionServiceError, which begins with ``where``.
+    """
+    words = (_word(values, name) for name in ("instrument", "satellite"))
+    source = " ".join(word for word in words if word) or "satellite"
+    source = "".join(each for each in source if each.isprintable())[:MAX_SOURCE]
     try:
-        lat_deg, lon_deg, scan_km, track_km = (float(row[name]) for name in COLUMNS[:4])
-        clock = f"{row['acq_date'].strip()} {row['acq_time'].strip().replace(':', ''):0>4}"
-        seen = datetime.strptime(clock, "%Y-%m-%d %H%M").replace(tzinfo=UTC)
-        false_alarms_pct = _false_alarms_pct(row["confidence"].strip().lower())
-    except (ValueError, TypeError, AttributeError) as error:
-        raise MissionServiceError(f"{path}: line {line}: {str(error)[:MAX_MESSAGE]}") from None
+        lat_deg, lon_deg = (float(values[name]) for name in PLACE)
+        day, clock = _word(values, "acq_date"), _word(values, "acq_time").replace(":", "")
+        seen = datetime.strptime(f"{day[:10]} {clock:0>4}", "%Y-%m-%d %H%M").replace(tzinfo=UTC)
+        goes_lon_deg = _goes_lon_deg(_word(values, "satellite"))
+        false_alarms_pct = _false_alarms_pct(
+            _word(values, "confidence").lower(), goes_lon_deg is not None
+        )
+        if goes_lon_deg is not None and not _word(values, "scan"):
+            scan_km, track_km = _grid_size_km(lat_deg, lon_deg, goes_lon_deg)
+        else:
+            goes_lon_deg = None
+            scan_km, track_km = (float(values[name]) for name in SIZE)
+    except KeyError as error:
+        raise MissionServiceError(f"{where}: has no {error.args[0]}") from None
+    except (ValueError, TypeError) as error:
+        raise MissionServiceError(f"{where}: {str(error)[:MAX_MESSAGE]}") from None
     if not (abs(lat_deg) < 90.0 and abs(lon_deg) <= 180.0):
-        raise MissionServiceError(f"{path}: line {line}: the place is {lat_deg}, {lon_deg}")
+        raise MissionServiceError(f"{where}: the place is {lat_deg}, {lon_deg}")
     if not all(MIN_KM <= side <= MAX_KM for side in (scan_km, track_km)):
         raise MissionServiceError(
-            f"{path}: line {line}: the pixel is {scan_km:g} x {track_km:g} km; it must be "
+            f"{where}: the pixel is {scan_km:g} x {track_km:g} km; it must be "
             f"{MIN_KM:g} to {MAX_KM:g} km"
         )
-    words = (row.get("instrument"), row.get("satellite"))
-    source = " ".join(word.strip() for word in words if word and word.strip()) or "satellite"
-    source = "".join(each for each in source if each.isprintable())[:MAX_SOURCE]
-    return SatellitePixel(lat_deg, lon_deg, scan_km, track_km, seen, false_alarms_pct, source)
+    return SatellitePixel(
+        lat_deg, lon_deg, scan_km, track_km, seen, false_alarms_pct, source, goes_lon_deg
+    )
 
 
-def _false_alarms_pct(confidence: str) -> float:
-    """Return the share of false alarms of VIIRS' classes, or of MODIS' percentages."""
+def _word(values: Mapping[str, Any], name: str) -> str:
+    value = values.get(name)
+    if isinstance(value, date):
+        return value.isoformat()
+    return "" if value is None else str(value).strip()
+
+
+def _goes_lon_deg(satellite: str) -> float | None:
+    """Return the longitude of a satellite GOES, such as G16 or GOES-16; None for others."""
+    name = satellite.upper().replace("GOES", "G").replace("-", "").replace(" ", "")
+    return GOES_LON_DEG.get(name[1:]) if name.startswith("G") else None
+
+
+@lru_cache(maxsize=4)
+def _fixed_grid(grid_lon_deg: float) -> Any:
+    from pyproj import Transformer
+
+    crs = f"+proj=geos +h={GOES_HEIGHT_M:.0f} +lon_0={grid_lon_deg} +sweep=x +ellps=GRS80"
+    return Transformer.from_crs("EPSG:4326", crs, always_xy=True)
+
+
+def _grid_corners(lat_deg: float, lon_deg: float, grid_lon_deg: float) -> list[tuple[float, float]]:
+    """Return latitude and longitude of the corners of a cell of a fixed grid.
+
+    Raises ValueError for a place that the satellite does not see.
+    """
+    grid, half_m = _fixed_grid(grid_lon_deg), 0.5 * GOES_CELL_RAD * GOES_HEIGHT_M
+    x_m, y_m = grid.transform(lon_deg, lat_deg)
+    found = []
+    for north, east in ((-1, -1), (-1, 1), (1, 1), (1, -1)):
+        lon, lat = grid.transform(x_m + east * half_m, y_m + north * half_m, direction="INVERSE")
+        found.append((float(lat), float(lon)))
+    if not all(math.isfinite(each) for corner in found for each in corner):
+        raise ValueError("the satellite does not see this place")
+    return found
+
+
+def _grid_size_km(lat_deg: float, lon_deg: float, grid_lon_deg: float) -> tuple[float, float]:
+    south_west, south_east, north_east, _ = _grid_corners(lat_deg, lon_deg, grid_lon_deg)
+    return (
+        distance_m(south_west, south_east) / 1e3,
+        distance_m(south_east, north_east) / 1e3,
+    )
+
+
+def _false_alarms_pct(confidence: str, goes: bool) -> float:
+    """Return the share of false alarms of classes, of codes of GOES, or of MODIS' percentages."""
     name = CLASSES.get(confidence, confidence)
     if name in FALSE_ALARMS_PCT:
-        return FALSE_ALARMS_PCT[name]
+        return max(FALSE_ALARMS_PCT[name], GOES_FALSE_ALARMS_PCT[0] if goes else 0.0)
+    if goes:
+        tens, ones = divmod(int(confidence), 10)
+        if tens not in (1, 3) or ones not in GOES_FALSE_ALARMS_PCT:
+            raise ValueError(f"the confidence is {confidence}, no class and no code of a fire")
+        return GOES_FALSE_ALARMS_PCT[ones]
     percent = float(confidence)
     if not 0.0 <= percent <= 100.0:
         raise ValueError(f"the confidence is {confidence}")
     return min(100.0 - percent, 99.0)
 
 
+class PixelGroup(NamedTuple):
+    """Pixels of one time, source, size and confidence."""
+
+    seen: datetime
+    source: str
+    position_sd_m: float
+    false_alarms_pct: float
+    points: list[tuple[float, float]]  # latitude and longitude, ``MAX_POINTS`` at most
+
+
+def groups_of(pixels: Iterable[SatellitePixel]) -> Iterator[PixelGroup]:
+    """Yield groups of pixels; the oldest come first."""
+    groups: dict[tuple[datetime, str, float, float], list[tuple[float, float]]] = {}
+    for each in pixels:
+        key = (each.seen, each.source, round(each.position_sd_m, 1), each.false_alarms_pct)
+        groups.setdefault(key, []).append((each.lat_deg, each.lon_deg))
+    for key, points in sorted(groups.items()):
+        for first in range(0, len(points), MAX_POINTS):
+            yield PixelGroup(*key, points[first : first + MAX_POINTS])
+
+
 def reports_of(pixels: Iterable[SatellitePixel], now: datetime) -> list[dict[str, Any]]:
     """Return the requests ``observe``, without their user, that report pixels.
 
-    Pixels of one source, time, size and confidence are one request, or more if there are many. The
-    oldest come first.
+    Each group of pixels (``groups_of``) is a request.
 
     Raises MissionServiceError for an overpass in the future.
     """
-    groups: dict[tuple[Any, ...], list[SatellitePixel]] = {}
-    for each in pixels:
+    found = []
+    for each in groups_of(pixels):
         if (each.seen - now).total_seconds() > AHEAD_S:
             raise MissionServiceError(
                 f"an overpass of {each.source} is in the future ({each.seen:%Y-%m-%d %H:%M} UTC); "
                 "acq_date and acq_time must be UTC, and the clock of this computer right"
             )
-        key = (each.seen, each.source, round(each.position_sd_m, 1), each.false_alarms_pct)
-        groups.setdefault(key, []).append(each)
-    return [
-        {
-            "do": "observe",
-            "state": "burning",
-            "shape": "points",
-            "points": [(each.lat_deg, each.lon_deg) for each in group[first : first + MAX_POINTS]],
-            "age_s": max((now - seen).total_seconds(), 0.0),
-            "position_sd_m": sd_m,
-            "false_alarms_pct": false_alarms_pct,
-            "source": source,
-        }
-        for (seen, source, sd_m, false_alarms_pct), group in sorted(groups.items())
-        for first in range(0, len(group), MAX_POINTS)
-    ]
+        found.append(
+            {
+                "do": "observe",
+                "state": "burning",
+                "shape": "points",
+                "points": each.points,
+                "age_s": max((now - each.seen).total_seconds(), 0.0),
+                "position_sd_m": each.position_sd_m,
+                "false_alarms_pct": each.false_alarms_pct,
+                "source": each.source,
+            }
+        )
+    return found
 
 
 def footprints(pixels: Iterable[SatellitePixel]) -> dict[str, Any]:

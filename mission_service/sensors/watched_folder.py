@@ -16,6 +16,8 @@ from pathlib import Path
 
 from firemodel.errors import FireModelError
 from mission_service.errors import MissionServiceError, ScenarioError
+from mission_service.fire.sensor_files import whole_files
+from mission_service.sensors.one_line import one_line
 
 LOOK_EVERY_S = 0.25
 MAX_SHARE = 0.05  # of the thread's time, for listing a folder of many files
@@ -48,6 +50,8 @@ class WatchedFolder(ABC):
         self._problems: dict[str, str] = {}  # why files are not used, by name
         self._growing: dict[str, Change] = {}
         self._read: dict[str, Change] = {}
+        self.used_parts: frozenset[str] = frozenset()  # before a restart; see ``sensor_files``
+        self._used_files: frozenset[str] = frozenset()
         self._listing_s = 0.0  # time that the last listing of the folder took
         self._error: Exception | None = None
         self._thread: threading.Thread | None = None
@@ -55,6 +59,15 @@ class WatchedFolder(ABC):
     @abstractmethod
     def use_file(self, path: Path, now: datetime) -> None:
         """Read a new file; in the thread. An exception is the reason why it is not used."""
+
+    def skip(self, names: frozenset[str]) -> None:
+        """Set the names of the events that the run has made from files before a restart."""
+        self.used_parts, self._used_files = names, whole_files(names)
+
+    def name_of(self, name: str) -> str:
+        """Return the name of a file that was read, for events (``sensor_files``)."""
+        changed_ns, size = self._read[name]
+        return f"{name} {changed_ns} {size}"
 
     def start(self) -> None:
         """Start the thread, if it does not run. Raises the exception that has ended it."""
@@ -76,8 +89,7 @@ class WatchedFolder(ABC):
 
     def refuse(self, name: str, reason: str) -> None:
         """Note why a file is not used, in one line of text that each interface can show."""
-        text = reason.encode(errors="backslashreplace").decode()
-        self._problems[name] = " ".join(text.split())
+        self._problems[name] = one_line(reason)
 
     def look(self, now: datetime) -> None:
         """Use the files that are new and have not grown since the last look.
@@ -99,6 +111,7 @@ class WatchedFolder(ABC):
         self._growing = {name: changed[name] for name in changed.keys() - set(ready)}
         ready.sort(key=lambda name: (changed[name], name))
         self._read |= {name: changed[name] for name in ready}
+        ready = [name for name in ready if self.name_of(name) not in self._used_files]
         for name in ready[:-MAX_AT_ONCE]:
             self.refuse(name, f"{name}: {MAX_AT_ONCE} or more newer files arrived with it")
         for name in ready[-MAX_AT_ONCE:]:
@@ -128,7 +141,8 @@ class WatchedFolder(ABC):
         with os.scandir(self._folder) as entries:
             for entry in entries:
                 with suppress(OSError):  # it has been removed, or is a link to itself
-                    if entry.name.lower().endswith(self._suffixes) and entry.is_file():
+                    named = entry.name.lower().endswith(self._suffixes)
+                    if named and not entry.name.startswith(".") and entry.is_file():
                         state = entry.stat()
                         found[entry.name] = (state.st_mtime_ns, state.st_size)
         self._listing_s = time.monotonic() - begun_s

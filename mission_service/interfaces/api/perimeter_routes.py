@@ -1,16 +1,14 @@
 """Reads uploaded perimeters in a separate process (``maps/perimeter_worker.py``)."""
 
 import asyncio
-import signal
-import sys
 
 import msgspec
 
 from mission_service.interfaces.api.responses import ApiError
 from mission_service.interfaces.maps.perimeter_worker import Done, Failed, Job
+from mission_service.sensors.worker_process import WITHIN_S, command_of, end_of
 
-WORKER = (sys.executable, "-P", "-m", "mission_service.interfaces.maps.perimeter_worker")
-WITHIN_S = 60.0  # wall-clock time; the process limits its processor time
+WORKER = command_of("mission_service.interfaces.maps.perimeter_worker")
 _decode = msgspec.json.Decoder(Done | Failed).decode
 
 
@@ -38,15 +36,10 @@ async def read_in_process(job: Job) -> Done:
     if process.returncode != 0:
         raise ApiError(
             422,
-            f"the process that read the perimeter ended with {_end(process.returncode or 0)}; "
+            f"the process that read the perimeter ended with {end_of(process.returncode or 0)}; "
             "simplify the perimeter",
         )
     answer: Done | Failed = await asyncio.to_thread(_decode, output)
     if isinstance(answer, Failed):
         raise ApiError(422, answer.error)
     return answer
-
-
-def _end(code: int) -> str:
-    """Return the signal (for example SIGSEGV) or the exit status of an ended process."""
-    return signal.Signals(-code).name if code < 0 else f"status {code}"

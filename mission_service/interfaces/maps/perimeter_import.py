@@ -14,6 +14,7 @@ from shapely.geometry.base import BaseGeometry
 
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
+from firemodel.landscape.readers.agency_fields import attribute
 from firemodel.landscape.readers.bands import refuse
 from firemodel.landscape.readers.shapes import shape_problems
 from firemodel.outputs.front_files import M2_PER_ACRE
@@ -25,7 +26,6 @@ from mission_service.interfaces.maps.uploaded_shapes import LARGEST_BYTES, WGS84
 __all__ = ["LARGEST_BYTES", "Perimeter", "read_perimeter"]
 
 # Attributes of a feature, and their names in WFIGS (with the prefix poly_ or attr_), FIRIS and KML.
-# Shapefiles truncate names to ten characters.
 FIELDS = {
     "incident_name": ("IncidentName", "incident_name", "name"),
     "feature_category": ("FeatureCategory", "type"),
@@ -38,8 +38,6 @@ FIELDS = {
     "current_unix_ms": ("DateCurrent", "modify_date"),
     "created_unix_ms": ("CreateDate", "created_date"),
 }
-CUT = 10
-PREFIXES = ("", "poly_", "attr_")
 FAR_APART_MS = 24 * 3600 * 1000  # a larger difference of two times in one record causes a note
 AREAS_DIFFER = 0.1
 SMALL_SHARE = 0.001
@@ -163,7 +161,7 @@ def _polygons_of(drawn: Drawn, number: int, name: str) -> tuple[BaseGeometry | N
 def _record(drawn: Drawn) -> Record:
     found: Record = {}
     for key, names in FIELDS.items():
-        value = _attribute(drawn.attributes, names)
+        value = attribute(drawn.attributes, names)
         if key.endswith("_unix_ms"):
             found[key] = _unix_ms(value)
         elif key == "gis_acres":
@@ -172,20 +170,6 @@ def _record(drawn: Drawn) -> Record:
             text = None if value is None else str(value).strip()[:LONGEST_TEXT]
             found[key] = text or None
     return found
-
-
-def _attribute(attributes: dict[str, Any], names: tuple[str, ...]) -> Any:
-    """Return the first attribute with one of these names, in any spelling, or None."""
-    lower = {key.lower(): value for key, value in attributes.items()}
-    for name in names:
-        for prefix in PREFIXES:
-            for key in (prefix + name, (prefix + name)[:CUT]):
-                # poly_Featu is the truncated name of three attributes.
-                if key.lower() == "poly_featu" and name != "FeatureCategory":
-                    continue
-                if lower.get(key.lower()) not in (None, ""):
-                    return lower[key.lower()]
-    return None
 
 
 def _number(value: Any) -> float | None:

@@ -5,8 +5,6 @@ service's process never passes uploaded geometry to it. The worker reads a ``Job
 writes ``Done`` or ``Failed`` to stdout.
 """
 
-import os
-import resource
 import sys
 from typing import Any
 
@@ -19,13 +17,11 @@ from firemodel.errors import FireModelError
 from firemodel.spread.front import multipolygon
 from mission_service.interfaces.maps.perimeter_import import Perimeter, read_perimeter_in
 from mission_service.interfaces.maps.thinning import thinned
+from mission_service.sensors.worker_process import limit_process
 
 MAX_RINGS = 50  # polygons and islands together
 EDGE_DEG = 1e-5  # a metre: corners on the edge of the landscape may be rounded to the outside
 MAX_POINTS = 900  # maximum in a correction; less than the limit for requests
-MAX_MEMORY_BYTES = 2 * 1024**3
-MAX_CPU_S = 25
-NICENESS = 5  # lower priority than the service
 
 
 class Job(msgspec.Struct):
@@ -100,10 +96,7 @@ def answer_to(job: Job) -> Done | Failed:
 
 def main() -> None:
     """Process one job, within limits of memory and time."""
-    resource.setrlimit(resource.RLIMIT_AS, (MAX_MEMORY_BYTES, MAX_MEMORY_BYTES))
-    resource.setrlimit(resource.RLIMIT_CPU, (MAX_CPU_S, MAX_CPU_S))
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    os.nice(NICENESS)
+    limit_process()
     job = msgspec.msgpack.decode(sys.stdin.buffer.read(), type=Job)
     sys.stdout.buffer.write(msgspec.json.encode(answer_to(job)))
 

@@ -1,0 +1,22 @@
+"""Find attributes of mapped fires by the field names of several agencies."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+# Shapefiles truncate names to ten characters; views of WFIGS add a prefix.
+CUT = 10
+PREFIXES = ("", "poly_", "attr_")
+
+
+def attribute(attributes: Mapping[str, Any], names: Sequence[str]) -> Any:
+    """Return the first attribute with one of these names, in any spelling, or None."""
+    lower = {key.lower(): value for key, value in attributes.items()}
+    for name in names:
+        for prefix in PREFIXES:
+            for key in (prefix + name, (prefix + name)[:CUT]):
+                # poly_Featu is the truncated name of three attributes.
+                if key.lower() == "poly_featu" and name != "FeatureCategory":
+                    continue
+                if lower.get(key.lower()) not in (None, ""):
+                    return lower[key.lower()]
+    return None
