@@ -3,7 +3,9 @@
 A thread looks into the folder (``estimate.thermal_frames.folder``), reads each new file when it no
 longer grows, and georeferences it. ``observe`` returns the results one by one. A file that is not
 used is named in ``problem`` with the reason, which the service shows as an alarm until the file is
-replaced or removed. While the folder cannot be read, ``problem`` has the reason.
+replaced or removed. A file without its pose waits up to ``TELEMETRY_DELAY_S`` for the telemetry of
+the vehicle. In a simulation there is no thread: ``observe`` looks into the folder, and the time is
+the mission time. While the folder cannot be read, ``problem`` has the reason.
 """
 
 import os
@@ -20,10 +22,12 @@ from mission_service.config.scenario import Scenario
 from mission_service.errors import MissionServiceError, ScenarioError
 from mission_service.events import AnyEvent, Observed, Telemetry
 from mission_service.sensors.frame_cells import Burned, FrameCells, frame_cells
-from mission_service.sensors.thermal_image import SUFFIXES, read_thermal_image
+from mission_service.sensors.telemetry_poses import TelemetryPoses
+from mission_service.sensors.thermal_image import SUFFIXES, NoPoseError, read_thermal_image
 
 LOOK_EVERY_S = 0.25
 AHEAD_S = 5.0  # tolerated difference between the clocks of camera and service
+TELEMETRY_DELAY_S = 3.0
 MAX_WAITING = 100  # images; the oldest are dropped
 MISSED, FALSE_ALARMS = 0.05, 0.01  # shares of the cells, for the estimate
 
@@ -50,18 +54,29 @@ class FrameFolder:
         self._arrived: deque[tuple[str, FrameCells, float]] = deque()
         self._error: Exception | None = None
         self._thread: threading.Thread | None = None
+        self._poses = TelemetryPoses(self._settings.fixed_pitch_deg, self._settings.time_sd_s)
+        self._without_pose: dict[str, datetime] = {}  # first time of each file that waits
+        self._zero_s: float | None = None  # mission time 0 in UTC, in a simulation
+
+    def use_mission_time(self, zero: datetime) -> None:
+        """Take the time from the mission, which begins at ``zero``, instead of the clock."""
+        self._zero_s = zero.timestamp()
 
     def observe(self, fix: Telemetry) -> Observed | None:
         """Return the next image that has arrived, or None; the first call starts the thread."""
         if self._error is not None:
             raise self._error
-        if self._thread is None:
+        if self._zero_s is not None:
+            self.look(datetime.fromtimestamp(self._now_s(fix.at_us), UTC))
+        elif self._thread is None:
             self._thread = threading.Thread(target=self._watch, name="frames", daemon=True)
             self._thread.start()
         if not self._arrived:
             return None
         name, found, taken_s = self._arrived.popleft()
-        at_us = fix.at_us - max(round((time.time() - taken_s) * 1e6), 0)
+        found_us = self._poses.mission_us_of(taken_s)
+        at_us = fix.at_us - max(round((self._now_s(fix.at_us) - taken_s) * 1e6), 0)
+        at_us = at_us if found_us is None else min(found_us, fix.at_us)
         if at_us < 0:
             self._refuse(name, f"{name}: was taken {-at_us / 1e6:.0f} s before mission time 0")
             return None
@@ -84,7 +99,12 @@ class FrameFolder:
         return f"an image is not used: {texts[-1]}{others}"
 
     def on_event(self, event: AnyEvent) -> None:
-        """Ignore the events of the run."""
+        """Store the telemetry of the vehicles, for images without their pose."""
+        self._poses.on_event(event, self._now_s(event.at_us))
+
+    def _now_s(self, at_us: int) -> float:
+        """Return the time in UTC at a mission time, which is the present."""
+        return time.time() if self._zero_s is None else self._zero_s + at_us / 1e6
 
     def _watch(self) -> None:
         try:
@@ -107,16 +127,22 @@ class FrameFolder:
             self._problems.pop(gone, None)
         changed = {name: each for name, each in files.items() if self._read.get(name) != each}
         ready = [name for name, each in changed.items() if self._growing.get(name) == each]
-        self._growing = {name: each for name, each in changed.items() if name not in ready}
+        self._growing = changed
         for name in sorted(ready, key=lambda name: (changed[name], name)):
-            self._read[name] = changed[name]
             self._problems.pop(name, None)
             try:
                 self._use(self._folder / name, now)
+            except NoPoseError as error:
+                since = self._without_pose.setdefault(name, now)
+                if (now - since).total_seconds() < TELEMETRY_DELAY_S:
+                    continue
+                self._refuse(name, str(error))
             except (MissionServiceError, FireModelError) as error:
                 self._refuse(name, str(error))
             except Exception as error:  # one file must not end the watch
                 self._refuse(name, f"{name}: {type(error).__name__}: {error}")
+            self._read[name] = self._growing.pop(name)
+            self._without_pose.pop(name, None)
 
     def _files(self) -> dict[str, Change]:
         """Return the last changes of the images in the folder, by name."""
@@ -135,7 +161,7 @@ class FrameFolder:
         self._problems[name] = " ".join(text.split())
 
     def _use(self, path: Path, now: datetime) -> None:
-        image = read_thermal_image(path)
+        image = read_thermal_image(path, self._poses.pose_of)
         age_s = (now - image.taken).total_seconds()
         if age_s < -AHEAD_S:
             raise MissionServiceError(

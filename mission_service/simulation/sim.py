@@ -27,7 +27,13 @@ from mission_service.fire.simulated_fire import simulated_weather
 from mission_service.guidance.registry import way_of
 from mission_service.journal.journal_file import Journal, header_of
 from mission_service.runtime.engine import Engine, Progress, unshown
-from mission_service.runtime.gateway import Gateway, MissionClock, dropper_of, rates_hz
+from mission_service.runtime.gateway import (
+    Gateway,
+    MissionClock,
+    camera_reports_of,
+    dropper_of,
+    rates_hz,
+)
 from mission_service.runtime.run_statistics import RunStatistics
 from mission_service.runtime.state_view import StateView
 
@@ -77,6 +83,7 @@ class SimulatedVehicle:
             clock,
             dropper_of(scenario),
             way_of(scenario).return_height_m(scenario, landscape),
+            camera_reports_of(scenario, section.name),
         )
         self._mock_due_us = 0
         self._up = memory_link(scenario.link, seed)

@@ -270,7 +270,7 @@ def test_images_that_are_dropped_or_from_before_the_run_are_named(
 def test_an_unexpected_error_of_one_file_is_named(
     frames: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def fail(path: Path) -> None:
+    def fail(path: Path, pose_of: object) -> None:
         raise MemoryError
 
     monkeypatch.setattr(frame_folder, "read_thermal_image", fail)
