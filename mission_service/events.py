@@ -109,6 +109,7 @@ class Observed(Event, frozen=True, tag=True, omit_defaults=True):
 class CameraDirection(Event, frozen=True, tag=True):
     """The direction of a vehicle's camera; without ``gimbal``, the attitude of the airframe.
 
+    It is reported after a change of half a degree, and at least once a second.
     The yaw is from true north, the pitch is -90 straight down, and the roll is about the line of
     sight. Only runs with sensors have this event and the two events below.
     """

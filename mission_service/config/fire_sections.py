@@ -267,7 +267,9 @@ class SimulatedCameraSection(Section):
     standard deviations of the position and of the camera's direction. ``missed`` is the share of
     burned cells that an image shows as unburned, and ``false_alarms`` is the share of unburned
     cells that an image shows as burned. Smoke covers the ground up to ``smoke_m`` downwind of
-    burning cells; thermal cameras see through it.
+    burning cells; thermal cameras see through it. Cameras that write files for ``thermal_frames``
+    use ``gps_sd_m`` and ``gimbal_sd_deg``; without ``poses_in_files`` the pose of an image is that
+    of the vehicle's telemetry.
     """
 
     kind: Literal["ideal", "thermal", "visible"] = "ideal"
@@ -276,6 +278,7 @@ class SimulatedCameraSection(Section):
     missed: Annotated[float, Field(ge=0, lt=1)] = 0.05
     false_alarms: Annotated[float, Field(ge=0, lt=1)] = 0.01
     smoke_m: Annotated[float, Field(ge=0, le=10_000)] = 300.0
+    poses_in_files: bool = True
 
 
 class SimulationSection(Section):

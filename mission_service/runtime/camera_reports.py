@@ -1,14 +1,16 @@
 """Converts reports of cameras and gimbals to events for the sensors. Pure.
 
-Only runs with sensors have these events. The direction of the camera is reported with each ATTITUDE
-of the vehicle, at most ``MAX_RATE_HZ`` times a second.
+Only runs with sensors have these events. The direction of the camera is computed at each ATTITUDE
+of the vehicle, and reported if it has changed by ``CHANGED_DEG`` or after ``EVERY_US``. The error
+of a direction between two reports is therefore at most ``CHANGED_DEG``.
 """
 
 from autopilot_bridge.vehicle import camera_telemetry as camera
 from autopilot_bridge.vehicle.client_events import Attitude
 from mission_service.events import CameraDirection, CameraFieldOfView, ImageCaptured
 
-MAX_RATE_HZ = 4.0
+CHANGED_DEG, EVERY_US = 0.5, 1_000_000
+MIN_INTERVAL_US = 200_000
 GIMBAL_LASTS_US = 1_000_000  # PX4 also uses the report of a gimbal for one second
 FIELD_OF_VIEW_CHANGED_DEG = 0.05
 
@@ -22,7 +24,7 @@ class CameraReports:
         self._name = name
         self._gimbal: camera.GimbalAttitude | None = None
         self._heading_deg: float | None = None
-        self._due_us = 0  # mission time of the next direction
+        self._reported: CameraDirection | None = None
         self._field_of_view_deg: float | None = None
 
     def on_gimbal(self, event: camera.GimbalAttitude) -> None:
@@ -32,13 +34,14 @@ class CameraReports:
     def on_attitude(self, event: Attitude, mission_us: int) -> CameraDirection | None:
         """Return the direction of the camera at a mission time if it is due, or None."""
         self._heading_deg = event.yaw_deg
-        if self._due_us - 2e6 / MAX_RATE_HZ <= mission_us < self._due_us:
-            return None
-        self._due_us = mission_us + round(0.9e6 / MAX_RATE_HZ)  # an ATTITUDE may be early
         airframe = (event.yaw_deg, event.pitch_deg, event.roll_deg)
         gimbal = self._gimbal_angles(event.at_us)
         angles = airframe if gimbal is None else gimbal
-        return CameraDirection(mission_us, self._name, *_rounded(angles), gimbal is not None)
+        now = CameraDirection(mission_us, self._name, *_rounded(angles), gimbal is not None)
+        if self._reported is not None and not _differs(self._reported, now):
+            return None
+        self._reported = now
+        return now
 
     def on_image(self, event: camera.ImageCaptured, mission_us: int) -> ImageCaptured:
         """Return the image with the direction of the camera, as far as it is known.
@@ -83,6 +86,18 @@ class CameraReports:
                 return None
             yaw_deg += self._heading_deg
         return yaw_deg, pitch_deg, roll_deg
+
+
+def _differs(before: CameraDirection, now: CameraDirection) -> bool:
+    """Return whether a direction is to be reported."""
+    passed_us = now.at_us - before.at_us
+    if not 0 <= passed_us < EVERY_US or now.gimbal != before.gimbal:
+        return True
+    if passed_us < MIN_INTERVAL_US:
+        return False
+    keys = ("yaw_deg", "pitch_deg", "roll_deg")
+    turns = [(getattr(now, key) - getattr(before, key) + 180.0) % 360.0 - 180.0 for key in keys]
+    return max(map(abs, turns)) >= CHANGED_DEG
 
 
 def _rounded(angles: Angles) -> Angles:

@@ -160,7 +160,9 @@ def test_the_direction_is_that_of_the_gimbal_while_it_reports() -> None:
     reports.on_gimbal(GimbalAttitude(0, (10.0, -80.0, 1.0), from_north=False))
     first = reports.on_attitude(Attitude(0, 0, 20.0, 5.0, 355.0), 100)
     assert first == events.CameraDirection(100, "hawk", 5.0, -80.0, 1.0, gimbal=True)
-    assert reports.on_attitude(Attitude(0, 0, 20.0, 5.0, 355.0), 200_000) is None, "four a second"
+    assert reports.on_attitude(Attitude(0, 0, 20.0, 5.0, 355.3), 250_000) is None, "no change"
+    turned = reports.on_attitude(Attitude(0, 0, 20.0, 5.0, 355.6), 500_000)
+    assert turned == events.CameraDirection(500_000, "hawk", 5.6, -80.0, 1.0, gimbal=True)
     reports.on_gimbal(GimbalAttitude(0, (10.0, -80.0, 1.0), from_north=True))
     north = reports.on_attitude(Attitude(900_000, 0, 20.0, 5.0, 355.0), 900_000)
     assert north == events.CameraDirection(900_000, "hawk", 10.0, -80.0, 1.0, gimbal=True)
