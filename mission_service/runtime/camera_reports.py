@@ -95,9 +95,12 @@ def _differs(before: CameraDirection, now: CameraDirection) -> bool:
         return True
     if passed_us < MIN_INTERVAL_US:
         return False
-    keys = ("yaw_deg", "pitch_deg", "roll_deg")
-    turns = [(getattr(now, key) - getattr(before, key) + 180.0) % 360.0 - 180.0 for key in keys]
-    return max(map(abs, turns)) >= CHANGED_DEG
+    pairs = (
+        (before.yaw_deg, now.yaw_deg),
+        (before.pitch_deg, now.pitch_deg),
+        (before.roll_deg, now.roll_deg),
+    )
+    return any(abs((b - a + 180.0) % 360.0 - 180.0) >= CHANGED_DEG for a, b in pairs)
 
 
 def _rounded(angles: Angles) -> Angles:
