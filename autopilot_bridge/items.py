@@ -191,6 +191,34 @@ def change_speed(kind: int, speed_m_s: float) -> MissionItem:
     )
 
 
+def camera_trigger(distance_m: float) -> MissionItem:
+    """Return a MAV_CMD_DO_SET_CAM_TRIGG_DIST: an image each ``distance_m``, none for 0."""
+    return MissionItem(
+        mavlink.MAV_CMD_DO_SET_CAM_TRIGG_DIST,
+        mavlink.MAV_FRAME_MISSION,
+        x=0,
+        y=0,
+        z=0.0,
+        param1=distance_m,
+    )
+
+
+def gimbal_pitch(pitch_deg: float) -> MissionItem:
+    """Return a MAV_CMD_DO_MOUNT_CONTROL that tilts the gimbal; -90 is straight down.
+
+    In missions PX4 1.17 denies DO_GIMBAL_MANAGER_PITCHYAW unless a mission item has taken control
+    of the gimbal before; both stacks accept this command without it.
+    """
+    return MissionItem(
+        mavlink.MAV_CMD_DO_MOUNT_CONTROL,
+        mavlink.MAV_FRAME_MISSION,
+        x=0,
+        y=0,
+        z=float(mavlink.MAV_MOUNT_MODE_MAVLINK_TARGETING),
+        param1=pitch_deg,
+    )
+
+
 def takeoff(
     lat_deg: float, lon_deg: float, altitude_amsl_m: float, pitch_deg: float = 12.0
 ) -> MissionItem:

@@ -21,11 +21,13 @@ Altitude = Annotated[float, Meta(ge=-12_000, le=100_000)]  # m
 Velocity = Annotated[float, Meta(ge=-1000, le=1000)]  # m/s, one component
 WindSpeed = Annotated[float, Meta(ge=0, le=150)]  # m/s
 Bearing = Annotated[float, Meta(ge=0, le=360)]
+Angle = Annotated[float, Meta(ge=-180, le=180)]  # degrees
 Fraction = Annotated[float, Meta(ge=0, lt=1)]
 Percent = Annotated[float, Meta(ge=0, le=100)]
 Radius = Annotated[float, Meta(ge=0, le=1e6)]  # m
 Temperature = Annotated[float, Meta(ge=-100, le=5000)]  # degrees Celsius
 Count = Annotated[int, Meta(ge=0, le=2**40)]
+UtcUs = Annotated[int, Meta(ge=0, le=2**60)]  # since 1970
 CellIndex = Annotated[int, Meta(ge=-(2**31), lt=2**31)]
 Name = Annotated[str, Meta(min_length=1)]
 
@@ -104,6 +106,43 @@ class Observed(Event, frozen=True, tag=True, omit_defaults=True):
     false_alarms: Fraction = 0.0
     distrusted: bool = False
     file: str = ""
+
+
+class CameraDirection(Event, frozen=True, tag=True):
+    """The direction of a vehicle's camera; without ``gimbal``, the attitude of the airframe.
+
+    It is reported after a change of half a degree, and at least once a second.
+    The yaw is from true north, the pitch is -90 straight down, and the roll is about the line of
+    sight. Only runs with sensors have this event and the two events below.
+    """
+
+    yaw_deg: Bearing
+    pitch_deg: Angle
+    roll_deg: Angle
+    gimbal: bool
+
+
+class ImageCaptured(Event, frozen=True, tag=True):
+    """A camera took an image at this time and place (CAMERA_IMAGE_CAPTURED, CAMERA_FEEDBACK).
+
+    ``direction`` is the yaw, pitch and roll as in ``CameraDirection``, or None if unknown.
+    ``file_name`` is empty and ``taken_utc_us`` None if they are not reported.
+    """
+
+    lat_deg: Latitude
+    lon_deg: Longitude
+    altitude_amsl_m: Altitude
+    direction: tuple[Bearing, Angle, Angle] | None
+    gimbal: bool
+    index: Count
+    file_name: str
+    taken_utc_us: UtcUs | None
+
+
+class CameraFieldOfView(Event, frozen=True, tag=True):
+    """The horizontal field of view of a vehicle's camera has changed."""
+
+    horizontal_deg: Bearing
 
 
 class WindMeasured(Event, frozen=True, tag=True):
@@ -513,6 +552,9 @@ VehicleEvent = (
     | Telemetry
     | MissionProgress
     | Observed
+    | CameraDirection
+    | ImageCaptured
+    | CameraFieldOfView
     | WindMeasured
     | AirspeedMeasured
     | ThrustStatusChanged

@@ -28,6 +28,7 @@ from autopilot_bridge.links.signing import Counts, Signing
 from autopilot_bridge.links.tlog_writer import Tlog
 from autopilot_bridge.missions.transfer import TransferResult
 from autopilot_bridge.stacks.stacks import Stack, Step
+from autopilot_bridge.vehicle.camera_telemetry import CameraEvent, camera_event
 from autopilot_bridge.vehicle.client_events import (
     ClientEvent,
     CommandFinished,
@@ -229,7 +230,15 @@ class MavsdkClient:
                 if not self._monitor.used:
                     continue
             if remote == source.remote:
+                self._events.extend(
+                    event for each in messages if (event := self._camera(each, now_us))
+                )
                 self._system.receive_frame(frame)
+
+    def _camera(self, message: Message, now_us: int) -> CameraEvent | None:
+        """Return the event of a message of the vehicle's camera or gimbal, or None."""
+        ours = message.get_srcSystem() == self._target[0] and self.stack is not None
+        return camera_event(message, now_us) if ours else None
 
     def _receive(self, message: Message, now_us: int) -> None:
         mode = self._monitor.custom_mode

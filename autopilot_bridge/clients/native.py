@@ -16,6 +16,8 @@ from autopilot_bridge.links.codec import Codec, Message
 from autopilot_bridge.missions.transfer import Kind, TransferResult, TransferTiming
 from autopilot_bridge.stacks.stacks import Stack
 from autopilot_bridge.vehicle import orders
+from autopilot_bridge.vehicle.camera_telemetry import MESSAGES as CAMERA_MESSAGES
+from autopilot_bridge.vehicle.camera_telemetry import camera_event
 from autopilot_bridge.vehicle.client_events import (
     ClientEvent,
     Connected,
@@ -216,6 +218,8 @@ class NativeClient:
 
     def receive_message(self, message: Message, now_us: int) -> None:
         """Process a message from any sender on the link."""
+        if message.get_type() in CAMERA_MESSAGES and message.get_srcSystem() == self._target_system:
+            self._receive_camera(message, now_us)
         if self._from_vehicle(message):
             for whole in self._texts.receive(message):
                 self._receive(whole, now_us)
@@ -282,6 +286,12 @@ class NativeClient:
             self._target_system = message.get_srcSystem()
         source = (message.get_srcSystem(), message.get_srcComponent())
         return source == (self._target_system, AUTOPILOT)
+
+    def _receive_camera(self, message: Message, now_us: int) -> None:
+        """Process a message of the vehicle's camera or gimbal, which may be separate components."""
+        event = None if self.stack is None else camera_event(message, now_us)
+        if event is not None:
+            self._events.append(event)
 
     def _receive(self, message: Message, now_us: int) -> None:
         monitor = self._monitor

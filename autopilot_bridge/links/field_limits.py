@@ -21,7 +21,8 @@ from autopilot_bridge.links.codec import Message
 MAX_ITEMS = 5000
 GUST_M_S = 115.0
 SPEED_M_S = 150.0
-TURN_RAD = 2.0 * math.pi
+TURN_RAD, TURN_DEG = 2.0 * math.pi, 360.0
+MAX_IMAGES = 10_000_000  # a camera at 10 Hz for eleven days
 LOWEST_M, HIGHEST_M = -1000.0, 30_000.0
 MAX_PARAM = 1e12  # maximum of an item's params; all valid values are far smaller
 
@@ -59,11 +60,33 @@ BOUNDS: Final[dict[str, tuple[Bound, ...]]] = {
     "MISSION_COUNT": (Bound("count", 0, MAX_ITEMS),),
     "MISSION_ITEM": (Bound("x", -MAX_PARAM, MAX_PARAM), Bound("y", -MAX_PARAM, MAX_PARAM)),
     "STATUSTEXT": (Bound("severity", 0, 7),),
+    "CAMERA_IMAGE_CAPTURED": (
+        Bound("lat", -90e7, 90e7),
+        Bound("lon", -180e7, 180e7),
+        Bound("alt", LOWEST_M * 1e3, HIGHEST_M * 1e3),
+        Bound("image_index", 0, MAX_IMAGES),
+    ),
+    "CAMERA_FEEDBACK": (
+        Bound("lat", -90e7, 90e7),
+        Bound("lng", -180e7, 180e7),
+        Bound("alt_msl", LOWEST_M, HIGHEST_M),
+        *(Bound(field, -TURN_DEG, TURN_DEG) for field in ("roll", "pitch", "yaw")),
+    ),
+    "MOUNT_ORIENTATION": tuple(
+        Bound(field, -TURN_DEG, TURN_DEG) for field in ("roll", "pitch", "yaw", "yaw_absolute")
+    ),
+    "CAMERA_FOV_STATUS": (Bound("hfov", 0.0, 360.0),),
+    "CAMERA_INFORMATION": tuple(
+        Bound(field, 0.0, 10_000.0) for field in ("focal_length", "sensor_size_h")
+    ),
 }
 # Fields that are NaN if unknown.
 UNKNOWN: Final = {
     "VFR_HUD": ("airspeed",),  # NaN on PX4 multirotors
     "WIND_COV": ("wind_x", "wind_y"),
+    "MOUNT_ORIENTATION": ("yaw_absolute",),
+    "CAMERA_FOV_STATUS": ("hfov",),
+    "CAMERA_INFORMATION": ("focal_length", "sensor_size_h"),
 }
 
 

@@ -4,6 +4,7 @@ The times passed to the mock are its simulation clock. ``time_boot_ms`` counts f
 these times.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -12,6 +13,7 @@ from autopilot_bridge.items import waypoint
 from autopilot_bridge.links.codec import Codec, Message
 from autopilot_bridge.mock.ardupilot_server import ArduPilotServer
 from autopilot_bridge.mock.battery import Battery
+from autopilot_bridge.mock.camera import MockCamera, Shot, image_report
 from autopilot_bridge.mock.command_server import CommandServer, command_request_of
 from autopilot_bridge.mock.flight_model import FlightModel
 from autopilot_bridge.mock.ftp_server import FtpServer
@@ -157,7 +159,20 @@ class MockAutopilot:
             self.flight.step(self._now_s())
             if self._gripper is not None:
                 self._answer(mavlink.MAV_CMD_DO_GRIPPER, self._gripper.ended(self._now_us()))
+            self._photograph()
             self.telemetry.report(self.flight, self._steps)
+
+    def fit_camera(self, take: Callable[[Shot], None]) -> None:
+        """Give the vehicle a camera on a gimbal; ``take`` receives each image."""
+        self.flight.payload.camera = MockCamera(self.stack, take)
+
+    def _photograph(self) -> None:
+        """Take an image and report it, if one is due."""
+        flight, camera = self.flight, self.flight.payload.camera
+        if camera is not None and camera.due(flight.motion, self._now_us()):
+            place = flight.frame.global_position(flight.motion)
+            shot = camera.photograph(place, flight.motion, self._now_us())
+            self._send(image_report(self.stack, shot, flight.motion, flight.frame.altitude_m))
 
     def send_message(self, message: Message) -> None:
         """Send a message that no station requested, such as a stray acknowledgement."""

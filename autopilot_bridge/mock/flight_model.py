@@ -10,6 +10,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from autopilot_bridge.items import MissionItem, params_of
 from autopilot_bridge.mock.battery import Battery
 from autopilot_bridge.mock.body import Body, Place
+from autopilot_bridge.mock.camera import MockCamera
 from autopilot_bridge.mock.item_flight import Target, loitered, passed
 from autopilot_bridge.mock.kinematics import Limits
 from autopilot_bridge.mock.mission_sequencer import (
@@ -93,6 +94,8 @@ class FlightModel(Body):
             fresh._powered = replace(self._powered, airspeed_m_s=self._cruise_m_s)
         fresh._stood_amsl_m = self._stood_amsl_m
         fresh.payload.outputs = self.payload.outputs
+        if self.payload.camera is not None:
+            fresh.payload.camera = MockCamera(self.stack, self.payload.camera.take)
         return fresh
 
     def blind_s(self, now_s: float) -> float:

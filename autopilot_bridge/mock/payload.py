@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from autopilot_bridge.mock.camera import MockCamera
 from autopilot_bridge.stacks.stacks import Stack
 
 # Number of outputs that the airframe uses; DO_SET_SERVO does not change these outputs.
@@ -29,12 +30,13 @@ class Payload:
     outputs: list[Output] = field(default_factory=list)
     servos_us: list[int] = field(default_factory=list)
     texts: list[tuple[int, str]] = field(default_factory=list)  # severity and text, to be sent
+    camera: MockCamera | None = None
 
     def __post_init__(self) -> None:
         self.servos_us = [*_NEUTRAL_US[self.stack.vehicle], *(0,) * 12]
 
     def execute(self, command: int, params: tuple[float, ...], at_us: int) -> bool:
-        """Execute a DO command with params 1 to 7; return False if it switches no output.
+        """Execute a DO command with params 1 to 7; return False if no output or camera has it.
 
         The caller checks whether the stack accepts the command.
         """
@@ -55,7 +57,7 @@ class Payload:
             case 187:
                 self._actuators(params, at_us)
             case _:
-                return False
+                return self.camera is not None and self.camera.execute(command, params, at_us)
         return True
 
     def _record(self, at_us: int, kind: str, number: int, value: float) -> None:

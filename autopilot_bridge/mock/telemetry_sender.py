@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.mock import telemetry_source
+from autopilot_bridge.mock.camera import gimbal_status
 from autopilot_bridge.mock.command_server import custom_mode_of
 from autopilot_bridge.mock.extension_fields import with_extension
 from autopilot_bridge.mock.flight_model import FlightModel
@@ -16,6 +17,7 @@ from autopilot_bridge.mock.message_intervals import (
     EKF,
     ESTIMATOR,
     FENCE,
+    GIMBAL,
     GPS,
     LANDED,
     POSITION,
@@ -169,6 +171,8 @@ class TelemetrySender:
             self._send(telemetry_source.gps_raw(boot_us, *place, motion.altitude_m, *fix))
         if SERVOS in due:
             self._servos(flight, steps)
+        if GIMBAL in due and flight.payload.camera is not None:
+            self._send(gimbal_status(boot_us // 1000, flight.payload.camera.pitch_deg))
         self._states(flight, steps, due)
 
     def _states(self, flight: FlightModel, steps: int, due: list[int]) -> None:

@@ -5,6 +5,7 @@ from typing import ClassVar, Literal
 
 from autopilot_bridge.missions.transfer import Kind, TransferResult
 from autopilot_bridge.stacks.stacks import Stack
+from autopilot_bridge.vehicle.camera_telemetry import CameraEvent
 from autopilot_bridge.vehicle.parameters import ParametersResult
 
 DropOutcome = Literal["done", "refused", "unknown"]
@@ -323,6 +324,7 @@ ClientEvent = (
     | LinkRestored
     | Rebooted
     | TelemetryEvent
+    | CameraEvent
     | MissionProgress
     | ItemReached
     | TransferFinished

@@ -60,12 +60,21 @@ DROP_RATES_HZ: RatesHz = {
     mavlink.MAVLINK_MSG_ID_SYS_STATUS: 1.0,
     mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: 1.0,
 }
+# For sensors that place images by telemetry. Each image is reported without a request.
+CAMERA_RATES_HZ: RatesHz = {
+    mavlink.MAVLINK_MSG_ID_ATTITUDE: 4.0,
+    mavlink.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS: 4.0,
+    mavlink.MAVLINK_MSG_ID_CAMERA_FOV_STATUS: 0.2,
+    mavlink.MAVLINK_MSG_ID_CAMERA_INFORMATION: 0.2,
+}
 # Sources: PX4 1.17 streams/, ArduPilot 4.6.2 GCS_Common.cpp.
 _OF_THE_OTHER_STACK = {
     "px4": (
         mavlink.MAVLINK_MSG_ID_WIND,
         mavlink.MAVLINK_MSG_ID_FENCE_STATUS,
         mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT,
+        mavlink.MAVLINK_MSG_ID_CAMERA_FOV_STATUS,
+        mavlink.MAVLINK_MSG_ID_CAMERA_INFORMATION,
     ),
     "ardupilot": (
         mavlink.MAVLINK_MSG_ID_WIND_COV,

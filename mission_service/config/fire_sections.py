@@ -213,7 +213,9 @@ class ThermalFramesSection(Section):
     of grey levels require ``hot_level``. ``kelvin_per_count`` converts 16-bit counts. The other
     keys are standard deviations of the camera's position (of each horizontal axis), altitude and
     direction (of yaw, pitch and roll each), and of the landscape's elevation. Images older than
-    ``max_age_s`` when they arrive are not used.
+    ``max_age_s`` when they arrive are not used. If a file has no pose, the telemetry of the
+    vehicles is used: ``time_sd_s`` is the standard deviation of the times of files, and
+    ``fixed_pitch_deg`` is the pitch of a camera without a gimbal, relative to the airframe.
     """
 
     folder: Line | None = None
@@ -228,6 +230,8 @@ class ThermalFramesSection(Section):
     direction_sd_deg: Annotated[float, Field(ge=0, le=45)] = 0.5
     elevation_sd_m: Annotated[float, Field(ge=0, le=1000)] = 2.0
     max_age_s: Annotated[float, Field(gt=0, le=21_600)] = 3600.0
+    time_sd_s: Annotated[float, Field(ge=0, le=10)] = 0.2
+    fixed_pitch_deg: Annotated[float, Field(ge=-90, le=0)] | None = None
 
 
 class ObservationFilesSection(Section):
@@ -291,7 +295,9 @@ class SimulatedCameraSection(Section):
     standard deviations of the position and of the camera's direction. ``missed`` is the share of
     burned cells that an image shows as unburned, and ``false_alarms`` is the share of unburned
     cells that an image shows as burned. Smoke covers the ground up to ``smoke_m`` downwind of
-    burning cells; thermal cameras see through it.
+    burning cells; thermal cameras see through it. Cameras that write files for ``thermal_frames``
+    use ``gps_sd_m`` and ``gimbal_sd_deg``; without ``poses_in_files`` the pose of an image is that
+    of the vehicle's telemetry.
     """
 
     kind: Literal["ideal", "thermal", "visible"] = "ideal"
@@ -300,6 +306,7 @@ class SimulatedCameraSection(Section):
     missed: Annotated[float, Field(ge=0, lt=1)] = 0.05
     false_alarms: Annotated[float, Field(ge=0, lt=1)] = 0.01
     smoke_m: Annotated[float, Field(ge=0, le=10_000)] = 300.0
+    poses_in_files: bool = True
 
 
 class SimulationSection(Section):

@@ -120,6 +120,11 @@ class Scenario(Section):
         return self.burn if self.way.prescribed else None
 
     @property
+    def passes_image_files(self) -> bool:
+        """Whether cameras show the simulated fire only by files for ``thermal_frames``."""
+        return self.simulation.fire is not None and "thermal_frames" in self.estimate.sensors
+
+    @property
     def first_flight_s(self) -> float:
         """The earliest mission time of a takeoff."""
         return max(self.start_s, self.deploy_at_s)

@@ -255,6 +255,9 @@ class VehicleSection(Section):
     camera_fov_deg: Annotated[float, Field(gt=0, lt=170)] = 100.0
     camera_along_deg: Annotated[float, Field(gt=0, lt=170)] | None = None
     camera_rate_hz: Annotated[float, Field(gt=0, le=4)] = 1.0
+    # An image after each distance along a mission's path, and the pitch of the gimbal (-90: down).
+    camera_trigger_m: Annotated[float, Field(ge=1, le=1000)] | None = None
+    gimbal_pitch_deg: Annotated[float, Field(ge=-90, le=0)] | None = None
     endurance_s: Positive | None = None  # time in the air; the recall is earlier
     endurance_reserve_s: NotNegative = 120.0  # remaining endurance on arrival at home
     autostart: bool = False

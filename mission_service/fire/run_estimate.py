@@ -96,7 +96,8 @@ class RunEstimate:
         self._accepts_reports = scenario.burn_flown is None
         self._ignitions = ignition_reports_of(scenario)
         self._views = CameraViews(scenario)
-        self._gives_views = scenario.simulation.fire is None and self._accepts_reports
+        no_cameras = scenario.simulation.fire is None or scenario.passes_image_files
+        self._gives_views = no_cameras and self._accepts_reports
         self._images = Sightings(landscape.shape)  # of the present period
         self._due_us: int | None = None  # end of the period of these images
         self._latest_us = round(scenario.start_s * 1e6)  # of the events so far

@@ -6,6 +6,7 @@ A scenario names its sensors in ``estimate.sensors``: those of this service
 """
 
 from collections.abc import Callable, Mapping
+from datetime import datetime
 from importlib.metadata import entry_points
 from typing import Protocol
 
@@ -90,6 +91,16 @@ class Sensors:
                 getattr(sensor, "skip", lambda names: None)(names)
             except (Exception, SystemExit) as error:  # another package may raise anything
                 self._fail(name, error)
+
+    def use_mission_time(self, zero: datetime) -> None:
+        """Take the time from the mission, which begins at ``zero``, in sensors that use the time.
+
+        A simulation calls this method, because its time is not that of the clock.
+        """
+        for sensor in self._sensors.values():
+            use = getattr(sensor, "use_mission_time", None)
+            if use is not None:
+                use(zero)
 
     def problems(self) -> dict[str, str]:
         """Return why sensors have failed, and the problems that sensors report, by sensor."""

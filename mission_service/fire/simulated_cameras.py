@@ -84,7 +84,12 @@ class SimulatedCameras:
 
 
 def cameras_of(scenario: Scenario, landscape: Landscape) -> SimulatedCameras | None:
-    """Return the cameras that observe a scenario's simulated fire, or None if it has none."""
+    """Return the cameras that observe a scenario's simulated fire.
+
+    The result is None if the scenario has no simulated fire, or if its cameras write image files.
+    """
+    if scenario.passes_image_files:
+        return None
     fire = simulated_fire_of(scenario, landscape)
     return None if fire is None else SimulatedCameras(scenario, fire)
 

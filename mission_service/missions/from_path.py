@@ -15,7 +15,9 @@ from numpy.typing import NDArray
 
 from autopilot_bridge.items import (
     MissionItem,
+    camera_trigger,
     change_speed,
+    gimbal_pitch,
     loiter_unlimited,
     speed_type,
     takeoff,
@@ -108,7 +110,8 @@ def mission_along(
     """Return the items that fly a path (x, y in metres), with an unlimited loiter at its end.
 
     Each mission first sets the speed (after a takeoff), because autopilots reset it when the mode
-    changes. ``landing`` follows the loiter, for autopilots that require it; ``start_m`` is the
+    changes. If the vehicle has ``camera_trigger_m``, its camera takes images up to the end of the
+    path. ``landing`` follows the loiter, for autopilots that require it; ``start_m`` is the
     position of a vehicle in the air.
     """
     points = flyable(path_m, vehicle.turn_radius_m, vehicle.min_leg_m, landscape.cell_size_m / 2)
@@ -121,10 +124,16 @@ def mission_along(
         altitudes[0] = max(altitudes[0], round(needed_m, 1))
     lat, lon = landscape.lat_lon_of(points[:, 0], points[:, 1])
     items = [change_speed(speed_type(vehicle.kind), vehicle.airspeed_m_s)]
+    if vehicle.gimbal_pitch_deg is not None:
+        items.append(gimbal_pitch(vehicle.gimbal_pitch_deg))
+    if vehicle.camera_trigger_m is not None:
+        items.append(camera_trigger(vehicle.camera_trigger_m))
     items += [
         waypoint(float(lat[index]), float(lon[index]), altitudes[index])
         for index in range(len(points) - 1)
     ]
+    if vehicle.camera_trigger_m is not None:
+        items.append(camera_trigger(0.0))
     radius_m = vehicle.loiter_radius_m if clockwise else -vehicle.loiter_radius_m
     items.append(loiter_unlimited(float(lat[-1]), float(lon[-1]), altitudes[-1], radius_m))
     if from_ground:

@@ -12,7 +12,13 @@ from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.items import MissionItem
 from autopilot_bridge.stacks.stacks import Stack
 from autopilot_bridge.vehicle import client_events as bridge
-from autopilot_bridge.vehicle.message_rates import RATES_HZ, RatesHz
+from autopilot_bridge.vehicle.camera_telemetry import (
+    CameraEvent,
+    FieldOfView,
+    GimbalAttitude,
+    ImageCaptured,
+)
+from autopilot_bridge.vehicle.message_rates import CAMERA_RATES_HZ, RATES_HZ, RatesHz
 from autopilot_bridge.vehicle.orders import Dropper
 from mission_service.commands import (
     ORDER_NAMES,
@@ -45,6 +51,7 @@ from mission_service.events import (
 )
 from mission_service.guidance.registry import way_of
 from mission_service.missions.recognition import as_uploaded
+from mission_service.runtime.camera_reports import CameraReports
 from mission_service.runtime.mean_airspeed import MeanAirspeed
 from mission_service.runtime.thrust_loss import ThrustMonitor
 
@@ -65,11 +72,18 @@ StatusChanged = (
 # mission time.
 BEHIND_US = 1_000_000
 BEHIND_FOR_US = 5_000_000
+MAX_IMAGE_DELAY_US = 10_000_000  # from an image to its report
 
 
 def rates_hz(scenario: Scenario) -> RatesHz:
     """Return the messages requested from the vehicles of a scenario, with their rates in Hz."""
-    return {**RATES_HZ, **way_of(scenario).rates_hz}
+    camera_hz = CAMERA_RATES_HZ if scenario.estimate.sensors else {}
+    return {**RATES_HZ, **camera_hz, **way_of(scenario).rates_hz}
+
+
+def camera_reports_of(scenario: Scenario, vehicle: str) -> CameraReports | None:
+    """Return the reports of a vehicle's camera in a scenario with sensors; otherwise None."""
+    return CameraReports(vehicle) if scenario.estimate.sensors else None
 
 
 def dropper_of(scenario: Scenario) -> Dropper | None:
@@ -135,17 +149,19 @@ class Gateway:
         clock: MissionClock,
         dropper: Dropper | None = None,
         return_height_m: float | None = None,
+        camera: CameraReports | None = None,
     ) -> None:
         """Join vehicle and client; without a ``dropper``, every drop is refused.
 
         The return height (``return_height_m`` above home) is set on the vehicle when it is
-        connected.
+        connected. Without ``camera``, the reports of cameras are not used.
         """
         self.name = name
         self.client = client
         self._clock = clock
         self._dropper = dropper
         self._return_height_m = return_height_m
+        self._camera = camera
         self._drops: dict[int, Drop] = {}  # unfinished drops by the number that the client assigned
         self._queued: deque[VehicleEvent] = deque()  # events that the gateway itself creates
         self._battery_pct: dict[int, float] = {}
@@ -263,6 +279,8 @@ class Gateway:
                     event.velocity_east_m_s,
                     event.heading_deg,
                 )
+            case bridge.Attitude() | ImageCaptured() | GimbalAttitude() | FieldOfView():
+                return None if self._camera is None else self._seen(self._camera, event, link_us)
             case bridge.Connected():
                 if self._return_height_m is not None:
                     self.client.command("return height", link_us, self._return_height_m)
@@ -281,6 +299,31 @@ class Gateway:
             case _:
                 translation = self._TRANSLATIONS.get(type(event))
                 return None if translation is None else translation(self, event, now_us)
+
+    def _seen(
+        self, camera: CameraReports, event: bridge.Attitude | CameraEvent, link_us: int
+    ) -> VehicleEvent | None:
+        """Return the event of a camera's report or of the airframe's attitude."""
+        now_us = self._clock.now_us
+        match event:
+            case bridge.Attitude():
+                return camera.on_attitude(event, self._mission_us(event.boot_us, link_us))
+            case ImageCaptured():
+                return camera.on_image(event, self._image_us(event.boot_us))
+            case FieldOfView():
+                return camera.on_field_of_view(event, now_us)
+            case GimbalAttitude():
+                camera.on_gimbal(event)
+        return None
+
+    def _image_us(self, boot_us: int | None) -> int:
+        """Return the mission time of an image; an implausible time has no effect on the clock."""
+        now_us = self._clock.now_us
+        ahead_us = self._offset_us if self._clock.ahead_us is None else self._clock.ahead_us
+        if boot_us is None or ahead_us is None or self._clock.wall:
+            return now_us
+        at_us = boot_us + ahead_us
+        return at_us if 0 <= now_us - at_us < MAX_IMAGE_DELAY_US else now_us
 
     def _link_alarm(self, event: bridge.LinkAlarm | bridge.AlarmEnded, now_us: int) -> None:
         words = "" if isinstance(event, bridge.AlarmEnded) else str(event)

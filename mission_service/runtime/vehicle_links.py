@@ -24,7 +24,13 @@ from mission_service.config.sections import VehicleSection
 from mission_service.config.shared_links import sharing
 from mission_service.fire.scenario_fire import weather_of
 from mission_service.guidance.registry import way_of
-from mission_service.runtime.gateway import Gateway, MissionClock, dropper_of, rates_hz
+from mission_service.runtime.gateway import (
+    Gateway,
+    MissionClock,
+    camera_reports_of,
+    dropper_of,
+    rates_hz,
+)
 from mission_service.runtime.link_signing import SigningRefusals, refusal, signings
 
 REPORT_SILENCE_AFTER_US = 4_000_000
@@ -113,6 +119,7 @@ async def open_links(
                 clock,
                 dropper_of(scenario),
                 way_of(scenario).return_height_m(scenario, landscape),
+                camera_reports_of(scenario, section.name),
             )
             refusals = SigningRefusals(section.link, section.system_id, signing)
             links[section.name] = Link(section, gateway, connection, refusals)

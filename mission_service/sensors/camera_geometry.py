@@ -7,6 +7,8 @@ import numpy as np
 
 from firemodel.arrays import Floats
 
+Angles = tuple[float, float, float]  # yaw, pitch, roll in degrees
+VERTICAL = 1e-3  # horizontal part of a line of sight that counts as vertical
 UNDISTORTION_STEPS, UNDISTORTED = 50, 1e-7  # at most; a change below a thousandth of a pixel
 
 
@@ -100,6 +102,30 @@ def axes_of(pose: CameraPose) -> Floats:
     up = np.cross(level, forward)
     right = math.cos(roll) * level - math.sin(roll) * up
     return np.array([right, np.cross(right, forward), forward])
+
+
+def tilted(angles: Angles, pitch_deg: float) -> Angles:
+    """Return the direction of a camera that is fixed to an airframe with a pitch.
+
+    Args:
+        angles: Yaw, pitch and roll of the airframe in degrees, with the signs of ``CameraPose``.
+        pitch_deg: Pitch of the camera relative to the airframe, e.g. -90 for straight down.
+
+    Returns:
+        Yaw, pitch and roll of the camera in degrees; the roll of a vertical line of sight is 0.
+    """
+    right, up, forward = axes_of(CameraPose(0.0, 0.0, 0.0, *angles))
+    pitch = math.radians(pitch_deg)
+    sight = math.cos(pitch) * forward + math.sin(pitch) * up
+    above = math.cos(pitch) * up - math.sin(pitch) * forward
+    elevation = math.asin(max(-1.0, min(1.0, float(sight[2]))))
+    if math.hypot(sight[0], sight[1]) < VERTICAL:
+        east, north = above[:2] if elevation < 0.0 else -above[:2]
+        return math.degrees(math.atan2(east, north)) % 360.0, math.degrees(elevation), 0.0
+    yaw = math.atan2(sight[0], sight[1])
+    level = np.array([math.cos(yaw), -math.sin(yaw), 0.0])
+    roll = math.atan2(-float(right @ np.cross(level, sight)), float(right @ level))
+    return math.degrees(yaw) % 360.0, math.degrees(elevation), math.degrees(roll)
 
 
 def lines_of_sight(lens: Lens, pose: CameraPose, col: Floats, row: Floats) -> Floats:

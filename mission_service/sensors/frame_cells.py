@@ -94,7 +94,8 @@ def _cells_of(
         focal_px = focal_px_of(settings.field_of_view_deg, width)
     if focal_px is None:
         raise FireModelError(
-            "the file has no focal length; give estimate.thermal_frames.field_of_view_deg"
+            "neither the file nor the vehicle reports the focal length; give "
+            "estimate.thermal_frames.field_of_view_deg"
         )
     lens = Lens(width, height, focal_px, settings.distortion)
     pose = _pose_of(image, landscape)
@@ -114,9 +115,9 @@ def _cells_of(
         shown = np.flatnonzero(seen)
     chosen = shown[:: max(1, shown.size // ERRORS_OF)]
     errors = PoseErrors(
-        settings.position_sd_m,
+        math.hypot(settings.position_sd_m, image.position_sd_m),
         settings.altitude_sd_m,
-        settings.direction_sd_deg,
+        math.hypot(settings.direction_sd_deg, image.direction_sd_deg),
         settings.elevation_sd_m,
     )
     spread = covariances(landscape, lens, pose, errors, col[chosen], row[chosen])

@@ -3,22 +3,25 @@
 Files are TIFF with temperatures in °C (32-bit floats) or counts of a radiometric camera (16 bits),
 or TIFF, JPEG and PNG with grey levels (8 bits). Positions and times are read from EXIF, and the
 direction of the camera from the XMP keys ``GimbalYawDegree``, ``GimbalPitchDegree`` and
-``GimbalRollDegree`` of DJI. The temperatures inside radiometric JPEGs (R-JPEG) are in formats of
+``GimbalRollDegree`` of DJI. A part that a file does not contain comes from the telemetry of the
+vehicles, if it is given. The temperatures inside radiometric JPEGs (R-JPEG) are in formats of
 their makers and are not read; such a file is an image of grey levels.
 """
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mission_service.errors import MissionServiceError
+from mission_service.sensors.camera_geometry import focal_px_of
+from mission_service.sensors.telemetry_poses import PoseUnknownError, TelemetryPose
 
 if TYPE_CHECKING:
     from PIL.Image import Exif, Image
@@ -37,7 +40,11 @@ GREY_MODES = ("1", "L", "LA")
 MAX_COLOUR = 16.0  # mean difference between the largest and the smallest colour of a grey pixel
 GPS_LAT_REF, GPS_LAT, GPS_LON_REF, GPS_LON, GPS_BELOW_SEA, GPS_ALTITUDE = range(1, 7)
 GPS_TIME, GPS_DATE = 7, 29
+NO_POSITION = "EXIF has no GPS latitude, longitude and altitude"
 FILM_DIAGONAL_MM = math.hypot(36.0, 24.0)
+Position = tuple[float, float, float]  # latitude, longitude, altitude above mean sea level
+Direction = tuple[float, float, float]  # yaw, pitch, roll in degrees
+PoseOf = Callable[[str, datetime | None], TelemetryPose]  # of a file's name and its time, if known
 DIRECTIONS = ("GimbalYawDegree", "GimbalPitchDegree", "GimbalRollDegree")
 
 
@@ -45,8 +52,20 @@ class ThermalImageError(MissionServiceError):
     """A file that is not a usable thermal image; the message names the file and the reason."""
 
 
+class _MissingError(ThermalImageError):
+    """A part of the metadata that the file does not contain."""
+
+
+class NoPoseError(ThermalImageError):
+    """A file without its pose; the telemetry, which may arrive later, does not contain it."""
+
+
 class ThermalImage(NamedTuple):
-    """A thermal image with the time and the pose of its camera."""
+    """A thermal image with the time and the pose of its camera.
+
+    ``position_sd_m`` and ``direction_sd_deg`` are errors of a pose from telemetry that are caused
+    by its time; a pose in the file has none.
+    """
 
     name: str
     values: NDArray[np.float32]  # (y, x) °C, counts or grey levels
@@ -58,11 +77,17 @@ class ThermalImage(NamedTuple):
     yaw_deg: float  # clockwise from true north
     pitch_deg: float  # -90: straight down
     roll_deg: float
-    focal_px: float | None  # None if the file does not contain it
+    focal_px: float | None  # None if it is unknown
+    position_sd_m: float = 0.0
+    direction_sd_deg: float = 0.0
 
 
-def read_thermal_image(path: Path) -> ThermalImage:
-    """Read a thermal image. Raises ThermalImageError for a file that is not usable."""
+def read_thermal_image(path: Path, pose_of: PoseOf | None = None) -> ThermalImage:
+    """Read a thermal image; ``pose_of`` returns the parts of its pose that the file lacks.
+
+    Raises ThermalImageError for a file that is not usable, and NoPoseError if ``pose_of`` does not
+    have the missing parts.
+    """
     from PIL import Image, UnidentifiedImageError
 
     try:
@@ -76,7 +101,7 @@ def read_thermal_image(path: Path) -> ThermalImage:
         with Image.open(path, formats=("TIFF", "JPEG", "PNG")) as image:
             if image.width * image.height > MAX_PIXELS:
                 raise ThermalImageError(f"{path}: {image.width} x {image.height} pixels; too many")
-            return _image_of(path, image)
+            return _image_of(path, image, pose_of)
     except (ThermalImageError, MemoryError):
         raise
     except UnidentifiedImageError:
@@ -93,7 +118,7 @@ def _in_words(error: Exception) -> str:
     return " ".join(str(words).split())[:MAX_MESSAGE]
 
 
-def _image_of(path: Path, image: "Image") -> ThermalImage:
+def _image_of(path: Path, image: "Image", pose_of: PoseOf | None) -> ThermalImage:
     exif = image.getexif()
     gps, camera = exif.get_ifd(GPS_IFD), exif.get_ifd(EXIF_IFD)
     xmp = _xmp_keys(_xmp_of(image, exif))
@@ -105,14 +130,59 @@ def _image_of(path: Path, image: "Image") -> ThermalImage:
             f"{path}: EXIF orientation is {orientation}; store images as the camera sees them (1)"
         )
     values, kind = _values(path, image)
-    lat_deg, lon_deg, altitude_m = _position(path, gps)
-    yaw, pitch, roll = _direction(path, xmp)
-    taken = _taken(path, gps, camera)
+    missing: list[ThermalImageError] = []
+    position = _found(missing, lambda: _position(path, gps))
+    direction = _found(missing, lambda: _direction(path, xmp))
+    taken = _found(missing, lambda: _taken(path, gps, camera))
     focal_px = _focal_px(image, camera, xmp)
+    position_sd_m = direction_sd_deg = 0.0
+    if missing:
+        pose = _from_telemetry(path, pose_of, taken, missing[0])
+        if position is None:
+            position = (pose.lat_deg, pose.lon_deg, pose.altitude_amsl_m)
+            position_sd_m = pose.position_sd_m
+        if direction is None:
+            direction, direction_sd_deg = pose.direction, pose.direction_sd_deg
+        taken = pose.taken
+        if focal_px is None and pose.field_of_view_deg is not None:
+            focal_px = focal_px_of(pose.field_of_view_deg, image.width)
+    assert position is not None
+    assert direction is not None
+    assert taken is not None
     return ThermalImage(
         path.name,
-        *(values, kind, taken, lat_deg, lon_deg, altitude_m, yaw, pitch, roll, focal_px),
+        values,
+        kind,
+        taken,
+        *position,
+        *direction,
+        focal_px,
+        position_sd_m,
+        direction_sd_deg,
     )
+
+
+Part = TypeVar("Part")
+
+
+def _found(missing: list[ThermalImageError], read: Callable[[], Part]) -> Part | None:
+    """Return a part of the metadata; if the file does not contain it, add the error."""
+    try:
+        return read()
+    except _MissingError as error:
+        missing.append(error)
+        return None
+
+
+def _from_telemetry(
+    path: Path, pose_of: PoseOf | None, taken: datetime | None, error: ThermalImageError
+) -> TelemetryPose:
+    if pose_of is None:
+        raise error
+    try:
+        return pose_of(path.name, taken)
+    except PoseUnknownError as reason:
+        raise NoPoseError(f"{error}; telemetry: {reason}") from None
 
 
 def _values(path: Path, image: "Image") -> tuple[NDArray[np.float32], str]:
@@ -139,7 +209,9 @@ def _refuse_colours(path: Path, image: "Image") -> None:
         )
 
 
-def _position(path: Path, gps: Mapping[int, Any]) -> tuple[float, float, float]:
+def _position(path: Path, gps: Mapping[int, Any]) -> Position:
+    if GPS_LAT not in gps and GPS_LON not in gps:
+        raise _MissingError(f"{path}: {NO_POSITION}")
     try:
         lat_deg, lon_deg = (
             _degrees(gps[place]) * HEMISPHERES[_text(gps[ref])[:1].upper()]
@@ -148,9 +220,7 @@ def _position(path: Path, gps: Mapping[int, Any]) -> tuple[float, float, float]:
         altitude_m = float(gps[GPS_ALTITUDE])
         below = gps.get(GPS_BELOW_SEA, 0) in BELOW_SEA
     except (KeyError, TypeError, ValueError, ZeroDivisionError):
-        raise ThermalImageError(
-            f"{path}: EXIF has no GPS latitude, longitude and altitude"
-        ) from None
+        raise ThermalImageError(f"{path}: {NO_POSITION}") from None
     if not (abs(lat_deg) <= 90.0 and abs(lon_deg) <= 180.0 and abs(altitude_m) < 20_000.0):
         raise ThermalImageError(
             f"{path}: the GPS position in EXIF is {lat_deg}, {lon_deg}, {altitude_m} m"
@@ -178,7 +248,7 @@ def _taken(path: Path, gps: Mapping[int, Any], camera: Mapping[int, Any]) -> dat
     with suppress(KeyError, TypeError, ValueError):
         text = f"{_text(camera[TAKEN])} {_text(camera[OFFSET])}"
         return datetime.strptime(text, "%Y:%m:%d %H:%M:%S %z").astimezone(UTC)
-    raise ThermalImageError(
+    raise _MissingError(
         f"{path}: EXIF has neither GPS date and time nor DateTimeOriginal with OffsetTimeOriginal"
     )
 
@@ -205,9 +275,9 @@ def _xmp_keys(data: bytes) -> dict[str, str]:
     return found
 
 
-def _direction(path: Path, xmp: Mapping[str, str]) -> tuple[float, float, float]:
+def _direction(path: Path, xmp: Mapping[str, str]) -> Direction:
     if missing := [key for key in DIRECTIONS if not xmp.get(key)]:
-        raise ThermalImageError(f"{path}: XMP has no {', '.join(missing)}")
+        raise _MissingError(f"{path}: XMP has no {', '.join(missing)}")
     try:
         yaw, pitch, roll = (float(xmp[key]) for key in DIRECTIONS)
     except ValueError as error:

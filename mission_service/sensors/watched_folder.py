@@ -23,7 +23,13 @@ LOOK_EVERY_S = 0.25
 MAX_SHARE = 0.05  # of the thread's time, for listing a folder of many files
 MAX_AT_ONCE = 100  # files; of more files that are new at once, only the newest are used
 
+RETRIED_FOR_S = 3.0  # for a file whose use requires data that arrive later
+
 Change = tuple[int, int]  # time of the last change in ns, and size in bytes
+
+
+class IncompleteError(MissionServiceError):
+    """A file whose use requires data that may arrive later; the message is what is missing."""
 
 
 class WatchedFolder(ABC):
@@ -52,13 +58,17 @@ class WatchedFolder(ABC):
         self._read: dict[str, Change] = {}
         self.used_parts: frozenset[str] = frozenset()  # before a restart; see ``sensor_files``
         self._used_files: frozenset[str] = frozenset()
+        self._incomplete_since: dict[str, datetime] = {}
         self._listing_s = 0.0  # time that the last listing of the folder took
         self._error: Exception | None = None
         self._thread: threading.Thread | None = None
 
     @abstractmethod
     def use_file(self, path: Path, now: datetime) -> None:
-        """Read a new file; in the thread. An exception is the reason why it is not used."""
+        """Read a new file; in the thread. An exception is the reason why it is not used.
+
+        After an IncompleteError the file is read again, for up to ``RETRIED_FOR_S``.
+        """
 
     def skip(self, names: frozenset[str]) -> None:
         """Set the names of the events that the run has made from files before a restart."""
@@ -121,10 +131,17 @@ class WatchedFolder(ABC):
         self._problems.pop(name, None)
         try:
             self.use_file(self._folder / name, now)
+        except IncompleteError as error:
+            since = self._incomplete_since.setdefault(name, now)
+            if (now - since).total_seconds() < RETRIED_FOR_S:
+                self._growing[name] = self._read.pop(name)
+                return
+            self.refuse(name, str(error))
         except (MissionServiceError, FireModelError) as error:
             self.refuse(name, str(error))
         except Exception as error:  # one file must not end the watch
             self.refuse(name, f"{name}: {type(error).__name__}: {error}")
+        self._incomplete_since.pop(name, None)
 
     def _watch(self) -> None:
         try:

@@ -7,11 +7,13 @@ import signal
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from typing import Any
 
 from autopilot_bridge.links.link_address import LinkAddress, other_end, parse_link
 from autopilot_bridge.links.signing import Key, Signing, Timestamps, read_key
 from autopilot_bridge.mock.autopilot import MockAutopilot
+from autopilot_bridge.mock.camera import Shot
 from autopilot_bridge.mock.fault_injection import FaultyMock
 from autopilot_bridge.mock.fault_kinds import parse_faults
 from autopilot_bridge.mock.kinematics import CALM, Wind
@@ -19,12 +21,14 @@ from autopilot_bridge.mock.local_frame import LocalFrame
 from autopilot_bridge.mock.serving import MockGroup, serve
 from autopilot_bridge.stacks.stacks import stack_named
 from firemodel.landscape.landscape import Landscape
-from mission_service.config.scenario import flying, load_scenario
+from mission_service.config.scenario import Scenario, flying, load_scenario
 from mission_service.config.sections import VehicleSection
 from mission_service.errors import MissionServiceError
 from mission_service.fire.scenario_fire import landscape_of
+from mission_service.fire.simulated_fire import simulated_fire_of
 from mission_service.runtime.clocks import clock_us, wall_us
 from mission_service.simulation.demo import vehicle_of
+from mission_service.simulation.image_writer import ImageWriter
 from mission_service.simulation.sim import mock_of
 
 FARTHER_DEG = 0.001  # longitude between the homes of two successive mocks
@@ -158,7 +162,7 @@ def from_scenario(
         sections = [vehicle_of(scenario, vehicle)]
     return [
         MocksOnLink(
-            _of_section(section, landscape, around),
+            _of_section(section, scenario, landscape, around),
             link or other_end(section.link),
             section.signing_key,
         )
@@ -167,13 +171,21 @@ def from_scenario(
 
 
 def _of_section(
-    section: VehicleSection, landscape: Landscape, around: MockEnvironment
+    section: VehicleSection, scenario: Scenario, landscape: Landscape, around: MockEnvironment
 ) -> MockGroup:
     plain = mock_of(section, landscape)
     frame = plain.flight.frame
     home = (frame.lat_deg, frame.lon_deg, frame.altitude_m)
     mock = around.mock(section.stack, section.kind, section.system_id, home)
     mock.flight.change_cruise(section.airspeed_m_s)
+    if scenario.passes_image_files:
+        fire = simulated_fire_of(scenario, landscape)
+        assert fire is not None
+
+        def times_of(shot: Shot) -> tuple[int, datetime]:
+            return round(scenario.start_s * 1e6) + shot.boot_us, datetime.now(UTC)
+
+        mock.fit_camera(ImageWriter(scenario, section, fire, times_of).write)
     return around.fleet([mock])
 
 

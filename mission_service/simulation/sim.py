@@ -3,11 +3,13 @@
 import contextlib
 import heapq
 from collections.abc import Callable
+from datetime import datetime, timedelta
 from pathlib import Path
 
 from autopilot_bridge.clients.native import NativeClient
 from autopilot_bridge.links.memory_link import MemoryLink
 from autopilot_bridge.mock.autopilot import MockAutopilot
+from autopilot_bridge.mock.camera import Shot
 from autopilot_bridge.mock.kinematics import Wind
 from autopilot_bridge.mock.local_frame import LocalFrame
 from autopilot_bridge.stacks.stacks import stack_named
@@ -23,13 +25,29 @@ from mission_service.events import AnyOperatorEvent
 from mission_service.fire.run_estimate import RunEstimate
 from mission_service.fire.scenario_fire import home_of, landscape_of, warnings_on
 from mission_service.fire.simulated_cameras import cameras_of
-from mission_service.fire.simulated_fire import simulated_weather
+from mission_service.fire.simulated_fire import (
+    SimulatedFire,
+    simulated_fire_of,
+    simulated_weather,
+)
 from mission_service.guidance.registry import way_of
 from mission_service.journal.journal_file import Journal, header_of
 from mission_service.runtime.engine import Engine, Progress, unshown
-from mission_service.runtime.gateway import Gateway, MissionClock, dropper_of, rates_hz
+from mission_service.runtime.gateway import (
+    Gateway,
+    MissionClock,
+    camera_reports_of,
+    dropper_of,
+    rates_hz,
+)
 from mission_service.runtime.run_statistics import RunStatistics
 from mission_service.runtime.state_view import StateView
+from mission_service.simulation.image_writer import (
+    SIMULATED_ZERO,
+    ImageWriter,
+    check_is_empty,
+    folder_of,
+)
 
 PROGRESS_EVERY_US = 60_000_000
 
@@ -77,6 +95,7 @@ class SimulatedVehicle:
             clock,
             dropper_of(scenario),
             way_of(scenario).return_height_m(scenario, landscape),
+            camera_reports_of(scenario, section.name),
         )
         self._mock_due_us = 0
         self._up = memory_link(scenario.link, seed)
@@ -150,10 +169,28 @@ class Simulation:
         self.service = Engine(
             scenario, self.core, self.cameras, self.estimate, journal, state_view, gateways
         )
+        self.true_fire = None if self.cameras is None else self.cameras.fire
+        if scenario.passes_image_files:
+            self.true_fire = self._fit_cameras(scenario, landscape)
         self._crew = crew
         self._progress = progress
         self._report_us = self.clock.now_us
         self._heap = [(0, index) for index in range(len(self.rigs))]
+
+    def _fit_cameras(self, scenario: Scenario, landscape: Landscape) -> SimulatedFire | None:
+        """Give the vehicles cameras that write files, and return the fire that they show."""
+        fire = simulated_fire_of(scenario, landscape)
+        assert fire is not None
+        check_is_empty(folder_of(scenario))
+
+        def times_of(shot: Shot) -> tuple[int, datetime]:
+            at_us = self.clock.now_us
+            return at_us, SIMULATED_ZERO + timedelta(microseconds=at_us)
+
+        for rig, section in zip(self.rigs, scenario.flown, strict=True):
+            rig.mock.fit_camera(ImageWriter(scenario, section, fire, times_of).write)
+        self.service.sensors.use_mission_time(SIMULATED_ZERO)
+        return fire
 
     def run_until(self, until_s: float) -> None:
         """Run until mission time ``until_s``."""

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from benchmarks.thermal_frames import LENS, rendered, write_frame
 from firemodel.landscape.landscape import Landscape
 from firemodel.spread.fire_scheme import Fire
 from mission_service.cli.main import main
@@ -26,6 +25,7 @@ from mission_service.runtime.published_states import TelemetryState
 from mission_service.sensors import frame_folder
 from mission_service.sensors.camera_geometry import CameraPose
 from mission_service.sensors.frame_folder import FrameFolder
+from mission_service.simulation.thermal_images import LENS, rendered, write_frame
 from tests.api.worlds import World, world_in
 from tests.patience import wait_until
 
@@ -271,7 +271,7 @@ def test_images_that_are_dropped_or_from_before_the_run_are_named(
 def test_an_unexpected_error_of_one_file_is_named(
     frames: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def fail(path: Path) -> None:
+    def fail(path: Path, pose_of: object) -> None:
         raise MemoryError
 
     monkeypatch.setattr(frame_folder, "read_thermal_image", fail)

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from benchmarks.thermal_frames import LENS, georeferenced, pose_above, steep_landscape
+from benchmarks.thermal_frames import georeferenced, pose_above, steep_landscape
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
 from mission_service.sensors.camera_geometry import (
@@ -17,6 +17,7 @@ from mission_service.sensors.camera_geometry import (
     undistorted,
 )
 from mission_service.sensors.ground_points import covariances, ellipse_of, ground_points
+from mission_service.simulation.thermal_images import LENS
 
 MIDDLE = (np.array([319.5]), np.array([255.5]))
 STRAIGHT = Lens(640, 512, focal_px_of(45.0, 640))

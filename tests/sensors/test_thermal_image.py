@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
-from benchmarks.thermal_frames import LENS, pose_above, rendered, steep_landscape, write_frame
+from benchmarks.thermal_frames import pose_above, steep_landscape
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.fire_sections import ThermalFramesSection
@@ -25,6 +25,7 @@ from mission_service.sensors.thermal_image import (
     ThermalImageError,
     read_thermal_image,
 )
+from mission_service.simulation.thermal_images import LENS, rendered, write_frame
 
 TAKEN = datetime(2026, 7, 4, 13, 5, 6, 250_000, tzinfo=UTC)
 AT_S = 3600.0

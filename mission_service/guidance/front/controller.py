@@ -72,9 +72,11 @@ class FrontFlight(Guidance):
         )
 
     def on_vehicle(self, vehicle: Vehicle, event: VehicleEvent) -> list[AnyCommand]:
-        """Record a correction of the fire, after which missions may be renewed."""
+        """Record a correction, or a sensor's observation; missions may then be renewed."""
         if isinstance(event, Observed) and event.corrects:
             self._renewal.corrected(vehicle, event.at_us / 1e6)
+        elif isinstance(event, Observed) and event.source:
+            self._renewal.observed(vehicle, event.at_us / 1e6)
         return []
 
     def on_operator(self, event: AnyOperatorEvent) -> list[AnyCommand]:

@@ -34,6 +34,10 @@ class Renewal:
         self._corrected.add(vehicle.name)
         vehicle.not_before_s = min(vehicle.not_before_s, at_s)
 
+    def observed(self, vehicle: Vehicle, at_s: float) -> None:
+        """Request an immediate check of the mission after a sensor has observed the fire."""
+        vehicle.not_before_s = min(vehicle.not_before_s, at_s)
+
     def to_be_checked(self, vehicle: Vehicle, fix: PositionFix) -> bool:
         """Return whether to check the mission now; not for use during an upload or a takeoff."""
         if vehicle.due != CLOSE_BELOW and self._traffic.comes_too_low(vehicle.name):

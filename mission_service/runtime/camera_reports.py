@@ -1,0 +1,108 @@
+"""Converts reports of cameras and gimbals to events for the sensors. Pure.
+
+Only runs with sensors have these events. The direction of the camera is computed at each ATTITUDE
+of the vehicle, and reported if it has changed by ``CHANGED_DEG`` or after ``EVERY_US``. The error
+of a direction between two reports is therefore at most ``CHANGED_DEG``.
+"""
+
+from autopilot_bridge.vehicle import camera_telemetry as camera
+from autopilot_bridge.vehicle.client_events import Attitude
+from mission_service.events import CameraDirection, CameraFieldOfView, ImageCaptured
+
+CHANGED_DEG, EVERY_US = 0.5, 1_000_000
+MIN_INTERVAL_US = 200_000
+GIMBAL_LASTS_US = 1_000_000  # PX4 also uses the report of a gimbal for one second
+FIELD_OF_VIEW_CHANGED_DEG = 0.05
+
+Angles = tuple[float, float, float]
+
+
+class CameraReports:
+    """The camera of one vehicle; the link's clock gives the age of a gimbal's report."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+        self._gimbal: camera.GimbalAttitude | None = None
+        self._heading_deg: float | None = None
+        self._reported: CameraDirection | None = None
+        self._field_of_view_deg: float | None = None
+
+    def on_gimbal(self, event: camera.GimbalAttitude) -> None:
+        """Store the direction of the gimbal, which the next ATTITUDE or image uses."""
+        self._gimbal = event
+
+    def on_attitude(self, event: Attitude, mission_us: int) -> CameraDirection | None:
+        """Return the direction of the camera at a mission time if it is due, or None."""
+        self._heading_deg = event.yaw_deg
+        airframe = (event.yaw_deg, event.pitch_deg, event.roll_deg)
+        gimbal = self._gimbal_angles(event.at_us)
+        angles = airframe if gimbal is None else gimbal
+        now = CameraDirection(mission_us, self._name, *_rounded(angles), gimbal is not None)
+        if self._reported is not None and not _differs(self._reported, now):
+            return None
+        self._reported = now
+        return now
+
+    def on_image(self, event: camera.ImageCaptured, mission_us: int) -> ImageCaptured:
+        """Return the image with the direction of the camera, as far as it is known.
+
+        An autopilot reports its own attitude, or on PX4 that of its gimbal. A report of a gimbal is
+        therefore used instead.
+        """
+        angles, gimbal = event.angles, not event.of_vehicle
+        if event.of_vehicle and (found := self._gimbal_angles(event.at_us)) is not None:
+            angles, gimbal = found, True
+        return ImageCaptured(
+            mission_us,
+            self._name,
+            event.lat_deg,
+            event.lon_deg,
+            round(event.altitude_amsl_m, 2),
+            None if angles is None else _rounded(angles),
+            gimbal,
+            event.image_index,
+            event.file_name,
+            event.taken_utc_us,
+        )
+
+    def on_field_of_view(
+        self, event: camera.FieldOfView, mission_us: int
+    ) -> CameraFieldOfView | None:
+        """Return the field of view if it has changed, or None."""
+        before, now_deg = self._field_of_view_deg, round(event.horizontal_deg, 2)
+        if before is not None and abs(now_deg - before) < FIELD_OF_VIEW_CHANGED_DEG:
+            return None
+        self._field_of_view_deg = now_deg
+        return CameraFieldOfView(mission_us, self._name, now_deg)
+
+    def _gimbal_angles(self, now_us: int) -> Angles | None:
+        """Return the direction of the gimbal with its yaw from north, or None if it is unknown."""
+        gimbal = self._gimbal
+        if gimbal is None or now_us - gimbal.at_us > GIMBAL_LASTS_US:
+            return None
+        yaw_deg, pitch_deg, roll_deg = gimbal.angles
+        if not gimbal.from_north:
+            if self._heading_deg is None:
+                return None
+            yaw_deg += self._heading_deg
+        return yaw_deg, pitch_deg, roll_deg
+
+
+def _differs(before: CameraDirection, now: CameraDirection) -> bool:
+    """Return whether a direction is to be reported."""
+    passed_us = now.at_us - before.at_us
+    if not 0 <= passed_us < EVERY_US or now.gimbal != before.gimbal:
+        return True
+    if passed_us < MIN_INTERVAL_US:
+        return False
+    pairs = (
+        (before.yaw_deg, now.yaw_deg),
+        (before.pitch_deg, now.pitch_deg),
+        (before.roll_deg, now.roll_deg),
+    )
+    return any(abs((b - a + 180.0) % 360.0 - 180.0) >= CHANGED_DEG for a, b in pairs)
+
+
+def _rounded(angles: Angles) -> Angles:
+    yaw_deg, pitch_deg, roll_deg = angles
+    return round(yaw_deg % 360.0, 2), round(pitch_deg, 2), round(roll_deg, 2)
