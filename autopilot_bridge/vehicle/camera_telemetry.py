@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.links.codec import Message
-from autopilot_bridge.links.message_bounds import out_of_bounds
+from autopilot_bridge.links.field_limits import out_of_bounds
 
 YAW_FROM_NORTH = (
     mavlink.GIMBAL_DEVICE_FLAGS_YAW_LOCK | mavlink.GIMBAL_DEVICE_FLAGS_YAW_IN_EARTH_FRAME
