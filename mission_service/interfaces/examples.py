@@ -23,6 +23,7 @@ from mission_service.runtime.published_states import (
     Mission,
     MissionState,
     OrbitState,
+    SourceState,
     TelemetryState,
     VehicleState,
 )
@@ -79,6 +80,21 @@ REPLAY = ReplayState(
     False,
     0,
 )
+SOURCE = SourceState(
+    AT_US,
+    "thermal_frames",
+    "sensor",
+    "late",
+    "no observation for more than 60 s; usually one each 2 s",
+    412,
+    0,
+    5310,
+    80_112,
+    AT_US - 84_000_000,
+    84.0,
+    2.0,
+    6.5,
+)
 STATUS = StatusState(AT_US, UNIX_US, "default", "islam_hu_damped", 7200.0, [], False)
 FIRE = {
     "schema": "fire/1",
@@ -112,6 +128,7 @@ STATE = FullState(
     LAND,
     "islam_hu_damped",
     PLANNER,
+    sources=[SOURCE],
 )
 FIGURES = Figures(6, 2980.0, 248.0, 118.0, 36.3524, -84.1588, 842.0, 3310.0, False, [])
 PREVIEW = Preview(AT_US, "hawk", HASH, (ITEM,), FIGURES, MissionDifference(2, 4, 3, 84.0))
@@ -119,6 +136,24 @@ IMPORTANCE = Importance(AT_US, "hawk", "islam_hu_damped", 81.2, 77.9, [(36.3512,
 AREA = {"type": "Polygon", "coordinates": [[[-84.16, 36.35], [-84.15, 36.35], [-84.15, 36.36]]]}
 FRONT = {"type": "Feature", "geometry": AREA, "properties": {"at_s": 3600.0, "in_s": 1770.0}}
 FRONTS = {"type": "FeatureCollection", "features": [FRONT]}
+FOOTPRINTS = {
+    "type": "FeatureCollection",
+    "features": [
+        {
+            "type": "Feature",
+            "geometry": AREA,
+            "properties": {
+                "number": 412,
+                "source": "thermal_frames",
+                "at_us": AT_US - 84_000_000,
+                "position_sd_m": 6.5,
+                "distrusted": False,
+                "state": None,
+                "part": "seen",
+            },
+        }
+    ],
+}
 TRACK = {
     "type": "Feature",
     "geometry": {"type": "LineString", "coordinates": [[-84.16, 36.35, 812.4]]},
@@ -128,6 +163,7 @@ OF: dict[type, msgspec.Struct] = {
     type(each): each
     for each in (
         *(TELEMETRY, VEHICLE, MISSION, ALARM, ANNOUNCEMENT, REPLAY, STATE, PREVIEW, IMPORTANCE),
+        SOURCE,
         ServiceStatus(AT_US, UNIX_US, True, "default", "islam_hu_damped", ("hawk",)),
         Alarms(AT_US, (ALARM,)),
         Reply("7f3a", "hold", AT_US, True, event="OrderGiven", messages=("hawk: holds",)),

@@ -197,7 +197,7 @@ class Engine:
         self.estimate.advance(at_us)
         texts = self.estimate.agreement.contradictions()
         self.state_view.show_alarms("camera", texts, "severe")
-        self.state_view.show_alarms("sensor", self.sensors.problems(), "severe")
+        self.state_view.show_sensors(self.sensors.problems(), self.sensors.failed)
         if windows := self.estimate.contradicted():
             for window in windows:
                 self._queue(window)

@@ -129,6 +129,33 @@ class Announcement(msgspec.Struct, tag="event/1", tag_field="schema"):
     text: str
 
 
+SourceKind = Literal["camera", "sensor", "detector", "person"]
+SourceStatus = Literal["waiting", "live", "late", "silent", "contradicts", "failed"]
+
+
+class SourceState(msgspec.Struct, tag="source/1", tag_field="schema"):
+    """The contribution of a source of observations, and whether it still sends observations.
+
+    A ``camera`` is that of a vehicle, a ``sensor`` is named in the scenario; a ``detector`` and a
+    ``person`` send reports. ``waiting`` means that nothing was received yet; docs/sensors.md states
+    when a source is late or silent.
+    """
+
+    at_us: int
+    source: str
+    kind: SourceKind
+    state: SourceStatus
+    problem: str  # why the source is not live, or what the sensor reports; may be empty
+    observations: int
+    not_used: int  # observations that contradicted other sources
+    burned_cells: int  # sum over all observations
+    unburned_cells: int
+    last_at_us: int | None  # time of the latest observation
+    age_s: float | None  # of the latest observation, at ``at_us``
+    usual_interval_s: float | None  # median interval between observations
+    position_sd_m: float | None  # standard deviation of the position of the last observation
+
+
 class DropState(msgspec.Struct, tag="drop/1", tag_field="schema"):
     """One sphere: its planned place and the status of its drop."""
 

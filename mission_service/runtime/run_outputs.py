@@ -50,6 +50,16 @@ def summary_of(scenario: Scenario, record: RunStatistics, fire: Fire) -> dict[st
         "burned_area_ha": fire.burned_ha,
         "telemetry": record.telemetry,
         "observations": record.observations,
+        "sources": {
+            name: {
+                "kind": each.kind,
+                "observations": each.observations,
+                "not_used": each.not_used,
+                "burned_cells": each.burned_cells,
+                "unburned_cells": each.unburned_cells,
+            }
+            for name, each in sorted(record.sources.contributions.items())
+        },
         "closest_pair_m": None if closest is None else round(closest.distance_m, 1),
         "separation_m": scenario.mission.separation_m,
         "requests": dict(sorted(record.requests.items())),

@@ -26,6 +26,7 @@ from mission_service.events import (
 )
 from mission_service.ground_distance import offset_m
 from mission_service.ignition_plan import IgnitionPlan
+from mission_service.runtime.observation_sources import ObservationSources
 from mission_service.runtime.published_states import DropState
 from mission_service.runtime.sortie import Sortie
 from mission_service.runtime.track import Track
@@ -70,11 +71,12 @@ class ClosestPair:
 class RunStatistics:
     """The figures of a run, computed from its events and commands."""
 
-    def __init__(self, names: tuple[str, ...], start_us: int) -> None:
+    def __init__(self, names: tuple[str, ...], start_us: int, sources: ObservationSources) -> None:
         self.vehicles = {name: VehicleStatistics() for name in names}
         self.at_us = start_us
         self.telemetry = 0
         self.observations = 0
+        self.sources = sources
         self.closest: ClosestPair | None = None
         self._in_air: dict[str, Telemetry] = {}
         self.requests: Counter[str] = Counter()  # requests of operators, by the event's name
@@ -84,6 +86,7 @@ class RunStatistics:
     def apply(self, event: AnyEvent, commands: list[AnyCommand]) -> None:
         """Process an event and its commands."""
         self.at_us = max(self.at_us, event.at_us)
+        self.sources.apply(event)
         if isinstance(event, Resumed):
             self.restarts += 1
         elif isinstance(event, FireReachedEdge):

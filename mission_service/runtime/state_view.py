@@ -7,7 +7,7 @@ their keys. The figures of the run (``statistics``) are part of it.
 """
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, ClassVar
 
 from firemodel.landscape.landscape import Landscape
@@ -62,10 +62,12 @@ from mission_service.fire.camera import camera_of
 from mission_service.ignition_plan import IgnitionPlan
 from mission_service.missions.mission_hash import mission_hash
 from mission_service.runtime.alarms.notices import Notices
+from mission_service.runtime.observation_sources import ObservationSources
 from mission_service.runtime.published_states import (
     Mission,
     MissionState,
     OrbitState,
+    SourceState,
     TelemetryState,
     VehicleState,
     item_state,
@@ -73,6 +75,7 @@ from mission_service.runtime.published_states import (
 from mission_service.runtime.run_statistics import RunStatistics
 
 FIRE_EVERY_US = 30_000_000
+SOURCES_EVERY_US = 5_000_000
 LOW_BATTERY_PCT, GOOD_BATTERY_PCT = 25.0, 30.0
 OF_FIRE = ("edge", "input")  # prefixes of the alarms about the fire, which a restart keeps
 # Prefixes of the alarms that follow from the flight; all others concern the service itself.
@@ -106,7 +109,9 @@ class StateView(Notices):
         self, scenario: Scenario, landscape: Landscape, at_us: int, warnings: Sequence[str] = ()
     ) -> None:
         """Begin at ``at_us`` with an alarm for each of the warnings about the scenario."""
-        super().__init__(at_us, RunStatistics(tuple(each.name for each in scenario.flown), at_us))
+        sources = ObservationSources(landscape, scenario.estimate.sensors, at_us)
+        names = tuple(each.name for each in scenario.flown)
+        super().__init__(at_us, RunStatistics(names, at_us, sources))
         self.vehicles = {
             section.name: VehicleState(
                 at_us,
@@ -133,7 +138,10 @@ class StateView(Notices):
             for section in scenario.flown
         }
         self._fire_shown_us = at_us
-        self._touch("status", "fire", "burn", "alarms", "announcements")
+        self._failed_sensors: tuple[str, ...] = ()
+        self._sources_due_us = at_us
+        self._sources_shown: tuple[tuple[str, str, str, int], ...] = ()
+        self._touch("status", "fire", "burn", "alarms", "announcements", "sources")
         for name in self.vehicles:
             self._touch(f"vehicle/{name}", f"mission/{name}")
         for number, line in enumerate(warnings, start=1):
@@ -156,6 +164,7 @@ class StateView(Notices):
             elif isinstance(command, Announce):
                 self.announce(command.vehicle, command.text, command.level)
         self._fire_grew()
+        self._check_sources()
 
     def show_unrecorded(self, fix: Telemetry) -> None:
         """Show a position that could not be journalled and is not used otherwise."""
@@ -167,6 +176,23 @@ class StateView(Notices):
         if self.at_us - self._fire_shown_us >= FIRE_EVERY_US:
             self._fire_shown_us = self.at_us
             self._touch("fire")
+
+    def _check_sources(self) -> None:
+        """Every few seconds, note whether a source has sent observations or changed its state."""
+        if self.at_us < self._sources_due_us:
+            return
+        self._sources_due_us = self.at_us + SOURCES_EVERY_US
+        shown = tuple(
+            (each.source, each.state, each.problem, each.observations) for each in self.sources()
+        )
+        if shown != self._sources_shown:
+            self._sources_shown = shown
+            self._touch("sources")
+
+    def show_sensors(self, problems: Mapping[str, str], failed: Iterable[str]) -> None:
+        """Raise an alarm for each sensor with a problem; the ``failed`` sensors are not used."""
+        self.show_alarms("sensor", problems, "severe")
+        self._failed_sensors = tuple(failed)
 
     def fire_changed(self) -> None:
         """Note that an operator has changed the fire."""
@@ -447,6 +473,18 @@ class StateView(Notices):
     }
 
     # Output -----------------------------------------------------------------------------------
+
+    def sources(self) -> list[SourceState]:
+        """Return the contribution and the state of each source of observations."""
+        problems, contradictions = self._alarms_of("sensor"), self._alarms_of("camera")
+        return self.statistics.sources.states(
+            self.at_us, problems, contradictions, self._failed_sensors
+        )
+
+    def _alarms_of(self, prefix: str) -> dict[str, str]:
+        """Return the texts of the alarms ``prefix/NAME`` by name."""
+        split = ((key.partition("/"), alarm.text) for key, alarm in self.alarms.items())
+        return {name: text for (kind, _, name), text in split if kind == prefix}
 
     def fire(self, area_ha: float, corrections: list[dict[str, Any]]) -> dict[str, Any]:
         """Return the figures of the fire; interfaces request its shape separately."""

@@ -16,7 +16,7 @@ pytestmark = pytest.mark.long  # a browser that draws without a graphics card
 SIZES = ((320, 568), (360, 640), (375, 667), (390, 844), (412, 915), (430, 932), (640, 360))
 WIDER = ((568, 320), (844, 390), (932, 430), (900, 600), (1180, 820))
 LONG_NAME = BURN.replace('name = "burn"', 'name = "north-western-slope-of-the-upper-valley"', 1)
-PANELS = ("Vehicles", "Burn", "Fire", "Planner", "Log")
+PANELS = ("Vehicles", "Burn", "Fire", "Sensors", "Planner", "Log")
 WHERE = """() => {
     const abort = document.getElementById("abort");
     const { left, top, right, bottom } = abort.getBoundingClientRect();

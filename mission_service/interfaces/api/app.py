@@ -28,6 +28,7 @@ from mission_service.interfaces.api import (
     planner_routes,
     replay_routes,
     request_routes,
+    source_routes,
     state_routes,
     vehicle_routes,
 )
@@ -41,6 +42,7 @@ from mission_service.runtime.play_head import ReplayState
 from mission_service.runtime.published_states import (
     Announcement,
     MissionState,
+    SourceState,
     TelemetryState,
     VehicleState,
 )
@@ -58,6 +60,7 @@ ANSWERS = (
     MissionState,
     Announcement,
     ReplayState,
+    SourceState,
     TelemetryState,
     VehicleState,
 )
@@ -95,6 +98,7 @@ def app_of(context: RunContext, tokens: Tokens, page: Path = PAGE) -> Applicatio
         vehicle_routes,
         mission_routes,
         fire_routes,
+        source_routes,
         planner_routes,
         burn_routes,
         request_routes,

@@ -57,6 +57,8 @@ class Frames:
                 return context.state_view.missions[name]
             case "fire":
                 return context.fire()
+            case "sources":
+                return context.state_view.sources()
             case "burn":
                 return context.burn()
             case "replay":

@@ -12,6 +12,7 @@ from mission_service.runtime.published_states import (
     Announcement,
     ItemState,
     MissionState,
+    SourceState,
     TelemetryState,
     VehicleState,
 )
@@ -81,6 +82,7 @@ class FullState(msgspec.Struct):
     rule: str
     planner: dict[str, Any]
     replay: ReplayState | None = None  # None: a live run
+    sources: list[SourceState] = []
 
 
 class MissionDifference(msgspec.Struct):

@@ -46,6 +46,7 @@ def add(routes: APIRouter, api: ApiContext) -> None:
                 context.scenario.planner.rule,
                 planner_of(context),
                 None if context.replay is None else context.replay(),
+                state_view.sources(),
             )
         )
 

@@ -30,6 +30,7 @@ from mission_service.guidance.registry import way_of
 from mission_service.journal.reader import JournalReader
 from mission_service.replay.distance_error import TrueShape
 from mission_service.replay.flights.journal_log import JournalLog
+from mission_service.runtime.observation_sources import ObservationSources
 from mission_service.runtime.run_statistics import RunStatistics
 from mission_service.runtime.state_view import edge_text
 
@@ -108,7 +109,8 @@ class _Analyser:
         self._core = recorded.core()
         self._cameras, self._estimate = recorded.cameras(), recorded.estimate()
         start_us = round(scenario.start_s * 1e6)
-        record = RunStatistics(tuple(each.name for each in scenario.vehicles), start_us)
+        sources = ObservationSources(landscape, scenario.estimate.sensors, start_us)
+        record = RunStatistics(tuple(each.name for each in scenario.vehicles), start_us, sources)
         self._analysis = FireAnalysis(scenario, landscape, record, log.open_loop)
         self._analysis.warnings += warnings_on(scenario, landscape)
         self._due_us = start_us

@@ -11,10 +11,12 @@ import { FIRE_GROUPS, fireLayers, followFire } from "./fire_layer.ts";
 import { extentOf, pointsOf } from "./geo.ts";
 import { listenForKeys, shortcut } from "./keys.ts";
 import { type Group, makeMap } from "./map.ts";
+import { followObservations, OBSERVATION_GROUPS, observationLayers } from "./observation_layer.ts";
 import { BurnPanel } from "./panels/burn.ts";
 import { FirePanel } from "./panels/fire.ts";
 import { logPanel } from "./panels/log.ts";
 import { PlannerPanel } from "./panels/planner.ts";
+import { SensorsPanel } from "./panels/sensors.ts";
 import { VehiclesPanel } from "./panels/vehicles.ts";
 import { Pens } from "./pens.ts";
 import { replayBar } from "./replay_bar.ts";
@@ -27,13 +29,13 @@ import { topBar } from "./top_bar.ts";
 import type { LonLat } from "./types.ts";
 import { fetchTracks, followVehicles, VEHICLE_GROUPS, vehicleLayers } from "./vehicles_layer.ts";
 
-const groups: Record<string, Group> = { ...FIRE_GROUPS, ...VEHICLE_GROUPS, ...BURN_GROUPS };
+const groups: Record<string, Group> = { ...FIRE_GROUPS, ...OBSERVATION_GROUPS, ...VEHICLE_GROUPS, ...BURN_GROUPS };
 const store = new Store();
 const TRACKS_AGAIN_MS = 10_000;
 const TRACKS_OF_REPLAY_MS = 2000; // a replay may run at a hundred times real time
 let map: MapView | null = null;
 let pens: Pens | null = null;
-let refreshFire: () => void = () => undefined;
+let refreshLayers: (() => void)[] = [];
 
 function toggle(name: string, shown: boolean): void {
   const group = groups[name]!;
@@ -41,7 +43,8 @@ function toggle(name: string, shown: boolean): void {
   for (const layer of group.layers) {
     if (map?.getLayer(layer)) map.setLayoutProperty(layer, "visibility", shown ? "visible" : "none");
   }
-  refreshFire();
+  for (const box of document.querySelectorAll<HTMLInputElement>(`[data-layers="${name}"]`)) box.checked = shown;
+  for (const refresh of refreshLayers) refresh();
 }
 
 const alarms = new Alarms(store);
@@ -54,6 +57,7 @@ side(store, [
   { key: "vehicles", label: "Vehicles", element: new VehiclesPanel(store).element, available: () => true },
   { key: "burn", label: "Burn", element: new BurnPanel(store).element, available: () => Boolean(store.state?.burn) },
   { key: "fire", label: "Fire", element: fire.element, available: () => true },
+  { key: "sensors", label: "Sensors", element: new SensorsPanel(store, groups, toggle).element, available: () => true },
   { key: "planner", label: "Planner", element: new PlannerPanel(store).element, available: () => true },
   { key: "log", label: "Log", element: logPanel(store), available: () => true },
 ]);
@@ -71,6 +75,7 @@ async function makeMapOnce(): Promise<void> {
   const { landscape } = store.state;
   const made = await makeMap(byId("map"), landscape, (await firstView()) ?? landscape.bounds, [
     fireLayers,
+    observationLayers,
     burnLayers,
     vehicleLayers,
   ]);
@@ -78,7 +83,11 @@ async function makeMapOnce(): Promise<void> {
   pens = new Pens(made, (stroke) => void toolbar.send(stroke), (text) => {
     byId("announcer").textContent = text;
   });
-  refreshFire = followFire(made, store, (group) => groups[group]?.shown ?? false, (scale) => fire.showScale(scale)).refresh;
+  const shown = (group: string): boolean => groups[group]?.shown ?? false;
+  refreshLayers = [
+    followFire(made, store, shown, (scale) => fire.showScale(scale)).refresh,
+    followObservations(made, store, shown),
+  ];
   followVehicles(made, store);
   followBurn(made, store);
   store.changed("all");

@@ -10,6 +10,7 @@ import type {
   MissionState,
   Announcement,
   Replay,
+  Source,
   State,
   Status,
   Telemetry,
@@ -24,6 +25,7 @@ export type Topic =
   | "telemetry"
   | "mission"
   | "fire"
+  | "sources" // of observations
   | "burn"
   | "alarms"
   | "announcements"
@@ -203,6 +205,9 @@ export class Store {
         break;
       case "fire":
         this.state.fire = part as Fire;
+        break;
+      case "sources":
+        this.state.sources = part as Source[];
         break;
       case "burn":
         this.state.burn = part as Burn | null;

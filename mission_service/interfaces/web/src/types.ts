@@ -109,6 +109,34 @@ export interface Fire {
   corrections: Correction[];
 }
 
+/** What a source of observations has contributed, and whether it still sends observations. */
+export interface Source {
+  at_us: number;
+  source: string;
+  kind: "camera" | "sensor" | "detector" | "person";
+  state: "waiting" | "live" | "late" | "silent" | "contradicts" | "failed";
+  problem: string; // why it is not live, or what the sensor reports
+  observations: number;
+  not_used: number;
+  burned_cells: number;
+  unburned_cells: number;
+  last_at_us: number | null;
+  age_s: number | null; // at the time of `at_us`
+  usual_interval_s: number | null;
+  position_sd_m: number | null;
+}
+
+/** Properties of an observation in GET /fire/observations. */
+export interface Observation {
+  number: number;
+  source: string;
+  at_us: number;
+  position_sd_m: number;
+  distrusted: boolean;
+  state: string | null; // of a report: burned, burning, unburned, hot, smoke
+  part: "seen" | "burned" | "reported";
+}
+
 export interface Correction {
   state: string;
   shape: string;
@@ -276,4 +304,5 @@ export interface State {
   rule: string;
   planner: Planner;
   replay: Replay | null; // null: a live run
+  sources: Source[];
 }

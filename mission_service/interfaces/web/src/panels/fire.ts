@@ -9,7 +9,7 @@ import type { Group } from "../map.ts";
 import type { Store } from "../store.ts";
 import { area, clock, compass, speed } from "../units.ts";
 import { type Wind, windDial } from "../wind_dial.ts";
-import { button, section } from "./parts.ts";
+import { button, layerBox, section, type Toggle } from "./parts.ts";
 
 interface Weather {
   weather: { wind_speed_m_s: number; wind_from_deg: number };
@@ -41,21 +41,9 @@ export class FirePanel {
   constructor(
     private readonly store: Store,
     groups: Record<string, Group>,
-    toggle: (group: string, shown: boolean) => void,
+    toggle: Toggle,
   ) {
-    const boxes = Object.entries(groups).map(([key, { label, shown }]) =>
-      h(
-        "label",
-        { class: "check", "data-group": key },
-        h("input", {
-          type: "checkbox",
-          checked: shown,
-          id: `show-${key}`,
-          onchange: (event: Event) => toggle(key, (event.target as HTMLInputElement).checked),
-        }),
-        label,
-      ),
-    );
+    const boxes = Object.entries(groups).map(([key, group]) => layerBox(key, group, toggle, `show-${key}`));
     for (const input of [this.from, this.speed]) input.addEventListener("input", () => this.readFields());
     this.file.addEventListener("change", () => void this.upload(this.file.files?.[0]));
     this.element.append(

@@ -1,9 +1,19 @@
 // Elements that all panels use.
 
 import { h } from "../dom.ts";
+import type { Group } from "../map.ts";
+
+export type Toggle = (group: string, shown: boolean) => void;
 
 export function button(label: string, act: () => void, title = "", kind = ""): HTMLButtonElement {
   return h("button", { type: "button", onclick: act, title, class: kind }, label);
+}
+
+/** A checkbox that shows and hides a group of layers; `toggle` sets all checkboxes of the group. */
+export function layerBox(key: string, { label, shown }: Group, toggle: Toggle, id: string): HTMLElement {
+  const change = (event: Event): void => toggle(key, (event.target as HTMLInputElement).checked);
+  const box = h("input", { type: "checkbox", checked: shown, id, "data-layers": key, onchange: change });
+  return h("label", { class: "check", "data-group": key }, box, label);
 }
 
 /** A list of names and values, without the rows whose value is null. */

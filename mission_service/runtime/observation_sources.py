@@ -1,0 +1,231 @@
+"""Keeps what each source of observations has contributed to a run, and derives its state. Pure.
+
+A source is the camera of a vehicle, a sensor of the scenario, a detector that sends reports under
+its own name, or a person. Windows of the estimate and corrections are not observations.
+"""
+
+import math
+import statistics
+from collections import deque
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from firemodel.assimilation.observation import UNBURNED, UNSEEN
+from firemodel.landscape.landscape import Landscape
+from mission_service.events import AnyEvent, FireObserved, Observed
+from mission_service.fire.correction_log import drawn_shape
+from mission_service.fire.reported_observations import STATES
+from mission_service.runtime.published_states import SourceKind, SourceState, SourceStatus
+
+# A source is late if its last observation is older than this number of usual intervals and than
+# this time, and silent after the larger numbers. Without a usual interval it is neither.
+LATE_INTERVALS, LATE_S = 3.0, 60.0
+SILENT_INTERVALS, SILENT_S = 10.0, 300.0
+MIN_INTERVALS, MAX_INTERVALS = 2, 15  # the usual interval is the median of the last intervals
+MAX_REPORTERS = 32  # detectors and persons; the one with the oldest observation is removed
+FOOTPRINT_EVERY_S = 5.0  # shortest interval between two stored footprints of a source
+MAX_FOOTPRINTS, MAX_FOOTPRINT_CELLS = 64, 1_000_000  # of all sources together
+DISTRUSTED = "its observations contradict those of others and are not used"
+
+
+class Footprint(NamedTuple):
+    """A stored observation. ``number`` grows with each observation of the run."""
+
+    number: int
+    source: str
+    event: Observed | FireObserved
+
+    @property
+    def at_us(self) -> int:
+        """The mission time of the observation."""
+        return _time_us(self.event)
+
+    @property
+    def cells(self) -> int:
+        """The number of cells of the window; the number of places of a report."""
+        event = self.event
+        if isinstance(event, FireObserved):
+            return len(event.points)
+        return len(event.cells) * len(event.cells[0]) if event.cells else 0
+
+
+@dataclass
+class Contribution:
+    """The observations of one source. ``since_us`` is the time from which it is listed."""
+
+    kind: SourceKind
+    since_us: int
+    observations: int = 0
+    not_used: int = 0  # observations that contradicted other sources
+    burned_cells: int = 0
+    unburned_cells: int = 0
+    last_us: int | None = None  # mission time of the latest observation
+    position_sd_m: float | None = None  # of the last observation received
+    distrusted: bool = False
+    intervals_us: deque[int] = field(default_factory=lambda: deque(maxlen=MAX_INTERVALS))
+    stored_us: int | None = None  # time of the last stored footprint
+
+    @property
+    def usual_interval_s(self) -> float | None:
+        """The median interval in s between observations at different times; None if unknown."""
+        if len(self.intervals_us) < MIN_INTERVALS:
+            return None
+        return statistics.median(self.intervals_us) / 1e6
+
+    def add_observation(self, event: Observed | FireObserved, burned: int, unburned: int) -> None:
+        """Add an observation with its numbers of burned and unburned cells."""
+        self.observations += 1
+        self.burned_cells += burned
+        self.unburned_cells += unburned
+        self.position_sd_m = event.position_sd_m
+        self.distrusted = isinstance(event, Observed) and event.distrusted
+        self.not_used += self.distrusted
+        at_us = _time_us(event)
+        if self.last_us is not None and at_us > self.last_us:
+            self.intervals_us.append(at_us - self.last_us)
+        self.last_us = at_us if self.last_us is None else max(self.last_us, at_us)
+
+
+class ObservationSources:
+    """The contribution of each source, and the latest footprints of all sources."""
+
+    def __init__(self, landscape: Landscape, sensors: Collection[str], at_us: int) -> None:
+        """Begin at ``at_us`` with the sensors of the scenario, which have sent nothing yet."""
+        self._landscape = landscape
+        self.contributions = {name: Contribution("sensor", at_us) for name in sensors}
+        self.footprints: deque[Footprint] = deque()
+        self._stored_cells = 0
+        self._number = 0  # of observations
+
+    def apply(self, event: AnyEvent) -> None:
+        """Process an event of the run."""
+        if isinstance(event, FireObserved):
+            by_person = f"{event.by} at {event.station}"  # as the estimate names the sender
+            kind: SourceKind = "detector" if event.source else "person"
+            self._add(event, event.source or by_person, kind)
+        elif isinstance(event, Observed) and not (event.corrects or event.estimated):
+            kind = "sensor" if event.source else "camera"
+            self._add(event, event.source or event.vehicle, kind)
+
+    def _add(self, event: Observed | FireObserved, source: str, kind: SourceKind) -> None:
+        if source not in self.contributions:
+            self._make_room(kind)
+            self.contributions[source] = Contribution(kind, event.at_us)
+        found = self.contributions[source]
+        found.add_observation(event, *self._cells_seen(event))
+        self._number += 1
+        at_us = _time_us(event)
+        if found.stored_us is None or abs(at_us - found.stored_us) >= 1e6 * FOOTPRINT_EVERY_S:
+            found.stored_us = at_us
+            self._store(Footprint(self._number, source, event))
+
+    def _make_room(self, kind: SourceKind) -> None:
+        """Remove the reporter with the oldest observation if a new one exceeds the limit."""
+        reporters = {
+            name: each.last_us or 0
+            for name, each in self.contributions.items()
+            if each.kind in ("detector", "person")
+        }
+        if kind in ("detector", "person") and len(reporters) >= MAX_REPORTERS:
+            del self.contributions[min(reporters, key=lambda name: (reporters[name], name))]
+
+    def _store(self, footprint: Footprint) -> None:
+        """Store a footprint, and remove the oldest ones above the limits."""
+        self.footprints.append(footprint)
+        self._stored_cells += footprint.cells
+        while len(self.footprints) > MAX_FOOTPRINTS or self._stored_cells > MAX_FOOTPRINT_CELLS:
+            self._stored_cells -= self.footprints.popleft().cells
+
+    def _cells_seen(self, event: Observed | FireObserved) -> tuple[int, int]:
+        """Return the numbers of burned and unburned cells; of a report, by its length or area."""
+        if isinstance(event, Observed):
+            return (
+                sum(row.count("b") for row in event.cells),
+                sum(row.count("u") for row in event.cells),
+            )
+        state = STATES[event.state]
+        if state == UNSEEN:
+            return 0, 0
+        cells, cell_m = len(event.points), self._landscape.cell_size_m
+        if event.shape != "points":
+            drawn = drawn_shape(event, self._landscape)
+            size = drawn.length / cell_m if event.shape == "line" else drawn.area / cell_m**2
+            cells = max(round(size), 1) if math.isfinite(size) else 0  # else off the projection
+        return (0, cells) if state == UNBURNED else (cells, 0)
+
+    def states(
+        self,
+        now_us: int,
+        problems: Mapping[str, str],
+        contradictions: Mapping[str, str],
+        failed: Collection[str],
+    ) -> list[SourceState]:
+        """Return the state of each source at a mission time, in the order of the names.
+
+        Args:
+            now_us: The mission time.
+            problems: The texts of sensors that report a problem or have failed, by source.
+            contradictions: The texts about sources that contradict others, by source.
+            failed: The sensors that have failed.
+        """
+        found = []
+        for source, each in sorted(self.contributions.items()):
+            status, problem = status_of(each, now_us)
+            if source in contradictions or each.distrusted:
+                status, problem = "contradicts", contradictions.get(source, DISTRUSTED)
+            if source in problems:
+                problem = problems[source]
+                status = "failed" if source in failed else status
+            found.append(_state(source, each, now_us, status, problem))
+        return found
+
+
+def status_of(source: Contribution, now_us: int) -> tuple[SourceStatus, str]:
+    """Return whether a source still sends observations at a mission time, and why not.
+
+    A person is never late. A sensor without any observation waits, and is silent after
+    ``SILENT_S``.
+    """
+    if source.last_us is None:
+        if (now_us - source.since_us) / 1e6 <= SILENT_S:
+            return "waiting", ""
+        return "silent", "no observation since the start"
+    interval_s = source.usual_interval_s
+    if source.kind == "person" or interval_s is None:
+        return "live", ""
+    age_s = (now_us - source.last_us) / 1e6
+    silent_s = max(SILENT_INTERVALS * interval_s, SILENT_S)
+    late_s = max(LATE_INTERVALS * interval_s, LATE_S)
+    if age_s <= late_s:
+        return "live", ""
+    usual = f"usually one each {interval_s:.3g} s"
+    if age_s <= silent_s:
+        return "late", f"no observation for more than {late_s:.0f} s; {usual}"
+    return "silent", f"no observation for more than {silent_s:.0f} s; {usual}"
+
+
+def _state(
+    source: str, found: Contribution, now_us: int, status: SourceStatus, problem: str
+) -> SourceState:
+    last_us, interval_s = found.last_us, found.usual_interval_s
+    return SourceState(
+        now_us,
+        source,
+        found.kind,
+        status,
+        problem,
+        found.observations,
+        found.not_used,
+        found.burned_cells,
+        found.unburned_cells,
+        last_us,
+        None if last_us is None else round((now_us - last_us) / 1e6, 1),
+        None if interval_s is None else round(interval_s, 1),
+        None if found.position_sd_m is None else round(found.position_sd_m, 2),
+    )
+
+
+def _time_us(event: Observed | FireObserved) -> int:
+    """Return the mission time at which an observation was made."""
+    return event.seen_at_us if isinstance(event, FireObserved) else event.at_us

@@ -1,0 +1,194 @@
+"""The panel of sensors and the observations on the map, of a flight in virtual time.
+
+A thread serves the flight, so that the page shows the same state on any machine. If the environment
+variable MAP_PICTURES is set, the tests write the picture of docs/map.md to that folder.
+"""
+
+import asyncio
+import os
+import threading
+from collections.abc import Iterator
+from concurrent.futures import Future
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+from playwright.sync_api import Page, expect
+
+from mission_service.events import FireObserved
+from mission_service.interfaces.api.app import PAGE
+from mission_service.runtime.observation_sources import SILENT_S
+from tests.api.worlds import Served, World, listened_to, scenario_of, served, world_in
+from tests.patience import PATIENCE_S
+from tests.web import browser as screen
+from tests.web.browser import page_of
+from tests.web.service import wait_for
+from tests.web.test_map import small_targets, weak_texts
+
+pytestmark = pytest.mark.long  # a browser that draws without a graphics card
+
+IMAGES = os.environ.get("MAP_PICTURES", "")
+DESKTOP, SIZES = (1440, 900), ((390, 844), (820, 1180), (960, 640))
+SCENARIO = scenario_of(
+    "demo",
+    ("landscape.rows=150", "landscape.cols=150", "estimate.sensors=[]", "planner.rule=circling"),
+)
+PROBLEM = "sensor video failed and is not used until a restart: OSError: connection refused"
+
+
+class Site(NamedTuple):
+    """A flight that a thread serves; only ``fly`` may change it."""
+
+    world: World
+    service: Served
+    address: str
+    loop: asyncio.AbstractEventLoop
+
+    def fly(self, seconds: float) -> None:
+        """Continue the flight, in the thread that serves it."""
+        done: Future[None] = asyncio.run_coroutine_threadsafe(self._fly(seconds), self.loop)
+        done.result(timeout=PATIENCE_S)
+
+    async def _fly(self, seconds: float) -> None:
+        self.world.fly(self.world.now_s + seconds)
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
+    world = world_in(tmp_path_factory.mktemp("run"), SCENARIO)
+    world.fly(SCENARIO.deploy_at_s + 300.0)
+    land, at_us = world.context.landscape, world.simulation.clock.now_us
+    lat, lon = (float(each) for each in land.lat_lon_of(*land.xy_of(70.0, 80.0)))
+    for age_s, source in ((90, "tower"), (60, "tower"), (30, "tower"), (20, "")):
+        seen_us = at_us - age_s * 1_000_000
+        world.context.state_view.apply(
+            FireObserved(
+                *(at_us, "anna", "north", "hot", "points", ((lat, lon),)),
+                *(seen_us, 20.0, 0.0, source),
+            ),
+            [],
+        )
+    service = served(world, page=PAGE)
+    ready: Future[Site] = Future()
+
+    async def serve() -> None:
+        async with listened_to(service) as (host, port):
+            loop = asyncio.get_running_loop()
+            ready.set_result(Site(world, service, f"http://{host}:{port}", loop))
+            await service.app.api.streams.stopping.wait()
+        service.app.api.close()
+
+    thread = threading.Thread(target=lambda: asyncio.run(serve()))
+    thread.start()
+    found = ready.result(timeout=PATIENCE_S)
+    try:
+        yield found
+    finally:
+        found.loop.call_soon_threadsafe(service.app.api.streams.stopping.set)
+        thread.join(timeout=PATIENCE_S)
+
+
+@pytest.fixture(scope="module")
+def page(site: Site) -> Iterator[Page]:
+    with (
+        screen.chromium() as browser,
+        page_of(browser, site.address, site.service.tokens["all"], DESKTOP) as (page, _),
+    ):
+        if not IMAGES:  # shading takes most of the time
+            page.evaluate("missionMap.setLayoutProperty('hillshade', 'visibility', 'none')")
+        yield page
+
+
+def drawn(page: Page, layer: str) -> set[str]:
+    """Return the sources whose observations a layer draws."""
+    script = """layer => missionMap.queryRenderedFeatures({ layers: [layer] })
+        .map((one) => one.properties.source)"""
+    return set(page.evaluate(script, layer))
+
+
+def row(page: Page, source: str) -> str:
+    rows = page.locator(".sources li")
+    return str(rows.filter(has=page.locator("strong", has_text=source)).inner_text())
+
+
+def test_each_source_is_listed_with_its_contribution(page: Page, site: Site) -> None:
+    page.click("#tab-sensors")
+    panel = page.locator("#panel-sensors")
+    expect(panel.locator(".big")).to_have_text("4 of 4 sources live")
+    of = {each.source: each for each in site.world.context.state_view.sources()}
+    assert of.keys() == {"hawk", "kite", "tower", "anna at north"}
+    text = row(page, "hawk")
+    assert f"{of['hawk'].observations} observations" in text
+    assert f"{of['hawk'].burned_cells:,} cells burned" in text
+    assert "usually each 30 s" in row(page, "tower")
+    assert "person" in row(page, "anna at north")
+
+
+def test_observations_are_drawn_while_their_box_is_checked(page: Page) -> None:
+    assert not drawn(page, "observed-outline")
+    page.check("#show-observed")
+    wait_for(lambda: drawn(page, "observed-outline") == {"hawk", "kite"}, 30, "footprints")
+    wait_for(lambda: drawn(page, "reported-point") == {"tower", "anna at north"}, 30, "reports")
+    assert drawn(page, "observed-burned")
+    page.mouse.move(10, 400)
+    if IMAGES:
+        page.wait_for_timeout(3000)
+        page.screenshot(path=Path(IMAGES) / "sensors.png")
+    page.click("#tab-fire")
+    expect(page.locator("#show-observations")).to_be_checked()
+    page.uncheck("#show-observations")
+    wait_for(lambda: not drawn(page, "observed-outline"), 30, "they are hidden")
+    page.click("#tab-sensors")
+    expect(page.locator("#show-observed")).not_to_be_checked()
+    page.check("#show-observed")
+
+
+def test_new_observations_are_drawn_and_a_silent_source_is_marked(page: Page, site: Site) -> None:
+    first_us = min(each["at_us"] for each in shown(page))
+    site.fly(SILENT_S + 60)
+    expect(page.locator(".sources .state.silent")).to_have_count(1)
+    assert "no observation for more than 300 s; usually one each 30 s" in row(page, "tower")
+    expect(page.locator("#panel-sensors .big")).to_have_text("3 of 4 sources live")
+    wait_for(lambda: min(each["at_us"] for each in shown(page)) > first_us, 30, "old ones go")
+    newest = site.world.context.state_view.statistics.sources.footprints[-1].number
+    wait_for(lambda: max(each["number"] for each in shown(page)) == newest, 30, "new ones come")
+
+
+def shown(page: Page) -> list[dict[str, int]]:
+    """Return the properties of the observations in the map's source."""
+    found: list[dict[str, int]] = page.evaluate(
+        """() => missionMap.getSource("observations").serialize().data.features
+            .map((one) => one.properties)"""
+    )
+    return found
+
+
+def test_problems_are_shown_and_all_is_readable_on_each_device(page: Page, site: Site) -> None:
+    def fail() -> None:
+        view = site.world.context.state_view
+        view.statistics.sources.apply(video)
+        view.show_sensors({"video": PROBLEM}, ["video"])
+        view._touch("sources")
+        site.world.context.ring()
+
+    world_us = site.world.simulation.clock.now_us
+    video = FireObserved(
+        *(world_us, "", "", "burned", "points", ((36.36, -84.14),), world_us, 5.0, 0.0, "video")
+    )
+    site.loop.call_soon_threadsafe(fail)
+    expect(page.locator(".sources .state.failed")).to_have_text("failed")
+    assert PROBLEM in row(page, "video")
+    page.keyboard.press("k")  # acknowledges the alarm
+    for width, height in SIZES:
+        page.set_viewport_size({"width": width, "height": height})
+        page.wait_for_function(f"innerWidth === {width} && innerHeight === {height}")
+        assert not page.evaluate(
+            """() => [...document.querySelectorAll("#panel-sensors, #panel-sensors *, .tabs")]
+                .filter((one) => one.checkVisibility() && one.scrollWidth > one.clientWidth + 1)
+                .filter((one) => getComputedStyle(one).display !== "inline")
+                .map((one) => one.outerHTML.slice(0, 120))"""
+        ), (width, height)
+        assert not small_targets(page)
+        assert not weak_texts(page)
+        if folder := os.environ.get("SENSOR_PICTURES"):
+            page.screenshot(path=Path(folder) / f"{width}.png")
