@@ -1,4 +1,4 @@
-"""Reads uploaded perimeters in a separate process (``maps/perimeter_worker.py``)."""
+"""Reads uploaded files in a separate process (``maps/perimeter_worker.py``)."""
 
 import asyncio
 import signal
@@ -7,15 +7,21 @@ import sys
 import msgspec
 
 from mission_service.interfaces.api.responses import ApiError
-from mission_service.interfaces.maps.perimeter_worker import Done, Failed, Job
+from mission_service.interfaces.maps.perimeter_worker import (
+    Done,
+    Failed,
+    Job,
+    RasterDone,
+    RasterJob,
+)
 
 WORKER = (sys.executable, "-P", "-m", "mission_service.interfaces.maps.perimeter_worker")
 WITHIN_S = 60.0  # wall-clock time; the process limits its processor time
-_decode = msgspec.json.Decoder(Done | Failed).decode
+_decode = msgspec.json.Decoder(Done | RasterDone | Failed).decode
 
 
-async def read_in_process(job: Job) -> Done:
-    """Return an uploaded perimeter and the resulting corrections.
+async def read_in_process(job: Job | RasterJob) -> Done | RasterDone:
+    """Return an uploaded perimeter and the resulting corrections, or an uploaded raster.
 
     Raises ApiError 422 if the file is unusable, or if the process that reads it crashes or is slow.
     """
@@ -29,7 +35,7 @@ async def read_in_process(job: Job) -> Done:
         async with asyncio.timeout(WITHIN_S):
             output, _ = await process.communicate(msgspec.msgpack.encode(job))
     except TimeoutError:
-        text = f"reading the perimeter takes more than {WITHIN_S:g} s; simplify it"
+        text = f"reading the file takes more than {WITHIN_S:g} s; simplify it"
         raise ApiError(422, text) from None
     finally:
         if process.returncode is None:
@@ -38,10 +44,10 @@ async def read_in_process(job: Job) -> Done:
     if process.returncode != 0:
         raise ApiError(
             422,
-            f"the process that read the perimeter ended with {_end(process.returncode or 0)}; "
-            "simplify the perimeter",
+            f"the process that read the file ended with {_end(process.returncode or 0)}; "
+            "simplify the file",
         )
-    answer: Done | Failed = await asyncio.to_thread(_decode, output)
+    answer: Done | RasterDone | Failed = await asyncio.to_thread(_decode, output)
     if isinstance(answer, Failed):
         raise ApiError(422, answer.error)
     return answer
