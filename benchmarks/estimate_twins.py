@@ -192,7 +192,12 @@ def sector(burned: Mask, towards_deg: float, half_deg: float) -> Mask:
 
 
 def views(
-    arrival_s: Floats, rng: np.random.Generator, from_s: float, to_s: float, place: Floats
+    arrival_s: Floats,
+    rng: np.random.Generator,
+    from_s: float,
+    to_s: float,
+    place: Floats,
+    false_alarms: float = FALSE_ALARMS,
 ) -> Iterator[tuple[Observation, Floats]]:
     """Yield the observations of the camera, each with the camera's next place (row, col)."""
     radius = RADIUS_M / CELL_M
@@ -205,12 +210,12 @@ def views(
         shift = rng.normal(0.0, POSITION_SD_M / CELL_M, 2)
         seen_s = map_coordinates(known_s, [row + shift[0], col + shift[1]], order=0, mode="nearest")
         chance = rng.random(seen_s.shape)
-        burned = np.where(seen_s <= at_s, chance >= MISSED, chance < FALSE_ALARMS)
+        burned = np.where(seen_s <= at_s, chance >= MISSED, chance < false_alarms)
         state = np.where(burned, BURNED, UNBURNED).astype(np.uint8)
         state[(row - place[0]) ** 2 + (col - place[1]) ** 2 > radius**2] = UNSEEN
         yield (
             Observation(
-                float(at_s), top, left, state, POSITION_SD_M, MISSED, FALSE_ALARMS, "camera"
+                float(at_s), top, left, state, POSITION_SD_M, MISSED, false_alarms, "camera"
             ),
             place,
         )

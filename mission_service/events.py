@@ -351,6 +351,27 @@ class FireObserved(OperatorEvent, frozen=True, tag=True):
     file: str = ""
 
 
+class RasterObserved(OperatorEvent, frozen=True, tag=True):
+    """A detector classified the cells of a raster at ``seen_at_us``.
+
+    The raster covers the area between its edges in equal steps of latitude and longitude (WGS84).
+    ``rows`` are from north to south, all of one length; a cell is ``b`` burned, ``u`` unburned or
+    ``.`` not seen. The other fields are those of ``FireObserved``.
+    """
+
+    south_deg: Latitude
+    west_deg: Longitude
+    north_deg: Latitude
+    east_deg: Longitude
+    rows: tuple[str, ...]
+    seen_at_us: MissionUs
+    position_sd_m: Radius
+    false_alarms: Fraction
+    source: str
+    missed: Fraction = 0.0
+    role: str = ""
+
+
 class Erased(OperatorEvent, frozen=True, tag=True):
     """Corrections within ``radius_m`` of a place are removed."""
 
@@ -522,6 +543,7 @@ AnyOperatorEvent = (
     IgnitionReported
     | Corrected
     | FireObserved
+    | RasterObserved
     | Erased
     | Undone
     | Redone

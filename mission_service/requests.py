@@ -25,9 +25,10 @@ MIN_SPEED, MAX_SPEED = 0.1, 100.0  # speeds of a replay
 MAX_DURATION_S = 1e7  # longer durations are refused as mistakes
 MAX_LENGTH_M = 10_000.0  # larger circles and longer lines are refused as mistakes
 MAX_FIRE_LENGTH_M = 500_000.0  # larger, for outlines of fires from other sources
+MAX_SIDE_CELLS = 256  # rows and columns of a raster
 
 OPERATOR_FIELDS = ("by", "station")  # keys of all requests
-Role = Literal["look", "correct", "fly", "approve"]
+Role = Literal["look", "observe", "correct", "fly", "approve"]
 
 # The patterns of texts, with the words for errors. Python's $ also matches before a line break.
 NAME = r"^[^\x00-\x1f\x7f-\x9f]*[!-~\xa1-\uffff][^\x00-\x1f\x7f-\x9f]*$(?!\n)"
@@ -35,6 +36,7 @@ PRINTED = r"^[^\x00-\x1f\x7f-\x9f]*$(?!\n)"
 VISIBLE = r"^[!-~]+$(?!\n)"
 ANY_VEHICLE, ONE_VEHICLE = r"^[\w-]*$(?!\n)", r"^[\w-]+$(?!\n)"
 FULL_HASH = r"^[0-9a-f]{64}$(?!\n)"
+LETTERS = r"^[bu.]*$(?!\n)"
 _OF_VEHICLE = "give the name of a vehicle: letters, digits, - and _"
 PATTERNS = {
     NAME: "give one line of printable characters that is not blank",
@@ -43,6 +45,7 @@ PATTERNS = {
     ANY_VEHICLE: _OF_VEHICLE,
     ONE_VEHICLE: _OF_VEHICLE,
     FULL_HASH: "give all 64 digits of the hash, 0 to 9 and a to f",
+    LETTERS: "give the letters b (burned), u (unburned) and . (not seen)",
 }
 
 # Limits of numbers also exclude NaN.
@@ -67,6 +70,23 @@ Hash = Annotated[str, Meta(pattern=FULL_HASH, description="All 64 digits of the 
 Places = Annotated[
     tuple[tuple[Latitude, Longitude], ...],
     Meta(min_length=1, max_length=1000, description="Latitude and longitude of each point."),
+]
+# The errors and the source of an observation.
+Age = Annotated[float, Meta(ge=0, le=MAX_DURATION_S, description="Time since the observation.")]
+PositionSd = Annotated[
+    float, Meta(ge=0, le=MAX_LENGTH_M, description="Standard deviation of the position.")
+]
+FalseAlarms = Annotated[
+    float, Meta(ge=0, lt=100, description="Share of unburned places reported as burned.")
+]
+Missed = Annotated[
+    float, Meta(ge=0, lt=100, description="Share of burned places reported as unburned.")
+]
+Source = Annotated[
+    str, Meta(max_length=80, pattern=PRINTED, description="The sensor; empty for the user.")
+]
+RasterRow = Annotated[
+    str, Meta(min_length=1, max_length=MAX_SIDE_CELLS, pattern=LETTERS, description="From west.")
 ]
 _MIN_POINTS = {"point": 1, "line": 2, "polygon": 3}
 HASH = "6b86b273ff34fce19d6b804eff5a3f5747ada4eaa22f1d49c01e52ddb7875b4b"
@@ -127,9 +147,9 @@ class Abort(Request, frozen=True):
 
 
 class FireRequest(Request, frozen=True):
-    """A report of an operator about the fire."""
+    """A report about the fire."""
 
-    role = "correct"
+    role: ClassVar[Role] = "correct"
     path = "/fire/{do}"
 
 
@@ -163,6 +183,7 @@ class Correct(FireRequest, frozen=True):
 class Observe(FireRequest, frozen=True):
     """Report where a person, a detector or a satellite observed fire. Observations may be wrong."""
 
+    role = "observe"
     path = "/fire/observations"
     operation = "observe"
     max_length_m = MAX_FIRE_LENGTH_M
@@ -184,25 +205,15 @@ class Observe(FireRequest, frozen=True):
     ]
     shape: Literal["points", "line", "polygon"]
     points: Places
-    age_s: Annotated[
-        float, Meta(ge=0, le=MAX_DURATION_S, description="Time since the observation.")
-    ] = 0.0
-    position_sd_m: Annotated[
-        float, Meta(ge=0, le=MAX_LENGTH_M, description="Standard deviation of the position.")
-    ] = 10.0
-    false_alarms_pct: Annotated[
-        float, Meta(ge=0, lt=100, description="Share of unburned places reported as burned.")
-    ] = 0.0
-    source: Annotated[
-        str, Meta(max_length=80, pattern=PRINTED, description="The sensor; empty for the user.")
-    ] = ""
+    age_s: Age = 0.0
+    position_sd_m: PositionSd = 10.0
+    false_alarms_pct: FalseAlarms = 0.0
+    source: Source = ""
     temperature_c: Annotated[
         Annotated[float, Meta(ge=100, le=2000)] | None,
         Meta(description="Temperature of hot ground; from 320 degrees on it counts as burning."),
     ] = None
-    missed_pct: Annotated[
-        float, Meta(ge=0, lt=100, description="Share of burned places reported as unburned.")
-    ] = 0.0
+    missed_pct: Missed = 0.0
 
     def event(self, at_us: int) -> events.AnyOperatorEvent:
         """Return the event ``FireObserved``."""
@@ -223,6 +234,69 @@ class Observe(FireRequest, frozen=True):
             self.false_alarms_pct / 100.0,
             self.source,
             self.temperature_c,
+            self.missed_pct / 100.0,
+        )
+
+
+class Raster(FireRequest, frozen=True):
+    """Report a raster of burned, unburned and unseen cells. Observations may be wrong."""
+
+    role = "observe"
+    path = "/fire/observations/raster"
+    operation = "raster"
+    example: ClassVar = {
+        "south_deg": 36.3602,
+        "west_deg": -84.1459,
+        "north_deg": 36.3682,
+        "east_deg": -84.1359,
+        "rows": ["uuuuu", "uubbu", "ubbbu", "uuu.."],
+        "age_s": 5.0,
+        "position_sd_m": 15.0,
+        "false_alarms_pct": 2.0,
+        "source": "tower",
+        "missed_pct": 10.0,
+    }
+
+    south_deg: Annotated[Latitude, Meta(description="Latitude of the southern edge, WGS84.")]
+    west_deg: Annotated[Longitude, Meta(description="Longitude of the western edge.")]
+    north_deg: Annotated[Latitude, Meta(description="Latitude of the northern edge.")]
+    east_deg: Annotated[Longitude, Meta(description="Longitude of the eastern edge.")]
+    rows: Annotated[
+        tuple[RasterRow, ...],
+        Meta(
+            min_length=1,
+            max_length=MAX_SIDE_CELLS,
+            description="Rows from north to south, all of the same length: a letter for each cell, "
+            "b burned, u unburned, . not seen.",
+        ),
+    ]
+    age_s: Age = 0.0
+    position_sd_m: PositionSd = 10.0
+    false_alarms_pct: FalseAlarms = 0.0
+    source: Source = ""
+    missed_pct: Missed = 0.0
+
+    def event(self, at_us: int) -> events.AnyOperatorEvent:
+        """Return the event ``RasterObserved``."""
+        first = len(self.rows[0])
+        for number, row in enumerate(self.rows, start=1):
+            if len(row) != first:
+                raise RequestError(
+                    f"raster: row {number} has {len(row)} letters and row 1 has {first}; all rows "
+                    "need the same number"
+                )
+        if not set("".join(self.rows)) - {"."}:
+            raise RequestError("raster: no cell was seen; give b or u for at least one cell")
+        if self.south_deg >= self.north_deg or self.west_deg >= self.east_deg:
+            raise RequestError("raster: north_deg must exceed south_deg, and east_deg west_deg")
+        return events.RasterObserved(
+            *self.user(at_us),
+            *(self.south_deg, self.west_deg, self.north_deg, self.east_deg),
+            self.rows,
+            at_us - round(self.age_s * 1e6),
+            self.position_sd_m,
+            self.false_alarms_pct / 100.0,
+            self.source,
             self.missed_pct / 100.0,
         )
 
@@ -418,7 +492,7 @@ class Replay(Request, frozen=True):
         raise RequestError("replay: this run is not a replay")
 
 
-OF_EVERY_RUN = (Abort, Correct, Observe, Erase, Undo, Redo, Lit, Wind, Present)
+OF_EVERY_RUN = (Abort, Correct, Observe, Raster, Erase, Undo, Redo, Lit, Wind, Present)
 OF_VEHICLES = (Hold, Resume, Return, Start, Renew, Accept, Refuse, Settings)
 
 

@@ -182,6 +182,8 @@ def _parameters(do: str, field: Any) -> list[click.Parameter]:
         case "points":
             words = "LAT,LON..."
             return [click.Argument([name], type=Place(), nargs=-1, required=True, metavar=words)]
+        case "rows":
+            return [click.Argument([name], nargs=-1, required=True, metavar="ROW...")]
         case "lat_deg":
             return [click.Argument(["place"], type=Place(), metavar="LAT,LON")]
         case "lon_deg":

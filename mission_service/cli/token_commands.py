@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-ROLES = ("look", "correct", "fly", "approve")
+ROLES = ("look", "observe", "correct", "fly", "approve")
 
 
 @click.command()
@@ -14,7 +14,8 @@ ROLES = ("look", "correct", "fly", "approve")
     default="look",
     show_default=True,
     metavar="ROLE,...",
-    help=f"Roles: {', '.join(ROLES)}. Every token has the role look and permits an abort.",
+    help=f"Roles: {', '.join(ROLES)}. Every token permits an abort. Every token has the role look, "
+    "except one with only the role observe.",
 )
 @click.option("--station", default="", metavar="NAME", help="Station of NAME, for burns.")
 @click.option(

@@ -112,7 +112,7 @@ def event_of(
             raise RequestError(f"{do}: {place[0]:.6g}, {place[1]:.6g} is outside the landscape")
     approver = kind.role == "approve" if may_approve is None else may_approve
     event = msgspec.structs.replace(parsed.event(at_us), may_approve=approver)
-    if isinstance(event, events.FireObserved):
+    if isinstance(event, events.FireObserved | events.RasterObserved):
         return msgspec.structs.replace(event, role=role)
     return event
 

@@ -23,6 +23,7 @@ from mission_service.config.scenario import Scenario
 from mission_service.events import (
     AnyOperatorEvent,
     FireObserved,
+    RasterObserved,
     WindSet,
 )
 from mission_service.fire.corrected_fire import CorrectedFire, drawn_at_s
@@ -129,7 +130,7 @@ class BestFire:
 
     def check(self, event: AnyOperatorEvent, smoke: Sequence[Smoke]) -> None:
         """Raise FireModelError for a report that is invalid, has no effect or is contradicted."""
-        if isinstance(event, FireObserved):
+        if isinstance(event, FireObserved | RasterObserved):
             self._reported_cells(event, smoke)
         else:
             self._corrected.check_report(event)
@@ -150,7 +151,7 @@ class BestFire:
                 self.burn_until(now_s)
                 self._corrected.change(self.fire, partial(_lit, cells=cells, at_s=at_s))
                 return Change(add=lambda ensemble: ensemble.add_input(Lit(now_s, at_s, cells)))
-            case Reported(now_s, FireObserved() as event, smoke):
+            case Reported(now_s, FireObserved() | RasterObserved() as event, smoke):
                 return self._observe(event, now_s, smoke)
             case Reported(now_s, event):
                 return self._correct(event, now_s)
@@ -175,7 +176,9 @@ class BestFire:
         seen = Observation(at_s, window.row, window.col, state, CORRECTION_SD_M)
         return Change(window, add=lambda ensemble: ensemble.add_input(seen))
 
-    def _reported_cells(self, event: FireObserved, smoke: Sequence[Smoke]) -> Observation:
+    def _reported_cells(
+        self, event: FireObserved | RasterObserved, smoke: Sequence[Smoke]
+    ) -> Observation:
         """Return the cells of a report without those that operators drew at a later time.
 
         Raises FireModelError for a report that is contradicted.
@@ -187,7 +190,9 @@ class BestFire:
         refuse_contradicted(found, self._sightings.state, self._sightings.seen_s)
         return found
 
-    def _observe(self, event: FireObserved, now_s: float, smoke: Sequence[Smoke]) -> Change:
+    def _observe(
+        self, event: FireObserved | RasterObserved, now_s: float, smoke: Sequence[Smoke]
+    ) -> Change:
         reported = self._reported_cells(event, smoke)
         self.burn_until(now_s)
         burned = self.fire.expected_s() <= reported.at_s

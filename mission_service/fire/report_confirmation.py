@@ -2,7 +2,9 @@
 
 A report that agrees with the estimate within the report's error of position changes nothing. A
 place that is reported in another state changes the estimate at once if the source makes no errors
-of detection, otherwise only after a second report nearby, of another time or source.
+of detection, otherwise only after a second report nearby, of another time or source. A report of
+the opposite state at the place cancels the first report. Single places beside the estimated fire
+need no second report: false alarms may lie anywhere, and few of them lie there.
 """
 
 import copy
@@ -16,6 +18,8 @@ from firemodel.assimilation.observation import BURNED, UNBURNED, UNSEEN, Observa
 
 WITHIN_SD = 2.0  # tolerance, in standard deviations of the position
 CONFIRMED_WITHIN_S, APART_S = 1800.0, 10.0
+BESIDE_M = 300.0  # from the estimated fire
+UNLIKELY = 0.5  # with this share of false alarms, places beside the fire also need a second report
 
 
 class Confirmation:
@@ -49,11 +53,26 @@ class Confirmation:
         reach = int(WITHIN_SD * seen.position_sd_m / cell_m)
         state = seen.state.copy()
         state[(state == BURNED) & _near(burned, seen.where, reach)] = UNSEEN
-        state[(state == UNBURNED) & _near(~burned, seen.where, reach)] = UNSEEN
+        # An unburned place agrees if the front may lie on its other side: there the estimate has
+        # unburned ground, and the report does not show that all ground around is unburned.
+        unsure = ~_surrounded(seen.state == UNBURNED, reach)
+        state[(state == UNBURNED) & unsure & _near(~burned, seen.where, reach)] = UNSEEN
+        self._cancel(seen)
+        is_raster = (seen.state == BURNED).any() and (seen.state == UNBURNED).any()
         for code, errors in ((BURNED, seen.false_alarms), (UNBURNED, seen.missed)):
             if errors and (seen.state == code).any():
-                state[(state == code) & ~self._confirmed(seen, code, reach + 1)] = UNSEEN
+                likely = self._confirmed(seen, code, reach + 1)
+                if code == BURNED and errors < UNLIKELY and not is_raster:
+                    likely |= _near(burned, seen.where, int(BESIDE_M / cell_m))
+                state[(state == code) & ~likely] = UNSEEN
         return seen._replace(state=state, missed=0.0, false_alarms=0.0)
+
+    def _cancel(self, seen: Observation) -> None:
+        """Remove the earlier reports of places that are now reported in the opposite state."""
+        for code, opposite in ((BURNED, UNBURNED), (UNBURNED, BURNED)):
+            if code in self._last:
+                at_s = self._last[code].at_s[seen.where]
+                at_s[(seen.state == opposite) & (at_s <= seen.at_s)] = -np.inf
 
     def _confirmed(self, seen: Observation, code: int, reach: int) -> Mask:
         """Return the window's cells (y, x) near another report, and store this report."""
@@ -77,6 +96,13 @@ class _LastReports(NamedTuple):
 
     at_s: Floats
     source: NDArray[np.int64]
+
+
+def _surrounded(cells: Mask, reach: int) -> Mask:
+    """Return the cells (y, x) of a window with only ``cells`` within ``reach`` rows and columns."""
+    around = np.pad(~cells, reach, constant_values=True)
+    inner = window_at(reach, reach, cells.shape)
+    return ~widened(around, reach)[inner]
 
 
 def _near(cells: Mask, where: Place, reach: int) -> Mask:

@@ -12,10 +12,11 @@ from firemodel.assimilation.observation import BURNED, UNBURNED, UNSEEN, Observa
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
 from firemodel.landscape.rasterise import mask_of
-from mission_service.events import Corrected, Erased, FireObserved, Observed
+from mission_service.events import Corrected, Erased, FireObserved, Observed, RasterObserved
 from mission_service.fire.correction_log import drawn_shape, not_erased
 from mission_service.fire.late_observation import MAX_AGE_S
 from mission_service.fire.observed_window import observation_in
+from mission_service.fire.raster_cells import raster_cells
 
 MAX_CONTRADICTED = 0.5  # share of the cells that images or other reports show
 SHORTLY_S, SEVERAL_CELLS = 120.0, 5
@@ -36,7 +37,7 @@ STATES = {
 
 
 def observation_of(
-    event: Observed | FireObserved | Corrected,
+    event: Observed | FireObserved | RasterObserved | Corrected,
     landscape: Landscape,
     erasures: Sequence[Erased] = (),
 ) -> Observation:
@@ -53,6 +54,8 @@ def observation_of(
     """
     if isinstance(event, Observed):
         return observation_in(event)
+    if isinstance(event, RasterObserved):
+        return _raster(event, landscape)
     mask = mask_of([drawn_shape(event, landscape)], landscape)
     here = bounds_of(mask) if mask.any() else (slice(0, 0), slice(0, 0))
     row, col = np.nonzero(mask[here])
@@ -63,10 +66,9 @@ def observation_of(
         kept = not_erased(centres_m, erasures, landscape)
         row, col = row[kept], col[kept]
     state[row, col] = STATES[event.state]
-    sender = f"{event.by} at {event.station}"
     if isinstance(event, Corrected):
-        at_s = event.marked_at_us / 1e6
-        return Observation(at_s, top, left, state, CORRECTION_SD_M, source=sender)
+        at_s, source = event.marked_at_us / 1e6, f"{event.by} at {event.station}"
+        return Observation(at_s, top, left, state, CORRECTION_SD_M, source=source)
     false_alarms = event.false_alarms
     if event.temperature_c is not None and event.temperature_c < IGNITION_C:
         false_alarms = max(false_alarms, COOL_FALSE_ALARMS)
@@ -78,19 +80,42 @@ def observation_of(
         event.position_sd_m,
         event.missed,
         false_alarms,
-        event.source or sender,
+        sender_of(event),
     )
 
 
-def check_report(event: FireObserved, landscape: Landscape) -> None:
-    """Raise FireModelError for a report that is too old or contains no cell of the landscape."""
+def _raster(event: RasterObserved, landscape: Landscape) -> Observation:
+    return Observation(
+        event.seen_at_us / 1e6,
+        *raster_cells(event, landscape),
+        event.position_sd_m,
+        event.missed,
+        event.false_alarms,
+        sender_of(event),
+    )
+
+
+def sender_of(event: FireObserved | RasterObserved) -> str:
+    """Return the name of a report's source; it differs from the names of all cameras."""
+    return f"{event.source} of {event.by}" if event.source else f"{event.by} at {event.station}"
+
+
+def check_report(event: FireObserved | RasterObserved, landscape: Landscape) -> None:
+    """Raise FireModelError for a report that is too old or shows no cell of the landscape."""
+    do = "raster" if isinstance(event, RasterObserved) else "observe"
     age_s = (event.at_us - event.seen_at_us) / 1e6
     if age_s > MAX_AGE_S:
         raise FireModelError(
-            f"observe: age_s = {age_s:g}: observations older than {MAX_AGE_S:g} s are not used"
+            f"{do}: age_s = {age_s:g}: observations older than {MAX_AGE_S:g} s are not used"
         )
-    if not observation_of(event, landscape).state.size:
-        raise FireModelError("observe: contains no cell of the landscape; check its place")
+    found = observation_of(event, landscape).state
+    if not found.size:
+        raise FireModelError(f"{do}: contains no cell of the landscape; check its place")
+    if isinstance(event, RasterObserved) and not (found != UNSEEN).any():
+        raise FireModelError(
+            "raster: no cell of the landscape was seen; check its place. With missed_pct or "
+            "false_alarms_pct, a cell needs five seen neighbours"
+        )
 
 
 class Smoke(NamedTuple):
@@ -151,6 +176,6 @@ def refuse_contradicted(seen: Observation, state: NDArray[np.uint8], seen_s: Flo
     contradict, agree = np.count_nonzero(wrong), np.count_nonzero(agreed)
     if contradict > MAX_CONTRADICTED * (contradict + agree):
         raise FireModelError(
-            f"observe: images or other reports contradict it in {contradict} of "
+            f"images or other reports contradict the observation in {contradict} of "
             f"{contradict + agree} cells that they show; check its place and age, or use correct"
         )

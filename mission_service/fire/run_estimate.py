@@ -34,6 +34,7 @@ from mission_service.events import (
     Erased,
     FireObserved,
     Observed,
+    RasterObserved,
     Redone,
     Telemetry,
     Undone,
@@ -69,7 +70,8 @@ PERIOD_US = 30_000_000  # images are written into the estimate at multiples of t
 LATE_US = 10_000_000
 AHEAD_US = 5_000_000
 MAX_WAITING = 20  # periods; their images are then written even if the estimate is not read
-OF_FIRE = (Corrected, FireObserved, Erased, Undone, Redone, WindSet)  # they change the estimate
+OBSERVATIONS = (FireObserved, RasterObserved)
+OF_FIRE = (Corrected, *OBSERVATIONS, Erased, Undone, Redone, WindSet)  # they change the estimate
 
 
 class UnusedReportError(FireModelError):
@@ -277,7 +279,7 @@ class RunEstimate:
         """
         if not isinstance(event, OF_FIRE):
             return
-        if isinstance(event, FireObserved):
+        if isinstance(event, OBSERVATIONS):
             if not self._accepts_reports:
                 raise FireModelError(
                     "observe: a burn uses cameras and corrections only; use correct"
@@ -300,6 +302,8 @@ class RunEstimate:
         if isinstance(event, FireObserved) and event.state == "smoke":
             self._smoke = (*self._smoke[1 - MAX_SMOKE :], smoke_of(event, self.landscape))
             return None
+        if isinstance(event, OBSERVATIONS):
+            self._compare(event)
         self._end_period(self._latest_us)
         self._waiting.append(Reported(self._latest_us / 1e6, event, self._smoke))
         if self.in_background:
@@ -310,6 +314,17 @@ class RunEstimate:
         if found.unused is not None:
             raise UnusedReportError(found.unused) from found.unused
         return found.change.window
+
+    def _compare(self, report: FireObserved | RasterObserved) -> None:
+        """Compare a report with other sources.
+
+        Raises UnusedReportError if its source contradicts the others.
+        """
+        seen = behind_smoke(observation_of(report, self.landscape), self._smoke, "")
+        self.agreement.add_report(seen)
+        if seen.source in self.agreement.distrusted:
+            reason = self.agreement.contradictions()[seen.source]
+            raise UnusedReportError(FireModelError(reason))
 
     def apply_history(self, event: AnyEvent) -> Window | None:
         """Apply an event of a journal, and return a window around the changed cells or None."""

@@ -37,7 +37,7 @@ class Sightings:
         self.state = np.full(shape, UNSEEN, dtype=np.uint8)
         self.seen_s = np.full(shape, -np.inf)
         self._is_empty = True
-        self._position_sd_m = 0.0
+        self.position_sd_m = 0.0  # the largest value of the observations
 
     def copy(self) -> "Sightings":
         """Return an independent copy."""
@@ -48,12 +48,12 @@ class Sightings:
     def add(self, seen: Observation) -> None:
         """Add an observation without errors of detection (``observation_in``)."""
         self._add_cells(seen.where, seen.state, np.full(seen.state.shape, seen.at_s))
-        self._position_sd_m = max(self._position_sd_m, seen.position_sd_m)
+        self.position_sd_m = max(self.position_sd_m, seen.position_sd_m)
 
     def add_mosaic(self, seen: Mosaic) -> None:
         """Add the sightings of a window."""
         self._add_cells(seen.here, seen.state, seen.seen_s)
-        self._position_sd_m = max(self._position_sd_m, seen.position_sd_m)
+        self.position_sd_m = max(self.position_sd_m, seen.position_sd_m)
 
     def _add_cells(self, here: Place, state: NDArray[np.uint8], seen_s: Floats) -> None:
         """Add the states (y, x) of a window; of two sightings of a cell the later remains."""
@@ -68,8 +68,8 @@ class Sightings:
             return None
         here = bounds_of(self.state != UNSEEN)
         found = Mosaic(
-            at_s, here, self.state[here].copy(), self.seen_s[here].copy(), self._position_sd_m
+            at_s, here, self.state[here].copy(), self.seen_s[here].copy(), self.position_sd_m
         )
         self.state[here], self.seen_s[here] = UNSEEN, -np.inf
-        self._is_empty, self._position_sd_m = True, 0.0
+        self._is_empty, self.position_sd_m = True, 0.0
         return found

@@ -1,7 +1,8 @@
-"""Compare what several sources of images see, and find sources that contradict the others. Pure.
+"""Compare what several sources see, and find sources that contradict the others. Pure.
 
-A burned cell stays burned. If one source sees a cell as burned and another sees it as unburned at a
-later time, one of them is wrong. This rule holds for any fire and needs no model of its spread.
+Sources are cameras, and the people and detectors that report observations. A burned cell stays
+burned. If one source sees a cell as burned and another sees it as unburned at a later time, one of
+them is wrong. This rule holds for any fire and needs no model of its spread.
 """
 
 import math
@@ -9,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from firemodel.arrays import widened
+from firemodel.arrays import Floats, bounds_of, widened
 from firemodel.assimilation.observation import BURNED, UNBURNED, UNSEEN, Observation
 from mission_service.fire.sightings import Sightings
 
@@ -20,27 +21,52 @@ MIN_CELLS = 30.0  # weight of the cells that two sources must have in common
 CONTRADICTORY = 0.1  # sources contradict each other if they differ in more than this share of cells
 BESIDE_CELLS = 3  # only burned cells this near to unburned cells are compared
 WITHIN_SD = 2.0  # cells within this many standard deviations of a front are not compared
+MAX_STATED = 0.2  # stated shares of missed and false cells are tolerated up to this value
+MAX_REPORTERS = 16
 
 
 class Comparison(NamedTuple):
-    """The weights of the cells in which two sources agree and contradict each other."""
+    """The weights of the cells in which two sources agree and contradict each other.
+
+    ``stated`` is the largest share of wrong cells that one of the sources has stated.
+    """
 
     at_s: float = 0.0
     agree: float = 0.0
     contradict: float = 0.0
+    stated: float = 0.0
 
-    def with_cells(self, at_s: float, agree: int, contradict: int) -> "Comparison":
+    def with_cells(
+        self, at_s: float, agree: int, contradict: int, stated: float = 0.0
+    ) -> "Comparison":
         """Return the comparison after adding cells that were compared at a time."""
         kept = math.exp(-max(at_s - self.at_s, 0.0) / FORGOTTEN_S)
         return Comparison(
-            max(at_s, self.at_s), kept * self.agree + agree, kept * self.contradict + contradict
+            max(at_s, self.at_s),
+            kept * self.agree + agree,
+            kept * self.contradict + contradict,
+            max(self.stated, min(stated, MAX_STATED)),
         )
 
     def at_odds(self, at_s: float) -> bool | None:
         """Return whether the sources contradict each other; None with too few cells in common."""
-        agree, contradict = self.with_cells(at_s, 0, 0)[1:]
+        _, agree, contradict, stated = self.with_cells(at_s, 0, 0)
         count = agree + contradict
-        return contradict > CONTRADICTORY * count if count >= MIN_CELLS else None
+        return contradict > (CONTRADICTORY + stated) * count if count >= MIN_CELLS else None
+
+
+class Seen(NamedTuple):
+    """The last sightings of a source."""
+
+    last: Sightings
+    burned_since_s: Floats  # (y, x) of cells last seen as burned, the first sighting as burned
+
+    def add(self, image: Observation) -> None:
+        """Add an image; of two sightings of a cell the later remains."""
+        state = self.last.state[image.where]  # a view, which the next line changes
+        before = state == BURNED
+        self.last.add(image)
+        self.burned_since_s[image.where][(state == BURNED) & ~before] = image.at_s
 
 
 class SourceAgreement:
@@ -49,54 +75,59 @@ class SourceAgreement:
     def __init__(self, shape: tuple[int, int], cell_m: float) -> None:
         """Begin without sources on a grid of this shape."""
         self._shape, self._cell_m = shape, cell_m
-        self._sightings: dict[str, Sightings] = {}  # last sightings by source
+        self._seen: dict[str, Seen] = {}  # by source
+        self._reporters: dict[str, None] = {}  # the sources of reports; the last reporter is last
         self._compared: dict[tuple[str, str], Comparison] = {}
         self._due_s: dict[str, float] = {}  # time of the next comparison, by source
         self._at_s = -math.inf  # time of the last comparison
         self.distrusted: frozenset[str] = frozenset()
 
+    def add_report(self, report: Observation) -> None:
+        """Add the cells of a report; only the last ``MAX_REPORTERS`` sources are compared."""
+        self._reporters.pop(report.source, None)
+        self._reporters[report.source] = None
+        if len(self._reporters) > MAX_REPORTERS:
+            oldest = next(iter(self._reporters))
+            del self._reporters[oldest], self._seen[oldest], self._due_s[oldest]
+            self._compared = {
+                pair: each for pair, each in self._compared.items() if oldest not in pair
+            }
+        self.add_image(report)
+
     def add_image(self, image: Observation) -> None:
         """Add an image without errors of detection (``observation_in``)."""
         source = image.source
-        if source not in self._sightings:
-            self._sightings[source] = Sightings(self._shape)
+        if source not in self._seen:
+            self._seen[source] = Seen(Sightings(self._shape), np.full(self._shape, -np.inf))
             self._due_s[source] = image.at_s
         if image.at_s >= self._due_s[source]:
             self._due_s[source] = image.at_s + COMPARED_EVERY_S
             self._compare(image)
             self._at_s = max(self._at_s, image.at_s)
             self.distrusted = self._contradicting_most()
-        self._sightings[source].add(image)
+        self._seen[source].add(image)
 
     def _compare(self, image: Observation) -> None:
         """Compare an image with the sightings of other sources."""
-        if len(self._sightings) == 1:  # only the image's own source
-            return
-        reach = math.ceil(WITHIN_SD * image.position_sd_m / self._cell_m)
-        state = image.state
-        unburned = (state == UNBURNED) & ~widened(state == BURNED, reach)
-        for other, seen in self._sightings.items():
-            recent = seen.seen_s[image.where] >= image.at_s - REMEMBERED_S
-            before = np.where(recent, seen.state[image.where], UNSEEN)
-            burned = before == BURNED
-            if other == image.source or not burned.any():
+        stated = max(image.missed, image.false_alarms)
+        for other, seen in self._seen.items():
+            if other == image.source:
                 continue
-            inside = burned & ~widened(before == UNBURNED, reach)
-            contradict = int(np.count_nonzero(inside & unburned))
-            beside = widened((before == UNBURNED) | (state == UNBURNED), BESIDE_CELLS)
-            agree = int(np.count_nonzero(burned & (state == BURNED) & beside))
+            sd_m = math.hypot(image.position_sd_m, seen.last.position_sd_m)
+            reach = min(math.ceil(WITHIN_SD * sd_m / self._cell_m), max(image.state.shape))
+            agree, contradict = _compared(image, seen, reach)
             if contradict or agree:
                 pair = (min(other, image.source), max(other, image.source))
                 known = self._compared.get(pair, Comparison(image.at_s))
-                self._compared[pair] = known.with_cells(image.at_s, agree, contradict)
+                self._compared[pair] = known.with_cells(image.at_s, agree, contradict, stated)
 
     def _contradicting_most(self) -> frozenset[str]:
-        """Return the sources that contradict most of the others, if the other sources are reliable.
+        """Return the sources that contradict most of the others, if the others are reliable.
 
         The other sources are reliable if they are the majority and do not contradict each other.
         Otherwise it is unknown which sources are wrong, and the result is empty.
         """
-        odds: dict[str, list[bool]] = {name: [] for name in self._sightings}
+        odds: dict[str, list[bool]] = {name: [] for name in self._seen}
         for pair, compared in self._compared.items():
             at_odds = compared.at_odds(self._at_s)
             if at_odds is not None:
@@ -113,7 +144,7 @@ class SourceAgreement:
     def contradictions(self) -> dict[str, str]:
         """Return a text about each source that contradicts others, by the name of the source."""
         found = {
-            one: f"the images of {one} and {other} contradict each other; check both cameras"
+            one: f"the observations of {one} and {other} contradict each other; check both"
             for (one, other), compared in sorted(self._compared.items())
             if compared.at_odds(self._at_s) and self.distrusted.isdisjoint((one, other))
         }
@@ -124,6 +155,29 @@ class SourceAgreement:
         contradict = sum(each.contradict for each in own)
         share = contradict / (contradict + sum(each.agree for each in own))
         return (
-            f"the images of {source} are not used: in {share:.0%} of the burned cells they "
-            "contradict those of the others; check the camera and its position"
+            f"the observations of {source} are not used: in {share:.0%} of the burned cells they "
+            "contradict those of the others; check the sensor and its position"
         )
+
+
+def _compared(image: Observation, seen: Seen, reach: int) -> tuple[int, int]:
+    """Return the numbers of cells in which an image and another source agree and contradict.
+
+    Burned cells within ``reach`` cells of ground that the same source saw as unburned, and unburned
+    cells so near to burned ground, are no contradiction.
+    """
+    recent = np.abs(seen.last.seen_s[image.where] - image.at_s) <= REMEMBERED_S
+    part = bounds_of(recent)  # the rest of the image is not compared
+    seen_s, since_s = (each[image.where][part] for each in (seen.last.seen_s, seen.burned_since_s))
+    other = np.where(recent[part], seen.last.state[image.where][part], UNSEEN)
+    state = image.state[part]
+    burned, unburned = (state == BURNED, other == BURNED), (state == UNBURNED, other == UNBURNED)
+    if not (burned[0].any() or burned[1].any()):
+        return 0, 0
+    inside = [one & ~widened(two, reach) for one, two in zip(burned, unburned, strict=True)]
+    outside = [one & ~widened(two, reach) for one, two in zip(unburned, burned, strict=True)]
+    contradict = inside[1] & (since_s <= image.at_s) & outside[0]
+    contradict |= inside[0] & outside[1] & (seen_s > image.at_s)
+    beside = widened(unburned[0] | unburned[1], BESIDE_CELLS)
+    agree = burned[0] & burned[1] & beside
+    return int(np.count_nonzero(agree)), int(np.count_nonzero(contradict))

@@ -116,7 +116,7 @@ LAND = LandscapeExtent(
 STATE = FullState(
     4711,
     STATUS,
-    ("look", "correct", "fly", "approve"),
+    ("look", "observe", "correct", "fly", "approve"),
     "anna",
     [VEHICLE],
     [TELEMETRY],

@@ -59,7 +59,7 @@ from mission_service.events import (
 )
 from mission_service.fire.best_fire import Folded
 from mission_service.fire.observed_window import Window
-from mission_service.fire.run_estimate import OF_FIRE, RunEstimate, UnusedReportError
+from mission_service.fire.run_estimate import OBSERVATIONS, OF_FIRE, RunEstimate, UnusedReportError
 from mission_service.fire.sensor_files import SensorFiles
 from mission_service.fire.sensors import sensors_of
 from mission_service.fire.simulated_cameras import SimulatedCameras, fires_of_run
@@ -195,8 +195,7 @@ class Engine:
             return
         self._estimate_due_us = at_us + ESTIMATE_CHECK_EVERY_US
         self.estimate.advance(at_us)
-        texts = self.estimate.agreement.contradictions()
-        self.state_view.show_alarms("camera", texts, "severe")
+        self._show_contradictions()
         self.state_view.show_sensors(self.sensors.problems(), self.sensors.failed)
         if windows := self.estimate.contradicted():
             for window in windows:
@@ -207,6 +206,11 @@ class Engine:
             arrived_us = round(found.at_s * 1e6)
             place = (found.lat_deg, found.lon_deg)
             self._handle(FireReachedEdge(at_us, SERVICE, "", arrived_us, *place), now_us)
+
+    def _show_contradictions(self) -> None:
+        """Show an alarm for each source of observations that contradicts others."""
+        texts = self.estimate.agreement.contradictions()
+        self.state_view.show_alarms("observer", texts, "severe")
 
     def _images(self, fix: Telemetry) -> list[Observed]:
         """Return new observations of the sensors.
@@ -260,11 +264,14 @@ class Engine:
             window = self.estimate.apply_report(event)
         except UnusedReportError as error:  # its line remains: others may depend on its time
             self._process(event, now_us)
+            self._show_contradictions()
             raise self.unused(event, error.reason) from error
         except Exception as error:
             self.recording.remove_last()
             raise _defect(event, error, self._scenario.planner.rule) from error
         self._process(event, now_us)
+        if isinstance(event, OBSERVATIONS):
+            self._show_contradictions()
         self._queue(window)
         self._deliver(event.at_us, now_us)
 

@@ -10,13 +10,21 @@ from firemodel.errors import FireModelError
 from mission_service.commands import CONFIRM, REJECTED
 from mission_service.core.request_events import ANYWHERE, STATUS, RequestScope, event_of
 from mission_service.errors import MissionServiceError
-from mission_service.events import AnyOperatorEvent, Corrected, Erased, FireObserved, Redone, Undone
+from mission_service.events import (
+    AnyOperatorEvent,
+    Corrected,
+    Erased,
+    FireObserved,
+    RasterObserved,
+    Redone,
+    Undone,
+)
 
 Answer = dict[str, Any]
 # Returns an awaitable for the reason why the estimate does not use a report (None if it is used).
 # Returns None if the report does not wait.
 Outcome = Callable[[AnyOperatorEvent], Awaitable[Exception | None] | None]
-CHANGES_AREA = (Corrected, FireObserved, Erased, Undone, Redone)
+CHANGES_AREA = (Corrected, FireObserved, RasterObserved, Erased, Undone, Redone)
 OWN_ERRORS = (MissionServiceError, FireModelError, BridgeError)
 
 

@@ -82,7 +82,7 @@ OF_FIRE = ("edge", "input")  # prefixes of the alarms about the fire, which a re
 OF_FLIGHT = (
     *("link", "silent", "position", "battery", "mission", "order", "abort", "near"),
     *("mode", "state", "fence", "estimator", "autopilot", "front", "landed", "unrecorded"),
-    *("camera", "sensor"),
+    *("observer", "sensor"),
     *OF_FIRE,
 )
 
@@ -476,7 +476,7 @@ class StateView(Notices):
 
     def sources(self) -> list[SourceState]:
         """Return the contribution and the state of each source of observations."""
-        problems, contradictions = self._alarms_of("sensor"), self._alarms_of("camera")
+        problems, contradictions = self._alarms_of("sensor"), self._alarms_of("observer")
         return self.statistics.sources.states(
             self.at_us, problems, contradictions, self._failed_sensors
         )

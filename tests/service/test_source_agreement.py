@@ -45,7 +45,7 @@ def test_a_growing_fire_is_no_contradiction() -> None:
 def test_of_three_sources_the_one_that_contradicts_both_others_is_distrusted() -> None:
     agreement = compared(image("a", 0.0, 20), image("b", 10.0, 21), image("c", 20.0, 5))
     assert agreement.distrusted == {"c"}
-    assert "images of c are not used" in agreement.contradictions()["c"]
+    assert "observations of c are not used" in agreement.contradictions()["c"]
     assert list(agreement.contradictions()) == ["c"]
 
 
@@ -58,7 +58,7 @@ def test_of_two_sources_either_may_be_wrong() -> None:
     agreement = compared(image("a", 0.0, 20), image("b", 10.0, 5))
     assert not agreement.distrusted
     assert agreement.contradictions() == {
-        "a": "the images of a and b contradict each other; check both cameras"
+        "a": "the observations of a and b contradict each other; check both"
     }
 
 
@@ -131,8 +131,8 @@ def test_one_false_camera_among_four_is_outvoted_with_an_alarm(
     error, world = flown(tmp_path / false_image, false_image)
     assert error < honest + 0.06
     service = world.simulation.service
-    alarms = [key for key in service.state_view.alarms if key.startswith("camera/")]
-    assert alarms == ["camera/kite"]
+    alarms = [key for key in service.state_view.alarms if key.startswith("observer/")]
+    assert alarms == ["observer/kite"]
     service.recording.journal.close()
     reader = SegmentReader(tmp_path / false_image / "journal.jsonl")
     contents = [reader.entry(*line).content for line in reader.lines(reader.begin)]

@@ -14,7 +14,7 @@ from mission_service.interfaces.api.responses import ApiError, answer, body_of, 
 from mission_service.interfaces.maps import fronts, overlay, perimeter_export
 from mission_service.interfaces.maps.mercator import outline_of
 from mission_service.interfaces.maps.perimeter_import import LARGEST_BYTES
-from mission_service.interfaces.maps.perimeter_worker import Job
+from mission_service.interfaces.maps.perimeter_worker import Done, Job
 
 GEOJSON = "application/geo+json"
 LONGEST_S = 1e7
@@ -197,6 +197,7 @@ def _add_corrections(routes: APIRouter, api: ApiContext) -> None:
         outline = [(float(lon), float(lat)) for lon, lat in outline_of(api.context.landscape)]
         async with api.uploads:
             found = await read_in_process(Job(data, file_name, outline))
+        assert isinstance(found, Done)
         replies: list[dict[str, Any]] = []
         for each in found.corrections:
             try:

@@ -53,7 +53,8 @@ class RequiredRole:
         self.role = role
 
     async def __call__(self, request: Request) -> None:
-        if self.role is None:
+        # The guard has carried out an abort, with any valid token.
+        if self.role is None or hasattr(request.state, "aborted"):
             return
         user = request.state.user
         if user is None:

@@ -1,19 +1,25 @@
-"""Reads uploaded perimeters in a separate process (``maps/perimeter_worker.py``)."""
+"""Reads uploaded files in a separate process (``maps/perimeter_worker.py``)."""
 
 import asyncio
 
 import msgspec
 
 from mission_service.interfaces.api.responses import ApiError
-from mission_service.interfaces.maps.perimeter_worker import Done, Failed, Job
+from mission_service.interfaces.maps.perimeter_worker import (
+    Done,
+    Failed,
+    Job,
+    RasterDone,
+    RasterJob,
+)
 from mission_service.sensors.worker_process import WITHIN_S, command_of, end_of
 
 WORKER = command_of("mission_service.interfaces.maps.perimeter_worker")
-_decode = msgspec.json.Decoder(Done | Failed).decode
+_decode = msgspec.json.Decoder(Done | RasterDone | Failed).decode
 
 
-async def read_in_process(job: Job) -> Done:
-    """Return an uploaded perimeter and the resulting corrections.
+async def read_in_process(job: Job | RasterJob) -> Done | RasterDone:
+    """Return an uploaded perimeter and the resulting corrections, or an uploaded raster.
 
     Raises ApiError 422 if the file is unusable, or if the process that reads it crashes or is slow.
     """
@@ -27,7 +33,7 @@ async def read_in_process(job: Job) -> Done:
         async with asyncio.timeout(WITHIN_S):
             output, _ = await process.communicate(msgspec.msgpack.encode(job))
     except TimeoutError:
-        text = f"reading the perimeter takes more than {WITHIN_S:g} s; simplify it"
+        text = f"reading the file takes more than {WITHIN_S:g} s; simplify it"
         raise ApiError(422, text) from None
     finally:
         if process.returncode is None:
@@ -36,10 +42,10 @@ async def read_in_process(job: Job) -> Done:
     if process.returncode != 0:
         raise ApiError(
             422,
-            f"the process that read the perimeter ended with {end_of(process.returncode or 0)}; "
-            "simplify the perimeter",
+            f"the process that read the file ended with {end_of(process.returncode or 0)}; "
+            "simplify the file",
         )
-    answer: Done | Failed = await asyncio.to_thread(_decode, output)
+    answer: Done | RasterDone | Failed = await asyncio.to_thread(_decode, output)
     if isinstance(answer, Failed):
         raise ApiError(422, answer.error)
     return answer

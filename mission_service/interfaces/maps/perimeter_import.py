@@ -82,7 +82,7 @@ def read_perimeter(data: bytes, file_name: str, landscape: Landscape) -> Perimet
 
 def read_perimeter_in(data: bytes, file_name: str, extent: BaseGeometry) -> Perimeter:
     """Return the result of ``read_perimeter``, for a landscape with this outline (lon, lat)."""
-    name = _printable(file_name)
+    name = printable(file_name)
     polygons, records, notes = [], [], []
     off: list[tuple[int, BaseGeometry]] = []
     features = features_in(data, name)
@@ -129,7 +129,7 @@ def _place(area: BaseGeometry) -> str:
     return f"lat {lat:.4f}, lon {lon:.4f}"
 
 
-def _printable(file_name: str) -> str:
+def printable(file_name: str) -> str:
     """Return the name of a file for messages, without folders and control characters."""
     name = re.split(r"[/\\]", file_name)[-1]
     return "".join(c if c.isprintable() else "?" for c in name)[:80] or "upload"

@@ -1,8 +1,9 @@
-"""Reads one uploaded perimeter in a separate process, because a file may crash the process.
+"""Reads one uploaded file in a separate process, because a file may crash the process.
 
 GEOS cannot be interrupted, holds the GIL while it runs, and has crashed on invalid input, so the
-service's process never passes uploaded geometry to it. The worker reads a ``Job`` from stdin and
-writes ``Done`` or ``Failed`` to stdout.
+service's process never passes uploaded geometry to it. GDAL also reads uploaded rasters only here.
+The worker reads a ``Job`` or ``RasterJob`` from stdin and writes ``Done``, ``RasterDone`` or
+``Failed`` to stdout.
 """
 
 import sys
@@ -15,7 +16,12 @@ from shapely.geometry.base import BaseGeometry
 from autopilot_bridge.errors import BridgeError
 from firemodel.errors import FireModelError
 from firemodel.spread.front import multipolygon
-from mission_service.interfaces.maps.perimeter_import import Perimeter, read_perimeter_in
+from mission_service.interfaces.maps.perimeter_import import (
+    Perimeter,
+    printable,
+    read_perimeter_in,
+)
+from mission_service.interfaces.maps.raster_import import read_raster
 from mission_service.interfaces.maps.thinning import thinned
 from mission_service.sensors.worker_process import limit_process
 
@@ -24,8 +30,16 @@ EDGE_DEG = 1e-5  # a metre: corners on the edge of the landscape may be rounded 
 MAX_POINTS = 900  # maximum in a correction; less than the limit for requests
 
 
-class Job(msgspec.Struct):
-    """An uploaded file, and the outline of the landscape (longitude, latitude)."""
+class Job(msgspec.Struct, tag="perimeter"):
+    """An uploaded perimeter, and the outline of the landscape (longitude, latitude)."""
+
+    data: bytes
+    file_name: str
+    outline: list[tuple[float, float]]
+
+
+class RasterJob(msgspec.Struct, tag="raster"):
+    """An uploaded GeoTIFF, and the outline of the landscape (longitude, latitude)."""
 
     data: bytes
     file_name: str
@@ -37,6 +51,12 @@ class Done(msgspec.Struct, tag="done"):
 
     perimeter: msgspec.Raw
     corrections: list[dict[str, Any]]
+
+
+class RasterDone(msgspec.Struct, tag="raster_done"):
+    """The raster as a request, without its user, time and errors."""
+
+    request: dict[str, Any]
 
 
 class Failed(msgspec.Struct, tag="failed"):
@@ -83,10 +103,12 @@ def _correction(state: str, ring: Any) -> dict[str, Any]:
     return {**request, "points": thinned(points, MAX_POINTS)}
 
 
-def answer_to(job: Job) -> Done | Failed:
+def answer_to(job: Job | RasterJob) -> Done | RasterDone | Failed:
     """Read the file of a job; return the result or the error."""
     try:
         extent = shapely.Polygon(job.outline)
+        if isinstance(job, RasterJob):
+            return RasterDone(read_raster(job.data, printable(job.file_name), extent.bounds))
         found = read_perimeter_in(job.data, job.file_name, extent)
         corrections = corrections_of(found, extent)
     except (FireModelError, BridgeError) as error:
@@ -97,7 +119,7 @@ def answer_to(job: Job) -> Done | Failed:
 def main() -> None:
     """Process one job, within limits of memory and time."""
     limit_process()
-    job = msgspec.msgpack.decode(sys.stdin.buffer.read(), type=Job)
+    job = msgspec.msgpack.decode(sys.stdin.buffer.read(), type=Job | RasterJob)
     sys.stdout.buffer.write(msgspec.json.encode(answer_to(job)))
 
 

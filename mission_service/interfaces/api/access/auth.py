@@ -38,8 +38,14 @@ class User(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     station: Annotated[str, Meta(max_length=80)] = ""
 
     def may(self, role: Role) -> bool:
-        """Return whether the user has this role; every user has ``look``."""
-        return role == "look" or role in self.roles
+        """Return whether the user has this role.
+
+        Every user has ``look``, except one with only ``observe``, a detector. ``correct`` includes
+        ``observe``.
+        """
+        if role == "look":
+            return self.roles != {"observe"}
+        return role in self.roles or (role == "observe" and "correct" in self.roles)
 
     @property
     def highest_role(self) -> Role:

@@ -27,7 +27,8 @@ from mission_service.interfaces.api.responses import (
     error_body,
 )
 
-ABORT, PERIMETER = "/api/v1/abort", "/api/v1/fire/perimeter"
+ABORT = "/api/v1/abort"
+UPLOADS = ("/api/v1/fire/perimeter", "/api/v1/fire/observations/geotiff")
 BODY_WITHIN_S = 20.0
 PREFIXES_WITH_TOKEN = ("/api/", "/metrics")
 HEALTH = ("/healthz", "/readyz")
@@ -177,7 +178,7 @@ async def _whole(scope: Scope, receive: Receive) -> Receive:
     Raises ApiError 413 for a body that is too long, ApiError 408 for a body that does not arrive in
     time, and _DisconnectedError.
     """
-    max_bytes = MAX_PERIMETER_BYTES if scope["path"] == PERIMETER else MAX_BODY_BYTES
+    max_bytes = MAX_PERIMETER_BYTES if scope["path"] in UPLOADS else MAX_BODY_BYTES
     body, more = bytearray(), True
     try:
         async with asyncio.timeout(BODY_WITHIN_S):

@@ -1,7 +1,7 @@
 // Messages of the service, described in docs/api.md and /api/v1/openapi.json. Times are mission time.
 
 export type LonLat = [number, number];
-export type Role = "look" | "correct" | "fly" | "approve";
+export type Role = "look" | "observe" | "correct" | "fly" | "approve";
 export type Level = "info" | "warning" | "severe";
 
 export interface Telemetry {
