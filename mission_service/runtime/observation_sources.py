@@ -13,9 +13,12 @@ from typing import NamedTuple
 
 from firemodel.assimilation.observation import UNBURNED, UNSEEN
 from firemodel.landscape.landscape import Landscape
-from mission_service.events import AnyEvent, FireObserved, Observed
+from mission_service.events import AnyEvent, FireObserved, Observed, RasterObserved
 from mission_service.fire.correction_log import drawn_shape
-from mission_service.fire.reported_observations import STATES
+from mission_service.fire.observed_window import LETTERS, in_letters
+from mission_service.fire.raster_cells import raster_cells
+from mission_service.fire.reported_observations import STATES, sender_of
+from mission_service.fire.sensors import STATION as SENSORS
 from mission_service.runtime.published_states import SourceKind, SourceState, SourceStatus
 
 # A source is late if its last observation is older than this number of usual intervals and than
@@ -92,7 +95,7 @@ class ObservationSources:
 
     def __init__(self, landscape: Landscape, sensors: Collection[str], at_us: int) -> None:
         """Begin at ``at_us`` with the sensors of the scenario, which have sent nothing yet."""
-        self._landscape = landscape
+        self._landscape, self._sensors = landscape, frozenset(sensors)
         self.contributions = {name: Contribution("sensor", at_us) for name in sensors}
         self.footprints: deque[Footprint] = deque()
         self._stored_cells = 0
@@ -100,12 +103,16 @@ class ObservationSources:
 
     def apply(self, event: AnyEvent) -> None:
         """Process an event of the run."""
-        if isinstance(event, FireObserved):
-            by_person = f"{event.by} at {event.station}"  # as the estimate names the sender
-            kind: SourceKind = "detector" if event.source else "person"
-            self._add(event, event.source or by_person, kind)
+        if isinstance(event, FireObserved | RasterObserved):
+            seen = (
+                _window_of(event, self._landscape) if isinstance(event, RasterObserved) else event
+            )
+            if event.station == SENSORS and event.by in self._sensors:
+                self._add(seen, event.by, "sensor")
+            else:
+                self._add(seen, sender_of(event), "detector" if event.source else "person")
         elif isinstance(event, Observed) and not (event.corrects or event.estimated):
-            kind = "sensor" if event.source else "camera"
+            kind: SourceKind = "sensor" if event.source else "camera"
             self._add(event, event.source or event.vehicle, kind)
 
     def _add(self, event: Observed | FireObserved, source: str, kind: SourceKind) -> None:
@@ -172,8 +179,9 @@ class ObservationSources:
         found = []
         for source, each in sorted(self.contributions.items()):
             status, problem = status_of(each, now_us)
-            if source in contradictions or each.distrusted:
-                status, problem = "contradicts", contradictions.get(source, DISTRUSTED)
+            texts = [text for name, text in contradictions.items() if _is_of(name, source)]
+            if texts or each.distrusted:
+                status, problem = "contradicts", texts[0] if texts else DISTRUSTED
             if source in problems:
                 problem = problems[source]
                 status = "failed" if source in failed else status
@@ -229,3 +237,15 @@ def _state(
 def _time_us(event: Observed | FireObserved) -> int:
     """Return the mission time at which an observation was made."""
     return event.seen_at_us if isinstance(event, FireObserved) else event.at_us
+
+
+def _window_of(event: RasterObserved, landscape: Landscape) -> Observed:
+    """Return the cells that a raster shows of the landscape, as an observation."""
+    top, left, state = raster_cells(event, landscape)
+    cells = in_letters(LETTERS[state])
+    return Observed(event.seen_at_us, "", top, left, cells, position_sd_m=event.position_sd_m)
+
+
+def _is_of(name: str, source: str) -> bool:
+    """Return whether the estimate's name of a sender (``sender_of``) is that of a source."""
+    return name == source or name.endswith(f" of {source}")

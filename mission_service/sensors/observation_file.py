@@ -99,7 +99,7 @@ def contents_of(path: Path, landscape: Landscape, settings: FileSettings) -> Fil
 
     Raises MissionServiceError or FireModelError, whose text names the file and the reason.
     """
-    from mission_service.sensors.raster_cells import raster_contents
+    from mission_service.sensors.raster_file import raster_contents
     from mission_service.sensors.satellite_pixels import read_satellite_pixels
     from mission_service.sensors.vector_reports import groups_on, pixel_contents, vector_contents
 

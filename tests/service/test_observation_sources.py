@@ -6,7 +6,7 @@ import pytest
 
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import load_scenario
-from mission_service.events import FireObserved, Observed, Telemetry
+from mission_service.events import FireObserved, Observed, RasterObserved, Telemetry
 from mission_service.fire.scenario_fire import landscape_of
 from mission_service.interfaces.maps.footprints import footprints_geojson
 from mission_service.journal.snapshot import Known, copied
@@ -42,11 +42,16 @@ def image(at_s: float, **changes: Any) -> Observed:
 
 def report(at_s: float, points: list[tuple[float, float]], **changes: Any) -> FireObserved:
     at_us = round(at_s * 1e6)
-    fields: dict[str, Any] = {"state": "burning", "shape": "points", "source": "tower", **changes}
+    fields: dict[str, Any] = {
+        "by": "anna",
+        "station": "north",
+        "source": "tower",
+        "state": "burning",
+        "shape": "points",
+        **changes,
+    }
     return FireObserved(
         at_us=at_us,
-        by="anna",
-        station="north",
         points=tuple(points),
         seen_at_us=at_us,
         position_sd_m=20.0,
@@ -124,7 +129,7 @@ def test_a_source_without_a_usual_interval_and_a_person_are_never_late(
         sources.apply(report(at_s, places(land, (30, 30))))
     for at_s in range(0, 600, 60):
         sources.apply(report(at_s, places(land, (30, 30)), source=""))
-    assert state_of(sources, "tower", 1e5).state == "live"
+    assert state_of(sources, "tower of anna", 1e5).state == "live"
     person = state_of(sources, "anna at north", 1e5)
     assert (person.kind, person.state) == ("person", "live")
 
@@ -162,14 +167,48 @@ def test_cells_of_reports_follow_from_their_length_and_area(
 ) -> None:
     square = places(land, (30, 30), (30, 40), (40, 40), (40, 30))
     sources.apply(report(0, square[:3]))
-    assert state_of(sources, "tower", 0).burned_cells == 3
+    assert state_of(sources, "tower of anna", 0).burned_cells == 3
     sources.apply(report(1, square[:2], shape="line"))
-    assert state_of(sources, "tower", 1).burned_cells == 3 + 10
+    assert state_of(sources, "tower of anna", 1).burned_cells == 3 + 10
     sources.apply(report(2, square, shape="polygon", state="unburned"))
-    assert state_of(sources, "tower", 2).unburned_cells == 100
+    assert state_of(sources, "tower of anna", 2).unburned_cells == 100
     sources.apply(report(3, square, shape="polygon", state="smoke"))
-    found = state_of(sources, "tower", 3)
+    found = state_of(sources, "tower of anna", 3)
     assert (found.burned_cells, found.unburned_cells, found.observations) == (13, 100, 4)
+
+
+def test_a_raster_counts_with_the_cells_that_it_shows(
+    sources: ObservationSources, land: Landscape
+) -> None:
+    (north, west), (south, east) = places(land, (29.5, 29.5), (31.5, 31.5))
+    edges = {"south_deg": south, "west_deg": west, "north_deg": north, "east_deg": east}
+    raster = RasterObserved(
+        *(1_000_000, "anna", "north"),
+        **edges,
+        rows=("bu", ".u"),
+        seen_at_us=1_000_000,
+        position_sd_m=5.0,
+        false_alarms=0.0,
+        source="tower",
+    )
+    sources.apply(raster)
+    found = state_of(sources, "tower of anna", 1.0)
+    assert (found.kind, found.observations, found.burned_cells, found.unburned_cells) == (
+        *("detector", 1),
+        *(1, 2),
+    )
+
+
+def test_reports_of_a_sensor_count_for_the_sensor(
+    sources: ObservationSources, land: Landscape
+) -> None:
+    one = report(1, places(land, (30, 30)), by="thermal_frames", station="sensor", source="VIIRS")
+    sources.apply(one)
+    found = state_of(sources, "thermal_frames", 1.0)
+    assert (found.kind, found.observations) == ("sensor", 1)
+    alarms = {"VIIRS of thermal_frames": "burned where others are not"}
+    found = state_of(sources, "thermal_frames", 1.0, contradictions=alarms)
+    assert (found.state, found.problem) == ("contradicts", "burned where others are not")
 
 
 def test_memory_is_bounded(sources: ObservationSources, land: Landscape) -> None:
@@ -178,8 +217,8 @@ def test_memory_is_bounded(sources: ObservationSources, land: Landscape) -> None
         sources.apply(report(step, one, source=f"detector {step}"))
     reporters = [each for each in sources.contributions.values() if each.kind == "detector"]
     assert len(reporters) == MAX_REPORTERS
-    assert "detector 4" not in sources.contributions
-    assert {"thermal_frames", "detector 5"} <= sources.contributions.keys()
+    assert "detector 4 of anna" not in sources.contributions
+    assert {"thermal_frames", "detector 5 of anna"} <= sources.contributions.keys()
     for step in range(100):
         sources.apply(image(1000 + step))
     kept = [each.at_us / 1e6 for each in sources.footprints if each.source == "hawk"]
