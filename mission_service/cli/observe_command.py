@@ -29,18 +29,20 @@ def observe(
     from mission_service.config.scenario import load_scenario
     from mission_service.errors import MissionServiceError
     from mission_service.fire.scenario_fire import landscape_of
-    from mission_service.sensors.frame_cells import frame_cells
+    from mission_service.sensors.frame_cells import frame_cells, stated_errors
     from mission_service.sensors.frame_picture import draw_frame
+    from mission_service.sensors.frame_registration import FrameRegistration
     from mission_service.sensors.thermal_image import read_thermal_image
 
     loaded = load_scenario(scenario, overrides)
-    landscape = landscape_of(loaded)
+    landscape, settings = landscape_of(loaded), loaded.estimate.thermal_frames
+    registration = FrameRegistration(landscape, stated_errors(settings))
     summaries: list[dict[str, Any]] = []
     with results_in(out, "repeat the command") as made:
         for number, path in enumerate(images):
             try:
                 image = read_thermal_image(path)
-                found = frame_cells(image, landscape, loaded.estimate.thermal_frames)
+                found = frame_cells(image, landscape, settings, registration)
             except (MissionServiceError, FireModelError) as error:
                 summaries.append({"file": str(path), "error": str(error)})
                 continue
@@ -66,6 +68,8 @@ def _summary(path: Path, image: Any, found: Any, landscape: Any) -> dict[str, An
         "hot_pixels": found.hot_pixels,
         "burned_cells": cells.count("b"),
         "unburned_cells": cells.count("u"),
+        "matches": found.matches,
+        "inexact": round(found.inexact, 3),
         "position_sd_m": round(found.position_sd_m, 2),
         "ellipse": {
             "major_m": round(found.ellipse.major_m, 2),

@@ -19,7 +19,8 @@ from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario
 from mission_service.errors import MissionServiceError, ScenarioError
 from mission_service.events import AnyEvent, Observed, Telemetry
-from mission_service.sensors.frame_cells import Burned, FrameCells, frame_cells
+from mission_service.sensors.frame_cells import Burned, FrameCells, frame_cells, stated_errors
+from mission_service.sensors.frame_registration import FrameRegistration
 from mission_service.sensors.thermal_image import SUFFIXES, read_thermal_image
 
 LOOK_EVERY_S = 0.25
@@ -45,6 +46,7 @@ class FrameFolder:
         self._problems: dict[str, str] = {}  # why files are not used, by name
         self._landscape = landscape
         self._burned = Burned(landscape.shape)
+        self._registration = FrameRegistration(landscape, stated_errors(self._settings))
         self._growing: dict[str, Change] = {}
         self._read: dict[str, Change] = {}
         self._arrived: deque[tuple[str, FrameCells, float]] = deque()
@@ -147,7 +149,7 @@ class FrameFolder:
                 f"{self._settings.max_age_s:g}"
             )
         taken_s = image.taken.timestamp()
-        cells = frame_cells(image, self._landscape, self._settings)
+        cells = frame_cells(image, self._landscape, self._settings, self._registration)
         found = self._burned.added(cells, taken_s)
         if not set("".join(found.window.cells)) <= {"."}:
             self._arrived.append((path.name, found, taken_s))
