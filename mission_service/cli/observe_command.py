@@ -10,7 +10,9 @@ from mission_service.cli.output_folder import results_in
 
 if TYPE_CHECKING:
     from firemodel.landscape.landscape import Landscape
+    from mission_service.config.fire_sections import ThermalFramesSection
     from mission_service.config.scenario import Scenario
+    from mission_service.sensors.frame_registration import FrameRegistration
 
 
 @click.command()
@@ -33,9 +35,13 @@ def observe(
     from mission_service.config.scenario import load_scenario
     from mission_service.errors import MissionServiceError
     from mission_service.fire.scenario_fire import landscape_of
+    from mission_service.sensors.frame_cells import stated_errors
+    from mission_service.sensors.frame_registration import FrameRegistration
 
     loaded = load_scenario(scenario, overrides)
     landscape = landscape_of(loaded)
+    settings = loaded.estimate.thermal_frames
+    registration = FrameRegistration(landscape, stated_errors(settings))
     images: list[dict[str, Any]] = []
     others: list[dict[str, Any]] = []
     with results_in(out, "repeat the command") as made:
@@ -43,7 +49,10 @@ def observe(
             name = f"{path.stem}.png" if len(files) == 1 else f"{number:03d}-{path.stem}.png"
             thermal = _is_thermal(path)
             try:
-                found = (_image if thermal else _file)(path, made / name, loaded, landscape)
+                if thermal:
+                    found = _image(path, made / name, settings, landscape, registration)
+                else:
+                    found = _file(path, made / name, loaded, landscape)
                 summary = {"file": str(path)} | found | {"picture": name}
             except (MissionServiceError, FireModelError) as error:
                 summary = {"file": str(path), "error": str(error)}
@@ -73,7 +82,11 @@ def _is_thermal(path: Path) -> bool:
 
 
 def _image(
-    path: Path, picture: Path, scenario: "Scenario", landscape: "Landscape"
+    path: Path,
+    picture: Path,
+    settings: "ThermalFramesSection",
+    landscape: "Landscape",
+    registration: "FrameRegistration",
 ) -> dict[str, Any]:
     """Draw a thermal image, and return its summary."""
     from mission_service.sensors.frame_cells import frame_cells
@@ -81,7 +94,7 @@ def _image(
     from mission_service.sensors.thermal_image import read_thermal_image
 
     image = read_thermal_image(path)
-    found = frame_cells(image, landscape, scenario.estimate.thermal_frames)
+    found = frame_cells(image, landscape, settings, registration)
     draw_frame(picture, landscape, image, found)
     cells = "".join(found.window.cells)
     lat_deg, lon_deg = landscape.lat_lon_of(*landscape.xy_of(*found.centre))
@@ -91,6 +104,8 @@ def _image(
         "hot_pixels": found.hot_pixels,
         "burned_cells": cells.count("b"),
         "unburned_cells": cells.count("u"),
+        "matches": found.matches,
+        "inexact": round(found.inexact, 3),
         "position_sd_m": round(found.position_sd_m, 2),
         "ellipse": {
             "major_m": round(found.ellipse.major_m, 2),

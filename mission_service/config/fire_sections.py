@@ -212,10 +212,12 @@ class ThermalFramesSection(Section):
     from ``hot_c`` on burn, and pixels up to ``warm_above_c`` above the background are cool. Images
     of grey levels require ``hot_level``. ``kelvin_per_count`` converts 16-bit counts. The other
     keys are standard deviations of the camera's position (of each horizontal axis), altitude and
-    direction (of yaw, pitch and roll each), and of the landscape's elevation. Images older than
-    ``max_age_s`` when they arrive are not used. If a file has no pose, the telemetry of the
-    vehicles is used: ``time_sd_s`` is the standard deviation of the times of files, and
-    ``fixed_pitch_deg`` is the pitch of a camera without a gimbal, relative to the airframe.
+    direction (of the rotation about each axis of the camera), and of the landscape's elevation.
+    Pixels are not used if the standard deviation of their place is above ``max_position_sd_m``.
+    Images older than ``max_age_s`` when they arrive are not used. If a file has no pose, the
+    telemetry of the vehicles is used: ``time_sd_s`` is the standard deviation of the times of
+    files, and ``fixed_pitch_deg`` is the pitch of a camera without a gimbal, relative to the
+    airframe.
     """
 
     folder: Line | None = None
@@ -229,6 +231,7 @@ class ThermalFramesSection(Section):
     altitude_sd_m: Annotated[float, Field(ge=0, le=1000)] = 1.5
     direction_sd_deg: Annotated[float, Field(ge=0, le=45)] = 0.5
     elevation_sd_m: Annotated[float, Field(ge=0, le=1000)] = 2.0
+    max_position_sd_m: Annotated[float, Field(gt=0, le=1000)] = 8.0
     max_age_s: Annotated[float, Field(gt=0, le=21_600)] = 3600.0
     time_sd_s: Annotated[float, Field(ge=0, le=10)] = 0.2
     fixed_pitch_deg: Annotated[float, Field(ge=-90, le=0)] | None = None

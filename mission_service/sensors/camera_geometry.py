@@ -1,4 +1,4 @@
-"""Compute the lines of sight of a camera's pixels, with lens distortion, from its pose. Pure."""
+"""Compute lines of sight of pixels, and pixels of places, from a camera's lens and pose. Pure."""
 
 import math
 from typing import NamedTuple
@@ -10,6 +10,8 @@ from firemodel.arrays import Floats
 Angles = tuple[float, float, float]  # yaw, pitch, roll in degrees
 VERTICAL = 1e-3  # horizontal part of a line of sight that counts as vertical
 UNDISTORTION_STEPS, UNDISTORTED = 50, 1e-7  # at most; a change below a thousandth of a pixel
+LEVEL = 1e-6  # horizontal part of a line of sight that has a direction
+WIDEST = 1.3  # tangent of the widest line of sight, as a multiple of that of the image's corner
 
 
 class Lens(NamedTuple):
@@ -40,28 +42,23 @@ class CameraPose(NamedTuple):
 
 
 class PoseErrors(NamedTuple):
-    """Standard deviations of the parts of a pose, and of the elevation of the ground."""
+    """Standard deviations of the parts of a pose, and of the elevation of the ground.
+
+    The error of a pose is six numbers: east, north and up in m, and rotations in rad about the
+    camera's axes right, up and forward. Angles of yaw and roll would be the same rotation for a
+    camera that looks straight down, and would leave out its error to the side.
+    """
 
     position_sd_m: float  # of each horizontal axis
     altitude_sd_m: float
-    direction_sd_deg: float  # of each of yaw, pitch and roll
+    direction_sd_deg: float  # of the rotation about each axis
     elevation_sd_m: float
 
-    def shifted(self, pose: CameraPose) -> list[CameraPose]:
-        """Return the pose with each of its parts in error by one standard deviation.
-
-        An error of the elevation has the effect of an opposite error of the altitude.
-        """
-        vertical_m = math.hypot(self.altitude_sd_m, self.elevation_sd_m)
-        steps = {
-            "x_m": self.position_sd_m,
-            "y_m": self.position_sd_m,
-            "altitude_amsl_m": vertical_m,
-            "yaw_deg": self.direction_sd_deg,
-            "pitch_deg": self.direction_sd_deg,
-            "roll_deg": self.direction_sd_deg,
-        }
-        return [pose._replace(**{name: getattr(pose, name) + steps[name]}) for name in steps]
+    def covariance(self) -> Floats:
+        """Return the covariance matrix (6, 6) of the error of a pose."""
+        position_m = [self.position_sd_m, self.position_sd_m, self.altitude_sd_m]
+        found: Floats = np.diag([*position_m, *[math.radians(self.direction_sd_deg)] * 3]) ** 2
+        return found
 
 
 def focal_px_of(field_of_view_deg: float, width: int) -> float:
@@ -135,3 +132,50 @@ def lines_of_sight(lens: Lens, pose: CameraPose, col: Floats, row: Floats) -> Fl
     found: Floats = local @ axes_of(pose)
     found /= np.linalg.norm(found, axis=1, keepdims=True)
     return found
+
+
+def moved(pose: CameraPose, error: Floats) -> CameraPose:
+    """Return the pose with an error (6,), see ``PoseErrors``, added."""
+    east_m, north_m, up_m = (float(part) for part in error[:3])
+    axes = axes_of(pose)
+    right, _, forward = axes + np.cross(error[3:] @ axes, axes)  # of small rotations
+    forward /= np.linalg.norm(forward)
+    pitch_deg = math.degrees(math.asin(max(-1.0, min(1.0, forward[2]))))
+    if math.hypot(forward[0], forward[1]) > LEVEL:
+        yaw = math.atan2(forward[0], forward[1])
+        level = np.array([math.cos(yaw), -math.sin(yaw), 0.0])
+        roll = math.atan2(-right @ np.cross(level, forward), right @ level)
+    else:  # straight down or up, where yaw and roll are the same rotation
+        yaw, roll = math.atan2(-right[1], right[0]), 0.0
+    return CameraPose(
+        pose.x_m + east_m,
+        pose.y_m + north_m,
+        pose.altitude_amsl_m + up_m,
+        math.degrees(yaw),
+        pitch_deg,
+        math.degrees(roll),
+    )
+
+
+def pixels_of(lens: Lens, pose: CameraPose, offset_m: Floats) -> tuple[Floats, Floats]:
+    """Return the columns and rows (n,) of places, the inverse of ``lines_of_sight``.
+
+    ``offset_m`` (n, 3) is east, north and up from the camera. Places behind the camera, or so far
+    to its side that the polynomial of the distortion does not apply, give NaN.
+    """
+    right, up, forward = axes_of(pose) @ offset_m.T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ahead = forward > 0.0
+        x, y = np.where(ahead, right / forward, np.nan), np.where(ahead, -up / forward, np.nan)
+        x[np.hypot(x, y) > WIDEST * math.hypot(lens.width, lens.height) / 2 / lens.focal_px] = (
+            np.nan
+        )
+    k1, k2, p1, p2, k3 = lens.distortion
+    r2 = x * x + y * y
+    radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    along = x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x)
+    down = y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y
+    return (
+        along * lens.focal_px + (lens.width - 1) / 2.0,
+        down * lens.focal_px + (lens.height - 1) / 2.0,
+    )

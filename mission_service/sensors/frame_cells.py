@@ -11,7 +11,7 @@ its pixels are hot or unknown.
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,11 +23,15 @@ from firemodel.landscape.landscape import Landscape
 from mission_service.config.fire_sections import ThermalFramesSection
 from mission_service.fire.observed_window import LETTERS, Window, in_letters, states_in
 from mission_service.sensors.camera_geometry import CameraPose, Lens, PoseErrors, focal_px_of
+from mission_service.sensors.frame_matching import reduced
+from mission_service.sensors.frame_registration import FrameRegistration
 from mission_service.sensors.ground_points import (
     ErrorEllipse,
     covariances,
+    elevation_sds_m,
     ellipse_of,
     ground_points,
+    pose_effects,
 )
 from mission_service.sensors.thermal_image import ThermalImage
 
@@ -39,7 +43,7 @@ NEARLY_ALL = 0.95  # share of cool pixels in an unburned cell
 MIN_PIXELS = 4  # in a cell
 MIN_NOT_HOT = 0.01  # share of the pixels
 MAX_RAYS = 100_000  # of a larger image every second, third, ... row and column is used
-ERRORS_OF = 200  # pixels, at most, for which the error of the place is computed
+ERRORS_EVERY = 4  # pixels in each axis of which one has its error computed
 
 
 class FrameCells(NamedTuple):
@@ -50,6 +54,8 @@ class FrameCells(NamedTuple):
     position_sd_m: float  # of each axis, the mean over the seen pixels
     ellipse: ErrorEllipse  # at the middle of the hot pixels, or of the image if none is hot
     centre: tuple[float, float]  # grid position (row, column) of the ellipse
+    matches: int  # places that the image shares with earlier images
+    inexact: float  # share of the pixels that are not used because of the error of their place
 
 
 class Burned:
@@ -72,21 +78,30 @@ class Burned:
 
 
 def frame_cells(
-    image: ThermalImage, landscape: Landscape, settings: ThermalFramesSection
+    image: ThermalImage,
+    landscape: Landscape,
+    settings: ThermalFramesSection,
+    registration: FrameRegistration | None = None,
 ) -> FrameCells:
     """Return the cells that a thermal image shows, with the error of their place.
+
+    With ``registration`` the image is registered to the images before. Pixels whose place has a
+    larger standard deviation than ``max_position_sd_m`` are not seen.
 
     Raises FireModelError, which names the image, if it shows no ground of the landscape, if the
     settings do not determine its lens or its hot pixels, or if its values are implausible.
     """
     try:
-        return _cells_of(image, landscape, settings)
+        return _cells_of(image, landscape, settings, registration)
     except FireModelError as error:
         raise FireModelError(f"{image.name}: {error}") from None
 
 
 def _cells_of(
-    image: ThermalImage, landscape: Landscape, settings: ThermalFramesSection
+    image: ThermalImage,
+    landscape: Landscape,
+    settings: ThermalFramesSection,
+    registration: FrameRegistration | None,
 ) -> FrameCells:
     height, width = image.values.shape
     focal_px = image.focal_px
@@ -99,39 +114,83 @@ def _cells_of(
         )
     lens = Lens(width, height, focal_px, settings.distortion)
     pose = _pose_of(image, landscape)
+    kinds = kinds_of(image, settings)
+    errors = stated_errors(settings, image)
+    covariance, matches = errors.covariance(), 0
+    # The registration assumes equal errors of all poses, which poses from telemetry do not have.
+    if registration is not None and errors == stated_errors(settings):
+        still = (kinds == COOL) | (kinds == UNKNOWN)
+        frame = reduced(image.values, still, lens, pose, image.taken.timestamp())
+        pose, covariance, matches = registration.registered(frame)
     step = math.ceil(math.sqrt(width * height / MAX_RAYS))
-    kinds = kinds_of(image, settings)[::step, ::step].ravel()
+    kinds = kinds[::step, ::step]
     col, row = (
-        each.ravel().astype(float)
+        each.astype(float)
         for each in np.meshgrid(np.arange(0, width, step), np.arange(0, height, step))
     )
-    places = ground_points(landscape, lens, pose, col, row)
-    seen = np.isfinite(places[:, 0])
-    if not seen.any():
+    places = ground_points(landscape, lens, pose, col.ravel(), row.ravel())
+    found = np.isfinite(places[:, 0])
+    if not found.any():
         raise FireModelError("shows no ground of the landscape")
-    shown = np.flatnonzero(seen & (kinds == HOT))
-    hot_pixels = shown.size * step * step
+    some = places.reshape(*kinds.shape, 2)[::ERRORS_EVERY, ::ERRORS_EVERY]
+    spread = _spread_of(landscape, pose, some.reshape(-1, 2), covariance, errors.elevation_sd_m)
+    spread = spread.reshape(*some.shape[:2], 2, 2)
+    sd_m = np.sqrt(np.trace(spread, axis1=2, axis2=3) / 2.0)
+    exact = _repeated(sd_m <= settings.max_position_sd_m, kinds.shape)
+    seen = found & exact.ravel()
+    if not seen.any():
+        raise FireModelError(
+            f"the standard deviation of its place is at least {np.nanmin(sd_m):.1f} m; "
+            f"estimate.thermal_frames.max_position_sd_m = {settings.max_position_sd_m:g}"
+        )
+    shown = seen.reshape(kinds.shape) & (kinds == HOT)
+    hot_pixels = int(np.count_nonzero(shown)) * step * step
     if not hot_pixels:
-        shown = np.flatnonzero(seen)
-    chosen = shown[:: max(1, shown.size // ERRORS_OF)]
-    errors = PoseErrors(
-        math.hypot(settings.position_sd_m, image.position_sd_m),
+        shown = seen.reshape(kinds.shape)
+    shown &= np.isfinite(_repeated(sd_m, kinds.shape))
+    mean = _repeated(spread, kinds.shape)[shown].mean(axis=0)
+    middle = places[shown.ravel()].mean(axis=0)
+    return FrameCells(
+        _window_of(places[seen], kinds.ravel()[seen], landscape.shape),
+        hot_pixels,
+        float(np.sqrt(np.trace(mean) / 2.0)),
+        ellipse_of(mean),
+        (float(middle[0]), float(middle[1])),
+        matches,
+        1.0 - float(np.count_nonzero(seen) / np.count_nonzero(found)),
+    )
+
+
+def stated_errors(settings: ThermalFramesSection, image: ThermalImage | None = None) -> PoseErrors:
+    """Return the standard deviations that the settings give, and those of the image's own pose."""
+    position_sd_m, direction_sd_deg = (
+        (0.0, 0.0) if image is None else (image.position_sd_m, image.direction_sd_deg)
+    )
+    return PoseErrors(
+        math.hypot(settings.position_sd_m, position_sd_m),
         settings.altitude_sd_m,
-        math.hypot(settings.direction_sd_deg, image.direction_sd_deg),
+        math.hypot(settings.direction_sd_deg, direction_sd_deg),
         settings.elevation_sd_m,
     )
-    spread = covariances(landscape, lens, pose, errors, col[chosen], row[chosen])
-    if not np.isfinite(spread).any():
-        raise FireModelError("shows too little of the landscape to know the error of its place")
-    spread = np.nanmean(spread, axis=0)
-    middle = places[shown].mean(axis=0)
-    return FrameCells(
-        _window_of(places[seen], kinds[seen], landscape.shape),
-        hot_pixels,
-        float(np.sqrt(np.trace(spread) / 2.0)),
-        ellipse_of(spread),
-        (float(middle[0]), float(middle[1])),
-    )
+
+
+def _spread_of(
+    landscape: Landscape,
+    pose: CameraPose,
+    places: Floats,
+    covariance: Floats,
+    elevation_sd_m: float,
+) -> Floats:
+    """Return the covariance matrices (n, 2, 2) of places (n, 2)."""
+    effects = pose_effects(landscape, pose, places)
+    return covariances(effects, covariance, elevation_sds_m(landscape, places, elevation_sd_m))
+
+
+def _repeated(values: NDArray[Any], shape: tuple[int, int]) -> NDArray[Any]:
+    """Return values of every ``ERRORS_EVERY``-th pixel for all pixels (y, x)."""
+    rows, cols = (np.arange(size) // ERRORS_EVERY for size in shape)
+    found: NDArray[Any] = values[rows[:, None], cols]
+    return found
 
 
 def kinds_of(image: ThermalImage, settings: ThermalFramesSection) -> NDArray[np.int8]:

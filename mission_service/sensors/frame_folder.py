@@ -16,7 +16,8 @@ from mission_service.config.scenario import Scenario
 from mission_service.errors import MissionServiceError
 from mission_service.events import AnyEvent, Observed, Telemetry
 from mission_service.fire.sensor_files import file_part
-from mission_service.sensors.frame_cells import Burned, FrameCells, frame_cells
+from mission_service.sensors.frame_cells import Burned, FrameCells, frame_cells, stated_errors
+from mission_service.sensors.frame_registration import FrameRegistration
 from mission_service.sensors.telemetry_poses import TelemetryPoses
 from mission_service.sensors.thermal_image import SUFFIXES, NoPoseError, read_thermal_image
 from mission_service.sensors.watched_folder import IncompleteError, WatchedFolder
@@ -36,6 +37,7 @@ class FrameFolder(WatchedFolder):
         super().__init__(key, self._settings.folder, SUFFIXES, "an image")
         self._landscape = landscape
         self._burned = Burned(landscape.shape)
+        self._registration = FrameRegistration(landscape, stated_errors(self._settings))
         self._arrived: deque[tuple[str, str, FrameCells, float]] = deque()
         self._poses = TelemetryPoses(self._settings.fixed_pitch_deg, self._settings.time_sd_s)
         self._zero_s: float | None = None  # mission time 0 in UTC, in a simulation
@@ -94,7 +96,7 @@ class FrameFolder(WatchedFolder):
                 f"{self._settings.max_age_s:g}"
             )
         taken_s = image.taken.timestamp()
-        cells = frame_cells(image, self._landscape, self._settings)
+        cells = frame_cells(image, self._landscape, self._settings, self._registration)
         found = self._burned.added(cells, taken_s)
         if not set("".join(found.window.cells)) <= {"."}:
             part = file_part(self.name_of(path.name))

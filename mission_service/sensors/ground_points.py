@@ -1,9 +1,7 @@
 """Compute the places on the ground that pixels show, with their errors, by ray casting. Pure.
 
 A line of sight is followed to the elevation of the landscape, interpolated bilinearly. The errors
-of the pose are carried along to first order: each part of the pose is changed by its standard
-deviation, and the displacements of the place on the ground are the columns of the root of its
-covariance.
+of the pose are carried along to first order: the ground is a plane with the slope at the place.
 """
 
 from typing import NamedTuple
@@ -13,10 +11,12 @@ import numpy as np
 from firemodel.arrays import Floats
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
-from mission_service.sensors.camera_geometry import CameraPose, Lens, PoseErrors, lines_of_sight
+from mission_service.sensors.camera_geometry import CameraPose, Lens, axes_of, lines_of_sight
 from mission_service.sensors.ray_casting_kernels import cast_rays
 
 REACH_M = 5000.0  # pixels that show ground farther away are not used
+GRAZING = 0.01  # sine of the smallest angle between a line of sight and the ground
+UP = 2  # place of the altitude in the error of a pose
 
 
 class ErrorEllipse(NamedTuple):
@@ -56,24 +56,95 @@ def ground_points(
     return found
 
 
-def covariances(
-    landscape: Landscape,
-    lens: Lens,
-    pose: CameraPose,
-    errors: PoseErrors,
-    col: Floats,
-    row: Floats,
-) -> Floats:
-    """Return the covariance matrices (n, 2, 2) in m² of the places that pixels (n,) show.
+def pose_effects(landscape: Landscape, pose: CameraPose, places: Floats) -> Floats:
+    """Return the displacements (n, 2, 6) of places on the ground for each error of the pose.
 
-    The axes are east and north of the grid. Pixels that show no ground give NaN.
+    The displacement is east and north in m, for each part of the error (``PoseErrors``). A wrong
+    elevation has the opposite effect of a wrong altitude. A line of sight along the slope gives
+    large numbers, and a place without ground (NaN) gives NaN.
+
+    Args:
+        landscape: The landscape.
+        pose: The camera.
+        places: The grid positions (n, 2) that ``ground_points`` found.
     """
-    here = ground_points(landscape, lens, pose, col, row)
-    found = np.zeros((col.size, 2, 2))
-    for shifted in errors.shifted(pose):
-        moved = ground_points(landscape, lens, shifted, col, row) - here
-        east_north_m = np.column_stack([moved[:, 1], -moved[:, 0]]) * landscape.cell_size_m
-        found += east_north_m[:, :, None] * east_north_m[:, None, :]
+    offset_m = offsets_m(landscape, pose, places)
+    rise_east, rise_north = _slopes(landscape, places)
+    # An error moves the end of the line of sight, and the line meets the ground's plane elsewhere.
+    descent = rise_east * offset_m[:, 0] + rise_north * offset_m[:, 1] - offset_m[:, 2]
+    along = (
+        offset_m[:, :2] / np.maximum(descent, GRAZING * np.linalg.norm(offset_m, axis=1))[:, None]
+    )
+    moves = np.empty((places.shape[0], 6, 3))
+    moves[:, :3] = np.eye(3)
+    moves[:, 3:] = np.cross(axes_of(pose)[None], offset_m[:, None])
+    above = (
+        moves[:, :, 2] - moves[:, :, 0] * rise_east[:, None] - moves[:, :, 1] * rise_north[:, None]
+    )
+    found: Floats = moves[:, :, :2] + above[:, :, None] * along[:, None, :]
+    return found.transpose(0, 2, 1)
+
+
+def offsets_m(landscape: Landscape, pose: CameraPose, places: Floats) -> Floats:
+    """Return places on the ground (n, 2) as east, north and up (n, 3) from the camera in m."""
+    x_m, y_m = landscape.xy_of(places[:, 0], places[:, 1])
+    ground_m = np.full(places.shape[0], np.nan)
+    known = np.isfinite(places[:, 0])
+    ground_m[known] = landscape.elevation_at(x_m[known], y_m[known])
+    return np.column_stack([x_m - pose.x_m, y_m - pose.y_m, ground_m - pose.altitude_amsl_m])
+
+
+def _slopes(landscape: Landscape, places: Floats) -> tuple[Floats, Floats]:
+    """Return the rise per metre towards east and north (n,) at grid positions (n, 2)."""
+    rise = [np.full(places.shape[0], np.nan) for _ in range(2)]
+    known = np.isfinite(places[:, 0])
+    row, col = places[known].T
+    z = landscape.elevation_m
+    assert z is not None
+    top = np.clip(row.astype(np.int64), 0, z.shape[0] - 2)
+    left = np.clip(col.astype(np.int64), 0, z.shape[1] - 2)
+    north_west, north_east = z[top, left], z[top, left + 1]
+    south_west, south_east = z[top + 1, left], z[top + 1, left + 1]
+    down, right = row - top, col - left
+    eastwards = (north_east - north_west) * (1 - down) + (south_east - south_west) * down
+    southwards = (south_west - north_west) * (1 - right) + (south_east - north_east) * right
+    rise[0][known] = eastwards / landscape.cell_size_m
+    rise[1][known] = -southwards / landscape.cell_size_m
+    return rise[0], rise[1]
+
+
+def elevation_sds_m(landscape: Landscape, places: Floats, stated_sd_m: float) -> Floats:
+    """Return the standard deviations (n,) of the interpolated elevation at places (n, 2).
+
+    The interpolation between the centres of cells adds an error to the stated one. For ground of
+    constant curvature it is at most an eighth of the second difference of the elevation in each
+    axis, and its root mean square over the cell is close to a tenth.
+    """
+    z = landscape.elevation_m
+    assert z is not None
+    found = np.full(places.shape[0], np.nan)
+    known = np.isfinite(places[:, 0])
+    row, col = np.rint(places[known]).astype(np.int64).T
+    row, col = np.clip(row, 1, z.shape[0] - 2), np.clip(col, 1, z.shape[1] - 2)
+    bends = np.abs(z[row - 1, col] + z[row + 1, col] - 2.0 * z[row, col])
+    bends += np.abs(z[row, col - 1] + z[row, col + 1] - 2.0 * z[row, col])
+    found[known] = np.hypot(stated_sd_m, bends / 10.0)
+    return found
+
+
+def covariances(effects: Floats, pose_covariance: Floats, elevation_sd_m: Floats) -> Floats:
+    """Return the covariance matrices (n, 2, 2) in m² of places on the ground.
+
+    The axes are east and north of the grid.
+
+    Args:
+        effects: The ``pose_effects`` (n, 2, 6) at the places.
+        pose_covariance: The covariance (6, 6) of the error of the pose.
+        elevation_sd_m: The standard deviations (n,) of the elevation of the ground.
+    """
+    vertical = effects[:, :, UP] * elevation_sd_m[:, None]
+    found: Floats = effects @ pose_covariance @ effects.transpose(0, 2, 1)
+    found += vertical[:, :, None] * vertical[:, None, :]
     return found
 
 

@@ -14,9 +14,18 @@ from mission_service.sensors.camera_geometry import (
     PoseErrors,
     axes_of,
     focal_px_of,
+    moved,
+    pixels_of,
     undistorted,
 )
-from mission_service.sensors.ground_points import covariances, ellipse_of, ground_points
+from mission_service.sensors.ground_points import (
+    covariances,
+    elevation_sds_m,
+    ellipse_of,
+    ground_points,
+    offsets_m,
+    pose_effects,
+)
 from mission_service.simulation.thermal_images import LENS
 
 MIDDLE = (np.array([319.5]), np.array([255.5]))
@@ -100,27 +109,100 @@ def test_a_ridge_hides_the_ground_behind_it(flat: Landscape) -> None:
     assert behind[0] < 70.0
 
 
+@pytest.mark.parametrize("pitch_deg", [-90.0, -45.0, 10.0])
+def test_a_pose_with_an_error_is_moved_and_turned_about_its_axes(pitch_deg: float) -> None:
+    pose = CameraPose(100.0, 200.0, 300.0, 33.0, pitch_deg, 12.0)
+    turn = 1e-3
+    for number, (one, other) in enumerate([(1, 2), (2, 0), (0, 1)]):  # right, up, forward
+        error = np.array([1.0, 2.0, 3.0, 0.0, 0.0, 0.0])
+        error[3 + number] = turn
+        found = moved(pose, error)
+        assert found[:3] == pytest.approx((101.0, 202.0, 303.0))
+        before, after = axes_of(pose), axes_of(found)
+        assert after[number] == pytest.approx(before[number], abs=1e-5)
+        assert after[one] @ before[other] == pytest.approx(-turn, rel=0.01)
+
+
+def test_places_are_shown_by_the_pixels_that_show_them() -> None:
+    landscape = steep_landscape(30.0)
+    pose = pose_above(landscape, 100.0, 90.0, 60.0, -50.0)._replace(roll_deg=4.0)
+    col, row = (each.ravel() for each in np.meshgrid(np.linspace(0, 639, 9), [0.0, 255.5, 511.0]))
+    places = ground_points(landscape, LENS, pose, col, row)
+    found = pixels_of(LENS, pose, offsets_m(landscape, pose, places))
+    assert np.array(found) == pytest.approx(np.array([col, row]), abs=0.01)
+    behind = np.array([[0.0, 0.0, 100.0]])
+    assert np.isnan(pixels_of(LENS, pose, behind)).all()
+
+
+def test_the_effects_of_errors_are_the_displacements_that_they_cause() -> None:
+    landscape = steep_landscape(30.0)
+    pose = pose_above(landscape, 100.0, 90.0, 60.0, -70.0)
+    col, row = (each.ravel() for each in np.meshgrid([40.0, 300.0, 600.0], [30.0, 250.0, 500.0]))
+    places = ground_points(landscape, LENS, pose, col, row)
+    effects = pose_effects(landscape, pose, places)
+    for number in range(6):
+        error = np.zeros(6)
+        error[number] = 0.01 if number < 3 else 1e-4
+        shift = ground_points(landscape, LENS, moved(pose, error), col, row) - places
+        east_north_m = np.column_stack([shift[:, 1], -shift[:, 0]]) * landscape.cell_size_m
+        assert effects @ error == pytest.approx(east_north_m, abs=1e-3)
+
+
+def test_the_error_of_the_elevation_includes_its_interpolation(flat: Landscape) -> None:
+    x_m = np.arange(200) * 10.0
+    bowl_m = np.tile(300.0 + 0.001 * x_m**2, (200, 1)).astype(np.float32)
+    bowl = Landscape("EPSG:32616", 747_000.0, 4_030_000.0, 10.0, flat.fuel_model, bowl_m)
+    places = np.array([[50.0, 20.5], [np.nan, np.nan]])
+    assert elevation_sds_m(flat, places, 2.0)[0] == 2.0
+    found = elevation_sds_m(bowl, places, 0.0)
+    between = np.linspace(20.0, 21.0, 101)
+    parabola_m = 300.0 + 0.001 * (between * 10.0) ** 2
+    chord_m = np.interp(between, [20.0, 21.0], bowl_m[0, 20:22])
+    assert found[0] == pytest.approx(np.sqrt(np.mean((parabola_m - chord_m) ** 2)), rel=0.15)
+    assert np.isnan(found[1])
+
+
 @pytest.mark.parametrize("cell_size_m", [30.0, 10.0])
 def test_errors_over_steep_ground_are_small_and_as_stated(cell_size_m: float) -> None:
     """The mean slope is 35 degrees; the stated ellipses contain 90 % of the true places."""
     rng = np.random.default_rng(7)
-    landscape = steep_landscape(cell_size_m)
-    found = [georeferenced(landscape, pitch, 60, rng) for pitch in (-90.0, -60.0, -45.0)]
-    assert np.mean([each.mean_error_m for each in found]) < 4.2
-    assert 0.82 < np.mean([each.covered for each in found]) < 0.97
-    assert all(each.flat_error_m > 2.0 * each.mean_error_m for each in found)
+    ground, landscape = steep_landscape(5.0), steep_landscape(cell_size_m)
+    every = [
+        georeferenced(ground, landscape, pitch, frames=40, rng=rng)
+        for pitch in (-90.0, -60.0, -45.0)
+    ]
+    for found, flat_m in every:
+        assert found.mean_error_m < 4.7
+        assert flat_m > 2.0 * found.mean_error_m
+        assert found.inexact < 0.1
+    assert np.mean([found.mean_error_m for found, _ in every]) < 4.2
+    assert 0.85 < np.mean([found.covered for found, _ in every]) < 0.95
 
 
 def test_the_ellipse_of_a_tilted_camera_is_long_along_its_view(flat: Landscape) -> None:
     pose = pose_above(flat, 100.0, 100.0, 60.0, -35.0)
     errors = PoseErrors(0.1, 2.0, 0.5, 0.0)
-    ellipse = ellipse_of(covariances(flat, STRAIGHT, pose, errors, *MIDDLE)[0])
+    effects = pose_effects(flat, pose, ground_points(flat, STRAIGHT, pose, *MIDDLE))
+    (covariance,) = covariances(effects, errors.covariance(), np.zeros(1))
+    ellipse = ellipse_of(covariance)
     assert ellipse.major_m > 1.5 * ellipse.minor_m
     assert ellipse.major_from_grid_north_deg == pytest.approx(60.0, abs=2.0)
     # 2 m of altitude, and 0.5 degrees of pitch at a slant range of 120 m / sin(35 degrees).
     pitch_m = math.radians(0.5) * 120.0 / math.sin(math.radians(35.0)) ** 2
     expected_m = math.hypot(2.0 / math.tan(math.radians(35.0)), pitch_m, 0.1)
     assert ellipse.major_m == pytest.approx(expected_m, rel=0.02)
+    (with_ground,) = covariances(effects, errors.covariance(), np.full(1, 2.0))
+    expected_m = math.hypot(expected_m, 2.0 / math.tan(math.radians(35.0)))
+    assert ellipse_of(with_ground).major_m == pytest.approx(expected_m, rel=0.02)
+
+
+def test_the_ellipse_of_a_camera_that_looks_down_has_errors_to_all_sides(flat: Landscape) -> None:
+    pose = pose_above(flat, 100.0, 100.0, 60.0, -90.0)
+    effects = pose_effects(flat, pose, ground_points(flat, STRAIGHT, pose, *MIDDLE))
+    turned = PoseErrors(0.0, 0.0, 0.5, 0.0).covariance()
+    ellipse = ellipse_of(covariances(effects, turned, np.zeros(1))[0])
+    expected_m = 120.0 * math.radians(0.5)
+    assert (ellipse.major_m, ellipse.minor_m) == pytest.approx((expected_m, expected_m), rel=0.01)
 
 
 def test_a_camera_below_the_ground_or_off_the_landscape_is_refused(flat: Landscape) -> None:

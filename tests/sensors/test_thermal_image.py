@@ -180,8 +180,25 @@ def test_a_camera_at_the_edge_of_the_landscape_has_no_error_of_zero(
 ) -> None:
     path = tmp_path / "frame.tif"
     write_frame(path, land, pose_above(land, 0, 300, 0.0, -90.0), np.full((512, 640), 25.0), TAKEN)
-    with pytest.raises(FireModelError, match="too little of the landscape"):
-        frame_cells(read_thermal_image(path), land, ThermalFramesSection(field_of_view_deg=1))
+    found = frame_cells(read_thermal_image(path), land, ThermalFramesSection(field_of_view_deg=1))
+    assert found.position_sd_m > 1.5
+
+
+def test_pixels_with_a_large_error_of_their_place_are_not_seen(
+    land: Landscape, tmp_path: Path
+) -> None:
+    path = tmp_path / "frame.tif"
+    pose = pose_above(land, 300.0, 300.0, 0.0, -40.0)
+    write_frame(path, land, pose, np.full((512, 640), 25.0), TAKEN)
+    every = cells_of(path, land, max_position_sd_m=1000.0)
+    some = cells_of(path, land, max_position_sd_m=6.0)
+    assert every.inexact == 0.0
+    assert 0.05 < some.inexact < 0.95
+    seen, fewer = ("".join(each.window.cells).count("u") for each in (every, some))
+    assert 0 < fewer < seen
+    assert some.position_sd_m < 6.0 < every.position_sd_m
+    with pytest.raises(FireModelError, match=r"max_position_sd_m = 1$"):
+        cells_of(path, land, max_position_sd_m=1.0)
 
 
 def test_a_small_file_with_many_pixels_is_cheap(land: Landscape, tmp_path: Path) -> None:
