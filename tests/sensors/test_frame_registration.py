@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from benchmarks.registered_frames import IMAGES, SMALL, errors_of, image_of, texture
-from benchmarks.thermal_frames import ERRORS, pose_above, pose_error, steep_landscape, write_frame
+from benchmarks.thermal_frames import ERRORS, pose_above, pose_error, steep_landscape
 from firemodel.arrays import Floats
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.fire_sections import ThermalFramesSection
@@ -18,6 +18,7 @@ from mission_service.sensors.frame_registration import FrameRegistration
 from mission_service.sensors.ground_points import ground_points, offsets_m
 from mission_service.sensors.pose_adjustment import adjusted
 from mission_service.sensors.thermal_image import read_thermal_image
+from mission_service.simulation.thermal_images import write_frame
 
 APART_CELLS = 3.0  # 30 m
 STEADY = np.ones((SMALL.height, SMALL.width), dtype=bool)
