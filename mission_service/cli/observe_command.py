@@ -20,7 +20,8 @@ def observe(
 ) -> None:
     """Show what thermal IMAGES contribute to the estimate of a fire; no run is needed.
 
-    Each image is placed on the ground by its position and direction. DIR/NAME.png shows the
+    Each image is placed on the ground by its position and direction, and registered to the images
+    before. DIR/NAME.png shows the
     observed cells on the map with the error ellipse of their place, and the summary contains
     counts and errors. Images that cannot be used are listed with the reason; the exit code is
     then 1.
@@ -86,8 +87,9 @@ def _summary(path: Path, image: Any, found: Any, landscape: Any) -> dict[str, An
 def _line(each: dict[str, Any]) -> str:
     if "error" in each:
         return f"{each['error']}"
+    inexact = f"; {each['inexact']:.0%} of the pixels too inexact" if each["inexact"] else ""
     return (
         f"{each['file']}: {each['hot_pixels']} hot pixels; {each['burned_cells']} cells burned, "
-        f"{each['unburned_cells']} unburned; position ± {each['position_sd_m']} m; "
-        f"{each['picture']}"
+        f"{each['unburned_cells']} unburned; position ± {each['position_sd_m']} m"
+        f"{inexact}; {each['matches']} matches; {each['picture']}"
     )
