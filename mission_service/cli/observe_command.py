@@ -26,8 +26,9 @@ def observe(
 ) -> None:
     """Show what FILES contribute to the estimate of a fire; no run is needed.
 
-    Thermal images are placed on the ground by their position and direction. Perimeters, satellite
-    pixels and rasters are read as by the sensor observation_files. DIR/NAME.png shows the observed
+    Thermal images are placed on the ground by their position and direction, and registered to the
+    images before. Perimeters, satellite pixels and rasters are read as by the sensor
+    observation_files. DIR/NAME.png shows the observed
     cells on the map with the error of their place, and the summary contains counts and errors.
     Files that cannot be used are listed with the reason; the exit code is then 1.
     """
@@ -161,9 +162,10 @@ def _line(each: dict[str, Any]) -> str:
         return f"{each['error']}"
     cells = f"{each['burned_cells']} cells burned, {each['unburned_cells']} unburned"
     if "hot_pixels" in each:
+        inexact = f"; {each['inexact']:.0%} of the pixels too inexact" if each["inexact"] else ""
         return (
-            f"{each['file']}: {each['hot_pixels']} hot pixels; {cells}; "
-            f"position ± {each['position_sd_m']} m; {each['picture']}"
+            f"{each['file']}: {each['hot_pixels']} hot pixels; {cells}; position ± "
+            f"{each['position_sd_m']} m{inexact}; {each['matches']} matches; {each['picture']}"
         )
     notes = "".join(f"\n  not used: {note}" for note in each["notes"])
     seen = "".join(

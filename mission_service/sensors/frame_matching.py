@@ -68,7 +68,8 @@ def reduced(
     shape = (rows, step, cols, step)
     mean = values[block].reshape(shape).mean(axis=(1, 3))
     small = Lens(cols, rows, lens.focal_px / step, lens.distortion)
-    return Frame(mean, steady[block].reshape(shape).all(axis=(1, 3)), small, pose, taken_s)
+    whole: Mask = np.all(steady[block].reshape(shape), axis=(1, 3), keepdims=False)
+    return Frame(mean, whole, small, pose, taken_s)
 
 
 def ties_between(
@@ -184,7 +185,7 @@ def _correlations(searched: Floats, fixed: Floats) -> Floats:
 
     size = searched.shape[1]
     places = size - PATCH + 1
-    usable = np.isfinite(fixed).all(axis=(1, 2))
+    usable: Mask = np.isfinite(fixed).reshape(fixed.shape[0], -1).min(axis=1)
     patch = np.where(usable[:, None, None], fixed, 0.0)
     patch = patch - patch.mean(axis=(1, 2), keepdims=True)
     unseen = ~np.isfinite(searched)

@@ -2,14 +2,14 @@
 
 The places that images share (``frame_matching``) give differences between the errors of their
 poses. The adjustment is the mean of a Gaussian posterior: the stated standard deviations are the
-prior, and robust weights reduce matches that contradict the others. Errors of the elevation displace
-places that are seen from different sides; near places have similar errors.
+prior, and robust weights reduce matches that contradict the others. An error of the elevation moves
+a place by different amounts in images from different sides; near places have similar errors.
 
 The error of each pose has a part of its own, which the adjustment averages out, and a part that all
 images of the pass share, such as a GPS error that changes slowly or a tilted mount. The shared part
 remains, except for what views of the same ground from different sides determine. How much is shared
-is unknown. Therefore the poses are computed for several shares, for position and for direction, and the
-results are averaged with the likelihood of the matches as weights. The covariance includes the
+is unknown. Therefore the poses are computed for several shares, for position and for direction, and
+the results are averaged with the likelihood of the matches as weights. The covariance includes the
 differences between these results.
 """
 
