@@ -18,6 +18,7 @@ from mission_service.errors import ScenarioError
 from mission_service.events import Observed, Telemetry
 from mission_service.fire.scenario_check import check
 from mission_service.fire.scenario_fire import fire_of, landscape_of
+from mission_service.fire.sensor_files import SensorFiles
 from mission_service.fire.sensors import Sensors
 from mission_service.journal.journal_file import SegmentReader
 from mission_service.replay.verification import verify
@@ -265,6 +266,24 @@ def test_images_that_are_dropped_or_from_before_the_run_are_named(
     monkeypatch.setattr(frame_folder.time, "time", lambda: taken.timestamp() + 60.0)
     assert sensor.observe(msgspec.structs.replace(FIX, at_us=1_000_000)) is None
     assert "1.tif: was taken 59 s before mission time 0" in sensor.problem
+
+
+@pytest.mark.usefixtures("without_thread")
+def test_an_image_of_before_a_restart_is_not_used_again(frames: Path) -> None:
+    scenario = scenario_for(frames)
+    land = landscape_of(scenario)
+    celsius = np.full((128, 160), 25.0)
+    write_frame(frames / "a.tif", land, down_at(land), celsius, datetime.now(UTC), WIDE)
+    first, files = FrameFolder(scenario, land), SensorFiles()
+    looked(first)
+    image = first.observe(FIX)
+    assert image is not None
+    files.on_event(image)
+    again = FrameFolder(scenario, land)
+    again.skip(files.names())
+    looked(again)
+    assert again.observe(FIX) is None
+    assert again.problem == ""
 
 
 @pytest.mark.usefixtures("without_thread")

@@ -70,7 +70,7 @@ def one(
     return found
 
 
-AGENCIES = {
+AGENCIES: dict[str, tuple[dict[str, Any], tuple[str, float]]] = {
     "WFIGS": (
         {
             "poly_PolygonDateTime": EPOCH_MS,

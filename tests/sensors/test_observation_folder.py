@@ -5,7 +5,9 @@ import signal
 import time
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 import shapely
@@ -25,6 +27,7 @@ from mission_service.events import AnyEvent, FireObserved, Observed, Telemetry
 from mission_service.fire.scenario_check import check
 from mission_service.fire.scenario_fire import landscape_of
 from mission_service.fire.sensor_files import SensorFiles, file_part, whole_files
+from mission_service.fire.sensors import Sensors
 from mission_service.journal.journal_file import SegmentReader
 from mission_service.replay.verification import verify
 from mission_service.sensors import observation_folder
@@ -279,6 +282,37 @@ def test_a_shapefile_is_used_when_its_parts_have_arrived(folder: Path, tmp_path:
     assert sensor.report(FIX.at_us) is not None
 
 
+class Reporter:
+    """A sensor that returns any object as its report."""
+
+    def __init__(self, made: object) -> None:
+        self.made = made
+
+    def observe(self, fix: Telemetry) -> Observed | None:
+        return None
+
+    def on_event(self, event: AnyEvent) -> None:
+        pass
+
+    def report(self, at_us: int) -> Any:
+        return self.made
+
+
+def test_an_unusable_report_ends_its_sensor_alone() -> None:
+    good = FireObserved(5, "ann", "x", "burning", "points", ((36.3, -84.1),), 4, 9.0, 0.0, "")
+    for made, words in (
+        ("text", "it returned str instead of FireObserved"),
+        (msgspec.structs.replace(good, at_us=4), "is not of the present time"),
+        (msgspec.structs.replace(good, seen_at_us=6), "or was seen later"),
+        (msgspec.structs.replace(good, position_sd_m=-1.0), "position_sd_m"),
+    ):
+        sensors = Sensors({"good": Reporter(good), "bad": Reporter(made)}, (9, 9))
+        (found,) = sensors.reports(5)
+        assert (found.by, found.station, found.source) == ("good", "sensor", "good")
+        assert words in sensors.problems()["bad"]
+        assert len(sensors.reports(5)) == 1
+
+
 def test_a_folder_that_does_not_exist_is_refused(folder: Path) -> None:
     with pytest.raises(ScenarioError, match="is not a folder; create it"):
         check(scenario_for(folder / "missing"))
@@ -323,4 +357,3 @@ def test_a_live_run_without_a_vehicle_ends_with_the_perimeter_of_a_dropped_file(
     fronts = json.loads((out / "perimeters.geojson").read_text(encoding="utf-8"))["features"]
     last = shapely.geometry.shape(fronts[-1]["geometry"])
     assert last.contains(shapely.Polygon(ring_of(land, 12, 12, 38, 38)))
-    assert verify(out / "journal.jsonl").difference is None
