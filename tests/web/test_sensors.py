@@ -57,13 +57,13 @@ class Site(NamedTuple):
 def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
     world = world_in(tmp_path_factory.mktemp("run"), SCENARIO)
     world.fly(SCENARIO.deploy_at_s + 300.0)
-    land, at_us = world.context.landscape, world.simulation.clock.now_us
-    lat, lon = (float(each) for each in land.lat_lon_of(*land.xy_of(70.0, 80.0)))
+    at_us, lit = world.simulation.clock.now_us, SCENARIO.ignition[0]
     for age_s, source in ((90, "tower"), (60, "tower"), (30, "tower"), (20, "")):
+        place = (lit.lat_deg - age_s * 2e-5, lit.lon_deg + age_s * 2e-5)
         seen_us = at_us - age_s * 1_000_000
         world.context.state_view.apply(
             FireObserved(
-                *(at_us, "anna", "north", "hot", "points", ((lat, lon),)),
+                *(at_us, "anna", "north", "hot", "points", (place,)),
                 *(seen_us, 20.0, 0.0, source),
             ),
             [],
