@@ -27,7 +27,7 @@ LATE_INTERVALS, LATE_S = 3.0, 60.0
 SILENT_INTERVALS, SILENT_S = 10.0, 300.0
 MIN_INTERVALS, MAX_INTERVALS = 2, 15  # the usual interval is the median of the last intervals
 MAX_REPORTERS = 32  # detectors and persons; the one with the oldest observation is removed
-FOOTPRINT_EVERY_S = 5.0  # shortest interval between two stored footprints of a source
+FOOTPRINT_EVERY_S = 10.0  # shortest interval between two stored footprints of a source
 MAX_FOOTPRINTS, MAX_FOOTPRINT_CELLS = 64, 1_000_000  # of all sources together
 DISTRUSTED = "its observations contradict those of others and are not used"
 

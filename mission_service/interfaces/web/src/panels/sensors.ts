@@ -8,21 +8,25 @@ import type { Source } from "../types.ts";
 import { duration, metres } from "../units.ts";
 import { layerBox, type Toggle } from "./parts.ts";
 
+// In the order of the list: sources that need attention come first.
 const WORDS: Record<Source["state"], string> = {
+  failed: "failed",
+  contradicts: "contradicts others",
+  silent: "silent",
+  late: "late",
   waiting: "waiting",
   live: "live",
-  late: "late",
-  silent: "silent",
-  contradicts: "contradicts others",
-  failed: "failed",
 };
+const ORDER = Object.keys(WORDS);
 const count = (value: number): string => value.toLocaleString("en");
+const counted = (value: number, noun: string): string => `${count(value)} ${noun}${value === 1 ? "" : "s"}`;
 
 interface Row {
   item: HTMLElement;
   state: HTMLElement;
   last: HTMLElement;
   total: HTMLElement;
+  cells: HTMLElement;
   problem: HTMLElement;
 }
 
@@ -43,7 +47,8 @@ export class SensorsPanel {
 
   private renew(): void {
     if (!this.element.isConnected || this.element.hidden) return;
-    const sources = this.store.state?.sources ?? [];
+    const sources = [...(this.store.state?.sources ?? [])];
+    sources.sort((a, b) => ORDER.indexOf(a.state) - ORDER.indexOf(b.state)); // else by name, as received
     const names = sources.map(({ source }) => source);
     if (names.join("\n") !== [...this.rows.keys()].join("\n")) this.makeRows(sources);
     const live = sources.filter(({ state }) => state === "live").length;
@@ -63,9 +68,11 @@ export class SensorsPanel {
           state: h("span"),
           last: h("span", { class: "detail" }),
           total: h("span", { class: "detail" }),
+          cells: h("span", { class: "detail" }),
           problem: h("span", { class: "detail problem" }),
         };
-        row.item.append(swatch, h("strong", { title: kind }, source), row.state, row.last, row.total, row.problem);
+        const name = h("strong", { title: kind }, source);
+        row.item.append(swatch, name, row.state, row.last, row.total, row.cells, row.problem);
         this.rows.set(source, row);
         return row.item;
       }),
@@ -78,19 +85,22 @@ export class SensorsPanel {
     setText(row.state, source.kind === "person" && source.state === "live" ? "person" : WORDS[source.state]);
     setText(row.last, this.lastText(source));
     setText(row.total, totalText(source));
+    const { burned_cells, unburned_cells } = source;
+    setText(row.cells, source.observations ? `Cells: ${count(burned_cells)} burned, ${count(unburned_cells)} unburned` : "");
     setText(row.problem, source.problem);
   }
 
-  private lastText({ last_at_us, usual_interval_s, position_sd_m }: Source): string {
-    if (last_at_us === null) return "no observation yet";
-    const age = `${duration(Math.max(0, this.store.nowS - last_at_us / 1e6))} ago`;
-    const usual = usual_interval_s === null ? "" : ` · usually each ${duration(usual_interval_s)}`;
-    return `${age}${usual} · ± ${metres(position_sd_m)}`;
+  private lastText({ last_at_us, usual_interval_s }: Source): string {
+    if (last_at_us === null) return "No observation yet";
+    const age = `Last ${duration(Math.max(0, this.store.nowS - last_at_us / 1e6))} ago`;
+    return usual_interval_s === null ? age : `${age}, usually each ${interval(usual_interval_s)}`;
   }
 }
 
-function totalText({ observations, burned_cells, unburned_cells, not_used }: Source): string {
+const interval = (s: number): string => (s < 10 ? `${s} s` : duration(s));
+
+function totalText({ observations, position_sd_m, not_used }: Source): string {
   if (!observations) return "";
   const unused = not_used ? `, ${count(not_used)} not used` : "";
-  return `${count(observations)} observations${unused}: ${count(burned_cells)} cells burned, ${count(unburned_cells)} unburned`;
+  return `${counted(observations, "observation")}${unused}, ± ${metres(position_sd_m)}`;
 }
