@@ -4,8 +4,8 @@
 
 The daemon runs as its own process and flies a mock plane around a fire, over UDP on loopback. In
 each trial, the image of a thermal camera shows new fire on the path of the mission on board. The
-time ends when the mock has a mission that avoids this fire. The times include the renewals that
-``mission.min_upload_interval_s`` delays (default: 4 s after the last upload).
+time ends when the mock has a mission that avoids this fire. Between the trials the camera takes an
+image every three seconds.
 """
 
 import argparse
@@ -35,8 +35,8 @@ from mission_service.simulation.sim import mock_of
 from mission_service.simulation.thermal_images import rendered, write_frame
 
 LENS = Lens(160, 128, focal_px_of(100.0, 160))
-RADIUS_M, AHEAD_M = 90.0, 80.0  # of the new fire, and its distance along the path
-SETTLED_S, BETWEEN_S, LONGEST_S = 60.0, 12.0, 20.0
+RADIUS_M, AHEAD_M = 75.0, 80.0  # of the new fire, and its distance along the path
+SETTLED_S, BETWEEN_S, LONGEST_S, IMAGE_EVERY_S = 60.0, 24.0, 20.0, 3.0
 LINK = "127.0.0.1:14739"
 
 
@@ -96,6 +96,13 @@ async def trial(mock: MockAutopilot, fires: Fires, path: Path) -> float | None:
     return None
 
 
+async def _follow(mock: MockAutopilot, fires: Fires, prefix: Path, seconds: float) -> None:
+    """Take images for some time."""
+    for number in range(round(seconds / IMAGE_EVERY_S)):
+        fires.photograph(mock, Path(f"{prefix}-{number:03d}.tif"))
+        await asyncio.sleep(IMAGE_EVERY_S)
+
+
 async def measured(folder: Path, trials: int, stack: str) -> list[float | None]:
     """Fly, and return the time of each trial in s."""
     frames = folder / "frames"
@@ -131,7 +138,7 @@ async def measured(folder: Path, trials: int, stack: str) -> list[float | None]:
     for change in changes:
         command += ["--set", change]
     fires = Fires(fire_of(scenario, land), scenario.start_s)
-    daemon = subprocess.Popen(command, stdout=subprocess.DEVNULL)
+    daemon = subprocess.Popen(command, stdout=subprocess.DEVNULL)  # noqa: ASYNC220  # one short call
     flight = asyncio.create_task(serve(mock, f"udpout:{LINK}", 1.0, clock_us))
     try:
         found: list[float | None] = []
@@ -139,15 +146,13 @@ async def measured(folder: Path, trials: int, stack: str) -> list[float | None]:
             await asyncio.sleep(0.5)
             if daemon.poll() is not None:
                 raise SystemExit(f"the daemon ended with code {daemon.returncode}")
-        for number in range(round(SETTLED_S / 2.0)):
-            await asyncio.sleep(2.0)
-            fires.photograph(mock, frames / f"before-{number:03d}.tif")
         for number in range(trials):
-            found.append(await trial(mock, fires, frames / f"trial-{number:03d}.tif"))
-            click.echo(
-                f"trial {number}: " + ("no mission" if found[-1] is None else f"{found[-1]:.2f} s")
+            await _follow(
+                mock, fires, frames / f"before-{number}", BETWEEN_S if number else SETTLED_S
             )
-            await asyncio.sleep(BETWEEN_S)
+            found.append(await trial(mock, fires, frames / f"trial-{number}.tif"))
+            shown = "no mission" if found[-1] is None else f"{found[-1]:.2f} s"
+            click.echo(f"trial {number}: {shown}")
         return found
     finally:
         flight.cancel()

@@ -56,7 +56,9 @@ def test_the_estimate_follows_the_files_of_a_camera_without_poses(
 ) -> None:
     """The files contain only their times; the poses come from the telemetry of ArduPilot."""
     scenario = scenario_for(
-        frames, "vehicles.0.stack=ardupilot", "simulation.camera.poses_in_files=false"
+        frames,
+        *("vehicles.0.stack=ardupilot", "simulation.camera.poses_in_files=false"),
+        "estimate.thermal_frames.field_of_view_deg=100",
     )
     true = simulated_fire_of(scenario, landscape_of(scenario))
     assert true is not None
