@@ -39,7 +39,12 @@ TRIGGER_M = 40.0
 def scenario_for(seed: int, folder: Path, stack: str, poses_in_files: bool) -> Scenario:
     """Return a scenario whose simulated fire reaches the estimate by files in a folder."""
     found = wrong_scenario(seed, 24)
-    frames = found.estimate.thermal_frames.model_copy(update={"folder": str(folder)})
+    frames = found.estimate.thermal_frames.model_copy(
+        update={
+            "folder": str(folder),
+            "field_of_view_deg": None if poses_in_files else found.vehicles[0].camera_fov_deg,
+        }
+    )
     camera = found.simulation.camera.model_copy(update={"poses_in_files": poses_in_files})
     plane = found.vehicles[0].model_copy(
         update={"stack": stack, "camera_trigger_m": TRIGGER_M, "gimbal_pitch_deg": -90.0}

@@ -1,11 +1,12 @@
-"""Measure the time from an image file to the changed mission on the vehicle, in real time.
+"""Measure the time from an image to the changed mission on the vehicle, in real time.
 
     python -m benchmarks.image_latency [TRIALS] [--stack px4|ardupilot]
 
-The daemon runs as its own process and flies a mock plane around a fire, over UDP on loopback. In
-each trial, the image of a thermal camera shows new fire on the path of the mission on board. The
-time ends when the mock has a mission that avoids this fire. The times include the renewals that
-``mission.min_upload_interval_s`` delays (default: 4 s after the last upload).
+The daemon runs as its own process and flies a mock plane around a fire, over UDP on loopback. A
+camera takes an image every three seconds; in each trial the image shows new fire on the path of the
+mission on board. The journal contains the time of the image, of the position with which the daemon
+used it, and of the acceptance of the changed mission by the vehicle. The last two times are those
+of the latest position, which may be up to 0.25 s old.
 """
 
 import argparse
@@ -14,9 +15,10 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import NamedTuple
 
 import click
 import numpy as np
@@ -27,17 +29,27 @@ from autopilot_bridge.mock.autopilot import MockAutopilot
 from autopilot_bridge.mock.serving import serve
 from firemodel.landscape.landscape import Landscape
 from firemodel.spread.fire_scheme import Fire
+from mission_service.commands import UploadMission
 from mission_service.config.scenario import load_scenario, scenario_path
+from mission_service.events import Observed, Telemetry, UploadFinished
 from mission_service.fire.scenario_fire import fire_of, landscape_of
+from mission_service.journal.journal_file import SegmentReader
 from mission_service.runtime.clocks import clock_us
 from mission_service.sensors.camera_geometry import CameraPose, Lens, focal_px_of
 from mission_service.simulation.sim import mock_of
 from mission_service.simulation.thermal_images import rendered, write_frame
 
 LENS = Lens(160, 128, focal_px_of(100.0, 160))
-RADIUS_M, AHEAD_M = 90.0, 80.0  # of the new fire, and its distance along the path
-SETTLED_S, BETWEEN_S, LONGEST_S = 60.0, 12.0, 20.0
+RADIUS_M, AHEAD_M = 75.0, 80.0  # of the new fire, and its distance along the path
+SETTLED_S, BETWEEN_S, IMAGE_EVERY_S, ENDED_AFTER_S = 60.0, 18.0, 3.0, 5.0
 LINK = "127.0.0.1:14739"
+
+
+class Times(NamedTuple):
+    """The times from an image to its use and to the changed mission on the vehicle, in s."""
+
+    used_s: float
+    changed_s: float
 
 
 def mission_line(mock: MockAutopilot, land: Landscape) -> shapely.LineString:
@@ -65,8 +77,8 @@ class Fires:
         """Light a disc around a place."""
         self._new |= np.hypot(self._x - place.x, self._y - place.y) <= RADIUS_M
 
-    def photograph(self, mock: MockAutopilot, path: Path) -> float:
-        """Write an image from the position of the mock, and return the time of the file."""
+    def photograph(self, mock: MockAutopilot, path: Path) -> None:
+        """Write an image from the position of the mock."""
         at_s = self._start_s + time.monotonic() - self._began_s
         self._fire.advance(at_s)
         arrival_s = np.where(self._new, at_s - 60.0, self._fire.arrival_time_s)
@@ -78,26 +90,48 @@ class Fires:
         part = path.with_suffix(".part")
         write_frame(part, self.land, pose, celsius, datetime.now(UTC), LENS)
         part.rename(path)
-        return time.monotonic()
 
 
-async def trial(mock: MockAutopilot, fires: Fires, path: Path) -> float | None:
-    """Return the time to a mission that avoids new fire; None after ``LONGEST_S``."""
+def trial(mock: MockAutopilot, fires: Fires, path: Path) -> None:
+    """Write an image of new fire on the path of the mission on board."""
     line = mission_line(mock, fires.land)
     position = fires.land.xy_of_lat_lon(*mock.flight.frame.global_position(mock.flight.motion))
-    ahead = line.interpolate(line.project(shapely.Point(*position)) + AHEAD_M)
-    fires.light(ahead)
-    began_s = fires.photograph(mock, path)
-    until_s = began_s + LONGEST_S
-    while time.monotonic() < until_s:
-        await asyncio.sleep(0.01)
-        if mission_line(mock, fires.land).distance(ahead) > RADIUS_M / 2.0:
-            return time.monotonic() - began_s
-    return None
+    fires.light(line.interpolate(line.project(shapely.Point(*position)) + AHEAD_M))
+    fires.photograph(mock, path)
 
 
-async def measured(folder: Path, trials: int, stack: str) -> list[float | None]:
-    """Fly, and return the time of each trial in s."""
+def times_in(journal: Path) -> Iterator[Times | None]:
+    """Yield the times of each image in a journal; None if it did not change the mission."""
+    image: Observed | None = None
+    used_us = latest_us = sent = 0
+    for entry in SegmentReader(journal):
+        content = entry.content
+        if isinstance(content, Observed) and content.source:
+            if image is not None:
+                yield None
+            image, used_us, sent = content, 0, 0
+        elif isinstance(content, Telemetry):
+            latest_us = content.at_us
+            used_us = used_us or latest_us
+        elif isinstance(content, UploadMission):
+            sent = sent or content.mission_id
+        elif isinstance(content, UploadFinished) and content.mission_id == sent:
+            if image is not None and content.outcome == "accepted":
+                taken_us, image = image.at_us, None
+                yield Times((used_us - taken_us) / 1e6, (content.at_us - taken_us) / 1e6)
+    if image is not None:
+        yield None
+
+
+async def _follow(mock: MockAutopilot, fires: Fires, prefix: Path, seconds: float) -> None:
+    """Take images for some time."""
+    for number in range(round(seconds / IMAGE_EVERY_S)):
+        fires.photograph(mock, Path(f"{prefix}-{number:03d}.tif"))
+        await asyncio.sleep(IMAGE_EVERY_S)
+
+
+async def measured(folder: Path, trials: int, stack: str) -> list[Times | None]:
+    """Fly, and return the times of each trial."""
     frames = folder / "frames"
     frames.mkdir()
     text = (
@@ -131,28 +165,28 @@ async def measured(folder: Path, trials: int, stack: str) -> list[float | None]:
     for change in changes:
         command += ["--set", change]
     fires = Fires(fire_of(scenario, land), scenario.start_s)
-    daemon = subprocess.Popen(command, stdout=subprocess.DEVNULL)
+    daemon = subprocess.Popen(command, stdout=subprocess.DEVNULL)  # noqa: ASYNC220  # one short call
     flight = asyncio.create_task(serve(mock, f"udpout:{LINK}", 1.0, clock_us))
     try:
-        found: list[float | None] = []
         while not mock.flight.airborne:
             await asyncio.sleep(0.5)
             if daemon.poll() is not None:
                 raise SystemExit(f"the daemon ended with code {daemon.returncode}")
-        for number in range(round(SETTLED_S / 2.0)):
-            await asyncio.sleep(2.0)
-            fires.photograph(mock, frames / f"before-{number:03d}.tif")
         for number in range(trials):
-            found.append(await trial(mock, fires, frames / f"trial-{number:03d}.tif"))
-            click.echo(
-                f"trial {number}: " + ("no mission" if found[-1] is None else f"{found[-1]:.2f} s")
-            )
-            await asyncio.sleep(BETWEEN_S)
-        return found
+            seconds = BETWEEN_S if number else SETTLED_S
+            await _follow(mock, fires, frames / f"{number:03d}-0", seconds)
+            trial(mock, fires, frames / f"{number:03d}-1.tif")
+            await asyncio.sleep(IMAGE_EVERY_S)
+        await asyncio.sleep(ENDED_AFTER_S)
     finally:
         flight.cancel()
         daemon.terminate()
         daemon.wait(timeout=30)
+    found = list(times_in(folder / "out" / "journal.jsonl"))
+    images = sorted(frames.glob("*.tif"))
+    if len(found) != len(images):
+        raise SystemExit(f"{len(found)} of {len(images)} images were used")
+    return [each for each, path in zip(found, images, strict=True) if path.stem.endswith("-1")]
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -163,11 +197,16 @@ def main(arguments: Sequence[str] | None = None) -> None:
     given = parser.parse_args(arguments)
     with tempfile.TemporaryDirectory() as folder:
         found = asyncio.run(measured(Path(folder), given.trials, given.stack))
-    times = [each for each in found if each is not None]
-    if times:
+    for each in found:
         click.echo(
-            f"{len(times)} of {len(found)}: median {np.median(times):.2f} s, max {max(times):.2f} s"
+            "no new mission" if each is None else f"{each.used_s:.2f} s {each.changed_s:.2f} s"
         )
+    times = np.array([each for each in found if each is not None])
+    if times.size:
+        median, highest = np.median(times, axis=0), times.max(axis=0)
+        click.echo(f"{len(times)} of {len(found)} images of new fire changed the mission")
+        click.echo(f"used after {median[0]:.2f} s (median), {highest[0]:.2f} s (maximum)")
+        click.echo(f"new mission on the vehicle after {median[1]:.2f} s, {highest[1]:.2f} s")
 
 
 if __name__ == "__main__":

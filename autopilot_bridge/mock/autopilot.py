@@ -13,7 +13,6 @@ from autopilot_bridge.items import waypoint
 from autopilot_bridge.links.codec import Codec, Message
 from autopilot_bridge.mock.ardupilot_server import ArduPilotServer
 from autopilot_bridge.mock.battery import Battery
-from autopilot_bridge.mock.camera import MockCamera, Shot, image_report
 from autopilot_bridge.mock.command_server import CommandServer, command_request_of
 from autopilot_bridge.mock.flight_model import FlightModel
 from autopilot_bridge.mock.ftp_server import FtpServer
@@ -21,6 +20,7 @@ from autopilot_bridge.mock.kinematics import CALM, STEP_US, Limits, Wind
 from autopilot_bridge.mock.local_frame import LocalFrame, Terrain
 from autopilot_bridge.mock.message_intervals import Intervals
 from autopilot_bridge.mock.mission_server import MissionServer, client_of, text
+from autopilot_bridge.mock.mock_camera import MockCamera, Shot, image_report
 from autopilot_bridge.mock.parameter_server import ParameterServer
 from autopilot_bridge.mock.payload import Answer, Output, Px4Gripper
 from autopilot_bridge.mock.px4_server import Px4Server
@@ -169,7 +169,7 @@ class MockAutopilot:
     def _photograph(self) -> None:
         """Take an image and report it, if one is due."""
         flight, camera = self.flight, self.flight.payload.camera
-        if camera is not None and camera.due(flight.motion, self._now_us()):
+        if camera is not None and camera.wants_image(flight.motion, self._now_us()):
             place = flight.frame.global_position(flight.motion)
             shot = camera.photograph(place, flight.motion, self._now_us())
             self._send(image_report(self.stack, shot, flight.motion, flight.frame.altitude_m))

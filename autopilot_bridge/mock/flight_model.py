@@ -10,7 +10,6 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from autopilot_bridge.items import MissionItem, params_of
 from autopilot_bridge.mock.battery import Battery
 from autopilot_bridge.mock.body import Body, Place
-from autopilot_bridge.mock.camera import MockCamera
 from autopilot_bridge.mock.item_flight import Target, loitered, passed
 from autopilot_bridge.mock.kinematics import Limits
 from autopilot_bridge.mock.mission_sequencer import (
@@ -22,6 +21,7 @@ from autopilot_bridge.mock.mission_sequencer import (
     WAYPOINTS,
     next_of,
 )
+from autopilot_bridge.mock.mock_camera import MockCamera
 from autopilot_bridge.mock.payload import Payload
 from autopilot_bridge.mock.stack_constants import stack_constants_of
 

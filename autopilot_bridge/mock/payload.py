@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from autopilot_bridge.mock.camera import MockCamera
+from autopilot_bridge.mock.mock_camera import MockCamera
 from autopilot_bridge.stacks.stacks import Stack
 
 # Number of outputs that the airframe uses; DO_SET_SERVO does not change these outputs.
@@ -57,7 +57,7 @@ class Payload:
             case 187:
                 self._actuators(params, at_us)
             case _:
-                return self.camera is not None and self.camera.execute(command, params, at_us)
+                return self.camera is not None and self.camera.run_command(command, params, at_us)
         return True
 
     def _record(self, at_us: int, kind: str, number: int, value: float) -> None:

@@ -13,8 +13,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.items import MissionItem
 from autopilot_bridge.links.codec import Message
+from autopilot_bridge.links.extension_fields import with_extension
 from autopilot_bridge.missions.read_back import as_read_back
-from autopilot_bridge.mock.extension_fields import with_extension
 from autopilot_bridge.mock.mission_server import (
     ACCEPTED,
     ALL,

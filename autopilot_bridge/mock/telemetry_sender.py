@@ -5,10 +5,9 @@ from collections.abc import Callable
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from autopilot_bridge.links.extension_fields import with_extension
 from autopilot_bridge.mock import telemetry_source
-from autopilot_bridge.mock.camera import gimbal_status
 from autopilot_bridge.mock.command_server import custom_mode_of
-from autopilot_bridge.mock.extension_fields import with_extension
 from autopilot_bridge.mock.flight_model import FlightModel
 from autopilot_bridge.mock.kinematics import STEP_US
 from autopilot_bridge.mock.message_intervals import (
@@ -29,6 +28,7 @@ from autopilot_bridge.mock.message_intervals import (
     Intervals,
 )
 from autopilot_bridge.mock.mission_server import MissionServer, text
+from autopilot_bridge.mock.mock_camera import gimbal_status
 from autopilot_bridge.stacks.stacks import Stack
 
 HEARTBEAT_EVERY_STEPS = 8  # 1 Hz

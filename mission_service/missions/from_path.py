@@ -97,6 +97,23 @@ def _needed_m(
     return max(terrain_m + altitude_agl_m, float(np.max(min_at(points_m))))
 
 
+def _end_of_images(
+    points_m: Floats, altitude_amsl_m: float, vehicle: VehicleSection, landscape: Landscape
+) -> list[MissionItem]:
+    """Return the items that end the images where the last leg (n, 2) reaches the loiter.
+
+    Items after an endless loiter are not executed. If the leg is short, the images end before it.
+    """
+    stop = [camera_trigger(0.0)]
+    leg = points_m[-1] - points_m[-2] if len(points_m) > 1 else np.zeros(2)
+    length_m = float(np.hypot(*leg))
+    if length_m < vehicle.loiter_radius_m + vehicle.min_leg_m:
+        return stop
+    place = points_m[-1] - leg * vehicle.loiter_radius_m / length_m
+    lat_deg, lon_deg = landscape.lat_lon_of(float(place[0]), float(place[1]))
+    return [waypoint(float(lat_deg), float(lon_deg), altitude_amsl_m), *stop]
+
+
 def mission_along(
     path_m: Floats,
     clockwise: bool,
@@ -133,7 +150,7 @@ def mission_along(
         for index in range(len(points) - 1)
     ]
     if vehicle.camera_trigger_m is not None:
-        items.append(camera_trigger(0.0))
+        items += _end_of_images(points, altitudes[-1], vehicle, landscape)
     radius_m = vehicle.loiter_radius_m if clockwise else -vehicle.loiter_radius_m
     items.append(loiter_unlimited(float(lat[-1]), float(lon[-1]), altitudes[-1], radius_m))
     if from_ground:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from autopilot_bridge.mock.camera import Shot
+from autopilot_bridge.mock.mock_camera import Shot
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.fire_sections import SimulatedCameraSection

@@ -13,11 +13,11 @@ from typing import Any
 from autopilot_bridge.links.link_address import LinkAddress, other_end, parse_link
 from autopilot_bridge.links.signing import Key, Signing, Timestamps, read_key
 from autopilot_bridge.mock.autopilot import MockAutopilot
-from autopilot_bridge.mock.camera import Shot
 from autopilot_bridge.mock.fault_injection import FaultyMock
 from autopilot_bridge.mock.fault_kinds import parse_faults
 from autopilot_bridge.mock.kinematics import CALM, Wind
 from autopilot_bridge.mock.local_frame import LocalFrame
+from autopilot_bridge.mock.mock_camera import Shot
 from autopilot_bridge.mock.serving import MockGroup, serve
 from autopilot_bridge.stacks.stacks import stack_named
 from firemodel.landscape.landscape import Landscape

@@ -9,9 +9,9 @@ from pathlib import Path
 from autopilot_bridge.clients.native import NativeClient
 from autopilot_bridge.links.memory_link import MemoryLink
 from autopilot_bridge.mock.autopilot import MockAutopilot
-from autopilot_bridge.mock.camera import Shot
 from autopilot_bridge.mock.kinematics import Wind
 from autopilot_bridge.mock.local_frame import LocalFrame
+from autopilot_bridge.mock.mock_camera import Shot
 from autopilot_bridge.stacks.stacks import stack_named
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape

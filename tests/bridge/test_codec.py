@@ -13,8 +13,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.items import MissionItem
 from autopilot_bridge.links.codec import Codec, Message, item_message
+from autopilot_bridge.links.extension_fields import with_extension
 from autopilot_bridge.missions.plan_id import mission_id_of
-from autopilot_bridge.mock.extension_fields import with_extension
 from autopilot_bridge.stacks.stacks import stack_named
 from tests.bridge.helpers import SECOND, line_of, mock_of
 from tests.bridge.transcripts import FOLDER

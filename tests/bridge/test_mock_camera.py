@@ -10,8 +10,8 @@ from autopilot_bridge.clients.native import NativeClient
 from autopilot_bridge.items import camera_trigger, gimbal_pitch, takeoff, waypoint
 from autopilot_bridge.missions.check import check
 from autopilot_bridge.missions.read_back import as_read_back, same_as_sent
-from autopilot_bridge.mock.camera import Shot
 from autopilot_bridge.mock.kinematics import STEP_US
+from autopilot_bridge.mock.mock_camera import Shot
 from autopilot_bridge.stacks.stacks import Stack
 from autopilot_bridge.vehicle.camera_telemetry import GimbalAttitude, ImageCaptured
 from tests.bridge.helpers import HOME
@@ -116,12 +116,12 @@ def test_a_restarted_autopilot_keeps_its_camera_and_stops_triggering() -> None:
     mock.fit_camera(lambda shot: None)
     camera = mock.flight.payload.camera
     assert camera is not None
-    camera.execute(TRIGGER, (40.0, 0, 0, 0, 0, 0, 0), 0)
+    camera.run_command(TRIGGER, (40.0, 0, 0, 0, 0, 0, 0), 0)
     mock.reboot(2_000_000)
     again = mock.flight.payload.camera
     assert again is not None
     assert again.take is camera.take
     moved = mock.flight.motion
-    assert not again.due(moved, 0)
+    assert not again.wants_image(moved, 0)
     moved.north_m += 100.0
-    assert not again.due(moved, 1)
+    assert not again.wants_image(moved, 1)

@@ -56,7 +56,9 @@ def test_the_estimate_follows_the_files_of_a_camera_without_poses(
 ) -> None:
     """The files contain only their times; the poses come from the telemetry of ArduPilot."""
     scenario = scenario_for(
-        frames, "vehicles.0.stack=ardupilot", "simulation.camera.poses_in_files=false"
+        frames,
+        *("vehicles.0.stack=ardupilot", "simulation.camera.poses_in_files=false"),
+        "estimate.thermal_frames.field_of_view_deg=100",
     )
     true = simulated_fire_of(scenario, landscape_of(scenario))
     assert true is not None
@@ -109,7 +111,7 @@ def test_files_contain_the_pose_with_the_errors_of_the_camera(frames: Path, tmp_
     journal.close()
     paths = sorted(frames.iterdir())
     shots = [read_thermal_image(path) for path in paths]
-    assert len(shots) > 3
+    assert len(shots) > 2
     pitches = np.array([shot.pitch_deg for shot in shots])
     assert np.all(np.abs(pitches + 90.0) < 3.0)
     assert len(set(pitches)) > 1

@@ -12,6 +12,7 @@ from mission_service.config.sections import VehicleSection
 from mission_service.missions.from_path import flyable, leg_altitudes_m, mission_along
 
 NAV_WAYPOINT, NAV_LOITER_UNLIM, NAV_TAKEOFF, DO_CHANGE_SPEED = 16, 17, 22, 178
+DO_MOUNT_CONTROL, DO_SET_CAM_TRIGG_DIST = 205, 206
 
 
 def hills(rows: int = 60, cols: int = 60) -> Landscape:
@@ -52,6 +53,25 @@ def test_a_vehicle_on_the_ground_takes_off_first() -> None:
     items = mission_along(a_path(), True, VEHICLE, LAND, from_ground=True)
     assert [item.command for item in items[:2]] == [NAV_TAKEOFF, DO_CHANGE_SPEED]
     assert (items[0].x, items[0].y) == (364700000, -843100000)
+
+
+def test_a_camera_is_triggered_along_the_path_only_if_the_scenario_asks_for_it() -> None:
+    plain = mission_along(a_path(), True, VEHICLE, LAND, from_ground=True)
+    triggers = VEHICLE.model_copy(update={"camera_trigger_m": 40.0, "gimbal_pitch_deg": -90.0})
+    items = mission_along(a_path(), True, triggers, LAND, from_ground=True)
+    commands = [item.command for item in items]
+    assert commands[:4] == [NAV_TAKEOFF, DO_CHANGE_SPEED, DO_MOUNT_CONTROL, DO_SET_CAM_TRIGG_DIST]
+    assert commands[-2:] == [DO_SET_CAM_TRIGG_DIST, NAV_LOITER_UNLIM]
+    assert (items[2].param1, items[3].param1, items[-2].param1) == (-90.0, 40.0, 0.0)
+    others = tuple(item for item in items if item.command not in (205, 206))
+    on_last_leg = others[-2]
+    assert (*others[:-2], others[-1]) == plain
+    before, end = (np.array([item.x, item.y * 0.8]) for item in (plain[-2], plain[-1]))
+    place = np.array([on_last_leg.x, on_last_leg.y * 0.8])
+    share = np.hypot(*(place - before)) / np.hypot(*(end - before))
+    assert before + share * (end - before) == pytest.approx(place, abs=30)
+    left_m = np.hypot(*(end - place)) * 1e-7 * 111_320.0
+    assert left_m == pytest.approx(VEHICLE.loiter_radius_m, rel=0.02)
 
 
 def test_each_leg_clears_the_terrain_under_it() -> None:

@@ -27,6 +27,7 @@ class Renewal:
     def __init__(self, settings: MissionSection, traffic: TrafficManager) -> None:
         self._settings = settings
         self._traffic = traffic
+        self._observed: set[str] = set()  # vehicles whose missions do not wait for the interval
         self._corrected: set[str] = set()  # vehicles whose complete path is to be compared
 
     def corrected(self, vehicle: Vehicle, at_s: float) -> None:
@@ -35,7 +36,11 @@ class Renewal:
         vehicle.not_before_s = min(vehicle.not_before_s, at_s)
 
     def observed(self, vehicle: Vehicle, at_s: float) -> None:
-        """Request an immediate check of the mission after a sensor has observed the fire."""
+        """Request an immediate check of the mission after a sensor has observed the fire.
+
+        This check does not wait for ``min_upload_interval_s``.
+        """
+        self._observed.add(vehicle.name)
         vehicle.not_before_s = min(vehicle.not_before_s, at_s)
 
     def to_be_checked(self, vehicle: Vehicle, fix: PositionFix) -> bool:
@@ -60,6 +65,9 @@ class Renewal:
     def is_open(self, vehicle: Vehicle, fix: PositionFix) -> bool:
         """Return whether a renewal has a reason, or ``min_upload_interval_s`` has passed."""
         since_s = fix.at_s - vehicle.uploaded_at_s
+        if vehicle.name in self._observed:
+            self._observed.remove(vehicle.name)
+            return True
         return bool(vehicle.due) or since_s >= self._settings.min_upload_interval_s
 
     def why(self, vehicle: Vehicle, path_m: NDArray[np.float64], fix: PositionFix) -> str | None:

@@ -52,7 +52,7 @@ class MockCamera:
     _in_control: bool = False  # whether missions control PX4's gimbal
     _index: int = 0
 
-    def execute(self, command: int, params: tuple[float, ...], at_us: int) -> bool:
+    def run_command(self, command: int, params: tuple[float, ...], at_us: int) -> bool:
         """Execute a command with params 1 to 7; return False if the stack does not support it."""
         px4 = self.stack.name == "px4"
         match command:
@@ -84,7 +84,7 @@ class MockCamera:
         if math.isfinite(pitch_deg):
             self.pitch_deg = min(max(pitch_deg, LOWEST_PITCH_DEG), HIGHEST_PITCH_DEG)
 
-    def due(self, motion: Motion, at_us: int) -> bool:
+    def wants_image(self, motion: Motion, at_us: int) -> bool:
         """Return whether an image is to be taken at a step."""
         place = (motion.north_m, motion.east_m)
         if self._distance_m > 0.0:
