@@ -182,7 +182,7 @@ def test_sources_are_bounded(land: Landscape) -> None:
             *(number * 1_000_000, 10.0, 0.0, f"sensor {number}"),
         )
         estimate.apply_report(seen)
-    assert len(estimate.agreement._seen) <= 16
+    assert len(estimate.agreement._seen) <= 8
     assert "sensor 59 of gus" in estimate.agreement._seen
 
 
