@@ -69,6 +69,7 @@ PERIOD_US = 30_000_000  # images are written into the estimate at multiples of t
 # Images older than the last written period by this are inserted at their own time.
 LATE_US = 10_000_000
 AHEAD_US = 5_000_000
+MAX_REPORTS = 64  # observations that wait for the thread; further ones are refused
 MAX_WAITING = 20  # periods; their images are then written even if the estimate is not read
 OBSERVATIONS = (FireObserved, RasterObserved)
 OF_FIRE = (Corrected, *OBSERVATIONS, Erased, Undone, Redone, WindSet)  # they change the estimate
@@ -284,6 +285,11 @@ class RunEstimate:
             if not self._accepts_reports:
                 raise FireModelError(
                     "observe: a burn uses cameras and corrections only; use correct"
+                )
+            if len(self._waiting) >= MAX_REPORTS:
+                raise FireModelError(
+                    f"{len(self._waiting)} observations wait for the estimate; send this one again "
+                    "later, and fewer in each second"
                 )
             self._checked = event, checked_report(event, self.landscape)
         # Images of past periods become sightings.
