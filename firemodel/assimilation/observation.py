@@ -12,6 +12,9 @@ from firemodel.landscape.rasterise import mask_of
 UNSEEN, UNBURNED, BURNED = 0, 1, 2
 FILTER_CELLS = 3  # side of the window of the majority filter
 MIN_SEEN = 6
+# With this share of false alarms, single wrong cells often pass the filter. A burned cell then
+# also needs burned cells in a window of 5 x 5 if its own window does not show it clearly.
+NOISY, CLEARLY, WIDER_CELLS, MIN_AROUND = 0.05, 7, 5, 5
 
 
 class Observation(NamedTuple):
@@ -55,7 +58,9 @@ def despeckled(observation: Observation) -> NDArray[np.uint8]:
 
     The filter sets each seen cell to the state of most of the seen cells in a window of 3 x 3. A
     cell with fewer than ``MIN_SEEN`` seen cells in its window becomes unseen, because at the edge
-    of an image two or three wrong cells could be the majority.
+    of an image two or three wrong cells could be the majority. From ``NOISY`` false alarms on, a
+    cell with fewer than ``CLEARLY`` burned cells in its window needs ``MIN_AROUND`` burned cells
+    around this window to be burned.
     """
     state = observation.state
     if not (observation.missed or observation.false_alarms):
@@ -67,6 +72,12 @@ def despeckled(observation: Observation) -> NDArray[np.uint8]:
         uniform_filter(each.astype(np.float64), FILTER_CELLS, mode="constant")
         for each in (seen, state == BURNED)
     )
-    found = np.where(2.0 * burned > count, BURNED, UNBURNED).astype(np.uint8)
+    is_burned = 2.0 * burned > count
+    if observation.false_alarms >= NOISY:
+        near = burned * FILTER_CELLS**2
+        wide = uniform_filter((state == BURNED).astype(np.float64), WIDER_CELLS, mode="constant")
+        around = wide * WIDER_CELLS**2 - near
+        is_burned &= (near > CLEARLY - 0.5) | (around > MIN_AROUND - 0.5)
+    found = np.where(is_burned, BURNED, UNBURNED).astype(np.uint8)
     found[~seen | (count * FILTER_CELLS**2 < MIN_SEEN - 0.5)] = UNSEEN
     return found

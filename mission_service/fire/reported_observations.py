@@ -100,22 +100,26 @@ def sender_of(event: FireObserved | RasterObserved) -> str:
     return f"{event.source} of {event.by}" if event.source else f"{event.by} at {event.station}"
 
 
-def check_report(event: FireObserved | RasterObserved, landscape: Landscape) -> None:
-    """Raise FireModelError for a report that is too old or shows no cell of the landscape."""
+def checked_report(event: FireObserved | RasterObserved, landscape: Landscape) -> Observation:
+    """Return the cells of a report.
+
+    Raises FireModelError for a report that is too old or shows no cell of the landscape.
+    """
     do = "raster" if isinstance(event, RasterObserved) else "observe"
     age_s = (event.at_us - event.seen_at_us) / 1e6
     if age_s > MAX_AGE_S:
         raise FireModelError(
             f"{do}: age_s = {age_s:g}: observations older than {MAX_AGE_S:g} s are not used"
         )
-    found = observation_of(event, landscape).state
-    if not found.size:
+    found = observation_of(event, landscape)
+    if not found.state.size:
         raise FireModelError(f"{do}: contains no cell of the landscape; check its place")
-    if isinstance(event, RasterObserved) and not (found != UNSEEN).any():
+    if isinstance(event, RasterObserved) and not (found.state != UNSEEN).any():
         raise FireModelError(
             "raster: no cell of the landscape was seen; check its place. With missed_pct or "
             "false_alarms_pct, a cell needs five seen neighbours"
         )
+    return found
 
 
 class Smoke(NamedTuple):

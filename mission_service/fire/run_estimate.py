@@ -56,7 +56,7 @@ from mission_service.fire.reported_observations import (
     MAX_SMOKE,
     Smoke,
     behind_smoke,
-    check_report,
+    checked_report,
     observation_of,
     smoke_of,
 )
@@ -69,6 +69,7 @@ PERIOD_US = 30_000_000  # images are written into the estimate at multiples of t
 # Images older than the last written period by this are inserted at their own time.
 LATE_US = 10_000_000
 AHEAD_US = 5_000_000
+MAX_REPORTS = 64  # observations that wait for the thread; further ones are refused
 MAX_WAITING = 20  # periods; their images are then written even if the estimate is not read
 OBSERVATIONS = (FireObserved, RasterObserved)
 OF_FIRE = (Corrected, *OBSERVATIONS, Erased, Undone, Redone, WindSet)  # they change the estimate
@@ -107,12 +108,14 @@ class RunEstimate:
         self._ahead: Fire | None = None  # a copy at a time after the latest event
         self._contradicted: tuple[Window, ...] = ()  # not delivered yet
         self._smoke: tuple[Smoke, ...] = ()  # the last reports
+        # The report that was checked last, and its cells.
+        self._checked: tuple[FireObserved | RasterObserved, Observation] | None = None
         self.agreement = SourceAgreement(landscape.shape, landscape.cell_size_m)
         self.ensemble = RunEnsemble(scenario, landscape)
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the attributes for a snapshot; a thread's unfinished work is repeated later."""
-        return {**vars(self), "in_background": False, "_in_work": False}
+        return {**vars(self), "in_background": False, "_in_work": False, "_checked": None}
 
     @property
     def fire(self) -> Fire:
@@ -284,7 +287,12 @@ class RunEstimate:
                 raise FireModelError(
                     "observe: a burn uses cameras and corrections only; use correct"
                 )
-            check_report(event, self.landscape)
+            if len(self._waiting) >= MAX_REPORTS:
+                raise FireModelError(
+                    f"{len(self._waiting)} observations wait for the estimate; send this one again "
+                    "later, and fewer in each second"
+                )
+            self._checked = event, checked_report(event, self.landscape)
         # Images of past periods become sightings.
         if self._accepts_reports and self._catch_up(self._latest_us):
             self._best.check(event, self._smoke)
@@ -320,7 +328,11 @@ class RunEstimate:
 
         Raises UnusedReportError if its source contradicts the others.
         """
-        seen = behind_smoke(observation_of(report, self.landscape), self._smoke, "")
+        checked, seen = self._checked or (None, None)
+        self._checked = None
+        if seen is None or checked is not report:
+            seen = observation_of(report, self.landscape)
+        seen = behind_smoke(seen, self._smoke, "")
         self.agreement.add_report(seen)
         if seen.source in self.agreement.distrusted:
             reason = self.agreement.contradictions()[seen.source]

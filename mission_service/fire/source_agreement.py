@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from firemodel.arrays import Floats, bounds_of, widened
+from firemodel.arrays import Floats, Place, bounds_of, widened
 from firemodel.assimilation.observation import BURNED, UNBURNED, UNSEEN, Observation
 from mission_service.fire.sightings import Sightings
 
@@ -22,7 +22,8 @@ CONTRADICTORY = 0.1  # sources contradict each other if they differ in more than
 BESIDE_CELLS = 3  # only burned cells this near to unburned cells are compared
 WITHIN_SD = 2.0  # cells within this many standard deviations of a front are not compared
 MAX_STATED = 0.2  # stated shares of missed and false cells are tolerated up to this value
-MAX_REPORTERS = 16
+MAX_REPORTERS = 8  # sources of reports that are compared, the last ones
+MAX_COMPARED = 20_000  # of more cells, only each second or third row and column is compared
 
 
 class Comparison(NamedTuple):
@@ -167,17 +168,35 @@ def _compared(image: Observation, seen: Seen, reach: int) -> tuple[int, int]:
     cells so near to burned ground, are no contradiction.
     """
     recent = np.abs(seen.last.seen_s[image.where] - image.at_s) <= REMEMBERED_S
-    part = bounds_of(recent)  # the rest of the image is not compared
-    seen_s, since_s = (each[image.where][part] for each in (seen.last.seen_s, seen.burned_since_s))
-    other = np.where(recent[part], seen.last.state[image.where][part], UNSEEN)
-    state = image.state[part]
-    burned, unburned = (state == BURNED, other == BURNED), (state == UNBURNED, other == UNBURNED)
-    if not (burned[0].any() or burned[1].any()):
+    other = np.where(recent, seen.last.state[image.where], UNSEEN)
+    # Only the surroundings of cells that both saw, one of them as burned, are compared.
+    both = (image.state != UNSEEN) & (other != UNSEEN)
+    margin = max(reach, BESIDE_CELLS)
+    part = _widened_window(bounds_of(both & ((image.state == BURNED) | (other == BURNED))), margin)
+    step = 1 + math.isqrt(max(image.state[part].size - 1, 0) // MAX_COMPARED)
+    state, other, seen_s, since_s = (
+        each[part][::step, ::step]
+        for each in (
+            *(image.state, other),
+            *(seen.last.seen_s[image.where], seen.burned_since_s[image.where]),
+        )
+    )
+    if not state.size:
         return 0, 0
+    reach, near = math.ceil(reach / step), math.ceil(BESIDE_CELLS / step)
+    burned, unburned = (state == BURNED, other == BURNED), (state == UNBURNED, other == UNBURNED)
     inside = [one & ~widened(two, reach) for one, two in zip(burned, unburned, strict=True)]
     outside = [one & ~widened(two, reach) for one, two in zip(unburned, burned, strict=True)]
     contradict = inside[1] & (since_s <= image.at_s) & outside[0]
     contradict |= inside[0] & outside[1] & (seen_s > image.at_s)
-    beside = widened(unburned[0] | unburned[1], BESIDE_CELLS)
+    beside = widened(unburned[0] | unburned[1], near)
     agree = burned[0] & burned[1] & beside
     return int(np.count_nonzero(agree)), int(np.count_nonzero(contradict))
+
+
+def _widened_window(where: Place, margin: int) -> Place:
+    """Return a window with a margin; an empty window stays empty."""
+    if where[0].start == where[0].stop:
+        return where
+    rows, cols = (slice(max(each.start - margin, 0), each.stop + margin) for each in where)
+    return rows, cols

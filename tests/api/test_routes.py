@@ -99,7 +99,7 @@ def test_the_state_is_all_that_a_page_needs(flying: World) -> None:
     async def ask(http: httpx.AsyncClient) -> None:
         state = await got(http, "/state")
         assert state["version"] == flying.context.state_view.version
-        assert state["roles"] == ["look", "correct", "fly", "approve"]
+        assert state["roles"] == ["look", "observe", "correct", "fly", "approve"]
         assert [each["vehicle"] for each in state["vehicles"]] == ["hawk", "kite"]
         assert state["vehicles"] == await got(http, "/vehicles")
         assert state["burn"] is None

@@ -19,7 +19,7 @@ from mission_service.errors import RequestError
 from mission_service.events import FireObserved, RasterObserved
 from mission_service.fire.observed_window import LETTERS, in_letters
 from mission_service.fire.raster_cells import raster_cells
-from mission_service.fire.run_estimate import RunEstimate, UnusedReportError
+from mission_service.fire.run_estimate import MAX_REPORTS, RunEstimate, UnusedReportError
 from mission_service.fire.scenario_fire import landscape_of
 from mission_service.interfaces.maps.raster_import import read_raster
 from mission_service.requests import Raster
@@ -182,8 +182,19 @@ def test_sources_are_bounded(land: Landscape) -> None:
             *(number * 1_000_000, 10.0, 0.0, f"sensor {number}"),
         )
         estimate.apply_report(seen)
-    assert len(estimate.agreement._seen) <= 16
+    assert len(estimate.agreement._seen) <= 8
     assert "sensor 59 of gus" in estimate.agreement._seen
+
+
+def test_observations_that_wait_for_the_estimate_are_bounded(land: Landscape) -> None:
+    estimate = RunEstimate(EMPTY, land)
+    estimate.in_background = True
+    event = raster(land, ["bb", "uu"])
+    for _ in range(MAX_REPORTS):
+        estimate.check(event)
+        estimate.apply_report(event)
+    with pytest.raises(FireModelError, match="64 observations wait for the estimate"):
+        estimate.check(event)
 
 
 @pytest.mark.parametrize(

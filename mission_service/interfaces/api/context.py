@@ -34,7 +34,8 @@ class ApiContext:
         self.forecasts = forecasts_of(context)
         self.tiles = TerrainTiles(context.landscape)
         self._threads = asyncio.Semaphore(MAX_THREADS)
-        self.uploads = asyncio.Semaphore(1)  # reads one file at a time
+        self.uploads = asyncio.Semaphore(1)  # reads one perimeter at a time
+        self.raster_uploads = asyncio.Semaphore(1)  # detectors do not delay perimeters
 
     def close(self) -> None:
         """Cancel the forecasts that are being computed."""

@@ -50,7 +50,7 @@ def add(routes: APIRouter, api: ApiContext) -> None:
         data = await body_of(request, LARGEST_BYTES)
         outline = [(float(lon), float(lat)) for lon, lat in outline_of(api.context.landscape)]
         received_us = api.context.clock.now_us
-        async with api.uploads:
+        async with api.raster_uploads:
             found = await read_in_process(RasterJob(data, file_name, outline))
         assert isinstance(found, RasterDone)
         keys = {key: value for key, value in given.items() if value is not None}

@@ -35,6 +35,9 @@ HEALTH = ("/healthz", "/readyz")
 # Limits of concurrent requests with a token: for requests that read (including live streams), and
 # for requests that change something.
 MAX_READING, MAX_CHANGING = 64 + MAX_STREAMS, 64
+# Limits of concurrent requests of tokens with only the role observe: for all and for each of them.
+# Observations wait for the estimate; requests of operators must not wait for detectors.
+MAX_DETECTING, MAX_OF_A_DETECTOR = 24, 4
 # Limits of concurrent requests without a token (for the page): for all clients together, and for
 # each client.
 MAX_ANONYMOUS, MAX_OF_AN_ANONYMOUS = 32, 16
@@ -81,6 +84,7 @@ class AccessGuard:
         self._abort = abort
         self._readers = ConcurrencyLimiter(MAX_READING, MAX_READING)
         self._changers = ConcurrencyLimiter(MAX_CHANGING, MAX_CHANGING)
+        self._detectors = ConcurrencyLimiter(MAX_DETECTING, MAX_OF_A_DETECTOR)
         self._anonymous = ConcurrencyLimiter(MAX_ANONYMOUS, MAX_OF_AN_ANONYMOUS)
         self._reading = RateLimiter(rate_s=100.0, burst=400.0)
         self._changing = RateLimiter(rate_s=10.0, burst=40.0)
@@ -103,7 +107,7 @@ class AccessGuard:
             await _refuse(bounded, error)
             return
         try:
-            if limiter is self._changers:
+            if limiter in (self._changers, self._detectors):
                 receive = await _whole(scope, receive)
             await self._app(scope, receive, bounded)
         except _DisconnectedError:
@@ -120,9 +124,12 @@ class AccessGuard:
         """Return the limiter that applies to a request; None for routes without a limit."""
         if scope["path"] == ABORT or scope["path"] in HEALTH:
             return None
-        if scope["state"]["user"] is None:
+        user: User | None = scope["state"]["user"]
+        if user is None:
             return self._anonymous
-        return self._readers if _reads(scope) else self._changers
+        if _reads(scope):
+            return self._readers
+        return self._changers if user.may("look") else self._detectors
 
     def _admit(self, scope: Scope) -> str:
         """Check a request, store the user in its state and return its client. Raises ApiError."""
