@@ -146,6 +146,7 @@ class Core:
 
     def _on_operator(self, event: events.AnyOperatorEvent) -> list[AnyCommand]:
         if isinstance(event, events.Resumed):  # the restart leaves links and commands unconfirmed
+            self.decision_engine.apply_restart(event)
             for vehicle in self.vehicles.values():
                 if self._approvals is not None and vehicle.proposed is not None:
                     vehicle.due = vehicle.due or vehicle.proposed.due
@@ -168,9 +169,13 @@ class Core:
             case events.EstimatorStatusChanged() if not (was.airborne or was.estimator_healthy):
                 # While the estimator starts, its problems change often: the alarm is enough.
                 return [each for each in reported(vehicle, event) if not isinstance(each, Announce)]
-            case events.SystemStateChanged() | events.FenceStatusChanged():
+            case (
+                events.SystemStateChanged()
+                | events.FenceStatusChanged()
+                | events.LandedStateChanged()
+            ):
                 commands = reported(vehicle, event)
-                # The failsafe reported by this event caused the hold.
+                # The failsafe or landing reported by this event ended the ordered mode.
                 if vehicle.availability.taken_over and not was.taken_over:
                     commands += self._taken_over(vehicle)
                 return commands

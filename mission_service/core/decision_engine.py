@@ -21,7 +21,6 @@ from mission_service.vehicles.availability import (
     GOING_HOME,
     LEADS_TO,
     MISSION,
-    UNANSWERED_S,
     VehicleAvailability,
 )
 
@@ -62,8 +61,12 @@ class DecisionEngine:
     def on_command(self, command: AnyCommand, at_s: float) -> None:
         """Record a command that is sent; the modes that it causes are expected from now on."""
         if type(command) in LEADS_TO:
-            availability = self.availability[command.vehicle]
-            availability.expected_until_s[type(command)] = at_s + UNANSWERED_S
+            self.availability[command.vehicle].on_sent(type(command), at_s)
+
+    def apply_restart(self, event: events.Resumed) -> None:
+        """Apply a restart of the service: no vehicle is connected."""
+        for availability in self.availability.values():
+            availability.on_service_restart(event.at_us / 1e6 - event.down_s)
 
     def apply_order(self, name: str, event: events.OrderGiven) -> bool:
         """Apply an order and return whether it is executed; the mode then counts as ordered."""
@@ -73,6 +76,7 @@ class DecisionEngine:
         if availability.needs_confirmation(event.order) and not event.confirmed:
             return False
         availability.mode_is_ordered = True
+        availability.hold_is_ordered = event.order == "hold"
         if event.order == "return":
             self.recall(name, event.at_us / 1e6)
         else:
@@ -86,6 +90,7 @@ class DecisionEngine:
         mode ends.
         """
         availability = self.availability[name]
+        availability.hold_is_ordered = True
         holds_now = not availability.needs_confirmation("hold")
         availability.recalled &= not holds_now
         return holds_now
@@ -120,13 +125,11 @@ class DecisionEngine:
         availability: VehicleAvailability,
         event: events.CommandFinished | events.UploadFinished,
     ) -> None:
-        kind = (
-            UploadMission
-            if isinstance(event, events.UploadFinished)
-            else ANSWERS.get(event.command)
-        )
-        if kind is not None:
-            availability.on_acknowledged(kind, event.at_us / 1e6)
+        at_s = event.at_us / 1e6
+        if isinstance(event, events.UploadFinished):
+            availability.on_acknowledged(UploadMission, event.outcome == "accepted", at_s)
+        elif (kind := ANSWERS.get(event.command)) is not None:
+            availability.on_acknowledged(kind, event.accepted, at_s)
 
     def _status_changed(
         self,
@@ -137,7 +140,7 @@ class DecisionEngine:
             availability.system_state = event.state
         else:
             availability.fence_breached = event.breached
-        self._look_for_failsafe(event.vehicle, event.at_us / 1e6)
+        self._look_for_override(event.vehicle, event.at_us / 1e6)
 
     def _mode_changed(self, availability: VehicleAvailability, event: events.ModeChanged) -> None:
         at_s, before = event.at_us / 1e6, (availability.mode, availability.armed)
@@ -160,26 +163,36 @@ class DecisionEngine:
                 self.recall(event.vehicle, at_s)
             elif changed and availability.taken_over:
                 self.planners[event.vehicle].left(at_s)
+        availability.accepted_mode = ""
 
     def _mode_chosen(self, availability: VehicleAvailability, event: events.ModeChanged) -> None:
         """Classify an armed vehicle's mode, other than its mission, as ordered or not ordered."""
         at_s = event.at_us / 1e6
         leading = availability.leading_to(event.mode, at_s)
         availability.held_by_upload = leading == {UploadMission}
-        availability.mode_is_ordered = bool(leading)
-        self._look_for_failsafe(event.vehicle, at_s)
+        availability.ordered_before_restart &= event.mode == availability.accepted_mode
+        availability.mode_is_ordered = bool(leading) or availability.ordered_before_restart
+        self._look_for_override(event.vehicle, at_s)
 
-    def _look_for_failsafe(self, name: str, at_s: float) -> None:
-        """Attribute a hold during an upload to the failsafe that the vehicle reports."""
+    def _look_for_override(self, name: str, at_s: float) -> None:
+        """Attribute a mode to the failsafe or the landing that the vehicle reports.
+
+        This applies to a hold during an upload, and to a mode that was ordered before a restart of
+        the service.
+        """
         availability = self.availability[name]
-        if availability.held_by_upload and availability.in_failsafe:
+        landed = availability.ordered_before_restart and availability.on_ground
+        landed &= availability.mode not in GOING_HOME  # after such a landing the vehicle disarms
+        if availability.may_be_overridden and (availability.in_failsafe or landed):
             availability.mode_is_ordered = availability.held_by_upload = False
+            availability.ordered_before_restart = False
             self.planners[name].left(at_s)
 
     def _landed_state_changed(
         self, availability: VehicleAvailability, event: events.LandedStateChanged
     ) -> None:
         availability.on_ground = event.state == "on ground"
+        self._look_for_override(event.vehicle, event.at_us / 1e6)
 
     def _position_measured(
         self,

@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 import signal
+import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
@@ -21,6 +22,7 @@ from mission_service.events import SERVICE, OrderGiven
 from mission_service.fire.run_estimate import RunEstimate
 from mission_service.fire.scenario_fire import landscape_of, warnings_on
 from mission_service.fire.simulated_cameras import SimulatedCameras, cameras_of
+from mission_service.fire.warm_up import warm_up as warm_up_fire
 from mission_service.guidance.registry import way_of
 from mission_service.interfaces.control.control_client import NAME
 from mission_service.interfaces.control.control_server import claimed, serve_control
@@ -57,6 +59,11 @@ from mission_service.runtime.vehicle_links import (
 )
 
 STATUS_EVERY_S = 0.2
+NOTICE_AFTER_S = 2.0
+LOADS = (
+    "loading planners and fire model (they are compiled once after an installation or an update); "
+    "the links open afterwards"
+)
 
 
 @dataclass(frozen=True)
@@ -84,13 +91,15 @@ async def serve(
     progress: Progress = unshown,
     watch: Callable[[], None] = lambda: None,
     address: Callable[[str], None] = lambda address: None,
+    notice: Callable[[str], None] = lambda line: None,
 ) -> tuple[RunStatistics, Fire]:
     """Run until the scenario's end, SIGINT or SIGTERM; return the statistics and the fire.
 
     Vehicles keep the mission on board, which ends in a loiter, unless the setting ``on_shutdown``
     is an order. ``progress`` and ``watch`` are called five times a second; ``watch`` may raise an
     exception to end the run, for example after the exit of a child process. ``address`` receives
-    the address of the map, which may contain a token and must not be logged.
+    the address of the map, which may contain a token and must not be logged. ``notice`` receives a
+    line if kernels must be compiled before the links open.
 
     Raises ScenarioError for vehicles that cannot share their link.
     """
@@ -100,8 +109,7 @@ async def serve(
     clock = MissionClock(round(scenario.start_s * 1e6), wall=scenario.clock == "wall")
     latest_us = round(scenario.duration_s * 1e6)
     landscape = landscape_of(scenario)
-    with faults_of(scenario.planner.rule):
-        way_of(scenario).warm_up(scenario, landscape)
+    _warm_up(scenario, landscape, notice)
     announcements = _Announcements()
     async with contextlib.AsyncExitStack() as stack:
         # Ports and socket first: if one is in use, the journal of an earlier run stays unchanged.
@@ -146,6 +154,18 @@ async def serve(
     service.estimate.advance(clock.now_us)
     progress(service.state_view, service.estimate.fire)
     return service.statistics, service.estimate.fire
+
+
+def _warm_up(scenario: Scenario, landscape: Landscape, notice: Callable[[str], None]) -> None:
+    """Compile all kernels of planners and fire, or load them from the disk cache."""
+    timer = threading.Timer(NOTICE_AFTER_S, notice, (LOADS,))
+    timer.start()
+    try:
+        with faults_of(scenario.planner.rule):
+            way_of(scenario).warm_up(scenario, landscape)
+        warm_up_fire(scenario)
+    finally:
+        timer.cancel()
 
 
 async def _run_tasks(

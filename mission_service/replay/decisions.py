@@ -144,8 +144,7 @@ def _apply_request(event: AnyOperatorEvent, core: Core, excluded: _Excluded) -> 
                 _apply_order(name, event, decision_engine, excluded.held)
         case Resumed():
             excluded.unclear |= set(vehicles)
-            for availability in vehicles.values():
-                availability.online = False
+            decision_engine.apply_restart(event)
         case _:
             pass
 

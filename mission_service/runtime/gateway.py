@@ -177,6 +177,7 @@ class Gateway:
         self._recognise: Recognise | None = None
         self._reading: int | None = None  # number of the download, as assigned by the client
         self._mode: tuple[int, bool, str] | None = None
+        self._mode_reported = False  # since the start, or since ``read_back``
         # Kind and text; an empty text ends the alarm.
         self.link_alarms: deque[tuple[str, str]] = deque()
         self._connected = False  # whether the connection was reported
@@ -188,12 +189,14 @@ class Gateway:
         ``recognise`` returns the id of the mission read, or 0 if the service did not send it.
         """
         self._recognise = recognise
+        self._mode_reported = False
         self._last.clear()
         self._airspeed, self._thrust = MeanAirspeed(), ThrustMonitor()
         stack = self.client.stack
         if stack is not None and self._connected and not self._lost:
             at_us = self._clock.now_us
             if self._mode is not None:  # the mode is reported before any command
+                self._mode_reported = True
                 self._queued.append(ModeChanged(at_us, self.name, *self._mode))
             self._queued.append(_connected(at_us, self.name, stack))
             for status in self._status.values():
@@ -344,6 +347,7 @@ class Gateway:
 
     def _mode_changed(self, event: bridge.ModeChanged, now_us: int) -> ModeChanged:
         self._mode = (event.custom_mode, event.armed, event.name)
+        self._mode_reported = True
         return ModeChanged(now_us, self.name, *self._mode)
 
     def _wind(self, event: bridge.Wind, now_us: int) -> WindMeasured:
@@ -385,12 +389,15 @@ class Gateway:
         return self._changed(GpsFixChanged(now_us, self.name, event.fix in GOOD_FIXES, event.fix))
 
     def _held(self, items: tuple[MissionItem, ...] | None) -> Iterator[VehicleEvent]:
-        """Yield the mode, which is otherwise yielded on change, and the mission read back."""
+        """Yield the mode, if it has not changed since ``read_back``, and the mission read back."""
         now_us, stack, recognise = self._clock.now_us, self.client.stack, self._recognise
         self._reading = self._recognise = None
         if stack is None or recognise is None:
             return
-        yield ModeChanged(now_us, self.name, *(self._mode or (0, False, stack.mode_name(0))))
+        if not self._mode_reported:
+            self._mode_reported = True
+            mode = self._mode or (0, False, stack.mode_name(0))
+            yield ModeChanged(now_us, self.name, *mode)
         mission_id = 0 if items is None else recognise(items, stack)
         count = None if items is None else len(items)
         yield MissionReadBack(now_us, self.name, mission_id, count)

@@ -23,7 +23,12 @@ from mission_service.runtime.run_outputs import write_outputs
 
 
 def run_demo(
-    run: Run, name: str, speedup: float, progress: Progress, address: Callable[[str], None]
+    run: Run,
+    name: str,
+    speedup: float,
+    progress: Progress,
+    address: Callable[[str], None],
+    notice: Callable[[str], None],
 ) -> dict[str, Any]:
     """Fly the scenario ``name`` with mock autopilots over UDP and return the summary.
 
@@ -43,7 +48,7 @@ def run_demo(
                         f"the mock autopilot of {section.name} ended with code {mock.returncode}"
                     )
 
-        record, fire = asyncio.run(serve(run, progress, mocks_alive, address))
+        record, fire = asyncio.run(serve(run, progress, mocks_alive, address, notice))
     return write_outputs(run.out, scenario, record, fire)
 
 

@@ -32,6 +32,8 @@ LEADS_TO: dict[type[AnyCommand], tuple[str, ...]] = {
     Orbit: ("guided", "orbit", "hold"),
     ClimbAndHold: ("guided", "hold"),
 }
+# The modes that last until another order. The service may end before the vehicle reports the mode.
+LASTING: dict[type[AnyCommand], str] = {Hold: "hold", Return: "return"}
 ANSWERS = {name: kind for kind, name in ORDER_NAMES.items() if kind in LEADS_TO}
 UNANSWERED_S = 60.0  # time in which a command without acknowledgement may change the mode
 TAKES_EFFECT_S = 5.0  # time in which an acknowledged command may change the mode
@@ -58,6 +60,10 @@ class VehicleAvailability:
     mode_is_ordered: bool = True  # False if the autopilot or the pilot selected the mode
     on_ground: bool = False  # as EXTENDED_SYS_STATE reports; a crashed vehicle may remain armed
     held_by_upload: bool = False  # the vehicle holds, and only an upload can be the cause
+    hold_is_ordered: bool = False  # by an operator, or at the shutdown of the service
+    accepted_mode: str = ""  # the mode of an accepted order, until the vehicle reports a mode
+    # The mode was ordered before a restart of the service; no command has been sent since.
+    ordered_before_restart: bool = False
     system_state: str = ""  # HEARTBEAT.system_status
     fence_breached: bool = False
     fix_good: bool = True
@@ -95,10 +101,37 @@ class VehicleAvailability:
         """Return whether a command of this kind may still take effect."""
         return at_s <= self.expected_until_s.get(kind, -math.inf)
 
-    def on_acknowledged(self, kind: type[AnyCommand], at_s: float) -> None:
+    @property
+    def may_be_overridden(self) -> bool:
+        """Whether a failsafe or a pilot may be the cause of a mode that counts as ordered."""
+        flies = self.armed and self.airborne and self.mode != MISSION
+        return self.held_by_upload or (self.ordered_before_restart and flies)
+
+    def on_sent(self, kind: type[AnyCommand], at_s: float) -> None:
+        """Record a command of ``LEADS_TO`` that is sent."""
+        self.expected_until_s[kind] = at_s + UNANSWERED_S
+        if kind is not UploadMission:
+            self.accepted_mode, self.ordered_before_restart = "", False
+
+    def on_acknowledged(self, kind: type[AnyCommand], accepted: bool, at_s: float) -> None:
         """Record an acknowledged command, which may change the mode for ``TAKES_EFFECT_S``."""
         if kind in self.expected_until_s:
             self.expected_until_s[kind] = at_s + TAKES_EFFECT_S
+            if accepted and (kind is Return or (kind is Hold and self.hold_is_ordered)):
+                self.accepted_mode = LASTING[kind]
+
+    def on_service_restart(self, ended_s: float) -> None:
+        """Reset the link after a restart of the service, which had ended at ``ended_s``.
+
+        If the vehicle had accepted an order to hold or return and had not reported the mode at
+        ``ended_s``, this mode counts as ordered when it is the next mode that the vehicle reports.
+        """
+        self.online = False
+        expected = (mode for kind, mode in LASTING.items() if self.is_expected(kind, ended_s))
+        restarted_again = self.ordered_before_restart
+        if self.accepted_mode not in expected and not restarted_again:
+            self.accepted_mode = ""
+        self.ordered_before_restart = self.mode_is_ordered
 
     def restart(self) -> None:
         """Reset after a restart of the autopilot; in flight the mode then counts as not ordered.

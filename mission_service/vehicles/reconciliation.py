@@ -17,7 +17,7 @@ def unconfirmed(vehicle: Vehicle) -> None:
     recalled = sent_home or bool(was and was.recalled)
     starting = vehicle.start_under_way or bool(was and was.starting)
     vehicle.unconfirmed = UnconfirmedState(pending, recalled, starting, bool(was and was.resumed))
-    vehicle.availability.online = vehicle.start_under_way = False
+    vehicle.start_under_way = False
     vehicle.drop_upload()
     vehicle.flown_line = vehicle.hold_under_way_s = None
 

@@ -86,8 +86,8 @@ class Flight:
         frozen = Frozen(service.snapshot_fields(), self.shared)
         write(newest_state(self.path), frozen, service.recording.journal.rest)
 
-    def begin_again(self) -> None:
-        """Restart as the daemon does; the vehicles have flown on for four seconds."""
+    def begin_again(self, down_us: int = DOWN_US) -> None:
+        """Restart as the daemon does; the vehicles have flown on meanwhile."""
         before = self.simulation
         before.service.recording.journal.close()
         cut_off = unfinished(self.path, self.shared, self.scenario)
@@ -99,17 +99,17 @@ class Flight:
         link_us = before.link_us if before._heap else 0
         for number, rig in enumerate(again.rigs):
             again._heap[number] = (link_us, number)
-            while (rig.mock.next_timer() or 0) < link_us + DOWN_US:
+            while (rig.mock.next_timer() or 0) < link_us + down_us:
                 rig.mock.handle_timer(rig.mock.next_timer() or 0)
                 rig.mock.data_to_send()
-        again._heap = [(link_us + DOWN_US, number) for number in range(len(again.rigs))]
+        again._heap = [(link_us + down_us, number) for number in range(len(again.rigs))]
         if cut_off.objects is not None:
             again.service.restore(cut_off.objects)
         replay(cut_off, again.service)
         again.core, again.estimate = again.service.core, again.service.estimate
-        announcements = resumed(max(cut_off.last_us, again.service.statistics.at_us), DOWN_US / 1e6)
+        announcements = resumed(max(cut_off.last_us, again.service.statistics.at_us), down_us / 1e6)
         again.clock.go_on(announcements.at_us, 0)
-        again.service.resume(cut_off.missing, announcements, link_us + DOWN_US)
+        again.service.resume(cut_off.missing, announcements, link_us + down_us)
 
     def give_order(self, order: str) -> None:
         asked = OrderGiven(self.simulation.clock.now_us, "ann", "", "", order)  # type: ignore[arg-type]

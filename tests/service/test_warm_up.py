@@ -1,14 +1,28 @@
-"""The warm-up compiles all kernels that an agent uses in flight."""
+"""The warm-ups compile all kernels that an agent or the estimate uses in flight."""
 
 import subprocess
 import sys
 
-FLIES = """
+import pytest
+
+COMPILED = """
 import sys
 
 import numpy as np
 from numba.core.dispatcher import Dispatcher
 
+
+def compiled(package):
+    return {
+        f"{module.__name__}.{name}": len(value.signatures)
+        for module in [sys.modules[name] for name in sys.modules if name.startswith(package)]
+        for name, value in vars(module).items()
+        if isinstance(value, Dispatcher)
+    }
+
+
+"""
+FLIES = """
 from mission_service.experiments.virtual_agents.ideal_world import FormationWorld, Rules
 from mission_service.config.scenario import load_scenario
 from mission_service.fire.scenario_fire import landscape_of
@@ -16,38 +30,57 @@ from mission_service.guidance.formation.settings import Settings
 from mission_service.guidance.formation.warm_up import warm_up
 
 
-def compiled():
-    of_agents = [
-        module
-        for name, module in list(sys.modules.items())
-        if name.startswith("mission_service.guidance.formation.")
-    ]
-    return {
-        f"{module.__name__}.{name}": len(value.signatures)
-        for module in of_agents
-        for name, value in vars(module).items()
-        if isinstance(value, Dispatcher)
-    }
-
-
 if "warm" in sys.argv:
     scenario = load_scenario("virtual-agents")
     warm_up(scenario, landscape_of(scenario))
-before = compiled()
+package = "mission_service.guidance.formation."
+before = compiled(package)
 arrival_s = np.full((500, 500), np.inf)
 arrival_s[240:260, 240:260] = 0.0
 arrival_s[260:270, 240:260] = 20.0
 world = FormationWorld(arrival_s, 3, Settings(), Rules(loss_at=lambda at_s: 0.5), seed=1)
 for _ in range(4 * 120):
     world.tick()
-after = compiled()
+after = compiled(package)
 print(",".join(name for name in after if after[name] != before.get(name, 0)))
 """
 
 
-def compiled_in_flight(*arguments: str) -> str:
+BURNS = """
+from mission_service.config.scenario import load_scenario
+from mission_service.events import Corrected, Telemetry, WindSet
+from mission_service.fire.run_estimate import RunEstimate
+from mission_service.fire.scenario_fire import fire_position, landscape_of
+from mission_service.fire.simulated_cameras import cameras_of
+from mission_service.fire.warm_up import warm_up
+
+scenario = load_scenario("default", (f"fire.scheme={sys.argv[1]}",))
+if "warm" in sys.argv:
+    warm_up(scenario)
+before = compiled("firemodel.spread.")
+landscape = landscape_of(scenario)
+estimate, cameras = RunEstimate(scenario, landscape), cameras_of(scenario, landscape)
+place = landscape.lat_lon_of(*fire_position(scenario, landscape))
+near = tuple((place[0] + north, place[1] + east) for north, east in ((0, 0), (5e-3, 0), (0, 5e-3)))
+for at_s in range(3600, 9000, 60):
+    at_us = at_s * 1_000_000
+    fix = Telemetry(at_us, "hawk", *place, 700.0, 150.0, 15.0, 0.0, 0.0)
+    estimate.on_event(fix)
+    estimate.on_event(cameras.seen_from(fix))
+    estimate.advance(at_us)
+    if at_s == 6000:
+        estimate.apply_report(Corrected(at_us, "ann", "", "burned", "polygon", near, at_us))
+    if at_s == 7200:
+        estimate.apply_report(WindSet(at_us, "ann", "", 3.0, 90.0))
+estimate.fire.front(estimate.fire.time_s)
+after = compiled("firemodel.spread.")
+print(",".join(name for name in after if after[name] != before.get(name, 0)))
+"""
+
+
+def compiled_in_flight(code: str, *arguments: str) -> str:
     child = subprocess.run(
-        [sys.executable, "-c", FLIES, *arguments],
+        [sys.executable, "-c", COMPILED + code, *arguments],
         capture_output=True,
         text=True,
         timeout=300,
@@ -57,5 +90,14 @@ def compiled_in_flight(*arguments: str) -> str:
 
 
 def test_nothing_is_compiled_in_flight() -> None:
-    assert "intent" in compiled_in_flight()  # the check detects it
-    assert compiled_in_flight("warm") == ""
+    assert "intent" in compiled_in_flight(FLIES)  # the check detects it
+    assert compiled_in_flight(FLIES, "warm") == ""
+
+
+@pytest.mark.parametrize(
+    ("scheme", "kernel"),
+    [("anyangle", "burn_until"), ("devs8", "devs8_kernels"), ("probabilistic", "probabilistic_")],
+)
+def test_nothing_is_compiled_while_the_estimate_burns(scheme: str, kernel: str) -> None:
+    assert kernel in compiled_in_flight(BURNS, scheme)  # the check detects it
+    assert compiled_in_flight(BURNS, scheme, "warm") == ""

@@ -1,0 +1,59 @@
+"""Compiles the kernels of the fire before flight; the first compilation takes many seconds."""
+
+import numpy as np
+
+from mission_service.config.fire_sections import Ignition, LandscapeSection, WeatherEntry
+from mission_service.config.scenario import Scenario
+from mission_service.events import Observed, WindSet
+from mission_service.fire.run_estimate import PERIOD_US, RunEstimate
+from mission_service.fire.scenario_fire import landscape_of
+
+CELLS, CELL_SIZE_M = 40, 30.0
+GROWS_S = 900.0
+# Radii of the burned area in successive images. After several images unused points are dropped.
+CORRECTED_TO_CELLS = 12 * (10.0, 5.0)
+DRY = {"dead_1h_pct": 4, "dead_10h_pct": 5, "dead_100h_pct": 6}
+LIVE = {"live_herb_pct": 60, "live_woody_pct": 80}
+
+
+def warm_up(scenario: Scenario) -> None:
+    """Burn a small fire with the scenario's scheme, in changing wind, and correct it by images.
+
+    Each kernel of the estimated and of the simulated fire is called at least once, which compiles
+    the kernel or loads it from the disk cache.
+    """
+    small = _small(scenario)
+    estimate = RunEstimate(small, landscape_of(small))
+    at_us = round(GROWS_S * 1e6)
+    estimate.advance(at_us)
+    name = small.vehicles[0].name
+    rows, cols = np.indices((CELLS, CELLS))
+    away_cells = np.hypot(rows - CELLS // 2, cols - CELLS // 2)
+    for reach_cells in CORRECTED_TO_CELLS:
+        burned = np.where(away_cells <= reach_cells, "b", "u")
+        estimate.on_event(Observed(at_us, name, 0, 0, tuple("".join(row) for row in burned)))
+        at_us += 2 * PERIOD_US
+        estimate.advance(at_us)
+    estimate.apply_report(WindSet(at_us, "service", "", 3.0, 90.0))
+    estimate.advance(at_us + 2 * PERIOD_US)
+    estimate.fire.front(estimate.fire.time_s)
+
+
+def _small(scenario: Scenario) -> Scenario:
+    """Return a scenario with the scheme of ``scenario`` and an ignition on a small level area."""
+    place = {"lat_deg": 36.0, "lon_deg": -84.0}
+    grid = {"rows": CELLS, "cols": CELLS, "cell_size_m": CELL_SIZE_M}
+    initial = {"perimeter": None, "arrival": None, "initial_cells": None}
+    changes = {
+        "landscape": LandscapeSection(source="flat", **grid, **place),
+        "fire": scenario.fire.model_copy(update=initial),
+        "ignition": (Ignition(**place),),
+        "weather_file": None,
+        "weather": tuple(
+            WeatherEntry(at_s=at_s, wind_speed_m_s=2.0, wind_from_deg=from_deg, **DRY, **LIVE)
+            for at_s, from_deg in ((0.0, 0.0), (GROWS_S / 2.0, 60.0))
+        ),
+        "burn": None,
+        "start_s": 0.0,
+    }
+    return scenario.model_copy(update=changes)
