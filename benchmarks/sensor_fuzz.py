@@ -146,12 +146,14 @@ class Reader:
         check_report(msgspec.convert(msgspec.to_builtins(sent), FireObserved), self.land)
 
 
-def read_batch(samples: list[tuple[str, bytes]], thermal: bool, seed: int, sender: Any) -> None:
+def read_batch(
+    reader: Reader, samples: list[tuple[str, bytes]], thermal: bool, seed: int, sender: Any
+) -> None:
     """Read ``BATCH`` damaged files in this process; send the name before and the result after."""
     resource.setrlimit(resource.RLIMIT_AS, (MAX_MEMORY_BYTES, MAX_MEMORY_BYTES))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     os.dup2(os.open(os.devnull, os.O_WRONLY), 2)  # libraries print warnings
-    reader, rng = Reader(), random.Random(seed)
+    rng = random.Random(seed)
     read = reader.thermal if thermal else reader.observations
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -181,13 +183,15 @@ def read_batch(samples: list[tuple[str, bytes]], thermal: bool, seed: int, sende
 PARTS = (".shx", ".dbf", ".prj", ".cpg")
 
 
-def outcomes(samples: list[Path], thermal: bool, count: int, seed: int) -> Iterator[Any]:
+def outcomes(
+    reader: Reader, samples: list[Path], thermal: bool, count: int, seed: int
+) -> Iterator[Any]:
     """Yield (outcome, file, seconds) of ``count`` damaged files."""
     method, done = multiprocessing.get_context("fork"), 0
     data = [(path.name, path.read_bytes()) for path in samples]
     while done < count:
         receiver, sender = method.Pipe(duplex=False)
-        child = method.Process(target=read_batch, args=(data, thermal, seed, sender))
+        child = method.Process(target=read_batch, args=(reader, data, thermal, seed, sender))
         child.start()
         sender.close()
         file, seed = "", seed + 1
@@ -255,7 +259,7 @@ def main(count: int = 100_000, seed: int = 0) -> None:
         results: Counter[tuple[str, str]] = Counter()
         slowest, most_mib = (0.0, ""), 0.0
         with tempfile.TemporaryDirectory() as name:
-            for outcome, file, value in outcomes(write(Path(name)), thermal, number, seed):
+            for outcome, file, value in outcomes(reader, write(Path(name)), thermal, number, seed):
                 if outcome == "memory":
                     most_mib = max(most_mib, value)
                     continue

@@ -127,6 +127,7 @@ def _file(
     import numpy as np
 
     from firemodel.assimilation.observation import BURNED, UNBURNED
+    from mission_service.sensors.file_contents import utc_of
     from mission_service.sensors.observation_file import read_observation_file
     from mission_service.sensors.observation_folder import settings_of
     from mission_service.sensors.observation_picture import draw_contents, states_of
@@ -141,7 +142,7 @@ def _file(
         "observations": [
             {
                 "state": getattr(each, "state", "cells"),
-                "seen": _utc(each.seen_unix_s),
+                "seen": utc_of(each.seen_unix_s),
                 "source": each.source,
                 "position_sd_m": each.position_sd_m,
             }
@@ -149,12 +150,6 @@ def _file(
         ],
         "notes": list(contents.notes),
     }
-
-
-def _utc(unix_s: float) -> str:
-    from datetime import UTC, datetime
-
-    return datetime.fromtimestamp(unix_s, UTC).isoformat()
 
 
 def _line(each: dict[str, Any]) -> str:

@@ -1,5 +1,6 @@
 """What a file of observations contributes to the estimate, and the landscape on which it counts."""
 
+from datetime import UTC, datetime, timedelta
 from typing import Literal
 from zoneinfo import ZoneInfo
 
@@ -10,6 +11,7 @@ from firemodel.landscape.landscape import Landscape
 from mission_service.events import Place
 from mission_service.ground_distance import M_PER_DEG
 
+EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 MARGIN_DEG = 0.05  # around the landscape, for pixels whose centre is outside
 
 
@@ -69,11 +71,16 @@ class Grid(msgspec.Struct, frozen=True):
     rows: int
     cols: int
 
-    def landscape(self) -> Landscape:
+    def level_ground(self) -> Landscape:
         """Return level ground on this grid."""
         fuel = np.ones((self.rows, self.cols), dtype=np.int16)
         level = np.zeros(fuel.shape, dtype=np.float32)
         return Landscape(self.crs, self.west_m, self.north_m, self.cell_size_m, fuel, level)
+
+
+def utc_of(unix_s: float) -> str:
+    """Return the time in seconds since 1970 as text in ISO 8601, in UTC."""
+    return (EPOCH + timedelta(seconds=unix_s)).isoformat()
 
 
 def grid_of(landscape: Landscape) -> Grid:

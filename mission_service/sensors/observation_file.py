@@ -132,7 +132,7 @@ def answer_to(job: FileJob) -> Usable | Unusable:
     """Read the file of a job."""
     path = Path(job.path)
     try:
-        return Usable(contents_of(path, job.grid.landscape(), job.settings))
+        return Usable(contents_of(path, job.grid.level_ground(), job.settings))
     except (MissionServiceError, FireModelError) as error:
         reason = str(error)
     except MemoryError:
