@@ -80,8 +80,9 @@ def uneven(ground: Landscape, sd_m: float, rng: np.random.Generator) -> Landscap
 
     error_m = gaussian_filter(rng.normal(size=ground.shape), UNEVEN_M / ground.cell_size_m)
     error_m *= sd_m / error_m.std()
+    assert ground.elevation_m is not None
     elevation_m = (ground.elevation_m + error_m).astype(np.float32)
-    return replace(ground, elevation_m=elevation_m, gradient=None)
+    return replace(ground, elevation_m=elevation_m, gradient=None)  # type: ignore[arg-type]  # computed
 
 
 def image_of(
@@ -100,7 +101,9 @@ def image_of(
     celsius: Floats = np.full(seen.size, -25.0)
     tile = places[seen].T * (ground.cell_size_m / TILE_CELL_M)
     celsius[seen] = 25.0 + map_coordinates(warmth_c, tile, order=1, mode="grid-wrap")
-    return celsius.reshape(col.shape) + pattern_c + rng.normal(0.0, NOISE_C, col.shape)
+    image: Floats = celsius.reshape(col.shape) + pattern_c
+    image += rng.normal(0.0, NOISE_C, col.shape)
+    return image
 
 
 def flown(ground: Landscape, pitch_deg: float, rng: np.random.Generator) -> Pass:
