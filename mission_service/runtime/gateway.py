@@ -16,7 +16,9 @@ from autopilot_bridge.vehicle.camera_telemetry import (
     CameraEvent,
     FieldOfView,
     GimbalAttitude,
+    HottestPoint,
     ImageCaptured,
+    TrackedPlace,
 )
 from autopilot_bridge.vehicle.message_rates import CAMERA_RATES_HZ, RATES_HZ, RatesHz
 from autopilot_bridge.vehicle.orders import Dropper
@@ -82,7 +84,9 @@ def rates_hz(scenario: Scenario) -> RatesHz:
 
 def camera_reports_of(scenario: Scenario, vehicle: str) -> CameraReports | None:
     """Return the reports of a vehicle's camera in a scenario with sensors; otherwise None."""
-    return CameraReports(vehicle) if scenario.estimate.sensors else None
+    if not scenario.estimate.sensors:
+        return None
+    return CameraReports(vehicle, scenario.estimate.thermal_frames.hot_c)
 
 
 def dropper_of(scenario: Scenario) -> Dropper | None:
@@ -278,7 +282,14 @@ class Gateway:
                     event.velocity_east_m_s,
                     event.heading_deg,
                 )
-            case bridge.Attitude() | ImageCaptured() | GimbalAttitude() | FieldOfView():
+            case (
+                bridge.Attitude()
+                | ImageCaptured()
+                | GimbalAttitude()
+                | FieldOfView()
+                | HottestPoint()
+                | TrackedPlace()
+            ):
                 return None if self._camera is None else self._seen(self._camera, event, link_us)
             case bridge.Connected():
                 if self._return_height_m is not None:
@@ -311,6 +322,10 @@ class Gateway:
                 return camera.on_image(event, self._image_us(event.boot_us))
             case FieldOfView():
                 return camera.on_field_of_view(event, now_us)
+            case HottestPoint():
+                return camera.on_hottest(event, now_us)
+            case TrackedPlace():
+                return camera.on_target(event, now_us)
             case GimbalAttitude():
                 camera.on_gimbal(event)
         return None
