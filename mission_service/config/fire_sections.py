@@ -237,8 +237,8 @@ class EstimateSection(Section):
     """The ensemble that estimates a fire from observations.
 
     ``perimeter_error_m`` is the standard deviation of the outlines of mapped perimeters.
-    ``sensors`` names the sensors (``fire/sensors.py``) to use: ``thermal_frames`` or a sensor of
-    another package.
+    ``sensors`` names the sensors (``fire/sensors.py``) to use: ``thermal_frames``,
+    ``camera_points`` or a sensor of another package.
     """
 
     members: Annotated[int, Field(ge=2, le=1000)] = 24
