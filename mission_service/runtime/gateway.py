@@ -74,6 +74,7 @@ StatusChanged = (
 BEHIND_US = 1_000_000
 BEHIND_FOR_US = 5_000_000
 MAX_IMAGE_DELAY_US = 10_000_000  # from an image to its report
+BETWEEN_POSITIONS_US = 1_000_000  # mission time is that of the last position
 
 
 def rates_hz(scenario: Scenario) -> RatesHz:
@@ -337,7 +338,8 @@ class Gateway:
         if boot_us is None or ahead_us is None or self._clock.wall:
             return now_us
         at_us = boot_us + ahead_us
-        return at_us if 0 <= now_us - at_us < MAX_IMAGE_DELAY_US else now_us
+        plausible = now_us - MAX_IMAGE_DELAY_US < at_us <= now_us + BETWEEN_POSITIONS_US
+        return at_us if plausible else now_us
 
     def _link_alarm(self, event: bridge.LinkAlarm | bridge.AlarmEnded, now_us: int) -> None:
         words = "" if isinstance(event, bridge.AlarmEnded) else str(event)
