@@ -102,7 +102,8 @@ def test_messages_become_events_once_a_second_if_they_are_hot() -> None:
     assert hottest == HottestPoint(1, 450.0, 0.25, 0.0)
     unknown = message(mavlink.MAVLink_camera_thermal_range_message, max=math.nan)
     assert camera_event(unknown, 1) is None
-    status: dict[str, Any] = {"tracking_status": 1, "lat": 363_000_000, "lon": -841_000_000, "h_acc": np.nan}
+    place = {"lat": 363_000_000, "lon": -841_000_000}
+    status: dict[str, Any] = {"tracking_status": 1, "h_acc": np.nan, **place}
     kind = mavlink.MAVLink_camera_tracking_geo_status_message
     tracked = camera_event(message(kind, **status), 1)
     assert tracked == TrackedPlace(1, 36.3, -84.1, None)
