@@ -115,10 +115,9 @@ def times_in(journal: Path) -> Iterator[Times | None]:
             used_us = used_us or latest_us
         elif isinstance(content, UploadMission):
             sent = sent or content.mission_id
-        elif isinstance(content, UploadFinished) and content.mission_id == sent:
-            if image is not None and content.outcome == "accepted":
-                taken_us, image = image.at_us, None
-                yield Times((used_us - taken_us) / 1e6, (content.at_us - taken_us) / 1e6)
+        elif isinstance(content, UploadFinished) and image is not None and sent:
+            taken_us, image = image.at_us, None
+            yield Times((used_us - taken_us) / 1e6, (content.at_us - taken_us) / 1e6)
     if image is not None:
         yield None
 

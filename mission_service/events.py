@@ -23,6 +23,7 @@ WindSpeed = Annotated[float, Meta(ge=0, le=150)]  # m/s
 Bearing = Annotated[float, Meta(ge=0, le=360)]
 Angle = Annotated[float, Meta(ge=-180, le=180)]  # degrees
 Fraction = Annotated[float, Meta(ge=0, lt=1)]
+Share = Annotated[float, Meta(ge=0, le=1)]
 Percent = Annotated[float, Meta(ge=0, le=100)]
 Radius = Annotated[float, Meta(ge=0, le=1e6)]  # m
 Temperature = Annotated[float, Meta(ge=-100, le=5000)]  # degrees Celsius
@@ -113,7 +114,7 @@ class CameraDirection(Event, frozen=True, tag=True):
 
     It is reported after a change of half a degree, and at least once a second.
     The yaw is from true north, the pitch is -90 straight down, and the roll is about the line of
-    sight. Only runs with sensors have this event and the two events below.
+    sight. Only runs with sensors have this event and the four events below.
     """
 
     yaw_deg: Bearing
@@ -140,9 +141,29 @@ class ImageCaptured(Event, frozen=True, tag=True):
 
 
 class CameraFieldOfView(Event, frozen=True, tag=True):
-    """The horizontal field of view of a vehicle's camera has changed."""
+    """The field of view of a vehicle's camera has changed; an unknown one is None."""
 
     horizontal_deg: Bearing
+    vertical_deg: Bearing | None = None
+
+
+class HotPointSeen(Event, frozen=True, tag=True):
+    """A thermal camera sees a place above the limit ``hot_c`` (CAMERA_THERMAL_RANGE).
+
+    ``x`` and ``y`` are shares of the image's width and height from its top left corner.
+    """
+
+    temperature_c: Temperature
+    x: Share
+    y: Share
+
+
+class TargetTracked(Event, frozen=True, tag=True):
+    """A camera tracks an object on the ground (CAMERA_TRACKING_GEO_STATUS), once a second."""
+
+    lat_deg: Latitude
+    lon_deg: Longitude
+    horizontal_sd_m: Radius | None
 
 
 class WindMeasured(Event, frozen=True, tag=True):
@@ -577,6 +598,8 @@ VehicleEvent = (
     | CameraDirection
     | ImageCaptured
     | CameraFieldOfView
+    | HotPointSeen
+    | TargetTracked
     | WindMeasured
     | AirspeedMeasured
     | ThrustStatusChanged

@@ -36,6 +36,7 @@ class Bound(NamedTuple):
     also: float | None = None
 
 
+_LENS = ("focal_length", "sensor_size_h", "sensor_size_v")
 _BATTERY = (Bound("battery_remaining", -1, 100), Bound("current_battery", -32_768, 32_767))
 BOUNDS: Final[dict[str, tuple[Bound, ...]]] = {
     "GLOBAL_POSITION_INT": (
@@ -75,9 +76,12 @@ BOUNDS: Final[dict[str, tuple[Bound, ...]]] = {
     "MOUNT_ORIENTATION": tuple(
         Bound(field, -TURN_DEG, TURN_DEG) for field in ("roll", "pitch", "yaw", "yaw_absolute")
     ),
-    "CAMERA_FOV_STATUS": (Bound("hfov", 0.0, 360.0),),
-    "CAMERA_INFORMATION": tuple(
-        Bound(field, 0.0, 10_000.0) for field in ("focal_length", "sensor_size_h")
+    "CAMERA_FOV_STATUS": tuple(Bound(field, 0.0, 360.0) for field in ("hfov", "vfov")),
+    "CAMERA_INFORMATION": tuple(Bound(field, 0.0, 10_000.0) for field in _LENS),
+    "CAMERA_THERMAL_RANGE": (Bound("max", -100.0, 5000.0),),
+    "CAMERA_TRACKING_GEO_STATUS": (
+        Bound("lat", -90e7, 90e7, 2**31 - 1),
+        Bound("lon", -180e7, 180e7, 2**31 - 1),
     ),
 }
 # Fields that are NaN if unknown.
@@ -85,8 +89,9 @@ UNKNOWN: Final = {
     "VFR_HUD": ("airspeed",),  # NaN on PX4 multirotors
     "WIND_COV": ("wind_x", "wind_y"),
     "MOUNT_ORIENTATION": ("yaw_absolute",),
-    "CAMERA_FOV_STATUS": ("hfov",),
-    "CAMERA_INFORMATION": ("focal_length", "sensor_size_h"),
+    "CAMERA_FOV_STATUS": ("hfov", "vfov"),
+    "CAMERA_INFORMATION": _LENS,
+    "CAMERA_THERMAL_RANGE": ("max",),
 }
 
 

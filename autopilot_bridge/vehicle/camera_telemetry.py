@@ -21,6 +21,7 @@ YAW_FROM_NORTH = (
     mavlink.GIMBAL_DEVICE_FLAGS_YAW_LOCK | mavlink.GIMBAL_DEVICE_FLAGS_YAW_IN_EARTH_FRAME
 )
 LOCKED_DEG = 89.9  # nearer to the vertical, yaw and roll cannot be distinguished
+NO_PLACE = 2**31 - 1
 YEAR_2000_US = 946_684_800_000_000  # earlier times are times since boot
 
 Angles = tuple[float, float, float]  # yaw, pitch, roll in degrees
@@ -57,13 +58,34 @@ class GimbalAttitude:
 
 @dataclass(frozen=True, slots=True)
 class FieldOfView:
-    """The horizontal field of view of a camera in degrees."""
+    """The field of view of a camera in degrees; ``vertical_deg`` is None if unknown."""
 
     at_us: int
     horizontal_deg: float
+    vertical_deg: float | None = None
 
 
-CameraEvent = ImageCaptured | GimbalAttitude | FieldOfView
+@dataclass(frozen=True, slots=True)
+class HottestPoint:
+    """The hottest place of a thermal image, as shares of its width and height from top left."""
+
+    at_us: int
+    max_c: float
+    x: float
+    y: float
+
+
+@dataclass(frozen=True, slots=True)
+class TrackedPlace:
+    """The place on the ground of the object that a camera tracks; an unknown error is None."""
+
+    at_us: int
+    lat_deg: float
+    lon_deg: float
+    horizontal_sd_m: float | None
+
+
+CameraEvent = ImageCaptured | GimbalAttitude | FieldOfView | HottestPoint | TrackedPlace
 
 
 def angles_of(q: Sequence[float]) -> Angles | None:
@@ -140,19 +162,43 @@ def mount_orientation(message: Message, at_us: int) -> GimbalAttitude:
 
 def fov_status(message: Message, at_us: int) -> FieldOfView | None:
     """Decode a CAMERA_FOV_STATUS; return None without a field of view."""
-    return _field_of_view(message.hfov, at_us)
+    return _field_of_view(message.hfov, message.vfov, at_us)
 
 
 def camera_information(message: Message, at_us: int) -> FieldOfView | None:
     """Decode a CAMERA_INFORMATION; return None without focal length and sensor width."""
     if not (message.focal_length > 0.0 and message.sensor_size_h > 0.0):
         return None
-    half_rad = math.atan2(message.sensor_size_h / 2.0, message.focal_length)
-    return _field_of_view(math.degrees(2.0 * half_rad), at_us)
+    horizontal_deg, vertical_deg = (
+        math.degrees(2.0 * math.atan2(size_mm / 2.0, message.focal_length))
+        for size_mm in (message.sensor_size_h, message.sensor_size_v)
+    )
+    return _field_of_view(horizontal_deg, vertical_deg, at_us)
 
 
-def _field_of_view(horizontal_deg: float, at_us: int) -> FieldOfView | None:
-    return FieldOfView(at_us, horizontal_deg) if 1.0 <= horizontal_deg <= 150.0 else None
+def _field_of_view(horizontal_deg: float, vertical_deg: float, at_us: int) -> FieldOfView | None:
+    if not 1.0 <= horizontal_deg <= 150.0:
+        return None
+    return FieldOfView(
+        at_us, horizontal_deg, vertical_deg if 1.0 <= vertical_deg <= 150.0 else None
+    )
+
+
+def thermal_range(message: Message, at_us: int) -> HottestPoint | None:
+    """Decode a CAMERA_THERMAL_RANGE; return None without a hottest point."""
+    place = (message.max_point_x, message.max_point_y)
+    if not (math.isfinite(message.max) and all(0.0 <= each <= 1.0 for each in place)):
+        return None
+    return HottestPoint(at_us, message.max, *place)
+
+
+def tracked_place(message: Message, at_us: int) -> TrackedPlace | None:
+    """Decode a CAMERA_TRACKING_GEO_STATUS; return None unless the camera tracks an object."""
+    active = message.tracking_status == mavlink.CAMERA_TRACKING_STATUS_FLAGS_ACTIVE
+    if not active or NO_PLACE in (message.lat, message.lon) or not (message.lat or message.lon):
+        return None
+    sd_m = message.h_acc if 0.0 <= message.h_acc < 10_000.0 else None
+    return TrackedPlace(at_us, message.lat / 1e7, message.lon / 1e7, sd_m)
 
 
 def _of_autopilot(message: Message) -> bool:
@@ -166,6 +212,8 @@ _DECODERS = {
     "MOUNT_ORIENTATION": mount_orientation,
     "CAMERA_FOV_STATUS": fov_status,
     "CAMERA_INFORMATION": camera_information,
+    "CAMERA_THERMAL_RANGE": thermal_range,
+    "CAMERA_TRACKING_GEO_STATUS": tracked_place,
 }
 MESSAGES = frozenset(_DECODERS)
 

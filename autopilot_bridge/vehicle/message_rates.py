@@ -66,6 +66,7 @@ CAMERA_RATES_HZ: RatesHz = {
     mavlink.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS: 4.0,
     mavlink.MAVLINK_MSG_ID_CAMERA_FOV_STATUS: 0.2,
     mavlink.MAVLINK_MSG_ID_CAMERA_INFORMATION: 0.2,
+    mavlink.MAVLINK_MSG_ID_CAMERA_THERMAL_RANGE: 1.0,
 }
 # Sources: PX4 1.17 streams/, ArduPilot 4.6.2 GCS_Common.cpp.
 _OF_THE_OTHER_STACK = {
@@ -75,6 +76,7 @@ _OF_THE_OTHER_STACK = {
         mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT,
         mavlink.MAVLINK_MSG_ID_CAMERA_FOV_STATUS,
         mavlink.MAVLINK_MSG_ID_CAMERA_INFORMATION,
+        mavlink.MAVLINK_MSG_ID_CAMERA_THERMAL_RANGE,
     ),
     "ardupilot": (
         mavlink.MAVLINK_MSG_ID_WIND_COV,

@@ -268,7 +268,7 @@ class EstimateSection(Section):
 
     ``perimeter_error_m`` is the standard deviation of the outlines of mapped perimeters.
     ``sensors`` names the sensors (``fire/sensors.py``) to use: ``thermal_frames``,
-    ``observation_files`` or a sensor of another package.
+    ``camera_points``, ``observation_files`` or a sensor of another package.
     """
 
     members: Annotated[int, Field(ge=2, le=1000)] = 24

@@ -7,7 +7,13 @@ of a direction between two reports is therefore at most ``CHANGED_DEG``.
 
 from autopilot_bridge.vehicle import camera_telemetry as camera
 from autopilot_bridge.vehicle.client_events import Attitude
-from mission_service.events import CameraDirection, CameraFieldOfView, ImageCaptured
+from mission_service.events import (
+    CameraDirection,
+    CameraFieldOfView,
+    HotPointSeen,
+    ImageCaptured,
+    TargetTracked,
+)
 
 CHANGED_DEG, EVERY_US = 0.5, 1_000_000
 MIN_INTERVAL_US = 200_000
@@ -20,8 +26,11 @@ Angles = tuple[float, float, float]
 class CameraReports:
     """The camera of one vehicle; the link's clock gives the age of a gimbal's report."""
 
-    def __init__(self, name: str) -> None:
+    def __init__(self, name: str, hot_c: float) -> None:
+        """Set the vehicle's name and the least temperature of hot points."""
         self._name = name
+        self._hot_c = hot_c
+        self._hot_point_us = self._target_us = -EVERY_US  # times of the last reports
         self._gimbal: camera.GimbalAttitude | None = None
         self._heading_deg: float | None = None
         self._reported: CameraDirection | None = None
@@ -70,10 +79,27 @@ class CameraReports:
     ) -> CameraFieldOfView | None:
         """Return the field of view if it has changed, or None."""
         before, now_deg = self._field_of_view_deg, round(event.horizontal_deg, 2)
+        vertical_deg = None if event.vertical_deg is None else round(event.vertical_deg, 2)
         if before is not None and abs(now_deg - before) < FIELD_OF_VIEW_CHANGED_DEG:
             return None
         self._field_of_view_deg = now_deg
-        return CameraFieldOfView(mission_us, self._name, now_deg)
+        return CameraFieldOfView(mission_us, self._name, now_deg, vertical_deg)
+
+    def on_hottest(self, event: camera.HottestPoint, mission_us: int) -> HotPointSeen | None:
+        """Return the hottest point of an image if it is hot, at most once a second, or None."""
+        if event.max_c < self._hot_c or 0 <= mission_us - self._hot_point_us < EVERY_US:
+            return None
+        self._hot_point_us = mission_us
+        place = (round(event.x, 4), round(event.y, 4))
+        return HotPointSeen(mission_us, self._name, round(event.max_c, 1), *place)
+
+    def on_target(self, event: camera.TrackedPlace, mission_us: int) -> TargetTracked | None:
+        """Return the place of a tracked object, at most once a second, or None."""
+        if 0 <= mission_us - self._target_us < EVERY_US:
+            return None
+        self._target_us = mission_us
+        place = (event.lat_deg, event.lon_deg, event.horizontal_sd_m)
+        return TargetTracked(mission_us, self._name, *place)
 
     def _gimbal_angles(self, now_us: int) -> Angles | None:
         """Return the direction of the gimbal with its yaw from north, or None if it is unknown."""

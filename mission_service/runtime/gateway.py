@@ -16,7 +16,9 @@ from autopilot_bridge.vehicle.camera_telemetry import (
     CameraEvent,
     FieldOfView,
     GimbalAttitude,
+    HottestPoint,
     ImageCaptured,
+    TrackedPlace,
 )
 from autopilot_bridge.vehicle.message_rates import CAMERA_RATES_HZ, RATES_HZ, RatesHz
 from autopilot_bridge.vehicle.orders import Dropper
@@ -73,6 +75,7 @@ StatusChanged = (
 BEHIND_US = 1_000_000
 BEHIND_FOR_US = 5_000_000
 MAX_IMAGE_DELAY_US = 10_000_000  # from an image to its report
+BETWEEN_POSITIONS_US = 1_000_000  # mission time is that of the last position
 
 
 def rates_hz(scenario: Scenario) -> RatesHz:
@@ -83,7 +86,9 @@ def rates_hz(scenario: Scenario) -> RatesHz:
 
 def camera_reports_of(scenario: Scenario, vehicle: str) -> CameraReports | None:
     """Return the reports of a vehicle's camera in a scenario with sensors; otherwise None."""
-    return CameraReports(vehicle) if scenario.estimate.sensors else None
+    if not scenario.estimate.sensors:
+        return None
+    return CameraReports(vehicle, scenario.estimate.thermal_frames.hot_c)
 
 
 def dropper_of(scenario: Scenario) -> Dropper | None:
@@ -282,7 +287,14 @@ class Gateway:
                     event.velocity_east_m_s,
                     event.heading_deg,
                 )
-            case bridge.Attitude() | ImageCaptured() | GimbalAttitude() | FieldOfView():
+            case (
+                bridge.Attitude()
+                | ImageCaptured()
+                | GimbalAttitude()
+                | FieldOfView()
+                | HottestPoint()
+                | TrackedPlace()
+            ):
                 return None if self._camera is None else self._seen(self._camera, event, link_us)
             case bridge.Connected():
                 if self._return_height_m is not None:
@@ -315,6 +327,10 @@ class Gateway:
                 return camera.on_image(event, self._image_us(event.boot_us))
             case FieldOfView():
                 return camera.on_field_of_view(event, now_us)
+            case HottestPoint():
+                return camera.on_hottest(event, now_us)
+            case TrackedPlace():
+                return camera.on_target(event, now_us)
             case GimbalAttitude():
                 camera.on_gimbal(event)
         return None
@@ -326,7 +342,8 @@ class Gateway:
         if boot_us is None or ahead_us is None or self._clock.wall:
             return now_us
         at_us = boot_us + ahead_us
-        return at_us if 0 <= now_us - at_us < MAX_IMAGE_DELAY_US else now_us
+        plausible = now_us - MAX_IMAGE_DELAY_US < at_us <= now_us + BETWEEN_POSITIONS_US
+        return at_us if plausible else now_us
 
     def _link_alarm(self, event: bridge.LinkAlarm | bridge.AlarmEnded, now_us: int) -> None:
         words = "" if isinstance(event, bridge.AlarmEnded) else str(event)

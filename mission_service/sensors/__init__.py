@@ -3,4 +3,5 @@
 A scenario names them in ``estimate.sensors``, like the sensors of other packages
 (``mission_service.fire.sensors``). ``thermal_frames`` reads the images of thermal cameras from a
 watched folder, and ``observation_files`` reads perimeters, satellite pixels and rasters from one.
+``camera_points`` uses single places that cameras report by MAVLink.
 """

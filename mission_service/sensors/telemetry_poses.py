@@ -57,6 +57,7 @@ class _Vehicle:
         self.directions: deque[CameraDirection] = deque(maxlen=SAMPLES)
         self.images: deque[ImageCaptured] = deque(maxlen=SAMPLES)
         self.field_of_view_deg: float | None = None
+        self.vertical_deg: float | None = None
 
 
 class TelemetryPoses:
@@ -86,6 +87,7 @@ class TelemetryPoses:
                 vehicle.images.append(event)
             case CameraFieldOfView():
                 vehicle.field_of_view_deg = event.horizontal_deg
+                vehicle.vertical_deg = event.vertical_deg
 
     def mission_us_of(self, taken_s: float) -> int | None:
         """Return the mission time of a time in UTC; None if it is outside the telemetry."""
@@ -109,6 +111,18 @@ class TelemetryPoses:
         if taken is None:
             raise PoseUnknownError("the vehicles have reported no image with this name")
         return self._interpolated(taken)
+
+    def vertical_deg_of(self, vehicle: str) -> float | None:
+        """Return the vertical field of view of a vehicle's camera; None if unknown."""
+        found = self._vehicles.get(vehicle)
+        return None if found is None else found.vertical_deg
+
+    def pose_at(self, vehicle: str, at_us: int) -> TelemetryPose:
+        """Return the pose of a vehicle's camera at a mission time; raises PoseUnknownError."""
+        found = self._vehicles.get(vehicle)
+        if found is None:
+            raise PoseUnknownError("no telemetry has arrived yet")
+        return self._interpolated_at(found, at_us, datetime.fromtimestamp(0, UTC))
 
     def _copies(self) -> list[_Vehicle]:
         return list(self._vehicles.values())
@@ -164,6 +178,9 @@ class TelemetryPoses:
         at_us = self.mission_us_of(taken.timestamp())
         if at_us is None:
             raise PoseUnknownError(f"no telemetry of {taken:%H:%M:%S} UTC")
+        return self._interpolated_at(vehicle, at_us, taken)
+
+    def _interpolated_at(self, vehicle: _Vehicle, at_us: int, taken: datetime) -> TelemetryPose:
         before, after, share = _around(list(vehicle.fixes), at_us, "position")
         lat_deg, lon_deg, altitude_m = (
             (1.0 - share) * getattr(before, key) + share * getattr(after, key)

@@ -156,7 +156,7 @@ def test_implausible_messages_are_not_used(kind: type[Any], fields: dict[str, An
 
 
 def test_the_direction_is_that_of_the_gimbal_while_it_reports() -> None:
-    reports = CameraReports("hawk")
+    reports = CameraReports("hawk", 200.0)
     reports.on_gimbal(GimbalAttitude(0, (10.0, -80.0, 1.0), from_north=False))
     first = reports.on_attitude(Attitude(0, 0, 20.0, 5.0, 355.0), 100)
     assert first == events.CameraDirection(100, "hawk", 5.0, -80.0, 1.0, gimbal=True)
