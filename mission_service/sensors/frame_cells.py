@@ -20,15 +20,10 @@ from firemodel.arrays import Floats, Mask, window_at
 from firemodel.assimilation.observation import BURNED, UNBURNED, UNSEEN
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
-from mission_service.config.fire_sections import ThermalFramesSection
+from mission_service.config.fire_sections import ThermalCameraSection, ThermalFramesSection
 from mission_service.fire.observed_window import LETTERS, Window, in_letters, states_in
-from mission_service.sensors.camera_geometry import CameraPose, Lens, PoseErrors, focal_px_of
-from mission_service.sensors.ground_points import (
-    ErrorEllipse,
-    covariances,
-    ellipse_of,
-    ground_points,
-)
+from mission_service.sensors.ground_points import ErrorEllipse, ellipse_of
+from mission_service.sensors.ground_views import view_of
 from mission_service.sensors.thermal_image import ThermalImage
 
 BACKGROUND_C, STEP_C = (-60.0, 200.0), 2.0
@@ -72,7 +67,7 @@ class Burned:
 
 
 def frame_cells(
-    image: ThermalImage, landscape: Landscape, settings: ThermalFramesSection
+    image: ThermalImage, landscape: Landscape, settings: ThermalCameraSection
 ) -> FrameCells:
     """Return the cells that a thermal image shows, with the error of their place.
 
@@ -86,25 +81,17 @@ def frame_cells(
 
 
 def _cells_of(
-    image: ThermalImage, landscape: Landscape, settings: ThermalFramesSection
+    image: ThermalImage, landscape: Landscape, settings: ThermalCameraSection
 ) -> FrameCells:
     height, width = image.values.shape
-    focal_px = image.focal_px
-    if settings.field_of_view_deg is not None:
-        focal_px = focal_px_of(settings.field_of_view_deg, width)
-    if focal_px is None:
-        raise FireModelError(
-            "the file has no focal length; give estimate.thermal_frames.field_of_view_deg"
-        )
-    lens = Lens(width, height, focal_px, settings.distortion)
-    pose = _pose_of(image, landscape)
+    view = view_of(image, landscape, settings)
     step = math.ceil(math.sqrt(width * height / MAX_RAYS))
     kinds = kinds_of(image, settings)[::step, ::step].ravel()
     col, row = (
         each.ravel().astype(float)
         for each in np.meshgrid(np.arange(0, width, step), np.arange(0, height, step))
     )
-    places = ground_points(landscape, lens, pose, col, row)
+    places = view.places(col, row)
     seen = np.isfinite(places[:, 0])
     if not seen.any():
         raise FireModelError("shows no ground of the landscape")
@@ -113,13 +100,7 @@ def _cells_of(
     if not hot_pixels:
         shown = np.flatnonzero(seen)
     chosen = shown[:: max(1, shown.size // ERRORS_OF)]
-    errors = PoseErrors(
-        settings.position_sd_m,
-        settings.altitude_sd_m,
-        settings.direction_sd_deg,
-        settings.elevation_sd_m,
-    )
-    spread = covariances(landscape, lens, pose, errors, col[chosen], row[chosen])
+    spread = view.covariances(col[chosen], row[chosen])
     if not np.isfinite(spread).any():
         raise FireModelError("shows too little of the landscape to know the error of its place")
     spread = np.nanmean(spread, axis=0)
@@ -133,7 +114,7 @@ def _cells_of(
     )
 
 
-def kinds_of(image: ThermalImage, settings: ThermalFramesSection) -> NDArray[np.int8]:
+def kinds_of(image: ThermalImage, settings: ThermalCameraSection) -> NDArray[np.int8]:
     """Return the kind (y, x) of each pixel: COOL, BURNED_OUT, HOT or UNKNOWN.
 
     Raises FireModelError for an image of grey levels if the settings have no ``hot_level``, and if
@@ -143,15 +124,14 @@ def kinds_of(image: ThermalImage, settings: ThermalFramesSection) -> NDArray[np.
     if image.kind == "levels":
         if settings.hot_level is None:
             raise FireModelError(
-                "contains grey levels instead of temperatures; give "
-                "estimate.thermal_frames.hot_level"
+                f"contains grey levels instead of temperatures; give {settings.TABLE}.hot_level"
             )
         if np.mean(values < settings.hot_level) < MIN_NOT_HOT:
             raise FireModelError(
-                "nearly all grey levels are hot; check estimate.thermal_frames.hot_level"
+                f"nearly all grey levels are hot; check {settings.TABLE}.hot_level"
             )
         return np.where(values >= settings.hot_level, HOT, UNKNOWN).astype(np.int8)
-    if image.kind == "counts":
+    if image.kind == "counts" and isinstance(settings, ThermalFramesSection):
         values = values * np.float32(settings.kelvin_per_count) - np.float32(KELVIN_C)
     hot = values >= settings.hot_c
     if np.mean(~hot) < MIN_NOT_HOT or np.median(values) < BACKGROUND_C[0]:
@@ -181,16 +161,6 @@ def _background_c(values_c: NDArray[np.float32]) -> float:
     steps = np.clip(values_c, *BACKGROUND_C) - BACKGROUND_C[0]
     counts = np.bincount((steps / STEP_C).astype(np.int64), minlength=1)
     return BACKGROUND_C[0] + STEP_C * (float(counts.argmax()) + 0.5) if values_c.size else 0.0
-
-
-def _pose_of(image: ThermalImage, landscape: Landscape) -> CameraPose:
-    x_m, y_m = landscape.xy_of_lat_lon(image.lat_deg, image.lon_deg)
-    if not np.isfinite(x_m + y_m):
-        raise FireModelError("the camera is not above the landscape")
-    yaw_deg = landscape.grid_deg(image.yaw_deg)
-    return CameraPose(
-        float(x_m), float(y_m), image.altitude_amsl_m, yaw_deg, image.pitch_deg, image.roll_deg
-    )
 
 
 def _window_of(places: Floats, kinds: NDArray[np.int8], shape: tuple[int, int]) -> Window:

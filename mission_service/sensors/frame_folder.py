@@ -9,7 +9,6 @@ replaced or removed. While the folder cannot be read, ``problem`` has the reason
 import os
 import threading
 import time
-from collections import deque
 from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
@@ -19,13 +18,10 @@ from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario
 from mission_service.errors import MissionServiceError, ScenarioError
 from mission_service.events import AnyEvent, Observed, Telemetry
-from mission_service.sensors.frame_cells import Burned, FrameCells, frame_cells
+from mission_service.sensors.arrived_images import ArrivedImages
 from mission_service.sensors.thermal_image import SUFFIXES, read_thermal_image
 
 LOOK_EVERY_S = 0.25
-AHEAD_S = 5.0  # tolerated difference between the clocks of camera and service
-MAX_WAITING = 100  # images; the oldest are dropped
-MISSED, FALSE_ALARMS = 0.05, 0.01  # shares of the cells, for the estimate
 
 Change = tuple[int, int]  # time of the last change in ns, and size in bytes
 
@@ -43,11 +39,9 @@ class FrameFolder:
             raise ScenarioError(f"{self._folder}: is not a folder; create it")
         self._folder_problem = ""
         self._problems: dict[str, str] = {}  # why files are not used, by name
-        self._landscape = landscape
-        self._burned = Burned(landscape.shape)
+        self._images = ArrivedImages(landscape, self._settings, self._refuse)
         self._growing: dict[str, Change] = {}
         self._read: dict[str, Change] = {}
-        self._arrived: deque[tuple[str, FrameCells, float]] = deque()
         self._error: Exception | None = None
         self._thread: threading.Thread | None = None
 
@@ -58,21 +52,7 @@ class FrameFolder:
         if self._thread is None:
             self._thread = threading.Thread(target=self._watch, name="frames", daemon=True)
             self._thread.start()
-        if not self._arrived:
-            return None
-        name, found, taken_s = self._arrived.popleft()
-        at_us = fix.at_us - max(round((time.time() - taken_s) * 1e6), 0)
-        if at_us < 0:
-            self._refuse(name, f"{name}: was taken {-at_us / 1e6:.0f} s before mission time 0")
-            return None
-        return Observed(
-            at_us,
-            fix.vehicle,
-            *found.window,
-            position_sd_m=round(found.position_sd_m, 2),
-            missed=MISSED,
-            false_alarms=FALSE_ALARMS,
-        )
+        return self._images.next_observed(fix, time.time())
 
     @property
     def problem(self) -> str:
@@ -135,22 +115,4 @@ class FrameFolder:
         self._problems[name] = " ".join(text.split())
 
     def _use(self, path: Path, now: datetime) -> None:
-        image = read_thermal_image(path)
-        age_s = (now - image.taken).total_seconds()
-        if age_s < -AHEAD_S:
-            raise MissionServiceError(
-                f"{path}: was taken {-age_s:.0f} s in the future; check the camera's clock"
-            )
-        if age_s > self._settings.max_age_s:
-            raise MissionServiceError(
-                f"{path}: was taken {age_s:.0f} s ago; estimate.thermal_frames.max_age_s = "
-                f"{self._settings.max_age_s:g}"
-            )
-        taken_s = image.taken.timestamp()
-        cells = frame_cells(image, self._landscape, self._settings)
-        found = self._burned.added(cells, taken_s)
-        if not set("".join(found.window.cells)) <= {"."}:
-            self._arrived.append((path.name, found, taken_s))
-        while len(self._arrived) > MAX_WAITING:
-            dropped, _, _ = self._arrived.popleft()
-            self._refuse(dropped, f"{dropped}: more than {MAX_WAITING} newer images wait")
+        self._images.add(read_thermal_image(path), now)

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mission_service.errors import MissionServiceError
+from mission_service.sensors.corner_points import CornerPoints
 
 if TYPE_CHECKING:
     from PIL.Image import Exif, Image
@@ -46,7 +47,10 @@ class ThermalImageError(MissionServiceError):
 
 
 class ThermalImage(NamedTuple):
-    """A thermal image with the time and the pose of its camera."""
+    """A thermal image with the time and the pose of its camera.
+
+    An image with ``corners`` is placed by them instead of its direction and focal length.
+    """
 
     name: str
     values: NDArray[np.float32]  # (y, x) °C, counts or grey levels
@@ -59,6 +63,7 @@ class ThermalImage(NamedTuple):
     pitch_deg: float  # -90: straight down
     roll_deg: float
     focal_px: float | None  # None if the file does not contain it
+    corners: CornerPoints | None = None
 
 
 def read_thermal_image(path: Path) -> ThermalImage:
@@ -131,9 +136,13 @@ def _values(path: Path, image: "Image") -> tuple[NDArray[np.float32], str]:
     return values, kind
 
 
+def is_coloured(rgb: NDArray[Any]) -> bool:
+    """Return True for a picture (y, x, 3) in colours, False for grey levels."""
+    return float(np.mean(rgb.max(axis=2) - rgb.min(axis=2))) > MAX_COLOUR
+
+
 def _refuse_colours(path: Path, image: "Image") -> None:
-    colours = np.asarray(image.convert("RGB"))
-    if float(np.mean(colours.max(axis=2) - colours.min(axis=2))) > MAX_COLOUR:
+    if is_coloured(np.asarray(image.convert("RGB"))):
         raise ThermalImageError(
             f"{path}: is a picture in colours; set the camera's palette to grey levels (white hot)"
         )
