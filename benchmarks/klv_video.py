@@ -36,14 +36,12 @@ class Range(NamedTuple):
         """Return the bytes of a value; None is the mark of an error in a signed field."""
         bits = 8 * self.size
         if self.signed:
-            number = (
-                -(2 ** (bits - 1))
-                if value is None
-                else round(value / self.high * (2 ** (bits - 1) - 1))
-            )
+            most: int = 2 ** (bits - 1) - 1
+            number = -most - 1 if value is None else round(value / self.high * most)
         else:
             assert value is not None
-            number = round((value - self.low) / (self.high - self.low) * (2**bits - 1))
+            most = 2**bits - 1
+            number = round((value - self.low) / (self.high - self.low) * most)
         return number.to_bytes(self.size, "big", signed=self.signed)
 
 
@@ -98,11 +96,14 @@ def signed(unsigned: bytes) -> bytes:
     return unsigned + (int(words.sum()) & 0xFFFF).to_bytes(2, "big")
 
 
-def pose_values(landscape: Landscape, pose: CameraPose, lens: Lens) -> dict[int, float | str | None]:
+def pose_values(
+    landscape: Landscape, pose: CameraPose, lens: Lens
+) -> dict[int, float | str | None]:
     """Return the values of a camera whose gimbal turns it on a level aircraft that heads north."""
     lat_deg, lon_deg = (float(each) for each in landscape.lat_lon_of(pose.x_m, pose.y_m))
     fields = [
-        2.0 * np.degrees(np.arctan(side / 2.0 / lens.focal_px)) for side in (lens.width, lens.height)
+        2.0 * np.degrees(np.arctan(side / 2.0 / lens.focal_px))
+        for side in (lens.width, lens.height)
     ]
     return {
         **{5: 0.0, 6: 0.0, 7: 0.0, 13: lat_deg, 14: lon_deg, 15: pose.altitude_amsl_m},
@@ -129,7 +130,8 @@ class VideoWriter:
         """Open the stream in memory."""
         self._file = io.BytesIO()
         self._container: Any = av.open(self._file, "w", format="mpegts")
-        self._video: Any = self._container.add_stream(codec, rate=RATE)
+        video: Any = self._container.add_stream(codec, rate=RATE)
+        self._video = video
         self._video.width, self._video.height, self._video.pix_fmt = width, height, "yuv420p"
         self._video.codec_context.gop_size = RATE
         self._video.codec_context.thread_count = 1
