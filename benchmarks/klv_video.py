@@ -74,11 +74,11 @@ RANGES = {
 }
 
 
-def packet(taken: datetime, values: Mapping[int, float | str | None]) -> bytes:
-    """Return a packet with a time and values by tag; a text is stored as it is."""
+def packet(taken: datetime, values: Mapping[int, float | bytes | None]) -> bytes:
+    """Return a packet with a time and values by tag; bytes are stored as they are."""
     items = [(2, round((taken - EPOCH).total_seconds() * 1e6).to_bytes(8, "big"))]
     items += [
-        (tag, value.encode() if isinstance(value, str) else RANGES[tag].encoded(value))
+        (tag, value if isinstance(value, bytes) else RANGES[tag].encoded(value))
         for tag, value in values.items()
     ]
     body = b"".join(bytes([tag, len(data)]) + data for tag, data in items)
@@ -87,7 +87,11 @@ def packet(taken: datetime, values: Mapping[int, float | str | None]) -> bytes:
 
 def length(size: int) -> bytes:
     """Return a length in the basic encoding rules."""
-    return bytes([size]) if size < 128 else b"\x82" + size.to_bytes(2, "big")
+    return (
+        bytes([size])
+        if size < 128
+        else (b"\x81" + bytes([size]) if size < 256 else b"\x82" + size.to_bytes(2, "big"))
+    )
 
 
 def signed(unsigned: bytes) -> bytes:
@@ -98,7 +102,7 @@ def signed(unsigned: bytes) -> bytes:
 
 def pose_values(
     landscape: Landscape, pose: CameraPose, lens: Lens
-) -> dict[int, float | str | None]:
+) -> dict[int, float | bytes | None]:
     """Return the values of a camera whose gimbal turns it on a level aircraft that heads north."""
     lat_deg, lon_deg = (float(each) for each in landscape.lat_lon_of(pose.x_m, pose.y_m))
     fields = [
@@ -106,8 +110,14 @@ def pose_values(
         for side in (lens.width, lens.height)
     ]
     return {
-        **{5: 0.0, 6: 0.0, 7: 0.0, 13: lat_deg, 14: lon_deg, 15: pose.altitude_amsl_m},
-        **{16: float(fields[0]), 17: float(fields[1])},
+        5: 0.0,
+        6: 0.0,
+        7: 0.0,
+        13: lat_deg,
+        14: lon_deg,
+        15: pose.altitude_amsl_m,
+        16: float(fields[0]),
+        17: float(fields[1]),
         18: float(landscape.true_deg(pose.yaw_deg)) % 360.0,
         19: pose.pitch_deg,
         20: pose.roll_deg % 360.0,

@@ -9,7 +9,6 @@ import click
 from mission_service.cli.options import JSON, OUT_FOLDER, OVERRIDE, echo
 from mission_service.cli.output_folder import results_in
 
-
 MAX_IMAGES = 100  # of one video
 
 

@@ -64,6 +64,7 @@ class ThermalVideo:
                     self.end_window()
         except BaseException as error:  # tstrans reports a fault of its own as BaseException
             self._error = RuntimeError(f"{type(error).__name__}: {error}")
+            self._source.close()
 
     def use(self, data: bytes, now: datetime) -> None:
         """Process bytes of the stream that have arrived now; in the thread."""

@@ -73,6 +73,7 @@ class VideoStream:
         self._demuxer = _demuxer()
         self._video: StreamInfo | None = None
         self._decoder: VideoDecoder | None = None
+        self._is_cut = False  # the next access unit
         self._metadata: deque[tuple[int, VideoMetadata]] = deque(maxlen=KEPT)
         self._last_taken: datetime | None = None
         self.counts = StreamCounts()
@@ -119,7 +120,12 @@ class VideoStream:
                 return []
             self.counts.pictures += 1
             if oldest is not None and self._metadata and self._metadata[-1][1].taken < oldest:
-                self._lose(event.stream.pid)
+                self._skip(self._metadata[-1][1].taken)
+                return []
+            if self._is_cut:
+                self._is_cut = False
+                self.counts.bad_pictures += 1
+                self.counts.picture_reason = "a part is missing"
                 return []
             unit = event.raw if isinstance(event, DemuxEvent.Video) else event.payload
             return self._decoded(unit, event.pts.raw)
@@ -142,9 +148,18 @@ class VideoStream:
         return self._video is not None and program == self._video.program_number
 
     def _lose(self, pid: int) -> None:
-        if self._video is not None and pid == self._video.pid and self._decoder is not None:
-            self._decoder.lose()
+        """Note a gap. The access unit that follows is the one in which it lies."""
         self.counts.lost += 1
+        if self._video is not None and pid == self._video.pid:
+            self._is_cut = True
+            if self._decoder is not None:
+                self._decoder.lose()
+
+    def _skip(self, taken: datetime) -> None:
+        """Leave out an access unit; those after it cannot be decoded until the next key frame."""
+        self.refuse(f"taken at {taken:%Y-%m-%d %H:%M:%S} UTC; {self._settings.TABLE}.max_age_s")
+        if self._decoder is not None:
+            self._decoder.lose()
 
     def _add_metadata(self, pts: int, payload: bytes) -> None:
         if not is_uas_metadata(payload):  # another set, for example of security
