@@ -151,15 +151,19 @@ class VideoWriter:
 
     def add(self, at_s: float, picture: NDArray[np.uint8], packets: Sequence[bytes] = ()) -> None:
         """Add a picture (y, x) or (y, x, 3), and packets of metadata, at a presentation time."""
-        ticks = round(at_s / TICKS)
         for each in packets:
-            data = av.Packet(each)
-            data.stream, data.pts, data.dts, data.time_base = self._data, ticks, ticks, TICKS
-            self._container.mux(data)
+            self.add_metadata(at_s, each)
         shape = "gray" if picture.ndim == 2 else "rgb24"
         frame = av.VideoFrame.from_ndarray(picture, format=shape).reformat(format="yuv420p")
         frame.pts, frame.time_base = round(at_s * RATE), Fraction(1, RATE)
         self._container.mux(self._video.encode(frame))
+
+    def add_metadata(self, at_s: float, data: bytes) -> None:
+        """Add a packet of metadata at a presentation time."""
+        ticks = round(at_s / TICKS)
+        unit = av.Packet(data)
+        unit.stream, unit.pts, unit.dts, unit.time_base = self._data, ticks, ticks, TICKS
+        self._container.mux(unit)
 
     def taken(self) -> bytes:
         """Return the bytes of the stream since the last call."""

@@ -58,6 +58,8 @@ class VideoDecoder:
         try:
             frames = self._context.decode(packet)
         except av.error.FFmpegError as error:
+            if self._waits_for_key_frame:
+                raise VideoDecoderError("no key frame after a gap or a damaged picture") from None
             self.lose()
             raise VideoDecoderError(f"a picture is damaged: {error.strerror}") from None
         return [frame for frame in frames if self._is_whole(frame)]

@@ -144,6 +144,7 @@ def sensor_at(port: int, *changes: str) -> ThermalVideo:
 def use_all(sensor: ThermalVideo) -> None:
     """Use the datagrams that wait at the port."""
     assert isinstance(sensor._source, DatagramSource)
+    assert sensor._source._socket is not None
     while select.select([sensor._source._socket], [], [], 0.0)[0]:
         sensor.use(sensor._source.read(), datetime.now(UTC))
 

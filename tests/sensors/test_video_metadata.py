@@ -78,7 +78,11 @@ def test_the_dynamic_and_constant_packet_is_read_and_its_published_checksum_is_w
     security = b"\x01\x01\x01\x02\x01\x07\x03\x05//USA\x0c\x01\x07\r\x06\0U\0S\0A\x16\x02\0\n"
     identifier = "0170f592f02373364af8aa9162c00f2eb2da16b74341000841a0be365b5ab96a3645"
     names = {3: b"Mission 12", 10: b"Predator", 11: b"EO Nose", 12: b"Geodetic WGS84"}
-    others = {20: 176.86543764939194, 48: security, 94: bytes.fromhex(identifier)}
+    others: dict[int, float | bytes] = {
+        20: 176.86543764939194,
+        48: security,
+        94: bytes.fromhex(identifier),
+    }
     values: dict[int, float | bytes] = {**DYNAMIC, **names, **others}
     last = {tag: values.pop(tag) for tag in (48, 65, 94)}
     whole = packet(TAKEN, dict(sorted(values.items())) | last)
