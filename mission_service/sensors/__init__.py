@@ -2,5 +2,5 @@
 
 A scenario names them in ``estimate.sensors``, like the sensors of other packages
 (``mission_service.fire.sensors``). ``thermal_frames`` reads the images of thermal cameras from a
-watched folder.
+watched folder, and ``thermal_video`` receives their video.
 """
