@@ -4,13 +4,16 @@
 out of range count as missing. Pure.
 """
 
+import math
 from collections.abc import Mapping
 from datetime import UTC, datetime, timedelta
 from typing import TYPE_CHECKING, NamedTuple
 
+import numpy as np
+
 from mission_service.config.fire_sections import ThermalVideoSection
 from mission_service.errors import MissionServiceError
-from mission_service.sensors.camera_geometry import mounted_direction
+from mission_service.sensors.camera_geometry import CameraPose, axes_of, mounted_direction
 from mission_service.sensors.corner_points import CornerPoints
 
 if TYPE_CHECKING:
@@ -47,6 +50,13 @@ FIELDS = {
         for number, tag in enumerate(tags)
     },
 }
+
+# Limits of the change between two packets: the first one at once, the second one a second.
+MAX_BREAK_S = 10.0
+MAX_MOVE_DEG = (0.0002, 0.003)  # latitude and longitude of the camera; 300 m/s
+MAX_CLIMB_M = (10.0, 100.0)
+MAX_TURN_DEG = (3.0, 180.0)
+MAX_CORNER_DEG = (0.002, 0.05)
 
 
 class VideoMetadataError(MissionServiceError):
@@ -104,6 +114,33 @@ def read_metadata(packet: bytes, settings: ThermalVideoSection) -> VideoMetadata
         values.get(VERTICAL_FIELD_OF_VIEW),
         _corners_of(values, settings.corner_sd_m),
     )
+
+
+def is_continuous(one: VideoMetadata, other: VideoMetadata) -> bool:
+    """Return True if an aircraft and its camera can move so fast between two packets.
+
+    The checksum, a sum of 16 bits, misses some damage; such a packet differs from its neighbours.
+    """
+    seconds = abs((other.taken - one.taken).total_seconds())
+    changes = []
+    if one.pose is not None and other.pose is not None:
+        moves = np.abs(np.subtract(one.pose[:2], other.pose[:2])).max()
+        changes.append((moves, MAX_MOVE_DEG))
+        changes.append((abs(one.pose[2] - other.pose[2]), MAX_CLIMB_M))
+        changes.append((_turn_deg(one.pose, other.pose), MAX_TURN_DEG))
+    if one.corners is not None and other.corners is not None:
+        corners = np.subtract(one.corners.lat_lon_deg, other.corners.lat_lon_deg)
+        changes.append((np.abs(corners).max(), MAX_CORNER_DEG))
+    return seconds <= MAX_BREAK_S and all(
+        change <= at_once + rate * seconds for change, (at_once, rate) in changes
+    )
+
+
+def _turn_deg(one: SensorPose, other: SensorPose) -> float:
+    """Return the angle of the rotation between two directions."""
+    before, after = (axes_of(CameraPose(0.0, 0.0, 0.0, *pose[3:])) for pose in (one, other))
+    cosine = (np.trace(before @ after.T) - 1.0) / 2.0
+    return math.degrees(math.acos(float(np.clip(cosine, -1.0, 1.0))))
 
 
 def _values_in(fields: "UasDatalinkLs") -> dict[int, float]:

@@ -27,6 +27,7 @@ from mission_service.sensors.video_decoder import (
 from mission_service.sensors.video_metadata import (
     VideoMetadata,
     VideoMetadataError,
+    is_continuous,
     is_uas_metadata,
     read_metadata,
 )
@@ -188,10 +189,16 @@ class VideoStream:
         if frame.pts is None or not self._metadata:
             return None
         pts = frame.pts
-        near, metadata = min(self._metadata, key=lambda each: abs(each[0] - pts))
+        packets = list(self._metadata)
+        number = min(range(len(packets)), key=lambda each: abs(packets[each][0] - pts))
+        near, metadata = packets[number]
         if abs(near - pts) > NEAR_TICKS:
             return None
         if self._last_taken is not None and abs(metadata.taken - self._last_taken) < self._every:
+            return None
+        beside = packets[max(number - 1, 0) : number] + packets[number + 1 : number + 2]
+        if beside and not any(is_continuous(metadata, each) for _, each in beside):
+            self.refuse(f"metadata of {metadata.taken:%H:%M:%S} UTC differ from those beside them")
             return None
         self._last_taken = metadata.taken
         try:

@@ -168,6 +168,33 @@ def test_damaged_metadata_are_counted_with_the_reason(
     assert problem.startswith("source: 2 of 3 packets of metadata are not used: checksum mismatch")
 
 
+def test_a_packet_that_differs_from_its_neighbours_is_not_used(
+    picture: NDArray[np.uint8], values: Values
+) -> None:
+    """As a damaged packet does that has the right checksum by chance."""
+    changes: list[Values] = [{13: -12.0}, {15: 2000.0}, {5: 90.0}, {}]
+    for change in changes:
+        writer = VideoWriter(LENS.width, LENS.height)
+        for number in range(5):
+            taken = TAKEN + timedelta(seconds=number / 30.0)
+            kept = values | (change if number == 2 else {})
+            writer.add(number / 30.0, picture, [packet(taken, kept)])
+        stream = VideoStream("video", ThermalVideoSection(hot_level=150.0), 0.01)
+        images = stream.feed(writer.close()) + stream.end()
+        assert len(images) == (4 if change else 5)
+        assert stream.counts.refused == bool(change)
+    assert "differ from those beside them" in reason_of_jump(picture, values)
+
+
+def reason_of_jump(picture: NDArray[np.uint8], values: Values) -> str:
+    """Return the reported problem of a stream whose third packet is from an hour later."""
+    writer = VideoWriter(LENS.width, LENS.height)
+    for number in range(5):
+        taken = TAKEN + timedelta(seconds=3600.0 if number == 2 else number / 30.0)
+        writer.add(number / 30.0, picture, [packet(taken, values)])
+    return read(writer.close())[1]
+
+
 def late_metadata(picture: NDArray[np.uint8], values: Values) -> bytes:
     """Return a stream whose metadata are half a second later than its pictures."""
     writer = VideoWriter(LENS.width, LENS.height)
