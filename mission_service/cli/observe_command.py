@@ -1,5 +1,7 @@
 """Defines ``mission-service observe``: what images and other files show of a landscape."""
 
+from collections.abc import Iterator
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,60 +12,74 @@ from mission_service.cli.output_folder import results_in
 
 if TYPE_CHECKING:
     from firemodel.landscape.landscape import Landscape
-    from mission_service.config.fire_sections import ThermalFramesSection
+    from mission_service.config.fire_sections import ThermalCameraSection
     from mission_service.config.scenario import Scenario
-    from mission_service.sensors.frame_registration import FrameRegistration
+    from mission_service.sensors.frame_cells import FrameCells
+    from mission_service.sensors.thermal_image import ThermalImage
+
+MAX_IMAGES = 100  # of one video
 
 
 @click.command()
 @click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("--scenario", required=True, help="Its landscape and the settings of its sensors.")
+@click.option(
+    "--every",
+    "every_s",
+    type=click.FloatRange(min=0.0, min_open=True),
+    default=10.0,
+    show_default=True,
+    help="Seconds between two images of a video.",
+)
 @OUT_FOLDER
 @OVERRIDE
 @JSON
 def observe(
-    files: tuple[Path, ...], scenario: str, out: Path, overrides: tuple[str, ...], as_json: bool
+    files: tuple[Path, ...],
+    scenario: str,
+    every_s: float,
+    out: Path,
+    overrides: tuple[str, ...],
+    as_json: bool,
 ) -> None:
     """Show what FILES contribute to the estimate of a fire; no run is needed.
 
-    Thermal images are placed on the ground by their position and direction, and registered to the
-    images before. Perimeters, satellite pixels and rasters are read as by the sensor
-    observation_files. DIR/NAME.png shows the observed
+    Thermal images, also those in videos (.ts) with MISB ST 0601 metadata, are placed on the ground
+    by their position and direction, and registered to the images before. Perimeters, satellite
+    pixels and rasters are read as by the sensor observation_files. DIR/NAME.png shows the observed
     cells on the map with the error of their place, and the summary contains counts and errors.
     Files that cannot be used are listed with the reason; the exit code is then 1.
     """
-    from firemodel.errors import FireModelError
     from mission_service.config.scenario import load_scenario
-    from mission_service.errors import MissionServiceError
     from mission_service.fire.scenario_fire import landscape_of
-    from mission_service.sensors.frame_cells import stated_errors
-    from mission_service.sensors.frame_registration import FrameRegistration
 
     loaded = load_scenario(scenario, overrides)
     landscape = landscape_of(loaded)
-    settings = loaded.estimate.thermal_frames
-    registration = FrameRegistration(landscape, stated_errors(settings))
+    camera = _Camera(landscape, loaded.estimate.thermal_frames)
     images: list[dict[str, Any]] = []
     others: list[dict[str, Any]] = []
     with results_in(out, "repeat the command") as made:
         for number, path in enumerate(files):
-            name = f"{path.stem}.png" if len(files) == 1 else f"{number:03d}-{path.stem}.png"
-            thermal = _is_thermal(path)
-            try:
-                if thermal:
-                    found = _image(path, made / name, settings, landscape, registration)
-                else:
-                    found = _file(path, made / name, loaded, landscape)
-                summary = {"file": str(path)} | found | {"picture": name}
-            except (MissionServiceError, FireModelError) as error:
-                summary = {"file": str(path), "error": str(error)}
-            (images if thermal else others).append(summary)
-            if not as_json:
-                click.echo(_line(summary), err="error" in summary)
+            name = path.stem if len(files) == 1 else f"{number:03d}-{path.stem}"
+            if _is_video(path):
+                images += _video(path, made / name, loaded, landscape, every_s)
+            elif _is_thermal(path):
+                images.append(camera.observe(path, made / f"{name}.png"))
+            else:
+                others.append(_file(path, made / f"{name}.png", loaded, landscape))
     if as_json:
         echo({"images": images, "files": others}, True)
+    else:
+        for each in (*images, *others):
+            click.echo(_line(each), err="error" in each)
     if any("error" in each for each in (*images, *others)):
         raise click.exceptions.Exit(1)
+
+
+def _is_video(path: Path) -> bool:
+    from mission_service.sensors.video_file import SUFFIXES
+
+    return path.suffix.lower() in SUFFIXES
 
 
 def _is_thermal(path: Path) -> bool:
@@ -82,21 +98,59 @@ def _is_thermal(path: Path) -> bool:
         return True  # its reader has the reason
 
 
-def _image(
-    path: Path,
-    picture: Path,
-    settings: "ThermalFramesSection",
-    landscape: "Landscape",
-    registration: "FrameRegistration",
-) -> dict[str, Any]:
-    """Draw a thermal image, and return its summary."""
-    from mission_service.sensors.frame_cells import frame_cells
-    from mission_service.sensors.frame_picture import draw_frame
-    from mission_service.sensors.thermal_image import read_thermal_image
+class _Camera:
+    """The images of one camera, which are registered to each other."""
 
-    image = read_thermal_image(path)
-    found = frame_cells(image, landscape, settings, registration)
-    draw_frame(picture, landscape, image, found)
+    def __init__(self, landscape: "Landscape", settings: "ThermalCameraSection") -> None:
+        from mission_service.sensors.frame_registration import FrameRegistration
+        from mission_service.sensors.ground_views import stated_errors
+
+        self._landscape, self._settings = landscape, settings
+        self._registration = FrameRegistration(landscape, stated_errors(settings))
+
+    def observe(
+        self, path: Path, picture: Path, image: "ThermalImage | None" = None
+    ) -> dict[str, Any]:
+        """Draw an image, and return its summary; ``path`` is its file, or the video with it."""
+        from firemodel.errors import FireModelError
+        from mission_service.errors import MissionServiceError
+        from mission_service.sensors.frame_cells import frame_cells
+        from mission_service.sensors.frame_picture import draw_frame
+        from mission_service.sensors.thermal_image import read_thermal_image
+
+        try:
+            image = image or read_thermal_image(path)
+            found = frame_cells(image, self._landscape, self._settings, self._registration)
+        except (MissionServiceError, FireModelError) as error:
+            return {"file": str(path), "error": str(error)}
+        draw_frame(picture, self._landscape, image, found)
+        summary = _summary(image, found, self._landscape)
+        return {"file": str(path)} | summary | {"picture": picture.name}
+
+
+def _video(
+    path: Path, picture: Path, scenario: "Scenario", landscape: "Landscape", every_s: float
+) -> Iterator[dict[str, Any]]:
+    """Draw the images in a video, and yield their summaries."""
+    from mission_service.errors import MissionServiceError
+    from mission_service.sensors.thermal_video import check_libraries
+    from mission_service.sensors.video_file import images_in
+
+    check_libraries()
+    settings = scenario.estimate.thermal_video
+    camera = _Camera(landscape, settings)
+    taken = enumerate(images_in(path, settings, every_s))
+    for count, image in islice(taken, MAX_IMAGES):
+        if isinstance(image, MissionServiceError):
+            yield {"file": str(path), "error": str(image)}
+        else:
+            yield camera.observe(path, picture.with_name(f"{picture.name}-{count:03d}.png"), image)
+    if next(taken, None) is not None:
+        text = f"{path}: has more than {MAX_IMAGES} images; increase --every"
+        yield {"file": str(path), "error": text}
+
+
+def _summary(image: "ThermalImage", found: "FrameCells", landscape: "Landscape") -> dict[str, Any]:
     cells = "".join(found.window.cells)
     lat_deg, lon_deg = landscape.lat_lon_of(*landscape.xy_of(*found.centre))
     return {
@@ -127,15 +181,21 @@ def _file(
     import numpy as np
 
     from firemodel.assimilation.observation import BURNED, UNBURNED
+    from firemodel.errors import FireModelError
+    from mission_service.errors import MissionServiceError
     from mission_service.sensors.file_contents import utc_of
     from mission_service.sensors.observation_file import read_observation_file
     from mission_service.sensors.observation_folder import settings_of
     from mission_service.sensors.observation_picture import draw_contents, states_of
 
-    contents = read_observation_file(path, landscape, settings_of(scenario))
+    try:
+        contents = read_observation_file(path, landscape, settings_of(scenario))
+    except (MissionServiceError, FireModelError) as error:
+        return {"file": str(path), "error": str(error)}
     draw_contents(picture, landscape, path.name, contents)
     state = states_of(contents, landscape)
     return {
+        "file": str(path),
         "kind": contents.kind,
         "burned_cells": int(np.count_nonzero(state == BURNED)),
         "unburned_cells": int(np.count_nonzero(state == UNBURNED)),
@@ -149,6 +209,7 @@ def _file(
             for each in contents.observations
         ],
         "notes": list(contents.notes),
+        "picture": picture.name,
     }
 
 

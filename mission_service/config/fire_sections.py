@@ -2,7 +2,7 @@
 
 from datetime import datetime
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
 from pydantic import Field, field_validator, model_validator
@@ -22,6 +22,7 @@ from mission_service.config.section_base import (
 
 Bearing = Annotated[float, Field(ge=0, le=360)]
 Percent = Annotated[float, Field(ge=0, le=400)]
+Celsius = Annotated[float, Field(ge=-100, le=2000)]
 LogSd = Annotated[float, Field(ge=0, le=1)]  # the standard deviation of a logarithm
 
 DEFAULT_ERRORS = Uncertainty()
@@ -204,37 +205,80 @@ class EnsembleSection(Section):
     ignition_sd_m: Annotated[float, Field(ge=0, le=100_000)] = DEFAULT_ERRORS.ignition_sd_m
 
 
-class ThermalFramesSection(Section):
-    """The images of thermal cameras that arrive in a folder, for the sensor ``thermal_frames``.
+class ThermalCameraSection(Section):
+    """How the images of a thermal camera are used; the sensors' tables begin with these keys.
 
-    ``field_of_view_deg`` is the horizontal field of view; without it the focal length in each file
+    ``field_of_view_deg`` is the horizontal field of view; without it that of the image's metadata
     is used. ``distortion`` is k1, k2, p1, p2, k3 (Brown-Conrady, as OpenCV defines them). Pixels
     from ``hot_c`` on burn, and pixels up to ``warm_above_c`` above the background are cool. Images
-    of grey levels require ``hot_level``. ``kelvin_per_count`` converts 16-bit counts. The other
-    keys are standard deviations of the camera's position (of each horizontal axis), altitude and
-    direction (of the rotation about each axis of the camera), and of the landscape's elevation.
-    Pixels are not used if the standard deviation of their place is above ``max_position_sd_m``.
-    Images older than ``max_age_s`` when they arrive are not used. If a file has no pose, the
-    telemetry of the vehicles is used: ``time_sd_s`` is the standard deviation of the times of
-    files, and ``fixed_pitch_deg`` is the pitch of a camera without a gimbal, relative to the
-    airframe.
+    of grey levels require ``hot_level``. The next keys are standard deviations of the camera's
+    position (of each horizontal axis), altitude and direction (of the rotation about each axis of
+    the camera), and of the landscape's elevation. Pixels that are placed by a pose are not used if
+    the standard deviation of their place is above ``max_position_sd_m``. Images older than
+    ``max_age_s`` when they arrive are not used.
     """
 
-    folder: Line | None = None
+    TABLE: ClassVar[str]
+
     field_of_view_deg: Annotated[float, Field(ge=1, le=150)] | None = None
     distortion: tuple[Finite, Finite, Finite, Finite, Finite] = (0.0, 0.0, 0.0, 0.0, 0.0)
     hot_c: Annotated[float, Field(ge=50, le=1500)] = 200.0
     warm_above_c: Annotated[float, Field(ge=1, le=500)] = 20.0
     hot_level: Annotated[float, Field(gt=0, le=255)] | None = None
-    kelvin_per_count: Annotated[float, Field(gt=0, le=10)] = 0.01
     position_sd_m: Annotated[float, Field(ge=0, le=1000)] = 1.5
     altitude_sd_m: Annotated[float, Field(ge=0, le=1000)] = 1.5
     direction_sd_deg: Annotated[float, Field(ge=0, le=45)] = 0.5
     elevation_sd_m: Annotated[float, Field(ge=0, le=1000)] = 2.0
     max_position_sd_m: Annotated[float, Field(gt=0, le=1000)] = 8.0
     max_age_s: Annotated[float, Field(gt=0, le=21_600)] = 3600.0
+
+
+class ThermalFramesSection(ThermalCameraSection):
+    """The images of thermal cameras that arrive in a folder, for the sensor ``thermal_frames``.
+
+    ``kelvin_per_count`` converts 16-bit counts. If a file has no pose, the telemetry of the
+    vehicles is used: ``time_sd_s`` is the standard deviation of the times of files, and
+    ``fixed_pitch_deg`` is the pitch of a camera without a gimbal, relative to the airframe.
+    """
+
+    TABLE = "estimate.thermal_frames"
+
+    folder: Line | None = None
+    kelvin_per_count: Annotated[float, Field(gt=0, le=10)] = 0.01
     time_sd_s: Annotated[float, Field(ge=0, le=10)] = 0.2
     fixed_pitch_deg: Annotated[float, Field(ge=-90, le=0)] | None = None
+
+
+class ThermalVideoSection(ThermalCameraSection):
+    """The video of a thermal camera with MISB ST 0601 metadata, for the sensor ``thermal_video``.
+
+    ``source`` is ``udpin:HOST:PORT`` or a file, which may grow. With ``level_range_c``, grey levels
+    0 and 255 have these temperatures, and levels between them are linear. ``corners`` places frames
+    by their corner points also if the metadata contain a pose; ``corner_sd_m`` is the standard
+    deviation of the corner points (of each horizontal axis). Heights above the ellipsoid require
+    ``geoid_m``, the height of mean sea level above the ellipsoid. ``leap_seconds`` are subtracted
+    from time stamps without an offset from UTC in the metadata.
+    """
+
+    TABLE = "estimate.thermal_video"
+
+    source: Line | None = None
+    level_range_c: tuple[Celsius, Celsius] | None = None
+    corners: bool = False
+    corner_sd_m: Annotated[float, Field(gt=0, le=1000)] = 15.0
+    geoid_m: Annotated[float, Field(ge=-150, le=150)] | None = None
+    leap_seconds: Annotated[int, Field(ge=0, le=100)] = 0
+    position_sd_m: Annotated[float, Field(ge=0, le=1000)] = 3.0
+    altitude_sd_m: Annotated[float, Field(ge=0, le=1000)] = 3.0
+    direction_sd_deg: Annotated[float, Field(ge=0, le=45)] = 1.0
+
+    @model_validator(mode="after")
+    def _rising(self) -> "ThermalVideoSection":
+        if self.level_range_c is not None and self.level_range_c[0] >= self.level_range_c[1]:
+            raise ValueError("level_range_c needs a lower and a higher temperature")
+        if self.level_range_c is not None and self.hot_level is not None:
+            raise ValueError("give either level_range_c or hot_level")
+        return self
 
 
 class ObservationFilesSection(Section):
@@ -268,13 +312,14 @@ class EstimateSection(Section):
 
     ``perimeter_error_m`` is the standard deviation of the outlines of mapped perimeters.
     ``sensors`` names the sensors (``fire/sensors.py``) to use: ``thermal_frames``,
-    ``camera_points``, ``observation_files`` or a sensor of another package.
+    ``thermal_video``, ``camera_points``, ``observation_files`` or a sensor of another package.
     """
 
     members: Annotated[int, Field(ge=2, le=1000)] = 24
     perimeter_error_m: Annotated[float, Field(gt=0, le=1000)] = 20.0
     sensors: tuple[str, ...] = ()
     thermal_frames: ThermalFramesSection = ThermalFramesSection()
+    thermal_video: ThermalVideoSection = ThermalVideoSection()
     observation_files: ObservationFilesSection = ObservationFilesSection()
 
 

@@ -2,6 +2,7 @@
 
 A scenario names them in ``estimate.sensors``, like the sensors of other packages
 (``mission_service.fire.sensors``). ``thermal_frames`` reads the images of thermal cameras from a
-watched folder, and ``observation_files`` reads perimeters, satellite pixels and rasters from one.
-``camera_points`` uses single places that cameras report by MAVLink.
+watched folder, and ``thermal_video`` receives their video. ``camera_points`` uses single places
+that cameras report by MAVLink. ``observation_files`` reads perimeters, satellite pixels and rasters
+from a watched folder.
 """

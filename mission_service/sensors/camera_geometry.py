@@ -179,3 +179,33 @@ def pixels_of(lens: Lens, pose: CameraPose, offset_m: Floats) -> tuple[Floats, F
         along * lens.focal_px + (lens.width - 1) / 2.0,
         down * lens.focal_px + (lens.height - 1) / 2.0,
     )
+
+
+def mounted_direction(
+    platform_deg: tuple[float, float, float], mount_deg: tuple[float, float, float]
+) -> tuple[float, float, float]:
+    """Return yaw, pitch and roll of a camera on a platform in degrees.
+
+    Args:
+        platform_deg: Heading from true north, pitch and roll of the aircraft.
+        mount_deg: Azimuth, elevation and roll of the camera relative to the aircraft; MISB ST 0601
+            tags 18 to 20. An elevation of -90 is straight down for a level aircraft.
+    """
+    forward, right, _ = (_turns(*platform_deg) @ _turns(*mount_deg)).T
+    yaw, pitch = math.atan2(forward[1], forward[0]), math.asin(np.clip(-forward[2], -1.0, 1.0))
+    level = np.array([-math.sin(yaw), math.cos(yaw), 0.0])
+    below = np.cross(forward, level)
+    roll = math.atan2(float(right @ below), float(right @ level))
+    return math.degrees(yaw) % 360.0, math.degrees(pitch), math.degrees(roll)
+
+
+def _turns(yaw_deg: float, pitch_deg: float, roll_deg: float) -> Floats:
+    """Return the matrix (3, 3) from a body's axes (forward, right, down) to north, east, down."""
+    (sy, cy), (sp, cp), (sr, cr) = (
+        (math.sin(each), math.cos(each)) for each in np.deg2rad([yaw_deg, pitch_deg, roll_deg])
+    )
+    yaw = np.array([[cy, -sy, 0.0], [sy, cy, 0.0], [0.0, 0.0, 1.0]])
+    pitch = np.array([[cp, 0.0, sp], [0.0, 1.0, 0.0], [-sp, 0.0, cp]])
+    roll = np.array([[1.0, 0.0, 0.0], [0.0, cr, -sr], [0.0, sr, cr]])
+    found: Floats = yaw @ pitch @ roll
+    return found

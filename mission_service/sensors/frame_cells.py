@@ -20,19 +20,12 @@ from firemodel.arrays import Floats, Mask, window_at
 from firemodel.assimilation.observation import BURNED, UNBURNED, UNSEEN
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
-from mission_service.config.fire_sections import ThermalFramesSection
+from mission_service.config.fire_sections import ThermalCameraSection, ThermalFramesSection
 from mission_service.fire.observed_window import LETTERS, Window, in_letters, states_in
-from mission_service.sensors.camera_geometry import CameraPose, Lens, PoseErrors, focal_px_of
 from mission_service.sensors.frame_matching import reduced
 from mission_service.sensors.frame_registration import FrameRegistration
-from mission_service.sensors.ground_points import (
-    ErrorEllipse,
-    covariances,
-    elevation_sds_m,
-    ellipse_of,
-    ground_points,
-    pose_effects,
-)
+from mission_service.sensors.ground_points import ErrorEllipse, ellipse_of
+from mission_service.sensors.ground_views import CornerView, PoseView, stated_errors, view_of
 from mission_service.sensors.thermal_image import ThermalImage
 
 BACKGROUND_C, STEP_C = (-60.0, 200.0), 2.0
@@ -80,7 +73,7 @@ class Burned:
 def frame_cells(
     image: ThermalImage,
     landscape: Landscape,
-    settings: ThermalFramesSection,
+    settings: ThermalCameraSection,
     registration: FrameRegistration | None = None,
 ) -> FrameCells:
     """Return the cells that a thermal image shows, with the error of their place.
@@ -100,48 +93,40 @@ def frame_cells(
 def _cells_of(
     image: ThermalImage,
     landscape: Landscape,
-    settings: ThermalFramesSection,
+    settings: ThermalCameraSection,
     registration: FrameRegistration | None,
 ) -> FrameCells:
     height, width = image.values.shape
-    focal_px = image.focal_px
-    if settings.field_of_view_deg is not None:
-        focal_px = focal_px_of(settings.field_of_view_deg, width)
-    if focal_px is None:
-        raise FireModelError(
-            "neither the file nor the vehicle reports the focal length; give "
-            "estimate.thermal_frames.field_of_view_deg"
-        )
-    lens = Lens(width, height, focal_px, settings.distortion)
-    pose = _pose_of(image, landscape)
+    view: PoseView | CornerView = view_of(image, landscape, settings)
     kinds = kinds_of(image, settings)
-    errors = stated_errors(settings, image)
-    covariance, matches = errors.covariance(), 0
+    matches = 0
     # The registration assumes equal errors of all poses, which poses from telemetry do not have.
-    if registration is not None and errors == stated_errors(settings):
+    alike = stated_errors(settings, image) == stated_errors(settings)
+    if registration is not None and isinstance(view, PoseView) and alike:
         still = (kinds == COOL) | (kinds == UNKNOWN)
-        frame = reduced(image.values, still, lens, pose, image.taken.timestamp())
+        frame = reduced(image.values, still, view.lens, view.pose, image.taken.timestamp())
         pose, covariance, matches = registration.registered(frame)
+        view = view._replace(pose=pose, covariance=covariance)
     step = math.ceil(math.sqrt(width * height / MAX_RAYS))
     kinds = kinds[::step, ::step]
     col, row = (
         each.astype(float)
         for each in np.meshgrid(np.arange(0, width, step), np.arange(0, height, step))
     )
-    places = ground_points(landscape, lens, pose, col.ravel(), row.ravel())
+    places = view.places(col.ravel(), row.ravel())
     found = np.isfinite(places[:, 0])
     if not found.any():
         raise FireModelError("shows no ground of the landscape")
     some = places.reshape(*kinds.shape, 2)[::ERRORS_EVERY, ::ERRORS_EVERY]
-    spread = _spread_of(landscape, pose, some.reshape(-1, 2), covariance, errors.elevation_sd_m)
-    spread = spread.reshape(*some.shape[:2], 2, 2)
+    spread = view.covariances(some.reshape(-1, 2)).reshape(*some.shape[:2], 2, 2)
     sd_m = np.sqrt(np.trace(spread, axis1=2, axis2=3) / 2.0)
-    exact = _repeated(sd_m <= settings.max_position_sd_m, kinds.shape)
+    max_sd_m = settings.max_position_sd_m if isinstance(view, PoseView) else math.inf
+    exact = _repeated(sd_m <= max_sd_m, kinds.shape)
     seen = found & exact.ravel()
     if not seen.any():
         raise FireModelError(
             f"the standard deviation of its place is at least {np.nanmin(sd_m):.1f} m; "
-            f"estimate.thermal_frames.max_position_sd_m = {settings.max_position_sd_m:g}"
+            f"{settings.TABLE}.max_position_sd_m = {settings.max_position_sd_m:g}"
         )
     shown = seen.reshape(kinds.shape) & (kinds == HOT)
     hot_pixels = int(np.count_nonzero(shown)) * step * step
@@ -161,31 +146,6 @@ def _cells_of(
     )
 
 
-def stated_errors(settings: ThermalFramesSection, image: ThermalImage | None = None) -> PoseErrors:
-    """Return the standard deviations that the settings give, and those of the image's own pose."""
-    position_sd_m, direction_sd_deg = (
-        (0.0, 0.0) if image is None else (image.position_sd_m, image.direction_sd_deg)
-    )
-    return PoseErrors(
-        math.hypot(settings.position_sd_m, position_sd_m),
-        settings.altitude_sd_m,
-        math.hypot(settings.direction_sd_deg, direction_sd_deg),
-        settings.elevation_sd_m,
-    )
-
-
-def _spread_of(
-    landscape: Landscape,
-    pose: CameraPose,
-    places: Floats,
-    covariance: Floats,
-    elevation_sd_m: float,
-) -> Floats:
-    """Return the covariance matrices (n, 2, 2) of places (n, 2)."""
-    effects = pose_effects(landscape, pose, places)
-    return covariances(effects, covariance, elevation_sds_m(landscape, places, elevation_sd_m))
-
-
 def _repeated(values: NDArray[Any], shape: tuple[int, int]) -> NDArray[Any]:
     """Return values of every ``ERRORS_EVERY``-th pixel for all pixels (y, x)."""
     rows, cols = (np.arange(size) // ERRORS_EVERY for size in shape)
@@ -193,7 +153,7 @@ def _repeated(values: NDArray[Any], shape: tuple[int, int]) -> NDArray[Any]:
     return found
 
 
-def kinds_of(image: ThermalImage, settings: ThermalFramesSection) -> NDArray[np.int8]:
+def kinds_of(image: ThermalImage, settings: ThermalCameraSection) -> NDArray[np.int8]:
     """Return the kind (y, x) of each pixel: COOL, BURNED_OUT, HOT or UNKNOWN.
 
     Raises FireModelError for an image of grey levels if the settings have no ``hot_level``, and if
@@ -203,15 +163,14 @@ def kinds_of(image: ThermalImage, settings: ThermalFramesSection) -> NDArray[np.
     if image.kind == "levels":
         if settings.hot_level is None:
             raise FireModelError(
-                "contains grey levels instead of temperatures; give "
-                "estimate.thermal_frames.hot_level"
+                f"contains grey levels instead of temperatures; give {settings.TABLE}.hot_level"
             )
         if np.mean(values < settings.hot_level) < MIN_NOT_HOT:
             raise FireModelError(
-                "nearly all grey levels are hot; check estimate.thermal_frames.hot_level"
+                f"nearly all grey levels are hot; check {settings.TABLE}.hot_level"
             )
         return np.where(values >= settings.hot_level, HOT, UNKNOWN).astype(np.int8)
-    if image.kind == "counts":
+    if image.kind == "counts" and isinstance(settings, ThermalFramesSection):
         values = values * np.float32(settings.kelvin_per_count) - np.float32(KELVIN_C)
     hot = values >= settings.hot_c
     if np.mean(~hot) < MIN_NOT_HOT or np.median(values) < BACKGROUND_C[0]:
@@ -241,16 +200,6 @@ def _background_c(values_c: NDArray[np.float32]) -> float:
     steps = np.clip(values_c, *BACKGROUND_C) - BACKGROUND_C[0]
     counts = np.bincount((steps / STEP_C).astype(np.int64), minlength=1)
     return BACKGROUND_C[0] + STEP_C * (float(counts.argmax()) + 0.5) if values_c.size else 0.0
-
-
-def _pose_of(image: ThermalImage, landscape: Landscape) -> CameraPose:
-    x_m, y_m = landscape.xy_of_lat_lon(image.lat_deg, image.lon_deg)
-    if not np.isfinite(x_m + y_m):
-        raise FireModelError("the camera is not above the landscape")
-    yaw_deg = landscape.grid_deg(image.yaw_deg)
-    return CameraPose(
-        float(x_m), float(y_m), image.altitude_amsl_m, yaw_deg, image.pitch_deg, image.roll_deg
-    )
 
 
 def _window_of(places: Floats, kinds: NDArray[np.int8], shape: tuple[int, int]) -> Window:

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from mission_service.errors import MissionServiceError
 from mission_service.sensors.camera_geometry import focal_px_of
+from mission_service.sensors.corner_points import CornerPoints
 from mission_service.sensors.telemetry_poses import PoseUnknownError, TelemetryPose
 
 if TYPE_CHECKING:
@@ -65,6 +66,7 @@ class ThermalImage(NamedTuple):
 
     ``position_sd_m`` and ``direction_sd_deg`` are errors of a pose from telemetry that are caused
     by its time; a pose in the file has none.
+    An image with ``corners`` is placed by them instead of its direction and focal length.
     """
 
     name: str
@@ -80,6 +82,7 @@ class ThermalImage(NamedTuple):
     focal_px: float | None  # None if it is unknown
     position_sd_m: float = 0.0
     direction_sd_deg: float = 0.0
+    corners: CornerPoints | None = None
 
 
 def read_thermal_image(path: Path, pose_of: PoseOf | None = None) -> ThermalImage:
@@ -201,9 +204,13 @@ def _values(path: Path, image: "Image") -> tuple[NDArray[np.float32], str]:
     return values, kind
 
 
+def is_coloured(rgb: NDArray[Any]) -> bool:
+    """Return True for a picture (y, x, 3) in colours, False for grey levels."""
+    return float(np.mean(rgb.max(axis=2) - rgb.min(axis=2))) > MAX_COLOUR
+
+
 def _refuse_colours(path: Path, image: "Image") -> None:
-    colours = np.asarray(image.convert("RGB"))
-    if float(np.mean(colours.max(axis=2) - colours.min(axis=2))) > MAX_COLOUR:
+    if is_coloured(np.asarray(image.convert("RGB"))):
         raise ThermalImageError(
             f"{path}: is a picture in colours; set the camera's palette to grey levels (white hot)"
         )

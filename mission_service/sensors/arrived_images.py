@@ -1,0 +1,92 @@
+"""Convert the thermal images of one sensor to observations, as they arrive."""
+
+from collections import deque
+from collections.abc import Callable
+from datetime import datetime
+
+from firemodel.landscape.landscape import Landscape
+from mission_service.config.fire_sections import ThermalCameraSection
+from mission_service.errors import MissionServiceError
+from mission_service.events import Observed, Telemetry
+from mission_service.sensors.frame_cells import Burned, FrameCells, frame_cells
+from mission_service.sensors.frame_registration import FrameRegistration
+from mission_service.sensors.ground_views import stated_errors
+from mission_service.sensors.thermal_image import ThermalImage
+
+AHEAD_S = 5.0  # tolerated difference between the clocks of camera and service
+MAX_WAITING = 100  # images; the oldest are dropped
+MISSED, FALSE_ALARMS = 0.05, 0.01  # shares of the cells, for the estimate
+
+
+class ArrivedImages:
+    """The images of one sensor that wait for a position of a vehicle.
+
+    A thread adds images, and ``next_observed`` is called on the event loop.
+    """
+
+    def __init__(
+        self,
+        landscape: Landscape,
+        settings: ThermalCameraSection,
+        refuse: Callable[[str, str], None],
+    ) -> None:
+        """Set the function that receives the name of an image and why it is not used."""
+        self._landscape, self._settings, self._refuse = landscape, settings, refuse
+        self._burned = Burned(landscape.shape)
+        self._registration = FrameRegistration(landscape, stated_errors(settings))
+        self._waiting: deque[tuple[str, str, FrameCells, float]] = deque()
+
+    def add(self, image: ThermalImage, now: datetime, file: str = "") -> None:
+        """Add an image; ``file`` is the name for its event (``sensor_files``).
+
+        Raises MissionServiceError or FireModelError for an image that is not used.
+        """
+        age_s = (now - image.taken).total_seconds()
+        if age_s < -AHEAD_S:
+            raise MissionServiceError(
+                f"{image.name}: was taken {-age_s:.0f} s in the future; check the camera's clock"
+            )
+        if age_s > self._settings.max_age_s:
+            raise MissionServiceError(
+                f"{image.name}: was taken {age_s:.0f} s ago; {self._settings.TABLE}.max_age_s = "
+                f"{self._settings.max_age_s:g}"
+            )
+        taken_s = image.taken.timestamp()
+        cells = frame_cells(image, self._landscape, self._settings, self._registration)
+        found = self._burned.added(cells, taken_s)
+        if not set("".join(found.window.cells)) <= {"."}:
+            self._waiting.append((image.name, file, found, taken_s))
+        while len(self._waiting) > MAX_WAITING:
+            dropped, *_ = self._waiting.popleft()
+            self._refuse(dropped, f"{dropped}: more than {MAX_WAITING} newer images wait")
+
+    def next_observed(
+        self, fix: Telemetry, now_s: float, taken_us: Callable[[float], int | None] = lambda _: None
+    ) -> Observed | None:
+        """Return the next image as an observation of a vehicle, or None.
+
+        Args:
+            fix: A position of the vehicle.
+            now_s: The time of the position in seconds since 1970.
+            taken_us: Returns the mission time of a time in seconds since 1970; None if it follows
+                from ``now_s``.
+        """
+        if not self._waiting:
+            return None
+        name, file, found, taken_s = self._waiting.popleft()
+        at_us = taken_us(taken_s)
+        if at_us is None:
+            at_us = fix.at_us - max(round((now_s - taken_s) * 1e6), 0)
+        at_us = min(at_us, fix.at_us)
+        if at_us < 0:
+            self._refuse(name, f"{name}: was taken {-at_us / 1e6:.0f} s before mission time 0")
+            return None
+        return Observed(
+            at_us,
+            fix.vehicle,
+            *found.window,
+            position_sd_m=round(found.position_sd_m, 2),
+            missed=MISSED,
+            false_alarms=FALSE_ALARMS,
+            file=file,
+        )

@@ -1,0 +1,112 @@
+"""How the pixels of an image are placed on the ground: by pose and lens, or by corner points. Pure.
+
+Both views have the method ``places``, which returns the grid positions (n, 2), row and column, that
+pixels (n,) show, and the method ``covariances``, which returns the covariance matrices (n, 2, 2) of
+these places in m², east and north of the grid. Pixels that show no ground of the landscape give
+NaN.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from firemodel.arrays import Floats
+from firemodel.errors import FireModelError
+from firemodel.landscape.landscape import Landscape
+from mission_service.config.fire_sections import ThermalCameraSection
+from mission_service.sensors.camera_geometry import CameraPose, Lens, PoseErrors, focal_px_of
+from mission_service.sensors.corner_points import corner_places, homography, quadrilateral
+from mission_service.sensors.ground_points import (
+    covariances,
+    elevation_sds_m,
+    ground_points,
+    pose_effects,
+)
+from mission_service.sensors.thermal_image import ThermalImage
+
+
+class PoseView(NamedTuple):
+    """Lines of sight that are followed to the elevation of the landscape."""
+
+    landscape: Landscape
+    lens: Lens
+    pose: CameraPose
+    covariance: Floats  # (6, 6) of the error of the pose, see ``PoseErrors``
+    elevation_sd_m: float
+
+    def places(self, col: Floats, row: Floats) -> Floats:
+        """Return the places of pixels. Raises FireModelError if the camera is below the ground."""
+        return ground_points(self.landscape, self.lens, self.pose, col, row)
+
+    def covariances(self, places: Floats) -> Floats:
+        """Return the covariances of places."""
+        effects = pose_effects(self.landscape, self.pose, places)
+        sds_m = elevation_sds_m(self.landscape, places, self.elevation_sd_m)
+        return covariances(effects, self.covariance, sds_m)
+
+
+class CornerView(NamedTuple):
+    """A projective transformation between the places of an image's corners."""
+
+    landscape: Landscape
+    matrix: Floats  # (3, 3)
+    sd_m: float  # of each axis
+
+    def places(self, col: Floats, row: Floats) -> Floats:
+        """Return the places of pixels."""
+        return corner_places(self.landscape, self.matrix, col, row)
+
+    def covariances(self, places: Floats) -> Floats:
+        """Return the covariances of places, which are equal."""
+        found = np.tile(np.eye(2) * self.sd_m**2, (places.shape[0], 1, 1))
+        found[np.isnan(places[:, 0])] = np.nan
+        return found
+
+
+def view_of(
+    image: ThermalImage, landscape: Landscape, settings: ThermalCameraSection
+) -> PoseView | CornerView:
+    """Return the view of an image.
+
+    Raises FireModelError for implausible corner points, and without a focal length.
+    """
+    height, width = image.values.shape
+    if image.corners is not None:
+        matrix = homography(width, height, quadrilateral(landscape, image.corners))
+        return CornerView(landscape, matrix, image.corners.sd_m)
+    focal_px = image.focal_px
+    if settings.field_of_view_deg is not None:
+        focal_px = focal_px_of(settings.field_of_view_deg, width)
+    if focal_px is None:
+        raise FireModelError(
+            "neither the file nor the vehicle reports the focal length; give "
+            f"{settings.TABLE}.field_of_view_deg"
+        )
+    lens = Lens(width, height, focal_px, settings.distortion)
+    errors = stated_errors(settings, image)
+    pose = _pose_of(image, landscape)
+    return PoseView(landscape, lens, pose, errors.covariance(), errors.elevation_sd_m)
+
+
+def stated_errors(settings: ThermalCameraSection, image: ThermalImage | None = None) -> PoseErrors:
+    """Return the standard deviations that the settings give, and those of the image's own pose."""
+    position_sd_m, direction_sd_deg = (
+        (0.0, 0.0) if image is None else (image.position_sd_m, image.direction_sd_deg)
+    )
+    return PoseErrors(
+        math.hypot(settings.position_sd_m, position_sd_m),
+        settings.altitude_sd_m,
+        math.hypot(settings.direction_sd_deg, direction_sd_deg),
+        settings.elevation_sd_m,
+    )
+
+
+def _pose_of(image: ThermalImage, landscape: Landscape) -> CameraPose:
+    x_m, y_m = landscape.xy_of_lat_lon(image.lat_deg, image.lon_deg)
+    if not np.isfinite(x_m + y_m):
+        raise FireModelError("the camera is not above the landscape")
+    yaw_deg = landscape.grid_deg(image.yaw_deg)
+    return CameraPose(
+        float(x_m), float(y_m), image.altitude_amsl_m, yaw_deg, image.pitch_deg, image.roll_deg
+    )
