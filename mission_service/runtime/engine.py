@@ -18,7 +18,7 @@ error of one line, because memory and journal differ. A restart resumes the run.
 
 import copy
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from functools import cached_property, partial
 from typing import Any
 
@@ -212,14 +212,16 @@ class Engine:
         texts = self.estimate.agreement.contradictions()
         self.state_view.show_alarms("observer", texts, "severe")
 
-    def _images(self, fix: Telemetry) -> list[Observed]:
-        """Return new observations of the sensors.
+    def _images(self, fix: Telemetry) -> Iterator[Observed]:
+        """Yield new observations of the sensors, and then of a camera.
 
         Without a simulated fire, planners receive the part of the estimate that a camera would
-        show.
+        show. As in a replay, this part is computed after the sensors' observations are processed.
         """
+        yield from self.sensors.observe(fix)
         image = self.estimate.view(fix) if self.cameras is None else self.cameras.observe(fix)
-        return self.sensors.observe(fix) + ([] if image is None else [image])
+        if image is not None:
+            yield image
 
     def _with_trust(self, image: Observed) -> Observed:
         """Mark an image as distrusted if its source contradicts the other sources."""
