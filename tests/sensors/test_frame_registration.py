@@ -76,10 +76,10 @@ def test_nothing_matches_without_texture_or_steady_ground_or_overlap(
     )
     assert ties_between(land, one, other, ERRORS) is not None
     for bare_c in (0.0, 0.1):
-        bare = [
-            each._replace(values=rng.normal(25.0, bare_c, STEADY.shape)) for each in (one, other)
-        ]
-        assert ties_between(land, *bare, ERRORS) is None
+        bare, noise = (
+            frame_of(rng.normal(25.0, bare_c, STEADY.shape), each.pose) for each in (one, other)
+        )
+        assert ties_between(land, bare, noise, ERRORS) is None
     assert ties_between(land, one, other._replace(steady=~STEADY), ERRORS) is None
     assert ties_between(land, one, one, ERRORS) is None, "a fixed pattern would match"
     away = far._replace(pose=far.pose._replace(x_m=far.pose.x_m + 500.0))
