@@ -238,18 +238,20 @@ def test_memory_is_bounded(sources: ObservationSources, land: Landscape) -> None
 def test_a_fold_from_a_snapshot_continues_as_if_nothing_had_happened(
     sources: ObservationSources, land: Landscape
 ) -> None:
-    events = [
+    events: list[Observed | FireObserved] = [
         *(image(at_s, position_sd_m=7.0 + at_s) for at_s in range(0, 40, 3)),
         *(report(50 + at_s, places(land, (30, 30))) for at_s in range(9)),
         *(image(at_s, source="thermal_frames", distrusted=at_s > 70) for at_s in range(60, 80, 2)),
     ]
-    for number, event in enumerate(events):
-        before = copied({"sources": sources}, Known(SCENARIO, land))["sources"]
-        for each in events[number:]:
-            before.apply(each)
+    snapshots: list[ObservationSources] = []
+    for event in events:
+        snapshots.append(copied({"sources": sources}, Known(SCENARIO, land))["sources"])
         sources.apply(event)
-    assert before.states(90_000_000, {}, {}, ()) == sources.states(90_000_000, {}, {}, ())
-    assert before.footprints == sources.footprints
+    for number, restored in enumerate(snapshots):
+        for event in events[number:]:
+            restored.apply(event)
+        assert restored.states(90_000_000, {}, {}, ()) == sources.states(90_000_000, {}, {}, ())
+        assert restored.footprints == sources.footprints
     assert {each.source for each in sources.footprints} == {"hawk", "tower", "thermal_frames"}
 
 

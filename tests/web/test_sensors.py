@@ -33,6 +33,7 @@ SCENARIO = scenario_of(
     "demo",
     ("landscape.rows=150", "landscape.cols=150", "estimate.sensors=[]", "planner.rule=circling"),
 )
+LIT = (36.364232, -84.140907)  # the ignition
 PROBLEM = "sensor video failed and is not used until a restart: OSError: connection refused"
 
 
@@ -57,9 +58,9 @@ class Site(NamedTuple):
 def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
     world = world_in(tmp_path_factory.mktemp("run"), SCENARIO)
     world.fly(SCENARIO.deploy_at_s + 300.0)
-    at_us, lit = world.simulation.clock.now_us, SCENARIO.ignition[0]
+    at_us = world.simulation.clock.now_us
     for age_s, source in ((90, "tower"), (60, "tower"), (30, "tower"), (20, "")):
-        place = (lit.lat_deg - age_s * 2e-5, lit.lon_deg + age_s * 2e-5)
+        place = (LIT[0] - age_s * 2e-5, LIT[1] + age_s * 2e-5)
         seen_us = at_us - age_s * 1_000_000
         world.context.state_view.apply(
             FireObserved(
