@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -263,7 +264,7 @@ def test_images_that_are_dropped_or_from_before_the_run_are_named(
     looked(sensor)
     assert "0.tif: more than 1 newer images wait" in sensor.problem
     assert sensor.observe(msgspec.structs.replace(FIX, at_us=1_000_000)) is None
-    assert "1.tif: was taken 59 s before mission time 0" in sensor.problem
+    assert re.search(r"1\.tif: was taken \d+ s before mission time 0", sensor.problem)
 
 
 @pytest.mark.usefixtures("without_thread")
