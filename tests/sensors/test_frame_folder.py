@@ -2,7 +2,6 @@
 
 import json
 import os
-import re
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -266,7 +265,7 @@ def test_images_that_are_dropped_or_from_before_the_run_are_named(
     assert "0.tif: more than 1 newer images wait" in sensor.problem
     monkeypatch.setattr(frame_folder.time, "time", lambda: taken.timestamp() + 60.0)
     assert sensor.observe(msgspec.structs.replace(FIX, at_us=1_000_000)) is None
-    assert re.search(r"1.tif: was taken (59|6\d) s before mission time 0", sensor.problem)
+    assert "1.tif: was taken 59 s before mission time 0" in sensor.problem
 
 
 @pytest.mark.usefixtures("without_thread")
