@@ -3,8 +3,9 @@
 A report that agrees with the estimate within the report's error of position changes nothing. A
 place that is reported in another state changes the estimate at once if the source makes no errors
 of detection, otherwise only after a second report nearby, of another time or source. A report of
-the opposite state at the place cancels the first report. Single places beside the estimated fire
-need no second report: false alarms may lie anywhere, and few of them lie there.
+the opposite state at the place cancels the first report. A few places beside the estimated fire
+need no second report: false alarms may lie anywhere, and few of them lie there. Of many places,
+some of the false ones do lie there.
 """
 
 import copy
@@ -18,7 +19,7 @@ from firemodel.assimilation.observation import BURNED, UNBURNED, UNSEEN, Observa
 
 WITHIN_SD = 2.0  # tolerance, in standard deviations of the position
 CONFIRMED_WITHIN_S, APART_S = 1800.0, 10.0
-BESIDE_M = 300.0  # from the estimated fire
+BESIDE_M, FEW_CELLS = 300.0, 20  # from the estimated fire, and burned cells of one report
 UNLIKELY = 0.5  # with this share of false alarms, places beside the fire also need a second report
 
 
@@ -58,11 +59,12 @@ class Confirmation:
         unsure = ~_surrounded(seen.state == UNBURNED, reach)
         state[(state == UNBURNED) & unsure & _near(~burned, seen.where, reach)] = UNSEEN
         self._cancel(seen)
-        is_raster = (seen.state == BURNED).any() and (seen.state == UNBURNED).any()
+        is_few = np.count_nonzero(seen.state == BURNED) <= FEW_CELLS
+        is_raster = (seen.state == UNBURNED).any()
         for code, errors in ((BURNED, seen.false_alarms), (UNBURNED, seen.missed)):
             if errors and (seen.state == code).any():
                 likely = self._confirmed(seen, code, reach + 1)
-                if code == BURNED and errors < UNLIKELY and not is_raster:
+                if code == BURNED and errors < UNLIKELY and is_few and not is_raster:
                     likely |= _near(burned, seen.where, int(BESIDE_M / cell_m))
                 state[(state == code) & ~likely] = UNSEEN
         return seen._replace(state=state, missed=0.0, false_alarms=0.0)

@@ -180,6 +180,6 @@ def refuse_contradicted(seen: Observation, state: NDArray[np.uint8], seen_s: Flo
     contradict, agree = np.count_nonzero(wrong), np.count_nonzero(agreed)
     if contradict > MAX_CONTRADICTED * (contradict + agree):
         raise FireModelError(
-            f"images or other reports contradict the observation in {contradict} of "
+            f"images or other reports contradict it in {contradict} of "
             f"{contradict + agree} cells that they show; check its place and age, or use correct"
         )

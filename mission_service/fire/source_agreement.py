@@ -62,7 +62,7 @@ class Seen(NamedTuple):
     last: Sightings
     burned_since_s: Floats  # (y, x) of cells last seen as burned, the first sighting as burned
 
-    def add(self, image: Observation) -> None:
+    def include(self, image: Observation) -> None:
         """Add an image; of two sightings of a cell the later remains."""
         state = self.last.state[image.where]  # a view, which the next line changes
         before = state == BURNED
@@ -106,7 +106,7 @@ class SourceAgreement:
             self._compare(image)
             self._at_s = max(self._at_s, image.at_s)
             self.distrusted = self._contradicting_most()
-        self._seen[source].add(image)
+        self._seen[source].include(image)
 
     def _compare(self, image: Observation) -> None:
         """Compare an image with the sightings of other sources."""
