@@ -94,9 +94,16 @@ def test_nothing_is_compiled_in_flight() -> None:
     assert compiled_in_flight(FLIES, "warm") == ""
 
 
+LONG = pytest.mark.long
+
+
 @pytest.mark.parametrize(
     ("scheme", "kernel"),
-    [("anyangle", "burn_until"), ("devs8", "devs8_kernels"), ("probabilistic", "probabilistic_")],
+    [
+        ("anyangle", "burn_until"),
+        pytest.param("devs8", "devs8_kernels", marks=LONG),
+        pytest.param("probabilistic", "probabilistic_kernels", marks=LONG),
+    ],
 )
 def test_nothing_is_compiled_while_the_estimate_burns(scheme: str, kernel: str) -> None:
     assert kernel in compiled_in_flight(BURNS, scheme)  # the check detects it
