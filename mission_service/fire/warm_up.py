@@ -8,12 +8,11 @@ from mission_service.events import Observed, WindSet
 from mission_service.fire.run_estimate import PERIOD_US, RunEstimate
 from mission_service.fire.scenario_fire import landscape_of
 
+LAT_DEG, LON_DEG = 36.0, -84.0
 CELLS, CELL_SIZE_M = 40, 30.0
 GROWS_S = 900.0
 # Radii of the burned area in successive images. After several images unused points are dropped.
 CORRECTED_TO_CELLS = 12 * (10.0, 5.0)
-DRY = {"dead_1h_pct": 4, "dead_10h_pct": 5, "dead_100h_pct": 6}
-LIVE = {"live_herb_pct": 60, "live_woody_pct": 80}
 
 
 def warm_up(scenario: Scenario) -> None:
@@ -41,19 +40,36 @@ def warm_up(scenario: Scenario) -> None:
 
 def _small(scenario: Scenario) -> Scenario:
     """Return a scenario with the scheme of ``scenario`` and an ignition on a small level area."""
-    place = {"lat_deg": 36.0, "lon_deg": -84.0}
-    grid = {"rows": CELLS, "cols": CELLS, "cell_size_m": CELL_SIZE_M}
+    level = LandscapeSection(
+        source="flat",
+        rows=CELLS,
+        cols=CELLS,
+        cell_size_m=CELL_SIZE_M,
+        lat_deg=LAT_DEG,
+        lon_deg=LON_DEG,
+    )
     initial = {"perimeter": None, "arrival": None, "initial_cells": None}
     changes = {
-        "landscape": LandscapeSection(source="flat", **grid, **place),
+        "landscape": level,
         "fire": scenario.fire.model_copy(update=initial),
-        "ignition": (Ignition(**place),),
+        "ignition": (Ignition(lat_deg=LAT_DEG, lon_deg=LON_DEG),),
         "weather_file": None,
-        "weather": tuple(
-            WeatherEntry(at_s=at_s, wind_speed_m_s=2.0, wind_from_deg=from_deg, **DRY, **LIVE)
-            for at_s, from_deg in ((0.0, 0.0), (GROWS_S / 2.0, 60.0))
-        ),
+        "weather": (_wind(0.0, 0.0), _wind(GROWS_S / 2.0, 60.0)),
         "burn": None,
         "start_s": 0.0,
     }
     return scenario.model_copy(update=changes)
+
+
+def _wind(at_s: float, from_deg: float) -> WeatherEntry:
+    """Return dry weather with a light wind from ``at_s`` on."""
+    return WeatherEntry(
+        at_s=at_s,
+        wind_speed_m_s=2.0,
+        wind_from_deg=from_deg,
+        dead_1h_pct=4.0,
+        dead_10h_pct=5.0,
+        dead_100h_pct=6.0,
+        live_herb_pct=60.0,
+        live_woody_pct=80.0,
+    )

@@ -80,6 +80,8 @@ class VehicleRecord:
     held: bool = False  # held by an operator
     licence: Licence = ""  # operators' orders since the last mode that was not ordered
     effects: list[Effect] = field(default_factory=list)
+    # Modes of orders that were answered before a restart, until the vehicle reports a mode.
+    carried: frozenset[str] = frozenset()
 
     @property
     def failsafe(self) -> bool:
@@ -139,6 +141,11 @@ class Oracle:
             case Resumed():
                 for record in self.records.values():
                     record.online = False
+                    record.carried |= {
+                        each.name
+                        for each in record.effects
+                        if each.name in ("hold", "return") and not each.unanswered
+                    }
                     for effect in record.effects:
                         effect.until_s = at_s + UNANSWERED_S
             case _ if (name := getattr(event, "vehicle", "")) in self.records:
@@ -192,6 +199,7 @@ class Oracle:
         self, record: VehicleRecord, event: ModeChanged, at_s: float, chosen_by: Source
     ) -> None:
         same = record.armed and event.armed and record.mode == event.mode
+        carried, record.carried = record.carried, frozenset()
         was_armed, record.armed, record.mode = record.armed, event.armed, event.mode
         if not event.armed:
             if was_armed or record.airborne:
@@ -204,7 +212,7 @@ class Oracle:
                 record.judged = "ordered"
             return
         record.effects = [each for each in record.effects if each.until_s > at_s]
-        may_be = [each for each in record.effects if event.mode in each.modes]
+        may_be = event.mode in carried or any(event.mode in each.modes for each in record.effects)
         # In this mode it flies the mission on board, so control is returned.
         if event.mode == "mission":
             record.judged = "ordered"
