@@ -8,7 +8,7 @@ import click
 import numpy as np
 
 from firemodel.assimilation.distance_weighting import PaperCorrected
-from firemodel.assimilation.gaussian import GaussianCorrected
+from firemodel.assimilation.gaussian_process import GaussianCorrected
 from firemodel.ellipses.point_observations import Simulation
 from mission_service.experiments.beachly.corrections import (
     Floats,

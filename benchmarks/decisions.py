@@ -22,7 +22,7 @@ from mission_service.experiments.boundary_following import BoundaryFollower
 from mission_service.experiments.fires import CELL_M, HOUR_S, Burn, flat, wind
 from mission_service.experiments.islam_hu.ideal_flight import look
 from mission_service.experiments.islam_hu.predictive_flight import predictive_planner
-from mission_service.experiments.islam_hu.scenarios import perimeter_planner
+from mission_service.experiments.islam_hu.scenarios import islam_hu_planner
 from mission_service.guidance.protocol import Planner
 from mission_service.guidance.team.balanced import Balanced
 from mission_service.guidance.team.bent_rules import LATER_PLANNERS, bent_rule
@@ -39,8 +39,8 @@ LIMIT_MS = 1.0  # limit of the median at 2,000 cells
 
 # Factory of each measured planner, by name. Add new planners here.
 PLANNERS: dict[str, Callable[[Burn], Planner]] = {
-    "perimeter.damped": lambda burn: perimeter_planner(burn, "islam_hu_damped"),
-    "perimeter.literal": lambda burn: perimeter_planner(burn, "islam_hu"),
+    "perimeter.damped": lambda burn: islam_hu_planner(burn, "islam_hu_damped"),
+    "perimeter.literal": lambda burn: islam_hu_planner(burn, "islam_hu"),
     "perimeter.predictive": lambda burn: _with_wind(predictive_planner(burn), burn),
 }
 UAVS = 4

@@ -39,7 +39,8 @@ from shapely.geometry.base import BaseGeometry
 from benchmarks.shared import check_folder, data_parser, overlap
 from firemodel.arrays import Floats
 from firemodel.landscape.landscape import Landscape
-from firemodel.landscape.readers.rasters import read_arrival, read_landscape
+from firemodel.landscape.readers.bands import band_of, missing_in, values_of
+from firemodel.landscape.readers.rasters import read_landscape
 from firemodel.landscape.readers.shapes import read_shapes
 from firemodel.landscape.readers.weather_files import read_weather
 from firemodel.physics.moisture import HOUR_S, TIME_LAGS_H, after_time_lag, equilibrium_moisture_pct
@@ -186,16 +187,21 @@ def farsites(folder: Path, case: str, landscape: Landscape) -> list[BaseGeometry
     return [Polygon(line.coords) for line in read_shapes(path, landscape, crs=landscape.crs)]
 
 
-def fastest_m_min(folder: Path, case: str, landscape: Landscape) -> list[float]:
+def grid_values(path: Path) -> Floats:
+    """Return the values (y, x) of a raster; cells without a value are NaN."""
+    band = band_of(path)
+    values = values_of(band)
+    return np.where(missing_in(band, values), np.nan, values)
+
+
+def fastest_m_min(folder: Path, case: str) -> list[float]:
     """Return FARSITE's highest spread rate between each two of the times ``BINS_MIN``."""
     name = f"flatland_centerIgnit_{case}_RAWS"
-    arrival, rate = (
-        read_arrival(folder / "Outputs" / f"{name}_{grid}.asc", landscape, crs=landscape.crs)
-        for grid in ("ArrivalTime", "SpreadRate")
-    )
-    rate = np.where(np.isfinite(rate), rate, 0.0)  # no rate in ignition cells
+    arrival_min = grid_values(folder / "Outputs" / f"{name}_ArrivalTime.asc")
+    rate_m_min = grid_values(folder / "Outputs" / f"{name}_SpreadRate.asc")
     return [
-        float(rate[(arrival > begin) & (arrival <= end)].max()) for begin, end in pairwise(BINS_MIN)
+        float(np.nanmax(rate_m_min[(arrival_min > begin) & (arrival_min <= end)]))
+        for begin, end in pairwise(BINS_MIN)
     ]
 
 
@@ -232,7 +238,7 @@ def main() -> None:
         theirs = farsites(folder, case, landscape)
         click.echo(f"{case}")
         click.echo(row("  minutes, up to", BINS_MIN[1:], 0), nl=False)
-        click.echo(row("  FARSITE, m/min", fastest_m_min(folder, case, landscape), 2), nl=False)
+        click.echo(row("  FARSITE, m/min", fastest_m_min(folder, case), 2), nl=False)
         lines: dict[str, tuple[WeatherStream, float | None]] = {
             "held": (held, None),
             "hourly": (hourly, None),

@@ -27,8 +27,8 @@ import click
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.clients.shared_link import SharedLink
+from autopilot_bridge.links.field_limits import BOUNDS
 from autopilot_bridge.links.framing import frames_of
-from autopilot_bridge.links.message_bounds import BOUNDS
 from autopilot_bridge.mock.autopilot import MockAutopilot
 from benchmarks.fuzz_frames import frame_of
 from mission_service.config.scenario import Scenario, load_scenario

@@ -20,7 +20,7 @@ import numpy as np
 
 from firemodel.arrays import Floats
 from firemodel.assimilation.distance_weighting import PaperCorrected
-from firemodel.assimilation.gaussian import GaussianCorrected
+from firemodel.assimilation.gaussian_process import GaussianCorrected
 from firemodel.ellipses import ellipse
 from firemodel.ellipses.ellipse import EllipseFire, Spread, spreads_of
 from firemodel.ellipses.point_observations import BURNING

@@ -17,8 +17,8 @@ from mission_service.experiments.bent.ring_history import RingStep, ring_history
 from mission_service.experiments.bent.scenarios import SPEED_M_S, uneven
 from mission_service.experiments.islam_hu.ideal_flight import Flight, fly
 from mission_service.experiments.islam_hu.predictive_flight import fly_predictive
-from mission_service.experiments.islam_hu.scenarios import islam_hu_burn, perimeter_planner
-from mission_service.guidance.front.perimeter_planner import Rule
+from mission_service.experiments.islam_hu.scenarios import islam_hu_burn, islam_hu_planner
+from mission_service.guidance.front.islam_hu_planner import Rule
 from mission_service.guidance.team.balanced import Balanced
 from mission_service.guidance.team.baselines import Bumper, Circling
 from mission_service.guidance.team.bent_rules import LATER_PLANNERS, PLANNERS, bent_rule
@@ -118,7 +118,7 @@ def draw_alone(folder: Path) -> None:
     fire = islam_hu_burn("slow-then-fast", "devs8")
     history = ring_history(fire, every_s=120.0)
     flights: dict[str, Flight] = {
-        rule: fly(fire, perimeter_planner(fire, rule)) for rule in ALONE_RULES
+        rule: fly(fire, islam_hu_planner(fire, rule)) for rule in ALONE_RULES
     }
     flights["predictive"] = fly_predictive(fire)
     for name, flight in flights.items():

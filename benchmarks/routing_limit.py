@@ -22,11 +22,11 @@ from mission_service.experiments.islam_hu.scenarios import (
     COMPARED,
     ISLAM_HU,
     islam_hu_burn,
-    perimeter_planner,
+    islam_hu_planner,
 )
 from mission_service.guidance.front.front_path import bearing_deg
 from mission_service.guidance.front.front_shape import ring_of_cells
-from mission_service.guidance.front.perimeter_planner import PerimeterPlanner
+from mission_service.guidance.front.islam_hu_planner import PerimeterPlanner
 from mission_service.guidance.protocol import Decision
 
 SWEEPS = (1, 2, 3, 4, 6, 8)
@@ -59,7 +59,7 @@ def mean_max_cells(case: tuple[str, SchemeName, int, float]) -> float:
     """Fly one route and return its mean maximum error in cells."""
     name, scheme, sweeps, reach = case
     burn = islam_hu_burn(name, scheme)
-    usual = perimeter_planner(burn, "circling")
+    usual = islam_hu_planner(burn, "circling")
     planner = SweepAndCircle(
         usual.settings, burn.arrival_s.shape, (usual.map.centre_row, usual.map.centre_col), 0.0
     )

@@ -16,6 +16,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.items import MissionItem
 from autopilot_bridge.links.codec import Codec, Message, item_of
+from autopilot_bridge.links.field_limits import list_out_of_bounds, out_of_bounds
 from autopilot_bridge.links.framing import (
     STARTS,
     frame_length,
@@ -23,7 +24,6 @@ from autopilot_bridge.links.framing import (
     message_id_of,
     source_of,
 )
-from autopilot_bridge.links.message_bounds import list_out_of_bounds, out_of_bounds
 from autopilot_bridge.logs.entries import (
     LATEST_US,
     Acknowledged,

@@ -23,7 +23,7 @@ from typing import Literal
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.items import MissionItem
 from autopilot_bridge.links.codec import Message
-from autopilot_bridge.links.message_bounds import list_out_of_bounds
+from autopilot_bridge.links.field_limits import list_out_of_bounds
 from autopilot_bridge.missions import ftp_packet as ftp
 from autopilot_bridge.missions.ftp_packet import Packet, error_words, packet_of
 from autopilot_bridge.missions.mission_file import (

@@ -3,7 +3,7 @@
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.links.codec import Message
-from autopilot_bridge.links.message_bounds import out_of_bounds
+from autopilot_bridge.links.field_limits import out_of_bounds
 from autopilot_bridge.stacks.stacks import Stack, stack_of
 from autopilot_bridge.vehicle.client_events import (
     AlarmEnded,
@@ -23,7 +23,7 @@ from autopilot_bridge.vehicle.client_events import (
     Text,
 )
 from autopilot_bridge.vehicle.failure_states import system_state
-from autopilot_bridge.vehicle.plausibility import BootClock, Reach, TimeVerdict
+from autopilot_bridge.vehicle.position_plausibility import BootClock, Reach, TimeVerdict
 from autopilot_bridge.vehicle.telemetry import Telemetry, boot_time_us
 
 AUTOPILOT = mavlink.MAV_COMP_ID_AUTOPILOT1

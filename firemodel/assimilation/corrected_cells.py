@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firemodel.arrays import Floats, bounds_of
-from firemodel.assimilation.gaussian import GaussianCorrected
+from firemodel.assimilation.gaussian_process import GaussianCorrected
 from firemodel.ellipses.paths import StraightPaths
 from firemodel.ellipses.point_observations import BURNING, UNBURNED, Simulation
 from firemodel.landscape.landscape import Landscape

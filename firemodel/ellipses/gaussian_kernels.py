@@ -1,4 +1,4 @@
-"""Compute for ``gaussian`` how a field over places changes the times along straight paths."""
+"""Compute for ``gaussian_process`` how a field changes the times along straight paths."""
 
 from typing import NamedTuple
 

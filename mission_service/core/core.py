@@ -3,7 +3,6 @@
 Simulation, live flight, replay and tests run the same core on events from different sources.
 """
 
-import math
 from collections.abc import Callable
 from typing import ClassVar, NamedTuple
 
@@ -35,6 +34,7 @@ from mission_service.vehicles.availability import (
     VehicleAvailability,
     named_mode,
 )
+from mission_service.vehicles.endurance import must_return
 from mission_service.vehicles.missions_sent import MissionsSent
 from mission_service.vehicles.reconciliation import unconfirmed
 from mission_service.vehicles.traffic import TrafficManager
@@ -242,7 +242,7 @@ class Core:
             return [*commands, *self._on_the_ground(vehicle, fix)]
         if self._starts.is_due(vehicle, at_s):
             return [*commands, *self._starts.start_mission(vehicle, at_s)]
-        if vehicle.pending is None and _must_return(vehicle, fix):
+        if vehicle.pending is None and must_return(vehicle, fix):
             led_home = self.guidance.way_home(vehicle, fix)
             return [*commands, *(self._send_home(vehicle, fix) if led_home is None else led_home)]
         return [*commands, *self.guidance.lead(vehicle, fix)]
@@ -404,18 +404,3 @@ class _Was(NamedTuple):
 def _announce_return(vehicle: Vehicle, mode: str) -> Announce:
     where = "returning home" if mode != "land" else "landing at its position"
     return announce(vehicle, f"{where} ({mode})", warning=True)
-
-
-def _must_return(vehicle: Vehicle, fix: PositionFix) -> bool:
-    """Return whether the remaining endurance is needed for the flight home and the reserve."""
-    section = vehicle.section
-    if vehicle.sent_home or vehicle.going_home:
-        return not vehicle.sent_home
-    if section.endurance_s is None:
-        return False
-    against_m_s = max(
-        section.airspeed_m_s - vehicle.availability.wind_m_s, section.airspeed_m_s / 3
-    )
-    home_s = math.dist((fix.x_m, fix.y_m), vehicle.home_m) / against_m_s
-    flown_s = fix.at_s - vehicle.availability.took_off_at_s
-    return flown_s + home_s + section.endurance_reserve_s >= section.endurance_s

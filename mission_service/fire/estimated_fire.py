@@ -23,7 +23,7 @@ from mission_service.fire.correction_log import (
 from mission_service.fire.observed_window import without_speckles
 
 if TYPE_CHECKING:
-    from firemodel.assimilation.gaussian import GaussianCorrected
+    from firemodel.assimilation.gaussian_process import GaussianCorrected
 
 Floats = NDArray[np.float64]
 
@@ -95,7 +95,9 @@ class EstimatedFire:
             return base
         if self._burn.corrections == "paper":
             return PaperCorrected(base, self._observations, PAPER_LENGTH_M)
-        from firemodel.assimilation.gaussian import GaussianCorrected  # the import of SciPy is slow
+        from firemodel.assimilation.gaussian_process import (
+            GaussianCorrected,  # the import of SciPy is slow
+        )
 
         count = len(self._observations)
         near = (

@@ -45,7 +45,8 @@ from mission_service.events import (
 )
 from mission_service.guidance.registry import way_of
 from mission_service.missions.recognition import as_uploaded
-from mission_service.runtime.speed_reports import SpeedReports
+from mission_service.runtime.mean_airspeed import MeanAirspeed
+from mission_service.runtime.thrust_loss import ThrustMonitor
 
 Recognise = Callable[[tuple[MissionItem, ...], Stack], int]
 
@@ -151,7 +152,7 @@ class Gateway:
         # Last event of each kind that is sent only on a change.
         self._last: dict[type, VehicleEvent] = {}
         self._status: dict[type, StatusChanged] = {}  # the newest event of each kind
-        self._speed_reports = SpeedReports()
+        self._airspeed, self._thrust = MeanAirspeed(), ThrustMonitor()
         self._texts: dict[str, int] = {}  # time of each text's last report on the link's clock
         self._offset_us: int | None = None
         self._min_behind_us = 0
@@ -172,7 +173,7 @@ class Gateway:
         """
         self._recognise = recognise
         self._last.clear()
-        self._speed_reports = SpeedReports()
+        self._airspeed, self._thrust = MeanAirspeed(), ThrustMonitor()
         stack = self.client.stack
         if stack is not None and self._connected and not self._lost:
             at_us = self._clock.now_us
@@ -291,7 +292,7 @@ class Gateway:
     def _rebooted(self, event: bridge.Rebooted, now_us: int) -> VehicleRebooted:
         self._offset_us = None
         self._last.clear()  # so that all states are reported again
-        self._speed_reports = SpeedReports()
+        self._airspeed, self._thrust = MeanAirspeed(), ThrustMonitor()
         self._texts.clear()
         return VehicleRebooted(now_us, self.name)
 
@@ -307,7 +308,10 @@ class Gateway:
         return WindMeasured(now_us, self.name, speed_m_s, from_deg)
 
     def _speed(self, event: bridge.Speed, now_us: int) -> None:
-        self._queued += self._speed_reports.of(event, self.name, now_us)
+        found = (
+            monitor.change(event, self.name, now_us) for monitor in (self._airspeed, self._thrust)
+        )
+        self._queued += [each for each in found if each is not None]
 
     def _transferred(self, event: bridge.TransferFinished, now_us: int) -> UploadFinished | None:
         result = event.result

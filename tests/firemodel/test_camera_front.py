@@ -3,7 +3,7 @@
 import numpy as np
 
 from firemodel.assimilation.camera_front import CameraFront
-from firemodel.assimilation.gaussian import GaussianCorrected
+from firemodel.assimilation.gaussian_process import GaussianCorrected
 from firemodel.ellipses.ellipse import EllipseFire, Spread
 from firemodel.ellipses.point_observations import BURNED, BURNING, UNBURNED
 from tests.firemodel.grids import CELL_M, landscape

@@ -10,7 +10,7 @@ from firemodel.assimilation.corrected_cells import (
     warm_up,
 )
 from firemodel.assimilation.distance_weighting import PaperCorrected
-from firemodel.assimilation.gaussian import GaussianCorrected
+from firemodel.assimilation.gaussian_process import GaussianCorrected
 from firemodel.ellipses.point_observations import BURNED, BURNING, UNBURNED
 from firemodel.errors import FireModelError
 from firemodel.spread.anyangle import AnyAngleFire

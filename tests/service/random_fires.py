@@ -12,7 +12,7 @@ from firemodel.spread.schemes import SchemeName
 from mission_service.experiments.fires import CELL_M, CELLS, HOUR_S, Burn, burn, wind
 from mission_service.experiments.islam_hu.ideal_flight import fly
 from mission_service.experiments.islam_hu.predictive_flight import fly_predictive
-from mission_service.experiments.islam_hu.scenarios import perimeter_planner
+from mission_service.experiments.islam_hu.scenarios import islam_hu_planner
 
 END_S = 4 * HOUR_S
 FUELS = (1, 2, 3, 4, 5, 6, 7, 8, 9, 10)
@@ -57,7 +57,7 @@ def circling_error(fire: Burn) -> float:
 
     The error is infinite if the vehicle has not completed a lap half-way through the flight.
     """
-    flight = fly(fire, perimeter_planner(fire, "circling"))
+    flight = fly(fire, islam_hu_planner(fire, "circling"))
     if not flight.at_s.size or flight.at_s[0] > (fire.deploy_s + fire.end_s) / 2.0:
         return math.inf
     return float(flight.max_error.mean())

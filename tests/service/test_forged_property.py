@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from autopilot_bridge.clients.shared_link import SharedLink
-from autopilot_bridge.links.message_bounds import BOUNDS
-from autopilot_bridge.vehicle.plausibility import BootClock
+from autopilot_bridge.links.field_limits import BOUNDS
+from autopilot_bridge.vehicle.position_plausibility import BootClock
 from benchmarks.forged_frames import READ, compared
 from mission_service.config.scenario import load_scenario
 

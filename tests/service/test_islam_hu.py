@@ -17,7 +17,7 @@ from mission_service.experiments.islam_hu.ideal_flight import Flight, fly, look
 from mission_service.experiments.islam_hu.scenarios import COMPARED, ISLAM_HU, islam_hu_burn
 from mission_service.guidance.fire_map import EAST, NORTH
 from mission_service.guidance.front.front_shape import hull_of
-from mission_service.guidance.front.perimeter_planner import Rule
+from mission_service.guidance.front.islam_hu_planner import Rule
 from mission_service.replay.distance_error import TrueShape
 
 CENTRE = (30, 30)
@@ -27,7 +27,7 @@ DISC_S = np.hypot(ROWS - CENTRE[0], COLS - CENTRE[1]) * 100.0  # one cell every 
 
 def flown(name: str, scheme: SchemeName, rule: Rule, alpha: float = 1.0) -> Flight:
     burn = islam_hu_burn(name, scheme)
-    return fly(burn, scenarios.perimeter_planner(burn, rule, alpha))
+    return fly(burn, scenarios.islam_hu_planner(burn, rule, alpha))
 
 
 # The flight along the front
@@ -97,7 +97,7 @@ def test_the_error_is_what_a_part_of_the_front_has_grown_since_it_was_seen() -> 
     disc = Burn(
         "disc", "anyangle", burn.landscape, burn.weather, CENTRE, 1500.0, 2700.0, 15.0, DISC_S
     )
-    flight = fly(disc, scenarios.perimeter_planner(disc, "circling"))
+    flight = fly(disc, scenarios.islam_hu_planner(disc, "circling"))
     assert flight.max_error[-200:].mean() == pytest.approx(3.0, abs=1.2)
     assert (flight.mean_error < flight.max_error).all()
 
@@ -139,11 +139,11 @@ def test_a_slow_even_fire_is_circled() -> None:
 
 def test_attention_goes_south_with_the_wind() -> None:
     burn = islam_hu_burn("wind-turns", "devs8")
-    flight = fly(burn, scenarios.perimeter_planner(burn, "islam_hu_damped"))
+    flight = fly(burn, scenarios.islam_hu_planner(burn, "islam_hu_damped"))
     found = islam_hu.attention(burn, flight)
     assert found["time_north_before"] > 0.8
     assert found["time_north_after"] < 0.45
-    circled = islam_hu.attention(burn, fly(burn, scenarios.perimeter_planner(burn, "circling")))
+    circled = islam_hu.attention(burn, fly(burn, scenarios.islam_hu_planner(burn, "circling")))
     assert found["time_north_after"] < circled["time_north_after"]
 
 
@@ -153,9 +153,7 @@ def test_attention_goes_south_with_the_wind() -> None:
 )
 def test_it_goes_back_and_forth_in_the_fast_fuel_only(name: str, turns_when: str) -> None:
     burn = islam_hu_burn(name, "anyangle")
-    found = islam_hu.attention(
-        burn, fly(burn, scenarios.perimeter_planner(burn, "islam_hu_damped"))
-    )
+    found = islam_hu.attention(burn, fly(burn, scenarios.islam_hu_planner(burn, "islam_hu_damped")))
     turns = {key: found[key] for key in ("reversals_before", "reversals_after")}
     assert turns.pop(turns_when) > 0
     assert list(turns.values()) == [0]

@@ -39,7 +39,7 @@ from mission_service.events import (
 from mission_service.fire.corrected_fire import MAX_OBSERVATIONS, thinned
 from mission_service.fire.run_estimate import RunEstimate
 from mission_service.fire.scenario_fire import landscape_of
-from mission_service.guidance.front.perimeter_planner import PerimeterPlanner
+from mission_service.guidance.front.islam_hu_planner import PerimeterPlanner
 from tests.service.people_flights import ANN, Flight, Fly, flights_in
 
 

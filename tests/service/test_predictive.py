@@ -16,7 +16,7 @@ from mission_service.experiments.islam_hu.predictive_flight import (
     fly_predictive,
     predictive_planner,
 )
-from mission_service.experiments.islam_hu.scenarios import perimeter_planner
+from mission_service.experiments.islam_hu.scenarios import islam_hu_planner
 from mission_service.guidance.fire_map import BEARINGS, EAST, NORTH
 from mission_service.guidance.front.front_estimate import FrontEstimate
 from mission_service.guidance.front.front_mixture import FrontMixture
@@ -204,7 +204,7 @@ def test_a_vehicle_that_needs_room_turns_less(turning: Burn) -> None:
 
 
 def test_better_than_circling_worse_without_model_and_always_the_same(turning: Burn) -> None:
-    circling = fly(turning, perimeter_planner(turning, "circling")).max_error.mean()
+    circling = fly(turning, islam_hu_planner(turning, "circling")).max_error.mean()
     predictive = fly_predictive(turning)
     blind = fly(turning, predictive_planner(turning, modelled=False), hull=False)
     assert circling > 4.0

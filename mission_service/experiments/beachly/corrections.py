@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firemodel.assimilation.distance_weighting import PaperCorrected
-from firemodel.assimilation.gaussian import GaussianCorrected
+from firemodel.assimilation.gaussian_process import GaussianCorrected
 from firemodel.ellipses.point_observations import Simulation
 from firemodel.landscape.landscape import Landscape
 from mission_service.experiments.beachly.participants import (

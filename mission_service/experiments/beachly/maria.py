@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
 from firemodel.assimilation.distance_weighting import PaperCorrected
-from firemodel.assimilation.gaussian import GaussianCorrected
+from firemodel.assimilation.gaussian_process import GaussianCorrected
 from firemodel.ellipses.ellipse import EllipseFire, spreads_of
 from firemodel.ellipses.point_observations import BURNING
 from firemodel.landscape.readers.shapes import into_crs

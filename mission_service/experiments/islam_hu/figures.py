@@ -15,7 +15,7 @@ from mission_service.experiments.islam_hu.ideal_flight import Flight, fly
 from mission_service.experiments.islam_hu.scenarios import (
     PAPER_REVERSALS,
     changes_s,
-    perimeter_planner,
+    islam_hu_planner,
 )
 from mission_service.guidance.fire_map import EAST, NORTH
 
@@ -131,7 +131,7 @@ def draw_importance(path: Path, burn: Burn, flight: Flight) -> None:
     turn_s = turns_s[0] if turns_s.size else later[int(np.argmax(share)), 0]
     moments = (float(later[int(np.argmin(share)), 0]), float(turn_s))
     figure, panels = _new(2, 2, (9.0, 7.5))
-    planner = perimeter_planner(burn, "islam_hu_damped")
+    planner = islam_hu_planner(burn, "islam_hu_damped")
 
     def look_at(at_s: float, row: int, col: int) -> None:
         if at_s in moments:

@@ -19,7 +19,7 @@ from mission_service.experiments.islam_hu.scenarios import (
     PLANNERS,
     changes_s,
     islam_hu_burn,
-    perimeter_planner,
+    islam_hu_planner,
 )
 
 
@@ -54,7 +54,7 @@ def on_one_fire(name: str, scheme: SchemeName, out: Path | None) -> dict[str, li
     sweep = {
         alpha: flights["islam_hu_damped"]
         if alpha == 1.0
-        else fly(burn, perimeter_planner(burn, "islam_hu_damped", alpha))
+        else fly(burn, islam_hu_planner(burn, "islam_hu_damped", alpha))
         for alpha in ALPHAS
     }
     if out:

@@ -24,7 +24,7 @@ from mission_service.experiments.fires import (
     wind,
 )
 from mission_service.guidance.front.front_path import PathSettings
-from mission_service.guidance.front.perimeter_planner import (
+from mission_service.guidance.front.islam_hu_planner import (
     PerimeterPlanner,
     Rule,
     perimeter_settings,
@@ -89,7 +89,7 @@ def islam_hu_burn(name: str, scheme: SchemeName) -> Burn:
     )
 
 
-def perimeter_planner(burn: Burn, rule: Rule, alpha: float = 1.0) -> PerimeterPlanner:
+def islam_hu_planner(burn: Burn, rule: Rule, alpha: float = 1.0) -> PerimeterPlanner:
     """Return the planner of Islam & Hu for a known ignition, with the defaults of scenarios."""
     # The experiment does not fly these paths.
     path = PathSettings(horizon_cells=80.0, lookahead_cells=5.0)
@@ -100,9 +100,9 @@ def perimeter_planner(burn: Burn, rule: Rule, alpha: float = 1.0) -> PerimeterPl
 
 
 PLANNERS: dict[str, Callable[[Burn], Planner]] = {
-    "circling": lambda burn: perimeter_planner(burn, "circling"),
-    "islam_hu": lambda burn: perimeter_planner(burn, "islam_hu"),
-    "islam_hu_damped": lambda burn: perimeter_planner(burn, "islam_hu_damped"),
+    "circling": lambda burn: islam_hu_planner(burn, "circling"),
+    "islam_hu": lambda burn: islam_hu_planner(burn, "islam_hu"),
+    "islam_hu_damped": lambda burn: islam_hu_planner(burn, "islam_hu_damped"),
 }
 
 

@@ -19,8 +19,8 @@ from mission_service.events import (
     SettingsChanged,
     VehicleEvent,
 )
+from mission_service.guidance.front.islam_hu_planner import PerimeterPlanner
 from mission_service.guidance.front.mission_renewal import CLOSE_BELOW, TURN_BACK, Renewal
-from mission_service.guidance.front.perimeter_planner import PerimeterPlanner
 from mission_service.guidance.front.unmonitored import FrontMonitor, observes_front
 from mission_service.guidance.front.way import Planners
 from mission_service.guidance.protocol import (

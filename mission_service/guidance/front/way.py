@@ -26,9 +26,9 @@ Planners = Callable[["Scenario", "Landscape"], "Mapping[str, Planner]"]
 FOLDER = __package__
 # For each rule, the address of the function that makes the planner of one vehicle.
 PLANNERS = {
-    "islam_hu_damped": "perimeter_planner:perimeter_planner",
-    "islam_hu": "perimeter_planner:perimeter_planner",
-    "circling": "perimeter_planner:perimeter_planner",
+    "islam_hu_damped": "islam_hu_planner:islam_hu_planner",
+    "islam_hu": "islam_hu_planner:islam_hu_planner",
+    "circling": "islam_hu_planner:islam_hu_planner",
     "predictive": "predictive_planner:predictive_planner",
 }
 

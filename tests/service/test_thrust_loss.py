@@ -1,28 +1,22 @@
-"""Mean airspeed and thrust, by VFR_HUD."""
+"""A failed engine, detected in VFR_HUD."""
 
 from collections.abc import Iterable
-from itertools import pairwise
 
 from autopilot_bridge.vehicle.client_events import Speed
-from mission_service.events import AirspeedMeasured, ThrustStatusChanged
-from mission_service.runtime.speed_reports import SpeedReports
+from mission_service.runtime.thrust_loss import ThrustMonitor
 
 EVERY_US = 500_000
 Flown = tuple[float | None, float, int]  # airspeed, climb, throttle
 
 
-def reports(flown: Iterable[Flown]) -> list[AirspeedMeasured | ThrustStatusChanged]:
-    found, speeds = [], SpeedReports()
+def thrust(flown: Iterable[Flown]) -> list[tuple[float, bool]]:
+    monitor, found = ThrustMonitor(), []
     for number, (airspeed_m_s, climb_m_s, throttle) in enumerate(flown):
         at_us = number * EVERY_US
         speed = Speed(at_us, airspeed_m_s, 15.0, climb_m_s, throttle)
-        found += speeds.of(speed, "hawk", at_us)
+        if (change := monitor.change(speed, "hawk", at_us)) is not None:
+            found.append((change.at_us / 1e6, change.sufficient))
     return found
-
-
-def thrust(flown: Iterable[Flown]) -> list[tuple[float, bool]]:
-    events = [each for each in reports(flown) if isinstance(each, ThrustStatusChanged)]
-    return [(each.at_us / 1e6, each.sufficient) for each in events]
 
 
 CRUISE: list[Flown] = [(18.0, 0.0, 45)] * 40  # twenty seconds
@@ -59,10 +53,3 @@ def test_a_plane_that_levels_off_or_dives_is_not_reported() -> None:
     assert thrust([*CRUISE, *[(19.0, -2.3, 100)] * 60]) == []  # a descent, as flown by PX4
     assert thrust([*CRUISE, *[(15.0, -3.0, 0)] * 20]) == []  # a glide that was ordered
     assert thrust([*CRUISE, (15.0, -3.0, 100), *CRUISE]) == []  # a single gust
-
-
-def test_a_mean_airspeed_is_reported_when_it_has_changed() -> None:
-    events = reports([*CRUISE, *CRUISE, *[(12.0, 0.0, 45)] * 80, *[(12.3, 0.0, 45)] * 80])
-    means = [each.airspeed_m_s for each in events if isinstance(each, AirspeedMeasured)]
-    assert (means[0], means[-1]) == (18.0, 12.0)
-    assert all(abs(one - other) >= 0.5 for one, other in pairwise(means))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from firemodel.assimilation.gaussian import GaussianCorrected, _curvature, _log_likelihood
+from firemodel.assimilation.gaussian_process import GaussianCorrected, _curvature, _log_likelihood
 from firemodel.ellipses.ellipse import EllipseFire, Spread
 from firemodel.ellipses.line_ignitions import line_sources
 from firemodel.ellipses.point_observations import BURNED, BURNING, UNBURNED

@@ -7,7 +7,7 @@ import pytest
 
 from mission_service.events import Observed
 from mission_service.guidance.front.front_path import PathSettings
-from mission_service.guidance.front.perimeter_planner import PerimeterPlanner, PerimeterSettings
+from mission_service.guidance.front.islam_hu_planner import PerimeterPlanner, PerimeterSettings
 
 SIZE = 161
 CENTRE = (80.0, 80.0)

@@ -12,7 +12,7 @@ from autopilot_bridge.clients.native import NativeClient
 from autopilot_bridge.clients.shared_link import SharedLink
 from autopilot_bridge.items import MissionItem
 from autopilot_bridge.links.codec import Codec
-from autopilot_bridge.links.message_bounds import (
+from autopilot_bridge.links.field_limits import (
     BOUNDS,
     UNKNOWN,
     list_out_of_bounds,
@@ -29,7 +29,7 @@ from autopilot_bridge.vehicle.client_events import (
     SameSystemId,
 )
 from autopilot_bridge.vehicle.monitor import VehicleMonitor
-from autopilot_bridge.vehicle.plausibility import BootClock
+from autopilot_bridge.vehicle.position_plausibility import BootClock
 from autopilot_bridge.vehicle.remote_binding import RemoteBinding
 from tests.bridge.helpers import SECOND
 

@@ -178,7 +178,7 @@ def perimeter_settings(
     )
 
 
-def perimeter_planner(
+def islam_hu_planner(
     scenario: Scenario, section: VehicleSection, ground: Ground
 ) -> PerimeterPlanner:
     """Return the planner of one vehicle, with the scenario's rule."""

@@ -1,0 +1,135 @@
+"""Watches a folder, for sensors whose input arrives as files.
+
+A thread looks into the folder and passes each new file to ``use_file`` when it no longer grows. A
+file that is not used is named in ``problem`` with the reason, which the service shows as an alarm
+until the file is replaced or removed. While the folder cannot be read, ``problem`` has the reason.
+"""
+
+import os
+import threading
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from contextlib import suppress
+from datetime import UTC, datetime
+from pathlib import Path
+
+from firemodel.errors import FireModelError
+from mission_service.errors import MissionServiceError, ScenarioError
+
+LOOK_EVERY_S = 0.25
+MAX_SHARE = 0.05  # of the thread's time, for listing a folder of many files
+MAX_AT_ONCE = 100  # files; of more files that are new at once, only the newest are used
+
+Change = tuple[int, int]  # time of the last change in ns, and size in bytes
+
+
+class WatchedFolder(ABC):
+    """A folder whose new files become observations."""
+
+    def __init__(self, key: str, folder: str | None, suffixes: Sequence[str], noun: str) -> None:
+        """Check the folder.
+
+        Args:
+            key: The key of the scenario that names the folder.
+            folder: Its value.
+            suffixes: The suffixes of the files to use, in lower case.
+            noun: A file as it is called in ``problem``, with its article.
+
+        Raises:
+            ScenarioError: The folder is not given or does not exist.
+        """
+        if folder is None:
+            raise ScenarioError(f"{key} is missing; give the folder")
+        self._folder, self._suffixes, self._noun = Path(folder), tuple(suffixes), noun
+        if not self._folder.is_dir():
+            raise ScenarioError(f"{self._folder}: is not a folder; create it")
+        self._folder_problem = ""
+        self._problems: dict[str, str] = {}  # why files are not used, by name
+        self._growing: dict[str, Change] = {}
+        self._read: dict[str, Change] = {}
+        self._listing_s = 0.0  # time that the last listing of the folder took
+        self._error: Exception | None = None
+        self._thread: threading.Thread | None = None
+
+    @abstractmethod
+    def use_file(self, path: Path, now: datetime) -> None:
+        """Read a new file; in the thread. An exception is the reason why it is not used."""
+
+    def start(self) -> None:
+        """Start the thread, if it does not run. Raises the exception that has ended it."""
+        if self._error is not None:
+            raise self._error
+        if self._thread is None:
+            name = type(self).__name__
+            self._thread = threading.Thread(target=self._watch, name=name, daemon=True)
+            self._thread.start()
+
+    @property
+    def problem(self) -> str:
+        """Why the folder cannot be read, or why files in it are not used; or empty."""
+        texts = list(self._problems.values())  # a copy; the thread changes it
+        if self._folder_problem or not texts:
+            return self._folder_problem
+        others = f" (and {len(texts) - 1} others)" if texts[1:] else ""
+        return f"{self._noun} is not used: {texts[-1]}{others}"
+
+    def refuse(self, name: str, reason: str) -> None:
+        """Note why a file is not used, in one line of text that each interface can show."""
+        text = reason.encode(errors="backslashreplace").decode()
+        self._problems[name] = " ".join(text.split())
+
+    def look(self, now: datetime) -> None:
+        """Use the files that are new and have not grown since the last look.
+
+        Of more than ``MAX_AT_ONCE`` such files the oldest are refused unread, so that a backlog
+        does not delay what is happening now.
+        """
+        try:
+            files = self._files()
+        except OSError as error:
+            self._folder_problem = f"{self._folder}: cannot be read: {error.strerror}; restore it"
+            return
+        self._folder_problem = ""
+        for gone in self._read.keys() - files.keys():
+            del self._read[gone]
+            self._problems.pop(gone, None)
+        changed = {name: each for name, each in files.items() if self._read.get(name) != each}
+        ready = [name for name, each in changed.items() if self._growing.get(name) == each]
+        self._growing = {name: changed[name] for name in changed.keys() - set(ready)}
+        ready.sort(key=lambda name: (changed[name], name))
+        self._read |= {name: changed[name] for name in ready}
+        for name in ready[:-MAX_AT_ONCE]:
+            self.refuse(name, f"{name}: {MAX_AT_ONCE} or more newer files arrived with it")
+        for name in ready[-MAX_AT_ONCE:]:
+            self._use(name, now)
+
+    def _use(self, name: str, now: datetime) -> None:
+        self._problems.pop(name, None)
+        try:
+            self.use_file(self._folder / name, now)
+        except (MissionServiceError, FireModelError) as error:
+            self.refuse(name, str(error))
+        except Exception as error:  # one file must not end the watch
+            self.refuse(name, f"{name}: {type(error).__name__}: {error}")
+
+    def _watch(self) -> None:
+        try:
+            while True:
+                self.look(datetime.now(UTC))
+                time.sleep(max(LOOK_EVERY_S, self._listing_s / MAX_SHARE))
+        except Exception as error:  # raised by the next ``start``
+            self._error = error
+
+    def _files(self) -> dict[str, Change]:
+        """Return the last changes of the files with the suffixes in the folder, by name."""
+        found = {}
+        begun_s = time.monotonic()
+        with os.scandir(self._folder) as entries:
+            for entry in entries:
+                with suppress(OSError):  # it has been removed, or is a link to itself
+                    if entry.name.lower().endswith(self._suffixes) and entry.is_file():
+                        state = entry.stat()
+                        found[entry.name] = (state.st_mtime_ns, state.st_size)
+        self._listing_s = time.monotonic() - begun_s
+        return found
