@@ -52,7 +52,7 @@ FIELDS = {
 }
 
 # Limits of the change between two packets: the first one at once, the second one a second.
-MAX_BREAK_S = 10.0
+MAX_BREAK_S = 60.0
 MAX_MOVE_DEG = (0.0002, 0.003)  # latitude and longitude of the camera; 300 m/s
 MAX_CLIMB_M = (10.0, 100.0)
 MAX_TURN_DEG = (3.0, 180.0)
