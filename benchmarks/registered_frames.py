@@ -23,7 +23,6 @@ import numpy as np
 
 from benchmarks.thermal_frames import (
     ERRORS,
-    LENS,
     TILTS_DEG,
     TRUE_CELL_M,
     Placed,
@@ -39,6 +38,7 @@ from mission_service.sensors.camera_geometry import CameraPose, Lens, moved
 from mission_service.sensors.frame_matching import reduced
 from mission_service.sensors.frame_registration import FrameRegistration
 from mission_service.sensors.ground_points import ground_points
+from mission_service.simulation.thermal_images import LENS
 
 IMAGES, APART_M, APART_S = 8, 30.0, 1.5
 UNEVEN_M = 50.0  # smoothing of the error of the elevation

@@ -30,13 +30,12 @@ import msgspec
 import numpy as np
 
 from benchmarks.observation_samples import VIIRS, viirs_line, write_samples
-from benchmarks.thermal_frames import LENS, write_frame
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import load_scenario
 from mission_service.errors import MissionServiceError
 from mission_service.events import FireObserved
-from mission_service.fire.reported_observations import check_report
+from mission_service.fire.reported_observations import checked_report
 from mission_service.fire.scenario_fire import landscape_of
 from mission_service.sensors.camera_geometry import CameraPose
 from mission_service.sensors.file_contents import FileCells, FileReport, grid_of
@@ -51,6 +50,7 @@ from mission_service.sensors.observation_file import (
 from mission_service.sensors.observation_folder import settings_of
 from mission_service.sensors.thermal_image import read_thermal_image
 from mission_service.sensors.worker_process import MAX_MEMORY_BYTES
+from mission_service.simulation.thermal_images import LENS, write_frame
 
 AT = datetime(2026, 7, 4, 19, 37, 11, tzinfo=UTC)
 BATCH = 500
@@ -143,7 +143,7 @@ class Reader:
             *(each.position_sd_m, each.false_alarms, each.source),
             islands=each.islands,
         )
-        check_report(msgspec.convert(msgspec.to_builtins(sent), FireObserved), self.land)
+        checked_report(msgspec.convert(msgspec.to_builtins(sent), FireObserved), self.land)
 
 
 def read_batch(

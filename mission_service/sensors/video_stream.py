@@ -235,7 +235,7 @@ def image_of(
     if corners is not None and (settings.corners or pose is None):
         lat_deg, lon_deg = pose[:2] if pose else np.mean(corners.lat_lon_deg, axis=0).tolist()
         place = (lat_deg, lon_deg, 0.0, 0.0, 0.0, 0.0)
-        return ThermalImage(name, values, kind, metadata.taken, *place, None, corners)
+        return ThermalImage(name, values, kind, metadata.taken, *place, None, corners=corners)
     if pose is None:
         raise MissionServiceError(f"{name}: has no corner points and no pose: {metadata.no_pose}")
     if settings.corners:

@@ -263,7 +263,9 @@ def test_images_that_are_dropped_or_from_before_the_run_are_named(
         write_frame(frames / f"{number}.tif", land, down_at(land), celsius, taken, WIDE)
     looked(sensor)
     assert "0.tif: more than 1 newer images wait" in sensor.problem
-    monkeypatch.setattr(frame_folder.time, "time", lambda: taken.timestamp() + 60.0)
+    monkeypatch.setattr(
+        "mission_service.sensors.frame_folder.time.time", lambda: taken.timestamp() + 60.0
+    )
     assert sensor.observe(msgspec.structs.replace(FIX, at_us=1_000_000)) is None
     assert "1.tif: was taken 59 s before mission time 0" in sensor.problem
 

@@ -13,7 +13,6 @@ import pytest
 from click.testing import CliRunner
 
 from benchmarks.klv_video import TEMPERATURES_C, VideoWriter, grey, packet, pose_values
-from benchmarks.thermal_frames import rendered
 from firemodel.spread.fire_scheme import Fire
 from mission_service.cli.main import main
 from mission_service.config.scenario import Scenario, load_scenario
@@ -26,6 +25,7 @@ from mission_service.sensors import thermal_video
 from mission_service.sensors.camera_geometry import CameraPose, Lens
 from mission_service.sensors.thermal_video import ThermalVideo
 from mission_service.sensors.video_sources import DatagramSource
+from mission_service.simulation.thermal_images import rendered
 from tests.api.worlds import world_in
 from tests.patience import wait_until
 from tests.sensors.test_frame_folder import START_S, camera_above_fire, pose_at

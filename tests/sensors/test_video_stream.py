@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from benchmarks.klv_video import TEMPERATURES_C, VideoWriter, grey, packet, pose_values
-from benchmarks.thermal_frames import pose_above, rendered, steep_landscape
+from benchmarks.thermal_frames import pose_above, steep_landscape
 from benchmarks.video_fuzz import fuzz, original
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.fire_sections import ThermalVideoSection
@@ -20,6 +20,7 @@ from mission_service.sensors.thermal_image import ThermalImage
 from mission_service.sensors.video_decoder import VideoDecoder, VideoDecoderError
 from mission_service.sensors.video_problem import video_problem
 from mission_service.sensors.video_stream import VideoStream
+from mission_service.simulation.thermal_images import rendered
 
 TAKEN = datetime(2026, 7, 4, 13, tzinfo=UTC)
 LENS = Lens(160, 128, 200.0)

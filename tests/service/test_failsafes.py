@@ -267,7 +267,7 @@ def test_the_front_counts_as_monitored_only_when_a_vehicle_observes_it_again(fly
     image = flight.sim.service._images
     order(flight, "hold")
     flight.run(5.0)
-    flight.sim.service._images = lambda fix: []  # type: ignore[method-assign]
+    flight.sim.service._images = lambda fix: iter(())  # type: ignore[method-assign]
     order(flight, "resume")
     flight.run(20.0)
     assert flight.mode == "mission"

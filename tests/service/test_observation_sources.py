@@ -181,7 +181,12 @@ def test_a_raster_counts_with_the_cells_that_it_shows(
     sources: ObservationSources, land: Landscape
 ) -> None:
     (north, west), (south, east) = places(land, (29.5, 29.5), (31.5, 31.5))
-    edges = {"south_deg": south, "west_deg": west, "north_deg": north, "east_deg": east}
+    edges: dict[str, Any] = {
+        "south_deg": south,
+        "west_deg": west,
+        "north_deg": north,
+        "east_deg": east,
+    }
     raster = RasterObserved(
         *(1_000_000, "anna", "north"),
         **edges,
