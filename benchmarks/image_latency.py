@@ -35,7 +35,7 @@ from mission_service.events import Observed, Telemetry, UploadFinished
 from mission_service.fire.scenario_fire import fire_of, landscape_of
 from mission_service.journal.journal_file import SegmentReader
 from mission_service.runtime.clocks import clock_us
-from mission_service.sensors.camera_geometry import CameraPose, Lens, focal_px_of
+from mission_service.sensors.thermal.camera_geometry import CameraPose, Lens, focal_px_of
 from mission_service.simulation.sim import mock_of
 from mission_service.simulation.thermal_images import rendered, write_frame
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firemodel.landscape.landscape import Landscape
-from mission_service.sensors.camera_geometry import CameraPose, Lens
+from mission_service.sensors.thermal.camera_geometry import CameraPose, Lens
 
 KEY = bytes.fromhex("060e2b34020b01010e01030101000000")
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)

@@ -34,10 +34,10 @@ from benchmarks.thermal_frames import (
 )
 from firemodel.arrays import Floats
 from firemodel.landscape.landscape import Landscape
-from mission_service.sensors.camera_geometry import CameraPose, Lens, moved
-from mission_service.sensors.frame_matching import reduced
-from mission_service.sensors.frame_registration import FrameRegistration
-from mission_service.sensors.ground_points import ground_points
+from mission_service.sensors.thermal.camera_geometry import CameraPose, Lens, moved
+from mission_service.sensors.thermal.frame_matching import reduced
+from mission_service.sensors.thermal.frame_registration import FrameRegistration
+from mission_service.sensors.thermal.ground_points import ground_points
 from mission_service.simulation.thermal_images import LENS
 
 IMAGES, APART_M, APART_S = 8, 30.0, 1.5

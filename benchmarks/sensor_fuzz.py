@@ -37,18 +37,18 @@ from mission_service.errors import MissionServiceError
 from mission_service.events import FireObserved
 from mission_service.fire.reported_observations import checked_report
 from mission_service.fire.scenario_fire import landscape_of
-from mission_service.sensors.camera_geometry import CameraPose
-from mission_service.sensors.file_contents import FileCells, FileReport, grid_of
-from mission_service.sensors.frame_cells import frame_cells
-from mission_service.sensors.observation_file import (
+from mission_service.sensors.files.file_contents import FileCells, FileReport, grid_of
+from mission_service.sensors.files.observation_file import (
     FileJob,
     Unusable,
     Usable,
     answer_to,
     read_observation_file,
 )
-from mission_service.sensors.observation_folder import settings_of
-from mission_service.sensors.thermal_image import read_thermal_image
+from mission_service.sensors.files.observation_folder import settings_of
+from mission_service.sensors.thermal.camera_geometry import CameraPose
+from mission_service.sensors.thermal.frame_cells import frame_cells
+from mission_service.sensors.thermal.thermal_image import read_thermal_image
 from mission_service.sensors.worker_process import MAX_MEMORY_BYTES
 from mission_service.simulation.thermal_images import LENS, write_frame
 

@@ -21,8 +21,8 @@ import numpy as np
 from firemodel.arrays import Floats, Mask
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.fire_sections import ThermalFramesSection
-from mission_service.sensors.camera_geometry import CameraPose, Lens, PoseErrors, moved
-from mission_service.sensors.ground_points import (
+from mission_service.sensors.thermal.camera_geometry import CameraPose, Lens, PoseErrors, moved
+from mission_service.sensors.thermal.ground_points import (
     covariances,
     elevation_sds_m,
     ground_points,

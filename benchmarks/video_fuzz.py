@@ -33,11 +33,11 @@ from benchmarks.thermal_frames import pose_above, steep_landscape
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.fire_sections import ThermalVideoSection
-from mission_service.sensors.camera_geometry import Lens
-from mission_service.sensors.frame_cells import frame_cells
-from mission_service.sensors.thermal_image import ThermalImage
-from mission_service.sensors.video_metadata import FIELDS, VideoMetadataError, read_metadata
-from mission_service.sensors.video_stream import VideoStream
+from mission_service.sensors.thermal.camera_geometry import Lens
+from mission_service.sensors.thermal.frame_cells import frame_cells
+from mission_service.sensors.thermal.thermal_image import ThermalImage
+from mission_service.sensors.video.video_metadata import FIELDS, VideoMetadataError, read_metadata
+from mission_service.sensors.video.video_stream import VideoStream
 
 TAKEN = datetime(2026, 7, 4, tzinfo=UTC)
 PICTURES = 12

@@ -30,7 +30,7 @@ from benchmarks.thermal_frames import pose_above
 from mission_service.config.scenario import load_scenario
 from mission_service.events import Observed, Telemetry
 from mission_service.fire.scenario_fire import landscape_of
-from mission_service.sensors.thermal_video import ThermalVideo
+from mission_service.sensors.video.thermal_video import ThermalVideo
 from mission_service.simulation.thermal_images import LENS, rendered
 
 FIX = Telemetry(7_200_000_000, "hawk", 36.36, -84.15, 600.0, 120.0, 20.0, 0.0, 0.0)

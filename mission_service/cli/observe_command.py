@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from firemodel.landscape.landscape import Landscape
     from mission_service.config.fire_sections import ThermalCameraSection
     from mission_service.config.scenario import Scenario
-    from mission_service.sensors.frame_cells import FrameCells
-    from mission_service.sensors.thermal_image import ThermalImage
+    from mission_service.sensors.thermal.frame_cells import FrameCells
+    from mission_service.sensors.thermal.thermal_image import ThermalImage
 
 MAX_IMAGES = 100  # of one video
 
@@ -77,7 +77,7 @@ def observe(
 
 
 def _is_video(path: Path) -> bool:
-    from mission_service.sensors.video_file import SUFFIXES
+    from mission_service.sensors.video.video_file import SUFFIXES
 
     return path.suffix.lower() in SUFFIXES
 
@@ -86,8 +86,8 @@ def _is_thermal(path: Path) -> bool:
     """Return whether a file is an image of a camera, and not a georeferenced raster or another."""
     from firemodel.errors import FireModelError
     from firemodel.landscape.readers.bands import bands_of
-    from mission_service.sensors.observation_file import RASTERS
-    from mission_service.sensors.thermal_image import SUFFIXES
+    from mission_service.sensors.files.observation_file import RASTERS
+    from mission_service.sensors.thermal.thermal_image import SUFFIXES
 
     suffix = path.suffix.lower()
     if suffix not in RASTERS:
@@ -102,8 +102,8 @@ class _Camera:
     """The images of one camera, which are registered to each other."""
 
     def __init__(self, landscape: "Landscape", settings: "ThermalCameraSection") -> None:
-        from mission_service.sensors.frame_registration import FrameRegistration
-        from mission_service.sensors.ground_views import stated_errors
+        from mission_service.sensors.thermal.frame_registration import FrameRegistration
+        from mission_service.sensors.thermal.ground_views import stated_errors
 
         self._landscape, self._settings = landscape, settings
         self._registration = FrameRegistration(landscape, stated_errors(settings))
@@ -114,9 +114,9 @@ class _Camera:
         """Draw an image, and return its summary; ``path`` is its file, or the video with it."""
         from firemodel.errors import FireModelError
         from mission_service.errors import MissionServiceError
-        from mission_service.sensors.frame_cells import frame_cells
-        from mission_service.sensors.frame_picture import draw_frame
-        from mission_service.sensors.thermal_image import read_thermal_image
+        from mission_service.sensors.thermal.frame_cells import frame_cells
+        from mission_service.sensors.thermal.frame_picture import draw_frame
+        from mission_service.sensors.thermal.thermal_image import read_thermal_image
 
         try:
             image = image or read_thermal_image(path)
@@ -133,8 +133,8 @@ def _video(
 ) -> Iterator[dict[str, Any]]:
     """Draw the images in a video, and yield their summaries."""
     from mission_service.errors import MissionServiceError
-    from mission_service.sensors.thermal_video import check_libraries
-    from mission_service.sensors.video_file import images_in
+    from mission_service.sensors.video.thermal_video import check_libraries
+    from mission_service.sensors.video.video_file import images_in
 
     check_libraries()
     settings = scenario.estimate.thermal_video
@@ -183,10 +183,10 @@ def _file(
     from firemodel.assimilation.observation import BURNED, UNBURNED
     from firemodel.errors import FireModelError
     from mission_service.errors import MissionServiceError
-    from mission_service.sensors.file_contents import utc_of
-    from mission_service.sensors.observation_file import read_observation_file
-    from mission_service.sensors.observation_folder import settings_of
-    from mission_service.sensors.observation_picture import draw_contents, states_of
+    from mission_service.sensors.files.file_contents import utc_of
+    from mission_service.sensors.files.observation_file import read_observation_file
+    from mission_service.sensors.files.observation_folder import settings_of
+    from mission_service.sensors.files.observation_picture import draw_contents, states_of
 
     try:
         contents = read_observation_file(path, landscape, settings_of(scenario))

@@ -32,8 +32,8 @@ def satellite_pixels(
     from mission_service.errors import MissionServiceError, RequestError
     from mission_service.interfaces.control.control_client import ControlClient
     from mission_service.journal.reader import JournalReader
-    from mission_service.sensors import satellite_pixels as satellite
-    from mission_service.sensors.file_contents import degrees_around
+    from mission_service.sensors.files import satellite_pixels as satellite
+    from mission_service.sensors.files.file_contents import degrees_around
 
     with ControlClient(out) as client:
         station = station or only_station(client)

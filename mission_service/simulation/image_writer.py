@@ -18,8 +18,8 @@ from mission_service.config.scenario import Scenario
 from mission_service.config.sections import VehicleSection
 from mission_service.errors import ScenarioError
 from mission_service.fire.simulated_fire import SimulatedFire
-from mission_service.sensors.camera_geometry import CameraPose, Lens, focal_px_of
-from mission_service.sensors.thermal_image import SUFFIXES
+from mission_service.sensors.thermal.camera_geometry import CameraPose, Lens, focal_px_of
+from mission_service.sensors.thermal.thermal_image import SUFFIXES
 from mission_service.simulation.thermal_images import rendered, write_frame
 
 WIDTH, HEIGHT = 160, 128  # pixels

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from firemodel.arrays import Floats
 from firemodel.landscape.landscape import Landscape
-from mission_service.sensors.camera_geometry import CameraPose, Lens, focal_px_of
-from mission_service.sensors.ground_points import ground_points
+from mission_service.sensors.thermal.camera_geometry import CameraPose, Lens, focal_px_of
+from mission_service.sensors.thermal.ground_points import ground_points
 
 if TYPE_CHECKING:
     from PIL.TiffImagePlugin import IFDRational

@@ -14,7 +14,7 @@ from mission_service import events
 from mission_service.config.scenario import load_scenario
 from mission_service.fire.sensors import Sensors
 from mission_service.runtime.camera_reports import CameraReports
-from mission_service.sensors.camera_points import CameraPoints
+from mission_service.sensors.thermal.camera_points import CameraPoints
 from tests.sensors.test_telemetry_poses import message
 
 HEADING_DEG = 90.0

@@ -23,9 +23,9 @@ from mission_service.fire.sensors import Sensors
 from mission_service.journal.journal_file import SegmentReader
 from mission_service.replay.verification import verify
 from mission_service.runtime.published_states import TelemetryState
-from mission_service.sensors import arrived_images, frame_folder
-from mission_service.sensors.camera_geometry import CameraPose
-from mission_service.sensors.frame_folder import FrameFolder
+from mission_service.sensors.thermal import arrived_images, frame_folder
+from mission_service.sensors.thermal.camera_geometry import CameraPose
+from mission_service.sensors.thermal.frame_folder import FrameFolder
 from mission_service.simulation.thermal_images import LENS, rendered, write_frame
 from tests.api.worlds import World, world_in
 from tests.patience import wait_until
@@ -264,7 +264,7 @@ def test_images_that_are_dropped_or_from_before_the_run_are_named(
     looked(sensor)
     assert "0.tif: more than 1 newer images wait" in sensor.problem
     monkeypatch.setattr(
-        "mission_service.sensors.frame_folder.time.time", lambda: taken.timestamp() + 60.0
+        "mission_service.sensors.thermal.frame_folder.time.time", lambda: taken.timestamp() + 60.0
     )
     assert sensor.observe(msgspec.structs.replace(FIX, at_us=1_000_000)) is None
     assert "1.tif: was taken 59 s before mission time 0" in sensor.problem

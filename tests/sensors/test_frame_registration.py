@@ -11,14 +11,14 @@ from benchmarks.thermal_frames import ERRORS, pose_above, pose_error, steep_land
 from firemodel.arrays import Floats
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.fire_sections import ThermalFramesSection
-from mission_service.sensors.camera_geometry import CameraPose, moved, pixels_of
-from mission_service.sensors.frame_cells import frame_cells
-from mission_service.sensors.frame_matching import Frame, Match, Ties, reduced, ties_between
-from mission_service.sensors.frame_registration import FrameRegistration
-from mission_service.sensors.ground_points import ground_points, offsets_m
-from mission_service.sensors.ground_views import stated_errors
-from mission_service.sensors.pose_adjustment import adjusted
-from mission_service.sensors.thermal_image import read_thermal_image
+from mission_service.sensors.thermal.camera_geometry import CameraPose, moved, pixels_of
+from mission_service.sensors.thermal.frame_cells import frame_cells
+from mission_service.sensors.thermal.frame_matching import Frame, Match, Ties, reduced, ties_between
+from mission_service.sensors.thermal.frame_registration import FrameRegistration
+from mission_service.sensors.thermal.ground_points import ground_points, offsets_m
+from mission_service.sensors.thermal.ground_views import stated_errors
+from mission_service.sensors.thermal.pose_adjustment import adjusted
+from mission_service.sensors.thermal.thermal_image import read_thermal_image
 from mission_service.simulation.thermal_images import write_frame
 
 APART_CELLS = 3.0  # 30 m

@@ -8,7 +8,7 @@ import pytest
 from benchmarks.thermal_frames import georeferenced, pose_above, steep_landscape
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
-from mission_service.sensors.camera_geometry import (
+from mission_service.sensors.thermal.camera_geometry import (
     CameraPose,
     Lens,
     PoseErrors,
@@ -18,7 +18,7 @@ from mission_service.sensors.camera_geometry import (
     pixels_of,
     undistorted,
 )
-from mission_service.sensors.ground_points import (
+from mission_service.sensors.thermal.ground_points import (
     covariances,
     elevation_sds_m,
     ellipse_of,

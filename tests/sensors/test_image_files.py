@@ -15,7 +15,7 @@ from mission_service.fire.scenario_fire import fire_of, landscape_of
 from mission_service.fire.simulated_fire import simulated_fire_of
 from mission_service.journal.journal_file import Journal, SegmentReader, header_of
 from mission_service.replay.verification import verify
-from mission_service.sensors.thermal_image import read_thermal_image
+from mission_service.sensors.thermal.thermal_image import read_thermal_image
 from mission_service.simulation import sim
 from mission_service.simulation.sim import Simulation
 from tests.service import test_truth_apart

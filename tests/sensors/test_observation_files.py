@@ -30,14 +30,14 @@ from mission_service.config.scenario import load_scenario
 from mission_service.errors import MissionServiceError, ScenarioError
 from mission_service.fire.observed_window import states_in
 from mission_service.fire.scenario_fire import landscape_of
-from mission_service.sensors import observation_file
-from mission_service.sensors.file_contents import FileCells, FileReport, FileSettings
-from mission_service.sensors.observation_file import (
+from mission_service.sensors.files import observation_file
+from mission_service.sensors.files.file_contents import FileCells, FileReport, FileSettings
+from mission_service.sensors.files.observation_file import (
     check_file,
     contents_of,
     read_observation_file,
 )
-from mission_service.sensors.observation_picture import states_of
+from mission_service.sensors.files.observation_picture import states_of
 
 AT = datetime(2026, 7, 4, 19, 37, 11, tzinfo=UTC)
 EPOCH_MS = round(AT.timestamp() * 1000)

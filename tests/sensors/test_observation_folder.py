@@ -30,9 +30,9 @@ from mission_service.fire.sensor_files import SensorFiles, file_part, whole_file
 from mission_service.fire.sensors import Sensors
 from mission_service.journal.journal_file import SegmentReader
 from mission_service.replay.verification import verify
-from mission_service.sensors import observation_folder
-from mission_service.sensors.observation_file import check_file, contents_of
-from mission_service.sensors.observation_folder import ObservationFolder
+from mission_service.sensors.files import observation_folder
+from mission_service.sensors.files.observation_file import check_file, contents_of
+from mission_service.sensors.files.observation_folder import ObservationFolder
 from tests.api.worlds import World, world_in
 from tests.patience import PATIENCE_S, wait_until
 from tests.service.test_journal_processes import running

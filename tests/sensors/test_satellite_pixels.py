@@ -15,7 +15,7 @@ from pyproj import Geod
 from mission_service.cli.main import main
 from mission_service.config.scenario import load_scenario
 from mission_service.errors import MissionServiceError
-from mission_service.sensors.satellite_pixels import (
+from mission_service.sensors.files.satellite_pixels import (
     footprints,
     read_satellite_pixels,
     reports_of,

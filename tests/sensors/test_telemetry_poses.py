@@ -20,9 +20,9 @@ from autopilot_bridge.vehicle.camera_telemetry import (
 from autopilot_bridge.vehicle.client_events import Attitude
 from mission_service import events
 from mission_service.runtime.camera_reports import CameraReports
-from mission_service.sensors.camera_geometry import CameraPose, axes_of, tilted
-from mission_service.sensors.telemetry_poses import PoseUnknownError, TelemetryPoses
-from mission_service.sensors.thermal_image import NoPoseError, read_thermal_image
+from mission_service.sensors.thermal.camera_geometry import CameraPose, axes_of, tilted
+from mission_service.sensors.thermal.telemetry_poses import PoseUnknownError, TelemetryPoses
+from mission_service.sensors.thermal.thermal_image import NoPoseError, read_thermal_image
 
 ZERO = datetime(2026, 7, 4, 12, 0, 0, tzinfo=UTC)
 DOWN = (90.0, -90.0, 0.0)

@@ -17,8 +17,8 @@ from benchmarks.thermal_frames import pose_above, steep_landscape
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.fire_sections import ThermalFramesSection
-from mission_service.sensors.frame_cells import Burned, FrameCells, frame_cells
-from mission_service.sensors.thermal_image import (
+from mission_service.sensors.thermal.frame_cells import Burned, FrameCells, frame_cells
+from mission_service.sensors.thermal.thermal_image import (
     GPS_IFD,
     ORIENTATION,
     XMP_TAG,

@@ -21,10 +21,10 @@ from mission_service.events import Observed, Telemetry
 from mission_service.fire.scenario_check import check
 from mission_service.fire.scenario_fire import fire_of, landscape_of
 from mission_service.journal.journal_file import SegmentReader
-from mission_service.sensors import thermal_video
-from mission_service.sensors.camera_geometry import CameraPose, Lens
-from mission_service.sensors.thermal_video import ThermalVideo
-from mission_service.sensors.video_sources import DatagramSource
+from mission_service.sensors.thermal.camera_geometry import CameraPose, Lens
+from mission_service.sensors.video import thermal_video
+from mission_service.sensors.video.thermal_video import ThermalVideo
+from mission_service.sensors.video.video_sources import DatagramSource
 from mission_service.simulation.thermal_images import rendered
 from tests.api.worlds import world_in
 from tests.patience import wait_until

@@ -11,14 +11,18 @@ from benchmarks.thermal_frames import steep_landscape
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.fire_sections import ThermalVideoSection
-from mission_service.sensors.camera_geometry import CameraPose, axes_of, mounted_direction
-from mission_service.sensors.corner_points import (
+from mission_service.sensors.thermal.camera_geometry import CameraPose, axes_of, mounted_direction
+from mission_service.sensors.thermal.corner_points import (
     CornerPoints,
     corner_places,
     homography,
     quadrilateral,
 )
-from mission_service.sensors.video_metadata import VideoMetadata, VideoMetadataError, read_metadata
+from mission_service.sensors.video.video_metadata import (
+    VideoMetadata,
+    VideoMetadataError,
+    read_metadata,
+)
 
 # The examples in MISB ST 0902, with the values that the tests of klvdata expect.
 TAKEN = datetime(2009, 1, 12, 22, 8, 22, tzinfo=UTC)

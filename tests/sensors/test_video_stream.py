@@ -13,13 +13,13 @@ from benchmarks.video_fuzz import fuzz, original
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.fire_sections import ThermalVideoSection
 from mission_service.fire.observed_window import states_in
-from mission_service.sensors.camera_geometry import Lens
-from mission_service.sensors.frame_cells import FrameCells, frame_cells
-from mission_service.sensors.ground_points import ground_points
-from mission_service.sensors.thermal_image import ThermalImage
-from mission_service.sensors.video_decoder import VideoDecoder, VideoDecoderError
-from mission_service.sensors.video_problem import video_problem
-from mission_service.sensors.video_stream import VideoStream
+from mission_service.sensors.thermal.camera_geometry import Lens
+from mission_service.sensors.thermal.frame_cells import FrameCells, frame_cells
+from mission_service.sensors.thermal.ground_points import ground_points
+from mission_service.sensors.thermal.thermal_image import ThermalImage
+from mission_service.sensors.video.video_decoder import VideoDecoder, VideoDecoderError
+from mission_service.sensors.video.video_problem import video_problem
+from mission_service.sensors.video.video_stream import VideoStream
 from mission_service.simulation.thermal_images import rendered
 
 TAKEN = datetime(2026, 7, 4, 13, tzinfo=UTC)

@@ -48,8 +48,8 @@ SHELL = {
     "mission_service/interfaces/control/control_client.py",
     "mission_service/live/daemon.py",
     "mission_service/live/estimate_worker.py",
-    "mission_service/sensors/frame_folder.py",  # images have calendar times
-    "mission_service/sensors/observation_folder.py",  # files have calendar times
+    "mission_service/sensors/thermal/frame_folder.py",  # images have calendar times
+    "mission_service/sensors/files/observation_folder.py",  # files have calendar times
     "mission_service/sensors/watched_folder.py",  # a thread
     "mission_service/simulation/demo.py",
     "mission_service/interfaces/cot/cot_sender.py",

@@ -13,7 +13,7 @@ import msgspec
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
 from mission_service.errors import MissionServiceError
-from mission_service.sensors.file_contents import (
+from mission_service.sensors.files.file_contents import (
     FileContents,
     FileSettings,
     Grid,
@@ -29,7 +29,7 @@ SUFFIXES = (*SHAPES, *RASTERS, *TABLES, *IMAGES)
 PARTS = (".shx", ".dbf", ".prj", ".cpg")  # of a Shapefile
 MAX_FILE_BYTES = 64_000_000
 MAX_UNPACKED_BYTES = 64_000_000  # of an archive
-MODULE = "mission_service.sensors.observation_file"
+MODULE = "mission_service.sensors.files.observation_file"
 
 
 class FileJob(msgspec.Struct):
@@ -99,9 +99,13 @@ def contents_of(path: Path, landscape: Landscape, settings: FileSettings) -> Fil
 
     Raises MissionServiceError or FireModelError, whose text names the file and the reason.
     """
-    from mission_service.sensors.raster_file import raster_contents
-    from mission_service.sensors.satellite_pixels import read_satellite_pixels
-    from mission_service.sensors.vector_reports import groups_on, pixel_contents, vector_contents
+    from mission_service.sensors.files.raster_file import raster_contents
+    from mission_service.sensors.files.satellite_pixels import read_satellite_pixels
+    from mission_service.sensors.files.vector_reports import (
+        groups_on,
+        pixel_contents,
+        vector_contents,
+    )
 
     suffix = path.suffix.lower()
     if suffix in TABLES:

@@ -30,10 +30,15 @@ from firemodel.landscape.readers.shapes import (
     shape_problems,
 )
 from mission_service.events import Place
-from mission_service.sensors.file_contents import FileContents, FileReport, FileSettings
-from mission_service.sensors.file_names import time_in_name
+from mission_service.sensors.files.file_contents import FileContents, FileReport, FileSettings
+from mission_service.sensors.files.file_names import time_in_name
+from mission_service.sensors.files.satellite_pixels import (
+    PixelGroup,
+    groups_of,
+    is_satellite,
+    pixel_of,
+)
 from mission_service.sensors.one_line import one_line
-from mission_service.sensors.satellite_pixels import PixelGroup, groups_of, is_satellite, pixel_of
 
 MAX_FEATURES, MAX_VERTICES = 5000, 200_000  # in a file
 MAX_REPORTS = 100

@@ -11,8 +11,13 @@ import numpy as np
 from firemodel.arrays import Floats
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
-from mission_service.sensors.camera_geometry import CameraPose, Lens, axes_of, lines_of_sight
-from mission_service.sensors.ray_casting_kernels import cast_rays
+from mission_service.sensors.thermal.camera_geometry import (
+    CameraPose,
+    Lens,
+    axes_of,
+    lines_of_sight,
+)
+from mission_service.sensors.thermal.ray_casting_kernels import cast_rays
 
 REACH_M = 5000.0  # pixels that show ground farther away are not used
 GRAZING = 0.01  # sine of the smallest angle between a line of sight and the ground

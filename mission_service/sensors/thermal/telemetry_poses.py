@@ -21,7 +21,7 @@ from mission_service.events import (
     ImageCaptured,
     Telemetry,
 )
-from mission_service.sensors.camera_geometry import Angles, tilted
+from mission_service.sensors.thermal.camera_geometry import Angles, tilted
 
 SAMPLES = 4000  # of each vehicle: a quarter of an hour at 4 Hz
 SAME_TIME_S = 0.6  # many cameras store whole seconds

@@ -15,9 +15,23 @@ from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario
 from mission_service.events import AnyEvent, HotPointSeen, Observed, TargetTracked, Telemetry
-from mission_service.sensors.camera_geometry import CameraPose, Lens, PoseErrors, focal_px_of
-from mission_service.sensors.ground_points import covariances, ground_points
-from mission_service.sensors.telemetry_poses import PoseUnknownError, TelemetryPose, TelemetryPoses
+from mission_service.sensors.thermal.camera_geometry import (
+    CameraPose,
+    Lens,
+    PoseErrors,
+    focal_px_of,
+)
+from mission_service.sensors.thermal.ground_points import (
+    covariances,
+    elevation_sds_m,
+    ground_points,
+    pose_effects,
+)
+from mission_service.sensors.thermal.telemetry_poses import (
+    PoseUnknownError,
+    TelemetryPose,
+    TelemetryPoses,
+)
 
 TELEMETRY_DELAY_US = 3_000_000
 TRACKED_SD_M = 10.0  # if the camera does not report the error
@@ -85,10 +99,14 @@ class CameraPoints:
         yaw_deg, pitch_deg, roll_deg = pose.direction
         place = (float(x_m), float(y_m), pose.altitude_amsl_m)
         camera = CameraPose(*place, float(land.grid_deg(yaw_deg)), pitch_deg, roll_deg)
-        (cell,) = ground_points(land, lens, camera, *pixel)
-        if not np.isfinite(cell).all():
+        cells = ground_points(land, lens, camera, *pixel)
+        if not np.isfinite(cells).all():
             raise FireModelError("it shows no ground of the landscape")
-        spread = covariances(land, lens, camera, self._errors(pose), *pixel)[0]
+        errors = self._errors(pose)
+        effects = pose_effects(land, camera, cells)
+        sds_m = elevation_sds_m(land, cells, errors.elevation_sd_m)
+        (spread,) = covariances(effects, errors.covariance(), sds_m)
+        (cell,) = cells
         if not np.isfinite(spread).all():
             raise FireModelError("the error of its place is unknown")
         return round(float(cell[0])), round(float(cell[1])), math.sqrt(np.trace(spread) / 2.0)

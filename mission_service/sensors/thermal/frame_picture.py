@@ -12,8 +12,8 @@ from firemodel.landscape.landscape import Landscape
 from firemodel.outputs.arrival_map import frame_around, save_map, set_title, start_map
 from firemodel.outputs.whole_file import whole_file
 from mission_service.fire.observed_window import states_in
-from mission_service.sensors.frame_cells import FrameCells
-from mission_service.sensors.thermal_image import ThermalImage
+from mission_service.sensors.thermal.frame_cells import FrameCells
+from mission_service.sensors.thermal.thermal_image import ThermalImage
 
 BURNED_COLOUR, UNBURNED_COLOUR, CAMERA_COLOUR = "#e31a1c", "#1f78ff", "#000000"
 NOTE = "Observed by a thermal camera. Not for navigation. Graticule WGS 84, arrow to true north."

@@ -16,15 +16,15 @@ import numpy as np
 
 from mission_service.config.fire_sections import ThermalVideoSection
 from mission_service.errors import MissionServiceError
-from mission_service.sensors.camera_geometry import focal_px_of
-from mission_service.sensors.thermal_image import ThermalImage, is_coloured
-from mission_service.sensors.video_decoder import (
+from mission_service.sensors.thermal.camera_geometry import focal_px_of
+from mission_service.sensors.thermal.thermal_image import ThermalImage, is_coloured
+from mission_service.sensors.video.video_decoder import (
     CODECS,
     STREAM_TYPES,
     VideoDecoder,
     VideoDecoderError,
 )
-from mission_service.sensors.video_metadata import (
+from mission_service.sensors.video.video_metadata import (
     VideoMetadata,
     VideoMetadataError,
     is_continuous,

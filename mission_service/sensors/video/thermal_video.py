@@ -19,10 +19,10 @@ from mission_service.config.fire_sections import ThermalVideoSection
 from mission_service.config.scenario import Scenario
 from mission_service.errors import MissionServiceError, ScenarioError
 from mission_service.events import AnyEvent, Observed, Telemetry
-from mission_service.sensors.arrived_images import ArrivedImages
-from mission_service.sensors.video_problem import video_problem
-from mission_service.sensors.video_sources import DatagramSource, FileSource
-from mission_service.sensors.video_stream import StreamCounts, VideoStream
+from mission_service.sensors.thermal.arrived_images import ArrivedImages
+from mission_service.sensors.video.video_problem import video_problem
+from mission_service.sensors.video.video_sources import DatagramSource, FileSource
+from mission_service.sensors.video.video_stream import StreamCounts, VideoStream
 
 WINDOW_S = 10.0
 LIBRARIES = ("av", "tstrans")

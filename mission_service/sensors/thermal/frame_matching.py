@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from firemodel.arrays import Floats, Mask
 from firemodel.landscape.landscape import Landscape
-from mission_service.sensors.camera_geometry import CameraPose, Lens, PoseErrors, pixels_of
-from mission_service.sensors.ground_points import (
+from mission_service.sensors.thermal.camera_geometry import CameraPose, Lens, PoseErrors, pixels_of
+from mission_service.sensors.thermal.ground_points import (
     ground_points,
     offsets_m,
     pose_effects,

@@ -16,8 +16,8 @@ from firemodel.landscape.landscape import Landscape
 from firemodel.landscape.readers.bands import Band, bands_of, missing_in, values_of
 from firemodel.landscape.readers.feature_times import time_in
 from mission_service.fire.observed_window import LETTERS, in_letters
-from mission_service.sensors.file_contents import FileCells, FileContents, FileSettings
-from mission_service.sensors.file_names import time_in_name
+from mission_service.sensors.files.file_contents import FileCells, FileContents, FileSettings
+from mission_service.sensors.files.file_names import time_in_name
 from mission_service.sensors.one_line import one_line
 
 MAX_CELLS = 25_000_000

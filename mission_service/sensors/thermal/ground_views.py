@@ -15,15 +15,20 @@ from firemodel.arrays import Floats
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.fire_sections import ThermalCameraSection
-from mission_service.sensors.camera_geometry import CameraPose, Lens, PoseErrors, focal_px_of
-from mission_service.sensors.corner_points import corner_places, homography, quadrilateral
-from mission_service.sensors.ground_points import (
+from mission_service.sensors.thermal.camera_geometry import (
+    CameraPose,
+    Lens,
+    PoseErrors,
+    focal_px_of,
+)
+from mission_service.sensors.thermal.corner_points import corner_places, homography, quadrilateral
+from mission_service.sensors.thermal.ground_points import (
     covariances,
     elevation_sds_m,
     ground_points,
     pose_effects,
 )
-from mission_service.sensors.thermal_image import ThermalImage
+from mission_service.sensors.thermal.thermal_image import ThermalImage
 
 
 class PoseView(NamedTuple):

@@ -8,10 +8,10 @@ from firemodel.landscape.landscape import Landscape
 from mission_service.config.fire_sections import ThermalCameraSection
 from mission_service.errors import MissionServiceError
 from mission_service.events import Observed, Telemetry
-from mission_service.sensors.frame_cells import Burned, FrameCells, frame_cells
-from mission_service.sensors.frame_registration import FrameRegistration
-from mission_service.sensors.ground_views import stated_errors
-from mission_service.sensors.thermal_image import ThermalImage
+from mission_service.sensors.thermal.frame_cells import Burned, FrameCells, frame_cells
+from mission_service.sensors.thermal.frame_registration import FrameRegistration
+from mission_service.sensors.thermal.ground_views import stated_errors
+from mission_service.sensors.thermal.thermal_image import ThermalImage
 
 AHEAD_S = 5.0  # tolerated difference between the clocks of camera and service
 MAX_WAITING = 100  # images; the oldest are dropped

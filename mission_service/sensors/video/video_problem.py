@@ -1,6 +1,6 @@
 """Describe why a video is not used, from what has arrived during the last seconds. Pure."""
 
-from mission_service.sensors.video_stream import StreamCounts
+from mission_service.sensors.video.video_stream import StreamCounts
 
 
 def video_problem(counts: StreamCounts, source: str, notice: str, seconds: float) -> str:

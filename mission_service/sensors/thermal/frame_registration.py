@@ -13,9 +13,9 @@ import numpy as np
 from firemodel.arrays import Floats
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
-from mission_service.sensors.camera_geometry import CameraPose, PoseErrors, moved
-from mission_service.sensors.frame_matching import Frame, Match, ties_between
-from mission_service.sensors.pose_adjustment import adjusted
+from mission_service.sensors.thermal.camera_geometry import CameraPose, PoseErrors, moved
+from mission_service.sensors.thermal.frame_matching import Frame, Match, ties_between
+from mission_service.sensors.thermal.pose_adjustment import adjusted
 
 FRAMES = 8  # of the pass that are adjusted together
 PARTNERS = 3  # earlier images that an image is matched to

@@ -20,9 +20,9 @@ import numpy as np
 
 from firemodel.arrays import Floats, Mask
 from firemodel.landscape.landscape import Landscape
-from mission_service.sensors.camera_geometry import CameraPose, PoseErrors, moved
-from mission_service.sensors.frame_matching import Frame, Match
-from mission_service.sensors.ground_points import (
+from mission_service.sensors.thermal.camera_geometry import CameraPose, PoseErrors, moved
+from mission_service.sensors.thermal.frame_matching import Frame, Match
+from mission_service.sensors.thermal.ground_points import (
     UP,
     elevation_sds_m,
     ground_points,

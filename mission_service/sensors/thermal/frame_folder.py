@@ -14,9 +14,9 @@ from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario
 from mission_service.events import AnyEvent, Observed, Telemetry
 from mission_service.fire.sensor_files import file_part
-from mission_service.sensors.arrived_images import ArrivedImages
-from mission_service.sensors.telemetry_poses import TelemetryPoses
-from mission_service.sensors.thermal_image import SUFFIXES, NoPoseError, read_thermal_image
+from mission_service.sensors.thermal.arrived_images import ArrivedImages
+from mission_service.sensors.thermal.telemetry_poses import TelemetryPoses
+from mission_service.sensors.thermal.thermal_image import SUFFIXES, NoPoseError, read_thermal_image
 from mission_service.sensors.watched_folder import IncompleteError, WatchedFolder
 
 

@@ -20,9 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mission_service.errors import MissionServiceError
-from mission_service.sensors.camera_geometry import focal_px_of
-from mission_service.sensors.corner_points import CornerPoints
-from mission_service.sensors.telemetry_poses import PoseUnknownError, TelemetryPose
+from mission_service.sensors.thermal.camera_geometry import focal_px_of
+from mission_service.sensors.thermal.corner_points import CornerPoints
+from mission_service.sensors.thermal.telemetry_poses import PoseUnknownError, TelemetryPose
 
 if TYPE_CHECKING:
     from PIL.Image import Exif, Image

@@ -5,9 +5,9 @@ from pathlib import Path
 
 from mission_service.config.fire_sections import ThermalVideoSection
 from mission_service.errors import MissionServiceError
-from mission_service.sensors.thermal_image import ThermalImage
-from mission_service.sensors.video_problem import video_problem
-from mission_service.sensors.video_stream import PART_BYTES, VideoStream
+from mission_service.sensors.thermal.thermal_image import ThermalImage
+from mission_service.sensors.video.video_problem import video_problem
+from mission_service.sensors.video.video_stream import PART_BYTES, VideoStream
 
 SUFFIXES = (".ts", ".mpegts")
 

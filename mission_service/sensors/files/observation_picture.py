@@ -14,8 +14,8 @@ from firemodel.outputs.whole_file import whole_file
 from mission_service.events import FireObserved
 from mission_service.fire.observed_window import states_in
 from mission_service.fire.reported_observations import observation_of
-from mission_service.sensors.file_contents import FileCells, FileContents, FileReport
-from mission_service.sensors.frame_picture import (
+from mission_service.sensors.files.file_contents import FileCells, FileContents, FileReport
+from mission_service.sensors.thermal.frame_picture import (
     ALPHA,
     BURNED_COLOUR,
     CAMERA_COLOUR,

@@ -22,11 +22,16 @@ from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.fire_sections import ThermalCameraSection, ThermalFramesSection
 from mission_service.fire.observed_window import LETTERS, Window, in_letters, states_in
-from mission_service.sensors.frame_matching import reduced
-from mission_service.sensors.frame_registration import FrameRegistration
-from mission_service.sensors.ground_points import ErrorEllipse, ellipse_of
-from mission_service.sensors.ground_views import CornerView, PoseView, stated_errors, view_of
-from mission_service.sensors.thermal_image import ThermalImage
+from mission_service.sensors.thermal.frame_matching import reduced
+from mission_service.sensors.thermal.frame_registration import FrameRegistration
+from mission_service.sensors.thermal.ground_points import ErrorEllipse, ellipse_of
+from mission_service.sensors.thermal.ground_views import (
+    CornerView,
+    PoseView,
+    stated_errors,
+    view_of,
+)
+from mission_service.sensors.thermal.thermal_image import ThermalImage
 
 BACKGROUND_C, STEP_C = (-60.0, 200.0), 2.0
 COOL, BURNED_OUT, HOT, UNKNOWN = 0, 1, 2, 3

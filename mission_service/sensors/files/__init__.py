@@ -1,0 +1,1 @@
+"""Files of perimeters, satellite pixels and rasters that arrive in a watched folder."""

@@ -1,0 +1,1 @@
+"""Thermal images: read from files, placed on the ground, registered, and converted to cells."""
