@@ -145,9 +145,29 @@ class RequestGenerator:
         for each in kinds.type_info(self._kinds[word]).fields:  # type: ignore[attr-defined]
             if each.name not in ("by", "station") and (each.required or rng.random() < 0.6):
                 asked[each.name] = self._value(each.name, each.type)
+        if word == "raster":
+            asked |= self._edges()
         if rng.random() < 1 / 6:
             self._spoil(asked)
         return asked
+
+    def _edges(self) -> dict[str, float]:
+        """Return the edges of a raster of up to 5 km, most often in order."""
+        lat_deg, lon_deg = self._place(300.0)
+        sizes_deg = self._rng.choice([-0.001, 0.002, 0.01, 0.05], 2).tolist()
+        return {
+            "south_deg": lat_deg,
+            "north_deg": lat_deg + sizes_deg[0],
+            "west_deg": lon_deg,
+            "east_deg": lon_deg + sizes_deg[1],
+        }
+
+    def _rows(self) -> list[str]:
+        """Return the rows of a raster, most often all of the same length."""
+        rng = self._rng
+        count, length = int(rng.integers(1, 30)), int(rng.integers(1, 30))
+        found = ["".join(rng.choice(["b", "u", "."], length).tolist()) for _ in range(count)]
+        return [*found, "b"] if rng.random() < 0.1 else found
 
     def _operator(self) -> dict[str, Any]:
         by = ("ann", "bob", " c ", "ünï", "service", "x" * 80)
@@ -181,6 +201,8 @@ class RequestGenerator:
                 return str(rng.choice([*self._items, "no such item"]))
             case "points":
                 return self._points()
+            case "rows":
+                return self._rows()
             case "lat_deg" | "lon_deg":
                 return self._place(rng.choice([10.0, 300.0, 5000.0]))[name == "lon_deg"]
             case "name":

@@ -292,10 +292,13 @@ class RunEstimate:
                     f"{len(self._waiting)} observations wait for the estimate; send this one again "
                     "later, and fewer in each second"
                 )
-            self._checked = event, checked_report(event, self.landscape)
+            checked = event, checked_report(event, self.landscape)
+        else:
+            checked = None
         # Images of past periods become sightings.
         if self._accepts_reports and self._catch_up(self._latest_us):
             self._best.check(event, self._smoke)
+        self._checked = checked
 
     def apply_report(self, event: AnyEvent) -> Window | None:
         """Apply an operator's report, and return a window around the changed cells or None.
@@ -305,13 +308,16 @@ class RunEstimate:
         Raises UnusedReportError for a report that changes nothing, because it cannot be used.
         """
         self._on_time(event)
+        checked, self._checked = self._checked, None
         if not (self._accepts_reports and isinstance(event, OF_FIRE)):
             return None
         if isinstance(event, FireObserved) and event.state == "smoke":
             self._smoke = (*self._smoke[1 - MAX_SMOKE :], smoke_of(event, self.landscape))
             return None
         if isinstance(event, OBSERVATIONS):
-            self._compare(event)
+            is_checked = checked is not None and checked[0] is event
+            seen = checked[1] if checked and is_checked else observation_of(event, self.landscape)
+            self._compare(seen)
         self._end_period(self._latest_us)
         self._waiting.append(Reported(self._latest_us / 1e6, event, self._smoke))
         if self.in_background:
@@ -323,15 +329,11 @@ class RunEstimate:
             raise UnusedReportError(found.unused) from found.unused
         return found.change.window
 
-    def _compare(self, report: FireObserved | RasterObserved) -> None:
-        """Compare a report with other sources.
+    def _compare(self, seen: Observation) -> None:
+        """Compare the cells of a report with other sources.
 
         Raises UnusedReportError if its source contradicts the others.
         """
-        checked, seen = self._checked or (None, None)
-        self._checked = None
-        if seen is None or checked is not report:
-            seen = observation_of(report, self.landscape)
         seen = behind_smoke(seen, self._smoke, "")
         self.agreement.add_report(seen)
         if seen.source in self.agreement.distrusted:
