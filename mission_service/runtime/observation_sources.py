@@ -1,4 +1,4 @@
-"""Keeps what each source of observations has contributed to a run, and derives its state. Pure.
+"""Stores the contribution of each source of observations to a run, and derives its state. Pure.
 
 A source is the camera of a vehicle, a sensor of the scenario, a detector that sends reports under
 its own name, or a person. Windows of the estimate and corrections are not observations.
@@ -190,7 +190,7 @@ class ObservationSources:
 
 
 def status_of(source: Contribution, now_us: int) -> tuple[SourceStatus, str]:
-    """Return whether a source still sends observations at a mission time, and why not.
+    """Return the state of a source at a mission time, and the reason if it is late or silent.
 
     A person is never late. A sensor without any observation waits, and is silent after
     ``SILENT_S``.

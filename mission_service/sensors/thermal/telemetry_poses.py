@@ -172,7 +172,7 @@ class TelemetryPoses:
         vehicles = [each for each in self._copies() if each.fixes]
         if len(vehicles) != 1:
             raise PoseUnknownError(
-                "the vehicles have not reported the image; it may be from any of them"
+                "no vehicle has reported the image; poses without a report require one vehicle"
             )
         (vehicle,) = vehicles
         at_us = self.mission_us_of(taken.timestamp())

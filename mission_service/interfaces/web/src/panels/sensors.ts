@@ -1,4 +1,4 @@
-// The sensors panel: what each source of observations has contributed, and whether it still sends.
+// The sensors panel: the contribution and the state of each source of observations.
 
 import { fill, h, setText } from "../dom.ts";
 import type { Group } from "../map.ts";
