@@ -207,7 +207,7 @@ def status_of(source: Contribution, now_us: int) -> tuple[SourceStatus, str]:
     late_s = max(LATE_INTERVALS * interval_s, LATE_S)
     if age_s <= late_s:
         return "live", ""
-    usual = f"usually one each {interval_s:.3g} s"
+    usual = f"usually one every {interval_s:.3g} s"
     if age_s <= silent_s:
         return "late", f"no observation for more than {late_s:.0f} s; {usual}"
     return "silent", f"no observation for more than {silent_s:.0f} s; {usual}"
