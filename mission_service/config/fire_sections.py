@@ -213,8 +213,8 @@ class ThermalCameraSection(Section):
     of at least ``hot_c`` are burning; pixels up to ``warm_above_c`` above the background are cool.
     Images of grey levels require ``hot_level``. The next keys are standard deviations of the
     camera's position (of each horizontal axis), altitude and direction (of the rotation about each
-    axis of the camera), and of the landscape's elevation. Pixels that are placed by a pose are not used if
-    the standard deviation of their place is above ``max_position_sd_m``. Images older than
+    axis of the camera), and of the landscape's elevation. Pixels that are placed by a pose are not
+    used if the standard deviation of their place is above ``max_position_sd_m``. Images older than
     ``max_age_s`` when they arrive are not used.
     """
 
