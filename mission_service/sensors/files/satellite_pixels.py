@@ -217,7 +217,7 @@ def _false_alarms_pct(confidence: str, goes: bool) -> float:
     if goes:
         tens, ones = divmod(int(confidence), 10)
         if tens not in (1, 3) or ones not in GOES_FALSE_ALARMS_PCT:
-            raise ValueError(f"the confidence {confidence} is not a class, and not a code of fire")
+            raise ValueError(f"the confidence is {confidence}; give a class or a code of fire")
         return GOES_FALSE_ALARMS_PCT[ones]
     percent = float(confidence)
     if not 0.0 <= percent <= 100.0:
