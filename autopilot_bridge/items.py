@@ -192,7 +192,7 @@ def change_speed(kind: int, speed_m_s: float) -> MissionItem:
 
 
 def camera_trigger(distance_m: float) -> MissionItem:
-    """Return a MAV_CMD_DO_SET_CAM_TRIGG_DIST: an image each ``distance_m``, none for 0."""
+    """Return a MAV_CMD_DO_SET_CAM_TRIGG_DIST: an image every ``distance_m``, none for 0."""
     return MissionItem(
         mavlink.MAV_CMD_DO_SET_CAM_TRIGG_DIST,
         mavlink.MAV_FRAME_MISSION,

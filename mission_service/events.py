@@ -159,7 +159,7 @@ class HotPointSeen(Event, frozen=True, tag=True):
 
 
 class TargetTracked(Event, frozen=True, tag=True):
-    """A camera tracks an object on the ground (CAMERA_TRACKING_GEO_STATUS), once a second."""
+    """A tracked object on the ground (CAMERA_TRACKING_GEO_STATUS), at most once a second."""
 
     lat_deg: Latitude
     lon_deg: Longitude

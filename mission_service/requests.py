@@ -83,10 +83,10 @@ Missed = Annotated[
     float, Meta(ge=0, lt=100, description="Share of burned places reported as unburned.")
 ]
 Source = Annotated[
-    str, Meta(max_length=80, pattern=PRINTED, description="The sensor; empty for the user.")
+    str, Meta(max_length=80, pattern=PRINTED, description="Name of the sensor; empty for a person.")
 ]
 RasterRow = Annotated[
-    str, Meta(min_length=1, max_length=MAX_SIDE_CELLS, pattern=LETTERS, description="From west.")
+    str, Meta(min_length=1, max_length=MAX_SIDE_CELLS, pattern=LETTERS, description="West to east.")
 ]
 _MIN_POINTS = {"point": 1, "line": 2, "polygon": 3}
 HASH = "6b86b273ff34fce19d6b804eff5a3f5747ada4eaa22f1d49c01e52ddb7875b4b"

@@ -1,4 +1,4 @@
-"""Defines ``mission-service observe``: what images and other files show of a landscape."""
+"""Defines ``mission-service observe``: draws the observations in images and other files."""
 
 from collections.abc import Iterator
 from itertools import islice
@@ -218,7 +218,8 @@ def _line(each: dict[str, Any]) -> str:
         return f"{each['error']}"
     cells = f"{each['burned_cells']} cells burned, {each['unburned_cells']} unburned"
     if "hot_pixels" in each:
-        inexact = f"; {each['inexact']:.0%} of the pixels too inexact" if each["inexact"] else ""
+        share = each["inexact"]
+        inexact = f"; {share:.0%} of the pixels above max_position_sd_m" if share else ""
         return (
             f"{each['file']}: {each['hot_pixels']} hot pixels; {cells}; position ± "
             f"{each['position_sd_m']} m{inexact}; {each['matches']} matches; {each['picture']}"

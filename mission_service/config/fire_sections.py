@@ -206,15 +206,15 @@ class EnsembleSection(Section):
 
 
 class ThermalCameraSection(Section):
-    """How the images of a thermal camera are used; the sensors' tables begin with these keys.
+    """The use of a thermal camera's images: the common keys of the sensors of such images.
 
     ``field_of_view_deg`` is the horizontal field of view; without it that of the image's metadata
     is used. ``distortion`` is k1, k2, p1, p2, k3 (Brown-Conrady, as OpenCV defines them). Pixels
-    from ``hot_c`` on burn, and pixels up to ``warm_above_c`` above the background are cool. Images
-    of grey levels require ``hot_level``. The next keys are standard deviations of the camera's
-    position (of each horizontal axis), altitude and direction (of the rotation about each axis of
-    the camera), and of the landscape's elevation. Pixels that are placed by a pose are not used if
-    the standard deviation of their place is above ``max_position_sd_m``. Images older than
+    of at least ``hot_c`` are burning; pixels up to ``warm_above_c`` above the background are cool.
+    Images of grey levels require ``hot_level``. The next keys are standard deviations of the
+    camera's position (of each horizontal axis), altitude and direction (of the rotation about each
+    axis of the camera), and of the landscape's elevation. Pixels that are placed by a pose are not
+    used if the standard deviation of their place is above ``max_position_sd_m``. Images older than
     ``max_age_s`` when they arrive are not used.
     """
 

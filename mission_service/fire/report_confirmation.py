@@ -3,9 +3,9 @@
 A report that agrees with the estimate within the report's error of position changes nothing. A
 place that is reported in another state changes the estimate at once if the source makes no errors
 of detection, otherwise only after a second report nearby, of another time or source. A report of
-the opposite state at the place cancels the first report. A few places beside the estimated fire
-need no second report: false alarms may lie anywhere, and few of them lie there. Of many places,
-some of the false ones do lie there.
+the opposite state at the place cancels the first report. A few places near the estimated fire need
+no second report, because few false alarms lie in this small area. A report of many places needs a
+second one, because some of its false alarms lie in this area.
 """
 
 import copy

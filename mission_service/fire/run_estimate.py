@@ -290,7 +290,7 @@ class RunEstimate:
             if len(self._waiting) >= MAX_REPORTS:
                 raise FireModelError(
                     f"{len(self._waiting)} observations wait for the estimate; send this one again "
-                    "later, and fewer in each second"
+                    "later, and send at a lower rate"
                 )
             checked = event, checked_report(event, self.landscape)
         else:

@@ -24,7 +24,7 @@ class SensorFiles:
         self._names: dict[str, None] = {}
 
     def on_event(self, event: AnyEvent) -> None:
-        """Note the file of an event, if it is from a file."""
+        """Store the file of an event that a sensor made from a file."""
         if isinstance(event, Observed | FireObserved) and event.file:
             self._names[event.file] = None
             if len(self._names) > MAX_NAMED:

@@ -151,7 +151,7 @@ def _checked_report(name: str, made: FireObserved, at_us: int) -> FireObserved:
         raise ValueError(f"it returned {type(made).__name__} instead of FireObserved")
     made = msgspec.convert(msgspec.to_builtins(made), FireObserved)  # checks types and limits
     if made.at_us != at_us or made.seen_at_us > at_us:
-        raise ValueError("its report is not of the present time, or was seen later")
+        raise ValueError("its report is not of the present time (at_us), or was observed later")
     return msgspec.structs.replace(
         made, by=name, station=STATION, source=made.source or name, may_approve=False, role=""
     )

@@ -1,4 +1,4 @@
-"""Compare what several sources see, and find sources that contradict the others. Pure.
+"""Compare the observations of several sources, and find those that contradict the others. Pure.
 
 Sources are cameras, and the people and detectors that report observations. A burned cell stays
 burned. If one source sees a cell as burned and another sees it as unburned at a later time, one of
@@ -157,7 +157,7 @@ class SourceAgreement:
         share = contradict / (contradict + sum(each.agree for each in own))
         return (
             f"the observations of {source} are not used: in {share:.0%} of the burned cells they "
-            "contradict those of the others; check the sensor and its position"
+            "contradict those of the other sources; check the sensor and its position"
         )
 
 

@@ -85,7 +85,7 @@ SOURCE = SourceState(
     "thermal_frames",
     "sensor",
     "late",
-    "no observation for more than 60 s; usually one each 2 s",
+    "no observation for more than 60 s; usually one every 2 s",
     412,
     0,
     5310,

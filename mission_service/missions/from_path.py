@@ -100,9 +100,9 @@ def _needed_m(
 def _end_of_images(
     points_m: Floats, altitude_amsl_m: float, vehicle: VehicleSection, landscape: Landscape
 ) -> list[MissionItem]:
-    """Return the items that end the images where the last leg (n, 2) reaches the loiter.
+    """Return the items that stop the camera where the last leg (n, 2) reaches the loiter.
 
-    Items after an endless loiter are not executed. If the leg is short, the images end before it.
+    Items after an endless loiter are not executed. On a short leg, the camera stops before it.
     """
     stop = [camera_trigger(0.0)]
     leg = points_m[-1] - points_m[-2] if len(points_m) > 1 else np.zeros(2)

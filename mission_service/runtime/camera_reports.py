@@ -27,7 +27,7 @@ class CameraReports:
     """The camera of one vehicle; the link's clock gives the age of a gimbal's report."""
 
     def __init__(self, name: str, hot_c: float) -> None:
-        """Set the vehicle's name and the least temperature of hot points."""
+        """Set the vehicle's name and the minimum temperature of hot points."""
         self._name = name
         self._hot_c = hot_c
         self._hot_point_us = self._target_us = -EVERY_US  # times of the last reports

@@ -1,4 +1,4 @@
-"""Keeps what each source of observations has contributed to a run, and derives its state. Pure.
+"""Stores the contribution of each source of observations to a run, and derives its state. Pure.
 
 A source is the camera of a vehicle, a sensor of the scenario, a detector that sends reports under
 its own name, or a person. Windows of the estimate and corrections are not observations.
@@ -190,7 +190,7 @@ class ObservationSources:
 
 
 def status_of(source: Contribution, now_us: int) -> tuple[SourceStatus, str]:
-    """Return whether a source still sends observations at a mission time, and why not.
+    """Return the state of a source at a mission time, and the reason if it is late or silent.
 
     A person is never late. A sensor without any observation waits, and is silent after
     ``SILENT_S``.
@@ -207,7 +207,7 @@ def status_of(source: Contribution, now_us: int) -> tuple[SourceStatus, str]:
     late_s = max(LATE_INTERVALS * interval_s, LATE_S)
     if age_s <= late_s:
         return "live", ""
-    usual = f"usually one each {interval_s:.3g} s"
+    usual = f"usually one every {interval_s:.3g} s"
     if age_s <= silent_s:
         return "late", f"no observation for more than {late_s:.0f} s; {usual}"
     return "silent", f"no observation for more than {silent_s:.0f} s; {usual}"

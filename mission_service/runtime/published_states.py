@@ -134,7 +134,7 @@ SourceStatus = Literal["waiting", "live", "late", "silent", "contradicts", "fail
 
 
 class SourceState(msgspec.Struct, tag="source/1", tag_field="schema"):
-    """The contribution of a source of observations, and whether it still sends observations.
+    """The contribution and the state of a source of observations.
 
     A ``camera`` is that of a vehicle, a ``sensor`` is named in the scenario; a ``detector`` and a
     ``person`` send reports. ``waiting`` means that nothing was received yet; docs/sensors.md states

@@ -1,4 +1,4 @@
-"""Sensors of the service: each turns what it receives into observations of the fire.
+"""Sensors of the service: each converts its input to observations of the fire.
 
 A scenario names them in ``estimate.sensors``, like the sensors of other packages
 (``mission_service.fire.sensors``). ``thermal_frames`` reads the images of thermal cameras from a

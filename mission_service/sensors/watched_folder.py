@@ -98,14 +98,14 @@ class WatchedFolder(ABC):
         return f"{self._noun} is not used: {texts[-1]}{others}"
 
     def refuse(self, name: str, reason: str) -> None:
-        """Note why a file is not used, in one line of text that each interface can show."""
+        """Store the reason why a file is not used, as one line that each interface can show."""
         self._problems[name] = one_line(reason)
 
     def look(self, now: datetime) -> None:
         """Use the files that are new and have not grown since the last look.
 
         Of more than ``MAX_AT_ONCE`` such files the oldest are refused unread, so that a backlog
-        does not delay what is happening now.
+        does not delay new observations.
         """
         try:
             files = self._files()

@@ -230,7 +230,7 @@ def test_an_image_of_one_of_several_vehicles_needs_a_report() -> None:
     poses = TelemetryPoses(None, 0.2)
     flown(poses)
     flown(poses, "falcon")
-    with pytest.raises(PoseUnknownError, match="may be from any of them"):
+    with pytest.raises(PoseUnknownError, match="poses without a report require one vehicle"):
         poses.pose_of("a.tif", time_of(3.0))
     poses.on_event(captured(3_000_000, "falcon"), 0.0)
     assert poses.pose_of("a.tif", time_of(3.0)).lat_deg == 36.001

@@ -113,7 +113,7 @@ def test_a_source_is_late_after_three_usual_intervals_and_silent_after_ten(
 
     assert seen(late_s) == ("live", "")
     state, problem = seen(late_s + 1)
-    assert (state, f"more than {late_s:.0f} s; usually one each {every_s} s" in problem) == (
+    assert (state, f"more than {late_s:.0f} s; usually one every {every_s} s" in problem) == (
         "late", True,
     )  # fmt: skip
     assert seen(silent_s)[0] == "late"

@@ -121,7 +121,7 @@ def test_each_source_is_listed_with_its_contribution(page: Page, site: Site) -> 
     text = row(page, "hawk")
     assert f"{of['hawk'].observations} observations" in text
     assert f"Cells: {of['hawk'].burned_cells:,} burned" in text
-    assert "usually each 30 s" in row(page, "tower")
+    assert "usually every 30 s" in row(page, "tower")
     assert "person" in row(page, "anna at north")
 
 
@@ -149,7 +149,7 @@ def test_new_observations_are_drawn_and_a_silent_source_is_marked(page: Page, si
     first_us = min(each["at_us"] for each in shown(page))
     site.fly(SILENT_S + 60)
     expect(page.locator(".sources .state.silent")).to_have_count(1)
-    assert "no observation for more than 300 s; usually one each 30 s" in row(page, "tower")
+    assert "no observation for more than 300 s; usually one every 30 s" in row(page, "tower")
     expect(page.locator("#panel-sensors .big")).to_have_text("3 of 4 sources live")
     wait_for(lambda: min(each["at_us"] for each in shown(page)) > first_us, 30, "old ones go")
     newest = site.world.context.state_view.statistics.sources.footprints[-1].number

@@ -1,4 +1,4 @@
-"""Defines the route for uploaded rasters of detectors; the request table has all other routes."""
+"""Defines the route for uploaded rasters of detectors; ``requests.py`` defines the others."""
 
 from typing import Annotated, Any
 

@@ -13,7 +13,7 @@ from mission_service.runtime.published_states import SourceState
 
 GEOJSON = "application/geo+json"
 LARGEST = 2**53
-After = Annotated[int, Query(ge=0, le=LARGEST, description="The last number that was received.")]
+After = Annotated[int, Query(ge=0, le=LARGEST, description="The last `number` received.")]
 
 
 def add(routes: APIRouter, api: ApiContext) -> None:
@@ -24,7 +24,7 @@ def add(routes: APIRouter, api: ApiContext) -> None:
         f"{V1}/fire/sources",
         **route(
             "look",
-            "Each source of observations: its contribution, and whether it still sends.",
+            "The contribution and the state of each source of observations.",
             structs(SourceState),
         ),
     )

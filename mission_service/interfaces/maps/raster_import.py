@@ -61,7 +61,7 @@ def _check_header(file: Any, file_name: str) -> None:
             f"{MAX_PIXELS / 1e6:.0f} million"
         )
     if file.crs is None or file.transform.is_identity or file.transform.determinant == 0.0:
-        raise FireModelError(f"{file_name}: has no CRS or no place; georeference it")
+        raise FireModelError(f"{file_name}: has no CRS or no geotransform; georeference it")
 
 
 def _states(pixels: NDArray[Any], nodata: float | None, file_name: str) -> NDArray[np.uint8]:

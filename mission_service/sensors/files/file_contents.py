@@ -1,4 +1,4 @@
-"""What a file of observations contributes to the estimate, and the landscape on which it counts."""
+"""The contents of a file of observations, and the grid of the landscape that they apply to."""
 
 from datetime import UTC, datetime, timedelta
 from typing import Literal

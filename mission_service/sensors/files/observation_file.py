@@ -89,8 +89,8 @@ def check_file(path: Path) -> None:
         )
     if suffix in IMAGES:
         raise MissionServiceError(
-            f"{path}: a picture does not state where fire is; images of thermal cameras belong "
-            "into the folder of the sensor thermal_frames, otherwise draw what the picture shows"
+            f"{path}: a picture does not state where fire is; copy images of thermal cameras to "
+            "the folder of the sensor thermal_frames, or draw the fire on the map"
         )
 
 

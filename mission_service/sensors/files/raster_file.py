@@ -38,7 +38,7 @@ def raster_contents(path: Path, landscape: Landscape, settings: FileSettings) ->
         raise FireModelError(f"{path}: has {rows} x {cols} cells; {MAX_CELLS:,} at most are read")
     if band.crs is None:
         raise FireModelError(
-            f"{path}: is not georeferenced; images of thermal cameras belong into the folder of "
+            f"{path}: is not georeferenced; copy images of thermal cameras to the folder of "
             "the sensor thermal_frames"
         )
     seen = _time(path, band, settings)

@@ -27,7 +27,7 @@ MAX_SOURCE, MAX_MESSAGE = 80, 200  # characters
 AHEAD_S = 300.0  # tolerated difference between the clocks of satellite and service
 MIN_KM, MAX_KM = 0.05, 20.0  # of a pixel's side
 # Shares of false alarms that are assumed for the classes of confidence of VIIRS. With a share above
-# zero a second report must confirm the place.
+# zero, places far from the estimated fire need a second report.
 FALSE_ALARMS_PCT = {"low": 50.0, "nominal": 10.0, "high": 0.0}
 CLASSES = {name[0]: name for name in FALSE_ALARMS_PCT}
 # The same for the codes of the fire mask of GOES: processed and saturated, cloudy, and high, medium
@@ -217,7 +217,7 @@ def _false_alarms_pct(confidence: str, goes: bool) -> float:
     if goes:
         tens, ones = divmod(int(confidence), 10)
         if tens not in (1, 3) or ones not in GOES_FALSE_ALARMS_PCT:
-            raise ValueError(f"the confidence is {confidence}, no class and no code of a fire")
+            raise ValueError(f"the confidence is {confidence}; give a class or a code of fire")
         return GOES_FALSE_ALARMS_PCT[ones]
     percent = float(confidence)
     if not 0.0 <= percent <= 100.0:
@@ -258,7 +258,7 @@ def reports_of(pixels: Iterable[SatellitePixel], now: datetime) -> list[dict[str
         if (each.seen - now).total_seconds() > AHEAD_S:
             raise MissionServiceError(
                 f"an overpass of {each.source} is in the future ({each.seen:%Y-%m-%d %H:%M} UTC); "
-                "acq_date and acq_time must be UTC, and the clock of this computer right"
+                "acq_date and acq_time must be UTC; also check the clock of this computer"
             )
         found.append(
             {

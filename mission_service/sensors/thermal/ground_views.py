@@ -1,4 +1,4 @@
-"""How the pixels of an image are placed on the ground: by pose and lens, or by corner points. Pure.
+"""Place the pixels of an image on the ground, by pose and lens or by corner points. Pure.
 
 Both views have the method ``places``, which returns the grid positions (n, 2), row and column, that
 pixels (n,) show, and the method ``covariances``, which returns the covariance matrices (n, 2, 2) of

@@ -172,7 +172,7 @@ class TelemetryPoses:
         vehicles = [each for each in self._copies() if each.fixes]
         if len(vehicles) != 1:
             raise PoseUnknownError(
-                "the vehicles have not reported the image; it may be from any of them"
+                "no vehicle has reported the image; poses without a report require one vehicle"
             )
         (vehicle,) = vehicles
         at_us = self.mission_us_of(taken.timestamp())
@@ -231,7 +231,7 @@ def _around(samples: Sequence[Sample], at_us: int, what: str) -> tuple[Sample, S
     """Return the samples before and after a mission time, and the share of the second one."""
     place = bisect_right(samples, at_us, key=_at_us)
     if not 0 < place < len(samples):
-        raise PoseUnknownError(f"no {what} of mission time {at_us / 1e6:.1f} s")
+        raise PoseUnknownError(f"no {what} at mission time {at_us / 1e6:.1f} s")
     before, after = samples[place - 1], samples[place]
     gap_us = after.at_us - before.at_us
     if gap_us > MAX_GAP_S * 1e6:

@@ -3,9 +3,9 @@
 Files are TIFF with temperatures in °C (32-bit floats) or counts of a radiometric camera (16 bits),
 or TIFF, JPEG and PNG with grey levels (8 bits). Positions and times are read from EXIF, and the
 direction of the camera from the XMP keys ``GimbalYawDegree``, ``GimbalPitchDegree`` and
-``GimbalRollDegree`` of DJI. A part that a file does not contain comes from the telemetry of the
-vehicles, if it is given. The temperatures inside radiometric JPEGs (R-JPEG) are in formats of
-their makers and are not read; such a file is an image of grey levels.
+``GimbalRollDegree`` of DJI. A part that a file does not contain is taken from the telemetry of the
+vehicles, if ``pose_of`` is given. The temperatures inside radiometric JPEGs (R-JPEG) are in formats
+of their makers and are not read; such a file is an image of grey levels.
 """
 
 import math

@@ -1,8 +1,8 @@
 """The sensor ``thermal_video``: thermal video with MISB ST 0601 metadata, by UDP or from a file.
 
 A thread reads the stream (``video_sources``), takes an image a second from it (``video_stream``)
-and georeferences it. ``observe`` returns the results one by one. The thread looks every
-``WINDOW_S`` at what has arrived; ``problem`` has the reason if something is not used.
+and georeferences it. ``observe`` returns the results one by one. Every ``WINDOW_S`` the thread
+checks the received data and sets ``problem`` to the reason why data are not used.
 """
 
 import threading
@@ -76,9 +76,9 @@ class ThermalVideo:
                 self._drop(image.name, str(error))
 
     def end_window(self) -> None:
-        """Set ``problem`` from what has arrived since the last call; in the thread.
+        """Set ``problem`` from the data received since the last call; in the thread.
 
-        If no undamaged metadata have arrived, the stream may have begun again elsewhere.
+        If no undamaged metadata have arrived, a new stream of the next sender begins.
         """
         counts = self._stream.counts
         self.problem = video_problem(counts, self._name, self._source.notice, WINDOW_S)

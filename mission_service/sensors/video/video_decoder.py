@@ -41,7 +41,7 @@ class VideoDecoder:
         self._waits_for_key_frame = True
 
     def lose(self) -> None:
-        """Note that a part of the video is missing."""
+        """Record that a part of the video is missing."""
         self._waits_for_key_frame = True
 
     def decode(self, unit: bytes | None, pts: int) -> "list[VideoFrame]":

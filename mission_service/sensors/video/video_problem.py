@@ -1,4 +1,4 @@
-"""Describe why a video is not used, from what has arrived during the last seconds. Pure."""
+"""Describe why a video is not used, from the counts of the last seconds. Pure."""
 
 from mission_service.sensors.video.video_stream import StreamCounts
 

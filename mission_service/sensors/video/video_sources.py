@@ -59,7 +59,7 @@ class DatagramSource:
         return data
 
     def release(self) -> None:
-        """Use the next sender, whichever it is."""
+        """Use the sender of the next datagram."""
         self._sender = None
 
     def close(self) -> None:

@@ -2,8 +2,8 @@
 
 ``VideoStream.feed`` receives the bytes of the stream in parts of any size, and returns the images.
 ``tstrans`` separates video and metadata, and each image has the metadata whose presentation time is
-nearest to its own. The time of an image is that of the metadata. ``counts`` has what has arrived
-and why parts of it were not used. No clock, no socket, no thread.
+nearest to its own. The time of an image is that of the metadata. ``counts`` contains the numbers
+of received parts, and the reasons why some were not used. No clock, no socket, no thread.
 """
 
 import math
@@ -46,7 +46,7 @@ MAX_FIELD_ERROR = 0.1  # share of the vertical field of view
 
 @dataclass
 class StreamCounts:
-    """What has arrived in a stream, and the last reason why something was not used."""
+    """The received parts of a stream, and the last reason why a part was not used."""
 
     size: int = 0  # bytes
     videos: int = 0  # in the newest program map
@@ -149,7 +149,7 @@ class VideoStream:
         return self._video is not None and program == self._video.program_number
 
     def _lose(self, pid: int) -> None:
-        """Note a gap. The access unit that follows is the one in which it lies."""
+        """Record a gap, which lies in the access unit that follows."""
         self.counts.lost += 1
         if self._video is not None and pid == self._video.pid:
             self._is_cut = True

@@ -109,7 +109,7 @@ export interface Fire {
   corrections: Correction[];
 }
 
-/** What a source of observations has contributed, and whether it still sends observations. */
+/** The contribution and the state of a source of observations. */
 export interface Source {
   at_us: number;
   source: string;

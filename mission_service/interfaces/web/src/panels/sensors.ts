@@ -1,4 +1,4 @@
-// The sensors panel: what each source of observations has contributed, and whether it still sends.
+// The sensors panel: the contribution and the state of each source of observations.
 
 import { fill, h, setText } from "../dom.ts";
 import type { Group } from "../map.ts";
@@ -93,7 +93,7 @@ export class SensorsPanel {
   private lastText({ last_at_us, usual_interval_s }: Source): string {
     if (last_at_us === null) return "No observation yet";
     const age = `Last ${duration(Math.max(0, this.store.nowS - last_at_us / 1e6))} ago`;
-    return usual_interval_s === null ? age : `${age}, usually each ${interval(usual_interval_s)}`;
+    return usual_interval_s === null ? age : `${age}, usually every ${interval(usual_interval_s)}`;
   }
 }
 
