@@ -55,7 +55,10 @@ def test_a_token_that_is_none_or_open_to_all_is_refused(
     ("text", "why"),
     [
         ("[[tokens", "not valid TOML"),
-        (GOOD.replace("fly", "all"), "tokens.0.roles.0: give one of approve, correct, fly, look;"),
+        (
+            GOOD.replace("fly", "all"),
+            "tokens.0.roles.0: give one of approve, correct, fly, look, observe;",
+        ),
         (GOOD.replace("0" * 64, "abc"), "tokens.0.sha256: give all 64 digits of the hash"),
         (GOOD + "colour = 1\n", "tokens.0.colour: unknown key; give name, roles, sha256, station;"),
         (GOOD + GOOD, "two tokens have the name anna"),

@@ -40,10 +40,13 @@ def test_cameras_and_a_detector_are_listed_with_their_footprints(flying: World) 
     assert (of["hawk"]["kind"], of["hawk"]["state"]) == ("camera", "live")
     assert of["hawk"]["observations"] > 10
     assert of["hawk"]["unburned_cells"] > 100
-    assert (of["detector 7"]["kind"], of["detector 7"]["burned_cells"]) == ("detector", 1)
+    assert (of["detector 7 of anna"]["kind"], of["detector 7 of anna"]["burned_cells"]) == (
+        "detector",
+        1,
+    )
 
     found = [each["properties"] for each in footprints["features"]]
-    assert {each["source"] for each in found} == {"hawk", "detector 7"}
+    assert {each["source"] for each in found} == {"hawk", "detector 7 of anna"}
     assert {each["part"] for each in found if each["source"] == "hawk"} >= {"seen"}
     reported = footprints["features"][-1]
     assert reported["properties"]["part"] == "reported"
@@ -51,6 +54,6 @@ def test_cameras_and_a_detector_are_listed_with_their_footprints(flying: World) 
 
     before = found[-1]["number"] - 1
     (newer,) = get(world, f"/fire/observations?after={before}")
-    assert [each["properties"]["source"] for each in newer["features"]] == ["detector 7"]
+    assert [each["properties"]["source"] for each in newer["features"]] == ["detector 7 of anna"]
     (none,) = get(world, f"/fire/observations?after={found[-1]['number']}")
     assert none["features"] == []

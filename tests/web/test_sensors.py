@@ -117,7 +117,7 @@ def test_each_source_is_listed_with_its_contribution(page: Page, site: Site) -> 
     panel = page.locator("#panel-sensors")
     expect(panel.locator(".big")).to_have_text("4 of 4 sources live")
     of = {each.source: each for each in site.world.context.state_view.sources()}
-    assert of.keys() == {"hawk", "kite", "tower", "anna at north"}
+    assert of.keys() == {"hawk", "kite", "tower of anna", "anna at north"}
     text = row(page, "hawk")
     assert f"{of['hawk'].observations} observations" in text
     assert f"Cells: {of['hawk'].burned_cells:,} burned" in text
@@ -129,7 +129,7 @@ def test_observations_are_drawn_while_their_box_is_checked(page: Page, site: Sit
     assert not drawn(page, "observed-outline")
     page.check("#show-observed")
     wait_for(lambda: drawn(page, "observed-outline") == {"hawk", "kite"}, 30, "footprints")
-    wait_for(lambda: drawn(page, "reported-point") == {"tower", "anna at north"}, 30, "reports")
+    wait_for(lambda: drawn(page, "reported-point") == {"tower of anna", "anna at north"}, 30, "reports")
     assert drawn(page, "observed-burned")
     if IMAGES:
         site.fly(1.0)  # otherwise the page shows an alarm, because time does not advance

@@ -29,7 +29,7 @@ def add(routes: APIRouter, api: ApiContext) -> None:
             "observe",
             "Report the burned (1), unburned (0) and unseen (255) pixels of this GeoTIFF.",
             struct(RequestResult, reply),
-            file("image/tiff"),
+            file("application/octet-stream"),
         ),
     )
     async def geotiff(
