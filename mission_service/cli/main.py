@@ -115,8 +115,8 @@ def demo(
     journal = output_folder(out) / "journal.jsonl"
     run = Run(flying(loaded), journal, now_text(), settings, logs=options.logs, resume=False)
     with private():
-        address, notice = partial(report_address, out), partial(click.echo, err=True)
-        summary = run_demo(run, scenario, speedup, progress, address, notice)
+        address = partial(report_address, out)
+        summary = run_demo(run, scenario, speedup, progress, address, options.notice())
         _finish(summary, out, options.as_json)
 
 
@@ -220,8 +220,10 @@ def run(config: str, **values: Any) -> None:
         skip_unreadable=options.skip_unreadable,
     )
     with private():
-        address, notice = partial(report_address, made), partial(click.echo, err=True)
-        record, fire = asyncio.run(serve(live_run, progress, address=address, notice=notice))
+        address = partial(report_address, made)
+        record, fire = asyncio.run(
+            serve(live_run, progress, address=address, notice=options.notice())
+        )
         summary = write_outputs(made, scenario, record, fire)
         _finish(summary, options.out, options.as_json)
 

@@ -1,13 +1,14 @@
 """Provides options and functions that the modules of the command line share."""
 
 import json
+import logging
 import math
 import os
 import re
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import wraps
+from functools import partial, wraps
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
@@ -90,6 +91,15 @@ class ReportOptions:
     def logs(self) -> bool:
         """Whether the command writes a log."""
         return self.log is not None
+
+    def notice(self) -> Callable[[str], None]:
+        """Return the function that shows a line about the start of the run.
+
+        The line is part of the log, if there is one, or of the progress display.
+        """
+        if self.log is not None:
+            return logging.getLogger("mission_service").info
+        return partial(click.echo, err=self.as_json)
 
     def progress(self) -> Callable[[Any, Any], None]:
         """Return the function that shows progress; with a log, this function shows nothing."""

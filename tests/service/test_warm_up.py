@@ -2,8 +2,14 @@
 
 import subprocess
 import sys
+import threading
+from types import SimpleNamespace
 
 import pytest
+
+from mission_service.config.scenario import load_scenario
+from mission_service.live import daemon
+from tests.patience import PATIENCE_S
 
 COMPILED = """
 import sys
@@ -109,3 +115,23 @@ def test_nothing_is_compiled_while_the_estimate_burns(scheme: str, kernel: str) 
     before, *in_flight = compiled_in_flight(BURNS, scheme).split("\n")
     assert kernel in before
     assert in_flight == []
+
+
+def test_a_start_that_takes_long_is_announced(monkeypatch: pytest.MonkeyPatch) -> None:
+    lines: list[str] = []
+    shown = threading.Event()
+
+    def notice(line: str) -> None:
+        lines.append(line)
+        shown.set()
+
+    scenario = load_scenario("default")
+    monkeypatch.setattr(daemon, "NOTICE_AFTER_S", 0.0)
+    monkeypatch.setattr(daemon, "way_of", lambda scenario: SimpleNamespace(warm_up=print))
+    monkeypatch.setattr(daemon, "warm_up_fire", lambda scenario: shown.wait(PATIENCE_S))
+    daemon._warm_up(scenario, None, notice)  # type: ignore[arg-type]
+    assert lines == [daemon.LOADS]
+    monkeypatch.setattr(daemon, "NOTICE_AFTER_S", PATIENCE_S)
+    monkeypatch.setattr(daemon, "warm_up_fire", lambda scenario: None)
+    daemon._warm_up(scenario, None, notice)  # type: ignore[arg-type]
+    assert lines == [daemon.LOADS]
