@@ -31,6 +31,7 @@ export async function attempt(action: string, work: () => Promise<{ messages?: s
 
 const PERMISSIONS: Record<Role, string> = {
   look: "look",
+  observe: "report observations",
   correct: "correct the fire",
   fly: "command vehicles",
   approve: "approve drops",
