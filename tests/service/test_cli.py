@@ -102,6 +102,10 @@ def test_a_wrong_option_gets_one_line_and_exit_code_2(option: str, words: str) -
     [
         (("sim", "nowhere", "--out", "OUT"), "nowhere: no such file"),
         (("sim", "default", "--out", "/proc/nothing"), "/proc/nothing"),
+        (
+            ("sim", "default", "--out", "OUT", "--set", 'estimate.sensors=["observation_files"]'),
+            "estimate.sensors: observation_files uses the time of the clock",
+        ),
         (("replay", "OUT/none.jsonl", "--verify"), "none.jsonl: cannot be read"),
         (("plan", "default", "--vehicle", "owl", "-o", "OUT/x.plan"), "no vehicle 'owl'"),
         (("plan", "default", "-o", "/proc/nothing/x.plan"), "/proc/nothing/x.plan"),
