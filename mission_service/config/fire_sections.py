@@ -306,6 +306,12 @@ class ObservationFilesSection(Section):
             raise ValueError(f"unknown time zone {name!r}; give a name such as UTC") from None
         return name
 
+    @model_validator(mode="after")
+    def _distinct_values(self) -> "ObservationFilesSection":
+        if both := set(self.burned_values) & set(self.unburned_values):
+            raise ValueError(f"burned_values and unburned_values both contain {min(both):g}")
+        return self
+
 
 class EstimateSection(Section):
     """The ensemble that estimates a fire from observations.
@@ -321,6 +327,13 @@ class EstimateSection(Section):
     thermal_frames: ThermalFramesSection = ThermalFramesSection()
     thermal_video: ThermalVideoSection = ThermalVideoSection()
     observation_files: ObservationFilesSection = ObservationFilesSection()
+
+    @field_validator("sensors")
+    @classmethod
+    def _listed_once(cls, sensors: tuple[str, ...]) -> tuple[str, ...]:
+        if len(set(sensors)) < len(sensors):
+            raise ValueError("contains a sensor twice; list each sensor once")
+        return sensors
 
 
 class SimulatedFireSection(Section):

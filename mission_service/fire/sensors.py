@@ -172,6 +172,8 @@ def sensors_of(scenario: Scenario, landscape: Landscape) -> Sensors:
         try:
             make: MakeSensor = points[0].load()
             found[name] = make(scenario, landscape)
+        except ScenarioError as error:
+            raise ScenarioError(f"{where}: {error}") from error
         except (Exception, SystemExit) as error:  # another package may raise anything
             raise ScenarioError(f"{where}: {type(error).__name__}: {error}") from error
     return Sensors(found, landscape.shape)

@@ -77,6 +77,7 @@ from mission_service.runtime.state_view import StateView
 NO_BURN = "the scenario has no burn"
 HOST_TIME_EVERY_US = 1_000_000
 ESTIMATE_CHECK_EVERY_US = 60_000_000
+SHOW_SENSORS_EVERY_US = 5_000_000
 # The fields of a snapshot; the scenario determines the other fields.
 SNAPSHOT_FIELDS = (
     "core",
@@ -135,7 +136,7 @@ class Engine:
         self._undelivered: dict[str, tuple[Window, ...]] = {}
         self._estimate_due_us = 0  # of the next check of the estimate
         self._down_since_us = 0
-        self._host_time_due_us = -(2**63)
+        self._host_time_due_us = self._sensors_due_us = -(2**63)
         self._gateways = gateways
         self._broadcast = broadcast
         self._acknowledged: dict[tuple[str, str], int] = {}
@@ -188,6 +189,7 @@ class Engine:
 
         ``FireReachedEdge`` is journalled once, when the estimated fire has reached the edge.
         """
+        self._show_sensors(now_us)
         at_us = self.statistics.at_us
         if at_us < self._estimate_due_us or self.recording.trouble:
             return
@@ -196,7 +198,6 @@ class Engine:
         self._estimate_due_us = at_us + ESTIMATE_CHECK_EVERY_US
         self.estimate.advance(at_us)
         self._show_contradictions()
-        self.state_view.show_sensors(self.sensors.problems(), self.sensors.failed)
         if windows := self.estimate.contradicted():
             for window in windows:
                 self._queue(window)
@@ -206,6 +207,12 @@ class Engine:
             arrived_us = round(found.at_s * 1e6)
             place = (found.lat_deg, found.lon_deg)
             self._handle(FireReachedEdge(at_us, SERVICE, "", arrived_us, *place), now_us)
+
+    def _show_sensors(self, now_us: int) -> None:
+        """Show the problems of sensors every few seconds, also in a run without telemetry."""
+        if now_us >= self._sensors_due_us:
+            self._sensors_due_us = now_us + SHOW_SENSORS_EVERY_US
+            self.state_view.show_sensors(self.sensors.problems(), self.sensors.failed)
 
     def _show_contradictions(self) -> None:
         """Show an alarm for each source of observations that contradicts others."""

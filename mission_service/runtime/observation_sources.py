@@ -110,7 +110,8 @@ class ObservationSources:
             if event.station == SENSORS and event.by in self._sensors:
                 self._add(seen, event.by, "sensor")
             else:
-                self._add(seen, sender_of(event), "detector" if event.source else "person")
+                of_detector = event.source or event.role == "observe"
+                self._add(seen, sender_of(event), "detector" if of_detector else "person")
         elif isinstance(event, Observed) and not (event.corrects or event.estimated):
             kind: SourceKind = "sensor" if event.source else "camera"
             self._add(event, event.source or event.vehicle, kind)

@@ -21,6 +21,7 @@ from mission_service.config.fire_sections import SimulatedFireSection, Simulatio
 from mission_service.config.scenario import Scenario
 from mission_service.config.sections import LinkSection, VehicleSection
 from mission_service.core.core import Core
+from mission_service.errors import ScenarioError
 from mission_service.events import AnyOperatorEvent
 from mission_service.fire.run_estimate import RunEstimate
 from mission_service.fire.scenario_fire import home_of, landscape_of, warnings_on
@@ -50,6 +51,7 @@ from mission_service.simulation.image_writer import (
 )
 
 PROGRESS_EVERY_US = 60_000_000
+CLOCK_SENSORS = ("observation_files", "thermal_video")  # they use the time of the host's clock
 
 Crew = Callable[[int, Core], list[AnyOperatorEvent]]
 
@@ -216,6 +218,19 @@ class Simulation:
         if self.clock.now_us >= self._report_us:
             self._report_us += PROGRESS_EVERY_US
             self._progress(self.service.state_view, self.estimate.fire)
+
+
+def check_sensors(scenario: Scenario) -> None:
+    """Raise ScenarioError for a sensor that reads its input at the time of the host's clock.
+
+    The journals of two simulations with such a sensor would differ.
+    """
+    for name in CLOCK_SENSORS:
+        if name in scenario.estimate.sensors:
+            raise ScenarioError(
+                f"{scenario.name}: estimate.sensors: {name} uses the time of the clock, which a "
+                "simulation does not have; use run, or remove the sensor"
+            )
 
 
 def simulate(

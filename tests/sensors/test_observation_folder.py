@@ -206,16 +206,20 @@ def test_files_that_are_not_used_change_nothing_and_raise_an_alarm(
 
 
 @pytest.mark.usefixtures("in_process")
-def test_an_observation_before_the_run_or_refused_by_the_estimate_is_named(
+def test_a_perimeter_of_before_the_run_is_used_and_a_refused_report_is_named(
     folder: Path, tmp_path: Path
 ) -> None:
     scenario = scenario_for(folder)
     land = landscape_of(scenario)
     sensor = ObservationFolder(scenario, land)
     drop_perimeter(folder, land, ago(20.0))
+    write_mask(folder / "m.tif", land, np.full(land.shape, 1), ago(20.0), 30.0)
     looked(sensor)
-    assert sensor.report(60_000_000) is None
-    assert "a.geojson: was observed 11" in sensor.problem
+    report = sensor.report(60_000_000)
+    assert report is not None
+    assert report.seen_at_us == pytest.approx(-1140e6, abs=20e6)
+    assert sensor.observe(msgspec.structs.replace(FIX, at_us=60_000_000)) is None
+    assert "m.tif: was observed 11" in sensor.problem
     world = world_in(tmp_path, scenario)
     world.fly(START_S + 60.0)
     world.simulation.service.sensors._sensors["observation_files"] = sensor
@@ -229,7 +233,7 @@ def test_an_observation_before_the_run_or_refused_by_the_estimate_is_named(
     looked(sensor)
     world.fly(START_S + 120.0)
     texts = [each.text for each in world.context.state_view.announcements_after(0)]
-    assert any("sensor observation_files: liar is not used: observe: images" in t for t in texts)
+    assert any("sensor observation_files: liar is not used: images" in t for t in texts)
 
 
 @pytest.mark.usefixtures("in_process")

@@ -284,6 +284,9 @@ def test_settings_and_libraries_are_checked_before_a_run(monkeypatch: pytest.Mon
         check(load_scenario("default", named))
     with pytest.raises(ScenarioError, match="port 0 is not between 1 and 65535"):
         check(load_scenario("default", (*named, RANGE)))
+    url = 'estimate.thermal_video.source="rtsp://camera/1"'
+    with pytest.raises(ScenarioError, match="rtsp://camera/1 is a URL; give udpin"):
+        check(load_scenario("default", (*named, url, RANGE)))
     with pytest.raises(ScenarioError, match="a lower and a higher temperature"):
         load_scenario("default", ("estimate.thermal_video.level_range_c=[100, 0]",))
     monkeypatch.setattr(thermal_video, "LIBRARIES", ("av", "not_installed"))

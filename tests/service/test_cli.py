@@ -88,6 +88,7 @@ def test_shipped_scenarios_check(name: str) -> None:
         ("planner.alpha=-1", "--set: planner.alpha: give a number, at least 0 (got -1)"),
         ("weather.9.at_s=3", "--set weather.9.at_s=3: the scenario has no such key"),
         ("planner", "--set planner: write it as key=value"),
+        ('estimate.sensors=["a","b","a"]', "estimate.sensors: contains a sensor twice"),
     ],
 )
 def test_a_wrong_option_gets_one_line_and_exit_code_2(option: str, words: str) -> None:
@@ -102,6 +103,10 @@ def test_a_wrong_option_gets_one_line_and_exit_code_2(option: str, words: str) -
     [
         (("sim", "nowhere", "--out", "OUT"), "nowhere: no such file"),
         (("sim", "default", "--out", "/proc/nothing"), "/proc/nothing"),
+        (
+            ("sim", "default", "--out", "OUT", "--set", 'estimate.sensors=["observation_files"]'),
+            "estimate.sensors: observation_files uses the time of the clock",
+        ),
         (("replay", "OUT/none.jsonl", "--verify"), "none.jsonl: cannot be read"),
         (("plan", "default", "--vehicle", "owl", "-o", "OUT/x.plan"), "no vehicle 'owl'"),
         (("plan", "default", "-o", "/proc/nothing/x.plan"), "/proc/nothing/x.plan"),
@@ -110,6 +115,10 @@ def test_a_wrong_option_gets_one_line_and_exit_code_2(option: str, words: str) -
         (("mock", "--home", "here"), "LAT,LON,ALTITUDE_AMSL_M"),
         (("mock", "--system-id", "249", "--count", "3"), "250 is the highest"),
         (("config", "check", "nowhere"), "nowhere: no such file"),
+        (
+            ("config", "check", "default", "--set", "estimate.observation_files.burned_values=[0]"),
+            "burned_values and unburned_values both contain 0",
+        ),
     ],
 )
 def test_bad_input_gets_one_line_and_exit_code_1(

@@ -132,6 +132,9 @@ def test_a_source_without_a_usual_interval_and_a_person_are_never_late(
     assert state_of(sources, "tower of anna", 1e5).state == "live"
     person = state_of(sources, "anna at north", 1e5)
     assert (person.kind, person.state) == ("person", "live")
+    sources.apply(report(0, places(land, (30, 30)), by="tower", source="", role="observe"))
+    detector = state_of(sources, "tower at north", 0.0)
+    assert detector.kind == "detector", "its token permits nothing else"
 
 
 def test_a_sensor_without_observations_waits_and_is_silent_after_some_minutes(

@@ -129,7 +129,9 @@ def test_observations_are_drawn_while_their_box_is_checked(page: Page, site: Sit
     assert not drawn(page, "observed-outline")
     page.check("#show-observed")
     wait_for(lambda: drawn(page, "observed-outline") == {"hawk", "kite"}, 30, "footprints")
-    wait_for(lambda: drawn(page, "reported-point") == {"tower of anna", "anna at north"}, 30, "reports")
+    wait_for(
+        lambda: drawn(page, "reported-point") == {"tower of anna", "anna at north"}, 30, "reports"
+    )
     assert drawn(page, "observed-burned")
     if IMAGES:
         site.fly(1.0)  # otherwise the page shows an alarm, because time does not advance

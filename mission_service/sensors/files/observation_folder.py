@@ -51,6 +51,10 @@ class ObservationFolder(WatchedFolder):
         if taken is None:
             return None
         each, seen_at_us = taken
+        if seen_at_us < 0:
+            before_s = -seen_at_us / 1e6
+            self.refuse(each.file, f"{each.file}: was observed {before_s:.0f} s before time 0")
+            return None
         assert isinstance(each.seen, FileCells)
         found = each.seen
         return Observed(
@@ -126,12 +130,7 @@ class ObservationFolder(WatchedFolder):
         if not queue:
             return None
         each = queue.popleft()
-        seen_at_us = at_us - max(round((time.time() - each.seen.seen_unix_s) * 1e6), 0)
-        if seen_at_us < 0:
-            before_s = -seen_at_us / 1e6
-            self.refuse(each.file, f"{each.file}: was observed {before_s:.0f} s before time 0")
-            return None
-        return each, seen_at_us
+        return each, at_us - max(round((time.time() - each.seen.seen_unix_s) * 1e6), 0)
 
 
 def settings_of(scenario: Scenario) -> FileSettings:
