@@ -93,7 +93,7 @@ class Observed(Event, frozen=True, tag=True, omit_defaults=True):
     burned cells that are reported as unburned, and ``false_alarms`` the share of unburned cells
     that are reported as burned. ``source`` names the sensor; it is empty for the vehicle's camera.
     A ``distrusted`` window contradicts other sources: planners and the estimate do not use it.
-    ``file`` names the file that the sensor has read (``fire/sensor_files.py``), if it read one.
+    ``file`` names the file that the sensor has read (``sensors/sensor_files.py``), if it read one.
     """
 
     row: CellIndex
@@ -354,7 +354,7 @@ class FireObserved(OperatorEvent, frozen=True, tag=True):
     was not seen, by ``source`` or, if it is empty, by the sender. ``role`` is the highest role of
     the sender, as checked by the interface; it is empty if the interface identifies no user.
     ``islands`` are the outlines of parts of a polygon about which the report states nothing.
-    ``file`` names the file that a sensor has read (``fire/sensor_files.py``); ``by`` is then the
+    ``file`` names the file that a sensor has read (``sensors/sensor_files.py``); ``by`` is then the
     sensor.
     """
 

@@ -60,7 +60,6 @@ from mission_service.events import (
 from mission_service.fire.best_fire import Folded
 from mission_service.fire.observed_window import Window
 from mission_service.fire.run_estimate import OBSERVATIONS, OF_FIRE, RunEstimate, UnusedReportError
-from mission_service.fire.sensor_files import SensorFiles
 from mission_service.fire.sensors import sensors_of
 from mission_service.fire.simulated_cameras import SimulatedCameras, fires_of_run
 from mission_service.guidance.registry import lock_of
@@ -73,6 +72,7 @@ from mission_service.runtime.alarms.unrecorded_events import UnrecordedEvents
 from mission_service.runtime.gateway import Gateway
 from mission_service.runtime.run_statistics import RunStatistics
 from mission_service.runtime.state_view import StateView
+from mission_service.sensors.sensor_files import SensorFiles
 
 NO_BURN = "the scenario has no burn"
 HOST_TIME_EVERY_US = 1_000_000

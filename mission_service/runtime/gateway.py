@@ -372,9 +372,8 @@ class Gateway:
         return WindMeasured(now_us, self.name, speed_m_s, from_deg)
 
     def _speed(self, event: bridge.Speed, now_us: int) -> None:
-        found = (
-            monitor.change(event, self.name, now_us) for monitor in (self._airspeed, self._thrust)
-        )
+        monitors = (self._airspeed, self._thrust)
+        found = [monitor.new_report(event, self.name, now_us) for monitor in monitors]
         self._queued += [each for each in found if each is not None]
 
     def _transferred(self, event: bridge.TransferFinished, now_us: int) -> UploadFinished | None:

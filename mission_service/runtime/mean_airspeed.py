@@ -17,7 +17,7 @@ class MeanAirspeed:
         self._from_us = 0
         self._reported_m_s = math.nan
 
-    def change(self, speed: Speed, name: str, now_us: int) -> AirspeedMeasured | None:
+    def new_report(self, speed: Speed, name: str, now_us: int) -> AirspeedMeasured | None:
         """Return the mean over ``AVERAGED_OVER_US`` that ends at ``now_us``, if it has changed."""
         if speed.airspeed_m_s is None:
             return None

@@ -243,7 +243,7 @@ def _time_us(event: Observed | FireObserved) -> int:
 def _window_of(event: RasterObserved, landscape: Landscape) -> Observed:
     """Return the cells that a raster shows of the landscape, as an observation."""
     top, left, state = raster_cells(event, landscape)
-    cells = in_letters(LETTERS[state])
+    cells = in_letters(LETTERS[state]) if state.size else ()
     return Observed(event.seen_at_us, "", top, left, cells, position_sd_m=event.position_sd_m)
 
 

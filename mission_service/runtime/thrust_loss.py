@@ -28,7 +28,7 @@ class ThrustMonitor:
         self._sufficient = True
         self._otherwise_since_us: int | None = None  # time since which the status differs
 
-    def change(self, speed: Speed, name: str, now_us: int) -> ThrustStatusChanged | None:
+    def new_report(self, speed: Speed, name: str, now_us: int) -> ThrustStatusChanged | None:
         """Return the new status of a vehicle, if a VFR_HUD at ``now_us`` has changed it."""
         _add(self._climbs, speed.climb_m_s, now_us, CLIMB_OVER_US)
         climb_m_s = _mean(self._climbs)

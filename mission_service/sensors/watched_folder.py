@@ -16,8 +16,8 @@ from pathlib import Path
 
 from firemodel.errors import FireModelError
 from mission_service.errors import MissionServiceError, ScenarioError
-from mission_service.fire.sensor_files import whole_files
 from mission_service.sensors.one_line import one_line
+from mission_service.sensors.sensor_files import whole_files
 
 LOOK_EVERY_S = 0.25
 MAX_SHARE = 0.05  # of the thread's time, for listing a folder of many files

@@ -18,11 +18,11 @@ from mission_service.errors import ScenarioError
 from mission_service.events import Observed, Telemetry
 from mission_service.fire.scenario_check import check
 from mission_service.fire.scenario_fire import fire_of, landscape_of
-from mission_service.fire.sensor_files import SensorFiles
 from mission_service.fire.sensors import Sensors
 from mission_service.journal.journal_file import SegmentReader
 from mission_service.replay.verification import verify
 from mission_service.runtime.published_states import TelemetryState
+from mission_service.sensors.sensor_files import SensorFiles
 from mission_service.sensors.thermal import arrived_images, frame_folder
 from mission_service.sensors.thermal.camera_geometry import CameraPose
 from mission_service.sensors.thermal.frame_folder import FrameFolder

@@ -26,13 +26,13 @@ from mission_service.errors import ScenarioError
 from mission_service.events import AnyEvent, FireObserved, Observed, Telemetry
 from mission_service.fire.scenario_check import check
 from mission_service.fire.scenario_fire import landscape_of
-from mission_service.fire.sensor_files import SensorFiles, file_part, whole_files
 from mission_service.fire.sensors import Sensors
 from mission_service.journal.journal_file import SegmentReader
 from mission_service.replay.verification import verify
 from mission_service.sensors.files import observation_folder
 from mission_service.sensors.files.observation_file import check_file, contents_of
 from mission_service.sensors.files.observation_folder import ObservationFolder
+from mission_service.sensors.sensor_files import SensorFiles, file_part, whole_files
 from tests.api.worlds import World, world_in
 from tests.patience import PATIENCE_S, wait_until
 from tests.service.test_journal_processes import running

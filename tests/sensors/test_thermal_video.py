@@ -146,7 +146,7 @@ def use_all(sensor: ThermalVideo) -> None:
     assert isinstance(sensor._source, DatagramSource)
     assert sensor._source._socket is not None
     while select.select([sensor._source._socket], [], [], 0.0)[0]:
-        sensor.use(sensor._source.read(), datetime.now(UTC))
+        sensor.use(sensor._source.next_bytes(), datetime.now(UTC))
 
 
 def send(sender: socket.socket, port: int, data: bytes) -> None:
@@ -164,7 +164,7 @@ def test_one_sender_is_used_among_garbage_and_other_senders_until_it_is_silent(
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as first,
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as second,
     ):
-        assert sensor._source.read() == b"", "opens the port"
+        assert sensor._source.next_bytes() == b"", "opens the port"
         first.sendto(b"no video", ("127.0.0.1", port))
         send(first, port, two_seconds)
         send(second, port, two_seconds)
@@ -225,7 +225,7 @@ def test_a_port_in_use_is_named(port: int) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
         other.bind(("127.0.0.1", port))
         sensor = sensor_at(port)
-        sensor._source.read()
+        sensor._source.next_bytes()
         sensor.end_window()
     assert "Address already in use; another program may use the port" in sensor.problem
 
@@ -239,7 +239,7 @@ def test_a_file_may_be_created_later_grow_and_be_replaced(
     sensor = ThermalVideo(scenario, landscape_of(scenario))
 
     def read() -> int:
-        sensor.use(sensor._source.read(), datetime.now(UTC))
+        sensor.use(sensor._source.next_bytes(), datetime.now(UTC))
         return len(received(sensor))
 
     assert read() == 0

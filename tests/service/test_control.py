@@ -36,6 +36,7 @@ from mission_service.events import (
     OrderGiven,
     PersonReported,
     PlanRequested,
+    RasterObserved,
     Redone,
     Rejected,
     SettingsChanged,
@@ -69,6 +70,20 @@ GOOD: list[tuple[dict[str, Any], AnyOperatorEvent]] = [
     (
         {"do": "correct", "state": "burned", "shape": "point", "points": [[36, -84]], "in_s": -9},
         Corrected(*EVENT, "burned", "point", ((36.0, -84.0),), 91_000_000),
+    ),
+    (
+        {
+            "do": "raster",
+            "south_deg": 36,
+            "west_deg": -84,
+            "north_deg": 36.01,
+            "east_deg": -83.99,
+            "rows": ["bu", "u."],
+            "age_s": 9,
+        },
+        RasterObserved(
+            *(*EVENT, 36.0, -84.0, 36.01, -83.99, ("bu", "u."), 91_000_000, 10.0, 0.0, ""),
+        ),
     ),
     (
         {

@@ -51,6 +51,8 @@ SHELL = {
     "mission_service/sensors/thermal/frame_folder.py",  # images have calendar times
     "mission_service/sensors/files/observation_folder.py",  # files have calendar times
     "mission_service/sensors/watched_folder.py",  # a thread
+    "mission_service/sensors/video/thermal_video.py",  # a thread; images have calendar times
+    "mission_service/sensors/video/video_sources.py",  # a socket
     "mission_service/simulation/demo.py",
     "mission_service/interfaces/cot/cot_sender.py",
     "mission_service/replay/flights/replay_server.py",

@@ -260,7 +260,9 @@ def test_a_fold_from_a_snapshot_continues_as_if_nothing_had_happened(
             restored.apply(event)
         assert restored.states(90_000_000, {}, {}, ()) == sources.states(90_000_000, {}, {}, ())
         assert restored.footprints == sources.footprints
-    assert {each.source for each in sources.footprints} == {"hawk", "tower", "thermal_frames"}
+    assert {each.source for each in sources.footprints} == {
+        *("hawk", "tower of anna", "thermal_frames")
+    }
 
 
 def test_footprints_are_outlines_of_the_cells_in_their_places(

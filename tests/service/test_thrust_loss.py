@@ -14,7 +14,7 @@ def thrust(flown: Iterable[Flown]) -> list[tuple[float, bool]]:
     for number, (airspeed_m_s, climb_m_s, throttle) in enumerate(flown):
         at_us = number * EVERY_US
         speed = Speed(at_us, airspeed_m_s, 15.0, climb_m_s, throttle)
-        if (change := monitor.change(speed, "hawk", at_us)) is not None:
+        if (change := monitor.new_report(speed, "hawk", at_us)) is not None:
             found.append((change.at_us / 1e6, change.sufficient))
     return found
 

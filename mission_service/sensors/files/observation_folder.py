@@ -15,9 +15,9 @@ from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario
 from mission_service.errors import MissionServiceError
 from mission_service.events import AnyEvent, FireObserved, Observed, Telemetry
-from mission_service.fire.sensor_files import file_part
 from mission_service.sensors.files.file_contents import FileCells, FileReport, FileSettings
 from mission_service.sensors.files.observation_file import PARTS, SUFFIXES, read_observation_file
+from mission_service.sensors.sensor_files import file_part
 from mission_service.sensors.watched_folder import Change, WatchedFolder
 
 AHEAD_S = 300.0  # tolerated difference between the clocks of the source and of the service

@@ -36,7 +36,7 @@ class ArrivedImages:
         self._registration = FrameRegistration(landscape, stated_errors(settings))
         self._waiting: deque[tuple[str, str, FrameCells, float]] = deque()
 
-    def add(self, image: ThermalImage, now: datetime, file: str = "") -> None:
+    def add_image(self, image: ThermalImage, now: datetime, file: str = "") -> None:
         """Add an image; ``file`` is the name for its event (``sensor_files``).
 
         Raises MissionServiceError or FireModelError for an image that is not used.

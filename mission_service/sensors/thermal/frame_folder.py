@@ -13,7 +13,7 @@ from pathlib import Path
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario
 from mission_service.events import AnyEvent, Observed, Telemetry
-from mission_service.fire.sensor_files import file_part
+from mission_service.sensors.sensor_files import file_part
 from mission_service.sensors.thermal.arrived_images import ArrivedImages
 from mission_service.sensors.thermal.telemetry_poses import TelemetryPoses
 from mission_service.sensors.thermal.thermal_image import SUFFIXES, NoPoseError, read_thermal_image
@@ -58,4 +58,4 @@ class FrameFolder(WatchedFolder):
             image = read_thermal_image(path, self._poses.pose_of)
         except NoPoseError as error:
             raise IncompleteError(str(error)) from None
-        self._images.add(image, now, file_part(self.name_of(path.name)))
+        self._images.add_image(image, now, file_part(self.name_of(path.name)))

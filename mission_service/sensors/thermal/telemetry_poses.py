@@ -10,7 +10,7 @@ import math
 from bisect import bisect_right
 from collections import deque
 from collections.abc import Sequence
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from typing import NamedTuple, TypeVar
 
 from mission_service.errors import MissionServiceError
@@ -23,6 +23,7 @@ from mission_service.events import (
 )
 from mission_service.sensors.thermal.camera_geometry import Angles, tilted
 
+EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 SAMPLES = 4000  # of each vehicle: a quarter of an hour at 4 Hz
 SAME_TIME_S = 0.6  # many cameras store whole seconds
 MAX_GAP_S = 2.5  # between the samples that are interpolated
@@ -122,7 +123,7 @@ class TelemetryPoses:
         found = self._vehicles.get(vehicle)
         if found is None:
             raise PoseUnknownError("no telemetry has arrived yet")
-        return self._interpolated_at(found, at_us, datetime.fromtimestamp(0, UTC))
+        return self._interpolated_at(found, at_us, EPOCH)
 
     def _copies(self) -> list[_Vehicle]:
         return list(self._vehicles.values())
@@ -140,7 +141,7 @@ class TelemetryPoses:
             vehicle, image = named[-1]
             utc_s = _utc_s(vehicle, image)
             if math.isfinite(utc_s):  # the clock of the camera may be wrong
-                taken = datetime.fromtimestamp(utc_s, UTC)
+                taken = EPOCH + timedelta(seconds=utc_s)
             return None if taken is None else (vehicle, image, taken)
         if taken is None:
             return None

@@ -58,7 +58,7 @@ class ThermalVideo:
         try:
             begun_s = time.monotonic()
             while True:
-                self.use(self._source.read(), datetime.now(UTC))
+                self.use(self._source.next_bytes(), datetime.now(UTC))
                 if time.monotonic() - begun_s >= WINDOW_S:
                     begun_s = time.monotonic()
                     self.end_window()
@@ -71,7 +71,7 @@ class ThermalVideo:
         oldest = now - timedelta(seconds=self._settings.max_age_s)
         for image in self._stream.feed(data, oldest) if data else ():
             try:
-                self._images.add(image, now)
+                self._images.add_image(image, now)
             except (MissionServiceError, FireModelError) as error:
                 self._drop(image.name, str(error))
 

@@ -1,7 +1,7 @@
 """Read the bytes of a video: datagrams of one sender, or a file that may grow. Thin shells.
 
-Both sources have ``read``, which waits at most ``WAIT_S`` and returns b"" if nothing has arrived,
-and ``notice``, a text about the input that is shown if the video cannot be used.
+Both sources have ``next_bytes``, which waits at most ``WAIT_S`` and returns b"" if nothing has
+arrived, and ``notice``, a text about the input that is shown if the video cannot be used.
 """
 
 import ipaddress
@@ -28,13 +28,13 @@ class DatagramSource:
     """
 
     def __init__(self, address: LinkAddress) -> None:
-        """Set the address; the first ``read`` opens it."""
+        """Set the address; the first ``next_bytes`` opens it."""
         self._address = address
         self._socket: socket.socket | None = None
         self._sender: object = None
         self.notice = ""
 
-    def read(self) -> bytes:
+    def next_bytes(self) -> bytes:
         """Return a datagram of the sender, or b""."""
         if self._socket is None and not self._opened():
             time.sleep(RETRY_S)
@@ -63,7 +63,7 @@ class DatagramSource:
         self._sender = None
 
     def close(self) -> None:
-        """Close the socket; the next ``read`` opens it again."""
+        """Close the socket; the next ``next_bytes`` opens it again."""
         if self._socket is not None:
             self._socket.close()
             self._socket = None
@@ -103,7 +103,7 @@ class FileSource:
         self._inode = 0
         self.notice = ""
 
-    def read(self) -> bytes:
+    def next_bytes(self) -> bytes:
         """Return the next bytes of the file, or b"" at its present end."""
         try:
             data = self._next()
@@ -132,4 +132,4 @@ class FileSource:
         """Do nothing; a file has one writer."""
 
     def close(self) -> None:
-        """Do nothing; the file is open only during ``read``."""
+        """Do nothing; the file is open only during ``next_bytes``."""
