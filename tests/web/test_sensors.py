@@ -15,7 +15,7 @@ from typing import NamedTuple
 import pytest
 from playwright.sync_api import Page, expect
 
-from mission_service.events import FireObserved
+from mission_service.events import FireObserved, Observed
 from mission_service.interfaces.api.app import PAGE
 from mission_service.runtime.observation_sources import SILENT_S
 from tests.api.worlds import Served, World, listened_to, scenario_of, served, world_in
@@ -176,9 +176,7 @@ def test_problems_are_shown_and_all_is_readable_on_each_device(page: Page, site:
         site.world.context.ring()
 
     world_us = site.world.simulation.clock.now_us
-    video = FireObserved(
-        *(world_us, "", "", "burned", "points", ((36.36, -84.14),), world_us, 5.0, 0.0, "video")
-    )
+    video = Observed(world_us, "hawk", 10, 10, ("b",), source="video", position_sd_m=5.0)
     site.loop.call_soon_threadsafe(fail)
     expect(page.locator(".sources .state.failed")).to_have_text("failed")
     assert PROBLEM in row(page, "video")
