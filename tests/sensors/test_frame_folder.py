@@ -93,6 +93,24 @@ def folder_sensor(world: World) -> FrameFolder:
     return sensor
 
 
+def wrong_cells(world: World, true: Fire, alone: Fire, at_s: float) -> tuple[int, int]:
+    """Fly until ``at_s``; return the cells in which estimate and model differ from the truth."""
+    world.fly(at_s)
+    true.advance(at_s)
+    alone.advance(at_s)
+    burned = true.burned()
+    error = np.count_nonzero(world.simulation.estimate.fire.burned() ^ burned)
+    return int(error), int(np.count_nonzero(alone.burned() ^ burned))
+
+
+def sources_in(world: World, journal: Path) -> set[str]:
+    """Close the journal of a run, and return the sources of its images."""
+    world.simulation.service.recording.journal.close()
+    contents = [entry.content for entry in SegmentReader(journal)]
+    images = [each for each in contents if isinstance(each, Observed) and not each.corrects]
+    return {each.source for each in images if not each.estimated}
+
+
 @pytest.mark.usefixtures("without_thread")
 def test_the_estimate_follows_a_fire_that_only_the_images_show(
     frames: Path, tmp_path: Path
@@ -119,17 +137,9 @@ def test_the_estimate_follows_a_fire_that_only_the_images_show(
         sensor.look(now)  # reads it, because it has not grown
     assert number > 90
     assert sensor.problem == ""
-    world.fly(at_s + 30.0)
-    true.advance(at_s + 30.0)
-    alone.advance(at_s + 30.0)
-    burned = true.burned()
-    error = np.count_nonzero(world.simulation.estimate.fire.burned() ^ burned)
-    of_model = np.count_nonzero(alone.burned() ^ burned)
+    error, of_model = wrong_cells(world, true, alone, at_s + 30.0)
     assert error < 0.5 * of_model
-    world.simulation.service.recording.journal.close()
-    contents = [entry.content for entry in SegmentReader(tmp_path / "journal.jsonl")]
-    images = [each for each in contents if isinstance(each, Observed) and not each.corrects]
-    assert {each.source for each in images if not each.estimated} == {"thermal_frames"}
+    assert sources_in(world, tmp_path / "journal.jsonl") == {"thermal_frames"}
     assert verify(tmp_path / "journal.jsonl").difference is None
 
 

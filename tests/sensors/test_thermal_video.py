@@ -20,7 +20,6 @@ from mission_service.errors import ScenarioError
 from mission_service.events import Observed, Telemetry
 from mission_service.fire.scenario_check import check
 from mission_service.fire.scenario_fire import fire_of, landscape_of
-from mission_service.journal.journal_file import SegmentReader
 from mission_service.sensors.thermal.camera_geometry import CameraPose, Lens
 from mission_service.sensors.video import thermal_video
 from mission_service.sensors.video.thermal_video import ThermalVideo
@@ -28,7 +27,13 @@ from mission_service.sensors.video.video_sources import DatagramSource
 from mission_service.simulation.thermal_images import rendered
 from tests.api.worlds import world_in
 from tests.patience import wait_until
-from tests.sensors.test_frame_folder import START_S, camera_above_fire, pose_at
+from tests.sensors.test_frame_folder import (
+    START_S,
+    camera_above_fire,
+    pose_at,
+    sources_in,
+    wrong_cells,
+)
 
 FIX = Telemetry(7_200_000_000, "hawk", 36.36, -84.15, 600.0, 120.0, 20.0, 0.0, 0.0)
 WIDE = Lens(160, 128, 70.0)
@@ -102,17 +107,9 @@ def test_the_estimate_follows_a_fire_that_only_the_video_shows(tmp_path: Path) -
     assert sensor._stream.counts.images > 90
     sensor.end_window()
     assert sensor.problem == ""
-    world.fly(at_s + 30.0)
-    true.advance(at_s + 30.0)
-    alone.advance(at_s + 30.0)
-    burned = true.burned()
-    error = np.count_nonzero(world.simulation.estimate.fire.burned() ^ burned)
-    of_model = np.count_nonzero(alone.burned() ^ burned)
+    error, of_model = wrong_cells(world, true, alone, at_s + 30.0)
     assert error < 0.2 * of_model
-    world.simulation.service.recording.journal.close()
-    contents = [entry.content for entry in SegmentReader(tmp_path / "journal.jsonl")]
-    images = [each for each in contents if isinstance(each, Observed) and not each.corrects]
-    assert {each.source for each in images if not each.estimated} == {"thermal_video"}
+    assert sources_in(world, tmp_path / "journal.jsonl") == {"thermal_video"}
 
 
 def received(sensor: ThermalVideo) -> list[Observed]:

@@ -18,15 +18,9 @@ from mission_service.events import AnyEvent, HotPointSeen, Observed, TargetTrack
 from mission_service.sensors.thermal.camera_geometry import (
     CameraPose,
     Lens,
-    PoseErrors,
     focal_px_of,
 )
-from mission_service.sensors.thermal.ground_points import (
-    covariances,
-    elevation_sds_m,
-    ground_points,
-    pose_effects,
-)
+from mission_service.sensors.thermal.ground_views import PoseView, stated_errors
 from mission_service.sensors.thermal.telemetry_poses import (
     PoseUnknownError,
     TelemetryPose,
@@ -99,14 +93,12 @@ class CameraPoints:
         yaw_deg, pitch_deg, roll_deg = pose.direction
         place = (float(x_m), float(y_m), pose.altitude_amsl_m)
         camera = CameraPose(*place, float(land.grid_deg(yaw_deg)), pitch_deg, roll_deg)
-        cells = ground_points(land, lens, camera, *pixel)
+        errors = stated_errors(self._settings, pose)
+        view = PoseView(land, lens, camera, errors.covariance(), errors.elevation_sd_m)
+        cells = view.places(*pixel)
         if not np.isfinite(cells).all():
             raise FireModelError("it shows no ground of the landscape")
-        errors = self._errors(pose)
-        effects = pose_effects(land, camera, cells)
-        sds_m = elevation_sds_m(land, cells, errors.elevation_sd_m)
-        (spread,) = covariances(effects, errors.covariance(), sds_m)
-        (cell,) = cells
+        (cell,), (spread,) = cells, view.covariances(cells)
         if not np.isfinite(spread).all():
             raise FireModelError("the error of its place is unknown")
         return round(float(cell[0])), round(float(cell[1])), math.sqrt(np.trace(spread) / 2.0)
@@ -124,12 +116,3 @@ class CameraPoints:
         if vertical_deg is not None:
             height = 2.0 * focal_px * math.tan(math.radians(vertical_deg) / 2.0)
         return Lens(WIDTH, round(height), focal_px, self._settings.distortion)
-
-    def _errors(self, pose: TelemetryPose) -> PoseErrors:
-        settings = self._settings
-        return PoseErrors(
-            math.hypot(settings.position_sd_m, pose.position_sd_m),
-            settings.altitude_sd_m,
-            math.hypot(settings.direction_sd_deg, pose.direction_sd_deg),
-            settings.elevation_sd_m,
-        )

@@ -28,6 +28,7 @@ from mission_service.sensors.thermal.ground_points import (
     ground_points,
     pose_effects,
 )
+from mission_service.sensors.thermal.telemetry_poses import TelemetryPose
 from mission_service.sensors.thermal.thermal_image import ThermalImage
 
 
@@ -94,10 +95,12 @@ def view_of(
     return PoseView(landscape, lens, pose, errors.covariance(), errors.elevation_sd_m)
 
 
-def stated_errors(settings: ThermalCameraSection, image: ThermalImage | None = None) -> PoseErrors:
-    """Return the standard deviations that the settings give, and those of the image's own pose."""
+def stated_errors(
+    settings: ThermalCameraSection, pose: ThermalImage | TelemetryPose | None = None
+) -> PoseErrors:
+    """Return the standard deviations that the settings give, with those of a pose of its own."""
     position_sd_m, direction_sd_deg = (
-        (0.0, 0.0) if image is None else (image.position_sd_m, image.direction_sd_deg)
+        (0.0, 0.0) if pose is None else (pose.position_sd_m, pose.direction_sd_deg)
     )
     return PoseErrors(
         math.hypot(settings.position_sd_m, position_sd_m),
