@@ -1,11 +1,16 @@
 """Settings of all tests."""
 
+import threading
+from collections.abc import Iterator
+
 import pytest
 from hypothesis import HealthCheck, settings
 
 # The result of a test must not depend on the speed of the machine.
 settings.register_profile("any speed", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("any speed")
+
+SENSORS = ("FrameFolder", "ObservationFolder", "ThermalVideo")  # with threads of these names
 
 # The files that take longest begin first, so that no worker runs one alone at the end.
 LONGEST_FILES = (
@@ -30,3 +35,14 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Sort the tests by their files: the longest files first, the others in their order."""
     places = {name: place for place, name in enumerate(LONGEST_FILES)}
     items.sort(key=lambda item: places.get(item.path.name, len(places)))
+
+
+@pytest.fixture(autouse=True)
+def no_sensor_thread_left() -> Iterator[None]:
+    """Fail a test that leaves the thread of a sensor running: it would disturb later tests."""
+    before = set(threading.enumerate())
+    yield
+    for thread in set(threading.enumerate()) - before:
+        if thread.name in SENSORS:
+            thread.join(60.0)
+            assert not thread.is_alive(), f"the test must call close() of {thread.name}"

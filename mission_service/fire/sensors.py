@@ -6,6 +6,7 @@ A scenario names its sensors in ``estimate.sensors``: those of this service
 """
 
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from datetime import datetime
 from importlib.metadata import entry_points
 from typing import Protocol
@@ -34,6 +35,7 @@ class Sensor(Protocol):
       ``observe``. Its ``at_us`` must be the argument.
     - ``skip(names)``: a method that receives, after a restart, the names of the events that the
       run has already used (``Observed.file``, ``FireObserved.file``).
+    - ``close()``: a method that ends the sensor's threads. It is called at the end of a live run.
     """
 
     def observe(self, fix: Telemetry) -> Observed | None:
@@ -57,6 +59,7 @@ class Sensors:
     def __init__(self, sensors: Mapping[str, Sensor], shape: tuple[int, int]) -> None:
         """Set the sensors by name, and the shape (rows, columns) of the landscape's grid."""
         self._sensors, self._shape = dict(sensors), shape
+        self._all = tuple(sensors.values())
         self.failed: dict[str, str] = {}
 
     def observe(self, fix: Telemetry) -> list[Observed]:
@@ -91,6 +94,14 @@ class Sensors:
                 getattr(sensor, "skip", lambda names: None)(names)
             except (Exception, SystemExit) as error:  # another package may raise anything
                 self._fail(name, error)
+
+    def close(self) -> None:
+        """End the threads of the sensors, also of those that have failed."""
+        for sensor in self._all:
+            with suppress(
+                Exception, SystemExit
+            ):  # another package may raise anything; the run ends
+                getattr(sensor, "close", lambda: None)()
 
     def use_mission_time(self, zero: datetime) -> None:
         """Take the time from the mission, which begins at ``zero``, in sensors that use the time.

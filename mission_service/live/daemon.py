@@ -247,6 +247,7 @@ async def _engine_of(
     service = Engine(
         run.scenario, core, cameras, estimate, journal, state_view, gateways, broadcast
     )
+    stack.callback(service.sensors.close)
     announcements.engine = service
     if interrupted is not None:
         await _resume(interrupted, service, clock, wall_us() / 1e6 - down_from_s)

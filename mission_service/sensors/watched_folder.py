@@ -61,6 +61,7 @@ class WatchedFolder(ABC):
         self._incomplete_since: dict[str, datetime] = {}
         self._listing_s = 0.0  # time that the last listing of the folder took
         self._error: Exception | None = None
+        self._closed = threading.Event()
         self._thread: threading.Thread | None = None
 
     @abstractmethod
@@ -87,6 +88,10 @@ class WatchedFolder(ABC):
             name = type(self).__name__
             self._thread = threading.Thread(target=self._watch, name=name, daemon=True)
             self._thread.start()
+
+    def close(self) -> None:
+        """End the thread, after the file that it reads."""
+        self._closed.set()
 
     @property
     def problem(self) -> str:
@@ -145,9 +150,9 @@ class WatchedFolder(ABC):
 
     def _watch(self) -> None:
         try:
-            while True:
+            while not self._closed.is_set():
                 self.look(datetime.now(UTC))
-                time.sleep(max(LOOK_EVERY_S, self._listing_s / MAX_SHARE))
+                self._closed.wait(max(LOOK_EVERY_S, self._listing_s / MAX_SHARE))
         except Exception as error:  # raised by the next ``start``
             self._error = error
 

@@ -164,6 +164,7 @@ def test_a_thread_finds_files_and_names_those_it_cannot_use(frames: Path, tmp_pa
     assert FIX.at_us - image.at_us >= 20_000_000
     assert "b" in "".join(image.cells)
     assert sensor.observe(FIX) is None, "each file is used once"
+    sensor.close()
 
 
 @pytest.mark.usefixtures("without_thread")

@@ -26,7 +26,7 @@ from mission_service.sensors.video.thermal_video import ThermalVideo
 from mission_service.sensors.video.video_sources import DatagramSource
 from mission_service.simulation.thermal_images import rendered
 from tests.api.worlds import world_in
-from tests.patience import wait_until
+from tests.patience import PATIENCE_S, wait_until
 from tests.sensors.test_frame_folder import (
     START_S,
     camera_above_fire,
@@ -200,21 +200,16 @@ def test_a_thread_receives_a_stream_that_begins_after_a_silence(
                 break
         else:
             pytest.fail("no observation in 50 s")
-    end_thread(sensor, monkeypatch)
+    sensor.close()
+    wait_for_end(sensor)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+        other.bind(("127.0.0.1", port))  # the sensor's socket is closed
 
 
-def end_thread(sensor: ThermalVideo, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let the thread end by an error, so that it closes its socket."""
-
-    class Panic(BaseException):
-        """A fault in a library that is written in Rust."""
-
-    def fail(self: ThermalVideo, data: bytes, now: datetime) -> None:
-        raise Panic("out of bounds")
-
-    monkeypatch.setattr(ThermalVideo, "use", fail)
+def wait_for_end(sensor: ThermalVideo) -> None:
+    """Wait until the sensor's thread has ended."""
     assert sensor._thread is not None
-    sensor._thread.join(30.0)
+    sensor._thread.join(PATIENCE_S)
     assert not sensor._thread.is_alive()
 
 
@@ -294,9 +289,16 @@ def test_settings_and_libraries_are_checked_before_a_run(monkeypatch: pytest.Mon
 def test_an_unexpected_error_ends_the_sensor_with_the_reason(
     port: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    class Panic(BaseException):
+        """A fault in a library that is written in Rust."""
+
+    def fail(self: ThermalVideo, data: bytes, now: datetime) -> None:
+        raise Panic("out of bounds")
+
+    monkeypatch.setattr(ThermalVideo, "use", fail)
     sensor = sensor_at(port)
     sensor.observe(FIX)
-    end_thread(sensor, monkeypatch)
+    wait_for_end(sensor)
     with pytest.raises(RuntimeError, match="Panic: out of bounds"):
         sensor.observe(FIX)
 

@@ -9,6 +9,7 @@ import pytest
 
 from mission_service.sensors import watched_folder
 from mission_service.sensors.watched_folder import WatchedFolder
+from tests.patience import PATIENCE_S
 
 NOW = datetime(2026, 7, 4, tzinfo=UTC)
 
@@ -67,15 +68,39 @@ def test_listing_a_large_folder_takes_a_small_share_of_the_time(
 ) -> None:
     waits: list[float] = []
 
-    def stop(wait_s: float) -> None:
+    texts = Texts(tmp_path)
+
+    def close(wait_s: float) -> None:
         waits.append(wait_s)
-        raise InterruptedError
+        texts.close()
 
     clock = iter([0.0, 0.5])
-    slow = SimpleNamespace(monotonic=lambda: next(clock), sleep=stop)
+    slow = SimpleNamespace(monotonic=lambda: next(clock))
     monkeypatch.setattr(watched_folder, "time", slow)
-    texts = Texts(tmp_path)
+    monkeypatch.setattr(texts._closed, "wait", close)
     texts._watch()
     assert waits == [10.0]
+
+
+def test_an_error_of_the_thread_is_raised_by_the_next_start(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(now: datetime) -> None:
+        raise InterruptedError
+
+    texts = Texts(tmp_path)
+    monkeypatch.setattr(texts, "look", fail)
+    texts._watch()
     with pytest.raises(InterruptedError):
         texts.start()
+
+
+def test_closing_ends_the_thread(tmp_path: Path) -> None:
+    texts = Texts(tmp_path)
+    texts.start()
+    thread = texts._thread
+    assert thread is not None
+    assert thread.is_alive()
+    texts.close()
+    thread.join(PATIENCE_S)
+    assert not thread.is_alive()

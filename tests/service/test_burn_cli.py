@@ -5,6 +5,7 @@ import json
 import threading
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import msgspec
@@ -251,7 +252,8 @@ def test_watching_reports_that_an_operator_is_present(
         if len(run.submitted) == 3:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr("mission_service.cli.burn_commands.time.sleep", soon)
+    time = SimpleNamespace(sleep=soon)  # not ``time.sleep`` itself, which other threads call
+    monkeypatch.setattr("mission_service.cli.burn_commands.time", time)
     result = run.call("watch", *OPERATOR_FIELDS)
     assert result.exit_code == 0
     assert run.submitted == [OperatorHeartbeat(*EVENT, may_approve=True)] * 3

@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 import os
+import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -18,14 +19,14 @@ from mission_service.journal.journal_file import SegmentReader
 from mission_service.live.daemon import Run, serve
 from mission_service.replay.verification import verify
 from tests.announced import Announced
-from tests.patience import PATIENCE_S
+from tests.patience import PATIENCE_S, wait_until
 from tests.service.test_live import free_port
 
 OPERATOR_FIELDS = {"by": "ann", "station": "firing-boss"}
 Session = Callable[[ControlClient], None]
 
 
-def scenario(duration_s: float) -> Scenario:
+def scenario(duration_s: float, *changes: str) -> Scenario:
     return load_scenario(
         "burn",
         (
@@ -36,6 +37,7 @@ def scenario(duration_s: float) -> Scenario:
             "landscape.rows=60",
             "landscape.cols=60",
             "landscape.cell_size_m=10",
+            *changes,
         ),
     )
 
@@ -170,3 +172,18 @@ def test_a_damaged_journal_and_a_second_run_are_refused(tmp_path: Path) -> None:
         run(burned, tmp_path, None, killed=False)
     assert path.read_bytes() == damaged
     assert not (tmp_path / NAME).exists()
+
+
+def test_the_end_of_a_run_ends_the_threads_of_its_sensors(tmp_path: Path) -> None:
+    """The fixture ``no_sensor_thread_left`` fails if a thread runs on."""
+    folder = tmp_path / "files"
+    folder.mkdir()
+    named = (
+        'estimate.sensors=["observation_files"]',
+        f"estimate.observation_files.folder={folder}",
+    )
+
+    def wait_for_thread(client: ControlClient) -> None:
+        wait_until(lambda: "ObservationFolder" in {each.name for each in threading.enumerate()})
+
+    run(scenario(3600.0, *named), tmp_path, wait_for_thread, killed=True)

@@ -134,6 +134,30 @@ def test_any_exception_of_a_sensor_is_caught(error: BaseException) -> None:
     assert sensors.observe(fix) == []
 
 
+def test_all_sensors_are_closed_also_after_one_that_fails() -> None:
+    closed: list[str] = []
+
+    class Closing:
+        def __init__(self, name: str) -> None:
+            self._name = name
+
+        def observe(self, fix: Telemetry) -> Observed | None:
+            return None
+
+        def on_event(self, event: AnyEvent) -> None:
+            raise ValueError
+
+        def close(self) -> None:
+            closed.append(self._name)
+            raise SystemExit(3)
+
+    sensors = Sensors({name: Closing(name) for name in ("one", "two")}, (10, 10))
+    sensors.on_event(Telemetry(0, "hawk", 36.0, -84.0, 500.0, 100.0, 0.0, 0.0, 0.0))
+    assert sorted(sensors.failed) == ["one", "two"]
+    sensors.close()
+    assert closed == ["one", "two"]
+
+
 def test_an_unknown_sensor_and_one_that_cannot_be_created_are_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

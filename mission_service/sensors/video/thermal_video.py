@@ -39,6 +39,7 @@ class ThermalVideo:
         self._images = ArrivedImages(landscape, self._settings, self._drop)
         self._stream = VideoStream("video", self._settings)
         self._error: Exception | None = None
+        self._closed = threading.Event()
         self._thread: threading.Thread | None = None
         self.problem = ""
 
@@ -47,23 +48,28 @@ class ThermalVideo:
         if self._error is not None:
             raise self._error
         if self._thread is None:
-            self._thread = threading.Thread(target=self._run, name="video", daemon=True)
+            self._thread = threading.Thread(target=self._run, name="ThermalVideo", daemon=True)
             self._thread.start()
         return self._images.next_observed(fix, time.time())
 
     def on_event(self, event: AnyEvent) -> None:
         """Ignore the events of the run."""
 
+    def close(self) -> None:
+        """End the thread, which closes the source."""
+        self._closed.set()
+
     def _run(self) -> None:
         try:
             begun_s = time.monotonic()
-            while True:
+            while not self._closed.is_set():
                 self.use(self._source.next_bytes(), datetime.now(UTC))
                 if time.monotonic() - begun_s >= WINDOW_S:
                     begun_s = time.monotonic()
                     self.end_window()
         except BaseException as error:  # tstrans reports a fault of its own as BaseException
             self._error = RuntimeError(f"{type(error).__name__}: {error}")
+        finally:
             self._source.close()
 
     def use(self, data: bytes, now: datetime) -> None:
