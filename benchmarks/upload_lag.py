@@ -166,6 +166,14 @@ def estimate_cases(world: World) -> list[tuple[str, dict[str, Any] | Observed]]:
     def drawn(shape: str, points: list[list[float]]) -> dict[str, Any]:
         return {"do": "correct", "state": "burning", "shape": shape, "points": points}
 
+    def noise(age_s: float) -> dict[str, Any]:
+        south, west = (float(value) for value in land.lat_lon_of(*land.xy_of(rows.max(), left)))
+        north, east = (float(value) for value in land.lat_lon_of(*land.xy_of(top, cols.max())))
+        cells = np.random.default_rng(round(age_s)).choice(["b", "u"], (256, 256))
+        bounds = {"south_deg": south, "west_deg": west, "north_deg": north, "east_deg": east}
+        raster = {"do": "raster", **bounds, "rows": ["".join(row) for row in cells]}
+        return {**raster, "age_s": age_s, "false_alarms_pct": 10.0, "missed_pct": 10.0}
+
     three_hours_ago_us = round((world.now_s - 10_800.0) * 1e6)
     image = Observed(three_hours_ago_us, "hawk", top - 40, left, ("b" * 12,) * 12)
     wind = {"do": "wind", "speed_m_s": 7.0}
@@ -182,6 +190,8 @@ def estimate_cases(world: World) -> list[tuple[str, dict[str, Any] | Observed]]:
         ("report, 3 h old, corrected", observed(19, 10_800.0)),
         ("undo", {"do": "undo"}),
         ("redo", {"do": "redo"}),
+        ("raster of noise", noise(60.0)),
+        ("another raster of noise", noise(0.0)),
     ]
 
 

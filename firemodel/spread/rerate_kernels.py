@@ -24,9 +24,9 @@ from firemodel.spread.labels import (
     Lattice,
     add_path,
     add_point,
+    empty_paths,
     ij_of,
     key_of,
-    keys_of,
     place_of,
 )
 from firemodel.spread.travel_time import STEP_COL, STEP_ROW, from_segment, travel, travel_s
@@ -45,18 +45,51 @@ NEXT_J = np.array([1, 0, 1, -1])
 
 def paths_from(front_yx: Floats, at_s: float, best_s: Floats, lattice: Lattice) -> ActivePaths:
     """Return the paths from each point (k, 2) of a front to the unreached nodes around it."""
-    around = np.arange(-NEAR_FRONT, NEAR_FRONT + 1)
-    nearest = np.floor(2.0 * front_yx + 0.5).astype(np.int64)
-    i = (nearest[:, 0, None, None] + around[:, None]).repeat(around.size, axis=2)
-    j = (nearest[:, 1, None, None] + around).repeat(around.size, axis=1)
-    inside = (i >= 0) & (i <= 2 * lattice.rows) & (j >= 0) & (j <= 2 * lattice.cols)
-    if lattice.step == 2:
-        inside &= i % 2 == j % 2
-    target = np.where(inside, keys_of(i, j, lattice), 0)
-    reachable = inside & (best_s[target] == np.inf)
-    point = np.nonzero(reachable)[0]
-    at = np.column_stack([front_yx[point], np.full(point.size, at_s)])
-    return ActivePaths(target[reachable].astype(np.int32), at)
+    keys = np.empty((2 * NEAR_FRONT + 1) ** 2, dtype=np.int64)
+    paths = empty_paths(_count_paths_from(front_yx, best_s, lattice, keys))
+    _add_paths_from(front_yx, at_s, best_s, lattice, keys, paths)
+    return paths
+
+
+@kernel
+def _unreached_around(y, x, best_s, lattice, keys):  # type: ignore[no-untyped-def]
+    """Store the keys of the unreached nodes around a point in ``keys``; return their number."""
+    nearest_i, nearest_j = int(np.floor(2.0 * y + 0.5)), int(np.floor(2.0 * x + 0.5))
+    count = 0
+    for i in range(
+        max(nearest_i - NEAR_FRONT, 0), min(nearest_i + NEAR_FRONT, 2 * lattice.rows) + 1
+    ):
+        for j in range(
+            max(nearest_j - NEAR_FRONT, 0), min(nearest_j + NEAR_FRONT, 2 * lattice.cols) + 1
+        ):
+            if lattice.step == 2 and (i - j) & 1:
+                continue
+            key = key_of(i, j, lattice)
+            if best_s[key] == np.inf:
+                keys[count] = key
+                count += 1
+    return count
+
+
+@kernel
+def _count_paths_from(front_yx, best_s, lattice, keys):  # type: ignore[no-untyped-def]
+    """Return the number of paths from the points (k, 2) of a front."""
+    count = 0
+    for point in range(len(front_yx)):
+        count += _unreached_around(front_yx[point, 0], front_yx[point, 1], best_s, lattice, keys)
+    return count
+
+
+@kernel
+def _add_paths_from(front_yx, at_s, best_s, lattice, keys, paths):  # type: ignore[no-untyped-def]
+    """Store the paths from the points (k, 2) of a front in ``paths``."""
+    used = 0
+    for point in range(len(front_yx)):
+        y, x = front_yx[point, 0], front_yx[point, 1]
+        for number in range(_unreached_around(y, x, best_s, lattice, keys)):
+            paths.target[used] = keys[number]
+            paths.at[used, 0], paths.at[used, 1], paths.at[used, 2] = y, x, at_s
+            used += 1
 
 
 @kernel
