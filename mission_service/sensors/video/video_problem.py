@@ -1,5 +1,6 @@
 """Describe why a video is not used, from the counts of the last seconds. Pure."""
 
+from mission_service.sensors.one_line import one_line
 from mission_service.sensors.video.video_stream import StreamCounts
 
 
@@ -16,8 +17,7 @@ def video_problem(counts: StreamCounts, source: str, notice: str, seconds: float
     problem = _of_stream(counts, seconds) or _of_parts(counts)
     if not problem:
         return f"{source}: {notice}" if notice else ""
-    text = f"{source}: {problem}{also}"
-    return " ".join(text.encode(errors="backslashreplace").decode().split())
+    return one_line(f"{source}: {problem}{also}")
 
 
 def _of_stream(counts: StreamCounts, seconds: float) -> str:
