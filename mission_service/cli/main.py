@@ -130,10 +130,9 @@ def sim(scenario: str, out: Path, overrides: tuple[str, ...], as_json: bool) -> 
     from mission_service.config.scenario import flying, load_scenario
     from mission_service.runtime.progress import SimProgress
     from mission_service.runtime.run_outputs import write_outputs
-    from mission_service.simulation.sim import check_sensors, simulate
+    from mission_service.simulation.sim import simulate
 
     loaded = flying(load_scenario(scenario, overrides))
-    check_sensors(loaded)
     made = output_folder(out)
     with SimProgress(loaded.name, loaded.duration_s, as_json) as progress:
         record, fire = simulate(loaded, made / "journal.jsonl", now_text(), progress)

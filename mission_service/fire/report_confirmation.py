@@ -4,8 +4,8 @@ A report that agrees with the estimate within the report's error of position cha
 place that is reported in another state changes the estimate at once if the source makes no errors
 of detection, otherwise only after a second report nearby, of another time or source. A report of
 the opposite state at the place cancels the first report. A few places near the estimated fire need
-no second report, because few false alarms lie in this small area. A report of many places needs a
-second one, because some of its false alarms lie in this area.
+no second report, because few false alarms lie in this small area. A report of many places, or of
+burned and unburned places, needs a second one, because some of its false alarms lie in this area.
 """
 
 import copy
@@ -60,11 +60,11 @@ class Confirmation:
         state[(state == UNBURNED) & unsure & _near(~burned, seen.where, reach)] = UNSEEN
         self._cancel(seen)
         is_few = np.count_nonzero(seen.state == BURNED) <= FEW_CELLS
-        is_raster = (seen.state == UNBURNED).any()
+        has_unburned = (seen.state == UNBURNED).any()
         for code, errors in ((BURNED, seen.false_alarms), (UNBURNED, seen.missed)):
             if errors and (seen.state == code).any():
                 likely = self._confirmed(seen, code, reach + 1)
-                if code == BURNED and errors < UNLIKELY and is_few and not is_raster:
+                if code == BURNED and errors < UNLIKELY and is_few and not has_unburned:
                     likely |= _near(burned, seen.where, int(BESIDE_M / cell_m))
                 state[(state == code) & ~likely] = UNSEEN
         return seen._replace(state=state, missed=0.0, false_alarms=0.0)

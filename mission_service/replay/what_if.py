@@ -36,7 +36,7 @@ from mission_service.runtime.engine import Progress, unshown
 from mission_service.runtime.run_outputs import summary_of, write_outputs
 from mission_service.runtime.run_statistics import RunStatistics
 from mission_service.runtime.state_view import StateView
-from mission_service.simulation.sim import simulate
+from mission_service.simulation.sim import CLOCK_SENSORS, simulate
 from mission_service.simulation.simulated_crew import SimulatedCrew
 
 SHORT = {"planner": "rule"}
@@ -128,6 +128,7 @@ def what_if(
         notes.append("missions are sent to the vehicles without acceptance")
         section = scenario.mission.model_copy(update={"approval": "none"})
         scenario = scenario.model_copy(update={"mission": section})
+    scenario = _without_clock_sensors(scenario, notes)
     script = repeatable_requests(past.requests, changed)
     if scenario.burn_flown is not None:
         notes.append(
@@ -144,6 +145,17 @@ def what_if(
     summary = write_outputs(out, scenario, record, fire)
     recorded = summary_of(past.scenario, past.record, past.estimate.fire)
     return WhatIf(changed, until_s, figures_of(recorded), figures_of(summary), notes)
+
+
+def _without_clock_sensors(scenario: Scenario, notes: list[str]) -> Scenario:
+    """Remove the sensors that a simulation cannot have, with a note."""
+    removed = [each for each in scenario.estimate.sensors if each in CLOCK_SENSORS]
+    if not removed:
+        return scenario
+    notes.append(f"the observations of {', '.join(removed)} are not repeated")
+    left = tuple(each for each in scenario.estimate.sensors if each not in removed)
+    estimate = scenario.estimate.model_copy(update={"sensors": left})
+    return scenario.model_copy(update={"estimate": estimate})
 
 
 class Script:

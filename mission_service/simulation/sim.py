@@ -220,7 +220,7 @@ class Simulation:
             self._progress(self.service.state_view, self.estimate.fire)
 
 
-def check_sensors(scenario: Scenario) -> None:
+def _check_sensors(scenario: Scenario) -> None:
     """Raise ScenarioError for a sensor that reads its input at the time of the host's clock.
 
     The journals of two simulations with such a sensor would differ.
@@ -249,7 +249,10 @@ def simulate(
     ``created`` (wall-clock time as text) is only written into the journal's header. ``progress`` is
     called about once per minute of mission time. ``crew`` returns the operators' events that are
     due at a mission time.
+
+    Raises ScenarioError for a sensor that uses the time of the clock.
     """
+    _check_sensors(scenario)
     scenario = _with_simulated_fire(scenario)
     landscape = landscape_of(scenario)
     journal = Journal(journal_path, header_of(scenario, landscape.digest(), created), durable=False)

@@ -33,6 +33,8 @@ from mission_service.replay.what_if import (
     what_if,
 )
 from mission_service.runtime.run_outputs import summary_of
+from mission_service.sensors.watched_folder import WatchedFolder
+from mission_service.simulation import sim
 from mission_service.simulation.sim import simulate
 
 CHANGES = ("start_s=3590", "duration_s=4200", "planner.alpha=5", "vehicles.0.airspeed_m_s=18")
@@ -146,6 +148,21 @@ def test_a_burn_is_flown_again_by_simulated_operators(tmp_path: Path) -> None:
         "a simulated crew confirms the GO/NO-GO checklist, is present and approves the plans"
         in found.notes
     )
+
+
+def test_sensors_that_read_files_at_the_time_of_the_clock_are_left_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = f"estimate.observation_files.folder={tmp_path}"
+    named = ('estimate.sensors=["observation_files"]', folder, "duration_s=3660")
+    live = tmp_path / "live.jsonl"
+    with monkeypatch.context() as patch:
+        patch.setattr(sim, "CLOCK_SENSORS", ())  # the journal of a live run
+        patch.setattr(WatchedFolder, "start", lambda self: None)
+        simulate(flying(load_scenario("islam-hu", (*CHANGES, *named))), live, "")
+    (tmp_path / "out").mkdir()
+    found = what_if(live, ["alpha=1"], tmp_path / "out", "")
+    assert found.notes == ["the observations of observation_files are not repeated"]
 
 
 def test_approvals_and_restarts_are_not_submitted_again() -> None:
