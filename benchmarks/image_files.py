@@ -1,15 +1,17 @@
 """Measure the front of an estimate that receives only image files: ``benchmarks.image_files``.
 
-    python -m benchmarks.image_files FIRST LAST [--stack px4|ardupilot] [--telemetry] [--minutes 25]
+    python -m benchmarks.image_files FIRST LAST [--stack px4|ardupilot] [--telemetry]
+        [--by files|video|http|mqtt] [--minutes 25]
 
 A mock plane circles the fire of the default scenario in virtual time. Its missions trigger its
 camera every 40 m, and its simulated camera writes a thermal image with EXIF and XMP (with
 ``--telemetry``: with its time only) into a folder. Nothing else passes from the simulated fire to
-the estimate. Wind, moisture and spread rate of the simulated fire differ from the estimate's model
-as in ``benchmarks.flown_estimate``. In the last ten minutes, once a minute, the front of the
-estimate is compared with the true front near the places where the aircraft flew in the last minute:
-printed is the mean distance of points of the true front from the other front. Persistence is the
-true front at takeoff; the model alone receives no images.
+the estimate. With ``--by video``, ``http`` or ``mqtt`` the service does not read these files;
+another program passes them on (``benchmarks.image_relays``). Wind, moisture and spread rate of the
+simulated fire differ from the estimate's model as in ``benchmarks.flown_estimate``. In the last ten
+minutes, once a minute, the front of the estimate is compared with the true front near the places
+where the aircraft flew in the last minute: printed is the mean distance of points of the true front
+from the other front. Persistence is the true front at takeoff; the model alone receives no images.
 """
 
 import argparse
@@ -23,12 +25,12 @@ import numpy as np
 import shapely
 
 from benchmarks.flown_estimate import wrong_scenario
+from benchmarks.image_relays import RELAYS, relay_of
 from firemodel.arrays import Floats
 from firemodel.spread.fire_scheme import Fire
 from mission_service.config.scenario import Scenario
 from mission_service.fire.scenario_fire import fire_of, landscape_of
-from mission_service.journal.journal_file import Journal, header_of
-from mission_service.simulation.sim import Simulation
+from tests.api.worlds import world_in
 
 NEAR_M = 100.0  # of the track; the camera shows 180 m on each side
 SPACING_M = 5.0  # between points of the true front
@@ -78,13 +80,12 @@ def behind_m(true: Any, other: Any, track: Sequence[tuple[float, float]]) -> flo
     return float(np.mean(shapely.distance(shapely.points(points), other)))
 
 
-def flown(scenario: Scenario, minutes: float, out: Path) -> tuple[Floats, int]:
+def flown(scenario: Scenario, minutes: float, out: Path, way: str) -> tuple[Floats, int]:
     """Return the errors (times, methods: estimate, persistence, model) and the number of images."""
     landscape = landscape_of(scenario)
-    journal = Journal(
-        out / "journal.jsonl", header_of(scenario, landscape.digest(), ""), durable=False
-    )
-    flight = Simulation(scenario, journal, landscape)
+    folder = Path(scenario.estimate.thermal_frames.folder or "")
+    world = world_in(out, scenario)
+    flight, relay = world.simulation, relay_of(way, world, folder)
     assert flight.true_fire is not None
     model = fire_of(scenario, landscape)
     flight.true_fire.advance(round(scenario.start_s * 1e6))
@@ -95,6 +96,8 @@ def flown(scenario: Scenario, minutes: float, out: Path) -> tuple[Floats, int]:
     while at_s < end_s:
         at_s += STEP_S
         flight.run_until(at_s)
+        if relay is not None:
+            relay.pass_on(flight.clock.now_us / 1e6)
         mock = flight.rigs[0].mock.flight
         x_m, y_m = landscape.xy_of_lat_lon(*mock.frame.global_position(mock.motion))
         track = [*track, (float(x_m), float(y_m))][-round(EVERY_S / STEP_S) - 1 :]
@@ -105,10 +108,8 @@ def flown(scenario: Scenario, minutes: float, out: Path) -> tuple[Floats, int]:
             true = front_of(flight.true_fire.fire)
             others = (front_of(flight.estimate.fire), before, front_of(model))
             errors.append([behind_m(true, other, track) for other in others])
-    journal.close()
-    return np.array(errors), len(
-        list(Path(scenario.estimate.thermal_frames.folder or "").iterdir())
-    )
+    flight.service.recording.journal.close()
+    return np.array(errors), len(list(folder.iterdir()))
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -118,6 +119,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("last", type=int)
     parser.add_argument("--stack", choices=("px4", "ardupilot"), default="px4")
     parser.add_argument("--telemetry", action="store_true")
+    parser.add_argument("--by", choices=("files", *RELAYS), default="files")
     parser.add_argument("--minutes", type=float, default=25.0)
     given = parser.parse_args(arguments)
     click.echo("seed  images  mean distance of the front in m: estimate  persistence  model alone")
@@ -127,7 +129,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             folder = Path(name) / "frames"
             folder.mkdir()
             scenario = scenario_for(seed, folder, given.stack, not given.telemetry)
-            errors, images = flown(scenario, given.minutes, Path(name))
+            errors, images = flown(scenario, given.minutes, Path(name), given.by)
         every.append(np.nanmean(errors, axis=0))
         click.echo(f"{seed:4}  {images:6}  " + "  ".join(f"{each:7.1f}" for each in every[-1]))
     mean = np.mean(every, axis=0)

@@ -26,6 +26,7 @@ MAX_DURATION_S = 1e7  # longer durations are refused as mistakes
 MAX_LENGTH_M = 10_000.0  # larger circles and longer lines are refused as mistakes
 MAX_FIRE_LENGTH_M = 500_000.0  # larger, for outlines of fires from other sources
 MAX_SIDE_CELLS = 256  # rows and columns of a raster
+MAX_AGE_S = 21_600.0  # of an observation
 
 OPERATOR_FIELDS = ("by", "station")  # keys of all requests
 Role = Literal["look", "observe", "correct", "fly", "approve"]
@@ -72,7 +73,7 @@ Places = Annotated[
     Meta(min_length=1, max_length=1000, description="Latitude and longitude of each point."),
 ]
 # The errors and the source of an observation.
-Age = Annotated[float, Meta(ge=0, le=MAX_DURATION_S, description="Time since the observation.")]
+Age = Annotated[float, Meta(ge=0, le=MAX_AGE_S, description="Time since the observation.")]
 PositionSd = Annotated[
     float, Meta(ge=0, le=MAX_LENGTH_M, description="Standard deviation of the position.")
 ]

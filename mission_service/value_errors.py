@@ -17,6 +17,7 @@ Schema = Mapping[str, Any]
 Path = Sequence[str | int]
 
 MAX_SHOWN = 60  # maximum number of characters of a value
+REQUEST_KEY = "do"  # the kind of a request; it is never a missing or unknown key
 UNKNOWN = object()  # stands for a value that is not shown
 WORDS = {pattern: words.removeprefix("give ") for pattern, words in PATTERNS.items()} | {
     r"^[\w-]+$": "letters, digits, - and _",
@@ -63,7 +64,8 @@ def in_words(error: Exception, kind: type, value: Any = UNKNOWN) -> str:
         return missing_key([*path, missing[1]], schema)
     if unknown := _UNKNOWN_KEY.match(problem):
         keys = schema_at(schema, path) or {}
-        return f"{_key([*path, unknown[1]])}: unknown key; give {', '.join(keys['properties'])}"
+        known = (name for name in keys["properties"] if name != REQUEST_KEY)
+        return f"{_key([*path, unknown[1]])}: unknown key; give {', '.join(known)}"
     found = schema_at(schema, path)
     if not place or found is None:
         return str(error)

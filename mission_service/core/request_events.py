@@ -109,7 +109,10 @@ def event_of(
     _check_names(parsed, scope)
     for place in _places(parsed):
         if not scope.on_map(*place):
-            raise RequestError(f"{do}: {place[0]:.6g}, {place[1]:.6g} is outside the landscape")
+            lat_deg, lon_deg = place
+            exchanged = abs(lon_deg) <= 90.0 and scope.on_map(lon_deg, lat_deg)
+            hint = "; latitude and longitude are exchanged" if exchanged else ""
+            raise RequestError(f"{do}: {lat_deg:.6g}, {lon_deg:.6g} is outside the landscape{hint}")
     approver = kind.role == "approve" if may_approve is None else may_approve
     event = msgspec.structs.replace(parsed.event(at_us), may_approve=approver)
     if isinstance(event, events.FireObserved | events.RasterObserved):

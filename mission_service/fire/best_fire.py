@@ -39,6 +39,7 @@ from mission_service.fire.reported_observations import (
     CORRECTION_SD_M,
     Smoke,
     behind_smoke,
+    note_of,
     observation_of,
     refuse_contradicted,
 )
@@ -82,11 +83,13 @@ class Change(NamedTuple):
         window: A window around the cells that a report changed, for planners.
         contradicted: A window of corrections that images have removed, for planners.
         add: Adds the input to the ensemble.
+        note: Why a part of a report changes nothing, for its sender; or empty.
     """
 
     window: Window | None = None
     contradicted: Window | None = None
     add: Callable[[RunEnsemble], None] | None = None
+    note: str = ""
 
 
 NOTHING = Change()
@@ -196,12 +199,17 @@ class BestFire:
         reported = self._reported_cells(event, smoke)
         self.burn_until(now_s)
         burned = self.fire.expected_s() <= reported.at_s
-        seen = self._confirmation.surprising(reported, burned, self._landscape.cell_size_m)
+        cell_m = self._landscape.cell_size_m
+        seen, waiting = self._confirmation.surprising(reported, burned, cell_m)
         if not (seen.state != UNSEEN).any():
-            return NOTHING
+            return Change(note=note_of(event, reported, waiting, changes=False))
         before = self.fire
         self._place_in_time(seen)
-        return Change(self._reported_change(before), add=lambda ensemble: ensemble.add_late(seen))
+        return Change(
+            self._reported_change(before),
+            add=lambda ensemble: ensemble.add_late(seen),
+            note=note_of(event, reported, waiting, changes=True),
+        )
 
     def _place_in_time(self, seen: Observation) -> None:
         """Change the fire to agree with an observation of the present or an earlier time."""

@@ -13,9 +13,9 @@ from firemodel.spread.anyangle import AnyAngleFire
 from firemodel.spread.burning import burning_from_arrival
 from firemodel.spread.fire_scheme import Burning, Fire
 from firemodel.spread.probabilistic import ProbabilisticFire
+from mission_service.requests import MAX_AGE_S
 
 Begin = Callable[[Burning | None, WeatherStream, float], Fire]
-MAX_AGE_S = 6 * 3600.0  # of observations
 WINDS_APART_S = 60.0  # of the wind reports that are stored for late observations
 EQUAL_S = 1.0  # smaller differences of arrival times are rounding
 

@@ -42,7 +42,7 @@ class Confirmation:
         found._numbers = self._numbers.copy()
         return found
 
-    def surprising(self, seen: Observation, burned: Mask, cell_m: float) -> Observation:
+    def surprising(self, seen: Observation, burned: Mask, cell_m: float) -> "Surprising":
         """Return the part of an observation that changes the estimate.
 
         Args:
@@ -50,6 +50,9 @@ class Confirmation:
             burned: (y, x) the cells of the grid that are burned in the estimate at the report's
                 time.
             cell_m: The size of a cell.
+
+        Returns:
+            This part, and the number of cells that wait for a second report.
         """
         reach = int(WITHIN_SD * seen.position_sd_m / cell_m)
         state = seen.state.copy()
@@ -58,6 +61,8 @@ class Confirmation:
         # unburned ground, and the report does not show that all ground around is unburned.
         unsure = ~_surrounded(seen.state == UNBURNED, reach)
         state[(state == UNBURNED) & unsure & _near(~burned, seen.where, reach)] = UNSEEN
+        differs = (state == BURNED) & ~burned[seen.where]
+        differs |= (state == UNBURNED) & burned[seen.where]
         self._cancel(seen)
         is_few = np.count_nonzero(seen.state == BURNED) <= FEW_CELLS
         has_unburned = (seen.state == UNBURNED).any()
@@ -67,7 +72,8 @@ class Confirmation:
                 if code == BURNED and errors < UNLIKELY and is_few and not has_unburned:
                     likely |= _near(burned, seen.where, int(BESIDE_M / cell_m))
                 state[(state == code) & ~likely] = UNSEEN
-        return seen._replace(state=state, missed=0.0, false_alarms=0.0)
+        waiting = int(np.count_nonzero(differs & (state == UNSEEN)))
+        return Surprising(seen._replace(state=state, missed=0.0, false_alarms=0.0), waiting)
 
     def _cancel(self, seen: Observation) -> None:
         """Remove the earlier reports of places that are now reported in the opposite state."""
@@ -91,6 +97,13 @@ class Confirmation:
         last.at_s[seen.where][new] = seen.at_s
         last.source[seen.where][new] = number
         return near
+
+
+class Surprising(NamedTuple):
+    """The part of a report that changes the estimate."""
+
+    seen: Observation
+    waiting: int  # cells of the report that wait for a second report
 
 
 class _LastReports(NamedTuple):

@@ -14,12 +14,13 @@ from firemodel.landscape.landscape import Landscape
 from firemodel.landscape.rasterise import mask_of
 from mission_service.events import Corrected, Erased, FireObserved, Observed, RasterObserved
 from mission_service.fire.correction_log import drawn_shape, not_erased
-from mission_service.fire.late_observation import MAX_AGE_S
 from mission_service.fire.observed_window import observation_in
 from mission_service.fire.raster_cells import raster_cells
+from mission_service.requests import MAX_AGE_S
 
 MAX_CONTRADICTED = 0.5  # share of the cells that images or other reports show
 SHORTLY_S, SEVERAL_CELLS = 120.0, 5
+MANY_TIMES = 20  # a report that shows so many times more cells is not refused for a few cells
 # Fuel ignites at this temperature in the spread model (Rothermel 1972, Research Paper INT-115,
 # heat of preignition). Hot ground below it may be ash, or heated by the sun or by fire nearby.
 IGNITION_C = 320.0
@@ -165,6 +166,7 @@ def refuse_contradicted(seen: Observation, state: NDArray[np.uint8], seen_s: Flo
 
     Burned cells must not have been seen as unburned at a later time; for several cells, sightings
     shortly before that time also count. Unburned cells must not have been seen as burned before.
+    A few contradicted cells of a large report do not count.
 
     Args:
         seen: The reported observation.
@@ -178,8 +180,38 @@ def refuse_contradicted(seen: Observation, state: NDArray[np.uint8], seen_s: Flo
     wrong |= unburned & (state == BURNED) & (seen_s <= seen.at_s)
     agreed = (burned & (state == BURNED)) | (unburned & (state == UNBURNED))
     contradict, agree = np.count_nonzero(wrong), np.count_nonzero(agreed)
+    shown = np.count_nonzero(seen.state != UNSEEN)
+    if contradict < SEVERAL_CELLS and shown >= MANY_TIMES * contradict:
+        return
     if contradict > MAX_CONTRADICTED * (contradict + agree):
         raise FireModelError(
             f"images or other reports contradict it in {contradict} of "
-            f"{contradict + agree} cells that they show; check its place and age, or use correct"
+            f"{contradict + agree} cells that they show; check its place and age; the role "
+            "correct permits a change of the fire there"
         )
+
+
+def note_of(
+    event: FireObserved | RasterObserved, reported: Observation, waiting: int, changes: bool
+) -> str:
+    """Return why a part of a report changes nothing, as a line for its sender, or an empty text.
+
+    Args:
+        event: The report.
+        reported: Its cells, without those that are behind smoke or were drawn at a later time.
+        waiting: The number of its cells that wait for a second report.
+        changes: Whether other cells change the estimate.
+    """
+    if waiting:
+        return (
+            f"cells that wait for a second report: {waiting}; send it again after 10 s or more, "
+            "within 30 min, or report it by another sensor"
+        )
+    has_burned = isinstance(event, RasterObserved) and any("b" in row for row in event.rows)
+    if has_burned and not (reported.state == BURNED).any():
+        return "the majority filter has removed its burned cells, which are too few"
+    if changes:
+        return ""
+    if not (reported.state != UNSEEN).any():
+        return "changes nothing: smoke covers its cells, or they were corrected at a later time"
+    return "changes nothing: it agrees with the estimate within two standard deviations"

@@ -11,6 +11,7 @@ from collections.abc import Awaitable, Callable
 from mission_service.errors import RefusedEventError
 from mission_service.events import AnyOperatorEvent
 from mission_service.runtime.engine import Engine
+from mission_service.runtime.request_handler import ReportOutcome
 
 LOOK_EVERY_S = 0.1  # for images; a report is applied at once
 
@@ -21,7 +22,7 @@ class EstimateWorker:
     def __init__(self, service: Engine, now_us: Callable[[], int], flush: Callable[[], None]):
         """Set the clock of the links, and the function that sends the resulting frames."""
         self._service, self._now_us, self._flush = service, now_us, flush
-        self._outcomes: dict[int, asyncio.Future[Exception | None]] = {}  # by the report's id
+        self._outcomes: dict[int, asyncio.Future[ReportOutcome]] = {}  # by the report's id
         self._bell = asyncio.Event()
 
     async def fold_inputs(self) -> None:
@@ -60,15 +61,12 @@ class EstimateWorker:
         unused = None if found.unused is None else self._service.unused(report, found.unused)
         outcome = self._outcomes.pop(id(report), None)
         if outcome is not None:
-            outcome.set_result(unused)
+            outcome.set_result(ReportOutcome(unused, found.change.note))
         elif unused is not None:  # over MQTT, which does not wait
             self._service.announce("service", f"the report of {report.by} is not used: {unused}")
 
-    def outcome(self, report: AnyOperatorEvent) -> Awaitable[Exception | None] | None:
-        """Return an awaitable for the result of a submitted report; None if it does not wait.
-
-        The result is the reason why the report changes nothing, or None if it was used.
-        """
+    def outcome(self, report: AnyOperatorEvent) -> Awaitable[ReportOutcome] | None:
+        """Return an awaitable for the outcome of a submitted report; None if it does not wait."""
         if not self._service.estimate.waits_for(report):
             return None
         found = self._outcomes.setdefault(id(report), asyncio.get_running_loop().create_future())

@@ -21,11 +21,19 @@ from mission_service.events import (
 )
 
 Answer = dict[str, Any]
-# Returns an awaitable for the reason why the estimate does not use a report (None if it is used).
-# Returns None if the report does not wait.
-Outcome = Callable[[AnyOperatorEvent], Awaitable[Exception | None] | None]
 CHANGES_AREA = (Corrected, FireObserved, RasterObserved, Erased, Undone, Redone)
 OWN_ERRORS = (MissionServiceError, FireModelError, BridgeError)
+
+
+class ReportOutcome(NamedTuple):
+    """What the estimate has done with a report."""
+
+    unused: Exception | None  # why it was refused
+    note: str  # why a part of it changes nothing; or empty
+
+
+# Returns an awaitable for the outcome of a report, or None if the report does not wait.
+Outcome = Callable[[AnyOperatorEvent], Awaitable[ReportOutcome] | None]
 
 
 class RequestHandler:
@@ -85,11 +93,13 @@ class RequestHandler:
         found = self.ask_or_wait(request, may_approve, role)
         return found if isinstance(found, dict) else await found
 
-    async def _reply_after(
-        self, found: "_Submitted", outcome: Awaitable[Exception | None]
-    ) -> Answer:
-        unused = await outcome
-        return self._reply(found) if unused is None else wrong(str(unused))
+    async def _reply_after(self, found: "_Submitted", outcome: Awaitable[ReportOutcome]) -> Answer:
+        unused, note = await outcome
+        if unused is not None:
+            return wrong(str(unused))
+        return self._reply(
+            found._replace(messages=[*found.messages, note] if note else found.messages)
+        )
 
     def _submitted(
         self, request: Any, may_approve: bool | None, role: str = ""

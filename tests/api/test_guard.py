@@ -296,6 +296,9 @@ def test_the_page_is_everybodys_and_hides_no_route(flying: World, tmp_path: Path
             both = await http.put(f"{V1}/fire/corrections", headers=all_of)
             assert (both.status_code, both.headers["allow"]) == (405, "GET, POST")
             assert (await http.get(f"{V1}/nothing", headers=all_of)).status_code == 404
+            posted = await http.post(f"{V1}/fire/observation", headers=all_of)
+            assert posted.status_code == 404
+            assert f"no such route; {V1}/openapi.json lists all" in posted.json()["error"]
             assert (await http.get(f"{V1}/nothing")).status_code == 401
 
     asyncio.run(go())

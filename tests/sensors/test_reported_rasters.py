@@ -2,6 +2,7 @@
 
 import asyncio
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import httpx
@@ -164,6 +165,19 @@ def test_of_three_detectors_the_one_that_contradicts_both_others_is_not_used(
     assert burned_after(estimate, 1000.0)[52:64, 72:84].all()
 
 
+def test_a_few_contradicted_cells_do_not_refuse_a_large_raster(land: Landscape) -> None:
+    estimate = RunEstimate(EMPTY, land)
+    spot: dict[str, Any] = {"place": (55, 75, 2, 2), "position_sd_m": 1.0}
+    estimate.apply_report(raster(land, ["b"], **spot))
+    unburned = raster(land, ["u"], at_s=610.0, **spot)
+    with pytest.raises(UnusedReportError, match="contradict it in 4 of 4 cells"):
+        estimate.apply_report(unburned)
+    estimate.apply_report(raster(land, block(slice(30, 35)), at_s=620.0, position_sd_m=1.0))
+    burned = burned_after(estimate, 620.0)
+    assert burned[71:74, 91:94].all()
+    assert not burned[50:60, 70:80].any()
+
+
 def test_a_late_report_of_unburned_ground_contradicts_no_later_fire(land: Landscape) -> None:
     estimate = RunEstimate(EMPTY, land)
     for at_s in range(600, 900, 30):
@@ -212,6 +226,7 @@ def test_observations_that_wait_for_the_estimate_are_bounded(land: Landscape) ->
         ({"east_deg": float("nan")}, "east_deg"),
         ({"west_deg": "x"}, "west_deg"),
         ({"age_s": -3600.0}, "age_s"),
+        ({"age_s": 7 * 3600.0}, "age_s: give a number from 0 to 21600"),
         ({"missed_pct": 100}, "missed_pct"),
         ({"speed": 1}, "unknown key"),
     ],
@@ -229,7 +244,6 @@ def test_unusable_rasters_are_refused_in_one_line(keys: dict[str, Any], reason: 
     ("keys", "reason"),
     [
         ({"west_deg": -54.15, "east_deg": -54.13}, "contains no cell of the landscape"),
-        ({"age_s": 7 * 3600.0}, "older than 21600 s"),
         ({"rows": ["u" * 5], "missed_pct": 1.0}, "a cell needs five seen neighbours"),
     ],
 )
@@ -240,6 +254,36 @@ def test_rasters_that_the_estimate_cannot_use_are_refused(
     event = event_of(request, 30_000_000_000)
     with pytest.raises(FireModelError, match=reason):
         RunEstimate(SCENARIO, land).check(event)
+
+
+NOTES: tuple[tuple[dict[str, Any], str], ...] = (
+    ({"rows": ["b" * 20] * 20, "false_alarms_pct": 2.0}, "wait for a second report: 3"),
+    (
+        {"rows": ["u" * 9 + "b" + "u" * 10] + ["u" * 20] * 9, "missed_pct": 1.0},
+        "majority filter",
+    ),
+    ({"rows": ["u" * 20] * 8 + ["u" * 6 + "b" * 8 + "u" * 6] * 8 + ["u" * 20] * 4}, ""),
+    ({"rows": ["." * 20] * 9 + ["." * 7 + "b" * 6 + "." * 7] * 6 + ["." * 20] * 5}, "agrees with"),
+)
+
+
+def test_the_reply_states_why_a_report_changes_nothing(tmp_path: Path) -> None:
+    world = world_in(tmp_path, SCENARIO)
+    place = edges(world.context.landscape, 20, 30, 20, 20)
+
+    async def replied() -> list[dict[str, Any]]:
+        working = asyncio.create_task(world.worker.fold_inputs())
+        await asyncio.sleep(0)
+        ask = world.context.request_handler.ask_and_wait
+        request = {"do": "raster", "by": "gus", "station": "tower", **place}
+        found = [await ask({**request, **keys}) for keys, _ in NOTES]
+        working.cancel()
+        return found
+
+    for reply, (_, note) in zip(asyncio.run(replied()), NOTES, strict=True):
+        assert reply["ok"]
+        assert len(reply["messages"]) == (1 if note else 0)
+        assert note in " ".join(reply["messages"])
 
 
 # GeoTIFFs -------------------------------------------------------------------------------------
@@ -281,6 +325,11 @@ def test_a_geotiff_in_latitude_and_longitude_keeps_its_pixels() -> None:
     assert found["east_deg"] == pytest.approx(-84.15 + 50 * 0.0003)
 
 
+def test_a_geotiff_without_fire_may_declare_255_as_unseen() -> None:
+    pixels = np.array([[0, 0, 255]], dtype=np.uint8)
+    assert read_raster(wgs84(pixels, nodata=255), "mask.tif", BOUNDS)["rows"] == ("uu.",)
+
+
 def test_a_projected_geotiff_has_its_fire_at_the_right_place(land: Landscape) -> None:
     """A square burned from 600 to 900 m east and 300 to 450 m south of the corner."""
     west, north = (float(each) for each in land.xy_of(49.5, 59.5))
@@ -310,7 +359,9 @@ def test_a_fine_geotiff_has_the_most_frequent_states() -> None:
 @pytest.mark.parametrize(
     ("data", "reason"),
     [
-        (b"not a tiff", "is not a GeoTIFF"),
+        (b"not a tiff", "is not a GeoTIFF; send a GeoTIFF with one band as the body"),
+        (b"", "is empty"),
+        (wgs84(np.full((3, 3), 255, np.uint8)), "9 pixels of 255 (not seen) and none of 1"),
         (b"II*\x00" + b"\x00" * 100, "cannot be read as a GeoTIFF"),
         (wgs84(np.full((3, 3), 7, dtype=np.uint8)), "has the value 7"),
         (wgs84(np.full((3, 3), np.nan, dtype=np.float32)), "has the value nan"),

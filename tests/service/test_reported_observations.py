@@ -236,7 +236,8 @@ def test_places_within_the_error_of_the_front_change_nothing(world: World) -> No
     ("keys", "reason"),
     [
         ({"points": [[36.36, -54.14]]}, "36.36, -54.14 is outside the landscape"),
-        ({"age_s": 7 * 3600.0}, "older than 21600 s are not used"),
+        ({"points": [[-84.14, 36.36]]}, "latitude and longitude are exchanged"),
+        ({"age_s": 7 * 3600.0}, "age_s: give a number from 0 to 21600"),
         ({"age_s": -5.0}, "age_s"),
         ({"false_alarms_pct": 100.0}, "false_alarms_pct"),
         ({"shape": "polygon"}, "a polygon requires 3"),

@@ -33,7 +33,7 @@ USER = {"by": "ann", "station": "desk"}
         ({"do": "hold", "vehicle": "", "confirmed": 3}, "confirmed: give true or false (got 3)"),
         ({"do": "hold", "vehicle": "a b"}, "give the name of a vehicle: letters, digits, - and _"),
         ({"do": "plan", "line_spacing_m": 0}, "line_spacing_m: give a number from 1 to 1000 (got"),
-        ({"do": "wind", "speed": 3}, "speed: unknown key; give do, by, station, speed_m_s"),
+        ({"do": "wind", "speed": 3}, "speed: unknown key; give by, station, speed_m_s"),
         (
             {"do": "correct", "state": "wet", "shape": "point", "points": [[1, 2]]},
             "state: give one of burned, burning, unburned (got 'wet')",

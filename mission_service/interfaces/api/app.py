@@ -224,7 +224,14 @@ def _methods(app: FastAPI, path: str) -> list[str]:
 def _serve_page(app: FastAPI, page: Path) -> None:
     """Serve the page for all paths without a route; a wrong method for a route returns 405."""
     if page.is_dir():
-        app.router.default = StaticFiles(directory=page, html=True)
+        files = StaticFiles(directory=page, html=True)
+
+        async def file_or_no_route(scope: Scope, receive: Receive, send: Send) -> None:
+            if scope["path"].startswith(V1.rpartition("/")[0]):
+                raise HTTPException(404, f"no such route; {V1}/openapi.json lists all")
+            await files(scope, receive, send)
+
+        app.router.default = file_or_no_route
         return
 
     async def unbuilt(scope: Scope, receive: Receive, send: Send) -> None:

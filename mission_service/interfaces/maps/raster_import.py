@@ -24,9 +24,10 @@ def read_raster(
     """Return the keys of a request ``raster`` for a GeoTIFF: its edges and rows.
 
     The pixels are 1 for burned and 0 for unburned ground; 255 and the nodata value of the file are
-    ground that was not seen. A raster in another CRS is resampled to latitude and longitude. Only
-    the part within ``bounds`` (west, south, east, north, in degrees) is used, with at most
-    ``MAX_SIDE_CELLS`` cells on each side.
+    ground that was not seen. Because 255 often means fire in other files, a file with 255 and
+    without 1 must declare 255 as its nodata value. A raster in another CRS is resampled to latitude
+    and longitude. Only the part within ``bounds`` (west, south, east, north, in degrees) is used,
+    with at most ``MAX_SIDE_CELLS`` cells on each side.
 
     Raises FireModelError with one line for a file that is unusable.
     """
@@ -35,7 +36,10 @@ def read_raster(
     from rasterio.io import MemoryFile
 
     if not data.startswith(TIFF):
-        raise FireModelError(f"{file_name}: is not a GeoTIFF; send a GeoTIFF with one band")
+        raise FireModelError(
+            f"{file_name}: {'is not a GeoTIFF' if data else 'is empty'}; send a GeoTIFF with one "
+            "band as the body, not as a form (curl --data-binary @FILE)"
+        )
     try:
         with (
             rasterio.Env(**OFFLINE),
@@ -72,6 +76,11 @@ def _states(pixels: NDArray[Any], nodata: float | None, file_name: str) -> NDArr
     states[pixels == 0] = UNBURNED
     states[pixels == 1] = BURNED
     unseen = pixels == UNSEEN_VALUE
+    if unseen.any() and not (pixels == 1).any() and nodata != UNSEEN_VALUE:
+        raise FireModelError(
+            f"{file_name}: has {np.count_nonzero(unseen)} pixels of 255 (not seen) and none of 1 "
+            "(burned); set burned pixels to 1, or declare 255 as the nodata value"
+        )
     if nodata is not None:
         unseen |= np.isnan(pixels) if math.isnan(nodata) else pixels == nodata
     states[unseen] = UNSEEN

@@ -193,5 +193,5 @@ def _refuse_old(command: Command, unix_us: int) -> None:
         when = "ago" if age_us > 0 else "in the future"
         raise _RefusedError(
             f"sent_at_unix_us is {abs(age_us) / 1e6:.0f} s {when}; the limit is "
-            f"{OLD_US / 1e6:.0f} s: check the clock of the sender"
+            f"{OLD_US / 1e6:.0f} s: give microseconds since 1970, and check the clock of the sender"
         )

@@ -101,7 +101,7 @@ class AccessGuard:
                 scope["state"]["aborted"] = self._abort(user, query)
             limiter = self._limiter(scope)
             if limiter is not None and not limiter.acquire(client):
-                text = f"too many concurrent requests; the limit is {limiter.most}"
+                text = f"too many concurrent requests; {limiter.limits}; repeat it later"
                 raise ApiError(503, text, {"retry-after": "1"})
         except ApiError as error:
             await _refuse(bounded, error)

@@ -33,13 +33,19 @@ class ConcurrencyLimiter:
     """A limit of concurrent requests: ``most`` in total and ``max_each`` from one client."""
 
     def __init__(self, most: int, max_each: int) -> None:
-        self.most = most
-        self._max_each = max_each
+        self._most, self._max_each = most, max_each
         self._active: Counter[str] = Counter()
+
+    @property
+    def limits(self) -> str:
+        """The limits in words."""
+        if self._most == self._max_each:
+            return f"the limit is {self._most}"
+        return f"the limit is {self._max_each} of one client, and {self._most} of all"
 
     def acquire(self, client: str) -> bool:
         """Count a request until ``release``; return False if the limit is reached."""
-        if self._active.total() >= self.most or self._active[client] >= self._max_each:
+        if self._active.total() >= self._most or self._active[client] >= self._max_each:
             return False
         self._active[client] += 1
         return True
