@@ -20,7 +20,7 @@ from mission_service.events import AnyEvent, FireObserved, Observed, Place, Rast
 from mission_service.fire.correction_log import drawn_shape
 from mission_service.fire.observed_window import LETTERS, in_letters
 from mission_service.fire.raster_cells import raster_cells
-from mission_service.fire.reported_observations import STATES, sender_of
+from mission_service.fire.reported_observations import STATES, TAK, TAK_STATION, sender_of
 from mission_service.fire.sensors import STATION as SENSORS
 from mission_service.runtime.published_states import SourceKind, SourceState, SourceStatus
 
@@ -271,5 +271,6 @@ def _window_of(event: RasterObserved, landscape: Landscape) -> Observed:
 
 
 def _is_of(name: str, source: str) -> bool:
-    """Return whether the estimate's name of a sender (``sender_of``) is that of a source."""
-    return name == source or name.endswith(f" of {source}")
+    """Return whether the estimate's name of a sender (``compared_source``) is that of a source."""
+    is_tak_user = name == TAK and f" at {TAK_STATION}" in source
+    return is_tak_user or name == source or name.endswith(f" of {source}")

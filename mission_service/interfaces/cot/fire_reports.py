@@ -8,6 +8,7 @@ incident do not state where the fire is.
 import re
 from typing import Literal, NamedTuple
 
+from mission_service.fire.reported_observations import TAK_STATION
 from mission_service.interfaces.cot.received_events import (
     CotEvent,
     CotEventError,
@@ -17,7 +18,6 @@ from mission_service.interfaces.cot.received_events import (
 )
 from mission_service.runtime.observation_sources import report_digest
 
-COT = "cot:"  # prefix of the names of users and stations
 MAX_NAME = 80  # of a request
 
 State = Literal["burned", "burning", "unburned"]
@@ -52,7 +52,7 @@ class FireReport(NamedTuple):
 
 def station_of(creator: Creator) -> str:
     """Return the station of a creator in requests."""
-    return f"{COT}{creator.uid}"[:MAX_NAME]
+    return f"{TAK_STATION}{creator.uid}"[:MAX_NAME]
 
 
 def name_of(report: FireReport) -> str:

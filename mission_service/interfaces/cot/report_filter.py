@@ -10,8 +10,9 @@ from collections.abc import Callable
 from typing import Any, NamedTuple, TypeVar
 
 from mission_service.config.service_section import CotReportsSection
+from mission_service.fire.reported_observations import TAK_STATION
 from mission_service.interfaces.api.access.limits import RateLimiter
-from mission_service.interfaces.cot.fire_reports import COT, MAX_NAME, FireReport, reports_in
+from mission_service.interfaces.cot.fire_reports import MAX_NAME, FireReport, reports_in
 from mission_service.interfaces.cot.received_events import CotEvent
 
 MAX_USERS, MAX_SEEN, MAX_WAITING = 2000, 4096, 64
@@ -197,7 +198,7 @@ class ReportFilter:
         settings = self._settings
         return {
             "do": "observe",
-            "by": f"{COT}{user.callsign or report.creator.uid}"[:MAX_NAME].strip(),
+            "by": f"{TAK_STATION}{user.callsign or report.creator.uid}"[:MAX_NAME].strip(),
             "station": report.station,
             "state": report.state,
             "shape": report.shape,
