@@ -4,6 +4,7 @@ The table is in the scenario file, but neither part of the scenario nor in the j
 resume with other ports.
 """
 
+import ipaddress
 import re
 from pathlib import Path
 from typing import Annotated, Literal
@@ -78,8 +79,35 @@ class MqttSection(Section):
         return source
 
 
+def _is_multicast(host: str) -> bool:
+    try:
+        return ipaddress.ip_address(host).is_multicast
+    except ValueError:  # a name
+        return False
+
+
+Names = Annotated[tuple[str, ...], Field(min_length=1)]
+Percent = Annotated[float, Field(ge=0, lt=100)]
+
+
+class CotReportsSection(Section):
+    """The people whose markers and shapes in TAK are observations of the fire.
+
+    A person must belong to one of ``groups`` and have one of ``roles`` (not case-sensitive).
+    """
+
+    groups: Names  # team colours
+    roles: Names
+    position_sd_m: Annotated[float, Field(gt=0, le=1000)] = 25.0  # of a drawn place, at least
+    # A TAK user is not identified, and a marker may be wrong. Any share above 0 may require a
+    # second report.
+    false_alarms_pct: Percent = 5.0
+    missed_pct: Percent = 5.0
+    max_age_s: Annotated[float, Field(gt=0, le=21_600)] = 3600.0  # older reports are not used
+
+
 class CotSection(Section):
-    """The receiver of Cursor on Target events for TAK.
+    """The receiver of Cursor on Target events for TAK, and the reports that it sends.
 
     Examples of its URL are ``udp://239.2.3.1:6969``, ``tcp://HOST:8087`` and ``tls://HOST:8089``.
     """
@@ -89,6 +117,16 @@ class CotSection(Section):
     tls_ca: Path | None = None
     tls_certificate: Path | None = None
     tls_key: Path | None = None
+    reports: CotReportsSection | None = None
+
+    @model_validator(mode="after")
+    def _reports_arrive(self) -> "CotSection":
+        if self.reports is not None and self.scheme == "udp" and not _is_multicast(self.host):
+            raise ValueError(
+                f"reports cannot arrive from {self.url}: give a TAK server (tcp:// or tls://) or a "
+                'multicast group, such as "udp://239.2.3.1:6969"'
+            )
+        return self
 
     @field_validator("url")
     @classmethod

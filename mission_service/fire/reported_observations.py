@@ -28,6 +28,7 @@ COOL_FALSE_ALARMS = 0.5  # at least; any share requires a second report
 CORRECTION_SD_M = 1.0  # operators' drawings are certain
 SMOKE_S = 600.0  # before and after a report of smoke
 MAX_SMOKE = 100  # reports of smoke that are stored
+TAK, TAK_STATION = "TAK", "cot:"  # the source of all TAK users, the beginning of their stations
 STATES = {
     "burned": BURNED,
     "burning": BURNED,
@@ -99,6 +100,15 @@ def _raster(event: RasterObserved, landscape: Landscape) -> Observation:
 def sender_of(event: FireObserved | RasterObserved) -> str:
     """Return the name of a report's source; it differs from the names of all cameras."""
     return f"{event.source} of {event.by}" if event.source else f"{event.by} at {event.station}"
+
+
+def compared_source(event: FireObserved | RasterObserved) -> str:
+    """Return the name of the source as which a report is compared with other sources.
+
+    Reports from TAK are one source: TAK does not identify its users, and one sender with several
+    names would otherwise be a majority.
+    """
+    return TAK if event.station.startswith(TAK_STATION) else sender_of(event)
 
 
 def checked_report(event: FireObserved | RasterObserved, landscape: Landscape) -> Observation:

@@ -57,6 +57,7 @@ from mission_service.fire.reported_observations import (
     Smoke,
     behind_smoke,
     checked_report,
+    compared_source,
     observation_of,
     smoke_of,
 )
@@ -317,7 +318,7 @@ class RunEstimate:
         if isinstance(event, OBSERVATIONS):
             is_checked = checked is not None and checked[0] is event
             seen = checked[1] if checked and is_checked else observation_of(event, self.landscape)
-            self._compare(seen)
+            self._compare(seen._replace(source=compared_source(event)))
         self._end_period(self._latest_us)
         self._waiting.append(Reported(self._latest_us / 1e6, event, self._smoke))
         if self.in_background:

@@ -4,6 +4,7 @@ A source is the camera of a vehicle, a sensor of the scenario, a detector that s
 its own name, or a person. Windows of the estimate and corrections are not observations.
 """
 
+import hashlib
 import math
 import statistics
 from collections import deque
@@ -11,13 +12,15 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
+import msgspec
+
 from firemodel.assimilation.observation import UNBURNED, UNSEEN
 from firemodel.landscape.landscape import Landscape
-from mission_service.events import AnyEvent, FireObserved, Observed, RasterObserved
+from mission_service.events import AnyEvent, FireObserved, Observed, Place, RasterObserved
 from mission_service.fire.correction_log import drawn_shape
 from mission_service.fire.observed_window import LETTERS, in_letters
 from mission_service.fire.raster_cells import raster_cells
-from mission_service.fire.reported_observations import STATES, sender_of
+from mission_service.fire.reported_observations import STATES, TAK, TAK_STATION, sender_of
 from mission_service.fire.sensors import STATION as SENSORS
 from mission_service.runtime.published_states import SourceKind, SourceState, SourceStatus
 
@@ -28,6 +31,7 @@ SILENT_INTERVALS, SILENT_S = 10.0, 300.0
 MIN_INTERVALS, MAX_INTERVALS = 2, 15  # the usual interval is the median of the last intervals
 MAX_REPORTERS = 32  # detectors and persons; the one with the oldest observation is removed
 FOOTPRINT_EVERY_S = 10.0  # shortest interval between two stored footprints of a source
+MAX_DIGESTS = 1000  # of the latest reports of persons
 MAX_FOOTPRINTS, MAX_FOOTPRINT_CELLS = 64, 1_000_000  # of all sources together
 DISTRUSTED = "its observations contradict those of others and are not used"
 
@@ -98,6 +102,7 @@ class ObservationSources:
         self._landscape, self._sensors = landscape, frozenset(sensors)
         self.contributions = {name: Contribution("sensor", at_us) for name in sensors}
         self.footprints: deque[Footprint] = deque()
+        self._digests: dict[bytes, None] = {}  # of the latest reports of persons, in order
         self._stored_cells = 0
         self._number = 0  # of observations
 
@@ -112,9 +117,22 @@ class ObservationSources:
             else:
                 of_detector = event.source or event.role == "observe"
                 self._add(seen, sender_of(event), "detector" if of_detector else "person")
+                if isinstance(event, FireObserved) and not of_detector:
+                    self._store_digest(event)
         elif isinstance(event, Observed) and not (event.corrects or event.estimated):
             kind: SourceKind = "sensor" if event.source else "camera"
             self._add(event, event.source or event.vehicle, kind)
+
+    def has_report(self, digest: bytes) -> bool:
+        """Return whether a person has sent a report with this digest; a restart keeps it."""
+        return digest in self._digests
+
+    def _store_digest(self, event: FireObserved) -> None:
+        digest = report_digest(event.station, event.state, event.shape, event.points)
+        self._digests.pop(digest, None)
+        self._digests[digest] = None
+        if len(self._digests) > MAX_DIGESTS:
+            del self._digests[next(iter(self._digests))]
 
     def _add(self, event: Observed | FireObserved, source: str, kind: SourceKind) -> None:
         if source not in self.contributions:
@@ -190,6 +208,11 @@ class ObservationSources:
         return found
 
 
+def report_digest(station: str, state: str, shape: str, points: tuple[Place, ...]) -> bytes:
+    """Return a digest of the places (lat_deg, lon_deg) that a station reports in a state."""
+    return hashlib.sha256(msgspec.json.encode((station, state, shape, points))).digest()
+
+
 def status_of(source: Contribution, now_us: int) -> tuple[SourceStatus, str]:
     """Return the state of a source at a mission time, and the reason if it is late or silent.
 
@@ -248,5 +271,6 @@ def _window_of(event: RasterObserved, landscape: Landscape) -> Observed:
 
 
 def _is_of(name: str, source: str) -> bool:
-    """Return whether the estimate's name of a sender (``sender_of``) is that of a source."""
-    return name == source or name.endswith(f" of {source}")
+    """Return whether the estimate's name of a sender (``compared_source``) is that of a source."""
+    is_tak_user = name == TAK and f" at {TAK_STATION}" in source
+    return is_tak_user or name == source or name.endswith(f" of {source}")

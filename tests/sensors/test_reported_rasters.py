@@ -1,11 +1,13 @@
 """Rasters of detectors: their place on the landscape, their errors, and unusable ones."""
 
 import asyncio
+import contextlib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import httpx
+import msgspec
 import numpy as np
 import pytest
 import rasterio
@@ -176,6 +178,26 @@ def test_a_few_contradicted_cells_do_not_refuse_a_large_raster(land: Landscape) 
     burned = burned_after(estimate, 620.0)
     assert burned[71:74, 91:94].all()
     assert not burned[50:60, 70:80].any()
+
+
+@pytest.mark.parametrize("stations", [("tower", "north", "south"), ("cot:1", "cot:2", "cot:3")])
+def test_one_sender_with_several_names_in_tak_is_no_majority(
+    land: Landscape, stations: tuple[str, ...]
+) -> None:
+    estimate = RunEstimate(EMPTY, land)
+    true, false = block(slice(10, 26)), block(slice(24, 40))
+    for number in range(12):
+        at_s = 600.0 + 30.0 * number
+        events = [raster(land, true, at_s=at_s, source="camera")]
+        for station in stations:
+            sent = raster(land, false, at_s=at_s + 10.0, source="")
+            events.append(msgspec.structs.replace(sent, station=station))
+        for event in events:
+            with contextlib.suppress(UnusedReportError):
+                estimate.apply_report(event)
+    is_tak = stations[0].startswith("cot:")
+    assert estimate.agreement.distrusted == (set() if is_tak else {"camera of gus"})
+    assert ("TAK" in str(estimate.agreement.contradictions())) == is_tak
 
 
 def test_a_late_report_of_unburned_ground_contradicts_no_later_fire(land: Landscape) -> None:

@@ -167,7 +167,7 @@ NAN = float("nan")
         ({"do": "approve", "hash": HASH[:12]}, "approve: "),
         ({"do": "approve", "hash": HASH.upper()}, "approve: "),
         ({"do": "approve"}, "approve: hash: is missing; give all 64 digits"),
-        ({"do": "present", "extra": 1}, "extra: unknown key; give do, by, station"),
+        ({"do": "present", "extra": 1}, "extra: unknown key; give by, station"),
         ({"do": "present", "station": "nowhere"}, "unknown station 'nowhere'; the scenario has al"),
         ({"do": "present", "by": ""}, "present: "),
         ({"do": "present", "by": " "}, "present: "),

@@ -55,6 +55,7 @@ SHELL = {
     "mission_service/sensors/video/video_sources.py",  # a socket
     "mission_service/simulation/demo.py",
     "mission_service/interfaces/cot/cot_sender.py",
+    "mission_service/interfaces/cot/report_receiver.py",
     "mission_service/replay/flights/replay_server.py",
     "mission_service/cli/replay_live.py",
     "mission_service/interfaces/mqtt/peer_exchange.py",

@@ -1,0 +1,95 @@
+"""Submits the reports in received Cursor on Target events to the run.
+
+A report becomes the same request as one over HTTP or MQTT. TAK does not identify its users, so a
+request has no role and can never approve.
+"""
+
+import asyncio
+from typing import TYPE_CHECKING
+
+from mission_service.config.service_section import CotReportsSection
+from mission_service.interfaces.api.access.limits import RateLimiter
+from mission_service.interfaces.cot.fire_reports import name_of
+from mission_service.interfaces.cot.received_events import CotEventError, parse_event
+from mission_service.interfaces.cot.report_filter import (
+    RETRY_S,
+    Accepted,
+    ReportFilter,
+    Verdict,
+)
+from mission_service.runtime.clocks import clock_us, wall_us
+
+if TYPE_CHECKING:
+    from mission_service.runtime.run_context import RunContext
+
+ABOUT = "cot"  # the source of announcements
+EVENTS_A_SECOND, EVENTS_AT_ONCE = 500.0, 1000.0  # then the connection is read more slowly
+LINES_A_SECOND, LINES_AT_ONCE = 0.1, 20.0
+ALL = ""
+MAX_BAD_EVENTS = 1000
+
+
+class ReportReceiver:
+    """The receiver of one run; it survives the loss of connections."""
+
+    def __init__(self, context: "RunContext", settings: CotReportsSection, site: str) -> None:
+        self._context = context
+        self._filter = ReportFilter(
+            settings, site, lambda digest: context.state_view.statistics.sources.has_report(digest)
+        )
+        self._events = RateLimiter(EVENTS_A_SECOND, EVENTS_AT_ONCE)
+        self._lines = RateLimiter(LINES_A_SECOND, LINES_AT_ONCE)
+        self._suppressed = 0
+        self._bad_events: set[str] = set()  # beginnings of the texts that were announced
+
+    async def receive(self, data: bytes) -> None:
+        """Process one event; wait first if too many events arrive."""
+        wait_s = self._events.consume(ALL, clock_us() / 1e6)
+        await asyncio.sleep(wait_s)  # other tasks run between two events
+        if wait_s:
+            self._events.consume(ALL, clock_us() / 1e6)
+        now_s = clock_us() / 1e6
+        try:
+            event = parse_event(data)
+            verdicts = [] if event is None else self._filter.receive(event, now_s, wall_us())
+        except CotEventError as error:
+            self.on_unreadable(str(error))
+            return
+        self._handle(verdicts, now_s)
+
+    def handle_timer(self) -> None:
+        """Refuse reports that have waited too long; called regularly."""
+        now_s = clock_us() / 1e6
+        self._handle(self._filter.handle_timer(now_s), now_s)
+
+    def on_unreadable(self, text: str) -> None:
+        """Announce the reason why an event is not used, once for each text before a colon."""
+        kind = text.partition(":")[0]
+        if kind not in self._bad_events and len(self._bad_events) < MAX_BAD_EVENTS:
+            self._bad_events.add(kind)
+            self._announce(text, clock_us() / 1e6)
+
+    def _handle(self, verdicts: list[Verdict], now_s: float) -> None:
+        for verdict in verdicts:
+            if isinstance(verdict, Accepted):
+                self._submit(verdict, now_s)
+            else:
+                self._announce(f"{name_of(verdict.report)}: {verdict.problem}", now_s)
+
+    def _submit(self, accepted: Accepted, now_s: float) -> None:
+        """Submit a request; the run announces further lines about its event."""
+        answer = self._context.request_handler.ask(accepted.request, may_approve=False)
+        if answer["ok"]:
+            self._filter.add_accepted(accepted.report)
+        else:
+            retry_s = now_s + RETRY_S
+            self._handle(self._filter.refuse(accepted.report, answer["error"], retry_s), now_s)
+
+    def _announce(self, text: str, now_s: float) -> None:
+        if self._lines.consume(ALL, now_s):
+            self._suppressed += 1
+            return
+        more = f" ({self._suppressed} further lines are omitted)" if self._suppressed else ""
+        self._suppressed = 0
+        self._context.service.announce(ABOUT, f"a TAK report is not used: {text}{more}")
+        self._context.ring()
