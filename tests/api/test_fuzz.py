@@ -37,6 +37,7 @@ FEW = settings(
 )
 
 
+@pytest.mark.long
 def test_all_answers_are_as_described(flying: World, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(AccessGuard, "_check_rate", lambda *_: None)
     service = served(flying)

@@ -26,6 +26,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return found
 
 
+@pytest.mark.long
 def test_a_journal_gives_the_reports_of_its_vehicles(folder: Path) -> None:
     log = open_flight(folder)
     assert isinstance(log, JournalLog)
@@ -57,6 +58,7 @@ def test_a_folder_is_the_journal_in_it(folder: Path) -> None:
     assert "vehicle 2 (kite), ardupilot plane" in result.output
 
 
+@pytest.mark.long
 @settings(max_examples=40, suppress_health_check=list(HealthCheck))
 @given(place=st.floats(0.0, 1.0, exclude_max=True), change=st.integers(1, 255))
 def test_a_changed_byte_costs_its_line_and_is_reported(

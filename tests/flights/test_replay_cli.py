@@ -64,6 +64,7 @@ def test_a_log_near_a_fire_leaves_a_report_and_a_journal(
     assert report["fire"]["rule"] == "circling"
 
 
+@pytest.mark.long
 def test_a_journal_has_a_scenario_of_its_own(tmp_path: Path) -> None:
     run, out = tmp_path / "run", tmp_path / "out"
     run.mkdir()
@@ -84,6 +85,7 @@ def test_a_journal_has_a_scenario_of_its_own(tmp_path: Path) -> None:
     assert "map-run.png" in {path.name for path in sides.iterdir()}
 
 
+@pytest.mark.long
 def test_what_if_leaves_both_runs_on_one_page(tmp_path: Path) -> None:
     home = {"home_lat_deg": 36.346, "home_lon_deg": -84.16, "autostart": True}
     changed = scenario(duration_s=3700.0, vehicles=[{"name": "hawk", **home}])

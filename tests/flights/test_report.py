@@ -86,6 +86,7 @@ def test_a_report_is_one_page_with_all_its_figures(run: Path, tmp_path: Path) ->
         assert (tmp_path / name).stat().st_size > 500
 
 
+@pytest.mark.long
 def test_several_runs_stand_side_by_side(run: Path, tmp_path: Path) -> None:
     stories = [analysis_of(name, flight_of([str(run)])) for name in ("one", "other")]
     files = write_report(tmp_path, stories)
@@ -96,6 +97,7 @@ def test_several_runs_stand_side_by_side(run: Path, tmp_path: Path) -> None:
         assert all(len(values) == 2 and values[0] == values[1] for _, _, values in rows)
 
 
+@pytest.mark.long
 def test_a_report_is_the_same_each_time(run: Path, tmp_path: Path) -> None:
     pages = []
     for name in ("a", "b"):

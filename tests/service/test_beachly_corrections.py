@@ -17,6 +17,7 @@ from tests.firemodel.shared import shared_file
 SEEDS = (1007, 1018)  # seeds other than the reported ones
 
 
+@pytest.mark.long
 def test_two_fires_are_corrected_and_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(maria, "folder", lambda: None)
     messages: list[str] = []

@@ -139,6 +139,7 @@ def test_an_altered_decision_is_named_with_line_and_field(run: Run, tmp_path: Pa
     assert str(found.stage("core").difference).startswith(f"line {line}: ")
 
 
+@pytest.mark.long
 def test_an_altered_event_is_named_even_where_no_decision_changes(run: Run, tmp_path: Path) -> None:
     found, line = altered(run, tmp_path, "Telemetry", '"altitude_amsl_m":', '"altitude_amsl_m":1')
     assert found.differing == ["file"]
@@ -193,11 +194,13 @@ def test_on_ardupilot_and_over_a_bad_link_the_loop_still_works(tmp_path: Path) -
     assert verify(path).difference is None
 
 
+@pytest.mark.long
 def test_a_copter_flies_the_front_too(tmp_path: Path) -> None:
     run = fly(tmp_path / "journal.jsonl", "vehicles.0.kind=copter", "duration_s=4700")
     assert run.record.vehicles["hawk"].decisions > 50
 
 
+@pytest.mark.long
 def test_a_fire_whose_ignition_is_unknown_is_monitored_around_its_centre(tmp_path: Path) -> None:
     run = fly(
         tmp_path / "journal.jsonl",

@@ -14,6 +14,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.links.codec import Codec, Message
@@ -175,6 +176,7 @@ def heartbeat(armed: bool) -> Message:
     )
 
 
+@pytest.mark.long
 def test_what_another_remote_sends_as_the_vehicle_is_not_used(tmp_path: Path) -> None:
     run = Run(tmp_path)
     with process(run.arguments, run.log) as run.daemon, mock(run.port, tmp_path / "mock.log"):
@@ -194,6 +196,7 @@ def test_what_another_remote_sends_as_the_vehicle_is_not_used(tmp_path: Path) ->
     assert verify(tmp_path / "journal.jsonl").difference is None
 
 
+@pytest.mark.long
 def test_what_cannot_be_of_the_vehicles_own_remote_is_not_used(tmp_path: Path) -> None:
     run = Run(tmp_path)
     with (

@@ -26,6 +26,7 @@ def test_forged_frames_change_nothing_but_alarms(scenario: str, seed: int, tmp_p
     assert journal.count('"type":"Observed"') > 20
 
 
+@pytest.mark.long
 def test_the_comparison_finds_what_gets_through(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -61,6 +61,7 @@ def refused(there: ControlClient, **request: Any) -> str:
     return ""
 
 
+@pytest.mark.long
 def test_a_refusal_of_no_vehicle_is_refused_and_the_run_goes_on_after_a_kill(
     tmp_path: Path,
 ) -> None:
@@ -81,6 +82,7 @@ def test_a_refusal_of_no_vehicle_is_refused_and_the_run_goes_on_after_a_kill(
     assert verify(out / "journal.jsonl").difference is None
 
 
+@pytest.mark.long
 def test_a_journal_of_another_scenario_or_run_is_kept_by_name(tmp_path: Path) -> None:
     out = tmp_path / "out"
     log = tmp_path / "run.log"
@@ -139,6 +141,7 @@ def test_what_a_run_leaves_is_for_its_user_alone(tmp_path: Path) -> None:
     assert {name: oct(mode) for name, mode in left.items() if mode & 0o077} == {}
 
 
+@pytest.mark.long
 def test_a_symlink_in_the_place_of_the_journal_is_refused(tmp_path: Path) -> None:
     out, target = tmp_path / "out", tmp_path / "precious"
     out.mkdir()

@@ -99,7 +99,14 @@ def test_a_hold_is_sent_again_until_the_autopilot_accepts(fly: Fly) -> None:
     flight.over()
 
 
-@pytest.mark.parametrize("rule", ["islam_hu_damped", "predictive", "team.balanced"])
+@pytest.mark.parametrize(
+    "rule",
+    [
+        "predictive",
+        pytest.param("islam_hu_damped", marks=pytest.mark.long),
+        pytest.param("team.balanced", marks=pytest.mark.long),
+    ],
+)
 def test_a_correction_moves_fire_and_mission_and_an_undo_takes_it_back(fly: Fly, rule: str) -> None:
     flight = fly(rule=rule)
     flight.run(900.0)
@@ -139,6 +146,7 @@ def test_a_correction_moves_fire_and_mission_and_an_undo_takes_it_back(fly: Fly,
     assert all(each.at_us > undone_us for each in seen if each not in reports)
 
 
+@pytest.mark.long
 def test_ground_reported_unburned_and_erasures_and_wind(fly: Fly) -> None:
     flight = fly()
     flight.run(400.0)

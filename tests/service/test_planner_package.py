@@ -75,6 +75,7 @@ def flight(site: None, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, 
     return out / "journal.jsonl", json.loads(done.stdout)
 
 
+@pytest.mark.long
 def test_it_flies_in_a_simulation_and_decides_the_same_again(
     flight: tuple[Path, dict[str, Any]],
 ) -> None:
@@ -92,6 +93,7 @@ def test_it_flies_in_a_simulation_and_decides_the_same_again(
     assert json.loads(other.stdout)["journal_rule"] == "pendulum"
 
 
+@pytest.mark.long
 def test_a_journal_is_readable_without_the_package_of_its_rule(
     flight: tuple[Path, dict[str, Any]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -120,6 +122,7 @@ def test_a_journal_is_readable_without_the_package_of_its_rule(
     assert json.loads(other.stdout)["journal_rule"] == "pendulum"
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("site")
 def test_it_decides_on_the_journal_of_another_rule(tmp_path: Path) -> None:
     assert service("sim", "default", "--out", str(tmp_path), *changed(*FLOWN)).returncode == 0

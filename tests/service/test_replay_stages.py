@@ -124,6 +124,7 @@ def test_a_changed_byte_anywhere_is_found_and_named(
     is_named(path, whole, at, ("file",))
 
 
+@pytest.mark.long
 @settings(max_examples=100)
 @given(data=st.data())
 def test_no_stage_breaks_on_a_changed_byte(

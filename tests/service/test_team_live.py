@@ -6,6 +6,8 @@ import signal
 from collections.abc import Callable
 from pathlib import Path
 
+import pytest
+
 from mission_service.config.scenario import SHIPPED
 from mission_service.replay.verification import verify
 from tests.patience import PATIENCE_S, wait_until
@@ -28,6 +30,7 @@ def scenario_of(folder: Path) -> tuple[Path, Path]:
     return whole, rest
 
 
+@pytest.mark.long
 def test_the_daemon_flies_a_team_and_one_is_killed(tmp_path: Path) -> None:
     whole, rest = scenario_of(tmp_path)
     log = tmp_path / "daemon.log"

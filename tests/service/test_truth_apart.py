@@ -112,6 +112,7 @@ def overlap_of(first: NDArray[np.bool_], second: NDArray[np.bool_]) -> float:
     return float(np.count_nonzero(first & second) / np.count_nonzero(first | second))
 
 
+@pytest.mark.long
 def test_the_estimate_follows_a_fire_that_its_model_does_not_reproduce(tmp_path: Path) -> None:
     """Wind is turned by 40 degrees, rates are 1.5 times as high; one plane corrects this."""
     changes = ("deploy_at_s=1200", 'planner.rule="circling"')
@@ -127,6 +128,7 @@ def test_the_estimate_follows_a_fire_that_its_model_does_not_reproduce(tmp_path:
     assert overlap_of(world.simulation.estimate.fire.burned(), true) > 0.85
 
 
+@pytest.mark.long
 def test_how_often_the_estimate_is_read_does_not_change_it(tmp_path: Path) -> None:
     scenario = load_scenario("default", ("deploy_at_s=600", *WRONG))
     flights = []
