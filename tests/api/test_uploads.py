@@ -14,8 +14,8 @@ from firemodel.spread.front import multipolygon
 from mission_service.events import Corrected
 from mission_service.interfaces.api import perimeter_routes
 from mission_service.interfaces.maps import perimeter_import, thinning
-from mission_service.interfaces.maps.perimeter_worker import MAX_POINTS, MAX_RINGS, corrections_of
 from mission_service.interfaces.maps.thinning import min_areas_removed, thinned
+from mission_service.interfaces.maps.upload_worker import MAX_POINTS, MAX_RINGS, corrections_of
 from tests.api.worlds import World, client, scenario_of, served, world_in
 
 PATH = "/api/v1/fire/perimeter"

@@ -14,7 +14,7 @@ from mission_service.interfaces.api.responses import ApiError, answer, body_of, 
 from mission_service.interfaces.maps import fronts, overlay, perimeter_export
 from mission_service.interfaces.maps.mercator import outline_of
 from mission_service.interfaces.maps.perimeter_import import LARGEST_BYTES
-from mission_service.interfaces.maps.perimeter_worker import Done, Job
+from mission_service.interfaces.maps.upload_worker import Done, Job
 
 GEOJSON = "application/geo+json"
 LONGEST_S = 1e7

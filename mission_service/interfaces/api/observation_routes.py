@@ -12,7 +12,7 @@ from mission_service.interfaces.api.perimeter_routes import read_in_process
 from mission_service.interfaces.api.responses import answer, body_of
 from mission_service.interfaces.maps.mercator import outline_of
 from mission_service.interfaces.maps.perimeter_import import LARGEST_BYTES
-from mission_service.interfaces.maps.perimeter_worker import RasterDone, RasterJob
+from mission_service.interfaces.maps.upload_worker import RasterDone, RasterJob
 
 PATH = f"{V1}/fire/observations/geotiff"
 Number = Annotated[float | None, Query(allow_inf_nan=False)]

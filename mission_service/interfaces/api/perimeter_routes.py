@@ -1,11 +1,11 @@
-"""Reads uploaded files in a separate process (``maps/perimeter_worker.py``)."""
+"""Reads uploaded files in a separate process (``maps/upload_worker.py``)."""
 
 import asyncio
 
 import msgspec
 
 from mission_service.interfaces.api.responses import ApiError
-from mission_service.interfaces.maps.perimeter_worker import (
+from mission_service.interfaces.maps.upload_worker import (
     Done,
     Failed,
     Job,
@@ -14,7 +14,7 @@ from mission_service.interfaces.maps.perimeter_worker import (
 )
 from mission_service.sensors.worker_process import WITHIN_S, command_of, end_of
 
-WORKER = command_of("mission_service.interfaces.maps.perimeter_worker")
+WORKER = command_of("mission_service.interfaces.maps.upload_worker")
 _decode = msgspec.json.Decoder(Done | RasterDone | Failed).decode
 
 
