@@ -12,12 +12,7 @@ from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import load_scenario
 from mission_service.events import Corrected, FireObserved, Observed, WindSet
-from mission_service.fire.late_observation import (
-    MAX_AGE_S,
-    WINDS_APART_S,
-    with_observation,
-    with_wind,
-)
+from mission_service.fire.late_observation import WINDS_APART_S, with_observation, with_wind
 from mission_service.fire.observed_window import in_letters
 from mission_service.fire.reported_observations import CORRECTION_SD_M, observation_of
 from mission_service.fire.run_ensemble import Images, processed
@@ -25,6 +20,7 @@ from mission_service.fire.run_estimate import RunEstimate
 from mission_service.fire.scenario_fire import begun_again, fire_of, landscape_of, weather_of
 from mission_service.journal.journal_file import SegmentReader
 from mission_service.replay.verification import verify
+from mission_service.requests import MAX_AGE_S
 from tests.api.worlds import World, world_in
 
 SCENARIO = load_scenario("default", ("start_s=1380", "deploy_at_s=1380", "planner.rule=circling"))
