@@ -177,9 +177,11 @@ def reupload(pair: Pair, by_file: bool, new: Items) -> int:
 @each_stack
 @pytest.mark.parametrize("by_file", [False, True], ids=["items", "file"])
 @pytest.mark.parametrize("replacement", [NEW, SHORTER], ids=["longer", "shorter"])
+@pytest.mark.parametrize("every", [5, pytest.param(1, marks=pytest.mark.long)])
 def test_a_reupload_cut_at_any_message_leaves_the_old_the_new_or_a_hold(
-    stack: Stack, by_file: bool, replacement: Items
+    stack: Stack, by_file: bool, replacement: Items, every: int
 ) -> None:
+    """The upload is cut after every fifth frame; the long test cuts it after each frame."""
     old, new = (
         tuple(as_read_back(item, stack) for item in items) for items in (flight_of(), replacement)
     )
@@ -188,7 +190,7 @@ def test_a_reupload_cut_at_any_message_leaves_the_old_the_new_or_a_hold(
     hidden = 1 if stack.item_0_is_home else 0
     on_its_way = flying(stack)
     on_its_way.run_for(60.0)
-    for frames in range(frames_of_a_reupload(stack, by_file, replacement)):
+    for frames in range(0, frames_of_a_reupload(stack, by_file, replacement), every):
         pair = copy.deepcopy(on_its_way)
         CutAfter.left = frames
         pair.up, pair.down = CutAfter(), CutAfter()

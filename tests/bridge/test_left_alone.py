@@ -115,10 +115,11 @@ ORDERS: dict[str, tuple[str, Order]] = {
 
 @pytest.mark.parametrize("name", ORDERS)
 @pytest.mark.parametrize("stack", [PX4, ARDUPLANE], ids=lambda s: s.name)
-def test_an_order_is_not_repeated_against_a_failsafe(stack: Stack, name: str) -> None:
+@pytest.mark.parametrize("every", [10, pytest.param(2, marks=pytest.mark.long)])
+def test_an_order_is_not_repeated_against_a_failsafe(stack: Stack, name: str, every: int) -> None:
     """Acknowledgements are lost, so the command would be repeated again and again."""
     mode, order = ORDERS[name]
-    for at in range(1, 33, 2):
+    for at in range(1, 33, every):
         pair = flying(stack, mode)
         pair.down = Deaf()
         order(pair)

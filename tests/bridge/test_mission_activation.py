@@ -51,13 +51,15 @@ def near(pair: Pair, count: int) -> Items:
     )
 
 
-@pytest.mark.parametrize("ten", range(5))
+@pytest.mark.parametrize(
+    "ten", [0, *(pytest.param(ten, marks=pytest.mark.long) for ten in range(1, 5))]
+)
 @pytest.mark.parametrize("loiters", [False, True], ids=["in mission", "in loiter"])
 @both
 def test_over_a_lossy_link_report_and_vehicle_agree_in_flight(
     stack: Stack, loiters: bool, ten: int
 ) -> None:
-    """The link loses 20 % of the frames in each direction; the test makes 200 uploads in total."""
+    """The link loses 20 % of the frames in each direction; with the long tests, 200 uploads."""
     for seed in range(10 * ten, 10 * ten + 10):
         rng = Random(seed)
         pair = flying(stack)
