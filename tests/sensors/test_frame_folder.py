@@ -9,6 +9,7 @@ import msgspec
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from PIL import Image
 
 from firemodel.landscape.landscape import Landscape
 from firemodel.spread.fire_scheme import Fire
@@ -333,7 +334,11 @@ def test_the_command_shows_what_images_contribute(frames: Path, tmp_path: Path) 
     assert image["burned_cells"] > 0
     assert image["taken"] == "2026-07-04T00:00:00+00:00"
     assert 1.0 < image["ellipse"]["minor_m"] <= image["ellipse"]["major_m"] < 6.0
-    assert (out / image["picture"]).read_bytes().startswith(b"\x89PNG")
+    with Image.open(out / image["picture"]) as picture:
+        colours = np.asarray(picture.convert("RGB")).reshape(-1, 3).astype(int)
+    cool, burned, ellipse = (24, 9, 77), (140, 30, 122), (0, 229, 255)  # more than in the legend
+    for colour, pixels in ((cool, 20_000), (burned, 20_000), (ellipse, 50)):
+        assert np.count_nonzero((abs(colours - colour) < 30).all(axis=1)) > pixels
     both = CliRunner().invoke(main, ["observe", str(good), str(tmp_path / "none.tif"), *common])
     assert both.exit_code == 1
     first, second = json.loads(both.stdout)["images"]
