@@ -165,6 +165,8 @@ def test_a_thread_finds_files_and_names_those_it_cannot_use(frames: Path, tmp_pa
     assert FIX.at_us - image.at_us >= 20_000_000
     assert "b" in "".join(image.cells)
     assert sensor.observe(FIX) is None, "each file is used once"
+    (shown,) = sensor.images
+    assert (shown.name.rpartition("/")[2], shown.at_us) == ("00001.tif", image.at_us)
     sensor.close()
 
 

@@ -17,7 +17,7 @@ from tests.api.worlds import scenario_of, world_in
 from tests.web import browser as screen
 from tests.web.browser import page_of
 from tests.web.service import wait_for
-from tests.web.test_map import small_targets, weak_texts
+from tests.web.test_map import assert_readable
 from tests.web.virtual_flight import Site, site_of
 
 pytestmark = pytest.mark.long  # a browser that draws without a graphics card
@@ -144,16 +144,7 @@ def test_problems_are_shown_and_all_is_readable_on_each_device(page: Page, site:
     assert PROBLEM in row(page, "video")
     page.keyboard.press("k")  # acknowledges the alarm
     page.locator("#tab-burn").evaluate("tab => tab.removeAttribute('hidden')")  # the widest row
-    for width, height in SIZES:
-        page.set_viewport_size({"width": width, "height": height})
-        page.wait_for_function(f"innerWidth === {width} && innerHeight === {height}")
-        assert not page.evaluate(
-            """() => [...document.querySelectorAll("#panel-sensors, #panel-sensors *, .tabs")]
-                .filter((one) => one.checkVisibility() && one.scrollWidth > one.clientWidth + 1)
-                .filter((one) => getComputedStyle(one).display !== "inline")
-                .map((one) => one.outerHTML.slice(0, 120))"""
-        ), (width, height)
-        assert not small_targets(page)
-        assert not weak_texts(page)
+    for size in SIZES:
+        assert_readable(page, "panel-sensors", size)
         if folder := os.environ.get("SENSOR_PICTURES"):
-            page.screenshot(path=Path(folder) / f"{width}.png")
+            page.screenshot(path=Path(folder) / f"{size[0]}.png")
