@@ -159,15 +159,14 @@ def test_the_picture_is_where_the_image_shows_the_ground(page: Page, site: Site)
         """() => missionMap.getLayersOrder().filter((name) => !name.startsWith("image thermal"))
             .forEach((name) => missionMap.setLayoutProperty(name, "visibility", "none"))"""
     )
-    found = page.evaluate(
-        "places => places.map((each) => missionMap.project(each)).map(({ x, y }) => [x, y])",
-        np.column_stack([lon, lat]).tolist(),
-    )
-    x, y = np.rint(found).astype(int).T
+    places = np.column_stack([lon, lat])
 
     def share(which: Any, is_so: Any) -> float:
+        """Return the share of places on the screen; a banner may move the map at any time."""
+        script = "places => places.map((one) => missionMap.project(one)).map(({x, y}) => [x, y])"
+        x, y = np.rint(page.evaluate(script, places[which].tolist())).astype(int).T
         shown = pixels(page)
-        inside = which & (x >= 0) & (x < shown.shape[1]) & (y >= 0) & (y < shown.shape[0])
+        inside = (x >= 0) & (x < shown.shape[1]) & (y >= 0) & (y < shown.shape[0])
         return float(is_so(shown[y[inside], x[inside]]).mean())
 
     def bright(rgb: Any) -> Any:
@@ -176,10 +175,6 @@ def test_the_picture_is_where_the_image_shows_the_ground(page: Page, site: Site)
     def dark(rgb: Any) -> Any:
         return (rgb[:, 0] < 90) & (rgb[:, 1] < 60)
 
-    print("SHARES", hot.sum(), cool.sum(), share(hot, bright), share(cool, dark))
-    page.wait_for_timeout(3000)
-    print("SHARES", hot.sum(), cool.sum(), share(hot, bright), share(cool, dark))
-    page.screenshot(path="/tmp/drape_pics/share.png")
     wait_for(lambda: share(hot, bright) > 0.8, 30, "flames where the image shows them")
     wait_for(lambda: share(cool, dark) > 0.8, 30, "cool ground where the image shows it")
     page.reload()
