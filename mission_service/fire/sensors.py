@@ -32,8 +32,9 @@ Bounds = tuple[float, float, float, float]  # top, left, bottom and right; rows 
 class SensorImage(NamedTuple):
     """An image on the ground, for maps; neither the estimate nor the journal uses it.
 
-    Positions are rows and columns of the landscape's grid. The ellipse has semi-axes of one
-    standard deviation of the place.
+    Positions are rows and columns of the landscape's grid. ``colours`` returns red, green, blue and
+    opacity (n, 4) of positions (n, 2); positions that the image does not show are transparent. The
+    ellipse has semi-axes of one standard deviation of the place.
     """
 
     number: int  # increases with each image of the sensor
@@ -41,7 +42,7 @@ class SensorImage(NamedTuple):
     vehicle: str
     name: str  # of the file or stream
     bounds: Bounds  # of the ground that the image shows
-    colours: Callable[[Floats], NDArray[np.uint8]]  # see ``DrapedImage.colours``
+    colours: Callable[[Floats], NDArray[np.uint8]]
     scale: Scale  # of the colours
     unit: str  # of the scale's values
     centre: tuple[float, float]  # row and column of the ellipse

@@ -66,7 +66,8 @@ def draped_image(
     if image.kind == "levels":
         hot_level = settings.hot_level
         assert hot_level is not None  # ``frame_cells`` has checked it
-        limits = (0.0, 0.999 * hot_level, hot_level, MAX_LEVEL + 1.0)
+        below, highest = max(hot_level - 1.0, hot_level / 2.0), max(MAX_LEVEL, hot_level + 1.0)
+        limits = (0.0, below, hot_level, highest)
         scale: Scale = tuple(zip(limits, (*GREYS, *FLAMES), strict=True))
         values, unit = image.values, "grey level"
     else:
