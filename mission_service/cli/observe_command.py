@@ -46,8 +46,9 @@ def observe(
 
     Thermal images, also those in videos (.ts) with MISB ST 0601 metadata, are placed on the ground
     by their position and direction, and registered to the images before. Perimeters, satellite
-    pixels and rasters are read as by the sensor observation_files. DIR/NAME.png shows the observed
-    cells on the map with the error of their place, and the summary contains counts and errors.
+    pixels and rasters are read as by the sensor observation_files. DIR/NAME.png shows the image
+    and the observed cells on the map with the error of their place, and the summary contains counts
+    and errors.
     Files that cannot be used are listed with the reason; the exit code is then 1.
     """
     from mission_service.config.scenario import load_scenario
@@ -114,6 +115,7 @@ class _Camera:
         """Draw an image, and return its summary; ``path`` is its file, or the video with it."""
         from firemodel.errors import FireModelError
         from mission_service.errors import MissionServiceError
+        from mission_service.sensors.thermal.draped_image import draped_image
         from mission_service.sensors.thermal.frame_cells import frame_cells
         from mission_service.sensors.thermal.frame_picture import draw_frame
         from mission_service.sensors.thermal.thermal_image import read_thermal_image
@@ -123,7 +125,8 @@ class _Camera:
             found = frame_cells(image, self._landscape, self._settings, self._registration)
         except (MissionServiceError, FireModelError) as error:
             return {"file": str(path), "error": str(error)}
-        draw_frame(picture, self._landscape, image, found)
+        draped = draped_image(image, found, self._settings)
+        draw_frame(picture, self._landscape, image, found, draped)
         summary = _summary(image, found, self._landscape)
         return {"file": str(path)} | summary | {"picture": picture.name}
 

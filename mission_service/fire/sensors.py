@@ -9,10 +9,13 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from datetime import datetime
 from importlib.metadata import entry_points
-from typing import Protocol
+from typing import Any, NamedTuple, Protocol
 
 import msgspec
+import numpy as np
+from numpy.typing import NDArray
 
+from firemodel.arrays import Floats
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario
 from mission_service.errors import ScenarioError
@@ -20,6 +23,32 @@ from mission_service.events import AnyEvent, FireObserved, Observed, Telemetry
 
 GROUP = "mission_service.sensors"
 STATION = "sensor"  # of the reports of sensors
+MAX_IMAGES = 12  # of each sensor, for interfaces
+
+Scale = tuple[tuple[float, str], ...]  # values and their colours (#rrggbb), in ascending order
+Bounds = tuple[float, float, float, float]  # top, left, bottom and right; rows and columns
+
+
+class SensorImage(NamedTuple):
+    """An image on the ground, for maps; neither the estimate nor the journal uses it.
+
+    Positions are rows and columns of the landscape's grid. ``colours`` returns red, green, blue and
+    opacity (n, 4) of positions (n, 2); positions that the image does not show are transparent. The
+    ellipse has semi-axes of one standard deviation of the place.
+    """
+
+    number: int  # increases with each image of the sensor
+    at_us: int  # mission time
+    vehicle: str
+    name: str  # of the file or stream
+    bounds: Bounds  # of the ground that the image shows
+    colours: Callable[[Floats], NDArray[np.uint8]]
+    scale: Scale  # of the colours
+    unit: str  # of the scale's values
+    centre: tuple[float, float]  # row and column of the ellipse
+    major_m: float
+    minor_m: float
+    major_from_grid_north_deg: float
 
 
 class Sensor(Protocol):
@@ -35,6 +64,9 @@ class Sensor(Protocol):
       ``observe``. Its ``at_us`` must be the argument.
     - ``skip(names)``: a method that receives, after a restart, the names of the events that the
       run has already used (``Observed.file``, ``FireObserved.file``).
+    - ``images``: the latest images for the map (``SensorImage``), the newest one last. The method
+      ``colours`` of an image is called in other threads, when a client requests its picture. Of a
+      sensor at most ``MAX_IMAGES`` are shown.
     - ``close()``: a method that ends the sensor's threads. It is called at the end of a live run.
     """
 
@@ -83,6 +115,20 @@ class Sensors:
                 made = None if report is None else report(at_us)
                 if made is not None:
                     found.append(_checked_report(name, made, at_us))
+            except (Exception, SystemExit) as error:  # another package may raise anything
+                self._fail(name, error)
+        return found
+
+    def images(self) -> dict[str, tuple[SensorImage, ...]]:
+        """Return the latest images of the sensors that have any, by sensor; the newest one last."""
+        found = {}
+        for name, sensor in list(self._sensors.items()):
+            try:
+                images: tuple[Any, ...] = tuple(getattr(sensor, "images", ()))[-MAX_IMAGES:]
+                if not all(isinstance(each, SensorImage) for each in images):
+                    raise ValueError("its attribute images contains other objects than SensorImage")
+                if images:
+                    found[name] = images
             except (Exception, SystemExit) as error:  # another package may raise anything
                 self._fail(name, error)
         return found

@@ -12,6 +12,7 @@ from mission_service.interfaces.api.models import (
     Preview,
     StatusState,
 )
+from mission_service.interfaces.maps.draped_images import MapImage
 from mission_service.interfaces.mqtt.payloads import Alarms, Reply, ServiceStatus
 from mission_service.missions.mission_figures import Figures
 from mission_service.requests import HASH
@@ -154,6 +155,12 @@ FOOTPRINTS = {
         }
     ],
 }
+IMAGE = MapImage(
+    *("thermal_frames", 37, AT_US, "hawk", "DJI_0037.tif"),
+    *(36.364232, -84.140907, 2.6, 3.1, 2.0, 76.0),
+    ((-84.1425, 36.3651), (-84.1392, 36.3651), (-84.1392, 36.3630), (-84.1425, 36.3630)),
+    *(512, 405, ((0.0, "#000010"), (200.0, "#e0452f"), (600.0, "#fff2a8")), "°C"),
+)
 TRACK = {
     "type": "Feature",
     "geometry": {"type": "LineString", "coordinates": [[-84.16, 36.35, 812.4]]},
@@ -163,7 +170,7 @@ OF: dict[type, msgspec.Struct] = {
     type(each): each
     for each in (
         *(TELEMETRY, VEHICLE, MISSION, ALARM, ANNOUNCEMENT, REPLAY, STATE, PREVIEW, IMPORTANCE),
-        SOURCE,
+        *(SOURCE, IMAGE),
         ServiceStatus(AT_US, UNIX_US, True, "default", "islam_hu_damped", ("hawk",)),
         Alarms(AT_US, (ALARM,)),
         Reply("7f3a", "hold", AT_US, True, event="OrderGiven", messages=("hawk: holds",)),

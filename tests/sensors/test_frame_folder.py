@@ -9,6 +9,7 @@ import msgspec
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from PIL import Image
 
 from firemodel.landscape.landscape import Landscape
 from firemodel.spread.fire_scheme import Fire
@@ -164,6 +165,8 @@ def test_a_thread_finds_files_and_names_those_it_cannot_use(frames: Path, tmp_pa
     assert FIX.at_us - image.at_us >= 20_000_000
     assert "b" in "".join(image.cells)
     assert sensor.observe(FIX) is None, "each file is used once"
+    (shown,) = sensor.images
+    assert (shown.name.rpartition("/")[2], shown.at_us) == ("00001.tif", image.at_us)
     sensor.close()
 
 
@@ -333,7 +336,11 @@ def test_the_command_shows_what_images_contribute(frames: Path, tmp_path: Path) 
     assert image["burned_cells"] > 0
     assert image["taken"] == "2026-07-04T00:00:00+00:00"
     assert 1.0 < image["ellipse"]["minor_m"] <= image["ellipse"]["major_m"] < 6.0
-    assert (out / image["picture"]).read_bytes().startswith(b"\x89PNG")
+    with Image.open(out / image["picture"]) as picture:
+        colours = np.asarray(picture.convert("RGB")).reshape(-1, 3).astype(int)
+    cool, burned, ellipse = (24, 9, 77), (140, 30, 122), (0, 229, 255)  # more than in the legend
+    for colour, pixels in ((cool, 20_000), (burned, 20_000), (ellipse, 50)):
+        assert np.count_nonzero((abs(colours - colour) < 30).all(axis=1)) > pixels
     both = CliRunner().invoke(main, ["observe", str(good), str(tmp_path / "none.tif"), *common])
     assert both.exit_code == 1
     first, second = json.loads(both.stdout)["images"]

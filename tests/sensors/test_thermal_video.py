@@ -20,6 +20,7 @@ from mission_service.errors import ScenarioError
 from mission_service.events import Observed, Telemetry
 from mission_service.fire.scenario_check import check
 from mission_service.fire.scenario_fire import fire_of, landscape_of
+from mission_service.fire.sensors import MAX_IMAGES
 from mission_service.sensors.thermal.camera_geometry import CameraPose, Lens
 from mission_service.sensors.video import thermal_video
 from mission_service.sensors.video.thermal_video import ThermalVideo
@@ -109,6 +110,7 @@ def test_the_estimate_follows_a_fire_that_only_the_video_shows(tmp_path: Path) -
     assert sensor.problem == ""
     error, of_model = wrong_cells(world, true, alone, at_s + 30.0)
     assert error < 0.2 * of_model
+    assert len(sensor.images) == MAX_IMAGES
     assert sources_in(world, tmp_path / "journal.jsonl") == {"thermal_video"}
 
 

@@ -353,6 +353,22 @@ def small_targets(page: Page) -> list[str]:
     return found
 
 
+def assert_readable(page: Page, panel: str, size: tuple[int, int]) -> None:
+    """Set the size of the window, and check texts, controls and the width of a panel."""
+    page.set_viewport_size({"width": size[0], "height": size[1]})
+    page.wait_for_function(f"innerWidth === {size[0]} && innerHeight === {size[1]}")
+    too_wide = page.evaluate(
+        """panel => [...document.querySelectorAll(`#${panel}, #${panel} *, .tabs`)]
+            .filter((one) => one.checkVisibility() && one.scrollWidth > one.clientWidth + 1)
+            .filter((one) => getComputedStyle(one).display !== "inline")
+            .map((one) => one.outerHTML.slice(0, 120))""",
+        panel,
+    )
+    assert not too_wide, size
+    assert not small_targets(page)
+    assert not weak_texts(page)
+
+
 def weak_texts(page: Page) -> list[str]:
     """Return texts with a contrast below 7:1 to their background (WCAG 2.2)."""
     found: list[str] = page.evaluate(

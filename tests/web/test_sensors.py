@@ -1,29 +1,24 @@
 """The panel of sensors and the observations on the map, of a flight in virtual time.
 
-A thread serves the flight, so that the page shows the same state on any machine. If the environment
-variable MAP_PICTURES is set, the tests write the picture of docs/map.md to that folder.
+If the environment variable MAP_PICTURES is set, the tests write the picture of docs/map.md to that
+folder.
 """
 
-import asyncio
 import os
-import threading
 from collections.abc import Iterator
-from concurrent.futures import Future
 from pathlib import Path
-from typing import NamedTuple
 
 import pytest
 from playwright.sync_api import Page, expect
 
 from mission_service.events import FireObserved, Observed
-from mission_service.interfaces.api.app import PAGE
 from mission_service.runtime.observation_sources import SILENT_S
-from tests.api.worlds import Served, World, listened_to, scenario_of, served, world_in
-from tests.patience import PATIENCE_S
+from tests.api.worlds import scenario_of, world_in
 from tests.web import browser as screen
 from tests.web.browser import page_of
 from tests.web.service import wait_for
-from tests.web.test_map import small_targets, weak_texts
+from tests.web.test_map import assert_readable
+from tests.web.virtual_flight import Site, site_of
 
 pytestmark = pytest.mark.long  # a browser that draws without a graphics card
 
@@ -35,23 +30,6 @@ SCENARIO = scenario_of(
 )
 LIT = (36.364232, -84.140907)  # the ignition
 PROBLEM = "sensor video failed and is not used until a restart: OSError: connection refused"
-
-
-class Site(NamedTuple):
-    """A flight that a thread serves; only ``fly`` may change it."""
-
-    world: World
-    service: Served
-    address: str
-    loop: asyncio.AbstractEventLoop
-
-    def fly(self, seconds: float) -> None:
-        """Continue the flight, in the thread that serves it."""
-        done: Future[None] = asyncio.run_coroutine_threadsafe(self._fly(seconds), self.loop)
-        done.result(timeout=PATIENCE_S)
-
-    async def _fly(self, seconds: float) -> None:
-        self.world.fly(self.world.now_s + seconds)
 
 
 @pytest.fixture(scope="module")
@@ -69,24 +47,8 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
             ),
             [],
         )
-    service = served(world, page=PAGE)
-    ready: Future[Site] = Future()
-
-    async def serve() -> None:
-        async with listened_to(service) as (host, port):
-            loop = asyncio.get_running_loop()
-            ready.set_result(Site(world, service, f"http://{host}:{port}", loop))
-            await service.app.api.streams.stopping.wait()
-        service.app.api.close()
-
-    thread = threading.Thread(target=lambda: asyncio.run(serve()))
-    thread.start()
-    found = ready.result(timeout=PATIENCE_S)
-    try:
+    with site_of(world) as found:
         yield found
-    finally:
-        found.loop.call_soon_threadsafe(service.app.api.streams.stopping.set)
-        thread.join(timeout=PATIENCE_S)
 
 
 @pytest.fixture(scope="module")
@@ -182,16 +144,7 @@ def test_problems_are_shown_and_all_is_readable_on_each_device(page: Page, site:
     assert PROBLEM in row(page, "video")
     page.keyboard.press("k")  # acknowledges the alarm
     page.locator("#tab-burn").evaluate("tab => tab.removeAttribute('hidden')")  # the widest row
-    for width, height in SIZES:
-        page.set_viewport_size({"width": width, "height": height})
-        page.wait_for_function(f"innerWidth === {width} && innerHeight === {height}")
-        assert not page.evaluate(
-            """() => [...document.querySelectorAll("#panel-sensors, #panel-sensors *, .tabs")]
-                .filter((one) => one.checkVisibility() && one.scrollWidth > one.clientWidth + 1)
-                .filter((one) => getComputedStyle(one).display !== "inline")
-                .map((one) => one.outerHTML.slice(0, 120))"""
-        ), (width, height)
-        assert not small_targets(page)
-        assert not weak_texts(page)
+    for size in SIZES:
+        assert_readable(page, "panel-sensors", size)
         if folder := os.environ.get("SENSOR_PICTURES"):
-            page.screenshot(path=Path(folder) / f"{width}.png")
+            page.screenshot(path=Path(folder) / f"{size[0]}.png")

@@ -38,6 +38,7 @@ from mission_service.interfaces.api.access.guard import AccessGuard
 from mission_service.interfaces.api.context import ApiContext
 from mission_service.interfaces.api.openapi import COMMON, REF, V1, RequiredRole, json, route
 from mission_service.interfaces.api.responses import ApiError, encode, error_answer
+from mission_service.interfaces.maps.draped_images import MapImage
 from mission_service.runtime.clocks import wall_us
 from mission_service.runtime.play_head import ReplayState
 from mission_service.runtime.published_states import (
@@ -58,6 +59,7 @@ ANSWERS = (
     models.Preview,
     models.Importance,
     models.Health,
+    MapImage,
     MissionState,
     Announcement,
     ReplayState,

@@ -12,6 +12,7 @@ from mission_service.interfaces.api.access.auth import Tokens, User
 from mission_service.interfaces.api.frames import Frames
 from mission_service.interfaces.api.live_stream import Streams
 from mission_service.interfaces.api.responses import ApiError, answer, json_body
+from mission_service.interfaces.maps.draped_images import ImagePictures
 from mission_service.interfaces.maps.run_forecasts import forecasts_of
 from mission_service.interfaces.maps.terrain import TerrainTiles
 from mission_service.runtime.published_states import VehicleState
@@ -33,6 +34,7 @@ class ApiContext:
         self.streams = Streams(self.frames, lambda: asyncio.get_running_loop().time())
         self.forecasts = forecasts_of(context)
         self.tiles = TerrainTiles(context.landscape)
+        self.pictures = ImagePictures(context.landscape)
         self._threads = asyncio.Semaphore(MAX_THREADS)
         self.uploads = asyncio.Semaphore(1)  # reads one perimeter at a time
         self.raster_uploads = asyncio.Semaphore(1)  # detectors do not delay perimeters

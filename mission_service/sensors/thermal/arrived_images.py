@@ -8,6 +8,8 @@ from firemodel.landscape.landscape import Landscape
 from mission_service.config.fire_sections import ThermalCameraSection
 from mission_service.errors import MissionServiceError
 from mission_service.events import Observed, Telemetry
+from mission_service.fire.sensors import MAX_IMAGES, SensorImage
+from mission_service.sensors.thermal.draped_image import DrapedImage, draped_image
 from mission_service.sensors.thermal.frame_cells import Burned, FrameCells, frame_cells
 from mission_service.sensors.thermal.frame_registration import FrameRegistration
 from mission_service.sensors.thermal.ground_views import stated_errors
@@ -15,6 +17,7 @@ from mission_service.sensors.thermal.thermal_image import ThermalImage
 
 AHEAD_S = 5.0  # tolerated difference between the clocks of camera and service
 MAX_WAITING = 100  # images; the oldest are dropped
+IMAGE_EVERY_S = 2.0  # shortest interval between two images for the map
 MISSED, FALSE_ALARMS = 0.05, 0.01  # shares of the cells, for the estimate
 
 
@@ -34,7 +37,9 @@ class ArrivedImages:
         self._landscape, self._settings, self._refuse = landscape, settings, refuse
         self._burned = Burned(landscape.shape)
         self._registration = FrameRegistration(landscape, stated_errors(settings))
-        self._waiting: deque[tuple[str, str, FrameCells, float]] = deque()
+        self._waiting: deque[tuple[str, str, FrameCells, DrapedImage, float]] = deque()
+        self._number = 0  # of images that were used
+        self.images: deque[SensorImage] = deque(maxlen=MAX_IMAGES)
 
     def add_image(self, image: ThermalImage, now: datetime, file: str = "") -> None:
         """Add an image; ``file`` is the name for its event (``sensor_files``).
@@ -55,7 +60,8 @@ class ArrivedImages:
         cells = frame_cells(image, self._landscape, self._settings, self._registration)
         found = self._burned.added(cells, taken_s)
         if not set("".join(found.window.cells)) <= {"."}:
-            self._waiting.append((image.name, file, found, taken_s))
+            draped = draped_image(image, found, self._settings)
+            self._waiting.append((image.name, file, found, draped, taken_s))
         while len(self._waiting) > MAX_WAITING:
             dropped, *_ = self._waiting.popleft()
             self._refuse(dropped, f"{dropped}: more than {MAX_WAITING} newer images wait")
@@ -73,7 +79,7 @@ class ArrivedImages:
         """
         if not self._waiting:
             return None
-        name, file, found, taken_s = self._waiting.popleft()
+        name, file, found, draped, taken_s = self._waiting.popleft()
         at_us = taken_us(taken_s)
         if at_us is None:
             at_us = fix.at_us - max(round((now_s - taken_s) * 1e6), 0)
@@ -81,6 +87,7 @@ class ArrivedImages:
         if at_us < 0:
             self._refuse(name, f"{name}: was taken {-at_us / 1e6:.0f} s before mission time 0")
             return None
+        self._keep(fix.vehicle, at_us, name, found, draped)
         return Observed(
             at_us,
             fix.vehicle,
@@ -89,4 +96,18 @@ class ArrivedImages:
             missed=MISSED,
             false_alarms=FALSE_ALARMS,
             file=file,
+        )
+
+    def _keep(
+        self, vehicle: str, at_us: int, name: str, found: FrameCells, draped: DrapedImage
+    ) -> None:
+        """Keep an image for the map, unless it was taken just before or after the last one."""
+        self._number += 1
+        if self.images and abs(at_us - self.images[-1].at_us) < 1e6 * IMAGE_EVERY_S:
+            return
+        self.images.append(
+            SensorImage(
+                *(self._number, at_us, vehicle, name, draped.bounds, draped.colours),
+                *(draped.scale, draped.unit, found.centre, *found.ellipse),
+            )
         )

@@ -54,6 +54,9 @@ class FrameCells(NamedTuple):
     centre: tuple[float, float]  # grid position (row, column) of the ellipse
     matches: int  # places that the image shares with earlier images
     inexact: float  # share of the pixels that are not used because of the error of their place
+    view: PoseView | CornerView  # after the registration
+    step: int  # each ``step``-th row and column of the image was used
+    seen: Mask  # (y, x) of these pixels: used, and shows ground of the landscape
 
 
 class Burned:
@@ -148,6 +151,9 @@ def _cells_of(
         (float(middle[0]), float(middle[1])),
         matches,
         1.0 - float(np.count_nonzero(seen) / np.count_nonzero(found)),
+        view,
+        step,
+        seen.reshape(kinds.shape),
     )
 
 
@@ -175,8 +181,7 @@ def kinds_of(image: ThermalImage, settings: ThermalCameraSection) -> NDArray[np.
                 f"nearly all grey levels are hot; check {settings.TABLE}.hot_level"
             )
         return np.where(values >= settings.hot_level, HOT, UNKNOWN).astype(np.int8)
-    if image.kind == "counts" and isinstance(settings, ThermalFramesSection):
-        values = values * np.float32(settings.kelvin_per_count) - np.float32(KELVIN_C)
+    values = celsius_of(image, settings)
     hot = values >= settings.hot_c
     if np.mean(~hot) < MIN_NOT_HOT or np.median(values) < BACKGROUND_C[0]:
         raise FireModelError(
@@ -187,6 +192,13 @@ def kinds_of(image: ThermalImage, settings: ThermalCameraSection) -> NDArray[np.
     kinds = np.where(hot, HOT, np.where(warm, UNKNOWN, COOL)).astype(np.int8)
     kinds[_connected(hot | warm, hot) & ~hot] = BURNED_OUT
     return kinds
+
+
+def celsius_of(image: ThermalImage, settings: ThermalCameraSection) -> NDArray[np.float32]:
+    """Return the temperatures (y, x) in °C of an image of temperatures or counts."""
+    if image.kind == "counts" and isinstance(settings, ThermalFramesSection):
+        return image.values * np.float32(settings.kelvin_per_count) - np.float32(KELVIN_C)
+    return image.values
 
 
 def _connected(mask: Mask, to: Mask) -> Mask:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from firemodel.arrays import Floats
+from firemodel.arrays import Floats, Mask
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
 from mission_service.sensors.thermal.camera_geometry import (
@@ -21,6 +21,7 @@ from mission_service.sensors.thermal.ray_casting_kernels import cast_rays
 
 REACH_M = 5000.0  # pixels that show ground farther away are not used
 GRAZING = 0.01  # sine of the smallest angle between a line of sight and the ground
+SAME_M = 0.1  # between a place and the same place found by ray casting
 UP = 2  # place of the altitude in the error of a pose
 
 
@@ -43,7 +44,6 @@ def ground_points(
     """
     if landscape.elevation_m is None:
         raise FireModelError("the landscape has no elevation, which georeferencing requires")
-    at_row, at_col = landscape.row_col_of(pose.x_m, pose.y_m)
     if not landscape.contains(pose.x_m, pose.y_m):
         raise FireModelError("the camera is not above the landscape")
     ground_m = float(landscape.elevation_at(pose.x_m, pose.y_m))
@@ -52,9 +52,27 @@ def ground_points(
             f"the camera is {ground_m - pose.altitude_amsl_m:.0f} m below the ground; its altitude "
             "must be above mean sea level"
         )
+    return _first_ground(landscape, pose, lines_of_sight(lens, pose, col, row))
+
+
+def hidden(landscape: Landscape, pose: CameraPose, places: Floats) -> Mask:
+    """Return True (n,) for places on the ground (n, 2) that a camera does not see.
+
+    Other ground is between these places and the camera, or they are beyond ``REACH_M``.
+    """
+    offset_m = offsets_m(landscape, pose, places)
+    directions = offset_m / np.linalg.norm(offset_m, axis=1, keepdims=True)
+    apart = np.abs(_first_ground(landscape, pose, directions) - places).max(axis=1)
+    same: Mask = apart * landscape.cell_size_m < SAME_M  # False for NaN
+    return ~same
+
+
+def _first_ground(landscape: Landscape, pose: CameraPose, directions: Floats) -> Floats:
+    """Return the first places (n, 2) on lines of sight (n, 3) from a camera; NaN without ground."""
+    assert landscape.elevation_m is not None
+    at_row, at_col = landscape.row_col_of(pose.x_m, pose.y_m)
     start = np.array([float(at_row), float(at_col), pose.altitude_amsl_m])
-    directions = lines_of_sight(lens, pose, col, row)
-    found = np.empty((col.size, 2))
+    found: Floats = np.empty((directions.shape[0], 2))
     highest_m = float(landscape.elevation_m.max())
     size_m = landscape.cell_size_m
     cast_rays(landscape.elevation_m, start, directions, size_m, highest_m, REACH_M, found)

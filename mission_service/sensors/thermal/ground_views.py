@@ -1,9 +1,9 @@
 """Place the pixels of an image on the ground, by pose and lens or by corner points. Pure.
 
 Both views have the method ``places``, which returns the grid positions (n, 2), row and column, that
-pixels (n,) show, and the method ``covariances``, which returns the covariance matrices (n, 2, 2) of
-these places in m², east and north of the grid. Pixels that show no ground of the landscape give
-NaN.
+pixels (n,) show, and its inverse ``pixels``. The method ``covariances`` returns the covariance
+matrices (n, 2, 2) of places in m², east and north of the grid. Pixels that show no ground of the
+landscape give NaN. Places that an image does not show give NaN or pixels outside the image.
 """
 
 import math
@@ -20,12 +20,15 @@ from mission_service.sensors.thermal.camera_geometry import (
     Lens,
     PoseErrors,
     focal_px_of,
+    pixels_of,
 )
 from mission_service.sensors.thermal.corner_points import corner_places, homography, quadrilateral
 from mission_service.sensors.thermal.ground_points import (
     covariances,
     elevation_sds_m,
     ground_points,
+    hidden,
+    offsets_m,
     pose_effects,
 )
 from mission_service.sensors.thermal.telemetry_poses import TelemetryPose
@@ -45,6 +48,15 @@ class PoseView(NamedTuple):
         """Return the places of pixels. Raises FireModelError if the camera is below the ground."""
         return ground_points(self.landscape, self.lens, self.pose, col, row)
 
+    def pixels(self, places: Floats) -> tuple[Floats, Floats]:
+        """Return the columns and rows (n,) of the pixels that show places."""
+        col, row = pixels_of(self.lens, self.pose, offsets_m(self.landscape, self.pose, places))
+        inside = (np.abs(col - (self.lens.width - 1) / 2.0) <= self.lens.width / 2.0) & (
+            np.abs(row - (self.lens.height - 1) / 2.0) <= self.lens.height / 2.0
+        )
+        inside[inside] = ~hidden(self.landscape, self.pose, places[inside])
+        return np.where(inside, col, np.nan), np.where(inside, row, np.nan)
+
     def covariances(self, places: Floats) -> Floats:
         """Return the covariances of places."""
         effects = pose_effects(self.landscape, self.pose, places)
@@ -62,6 +74,14 @@ class CornerView(NamedTuple):
     def places(self, col: Floats, row: Floats) -> Floats:
         """Return the places of pixels."""
         return corner_places(self.landscape, self.matrix, col, row)
+
+    def pixels(self, places: Floats) -> tuple[Floats, Floats]:
+        """Return the columns and rows (n,) of the pixels that show places."""
+        projected = (
+            np.column_stack([places, np.ones(places.shape[0])]) @ np.linalg.inv(self.matrix).T
+        )
+        projected[projected[:, 2] <= 0.0] = np.nan  # beyond the horizon of the plane
+        return projected[:, 0] / projected[:, 2], projected[:, 1] / projected[:, 2]
 
     def covariances(self, places: Floats) -> Floats:
         """Return the covariances of places, which are equal."""

@@ -37,6 +37,7 @@ class ThermalVideo:
         self._name = self._settings.source or ""
         self._source = source_of(self._settings)
         self._images = ArrivedImages(landscape, self._settings, self._drop)
+        self.images = self._images.images
         self._stream = VideoStream("video", self._settings)
         self._error: Exception | None = None
         self._closed = threading.Event()

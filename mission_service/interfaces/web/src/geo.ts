@@ -12,13 +12,20 @@ function pointAt(from: LonLat, bearingDeg: number, distanceM: number): LonLat {
   return [from[0] + east / (M_PER_DEG * Math.cos(from[1] * RAD)), from[1] + north / M_PER_DEG];
 }
 
-/** A circle as a closed ring. */
-export function circle(middle: LonLat, radiusM: number): LonLat[] {
+/** An ellipse with two semi-axes as a closed ring; the direction of the first one is clockwise from north. */
+export function ellipse(middle: LonLat, majorM: number, minorM: number, majorFromDeg: number): LonLat[] {
   const corners = 48;
   const ring: LonLat[] = [];
-  for (let i = 0; i <= corners; i++) ring.push(pointAt(middle, (360 * (i % corners)) / corners, radiusM));
+  for (let i = 0; i <= corners; i++) {
+    const turn = (2 * Math.PI * (i % corners)) / corners;
+    const [along, across] = [majorM * Math.cos(turn), minorM * Math.sin(turn)];
+    ring.push(pointAt(middle, majorFromDeg + Math.atan2(across, along) / RAD, Math.hypot(along, across)));
+  }
   return ring;
 }
+
+/** A circle as a closed ring. */
+export const circle = (middle: LonLat, radiusM: number): LonLat[] => ellipse(middle, radiusM, radiusM, 0);
 
 /** West, south, east, north of some points, at least `minM` wide and high; null without points. */
 export function extentOf(points: LonLat[], minM: number): [number, number, number, number] | null {

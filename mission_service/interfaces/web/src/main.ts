@@ -9,6 +9,7 @@ import { askForToken, showHelp } from "./dialogs.ts";
 import { byId } from "./dom.ts";
 import { FIRE_GROUPS, fireLayers, followFire } from "./fire_layer.ts";
 import { extentOf, pointsOf } from "./geo.ts";
+import { followImages, IMAGE_GROUPS, imageLayers } from "./image_layer.ts";
 import { listenForKeys, shortcut } from "./keys.ts";
 import { type Group, makeMap } from "./map.ts";
 import { followObservations, OBSERVATION_GROUPS, observationLayers } from "./observation_layer.ts";
@@ -29,7 +30,9 @@ import { topBar } from "./top_bar.ts";
 import type { LonLat } from "./types.ts";
 import { fetchTracks, followVehicles, VEHICLE_GROUPS, vehicleLayers } from "./vehicles_layer.ts";
 
-const groups: Record<string, Group> = { ...FIRE_GROUPS, ...OBSERVATION_GROUPS, ...VEHICLE_GROUPS, ...BURN_GROUPS };
+const groups: Record<string, Group> = {
+  ...FIRE_GROUPS, ...OBSERVATION_GROUPS, ...IMAGE_GROUPS, ...VEHICLE_GROUPS, ...BURN_GROUPS,
+};
 const store = new Store();
 const TRACKS_AGAIN_MS = 10_000;
 const TRACKS_OF_REPLAY_MS = 2000; // a replay may run at a hundred times real time
@@ -76,6 +79,7 @@ async function makeMapOnce(): Promise<void> {
   const made = await makeMap(byId("map"), landscape, (await firstView()) ?? landscape.bounds, [
     fireLayers,
     observationLayers,
+    imageLayers,
     burnLayers,
     vehicleLayers,
   ]);
@@ -87,6 +91,7 @@ async function makeMapOnce(): Promise<void> {
   refreshLayers = [
     followFire(made, store, shown, (scale) => fire.showScale(scale)).refresh,
     followObservations(made, store, shown),
+    followImages(made, store),
   ];
   followVehicles(made, store);
   followBurn(made, store);

@@ -7,6 +7,7 @@ import type {
   Alarm,
   Burn,
   Fire,
+  MapImage,
   MissionState,
   Announcement,
   Replay,
@@ -26,6 +27,7 @@ export type Topic =
   | "mission"
   | "fire"
   | "sources" // of observations
+  | "images" // of sensors, and the selected one
   | "burn"
   | "alarms"
   | "announcements"
@@ -44,6 +46,9 @@ const HIDDEN_MS = 250;
 /** A replay has jumped to another time: the complete state must be read again. */
 class Jumped extends Error {}
 
+/** The key of an image, which no other image has. */
+export const imageKey = ({ source, number }: MapImage): string => `${source}/${number}`;
+
 /** Old and new lines, without repetition. */
 function joined(before: Announcement[], received: Announcement[]): Announcement[] {
   const last = before.at(-1)?.id ?? 0;
@@ -56,6 +61,8 @@ export class Store {
   telemetry = new Map<string, Telemetry>();
   missions = new Map<string, MissionState>();
   tracks = new Map<string, TrackPoint[]>();
+  images: MapImage[] = []; // in the order of their times
+  imageKey = ""; // of the selected image; empty: the newest one
   missed = false; // the service has positions that are missing here
   chosen = "";
   inMin = 0; // the selected time, from now
@@ -95,6 +102,24 @@ export class Store {
     if (this.chosen === vehicle) return;
     this.chosen = vehicle;
     this.changed("chosen");
+  }
+
+  /** The selected image, or the newest one. */
+  get image(): MapImage | undefined {
+    return this.images.find((each) => imageKey(each) === this.imageKey) ?? this.images.at(-1);
+  }
+
+  setImages(images: MapImage[]): void {
+    images.sort((a, b) => a.at_us - b.at_us);
+    if (images.map(imageKey).join("\n") === this.images.map(imageKey).join("\n")) return;
+    this.images = images;
+    if (!images.some((each) => imageKey(each) === this.imageKey)) this.imageKey = "";
+    this.changed("images");
+  }
+
+  selectImage(key: string): void {
+    this.imageKey = key;
+    this.changed("images");
   }
 
   selectTime(inMin: number): void {
@@ -179,6 +204,7 @@ export class Store {
   private replace(state: State): void {
     if (state.replay?.jumps !== this.state?.replay?.jumps) this.tracks.clear(); // of another time
     this.state = state;
+    [this.images, this.imageKey] = [[], ""]; // of another time, or of a service that has started again
     this.atUs = 0;
     this.vehicles = new Map(state.vehicles.map((one) => [one.vehicle, one]));
     this.missions = new Map(state.missions.map((one) => [one.vehicle, one]));

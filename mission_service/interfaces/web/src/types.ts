@@ -137,6 +137,24 @@ export interface Observation {
   part: "seen" | "burned" | "reported";
 }
 
+/** An image of a sensor on the map, in GET /fire/images. The ellipse has semi-axes of one standard deviation. */
+export interface MapImage {
+  source: string;
+  number: number;
+  at_us: number;
+  vehicle: string;
+  name: string; // of the file or stream
+  lat_deg: number; // of the ellipse
+  lon_deg: number;
+  position_sd_m: number;
+  major_m: number;
+  minor_m: number;
+  major_from_deg: number;
+  corners: [LonLat, LonLat, LonLat, LonLat]; // NW, NE, SE, SW
+  scale: [number, string][]; // values and their colours
+  unit: string; // of the values
+}
+
 export interface Correction {
   state: string;
   shape: string;

@@ -9,7 +9,7 @@ import type { Group } from "../map.ts";
 import type { Store } from "../store.ts";
 import { area, clock, compass, speed } from "../units.ts";
 import { type Wind, windDial } from "../wind_dial.ts";
-import { button, layerBox, section, type Toggle } from "./parts.ts";
+import { button, layerBox, scaleBar, section, type Toggle } from "./parts.ts";
 
 interface Weather {
   weather: { wind_speed_m_s: number; wind_from_deg: number };
@@ -72,10 +72,10 @@ export class FirePanel {
     store.on(["fire"], weather);
     store.on(["fire", "moment"], () => this.renew());
     store.on(["alarms"], () => this.listWarnings());
-    store.on(["burn"], () => {
+    store.on(["burn", "images"], () => {
       for (const box of this.element.querySelectorAll<HTMLElement>("label[data-group]")) {
         const ofBurns = box.dataset.group === "unit" || box.dataset.group === "drops";
-        box.hidden = ofBurns && !store.state?.burn;
+        box.hidden = (ofBurns && !store.state?.burn) || (box.dataset.group === "images" && !store.image);
       }
     });
     this.showScale(null);
@@ -141,13 +141,7 @@ export class FirePanel {
   showScale(scale: ArrivalScale | null): void {
     fill(this.legend, ...KEY_COLOURS.map(([key, label]) => h("span", {}, h("i", { class: `key ${key}` }), label)));
     if (!scale) return;
-    // A script sets the colours: the content security policy permits no style in markup.
-    const bar = h("span", { class: "scale" });
-    for (const { at_s, colour } of scale.scale) {
-      const step = h("i");
-      step.style.background = colour;
-      bar.append(h("span", {}, step, clock(at_s)));
-    }
+    const bar = scaleBar(scale.scale.map(({ at_s, colour }) => [clock(at_s), colour]));
     this.legend.append(h("strong", {}, "Fire arrives at (h:min)"), bar);
   }
 }

@@ -25,6 +25,17 @@ export function figures(rows: [string, string | null][]): HTMLElement {
   return list;
 }
 
+/** The colours of a legend side by side, with their texts. */
+export function scaleBar(entries: [string, string][]): HTMLElement {
+  const bar = h("span", { class: "scale" });
+  for (const [text, colour] of entries) {
+    const step = h("i");
+    step.style.background = colour; // a script: the policy permits no style in markup
+    bar.append(h("span", {}, step, text));
+  }
+  return bar;
+}
+
 export function section(title: string, ...children: (Node | string)[]): HTMLElement {
   return h("section", {}, h("h3", {}, title), ...children);
 }

@@ -6,6 +6,7 @@ import { colourOf } from "../observation_layer.ts";
 import type { Store } from "../store.ts";
 import type { Source } from "../types.ts";
 import { duration, metres } from "../units.ts";
+import { ImagesPart } from "./images.ts";
 import { layerBox, type Toggle } from "./parts.ts";
 
 // In the order of the list: sources that need attention come first.
@@ -40,6 +41,7 @@ export class SensorsPanel {
     this.element.append(
       this.title,
       layerBox("observations", { ...groups.observations!, label: "Show the observations on the map" }, toggle, "show-observed"),
+      new ImagesPart(store, toggle).element,
       this.list,
     );
     store.on(["sources", "telemetry", "chosen"], () => this.renew());
