@@ -131,13 +131,14 @@ def registered(
     ground: Landscape, landscape: Landscape, images: Pass, errors: Floats, elevation_sd_m: float
 ) -> Registered:
     """Register the images of a pass in the order of their times."""
-    registration = FrameRegistration(landscape, ERRORS._replace(elevation_sd_m=elevation_sd_m))
+    registration = FrameRegistration(landscape)
+    stated = ERRORS._replace(elevation_sd_m=elevation_sd_m)
     before, after, matches, spent_s = [], [], 0, 0.0
     steady = np.ones((SMALL.height, SMALL.width), dtype=bool)
     for number, (true, celsius) in enumerate(zip(*images, strict=True)):
         seen = moved(true, errors[number])
         began_s = time.thread_time()
-        frame = reduced(celsius.astype(np.float32), steady, SMALL, seen, number * APART_S)
+        frame = reduced(celsius.astype(np.float32), steady, SMALL, seen, stated, number * APART_S)
         found = registration.registered(frame)
         spent_s += time.thread_time() - began_s
         matches += found.matches

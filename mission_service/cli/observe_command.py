@@ -104,10 +104,9 @@ class _Camera:
 
     def __init__(self, landscape: "Landscape", settings: "ThermalCameraSection") -> None:
         from mission_service.sensors.thermal.frame_registration import FrameRegistration
-        from mission_service.sensors.thermal.ground_views import stated_errors
 
         self._landscape, self._settings = landscape, settings
-        self._registration = FrameRegistration(landscape, stated_errors(settings))
+        self._registration = FrameRegistration(landscape)
 
     def observe(
         self, path: Path, picture: Path, image: "ThermalImage | None" = None

@@ -16,13 +16,15 @@ from mission_service.sensors.thermal.frame_cells import frame_cells
 from mission_service.sensors.thermal.frame_matching import Frame, Match, Ties, reduced, ties_between
 from mission_service.sensors.thermal.frame_registration import FrameRegistration
 from mission_service.sensors.thermal.ground_points import ground_points, offsets_m
-from mission_service.sensors.thermal.ground_views import stated_errors
 from mission_service.sensors.thermal.pose_adjustment import adjusted
+from mission_service.sensors.thermal.telemetry_poses import TelemetryPose
 from mission_service.sensors.thermal.thermal_image import read_thermal_image
 from mission_service.simulation.thermal_images import write_frame
 
 APART_CELLS = 3.0  # 30 m
 STEADY = np.ones((SMALL.height, SMALL.width), dtype=bool)
+NO_VALUES = np.zeros((2, 2), np.float32)
+TAKEN = datetime(2026, 7, 4, 13, 5, tzinfo=UTC)
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +47,7 @@ def images(land: Landscape) -> list[Floats]:
 
 
 def frame_of(celsius: Floats, pose: CameraPose, taken_s: float = 0.0) -> Frame:
-    return reduced(celsius.astype(np.float32), STEADY, SMALL, pose, taken_s)
+    return reduced(celsius.astype(np.float32), STEADY, SMALL, pose, ERRORS, taken_s)
 
 
 def test_matches_are_the_same_ground(land: Landscape, images: list[Floats]) -> None:
@@ -55,7 +57,7 @@ def test_matches_are_the_same_ground(land: Landscape, images: list[Floats]) -> N
         frame_of(celsius, moved(pose, pose_error(rng)))
         for celsius, pose in zip(images, true, strict=False)
     )
-    ties = ties_between(land, one, other, ERRORS)
+    ties = ties_between(land, one, other)
     assert ties is not None
     assert ties.match_sd_m.size >= 4
     first_m, second_m = (
@@ -74,20 +76,20 @@ def test_nothing_matches_without_texture_or_steady_ground_or_overlap(
     one, other, far = (
         frame_of(celsius, pose) for celsius, pose in zip(images, poses_of(land, 3), strict=True)
     )
-    assert ties_between(land, one, other, ERRORS) is not None
+    assert ties_between(land, one, other) is not None
     for bare_c in (0.0, 0.1):
         bare, noise = (
             frame_of(rng.normal(25.0, bare_c, STEADY.shape), each.pose) for each in (one, other)
         )
-        assert ties_between(land, bare, noise, ERRORS) is None
-    assert ties_between(land, one, other._replace(steady=~STEADY), ERRORS) is None
-    assert ties_between(land, one, one, ERRORS) is None, "a fixed pattern would match"
+        assert ties_between(land, bare, noise) is None
+    assert ties_between(land, one, other._replace(steady=~STEADY)) is None
+    assert ties_between(land, one, one) is None, "a fixed pattern would match"
     away = far._replace(pose=far.pose._replace(x_m=far.pose.x_m + 500.0))
-    assert ties_between(land, one, away, ERRORS) is None
+    assert ties_between(land, one, away) is None
 
 
 def test_images_that_match_nothing_keep_their_pose(land: Landscape) -> None:
-    registration = FrameRegistration(land, ERRORS)
+    registration = FrameRegistration(land)
     rng = np.random.default_rng(7)
     for number, pose in enumerate(poses_of(land, 3)):
         frame = frame_of(rng.normal(25.0, 0.1, STEADY.shape), pose, float(number))
@@ -106,7 +108,7 @@ def matched(
 ) -> tuple[list[Frame], list[Match]]:
     """Return images without values, and what their true poses make them share."""
     frames = [
-        Frame(np.zeros((2, 2), np.float32), np.ones((2, 2), bool), SMALL, moved(pose, error), 0.0)
+        Frame(NO_VALUES, NO_VALUES > 0.0, SMALL, moved(pose, error), ERRORS, 0.0)
         for pose, error in zip(true, errors, strict=True)
     ]
     col, row = (
@@ -136,7 +138,7 @@ def test_the_adjustment_averages_errors_and_states_what_remains(
     squares, measured_m, adjusted_m = [], [], []
     for _ in range(7):
         errors = errors_of(own, rng)[:4]
-        found, covariance = adjusted(land, *matched(land, true, errors, rng), ERRORS)
+        found, covariance = adjusted(land, *matched(land, true, errors, rng))
         off = errors[-1] - found
         squares.append(off @ np.linalg.solve(covariance, off))
         measured_m.append(np.hypot(*errors[-1, :2]))
@@ -150,18 +152,18 @@ def test_wrong_matches_change_little(land: Landscape) -> None:
     rng = np.random.default_rng(9)
     true, errors = poses_of(land, 4), errors_of(1.0, rng)[:4]
     frames, matches = matched(land, true, errors, rng)
-    right, _ = adjusted(land, frames, matches, ERRORS)
+    right, _ = adjusted(land, frames, matches)
     for number, (_, _, ties) in enumerate(matches):
         wrong = ties.earlier.copy()
         wrong[number % wrong.shape[0]] += [12.0, -9.0]  # 10 m
         matches[number] = matches[number]._replace(ties=ties._replace(earlier=wrong))
-    found, _ = adjusted(land, frames, matches, ERRORS)
+    found, _ = adjusted(land, frames, matches)
     assert np.hypot(*(found - right)[:2]) < 0.5
     all_wrong = [
         match._replace(ties=match.ties._replace(earlier=match.ties.earlier + 60.0))
         for match in matches
     ]
-    found, covariance = adjusted(land, frames, all_wrong, ERRORS)
+    found, covariance = adjusted(land, frames, all_wrong)
     assert np.abs(found).max() < 0.01, "improbable by the stated errors"
     assert covariance == pytest.approx(ERRORS.covariance(), rel=0.01, abs=2e-6)
 
@@ -172,7 +174,7 @@ def test_images_of_other_times_and_old_images_are_not_used(
     one, other, _ = (
         frame_of(celsius, pose) for celsius, pose in zip(images, poses_of(land, 3), strict=True)
     )
-    registration = FrameRegistration(land, ERRORS)
+    registration = FrameRegistration(land)
     assert registration.registered(one).matches == 0
     found = registration.registered(other._replace(taken_s=1.5))
     assert found.matches >= 4
@@ -180,28 +182,52 @@ def test_images_of_other_times_and_old_images_are_not_used(
     assert registration.registered(other._replace(taken_s=1000.0)).matches == 0
 
 
+def pose_from_telemetry(land: Landscape, pose: CameraPose, position_sd_m: float) -> TelemetryPose:
+    lat_deg, lon_deg = land.lat_lon_of(pose.x_m, pose.y_m)
+    direction = (float(land.true_deg(pose.yaw_deg)), pose.pitch_deg, pose.roll_deg)
+    view_deg = float(np.rad2deg(2.0 * np.arctan(SMALL.width / 2.0 / SMALL.focal_px)))
+    place = (float(lat_deg), float(lon_deg), pose.altitude_amsl_m)
+    return TelemetryPose(TAKEN, *place, direction, view_deg, position_sd_m, 0.0)
+
+
+@pytest.mark.parametrize("telemetry", [False, True])
 def test_cells_of_files_are_registered(
-    land: Landscape, images: list[Floats], tmp_path: Path
+    land: Landscape, images: list[Floats], tmp_path: Path, telemetry: bool
 ) -> None:
+    """The pose of the last image is wrong by 3 m; it is in the file, or comes from telemetry."""
     section = ThermalFramesSection(distortion=SMALL.distortion)
-    registration = FrameRegistration(land, stated_errors(section))
+    registration = FrameRegistration(land)
     true = poses_of(land, 3)
     wrong = [true[0], true[1], true[2]._replace(x_m=true[2].x_m + 3.0)]
     found, alone = [], []
     for number, (celsius, pose) in enumerate(zip(images, wrong, strict=True)):
-        path = tmp_path / f"{number}.tif"
-        write_frame(
-            path, land, pose, celsius, datetime(2026, 7, 4, 13, 5, number, tzinfo=UTC), SMALL
-        )
-        image = read_thermal_image(path)
+        path, taken = tmp_path / f"{number}.tif", TAKEN.replace(second=number)
+        write_frame(path, land, None if telemetry else pose, celsius, taken, SMALL)
+        reported = pose_from_telemetry(land, pose, 1.0)._replace(taken=taken)
+        image = read_thermal_image(path, lambda *_, reported=reported: reported)
         found.append(frame_cells(image, land, section, registration))
         alone.append(frame_cells(image, land, section))
     assert [each.matches > 0 for each in found] == [False, True, True]
     assert found[2].position_sd_m < 0.9 * alone[2].position_sd_m
-    write_frame(path, land, true[2], images[2], datetime(2026, 7, 4, tzinfo=UTC), SMALL)
+    write_frame(path, land, true[2], images[2], TAKEN, SMALL)
     centre = frame_cells(read_thermal_image(path), land, section).centre
     off_m = [
         float(np.hypot(*np.subtract(each[2].centre, centre))) * land.cell_size_m
         for each in (found, alone)
     ]
     assert off_m[0] < off_m[1] - 0.3
+
+
+def test_the_less_exact_pose_is_corrected_more(land: Landscape) -> None:
+    """The poses of two images disagree by 4 m; one of them is stated to be exact."""
+    rng = np.random.default_rng(10)
+    errors = np.zeros((2, 6))
+    errors[1, 0] = 4.0
+    exact = ERRORS._replace(position_sd_m=0.3)
+    found_m = []
+    for stated in ((exact, ERRORS), (ERRORS, exact)):
+        frames, matches = matched(land, poses_of(land, 2), errors, rng)
+        frames = [each._replace(errors=one) for each, one in zip(frames, stated, strict=True)]
+        found, _ = adjusted(land, frames, [Match(frames[0], frames[1], matches[0].ties)])
+        found_m.append(found[0])
+    assert found_m[0] > 1.0 > 4.0 * found_m[1]

@@ -12,7 +12,6 @@ from mission_service.fire.sensors import MAX_IMAGES, SensorImage
 from mission_service.sensors.thermal.draped_image import DrapedImage, draped_image
 from mission_service.sensors.thermal.frame_cells import Burned, FrameCells, frame_cells
 from mission_service.sensors.thermal.frame_registration import FrameRegistration
-from mission_service.sensors.thermal.ground_views import stated_errors
 from mission_service.sensors.thermal.thermal_image import ThermalImage
 
 AHEAD_S = 5.0  # tolerated difference between the clocks of camera and service
@@ -36,7 +35,7 @@ class ArrivedImages:
         """Set the function that receives the name of an image and why it is not used."""
         self._landscape, self._settings, self._refuse = landscape, settings, refuse
         self._burned = Burned(landscape.shape)
-        self._registration = FrameRegistration(landscape, stated_errors(settings))
+        self._registration = FrameRegistration(landscape)
         self._waiting: deque[tuple[str, str, FrameCells, DrapedImage, float]] = deque()
         self._number = 0  # of images that were used
         self.images: deque[SensorImage] = deque(maxlen=MAX_IMAGES)

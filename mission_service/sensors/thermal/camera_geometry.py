@@ -54,10 +54,14 @@ class PoseErrors(NamedTuple):
     direction_sd_deg: float  # of the rotation about each axis
     elevation_sd_m: float
 
+    def pose_sds(self) -> Floats:
+        """Return the standard deviations (6,) of the parts of the error of a pose."""
+        position_m = [self.position_sd_m, self.position_sd_m, self.altitude_sd_m]
+        return np.array([*position_m, *[math.radians(self.direction_sd_deg)] * 3])
+
     def covariance(self) -> Floats:
         """Return the covariance matrix (6, 6) of the error of a pose."""
-        position_m = [self.position_sd_m, self.position_sd_m, self.altitude_sd_m]
-        found: Floats = np.diag([*position_m, *[math.radians(self.direction_sd_deg)] * 3]) ** 2
+        found: Floats = np.diag(self.pose_sds() ** 2)
         return found
 
 

@@ -108,11 +108,10 @@ def _cells_of(
     view: PoseView | CornerView = view_of(image, landscape, settings)
     kinds = kinds_of(image, settings)
     matches = 0
-    # The registration assumes equal errors of all poses, which poses from telemetry do not have.
-    alike = stated_errors(settings, image) == stated_errors(settings)
-    if registration is not None and isinstance(view, PoseView) and alike:
+    if registration is not None and isinstance(view, PoseView):
         still = (kinds == COOL) | (kinds == UNKNOWN)
-        frame = reduced(image.values, still, view.lens, view.pose, image.taken.timestamp())
+        errors, taken_s = stated_errors(settings, image), image.taken.timestamp()
+        frame = reduced(image.values, still, view.lens, view.pose, errors, taken_s)
         pose, covariance, matches = registration.registered(frame)
         view = view._replace(pose=pose, covariance=covariance)
     step = math.ceil(math.sqrt(width * height / MAX_RAYS))

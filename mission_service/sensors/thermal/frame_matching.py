@@ -32,12 +32,13 @@ MATCH_SD = 0.3  # standard deviation of a distance, in samples
 
 
 class Frame(NamedTuple):
-    """A reduced image and the measured pose of its camera."""
+    """A reduced image and the measured pose of its camera, with the stated errors."""
 
     values: NDArray[np.float32]  # (y, x)
     steady: Mask  # (y, x) pixels whose ground is not hot
     lens: Lens
     pose: CameraPose
+    errors: PoseErrors
     taken_s: float
 
 
@@ -58,7 +59,12 @@ class Match(NamedTuple):
 
 
 def reduced(
-    values: NDArray[np.float32], steady: Mask, lens: Lens, pose: CameraPose, taken_s: float
+    values: NDArray[np.float32],
+    steady: Mask,
+    lens: Lens,
+    pose: CameraPose,
+    errors: PoseErrors,
+    taken_s: float,
 ) -> Frame:
     """Return an image (y, x) with about ``COLUMNS`` columns, each pixel the mean of a block."""
     step = max(1, round(lens.width / COLUMNS))
@@ -69,20 +75,11 @@ def reduced(
     mean = values[block].reshape(shape).mean(axis=(1, 3))
     small = Lens(cols, rows, lens.focal_px / step, lens.distortion)
     whole: Mask = np.all(steady[block].reshape(shape), axis=(1, 3), keepdims=False)
-    return Frame(mean, whole, small, pose, taken_s)
+    return Frame(mean, whole, small, pose, errors, taken_s)
 
 
-def ties_between(
-    landscape: Landscape, earlier: Frame, later: Frame, errors: PoseErrors
-) -> Ties | None:
-    """Return the places that two images share, or None if there are none.
-
-    Args:
-        landscape: The landscape with the elevation.
-        earlier: An image.
-        later: Another image.
-        errors: The stated errors of each pose and of the elevation.
-    """
+def ties_between(landscape: Landscape, earlier: Frame, later: Frame) -> Ties | None:
+    """Return the places that two images share, or None if there are none."""
     lens = later.lens
     col, row = (
         each.ravel()
@@ -102,8 +99,10 @@ def ties_between(
     if not used.any():
         return None
     places, pixels = places[used], pixels[used]
-    effects = [pose_effects(landscape, each.pose, places) for each in (earlier, later)]
-    spread = sum(each @ errors.covariance() @ each.transpose(0, 2, 1) for each in effects)
+    spread = np.zeros((places.shape[0], 2, 2))
+    for each in (earlier, later):
+        effects = pose_effects(landscape, each.pose, places)
+        spread += effects @ each.errors.covariance() @ effects.transpose(0, 2, 1)
     sd_m = np.sqrt(np.linalg.eigvalsh(spread)[:, 1])
     pixel_m = np.linalg.norm(offsets_m(landscape, later.pose, places), axis=1) / lens.focal_px
     sample_m = np.maximum(SIGMAS * sd_m / REACH, MIN_SAMPLE * pixel_m)

@@ -13,7 +13,7 @@ import numpy as np
 from firemodel.arrays import Floats
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
-from mission_service.sensors.thermal.camera_geometry import CameraPose, PoseErrors, moved
+from mission_service.sensors.thermal.camera_geometry import CameraPose, moved
 from mission_service.sensors.thermal.frame_matching import Frame, Match, ties_between
 from mission_service.sensors.thermal.pose_adjustment import adjusted
 
@@ -33,9 +33,9 @@ class RegisteredPose(NamedTuple):
 class FrameRegistration:
     """The latest images of one camera."""
 
-    def __init__(self, landscape: Landscape, errors: PoseErrors) -> None:
-        """Register images on a landscape, with the stated errors of a pose."""
-        self._landscape, self._errors = landscape, errors
+    def __init__(self, landscape: Landscape) -> None:
+        """Register images on a landscape."""
+        self._landscape = landscape
         self._frames: list[Frame] = []
         self._matches: list[Match] = []
 
@@ -49,16 +49,14 @@ class FrameRegistration:
         ]
         mine = []
         for earlier in self._frames[-2 : -2 - PARTNERS : -1]:
-            ties = ties_between(self._landscape, earlier, frame, self._errors)
+            ties = ties_between(self._landscape, earlier, frame)
             if ties is not None:
                 mine.append(Match(earlier, frame, ties))
         self._matches += mine
-        error, covariance = np.zeros(6), self._errors.covariance()
+        error, covariance = np.zeros(6), frame.errors.covariance()
         if mine:
             # An adjusted camera may be below the ground, or off the landscape.
             with suppress(FireModelError):
-                error, covariance = adjusted(
-                    self._landscape, self._frames, self._matches, self._errors
-                )
+                error, covariance = adjusted(self._landscape, self._frames, self._matches)
         count = sum(each.ties.match_sd_m.size for each in mine)
         return RegisteredPose(moved(frame.pose, -error), covariance, count)

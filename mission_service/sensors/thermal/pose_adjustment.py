@@ -20,7 +20,7 @@ import numpy as np
 
 from firemodel.arrays import Floats, Mask
 from firemodel.landscape.landscape import Landscape
-from mission_service.sensors.thermal.camera_geometry import CameraPose, PoseErrors, moved
+from mission_service.sensors.thermal.camera_geometry import CameraPose, moved
 from mission_service.sensors.thermal.frame_matching import Frame, Match
 from mission_service.sensors.thermal.ground_points import (
     UP,
@@ -54,7 +54,7 @@ class _Shared(NamedTuple):
 
 
 def adjusted(
-    landscape: Landscape, frames: list[Frame], matches: list[Match], stated: PoseErrors
+    landscape: Landscape, frames: list[Frame], matches: list[Match]
 ) -> tuple[Floats, Floats]:
     """Return the error (6,) of the last image's pose, and its covariance (6, 6).
 
@@ -62,7 +62,7 @@ def adjusted(
 
     Raises FireModelError if an adjusted camera is below the ground or off the landscape.
     """
-    prior = stated.covariance()
+    sds = np.concatenate([frame.errors.pose_sds() for frame in frames])
     errors = np.zeros(len(frames) * 6)
     covariance = np.zeros((errors.size, errors.size))
     weight: Floats = np.ones(sum(each.ties.match_sd_m.size for each in matches))
@@ -70,17 +70,16 @@ def adjusted(
     for number in range(ROUNDS):
         each_error = errors.reshape(-1, 6)
         poses = [moved(frame.pose, -error) for frame, error in zip(frames, each_error, strict=True)]
-        shared = _shared(landscape, frames, poses, matches, stated.elevation_sd_m)
+        shared = _shared(landscape, frames, poses, matches)
         weight[~shared.known] = UNUSED
         measured_m = shared.apart_m + shared.effects @ errors
         alone = _blocks(_noise(shared, np.ones(weight.size)))
         if not number:
-            independent = np.kron(np.eye(len(frames)), prior)
-            spread = shared.effects @ independent @ shared.effects.transpose(0, 2, 1)
+            spread = shared.effects @ np.diag(sds**2) @ shared.effects.transpose(0, 2, 1)
             weight[_squares(measured_m, spread + alone) > IMPROBABLE] = UNUSED
         shares = SHARES if number == ROUNDS - 1 else FIRST_SHARES
         noise = _noise(shared, weight) * scale
-        errors, covariance = _averaged(measured_m, noise, shared.effects, prior, shares)
+        errors, covariance = _averaged(measured_m, noise, shared.effects, sds, shares)
         squares = _squares(measured_m - shared.effects @ errors, alone)
         used = weight > UNUSED
         scale = max(1.0, float(np.median(squares[used])) / TYPICAL) if used.any() else 1.0
@@ -93,7 +92,6 @@ def _shared(
     frames: list[Frame],
     poses: list[CameraPose],
     matches: list[Match],
-    elevation_sd_m: float,
 ) -> _Shared:
     """Compute the places of the shared pixels, in both images, from poses."""
     number = {id(frame): at for at, frame in enumerate(frames)}
@@ -109,7 +107,7 @@ def _shared(
         effects = np.zeros((places.shape[0], 2, len(frames), 6))
         effects[:, :, number[id(match.earlier)]] = -one
         effects[:, :, number[id(match.later)]] = other
-        sds_m = elevation_sds_m(landscape, places, elevation_sd_m)
+        sds_m = elevation_sds_m(landscape, places, match.later.errors.elevation_sd_m)
         parallax_m = (other - one)[:, :, UP] * sds_m[:, None]
         flat = effects.reshape(-1, 2, len(frames) * 6)
         known = np.isfinite(one_m + other_m).all(axis=1)
@@ -147,7 +145,7 @@ def _averaged(
     apart_m: Floats,
     noise: Floats,
     effects: Floats,
-    stated: Floats,
+    sds: Floats,
     shares: tuple[tuple[float, float], ...],
 ) -> tuple[Floats, Floats]:
     """Return the errors (6 f,) of all poses and their covariance, averaged over ``shares``."""
@@ -158,7 +156,7 @@ def _averaged(
     results = []
     for position, direction in shares:
         own = np.repeat([position, direction], 3)
-        prior = _prior(stated, own, size // 6)
+        prior = _prior(sds, own)
         system = np.eye(size) + information @ prior
         covariance = prior @ np.linalg.inv(system)
         errors = covariance @ right_side
@@ -173,8 +171,15 @@ def _averaged(
     return mean, covariance
 
 
-def _prior(stated: Floats, own: Floats, frames: int) -> Floats:
-    """Return the covariance (6 f, 6 f) of poses with shares (6,) of errors of their own."""
-    alone, shared = (np.sqrt(np.outer(each, each)) * stated for each in (own, 1.0 - own))
-    found: Floats = np.kron(np.eye(frames), alone) + np.kron(np.ones((frames, frames)), shared)
+def _prior(sds: Floats, own: Floats) -> Floats:
+    """Return the covariance (6 f, 6 f) of poses.
+
+    Args:
+        sds: The standard deviations (6 f,) of their errors.
+        own: The share (6,) of the variance of each part that is an image's own.
+    """
+    frames = sds.size // 6
+    alike = np.kron(np.eye(frames), np.diag(own))
+    alike = alike + np.kron(np.ones((frames, frames)), np.diag(1.0 - own))
+    found: Floats = alike * np.outer(sds, sds)
     return found
