@@ -4,8 +4,8 @@ Files are TIFF with temperatures in °C (32-bit floats) or counts of a radiometr
 or TIFF, JPEG and PNG with grey levels (8 bits). Positions and times are read from EXIF, and the
 direction of the camera from the XMP keys ``GimbalYawDegree``, ``GimbalPitchDegree`` and
 ``GimbalRollDegree`` of DJI. A part that a file does not contain is taken from the telemetry of the
-vehicles, if ``pose_of`` is given. The temperatures inside radiometric JPEGs (R-JPEG) are in formats
-of their makers and are not read; such a file is an image of grey levels.
+vehicles, if ``pose_of`` is given. Of the radiometric JPEGs (R-JPEG) of different makers, the
+temperatures of FLIR are read (``flir_temperatures``); others are images of grey levels.
 """
 
 import math
@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from mission_service.errors import MissionServiceError
 from mission_service.sensors.thermal.camera_geometry import focal_px_of
 from mission_service.sensors.thermal.corner_points import CornerPoints
+from mission_service.sensors.thermal.flir_temperatures import SEGMENT, flir_celsius
 from mission_service.sensors.thermal.telemetry_poses import PoseUnknownError, TelemetryPose
 
 if TYPE_CHECKING:
@@ -88,8 +89,8 @@ class ThermalImage(NamedTuple):
 def read_thermal_image(path: Path, pose_of: PoseOf | None = None) -> ThermalImage:
     """Read a thermal image; ``pose_of`` returns the parts of its pose that the file lacks.
 
-    Raises ThermalImageError for a file that is not usable, and NoPoseError if ``pose_of`` does not
-    have the missing parts.
+    Raises MissionServiceError for a file that is not usable, and NoPoseError if ``pose_of`` does
+    not have the missing parts.
     """
     from PIL import Image, UnidentifiedImageError
 
@@ -105,7 +106,7 @@ def read_thermal_image(path: Path, pose_of: PoseOf | None = None) -> ThermalImag
             if image.width * image.height > MAX_PIXELS:
                 raise ThermalImageError(f"{path}: {image.width} x {image.height} pixels; too many")
             return _image_of(path, image, pose_of)
-    except (ThermalImageError, MemoryError):
+    except (MissionServiceError, MemoryError):
         raise
     except UnidentifiedImageError:
         raise ThermalImageError(f"{path}: is not a TIFF, JPEG or PNG image") from None
@@ -137,7 +138,7 @@ def _image_of(path: Path, image: "Image", pose_of: PoseOf | None) -> ThermalImag
     position = _found(missing, lambda: _position(path, gps))
     direction = _found(missing, lambda: _direction(path, xmp))
     taken = _found(missing, lambda: _taken(path, gps, camera))
-    focal_px = _focal_px(image, camera, xmp)
+    focal_px = _focal_px(values.shape, camera, xmp)
     position_sd_m = direction_sd_deg = 0.0
     if missing:
         pose = _from_telemetry(path, pose_of, taken, missing[0])
@@ -148,7 +149,7 @@ def _image_of(path: Path, image: "Image", pose_of: PoseOf | None) -> ThermalImag
             direction, direction_sd_deg = pose.direction, pose.direction_sd_deg
         taken = pose.taken
         if focal_px is None and pose.field_of_view_deg is not None:
-            focal_px = focal_px_of(pose.field_of_view_deg, image.width)
+            focal_px = focal_px_of(pose.field_of_view_deg, values.shape[1])
     assert position is not None
     assert direction is not None
     assert taken is not None
@@ -189,7 +190,9 @@ def _from_telemetry(
 
 
 def _values(path: Path, image: "Image") -> tuple[NDArray[np.float32], str]:
-    if image.mode == "F":
+    if any(data.startswith(SEGMENT) for _, data in getattr(image, "applist", ())):
+        values, kind = flir_celsius(path), "celsius"
+    elif image.mode == "F":
         values, kind = np.asarray(image, dtype=np.float32), "celsius"
     elif image.mode.startswith("I"):
         values, kind = np.asarray(image).astype(np.float32), "counts"
@@ -296,15 +299,18 @@ def _direction(path: Path, xmp: Mapping[str, str]) -> Direction:
     return yaw, pitch, roll
 
 
-def _focal_px(image: "Image", camera: Mapping[int, Any], xmp: Mapping[str, str]) -> float | None:
+def _focal_px(
+    shape: tuple[int, ...], camera: Mapping[int, Any], xmp: Mapping[str, str]
+) -> float | None:
     """Return DJI's calibrated focal length, or that of EXIF for 35 mm film, in pixels."""
-    diagonal_px = math.hypot(image.width, image.height)
+    rows, cols = shape
+    diagonal_px = math.hypot(rows, cols)
     for number, px in (
         (xmp.get("CalibratedFocalLength"), 1.0),
         (camera.get(FOCAL_35_MM), diagonal_px / FILM_DIAGONAL_MM),
     ):
         with suppress(TypeError, ValueError, ZeroDivisionError):
             focal_px = float(number) * px  # type: ignore[arg-type]
-            if 0.1 * image.width < focal_px < 100.0 * image.width:
+            if 0.1 * cols < focal_px < 100.0 * cols:
                 return focal_px
     return None

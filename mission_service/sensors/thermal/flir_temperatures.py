@@ -1,0 +1,85 @@
+"""Reads the temperatures in radiometric JPEGs of FLIR cameras, in a process of its own.
+
+The library flyr decodes such a file in Python. A damaged file can make it count for hours, so the
+process has limits (``worker_process``). Its main function is in this module.
+"""
+
+import sys
+from importlib.util import find_spec
+from io import BytesIO
+from pathlib import Path
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from mission_service.errors import MissionServiceError
+from mission_service.sensors.one_line import one_line
+from mission_service.sensors.worker_process import limit_process, output_of
+
+MODULE = "mission_service.sensors.thermal.flir_temperatures"
+SEGMENT = b"FLIR\0"  # the beginning of the APP1 segments that contain the temperatures
+RANGE_C = (-273.15, 5000.0)  # a pixel with less radiance than the air before it is the coldest
+
+
+class Decoded(msgspec.Struct, tag="decoded"):
+    """Temperatures in °C: 32-bit floats, row by row."""
+
+    rows: int
+    cols: int
+    celsius: bytes
+
+
+class Undecoded(msgspec.Struct, tag="undecoded"):
+    """The reason why a file cannot be decoded."""
+
+    reason: str
+
+
+def flir_celsius(path: Path) -> NDArray[np.float32]:
+    """Return the temperatures (y, x) in °C of a radiometric JPEG.
+
+    They are those of the camera's own settings of emissivity, distance and air. The pixels of the
+    picture in the JPEG may be more.
+
+    Raises MissionServiceError without the library flyr, and for a file that cannot be decoded.
+    """
+    if find_spec("flyr") is None:
+        raise MissionServiceError(
+            f"{path}: temperatures of FLIR cameras require flyr; run: pip install "
+            "'mission-service[flir]'"
+        )
+    try:
+        answer = output_of(MODULE, path.read_bytes())
+        found = msgspec.msgpack.decode(answer, type=Decoded | Undecoded)
+    except (OSError, msgspec.DecodeError, msgspec.ValidationError) as error:
+        raise MissionServiceError(f"{path}: its FLIR temperatures: {error}") from None
+    if isinstance(found, Undecoded):
+        raise MissionServiceError(f"{path}: its FLIR temperatures are damaged: {found.reason}")
+    return np.frombuffer(found.celsius, dtype=np.float32).reshape(found.rows, found.cols)
+
+
+def decoded(data: bytes) -> Decoded | Undecoded:
+    """Decode a file, in this process."""
+    import flyr
+
+    try:
+        with np.errstate(all="ignore"):
+            celsius = flyr.unpack(BytesIO(data)).celsius
+        rows, cols = celsius.shape
+        celsius = np.clip(np.nan_to_num(celsius, nan=RANGE_C[0]), *RANGE_C)
+        return Decoded(rows, cols, celsius.astype(np.float32).tobytes())
+    except MemoryError:
+        return Undecoded("they need too much memory")
+    except Exception as error:  # flyr does not check the file; any error may follow
+        return Undecoded(one_line(f"{type(error).__name__}: {error}"))
+
+
+def main() -> None:
+    """Decode the file on standard input, within limits of memory and time."""
+    limit_process()
+    sys.stdout.buffer.write(msgspec.msgpack.encode(decoded(sys.stdin.buffer.read())))
+
+
+if __name__ == "__main__":
+    main()
