@@ -4,6 +4,8 @@ The places that images share (``frame_matching``) give differences between the e
 poses. The adjustment is the mean of a Gaussian posterior: the stated standard deviations are the
 prior, and robust weights reduce matches that contradict the others. An error of the elevation moves
 a place by different amounts in images from different sides; near places have similar errors.
+Matches have errors in common besides this one, for example those of the interpolated elevation and
+of a place that is matched in several images. Their covariance is multiplied by ``DEPENDENCE``.
 
 The error of each pose has a part of its own, which the adjustment averages out, and a part that all
 images of the pass share, such as a GPS error that changes slowly or a tilted mount. The shared part
@@ -37,6 +39,7 @@ IMPROBABLE = 13.8  # chi square of two degrees of freedom that 0.1 % exceed
 SOFT = 6.0  # chi square at which the weight of a match is one half
 TYPICAL = 1.386  # median of chi square of two degrees of freedom
 UNUSED = 1e-9  # weight of a match that is left out
+DEPENDENCE = 2.0  # matches that contain as much information as one independent match
 ELEVATION_LENGTH_M = 100.0  # errors of the elevation are similar over this distance
 
 
@@ -78,7 +81,7 @@ def adjusted(
             spread = shared.effects @ np.diag(sds**2) @ shared.effects.transpose(0, 2, 1)
             weight[_squares(measured_m, spread + alone) > IMPROBABLE] = UNUSED
         shares = SHARES if number == ROUNDS - 1 else FIRST_SHARES
-        noise = _noise(shared, weight) * scale
+        noise = _noise(shared, weight) * scale * DEPENDENCE
         errors, covariance = _averaged(measured_m, noise, shared.effects, sds, shares)
         squares = _squares(measured_m - shared.effects @ errors, alone)
         used = weight > UNUSED
