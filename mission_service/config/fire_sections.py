@@ -237,7 +237,7 @@ class ThermalFramesSection(ThermalCameraSection):
     """The images of thermal cameras that arrive in a folder, for the sensor ``thermal_frames``.
 
     ``kelvin_per_count`` converts 16-bit counts. If a file has no pose, the telemetry of the
-    vehicles is used: ``time_sd_s`` is the standard deviation of the times of files, and
+    vehicles is used: ``file_time_sd_s`` is the standard deviation of the times of files, and
     ``fixed_pitch_deg`` is the pitch of a camera without a gimbal, relative to the airframe.
     """
 
@@ -245,7 +245,7 @@ class ThermalFramesSection(ThermalCameraSection):
 
     folder: Line | None = None
     kelvin_per_count: Annotated[float, Field(gt=0, le=10)] = 0.01
-    time_sd_s: Annotated[float, Field(ge=0, le=10)] = 0.2
+    file_time_sd_s: Annotated[float, Field(ge=0, le=10)] = 0.2
     fixed_pitch_deg: Annotated[float, Field(ge=-90, le=0)] | None = None
 
 

@@ -39,7 +39,7 @@ class CameraPoints:
     def __init__(self, scenario: Scenario, landscape: Landscape) -> None:
         self._settings = scenario.estimate.thermal_frames
         self._landscape = landscape
-        self._poses = TelemetryPoses(self._settings.fixed_pitch_deg, self._settings.time_sd_s)
+        self._poses = TelemetryPoses(self._settings.fixed_pitch_deg, self._settings.file_time_sd_s)
         self._waiting: deque[HotPointSeen | TargetTracked] = deque(maxlen=MAX_WAITING)
         self.problem = ""  # why the last point could not be used
 

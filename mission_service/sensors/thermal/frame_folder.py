@@ -28,7 +28,7 @@ class FrameFolder(WatchedFolder):
         settings = scenario.estimate.thermal_frames
         super().__init__(f"{settings.TABLE}.folder", settings.folder, SUFFIXES, "an image")
         self._images = ArrivedImages(landscape, settings, self.refuse)
-        self._poses = TelemetryPoses(settings.fixed_pitch_deg, settings.time_sd_s)
+        self._poses = TelemetryPoses(settings.fixed_pitch_deg, settings.file_time_sd_s)
         self.images = self._images.images
         self._zero_s: float | None = None  # mission time 0 in UTC, in a simulation
 

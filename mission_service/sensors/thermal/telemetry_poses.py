@@ -64,13 +64,13 @@ class _Vehicle:
 class TelemetryPoses:
     """The latest telemetry of all vehicles; one thread adds events, another one reads poses."""
 
-    def __init__(self, fixed_pitch_deg: float | None, time_sd_s: float) -> None:
+    def __init__(self, fixed_pitch_deg: float | None, file_time_sd_s: float) -> None:
         """Set the pitch of a camera without a gimbal, relative to the airframe, if there is one.
 
-        ``time_sd_s`` is the standard deviation of the times of files.
+        ``file_time_sd_s`` is the standard deviation of the times of files.
         """
         self._fixed_pitch_deg = fixed_pitch_deg
-        self._time_sd_s = time_sd_s
+        self._file_time_sd_s = file_time_sd_s
         self._vehicles: dict[str, _Vehicle] = {}
 
     def on_event(self, event: AnyEvent, received_s: float) -> None:
@@ -191,7 +191,7 @@ class TelemetryPoses:
         speed_m_s = math.hypot(before.velocity_north_m_s, before.velocity_east_m_s)
         return TelemetryPose(
             *(taken, lat_deg, lon_deg, altitude_m, direction, vehicle.field_of_view_deg),
-            *(speed_m_s * self._time_sd_s, turn_deg_s * self._time_sd_s),
+            *(speed_m_s * self._file_time_sd_s, turn_deg_s * self._file_time_sd_s),
         )
 
     def _direction_at(self, vehicle: _Vehicle, at_us: int) -> tuple[Angles, float]:
