@@ -210,7 +210,7 @@ class ThermalCameraSection(Section):
 
     ``field_of_view_deg`` is the horizontal field of view; without it that of the image's metadata
     is used. ``distortion`` is k1, k2, p1, p2, k3 (Brown-Conrady, as OpenCV defines them). Pixels
-    of at least ``hot_c`` are burning; pixels up to ``warm_above_c`` above the background are cool.
+    of at least ``hot_c`` are burning; pixels up to ``warm_difference_c`` above the background are cool.
     Images of grey levels require ``hot_level``. The next keys are standard deviations of the
     camera's position (of each horizontal axis), altitude and direction (of the rotation about each
     axis of the camera), and of the landscape's elevation. Pixels that are placed by a pose are not
@@ -223,7 +223,7 @@ class ThermalCameraSection(Section):
     field_of_view_deg: Annotated[float, Field(ge=1, le=150)] | None = None
     distortion: tuple[Finite, Finite, Finite, Finite, Finite] = (0.0, 0.0, 0.0, 0.0, 0.0)
     hot_c: Annotated[float, Field(ge=50, le=1500)] = 200.0
-    warm_above_c: Annotated[float, Field(ge=1, le=500)] = 20.0
+    warm_difference_c: Annotated[float, Field(ge=1, le=500)] = 20.0
     hot_level: Annotated[float, Field(gt=0, le=255)] | None = None
     position_sd_m: Annotated[float, Field(ge=0, le=1000)] = 1.5
     altitude_sd_m: Annotated[float, Field(ge=0, le=1000)] = 1.5

@@ -187,7 +187,7 @@ def kinds_of(image: ThermalImage, settings: ThermalCameraSection) -> NDArray[np.
             f"the median is {np.median(values):.0f} °C; floats must be in "
             "°C, and counts require estimate.thermal_frames.kelvin_per_count"
         )
-    warm = values > _background_c(values[~hot]) + settings.warm_above_c
+    warm = values > _background_c(values[~hot]) + settings.warm_difference_c
     kinds = np.where(hot, HOT, np.where(warm, UNKNOWN, COOL)).astype(np.int8)
     kinds[_connected(hot | warm, hot) & ~hot] = BURNED_OUT
     return kinds
