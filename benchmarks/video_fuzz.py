@@ -42,7 +42,7 @@ from mission_service.sensors.video.video_stream import VideoStream
 TAKEN = datetime(2026, 7, 4, tzinfo=UTC)
 PICTURES = 12
 LENS = Lens(96, 80, 100.0)
-SETTINGS = ThermalVideoSection(level_range_c=TEMPERATURES_C)
+SETTINGS = ThermalVideoSection(grey_level_range_c=TEMPERATURES_C)
 TS_BYTES = 188
 HOT_C = SETTINGS.hot_c
 GEOREFERENCED = 0.1  # share of the unaltered images

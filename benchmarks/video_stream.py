@@ -98,7 +98,7 @@ def main() -> None:
         port = int(free.getsockname()[1])
     settings = (
         f'estimate.thermal_video.source="udpin:127.0.0.1:{port}"',
-        f"estimate.thermal_video.level_range_c={list(TEMPERATURES_C)}",
+        f"estimate.thermal_video.grey_level_range_c={list(TEMPERATURES_C)}",
     )
     scenario = load_scenario("default", settings)
     parts = film(seconds + int(SETTLE_S))

@@ -252,7 +252,7 @@ class ThermalFramesSection(ThermalCameraSection):
 class ThermalVideoSection(ThermalCameraSection):
     """The video of a thermal camera with MISB ST 0601 metadata, for the sensor ``thermal_video``.
 
-    ``source`` is ``udpin:HOST:PORT`` or a file, which may grow. With ``level_range_c``, grey levels
+    ``source`` is ``udpin:HOST:PORT`` or a file, which may grow. With ``grey_level_range_c``, grey levels
     0 and 255 have these temperatures, and levels between them are linear. ``corners`` places frames
     by their corner points also if the metadata contain a pose; ``corner_sd_m`` is the standard
     deviation of the corner points (of each horizontal axis). Heights above the ellipsoid require
@@ -263,7 +263,7 @@ class ThermalVideoSection(ThermalCameraSection):
     TABLE = "estimate.thermal_video"
 
     source: Line | None = None
-    level_range_c: tuple[Celsius, Celsius] | None = None
+    grey_level_range_c: tuple[Celsius, Celsius] | None = None
     corners: bool = False
     corner_sd_m: Annotated[float, Field(gt=0, le=1000)] = 15.0
     geoid_m: Annotated[float, Field(ge=-150, le=150)] | None = None
@@ -274,10 +274,10 @@ class ThermalVideoSection(ThermalCameraSection):
 
     @model_validator(mode="after")
     def _rising(self) -> "ThermalVideoSection":
-        if self.level_range_c is not None and self.level_range_c[0] >= self.level_range_c[1]:
-            raise ValueError("level_range_c needs a lower and a higher temperature")
-        if self.level_range_c is not None and self.hot_level is not None:
-            raise ValueError("give either level_range_c or hot_level")
+        if self.grey_level_range_c is not None and self.grey_level_range_c[0] >= self.grey_level_range_c[1]:
+            raise ValueError("grey_level_range_c needs a lower and a higher temperature")
+        if self.grey_level_range_c is not None and self.hot_level is not None:
+            raise ValueError("give either grey_level_range_c or hot_level")
         return self
 
 

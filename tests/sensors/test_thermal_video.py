@@ -38,7 +38,7 @@ from tests.sensors.test_frame_folder import (
 
 FIX = Telemetry(7_200_000_000, "hawk", 36.36, -84.15, 600.0, 120.0, 20.0, 0.0, 0.0)
 WIDE = Lens(160, 128, 70.0)
-RANGE = f"estimate.thermal_video.level_range_c={list(TEMPERATURES_C)}"
+RANGE = f"estimate.thermal_video.grey_level_range_c={list(TEMPERATURES_C)}"
 
 
 def scenario_for(source: str, *changes: str) -> Scenario:
@@ -274,7 +274,7 @@ def test_settings_and_libraries_are_checked_before_a_run(monkeypatch: pytest.Mon
         check(load_scenario("default", ('estimate.sensors=["thermal_video"]',)))
     source = 'estimate.thermal_video.source="udpin:127.0.0.1:0"'
     named = ('estimate.sensors=["thermal_video"]', source)
-    with pytest.raises(ScenarioError, match="give level_range_c or hot_level"):
+    with pytest.raises(ScenarioError, match="give grey_level_range_c or hot_level"):
         check(load_scenario("default", named))
     with pytest.raises(ScenarioError, match="port 0 is not between 1 and 65535"):
         check(load_scenario("default", (*named, RANGE)))
@@ -282,7 +282,7 @@ def test_settings_and_libraries_are_checked_before_a_run(monkeypatch: pytest.Mon
     with pytest.raises(ScenarioError, match="rtsp://camera/1 is a URL; give udpin"):
         check(load_scenario("default", (*named, url, RANGE)))
     with pytest.raises(ScenarioError, match="a lower and a higher temperature"):
-        load_scenario("default", ("estimate.thermal_video.level_range_c=[100, 0]",))
+        load_scenario("default", ("estimate.thermal_video.grey_level_range_c=[100, 0]",))
     monkeypatch.setattr(thermal_video, "LIBRARIES", ("av", "not_installed"))
     with pytest.raises(ScenarioError, match=r"pip install 'mission-service\[video\]'"):
         check(load_scenario("default", (*named, RANGE)))

@@ -64,14 +64,14 @@ def stream_of(
 def read(data: bytes, **settings: object) -> tuple[list[ThermalImage], str]:
     """Return the images of a stream, and the problem that is reported."""
     if "hot_level" not in settings:
-        settings["level_range_c"] = TEMPERATURES_C
+        settings["grey_level_range_c"] = TEMPERATURES_C
     stream = VideoStream("video", ThermalVideoSection(**settings))  # type: ignore[arg-type]
     images = stream.feed(data) + stream.end()
     return images, video_problem(stream.counts, "source", "", 10.0)
 
 
 def cells_of(image: ThermalImage, land: Landscape) -> FrameCells:
-    return frame_cells(image, land, ThermalVideoSection(level_range_c=TEMPERATURES_C))
+    return frame_cells(image, land, ThermalVideoSection(grey_level_range_c=TEMPERATURES_C))
 
 
 def test_each_image_has_the_time_and_the_place_of_its_metadata(

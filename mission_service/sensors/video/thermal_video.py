@@ -104,8 +104,8 @@ def source_of(settings: ThermalVideoSection) -> DatagramSource | FileSource:
     check_libraries()
     if settings.source is None:
         raise ScenarioError(f"{settings.TABLE}.source is missing; give udpin:HOST:PORT or a file")
-    if settings.hot_level is None and settings.level_range_c is None:
-        raise ScenarioError(f"{settings.TABLE}: give level_range_c or hot_level")
+    if settings.hot_level is None and settings.grey_level_range_c is None:
+        raise ScenarioError(f"{settings.TABLE}: give grey_level_range_c or hot_level")
     if "://" in settings.source:
         raise ScenarioError(
             f"{settings.TABLE}.source: {settings.source} is a URL; give udpin:HOST:PORT or a file "

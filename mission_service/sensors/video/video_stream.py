@@ -228,8 +228,8 @@ def image_of(
             f"{name}: is a picture in colours; set the camera's palette to grey levels (white hot)"
         )
     values, kind = frame.to_ndarray(format="gray").astype(np.float32), "levels"
-    if settings.level_range_c is not None:
-        low_c, high_c = settings.level_range_c
+    if settings.grey_level_range_c is not None:
+        low_c, high_c = settings.grey_level_range_c
         values, kind = low_c + values * np.float32((high_c - low_c) / 255.0), "celsius"
     corners, pose = metadata.corners, metadata.pose
     if corners is not None and (settings.corners or pose is None):
