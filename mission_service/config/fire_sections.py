@@ -253,7 +253,7 @@ class ThermalVideoSection(ThermalCameraSection):
     """The video of a thermal camera with MISB ST 0601 metadata, for the sensor ``thermal_video``.
 
     ``source`` is ``udpin:HOST:PORT`` or a file, which may grow. With ``grey_level_range_c``, grey levels
-    0 and 255 have these temperatures, and levels between them are linear. ``corners`` places frames
+    0 and 255 have these temperatures, and levels between them are linear. ``use_corner_points`` places frames
     by their corner points also if the metadata contain a pose; ``corner_sd_m`` is the standard
     deviation of the corner points (of each horizontal axis). Heights above the ellipsoid require
     ``geoid_m``, the height of mean sea level above the ellipsoid. ``leap_seconds`` are subtracted
@@ -264,7 +264,7 @@ class ThermalVideoSection(ThermalCameraSection):
 
     source: Line | None = None
     grey_level_range_c: tuple[Celsius, Celsius] | None = None
-    corners: bool = False
+    use_corner_points: bool = False
     corner_sd_m: Annotated[float, Field(gt=0, le=1000)] = 15.0
     geoid_m: Annotated[float, Field(ge=-150, le=150)] | None = None
     leap_seconds: Annotated[int, Field(ge=0, le=100)] = 0

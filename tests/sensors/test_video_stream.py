@@ -120,7 +120,7 @@ def test_corner_points_and_pose_place_an_image_alike(
     without_pose = {13: values[13], 14: values[14], **tags}
     (by_corners, *_), problem = read(stream_of(picture, without_pose))
     assert problem == ""
-    (chosen, *_), _ = read(stream_of(picture, values | tags), corners=True)
+    (chosen, *_), _ = read(stream_of(picture, values | tags), use_corner_points=True)
     (by_pose, *_), _ = read(stream_of(picture, values | tags))
     assert by_pose.corners is None
     assert chosen.corners == by_corners.corners
@@ -222,8 +222,8 @@ def test_reasons_why_no_image_is_used(picture: NDArray[np.uint8], values: Values
     no_pose = reason(stream_of(picture, {tag: values[tag] for tag in (13, 14)}))
     assert "no corner points and no pose: tags missing or out of range: 5, 6, 7, 18" in no_pose
     assert "does not fit 160 x 128 square pixels" in reason(stream_of(picture, values | {17: 90.0}))
-    assert "remove estimate.thermal_video.corners" in reason(
-        stream_of(picture, values), corners=True
+    assert "remove estimate.thermal_video.use_corner_points" in reason(
+        stream_of(picture, values), use_corner_points=True
     )
     assert "no picture has metadata within 0.1 s of it" in reason(late_metadata(picture, values))
     with pytest.raises(VideoDecoderError, match="the codec none cannot be decoded"):

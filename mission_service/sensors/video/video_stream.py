@@ -232,14 +232,14 @@ def image_of(
         low_c, high_c = settings.grey_level_range_c
         values, kind = low_c + values * np.float32((high_c - low_c) / 255.0), "celsius"
     corners, pose = metadata.corners, metadata.pose
-    if corners is not None and (settings.corners or pose is None):
+    if corners is not None and (settings.use_corner_points or pose is None):
         lat_deg, lon_deg = pose[:2] if pose else np.mean(corners.lat_lon_deg, axis=0).tolist()
         place = (lat_deg, lon_deg, 0.0, 0.0, 0.0, 0.0)
         return ThermalImage(name, values, kind, metadata.taken, *place, None, corners=corners)
     if pose is None:
         raise MissionServiceError(f"{name}: has no corner points and no pose: {metadata.no_pose}")
-    if settings.corners:
-        raise MissionServiceError(f"{name}: has no corner points; remove {settings.TABLE}.corners")
+    if settings.use_corner_points:
+        raise MissionServiceError(f"{name}: has no corner points; remove {settings.TABLE}.use_corner_points")
     focal_px = None
     if settings.field_of_view_deg is None:
         focal_px = _focal_px(metadata, frame.width, frame.height, name)
