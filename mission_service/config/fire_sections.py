@@ -209,9 +209,9 @@ class ThermalCameraSection(Section):
     """The use of a thermal camera's images: the common keys of the sensors of such images.
 
     ``field_of_view_deg`` is the horizontal field of view; without it that of the image's metadata
-    is used. ``distortion`` is k1, k2, p1, p2, k3 (Brown-Conrady, as OpenCV defines them). Pixels
-    of at least ``hot_c`` are burning; pixels up to ``warm_difference_c`` above the background are cool.
-    Images of grey levels require ``hot_level``. The next keys are standard deviations of the
+    is used. ``distortion`` is k1, k2, p1, p2, k3 (Brown-Conrady, as OpenCV defines them). Pixels of
+    at least ``hot_c`` are burning; pixels up to ``warm_difference_c`` above the background are
+    cool. Images of grey levels require ``hot_level``. The next keys are standard deviations of the
     camera's position (of each horizontal axis), altitude and direction (of the rotation about each
     axis of the camera), and of the landscape's elevation. Pixels that are placed by a pose are not
     used if the standard deviation of their place is above ``max_position_sd_m``. Images older than
@@ -252,12 +252,13 @@ class ThermalFramesSection(ThermalCameraSection):
 class ThermalVideoSection(ThermalCameraSection):
     """The video of a thermal camera with MISB ST 0601 metadata, for the sensor ``thermal_video``.
 
-    ``source`` is ``udpin:HOST:PORT`` or a file, which may grow. With ``grey_level_range_c``, grey levels
-    0 and 255 have these temperatures, and levels between them are linear. ``use_corner_points`` places frames
-    by their corner points also if the metadata contain a pose; ``corner_sd_m`` is the standard
-    deviation of the corner points (of each horizontal axis). Heights above the ellipsoid require
-    ``geoid_m``, the height of mean sea level above the ellipsoid. ``leap_seconds`` are subtracted
-    from time stamps without an offset from UTC in the metadata.
+    ``source`` is ``udpin:HOST:PORT`` or a file, which may grow. With ``grey_level_range_c``, grey
+    levels 0 and 255 have these temperatures, and levels between them are linear.
+    ``use_corner_points`` places frames by their corner points also if the metadata contain a pose;
+    ``corner_sd_m`` is the standard deviation of the corner points (of each horizontal axis).
+    Heights above the ellipsoid require ``geoid_m``, the height of mean sea level above the
+    ellipsoid. ``leap_seconds`` are subtracted from time stamps without an offset from UTC in the
+    metadata.
     """
 
     TABLE = "estimate.thermal_video"
@@ -274,9 +275,10 @@ class ThermalVideoSection(ThermalCameraSection):
 
     @model_validator(mode="after")
     def _rising(self) -> "ThermalVideoSection":
-        if self.grey_level_range_c is not None and self.grey_level_range_c[0] >= self.grey_level_range_c[1]:
+        grey_range_c = self.grey_level_range_c
+        if grey_range_c is not None and grey_range_c[0] >= grey_range_c[1]:
             raise ValueError("grey_level_range_c needs a lower and a higher temperature")
-        if self.grey_level_range_c is not None and self.hot_level is not None:
+        if grey_range_c is not None and self.hot_level is not None:
             raise ValueError("give either grey_level_range_c or hot_level")
         return self
 

@@ -239,7 +239,9 @@ def image_of(
     if pose is None:
         raise MissionServiceError(f"{name}: has no corner points and no pose: {metadata.no_pose}")
     if settings.use_corner_points:
-        raise MissionServiceError(f"{name}: has no corner points; remove {settings.TABLE}.use_corner_points")
+        raise MissionServiceError(
+            f"{name}: has no corner points; remove {settings.TABLE}.use_corner_points"
+        )
     focal_px = None
     if settings.field_of_view_deg is None:
         focal_px = _focal_px(metadata, frame.width, frame.height, name)
