@@ -12,7 +12,7 @@ from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.fire_sections import ThermalVideoSection
 from mission_service.sensors.thermal.camera_geometry import CameraPose, axes_of, mounted_direction
-from mission_service.sensors.thermal.corner_points import (
+from mission_service.sensors.thermal.image_corners import (
     CornerPoints,
     corner_places,
     homography,

@@ -22,7 +22,6 @@ from mission_service.sensors.thermal.camera_geometry import (
     focal_px_of,
     pixels_of,
 )
-from mission_service.sensors.thermal.corner_points import corner_places, homography, quadrilateral
 from mission_service.sensors.thermal.ground_points import (
     covariances,
     elevation_sds_m,
@@ -31,6 +30,7 @@ from mission_service.sensors.thermal.ground_points import (
     offsets_m,
     pose_effects,
 )
+from mission_service.sensors.thermal.image_corners import corner_places, homography, quadrilateral
 from mission_service.sensors.thermal.telemetry_poses import TelemetryPose
 from mission_service.sensors.thermal.thermal_image import ThermalImage
 

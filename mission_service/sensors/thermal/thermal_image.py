@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 
 from mission_service.errors import MissionServiceError
 from mission_service.sensors.thermal.camera_geometry import focal_px_of
-from mission_service.sensors.thermal.corner_points import CornerPoints
 from mission_service.sensors.thermal.flir_temperatures import SEGMENT, flir_celsius
+from mission_service.sensors.thermal.image_corners import CornerPoints
 from mission_service.sensors.thermal.telemetry_poses import PoseUnknownError, TelemetryPose
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ import numpy as np
 from mission_service.config.fire_sections import ThermalVideoSection
 from mission_service.errors import MissionServiceError
 from mission_service.sensors.thermal.camera_geometry import CameraPose, axes_of, mounted_direction
-from mission_service.sensors.thermal.corner_points import CornerPoints
+from mission_service.sensors.thermal.image_corners import CornerPoints
 
 if TYPE_CHECKING:
     from tstrans.klv import UasDatalinkLs
