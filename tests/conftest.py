@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, settings
 settings.register_profile("any speed", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("any speed")
 
-SENSORS = ("FrameFolder", "ObservationFolder", "ThermalVideo")  # with threads of these names
+SENSORS = ("ImageFolder", "ObservationFolder", "ThermalVideo")  # with threads of these names
 
 # The files that take longest begin first, so that no worker runs one alone at the end.
 LONGEST_FILES = (

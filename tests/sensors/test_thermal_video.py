@@ -28,7 +28,7 @@ from mission_service.sensors.video.video_sources import DatagramSource
 from mission_service.simulation.thermal_images import rendered
 from tests.api.worlds import world_in
 from tests.patience import PATIENCE_S, wait_until
-from tests.sensors.test_frame_folder import (
+from tests.sensors.test_image_folder import (
     START_S,
     camera_above_fire,
     pose_at,

@@ -48,7 +48,7 @@ SHELL = {
     "mission_service/interfaces/control/control_client.py",
     "mission_service/live/daemon.py",
     "mission_service/live/estimate_worker.py",
-    "mission_service/sensors/thermal/frame_folder.py",  # images have calendar times
+    "mission_service/sensors/thermal/image_folder.py",  # images have calendar times
     "mission_service/sensors/files/observation_folder.py",  # files have calendar times
     "mission_service/sensors/watched_folder.py",  # a thread
     "mission_service/sensors/video/thermal_video.py",  # a thread; images have calendar times

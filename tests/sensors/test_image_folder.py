@@ -24,9 +24,9 @@ from mission_service.journal.journal_file import SegmentReader
 from mission_service.replay.verification import verify
 from mission_service.runtime.published_states import TelemetryState
 from mission_service.sensors.sensor_files import SensorFiles
-from mission_service.sensors.thermal import arrived_images, frame_folder
+from mission_service.sensors.thermal import arrived_images, image_folder
 from mission_service.sensors.thermal.camera_geometry import CameraPose
-from mission_service.sensors.thermal.frame_folder import FrameFolder
+from mission_service.sensors.thermal.image_folder import ImageFolder
 from mission_service.simulation.thermal_images import LENS, rendered, write_frame
 from tests.api.worlds import World, world_in
 from tests.patience import wait_until
@@ -85,12 +85,12 @@ def photograph(frames: Path, fire: Fire, pose: CameraPose, taken: datetime, numb
 @pytest.fixture
 def without_thread(monkeypatch: pytest.MonkeyPatch) -> None:
     """The test looks into the folder itself, so that each image is used at its own time."""
-    monkeypatch.setattr(FrameFolder, "_watch", lambda self: None)
+    monkeypatch.setattr(ImageFolder, "_watch", lambda self: None)
 
 
-def folder_sensor(world: World) -> FrameFolder:
+def folder_sensor(world: World) -> ImageFolder:
     sensor = world.simulation.service.sensors._sensors["thermal_frames"]
-    assert isinstance(sensor, FrameFolder)
+    assert isinstance(sensor, ImageFolder)
     return sensor
 
 
@@ -147,7 +147,7 @@ def test_the_estimate_follows_a_fire_that_only_the_images_show(
 def test_a_thread_finds_files_and_names_those_it_cannot_use(frames: Path, tmp_path: Path) -> None:
     scenario = scenario_for(frames)
     fire, pose = camera_above_fire(scenario)
-    sensor = FrameFolder(scenario, fire.landscape)
+    sensor = ImageFolder(scenario, fire.landscape)
     assert sensor.observe(FIX) is None
     (frames / "half.tif").write_bytes(b"II*\0 not whole")
     wait_until(lambda: sensor.problem)
@@ -180,7 +180,7 @@ def test_an_image_of_another_time_is_not_used(age_s: float, words: str, frames: 
     now = datetime(2026, 7, 4, tzinfo=UTC)
     pose = CameraPose(*land.xy_of(100.0, 100.0), 900.0, 0.0, -90.0)
     photograph(frames, fire_of(scenario, land), pose, now - timedelta(seconds=age_s), 1)
-    sensor = FrameFolder(scenario, land)
+    sensor = ImageFolder(scenario, land)
     sensor.look(now)
     assert sensor.problem == ""
     sensor.look(now)
@@ -204,7 +204,7 @@ def down_at(land: Landscape) -> CameraPose:
     return CameraPose(x_m, y_m, float(land.elevation_at(x_m, y_m)) + 200.0, 0.0, -90.0)
 
 
-def looked(sensor: FrameFolder) -> None:
+def looked(sensor: ImageFolder) -> None:
     for _ in range(2):  # the second look reads files that have not grown
         sensor.look(datetime.now(UTC))
 
@@ -213,7 +213,7 @@ def looked(sensor: FrameFolder) -> None:
 def test_an_image_without_an_observed_cell_does_not_end_the_sensor(frames: Path) -> None:
     scenario = scenario_for(frames, "estimate.thermal_frames.hot_level=200")
     land = landscape_of(scenario)
-    sensor = FrameFolder(scenario, land)
+    sensor = ImageFolder(scenario, land)
     sensors = Sensors({"thermal_frames": sensor}, land.shape)
     grey = np.full((128, 160), 20, dtype=np.uint8)
     write_frame(frames / "cold.tif", land, down_at(land), grey, datetime.now(UTC), WIDE)
@@ -226,7 +226,7 @@ def test_an_image_without_an_observed_cell_does_not_end_the_sensor(frames: Path)
 def test_odd_entries_and_an_absent_folder_do_not_end_the_watch(frames: Path) -> None:
     scenario = scenario_for(frames)
     land = landscape_of(scenario)
-    sensor = FrameFolder(scenario, land)
+    sensor = ImageFolder(scenario, land)
     (frames / "folder.tif").mkdir()
     (frames / "loop.tif").symlink_to("loop.tif")
     (frames / "gone.tif").symlink_to("nowhere.tif")
@@ -247,7 +247,7 @@ def test_odd_entries_and_an_absent_folder_do_not_end_the_watch(frames: Path) -> 
 def test_a_problem_ends_when_its_file_is_completed_or_removed(frames: Path) -> None:
     scenario = scenario_for(frames)
     land = landscape_of(scenario)
-    sensor = FrameFolder(scenario, land)
+    sensor = ImageFolder(scenario, land)
     path = frames / "a.tif"
     write_frame(path, land, down_at(land), np.full((128, 160), 25.0), datetime.now(UTC), WIDE)
     whole = path.read_bytes()
@@ -270,7 +270,7 @@ def test_images_that_are_dropped_or_from_before_the_run_are_named(
     monkeypatch.setattr(arrived_images, "MAX_WAITING", 1)
     scenario = scenario_for(frames)
     land = landscape_of(scenario)
-    sensor = FrameFolder(scenario, land)
+    sensor = ImageFolder(scenario, land)
     taken = datetime.now(UTC) - timedelta(seconds=60)
     for number in range(2):
         celsius = np.full((128, 160), 25.0)
@@ -278,7 +278,7 @@ def test_images_that_are_dropped_or_from_before_the_run_are_named(
     looked(sensor)
     assert "0.tif: more than 1 newer images wait" in sensor.problem
     monkeypatch.setattr(
-        "mission_service.sensors.thermal.frame_folder.time.time", lambda: taken.timestamp() + 60.0
+        "mission_service.sensors.thermal.image_folder.time.time", lambda: taken.timestamp() + 60.0
     )
     assert sensor.observe(msgspec.structs.replace(FIX, at_us=1_000_000)) is None
     assert "1.tif: was taken 59 s before mission time 0" in sensor.problem
@@ -290,12 +290,12 @@ def test_an_image_of_before_a_restart_is_not_used_again(frames: Path) -> None:
     land = landscape_of(scenario)
     celsius = np.full((128, 160), 25.0)
     write_frame(frames / "a.tif", land, down_at(land), celsius, datetime.now(UTC), WIDE)
-    first, files = FrameFolder(scenario, land), SensorFiles()
+    first, files = ImageFolder(scenario, land), SensorFiles()
     looked(first)
     image = first.observe(FIX)
     assert image is not None
     files.on_event(image)
-    again = FrameFolder(scenario, land)
+    again = ImageFolder(scenario, land)
     again.skip(files.names())
     looked(again)
     assert again.observe(FIX) is None
@@ -309,9 +309,9 @@ def test_an_unexpected_error_of_one_file_is_named(
     def fail(path: Path, pose_of: object) -> None:
         raise MemoryError
 
-    monkeypatch.setattr(frame_folder, "read_thermal_image", fail)
+    monkeypatch.setattr(image_folder, "read_thermal_image", fail)
     scenario = scenario_for(frames)
-    sensor = FrameFolder(scenario, landscape_of(scenario))
+    sensor = ImageFolder(scenario, landscape_of(scenario))
     (frames / "a.tif").write_bytes(b"")
     looked(sensor)
     assert "a.tif: MemoryError" in sensor.problem

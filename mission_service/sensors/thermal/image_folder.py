@@ -20,7 +20,7 @@ from mission_service.sensors.thermal.thermal_image import SUFFIXES, NoPoseError,
 from mission_service.sensors.watched_folder import IncompleteError, WatchedFolder
 
 
-class FrameFolder(WatchedFolder):
+class ImageFolder(WatchedFolder):
     """A watched folder of thermal images."""
 
     def __init__(self, scenario: Scenario, landscape: Landscape) -> None:
