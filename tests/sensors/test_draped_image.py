@@ -24,7 +24,7 @@ from mission_service.interfaces.maps.draped_images import (
 from mission_service.interfaces.maps.mercator import lon_lat_of
 from mission_service.sensors.thermal.arrived_images import IMAGE_EVERY_S, ArrivedImages
 from mission_service.sensors.thermal.camera_geometry import CameraPose, Lens
-from mission_service.sensors.thermal.corner_points import CornerPoints
+from mission_service.sensors.thermal.image_corners import CornerPoints
 from mission_service.sensors.thermal.draped_image import draped_image
 from mission_service.sensors.thermal.frame_cells import frame_cells
 from mission_service.sensors.thermal.ground_points import ground_points
@@ -131,20 +131,20 @@ def test_hot_spots_are_where_corner_points_place_them(steep: Landscape) -> None:
     pose = pose_above(steep, 100.0, 90.0, 0.0, -90.0)
     image = image_at(steep, pose, with_spots(LENS), corners=corners)
     found = overlay(steep, sensor_image(steep, image))
-    places = frame_cells(image, steep, SETTINGS).view.places(*np.array(SPOTS, dtype=float).T)
+    places = frame_cells(image, steep, SETTINGS).projection.places(*np.array(SPOTS, dtype=float).T)
     for place in places:
         assert off_px(steep, found, *place) < 1.0
 
 
 def test_pixels_are_the_inverse_of_places(steep: Landscape) -> None:
     pose = pose_above(steep, 100.0, 90.0, 60.0, -60.0)
-    view = frame_cells(image_at(steep, pose, with_spots(LENS)), steep, SETTINGS).view
+    projection = frame_cells(image_at(steep, pose, with_spots(LENS)), steep, SETTINGS).projection
     col, row = np.array(SPOTS, dtype=float).T
-    assert np.array(view.pixels(view.places(col, row))) == pytest.approx(
+    assert np.array(projection.pixels(projection.places(col, row))) == pytest.approx(
         np.array([col, row]), abs=0.01
     )
     behind = np.array([steep.row_col_of(pose.x_m - 400.0, pose.y_m - 400.0)])
-    assert np.isnan(view.pixels(behind)).all()
+    assert np.isnan(projection.pixels(behind)).all()
 
 
 def test_ground_behind_a_ridge_is_clear() -> None:
@@ -172,7 +172,7 @@ def test_inexact_pixels_and_the_sky_are_clear(steep: Landscape) -> None:
     found = frame_cells(image, steep, near)
     assert found.inexact > 0.1
     lost = np.argwhere(~found.seen)[:, ::-1].astype(float) * found.step
-    places = found.view.places(*lost.T)
+    places = found.projection.places(*lost.T)
     places = places[np.isfinite(places[:, 0])]
     clear = sensor_image(steep, image, near).colours(places)[:, 3] == 0
     assert clear.mean() > 0.95  # at the edge, a block is seen by its first pixel

@@ -20,7 +20,7 @@ from mission_service.sensors.thermal.camera_geometry import (
     Lens,
     focal_px_of,
 )
-from mission_service.sensors.thermal.ground_views import PoseView, stated_errors
+from mission_service.sensors.thermal.ground_projections import PoseProjection, stated_errors
 from mission_service.sensors.thermal.telemetry_poses import (
     PoseUnknownError,
     TelemetryPose,
@@ -94,11 +94,11 @@ class CameraPoints:
         place = (float(x_m), float(y_m), pose.altitude_amsl_m)
         camera = CameraPose(*place, float(land.grid_deg(yaw_deg)), pitch_deg, roll_deg)
         errors = stated_errors(self._settings, pose)
-        view = PoseView(land, lens, camera, errors.covariance(), errors.elevation_sd_m)
-        cells = view.places(*pixel)
+        projection = PoseProjection(land, lens, camera, errors.covariance(), errors.elevation_sd_m)
+        cells = projection.places(*pixel)
         if not np.isfinite(cells).all():
             raise FireModelError("it shows no ground of the landscape")
-        (cell,), (spread,) = cells, view.covariances(cells)
+        (cell,), (spread,) = cells, projection.covariances(cells)
         if not np.isfinite(spread).all():
             raise FireModelError("the error of its place is unknown")
         return round(float(cell[0])), round(float(cell[1])), math.sqrt(np.trace(spread) / 2.0)

@@ -13,7 +13,7 @@ from firemodel.arrays import Floats
 from mission_service.config.fire_sections import ThermalCameraSection
 from mission_service.fire.sensors import Bounds, Scale
 from mission_service.sensors.thermal.frame_cells import FrameCells, celsius_of
-from mission_service.sensors.thermal.ground_views import CornerView, PoseView
+from mission_service.sensors.thermal.ground_projections import CornerProjection, PoseProjection
 from mission_service.sensors.thermal.thermal_image import ThermalImage
 
 # Cool ground is dark; from the default of ``hot_c`` on the colours are those of flames.
@@ -34,7 +34,7 @@ COLOURS = 255
 class DrapedImage(NamedTuple):
     """The colours of an image, and the projection from places on the ground to its pixels."""
 
-    view: PoseView | CornerView
+    projection: PoseProjection | CornerProjection
     step: int  # pixels of the image along each side of a block
     blocks: NDArray[np.uint8]  # (y, x) number of a colour; 0: not seen
     palette: NDArray[np.uint8]  # (256, 4) red, green, blue, opacity; the first one is transparent
@@ -47,7 +47,7 @@ class DrapedImage(NamedTuple):
 
         Places that the image does not show are transparent.
         """
-        col, row = ((each + 0.5) / self.step for each in self.view.pixels(places))
+        col, row = ((each + 0.5) / self.step for each in self.projection.pixels(places))
         rows, cols = self.blocks.shape
         inside = (row >= 0.0) & (row < rows) & (col >= 0.0) & (col < cols)  # False for NaN
         found = np.zeros(places.shape[0], dtype=np.uint8)
@@ -80,7 +80,7 @@ def draped_image(
     window = found.window
     top, left = window.row - 0.5, window.col - 0.5
     bounds = (top, left, top + len(window.cells), left + len(window.cells[0]))
-    return DrapedImage(found.view, found.step, blocks, _palette(scale), scale, unit, bounds)
+    return DrapedImage(found.projection, found.step, blocks, _palette(scale), scale, unit, bounds)
 
 
 def _hottest(values: NDArray[Any], step: int) -> NDArray[Any]:

@@ -25,11 +25,11 @@ from mission_service.fire.observed_window import LETTERS, Window, in_letters, st
 from mission_service.sensors.thermal.frame_matching import reduced
 from mission_service.sensors.thermal.frame_registration import FrameRegistration
 from mission_service.sensors.thermal.ground_points import ErrorEllipse, ellipse_of
-from mission_service.sensors.thermal.ground_views import (
-    CornerView,
-    PoseView,
+from mission_service.sensors.thermal.ground_projections import (
+    CornerProjection,
+    PoseProjection,
     stated_errors,
-    view_of,
+    projection_of,
 )
 from mission_service.sensors.thermal.thermal_image import ThermalImage
 
@@ -54,7 +54,7 @@ class FrameCells(NamedTuple):
     centre: tuple[float, float]  # grid position (row, column) of the ellipse
     matches: int  # places that the image shares with earlier images
     inexact: float  # share of the pixels that are not used because of the error of their place
-    view: PoseView | CornerView  # after the registration
+    projection: PoseProjection | CornerProjection  # after the registration
     step: int  # each ``step``-th row and column of the image was used
     seen: Mask  # (y, x) of these pixels: used, and shows ground of the landscape
 
@@ -105,29 +105,29 @@ def _cells_of(
     registration: FrameRegistration | None,
 ) -> FrameCells:
     height, width = image.values.shape
-    view: PoseView | CornerView = view_of(image, landscape, settings)
+    projection: PoseProjection | CornerProjection = projection_of(image, landscape, settings)
     kinds = kinds_of(image, settings)
     matches = 0
-    if registration is not None and isinstance(view, PoseView):
+    if registration is not None and isinstance(projection, PoseProjection):
         still = (kinds == COOL) | (kinds == UNKNOWN)
         errors, taken_s = stated_errors(settings, image), image.taken.timestamp()
-        frame = reduced(image.values, still, view.lens, view.pose, errors, taken_s)
+        frame = reduced(image.values, still, projection.lens, projection.pose, errors, taken_s)
         pose, covariance, matches = registration.registered(frame)
-        view = view._replace(pose=pose, covariance=covariance)
+        projection = projection._replace(pose=pose, covariance=covariance)
     step = math.ceil(math.sqrt(width * height / MAX_RAYS))
     kinds = kinds[::step, ::step]
     col, row = (
         each.astype(float)
         for each in np.meshgrid(np.arange(0, width, step), np.arange(0, height, step))
     )
-    places = view.places(col.ravel(), row.ravel())
+    places = projection.places(col.ravel(), row.ravel())
     found = np.isfinite(places[:, 0])
     if not found.any():
         raise FireModelError("shows no ground of the landscape")
     some = places.reshape(*kinds.shape, 2)[::ERRORS_EVERY, ::ERRORS_EVERY]
-    spread = view.covariances(some.reshape(-1, 2)).reshape(*some.shape[:2], 2, 2)
+    spread = projection.covariances(some.reshape(-1, 2)).reshape(*some.shape[:2], 2, 2)
     sd_m = np.sqrt(np.trace(spread, axis1=2, axis2=3) / 2.0)
-    max_sd_m = settings.max_position_sd_m if isinstance(view, PoseView) else math.inf
+    max_sd_m = settings.max_position_sd_m if isinstance(projection, PoseProjection) else math.inf
     exact = _repeated(sd_m <= max_sd_m, kinds.shape)
     seen = found & exact.ravel()
     if not seen.any():
@@ -150,7 +150,7 @@ def _cells_of(
         (float(middle[0]), float(middle[1])),
         matches,
         1.0 - float(np.count_nonzero(seen) / np.count_nonzero(found)),
-        view,
+        projection,
         step,
         seen.reshape(kinds.shape),
     )

@@ -1,9 +1,10 @@
 """Place the pixels of an image on the ground, by pose and lens or by corner points. Pure.
 
-Both views have the method ``places``, which returns the grid positions (n, 2), row and column, that
-pixels (n,) show, and its inverse ``pixels``. The method ``covariances`` returns the covariance
-matrices (n, 2, 2) of places in m², east and north of the grid. Pixels that show no ground of the
-landscape give NaN. Places that an image does not show give NaN or pixels outside the image.
+Both projections have the method ``places``, which returns the grid positions (n, 2), row and
+column, that pixels (n,) show, and its inverse ``pixels``. The method ``covariances`` returns the
+covariance matrices (n, 2, 2) of places in m², east and north of the grid. Pixels that show no
+ground of the landscape give NaN. Places that an image does not show give NaN or pixels outside the
+image.
 """
 
 import math
@@ -35,7 +36,7 @@ from mission_service.sensors.thermal.telemetry_poses import TelemetryPose
 from mission_service.sensors.thermal.thermal_image import ThermalImage
 
 
-class PoseView(NamedTuple):
+class PoseProjection(NamedTuple):
     """Lines of sight that are followed to the elevation of the landscape."""
 
     landscape: Landscape
@@ -64,7 +65,7 @@ class PoseView(NamedTuple):
         return covariances(effects, self.covariance, sds_m)
 
 
-class CornerView(NamedTuple):
+class CornerProjection(NamedTuple):
     """A projective transformation between the places of an image's corners."""
 
     landscape: Landscape
@@ -90,17 +91,17 @@ class CornerView(NamedTuple):
         return found
 
 
-def view_of(
+def projection_of(
     image: ThermalImage, landscape: Landscape, settings: ThermalCameraSection
-) -> PoseView | CornerView:
-    """Return the view of an image.
+) -> PoseProjection | CornerProjection:
+    """Return the projection of an image.
 
     Raises FireModelError for implausible corner points, and without a focal length.
     """
     height, width = image.values.shape
     if image.corners is not None:
         matrix = homography(width, height, quadrilateral(landscape, image.corners))
-        return CornerView(landscape, matrix, image.corners.sd_m)
+        return CornerProjection(landscape, matrix, image.corners.sd_m)
     focal_px = image.focal_px
     if settings.field_of_view_deg is not None:
         focal_px = focal_px_of(settings.field_of_view_deg, width)
@@ -112,7 +113,7 @@ def view_of(
     lens = Lens(width, height, focal_px, settings.distortion)
     errors = stated_errors(settings, image)
     pose = _pose_of(image, landscape)
-    return PoseView(landscape, lens, pose, errors.covariance(), errors.elevation_sd_m)
+    return PoseProjection(landscape, lens, pose, errors.covariance(), errors.elevation_sd_m)
 
 
 def stated_errors(
