@@ -20,7 +20,7 @@ from autopilot_bridge.mock.kinematics import CALM, STEP_US, Limits, Wind
 from autopilot_bridge.mock.local_frame import LocalFrame, Terrain
 from autopilot_bridge.mock.message_intervals import Intervals
 from autopilot_bridge.mock.mission_server import MissionServer, client_of, text
-from autopilot_bridge.mock.mock_camera import MockCamera, Shot, image_report
+from autopilot_bridge.mock.mock_camera import CapturedImage, MockCamera, image_report
 from autopilot_bridge.mock.parameter_server import ParameterServer
 from autopilot_bridge.mock.payload import Answer, Output, Px4Gripper
 from autopilot_bridge.mock.px4_server import Px4Server
@@ -162,17 +162,17 @@ class MockAutopilot:
             self._photograph()
             self.telemetry.report(self.flight, self._steps)
 
-    def fit_camera(self, take: Callable[[Shot], None]) -> None:
-        """Give the vehicle a camera on a gimbal; ``take`` receives each image."""
-        self.flight.payload.camera = MockCamera(self.stack, take)
+    def fit_camera(self, on_image: Callable[[CapturedImage], None]) -> None:
+        """Give the vehicle a camera on a gimbal; ``on_image`` receives each image."""
+        self.flight.payload.camera = MockCamera(self.stack, on_image)
 
     def _photograph(self) -> None:
         """Take an image and report it, if one is due."""
         flight, camera = self.flight, self.flight.payload.camera
         if camera is not None and camera.wants_image(flight.motion, self._now_us()):
             place = flight.frame.global_position(flight.motion)
-            shot = camera.photograph(place, flight.motion, self._now_us())
-            self._send(image_report(self.stack, shot, flight.motion, flight.frame.altitude_m))
+            image = camera.capture(place, flight.motion, self._now_us())
+            self._send(image_report(self.stack, image, flight.motion, flight.frame.altitude_m))
 
     def send_message(self, message: Message) -> None:
         """Send a message that no station requested, such as a stray acknowledgement."""

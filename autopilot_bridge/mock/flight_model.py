@@ -95,7 +95,7 @@ class FlightModel(Body):
         fresh._stood_amsl_m = self._stood_amsl_m
         fresh.payload.outputs = self.payload.outputs
         if self.payload.camera is not None:
-            fresh.payload.camera = MockCamera(self.stack, self.payload.camera.take)
+            fresh.payload.camera = MockCamera(self.stack, self.payload.camera.on_image)
         return fresh
 
     def blind_s(self, now_s: float) -> float:

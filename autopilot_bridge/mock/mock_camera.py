@@ -23,7 +23,7 @@ TARGETING = mavlink.MAV_MOUNT_MODE_MAVLINK_TARGETING
 LOWEST_PITCH_DEG, HIGHEST_PITCH_DEG = -90.0, 30.0
 
 
-class Shot(NamedTuple):
+class CapturedImage(NamedTuple):
     """One image: its number, its time since boot, and the true pose of the camera."""
 
     number: int
@@ -38,10 +38,10 @@ class Shot(NamedTuple):
 
 @dataclass(slots=True)
 class MockCamera:
-    """The camera of one vehicle; ``take`` receives each image that it takes."""
+    """The camera of one vehicle; ``on_image`` receives each image that it takes."""
 
     stack: Stack
-    take: Callable[[Shot], None]
+    on_image: Callable[[CapturedImage], None]
     pitch_deg: float = 0.0  # of the gimbal
     _distance_m: float = 0.0  # between images; 0 takes none
     _last: tuple[float, float] | None = None  # metres north and east
@@ -101,28 +101,30 @@ class MockCamera:
         self._last = place
         return True
 
-    def photograph(self, place: tuple[float, float], motion: Motion, at_us: int) -> Shot:
+    def capture(self, place: tuple[float, float], motion: Motion, at_us: int) -> CapturedImage:
         """Take an image at a latitude and longitude, and return it."""
         yaw_deg = math.degrees(motion.heading_rad) % 360.0
-        shot = Shot(self._index, at_us, *place, motion.altitude_m, yaw_deg, self.pitch_deg, 0.0)
+        image = CapturedImage(
+            self._index, at_us, *place, motion.altitude_m, yaw_deg, self.pitch_deg, 0.0
+        )
         self._index += 1
-        self.take(shot)
-        return shot
+        self.on_image(image)
+        return image
 
 
-def image_report(stack: Stack, shot: Shot, motion: Motion, home_m: float) -> Message:
+def image_report(stack: Stack, image: CapturedImage, motion: Motion, home_m: float) -> Message:
     """Return the message that a stack sends for an image; neither names the file."""
-    place = (round(shot.lat_deg * 1e7), round(shot.lon_deg * 1e7))
-    altitude_m = shot.altitude_amsl_m
+    place = (round(image.lat_deg * 1e7), round(image.lon_deg * 1e7))
+    altitude_m = image.altitude_amsl_m
     if stack.name == "px4":
         heights = (round(altitude_m * 1e3), round((altitude_m - home_m) * 1e3))
-        q = quaternion(shot.yaw_deg, shot.pitch_deg)
+        q = quaternion(image.yaw_deg, image.pitch_deg)
         return mavlink.MAVLink_camera_image_captured_message(
-            shot.boot_us // 1000, 0, 1, *place, *heights, q, shot.number, 1, b""
+            image.boot_us // 1000, 0, 1, *place, *heights, q, image.number, 1, b""
         )
-    attitude = (math.degrees(motion.roll_rad), 0.0, shot.yaw_deg)
+    attitude = (math.degrees(motion.roll_rad), 0.0, image.yaw_deg)
     return mavlink.MAVLink_camera_feedback_message(
-        *(shot.boot_us, 0, 0, shot.number % 65536, *place),
+        *(image.boot_us, 0, 0, image.number % 65536, *place),
         *(altitude_m, altitude_m - home_m, *attitude, 0.0, mavlink.CAMERA_FEEDBACK_PHOTO, 0),
     )
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from autopilot_bridge.mock.mock_camera import Shot
+from autopilot_bridge.mock.mock_camera import CapturedImage
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.fire_sections import SimulatedCameraSection
@@ -35,7 +35,7 @@ class ImageWriter:
         scenario: Scenario,
         section: VehicleSection,
         fire: SimulatedFire,
-        times_of: Callable[[Shot], tuple[int, datetime]],
+        times_of: Callable[[CapturedImage], tuple[int, datetime]],
     ) -> None:
         """Set the fire and the times; ``times_of`` returns mission time in µs and the file's time.
 
@@ -54,19 +54,19 @@ class ImageWriter:
         focal_px = focal_px_of(section.camera_fov_deg, WIDTH)
         self._lens = Lens(WIDTH, HEIGHT, focal_px, scenario.estimate.thermal_frames.distortion)
 
-    def write(self, shot: Shot) -> None:
-        """Write the image of a shot; a camera that is not above the landscape writes none."""
-        at_us, taken = self._times_of(shot)
+    def write(self, image: CapturedImage) -> None:
+        """Write a captured image; a camera that is not above the landscape writes none."""
+        at_us, taken = self._times_of(image)
         self._fire.advance(at_us)
-        rng = np.random.default_rng((*self._seed, shot.number))
+        rng = np.random.default_rng((*self._seed, image.number))
         fire, land = self._fire.fire, self._fire.landscape
-        pose = _pose_of(shot, land)
+        pose = _pose_of(image, land)
         try:
             celsius = rendered(land, fire.arrival_time_s, at_us / 1e6, pose, rng, self._lens)
         except FireModelError:
             return
         reported = _with_errors(pose, self._errors, rng) if self._errors.poses_in_files else None
-        name = f"{self._seed[1]:03d}-{shot.number:05d}.tif"
+        name = f"{self._seed[1]:03d}-{image.number:05d}.tif"
         part = self._folder / f".{name}.part"
         write_frame(part, land, reported, celsius, taken, self._lens)
         os.utime(part, (taken.timestamp(), taken.timestamp()))
@@ -87,11 +87,11 @@ def check_is_empty(folder: Path) -> None:
         raise ScenarioError(f"{folder}: contains images; remove them or give an empty folder")
 
 
-def _pose_of(shot: Shot, land: Landscape) -> CameraPose:
-    x_m, y_m = land.xy_of_lat_lon(shot.lat_deg, shot.lon_deg)
-    yaw_deg = float(land.grid_deg(shot.yaw_deg))
-    place = (float(x_m), float(y_m), shot.altitude_amsl_m)
-    return CameraPose(*place, yaw_deg, shot.pitch_deg, shot.roll_deg)
+def _pose_of(image: CapturedImage, land: Landscape) -> CameraPose:
+    x_m, y_m = land.xy_of_lat_lon(image.lat_deg, image.lon_deg)
+    yaw_deg = float(land.grid_deg(image.yaw_deg))
+    place = (float(x_m), float(y_m), image.altitude_amsl_m)
+    return CameraPose(*place, yaw_deg, image.pitch_deg, image.roll_deg)
 
 
 def _with_errors(

@@ -17,7 +17,7 @@ from autopilot_bridge.mock.fault_injection import FaultyMock
 from autopilot_bridge.mock.fault_kinds import parse_faults
 from autopilot_bridge.mock.kinematics import CALM, Wind
 from autopilot_bridge.mock.local_frame import LocalFrame
-from autopilot_bridge.mock.mock_camera import Shot
+from autopilot_bridge.mock.mock_camera import CapturedImage
 from autopilot_bridge.mock.serving import MockGroup, serve
 from autopilot_bridge.stacks.stacks import stack_named
 from firemodel.landscape.landscape import Landscape
@@ -182,8 +182,8 @@ def _of_section(
         fire = simulated_fire_of(scenario, landscape)
         assert fire is not None
 
-        def times_of(shot: Shot) -> tuple[int, datetime]:
-            return round(scenario.start_s * 1e6) + shot.boot_us, datetime.now(UTC)
+        def times_of(image: CapturedImage) -> tuple[int, datetime]:
+            return round(scenario.start_s * 1e6) + image.boot_us, datetime.now(UTC)
 
         mock.fit_camera(ImageWriter(scenario, section, fire, times_of).write)
     return around.fleet([mock])

@@ -11,7 +11,7 @@ from autopilot_bridge.links.memory_link import MemoryLink
 from autopilot_bridge.mock.autopilot import MockAutopilot
 from autopilot_bridge.mock.kinematics import Wind
 from autopilot_bridge.mock.local_frame import LocalFrame
-from autopilot_bridge.mock.mock_camera import Shot
+from autopilot_bridge.mock.mock_camera import CapturedImage
 from autopilot_bridge.stacks.stacks import stack_named
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
@@ -185,7 +185,7 @@ class Simulation:
         assert fire is not None
         check_is_empty(folder_of(scenario))
 
-        def times_of(shot: Shot) -> tuple[int, datetime]:
+        def times_of(image: CapturedImage) -> tuple[int, datetime]:
             at_us = self.clock.now_us
             return at_us, SIMULATED_ZERO + timedelta(microseconds=at_us)
 

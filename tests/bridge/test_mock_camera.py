@@ -11,7 +11,7 @@ from autopilot_bridge.items import camera_trigger, gimbal_pitch, takeoff, waypoi
 from autopilot_bridge.missions.check import check
 from autopilot_bridge.missions.read_back import as_read_back, same_as_sent
 from autopilot_bridge.mock.kinematics import STEP_US
-from autopilot_bridge.mock.mock_camera import Shot
+from autopilot_bridge.mock.mock_camera import CapturedImage
 from autopilot_bridge.stacks.stacks import Stack
 from autopilot_bridge.vehicle.camera_telemetry import GimbalAttitude, ImageCaptured
 from tests.bridge.helpers import HOME
@@ -43,8 +43,8 @@ def test_a_mission_takes_images_along_its_path_and_a_client_receives_them(stack:
         *(*north[:2], camera_trigger(0.0), north[2]),
     )
     mock = flown(stack, items).mock
-    shots: list[Shot] = []
-    mock.fit_camera(shots.append)
+    captures: list[CapturedImage] = []
+    mock.fit_camera(captures.append)
     mock.flight.set_mode("idle", 0.0)
     mock.flight.set_mode("mission", 0.0)
     client = NativeClient(rates_hz={mavlink.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS: 4.0})
@@ -59,18 +59,18 @@ def test_a_mission_takes_images_along_its_path_and_a_client_receives_them(stack:
         client.handle_timer(now_us)
         while (event := client.next_event()) is not None:
             found.append(event)
-    assert len(shots) > 8
-    places = [mock.flight.frame.local_of(shot.lat_deg, shot.lon_deg) for shot in shots]
+    assert len(captures) > 8
+    places = [mock.flight.frame.local_of(capture.lat_deg, capture.lon_deg) for capture in captures]
     gaps = [math.dist(one, other) for one, other in pairwise(places)]
     assert all(SPACING_M - 0.1 <= gap < SPACING_M + 5.0 for gap in gaps)
     assert mock.flight.motion.north_m > 600.0
     assert max(place[0] for place in places) < 510.0, "no image after the end of the path"
-    assert {shot.pitch_deg for shot in shots} == {-70.0}
+    assert {capture.pitch_deg for capture in captures} == {-70.0}
     images = [each for each in found if isinstance(each, ImageCaptured)]
-    assert len(images) == len(shots)
-    for image, shot in zip(images, shots, strict=True):
-        assert (image.lat_deg, image.lon_deg) == pytest.approx((shot.lat_deg, shot.lon_deg))
-        assert image.boot_us == pytest.approx(shot.boot_us, abs=1000)
+    assert len(images) == len(captures)
+    for image, capture in zip(images, captures, strict=True):
+        assert (image.lat_deg, image.lon_deg) == pytest.approx((capture.lat_deg, capture.lon_deg))
+        assert image.boot_us == pytest.approx(capture.boot_us, abs=1000)
         assert image.angles is not None
         if stack.name == "px4":  # ArduPilot reports the attitude of the airframe
             assert image.angles[1] == pytest.approx(-70.0, abs=0.01)
@@ -90,16 +90,16 @@ def test_commands_take_images_and_tilt_the_gimbal_as_on_the_stack(stack: Stack) 
         return int(ack.fields["result"])
 
     assert result(DIGICAM, 0, 0, 0, 0, 1) == UNSUPPORTED, "without a camera"
-    shots: list[Shot] = []
-    player.mock.fit_camera(shots.append)
+    captures: list[CapturedImage] = []
+    player.mock.fit_camera(captures.append)
     camera = player.mock.flight.payload.camera
     assert camera is not None
     assert result(DIGICAM, 0, 0, 0, 0, 1) == ACCEPTED
     player.listen(1.0)
-    assert len(shots) == 1
+    assert len(captures) == 1
     assert result(TRIGGER, 50.0, 0, 1) == ACCEPTED, "and one image at once"
     player.listen(1.0)
-    assert [shot.number for shot in shots] == [0, 1]
+    assert [capture.number for capture in captures] == [0, 1]
     px4 = stack.name == "px4"
     assert (result(PITCH_YAW, -45.0, 0.0) == ACCEPTED) != px4, "PX4 missions are not in control"
     assert (result(START, 0, 1.0, 3) == ACCEPTED) != px4
@@ -108,19 +108,19 @@ def test_commands_take_images_and_tilt_the_gimbal_as_on_the_stack(stack: Stack) 
         assert result(PITCH_YAW, -45.0, 0.0) == ACCEPTED
     assert camera.pitch_deg == -45.0
     player.listen(10.0)
-    assert len(shots) == (2 if px4 else 5)
+    assert len(captures) == (2 if px4 else 5)
 
 
 def test_a_restarted_autopilot_keeps_its_camera_and_stops_triggering() -> None:
     mock = player_of(PX4).mock
-    mock.fit_camera(lambda shot: None)
+    mock.fit_camera(lambda capture: None)
     camera = mock.flight.payload.camera
     assert camera is not None
     camera.run_command(TRIGGER, (40.0, 0, 0, 0, 0, 0, 0), 0)
     mock.reboot(2_000_000)
     again = mock.flight.payload.camera
     assert again is not None
-    assert again.take is camera.take
+    assert again.on_image is camera.on_image
     moved = mock.flight.motion
     assert not again.wants_image(moved, 0)
     moved.north_m += 100.0

@@ -110,9 +110,9 @@ def test_files_contain_the_pose_with_the_errors_of_the_camera(frames: Path, tmp_
     flight.run_until(START_S + 60.0)
     journal.close()
     paths = sorted(frames.iterdir())
-    shots = [read_thermal_image(path) for path in paths]
-    assert len(shots) > 2
-    pitches = np.array([shot.pitch_deg for shot in shots])
+    images = [read_thermal_image(path) for path in paths]
+    assert len(images) > 2
+    pitches = np.array([image.pitch_deg for image in images])
     assert np.all(np.abs(pitches + 90.0) < 3.0)
     assert len(set(pitches)) > 1
     with pytest.raises(ScenarioError, match="frames: contains images; remove them"):

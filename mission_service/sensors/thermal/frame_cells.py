@@ -28,8 +28,8 @@ from mission_service.sensors.thermal.ground_points import ErrorEllipse, ellipse_
 from mission_service.sensors.thermal.ground_projections import (
     CornerProjection,
     PoseProjection,
-    stated_errors,
     projection_of,
+    stated_errors,
 )
 from mission_service.sensors.thermal.thermal_image import ThermalImage
 
