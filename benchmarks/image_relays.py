@@ -60,7 +60,7 @@ class Video:
 
     def __init__(self, world: World, folder: Path) -> None:
         estimate = world.context.scenario.estimate
-        settings = {"source": "udpin:127.0.0.1:5600", "level_range_c": TEMPERATURES_C}
+        settings = {"source": "udpin:127.0.0.1:5600", "grey_level_range_c": TEMPERATURES_C}
         section = estimate.thermal_video.model_copy(update=settings)
         with_source = estimate.model_copy(update={"thermal_video": section})
         scenario = world.context.scenario.model_copy(update={"estimate": with_source})

@@ -24,10 +24,10 @@ from mission_service.interfaces.maps.draped_images import (
 from mission_service.interfaces.maps.mercator import lon_lat_of
 from mission_service.sensors.thermal.arrived_images import IMAGE_EVERY_S, ArrivedImages
 from mission_service.sensors.thermal.camera_geometry import CameraPose, Lens
-from mission_service.sensors.thermal.image_corners import CornerPoints
 from mission_service.sensors.thermal.draped_image import draped_image
 from mission_service.sensors.thermal.frame_cells import frame_cells
 from mission_service.sensors.thermal.ground_points import ground_points
+from mission_service.sensors.thermal.image_corners import CornerPoints
 from mission_service.sensors.thermal.thermal_image import ThermalImage
 from mission_service.simulation.thermal_images import LENS
 
