@@ -33,7 +33,7 @@ test: .venv/ready $(MAP) lint mosquitto chromium
 
 # Tests that take too long for every change; CI runs them after the other tests.
 long: .venv/ready $(MAP) mosquitto chromium
-	$(BIN)/python -m pytest -m long
+	$(BIN)/python -m pytest -m long -n 2 --dist loadfile --no-loadscope-reorder
 
 # Installs the MQTT broker for tests, which are skipped without it.
 mosquitto:

@@ -258,7 +258,7 @@ def test_the_command_reports_the_pixels_of_a_file_to_a_run(tmp_path: Path) -> No
     found = json.loads(done.stdout)
     assert (found["pixels"], found["on_landscape"]) == (3, 2)
     first, second = found["reports"]
-    assert "older than 21600 s" in first["error"]
+    assert "age_s: give a number from 0 to 21600" in first["error"]
     assert second == {"source": "VIIRS N", "pixels": 1}
     assert len(json.loads(shapes.read_text())["features"]) == 2
     missing = CliRunner().invoke(main, ["request", "satellite-pixels", str(path), "--out", "none"])

@@ -17,7 +17,14 @@ from benchmarks.thermal_frames import pose_above, steep_landscape
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.fire_sections import ThermalFramesSection
-from mission_service.sensors.thermal.frame_cells import Burned, FrameCells, frame_cells
+from mission_service.sensors.thermal.frame_cells import (
+    COOL,
+    HOT,
+    Burned,
+    FrameCells,
+    _window_of,
+    frame_cells,
+)
 from mission_service.sensors.thermal.thermal_image import (
     GPS_IFD,
     ORIENTATION,
@@ -88,6 +95,36 @@ def test_the_cells_are_those_of_the_fire(whole: bytes, land: Landscape, tmp_path
     assert true[letters == "b"].all()
     assert not true[letters == "u"].any()
     assert 1.5 < found.position_sd_m < 4.0
+
+
+@pytest.mark.parametrize(
+    ("until", "hot_share", "expected"),
+    [
+        (1.0, 1.0, "bb"),
+        (0.8, 1.0, "bb"),  # nearly the whole second cell is in the image
+        (0.6, 1.0, "b."),
+        (0.2, 1.0, "b."),  # the strip may be ground of the first cell, by the error of the place
+        (0.2, 0.0, "b."),
+        (1.0, 0.4, "b."),
+        (1.0, 0.3, "bu"),  # the front passes through the second cell
+        (1.0, 0.0, "bu"),
+    ],
+)
+def test_only_cells_that_are_whole_in_the_image_are_observed(
+    until: float, hot_share: float, expected: str
+) -> None:
+    """The first cell burns. The image ends at a share of the second cell, whose west is hot."""
+    row, col = (each.ravel() for each in np.mgrid[-0.475:0.5:0.05, -0.475:1.5:0.05])
+    seen = col < 0.5 + until
+    kinds = np.where(col < 0.5 + hot_share, HOT, COOL).astype(np.int8)
+    window = _window_of(np.column_stack([row, col])[seen], kinds[seen], (9, 9))
+    assert window.cells == (expected,)
+
+
+def test_a_few_hot_pixels_away_from_a_front_are_not_unburned_ground() -> None:
+    row, col = (each.ravel() for each in np.mgrid[-0.475:0.5:0.05, -0.475:1.5:0.05])
+    kinds = np.where((col > 1.3) & (row > 0.0), HOT, COOL).astype(np.int8)
+    assert _window_of(np.column_stack([row, col]), kinds, (9, 9)).cells == ("u.",)
 
 
 def test_warm_ground_that_touches_no_fire_is_unknown(land: Landscape, tmp_path: Path) -> None:

@@ -4,10 +4,13 @@ Each pixel is hot, warm or cool. Hot pixels burn. Warm pixels are warmer than th
 is the most frequent temperature of the image without its hot pixels. Ground that has burned stays
 warm, but ground in the sun is warm, too. Therefore warm pixels have burned only if they are
 connected to hot pixels, and are otherwise unknown. A cell is burned if most of its pixels are hot
-or have burned, unburned if nearly all of its pixels are cool, and unseen otherwise. Ground that has
-burned out and cooled looks like unburned ground; therefore cells that an earlier image of
-the sensor showed as burned stay burned (``Burned``). An image of grey levels has no temperatures:
-its pixels are hot or unknown.
+or have burned, unburned if nearly all of its pixels are cool, and unseen otherwise. At a front,
+which passes through cells, two thirds of cool pixels are enough: otherwise the first unburned cells
+would be unseen, and an estimate that is too fast would stay ahead of the front. Cells that are only
+partly in the image are unseen: their pixels may be those of the next cell. Ground that has
+burned out and cooled looks like unburned ground; therefore cells that an earlier image of the
+sensor showed as burned stay burned (``Burned``). An image of grey levels has no temperatures: its
+pixels are hot or unknown.
 """
 
 import math
@@ -16,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from firemodel.arrays import Floats, Mask, window_at
+from firemodel.arrays import Floats, Mask, widened, window_at
 from firemodel.assimilation.observation import BURNED, UNBURNED, UNSEEN
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
@@ -37,8 +40,9 @@ BACKGROUND_C, STEP_C = (-60.0, 200.0), 2.0
 COOL, BURNED_OUT, HOT, UNKNOWN = 0, 1, 2, 3
 KELVIN_C = 273.15
 MOST = 0.5  # share of hot and burned-out pixels in a burned cell
-NEARLY_ALL = 0.95  # share of cool pixels in an unburned cell
+NEARLY_ALL, AT_FRONT = 0.95, 0.67  # share of cool pixels in an unburned cell
 MIN_PIXELS = 4  # in a cell
+MAX_OFFSET = 0.15  # cells, of the middle of a cell's pixels from its centre; 0.25 in half a cell
 MIN_NOT_HOT = 0.01  # share of the pixels
 MAX_RAYS = 100_000  # of a larger image every second, third, ... row and column is used
 ERRORS_EVERY = 4  # pixels in each axis of which one has its error computed
@@ -230,10 +234,13 @@ def _window_of(places: Floats, kinds: NDArray[np.int8], shape: tuple[int, int]) 
     ]
     cool, burned_out, hot = counted
     pixels = np.bincount(number, minlength=rows * cols).reshape(rows, cols)
-    enough = pixels >= MIN_PIXELS
+    offsets = (np.bincount(number, each, rows * cols) for each in (places - cells).T)
+    row_offset, col_offset = (each.reshape(rows, cols) / np.maximum(pixels, 1) for each in offsets)
+    enough = (pixels >= MIN_PIXELS) & (np.hypot(row_offset, col_offset) <= MAX_OFFSET)
     state = np.full((rows, cols), UNSEEN, dtype=np.uint8)
     state[enough & (hot + burned_out >= MOST * pixels)] = BURNED
-    state[enough & (cool >= NEARLY_ALL * pixels)] = UNBURNED
+    at_front = widened(state == BURNED, 1) & (cool >= AT_FRONT * pixels)
+    state[enough & ((cool >= NEARLY_ALL * pixels) | at_front)] = UNBURNED
     assert 0 <= top <= shape[0] - rows
     assert 0 <= left <= shape[1] - cols
     return Window(top, left, in_letters(LETTERS[state]))
