@@ -1,6 +1,6 @@
 """Watches a folder, for sensors whose input arrives as files.
 
-A thread looks into the folder and passes each new file to ``use_file`` when it no longer grows. A
+A thread lists the folder and passes each new file to ``process_file`` when it no longer grows. A
 file that is not used is named in ``problem`` with the reason, which the service shows as an alarm
 until the file is replaced or removed. While the folder cannot be read, ``problem`` has the reason.
 """
@@ -19,7 +19,7 @@ from mission_service.errors import MissionServiceError, ScenarioError
 from mission_service.sensors.one_line import one_line
 from mission_service.sensors.sensor_files import whole_files
 
-LOOK_EVERY_S = 0.25
+SCAN_EVERY_S = 0.25
 MAX_SHARE = 0.05  # of the thread's time, for listing a folder of many files
 MAX_AT_ONCE = 100  # files; of more files that are new at once, only the newest are used
 
@@ -65,7 +65,7 @@ class WatchedFolder(ABC):
         self._thread: threading.Thread | None = None
 
     @abstractmethod
-    def use_file(self, path: Path, now: datetime) -> None:
+    def process_file(self, path: Path, now: datetime) -> None:
         """Read a new file; in the thread. An exception is the reason why it is not used.
 
         After an IncompleteError the file is read again, for up to ``RETRIED_FOR_S``.
@@ -75,7 +75,7 @@ class WatchedFolder(ABC):
         """Set the names of the events that the run has made from files before a restart."""
         self.used_parts, self._used_files = names, whole_files(names)
 
-    def name_of(self, name: str) -> str:
+    def event_name_of(self, name: str) -> str:
         """Return the name of a file that was read, for events (``sensor_files``)."""
         changed_ns, size = self._read[name]
         return f"{name} {changed_ns} {size}"
@@ -106,8 +106,8 @@ class WatchedFolder(ABC):
         """Store the reason why a file is not used, as one line that each interface can show."""
         self._problems[name] = one_line(reason)
 
-    def look(self, now: datetime) -> None:
-        """Use the files that are new and have not grown since the last look.
+    def scan(self, now: datetime) -> None:
+        """Use the files that are new and have not grown since the last scan.
 
         Of more than ``MAX_AT_ONCE`` such files the oldest are refused unread, so that a backlog
         does not delay new observations.
@@ -126,7 +126,7 @@ class WatchedFolder(ABC):
         self._growing = {name: changed[name] for name in changed.keys() - set(ready)}
         ready.sort(key=lambda name: (changed[name], name))
         self._read |= {name: changed[name] for name in ready}
-        ready = [name for name in ready if self.name_of(name) not in self._used_files]
+        ready = [name for name in ready if self.event_name_of(name) not in self._used_files]
         for name in ready[:-MAX_AT_ONCE]:
             self.refuse(name, f"{name}: {MAX_AT_ONCE} or more newer files arrived with it")
         for name in ready[-MAX_AT_ONCE:]:
@@ -135,7 +135,7 @@ class WatchedFolder(ABC):
     def _use(self, name: str, now: datetime) -> None:
         self._problems.pop(name, None)
         try:
-            self.use_file(self._folder / name, now)
+            self.process_file(self._folder / name, now)
         except IncompleteError as error:
             since = self._incomplete_since.setdefault(name, now)
             if (now - since).total_seconds() < RETRIED_FOR_S:
@@ -151,8 +151,8 @@ class WatchedFolder(ABC):
     def _watch(self) -> None:
         try:
             while not self._closed.is_set():
-                self.look(datetime.now(UTC))
-                self._closed.wait(max(LOOK_EVERY_S, self._listing_s / MAX_SHARE))
+                self.scan(datetime.now(UTC))
+                self._closed.wait(max(SCAN_EVERY_S, self._listing_s / MAX_SHARE))
         except Exception as error:  # raised by the next ``start``
             self._error = error
 

@@ -52,6 +52,7 @@ def test_a_journal_gives_the_reports_of_its_vehicles(folder: Path) -> None:
     assert info["vehicles"][0]["max_speed_m_s"] > 10.0
 
 
+@pytest.mark.long
 def test_a_folder_is_the_journal_in_it(folder: Path) -> None:
     result = call("log", "info", str(folder))
     assert result.exit_code == 0

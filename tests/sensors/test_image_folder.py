@@ -84,7 +84,7 @@ def photograph(frames: Path, fire: Fire, pose: CameraPose, taken: datetime, numb
 
 @pytest.fixture
 def without_thread(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The test looks into the folder itself, so that each image is used at its own time."""
+    """The test lists the folder itself, so that each image is used at its own time."""
     monkeypatch.setattr(ImageFolder, "_watch", lambda self: None)
 
 
@@ -112,6 +112,7 @@ def sources_in(world: World, journal: Path) -> set[str]:
     return {each.source for each in images if not each.estimated}
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("without_thread")
 def test_the_estimate_follows_a_fire_that_only_the_images_show(
     frames: Path, tmp_path: Path
@@ -134,8 +135,8 @@ def test_the_estimate_follows_a_fire_that_only_the_images_show(
         now = datetime.now(UTC)
         photograph(frames, true, pose_at(land, fix), now, number)
         number += 1
-        sensor.look(now)  # notes the file
-        sensor.look(now)  # reads it, because it has not grown
+        sensor.scan(now)  # notes the file
+        sensor.scan(now)  # reads it, because it has not grown
     assert number > 90
     assert sensor.problem == ""
     error, of_model = wrong_cells(world, true, alone, at_s + 30.0)
@@ -181,9 +182,9 @@ def test_an_image_of_another_time_is_not_used(age_s: float, words: str, frames: 
     pose = CameraPose(*land.xy_of(100.0, 100.0), 900.0, 0.0, -90.0)
     photograph(frames, fire_of(scenario, land), pose, now - timedelta(seconds=age_s), 1)
     sensor = ImageFolder(scenario, land)
-    sensor.look(now)
+    sensor.scan(now)
     assert sensor.problem == ""
-    sensor.look(now)
+    sensor.scan(now)
     assert words in sensor.problem
     assert sensor.observe(FIX) is None
 
@@ -193,7 +194,7 @@ def test_a_problem_is_an_alarm(frames: Path, tmp_path: Path) -> None:
     world = world_in(tmp_path, scenario_for(frames))
     (frames / "a.jpg").write_bytes(b"no image")
     for _ in range(2):
-        folder_sensor(world).look(datetime.now(UTC))
+        folder_sensor(world).scan(datetime.now(UTC))
     world.fly(START_S + 120.0)
     alarm = world.context.state_view.alarms["sensor/thermal_frames"]
     assert "a.jpg: is not a TIFF, JPEG or PNG image" in alarm.text
@@ -206,7 +207,7 @@ def down_at(land: Landscape) -> CameraPose:
 
 def looked(sensor: ImageFolder) -> None:
     for _ in range(2):  # the second look reads files that have not grown
-        sensor.look(datetime.now(UTC))
+        sensor.scan(datetime.now(UTC))
 
 
 @pytest.mark.usefixtures("without_thread")

@@ -53,7 +53,7 @@ def folder(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def in_process(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The test looks into the folder itself, and its process reads the files."""
+    """The test lists the folder itself, and its process reads the files."""
 
     def read(path: Path, landscape: Landscape, settings: object) -> object:
         check_file(path)
@@ -85,7 +85,7 @@ def sensor_of(world: World) -> ObservationFolder:
 
 def looked(sensor: ObservationFolder) -> None:
     for _ in range(2):  # the second look reads files that have not grown
-        sensor.look(datetime.now(UTC))
+        sensor.scan(datetime.now(UTC))
 
 
 def ago(minutes: float) -> datetime:

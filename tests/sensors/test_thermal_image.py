@@ -333,6 +333,7 @@ def test_a_file_that_cannot_be_used_is_named_with_the_reason(
     assert "\n" not in str(raised.value)
 
 
+@pytest.mark.long
 @settings(max_examples=300, suppress_health_check=list(HealthCheck))
 @given(data=st.data())
 def test_damaged_files_are_refused_or_read(

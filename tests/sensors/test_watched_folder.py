@@ -21,7 +21,7 @@ class Texts(WatchedFolder):
         super().__init__("a.folder", str(folder), (".txt",), "a text")
         self.found: list[str] = []
 
-    def use_file(self, path: Path, now: datetime) -> None:
+    def process_file(self, path: Path, now: datetime) -> None:
         self.found.append(path.read_text(encoding="utf-8"))
 
 
@@ -31,14 +31,14 @@ def test_a_file_is_used_once_when_it_no_longer_grows(tmp_path: Path) -> None:
     for part in ("one", " two"):
         with path.open("a", encoding="utf-8") as file:
             file.write(part)
-        texts.look(NOW)
+        texts.scan(NOW)
         assert texts.found == []
     for _ in range(3):
-        texts.look(NOW)
+        texts.scan(NOW)
     assert texts.found == ["one two"]
     path.write_text("replaced", encoding="utf-8")
     for _ in range(3):
-        texts.look(NOW)
+        texts.scan(NOW)
     assert texts.found == ["one two", "replaced"]
 
 
@@ -50,16 +50,16 @@ def test_of_a_backlog_only_the_newest_files_are_read(tmp_path: Path) -> None:
         path.write_text(str(number), encoding="utf-8")
         os.utime(path, (number, number))
     for _ in range(2):
-        texts.look(NOW)
+        texts.scan(NOW)
     assert texts.found == [str(number) for number in range(400, count)]
     assert "0399.txt: 100 or more newer files arrived with it (and 399 others)" in texts.problem
     (tmp_path / "new.txt").write_text("new", encoding="utf-8")
     for _ in range(2):
-        texts.look(NOW)
+        texts.scan(NOW)
     assert texts.found[-1] == "new"
     for path in tmp_path.iterdir():
         path.unlink()
-    texts.look(NOW)
+    texts.scan(NOW)
     assert texts.problem == ""
 
 
@@ -89,7 +89,7 @@ def test_an_error_of_the_thread_is_raised_by_the_next_start(
         raise InterruptedError
 
     texts = Texts(tmp_path)
-    monkeypatch.setattr(texts, "look", fail)
+    monkeypatch.setattr(texts, "scan", fail)
     texts._watch()
     with pytest.raises(InterruptedError):
         texts.start()

@@ -128,6 +128,7 @@ def altered(
     return found, index + 1
 
 
+@pytest.mark.long
 def test_an_altered_decision_is_named_with_line_and_field(run: Run, tmp_path: Path) -> None:
     found, line = altered(run, tmp_path, "DirectionDecision", '"front_cells":', '"front_cells":9')
     assert found.differing == ["file", "planner", "core"]

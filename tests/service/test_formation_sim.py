@@ -91,6 +91,7 @@ def test_orders_do_not_flood_the_links(eight: Run) -> None:
         assert vehicle.orders.total() < 0.6 * ENDS_S, name
 
 
+@pytest.mark.long
 def test_a_replay_reproduces_every_order(eight: Run) -> None:
     result = verify(eight.journal)
     assert result.difference is None
@@ -104,6 +105,7 @@ def test_planners_alone_report_that_there_are_no_decisions(eight: Run) -> None:
         decide(eight.journal)
 
 
+@pytest.mark.long
 def test_both_stacks_fly_together_over_a_bad_link(tmp_path: Path) -> None:
     overrides = ("duration_s=330", "link.loss=0.05", "fire.initial_cells=300")
     scenario = at_once(load_scenario("virtual-agents", overrides))

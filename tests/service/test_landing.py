@@ -199,6 +199,7 @@ def test_the_landing_of_a_plan_is_laid_for_the_weather_of_any_source(
     assert laid_for(scenario, read_any(plan).mission) == LATER_DEG
 
 
+@pytest.mark.long
 def test_missions_in_flight_end_with_a_landing_for_the_wind_of_their_time(tmp_path: Path) -> None:
     planned(tmp_path, "from.csv")
     changes = ("start_s=3540", "deploy_at_s=3540")

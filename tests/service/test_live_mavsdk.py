@@ -17,6 +17,7 @@ from tests.service.test_live import CLI, free_port, process
 SPEEDUP = "60"
 
 
+@pytest.mark.long
 def test_a_vehicle_flown_through_mavsdk_circles_the_fire_once(tmp_path: Path) -> None:
     port = free_port()
     log = tmp_path / "daemon.log"

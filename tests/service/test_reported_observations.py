@@ -251,6 +251,7 @@ def test_impossible_reports_are_refused_with_one_line(
     assert world.context.journal_path.stat().st_size == size
 
 
+@pytest.mark.long
 def test_a_mirrored_perimeter_that_cameras_contradict_is_refused(tmp_path: Path) -> None:
     world = world_in(tmp_path, SCENARIO)
     world.fly(4000.0)
@@ -474,6 +475,7 @@ def observed_at(land: Landscape, at_us: int, cell: tuple[int, int]) -> FireObser
     return FireObserved(at_us, "ann", "", "burning", "points", place, at_us, 5.0, 0.0, "")
 
 
+@pytest.mark.long
 def test_the_winds_of_many_reports_are_stored_once_a_minute_for_six_hours() -> None:
     weather = weather_of(SCENARIO)
     for at_s in range(0, 30_000, 10):

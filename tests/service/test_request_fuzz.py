@@ -5,7 +5,7 @@ import pytest
 from benchmarks.request_fuzz import CASES, Found, run
 
 SEED = 3
-SLOW = ("default", "virtual-agents", "burn")  # only with the long tests
+SLOW = ("default", "virtual-agents", "burn", "demo", "sitl")  # only with the long tests
 
 
 @pytest.mark.parametrize(

@@ -134,6 +134,7 @@ def test_the_others_close_the_gap(run: Run) -> None:
     assert ENDS_S - np.min(visited_at_s) < 500.0
 
 
+@pytest.mark.long
 def test_a_replay_reproduces_every_command_of_a_team(run: Run) -> None:
     result = verify(run.journal)
     assert result.difference is None

@@ -134,6 +134,7 @@ def test_any_number_of_processes_finds_the_same() -> None:
     assert found[0]["fitness"] == found[0]["history"][-1]["best"]
 
 
+@pytest.mark.long
 def test_a_dask_cluster_finds_what_one_process_does(tmp_path: Path) -> None:
     out = tmp_path / "found.json"
     command = ["tune", "virtual-agents", "--population", "8", "--generations", "2", "--seed", "6"]

@@ -57,6 +57,7 @@ def test_they_keep_apart(eight: Flight) -> None:
     assert eight.series["conflicts"][-1] > 0  # some UAVs blocked each other
 
 
+@pytest.mark.long
 def test_without_avoidance_they_do_not() -> None:
     flights = [flown(seed=seed, duration_s=240.0, avoidance="none") for seed in (1, 2, 3)]
     assert sum(flight.series["collisions"][-1] for flight in flights) > 0
@@ -86,6 +87,7 @@ def test_lost_messages_hardly_harm_the_fire_maps(eight: Flight) -> None:
     assert lossy.series["collisions"][-1] == 0
 
 
+@pytest.mark.long
 def test_two_leave_for_fuel_and_come_back() -> None:
     away = {0: (300.0, 560.0), 5: (300.0, 560.0)}
     flight = flown(duration_s=900.0, away_s=away)

@@ -136,6 +136,7 @@ def grown(samples: list[Counter[str]]) -> list[str]:
     return found
 
 
+@pytest.mark.long
 def test_what_a_service_holds_does_not_grow_with_what_has_passed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -81,6 +81,7 @@ def test_with_the_journals_own_settings_it_is_the_same_flight_again(
     assert verify(again).differing == []
 
 
+@pytest.mark.long
 def test_another_planner_flies_otherwise_and_both_are_reported(run: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     words = ("planner=predictive", "dwell_s=90", "baseline_s=300")

@@ -92,9 +92,9 @@ class ObservationFolder(WatchedFolder):
     def on_event(self, event: AnyEvent) -> None:
         """Ignore the events of the run."""
 
-    def use_file(self, path: Path, now: datetime) -> None:
+    def process_file(self, path: Path, now: datetime) -> None:
         """Read a file. Raises MissionServiceError if it contains nothing that can be used."""
-        file = self.name_of(path.name)
+        file = self.event_name_of(path.name)
         contents = read_observation_file(path, self._landscape, self._settings)
         count = len(contents.observations)
         ages_s = [now.timestamp() - each.seen_unix_s for each in contents.observations]

@@ -2,7 +2,7 @@
 
 A thread (``watched_folder``) reads the images of the folder ``estimate.thermal_frames.folder``.
 ``observe`` returns the results one by one. A file without its pose waits for the telemetry of the
-vehicle. In a simulation there is no thread: ``observe`` looks into the folder, and the time is the
+vehicle. In a simulation there is no thread: ``observe`` lists the folder, and the time is the
 mission time.
 """
 
@@ -41,7 +41,7 @@ class ImageFolder(WatchedFolder):
         if self._zero_s is None:
             self.start()
         else:
-            self.look(datetime.fromtimestamp(self._now_s(fix.at_us), UTC))
+            self.scan(datetime.fromtimestamp(self._now_s(fix.at_us), UTC))
         now_s = self._now_s(fix.at_us)
         return self._images.next_observed(fix, now_s, self._poses.mission_us_of)
 
@@ -53,10 +53,10 @@ class ImageFolder(WatchedFolder):
         """Return the time in UTC at a mission time, which is the present."""
         return time.time() if self._zero_s is None else self._zero_s + at_us / 1e6
 
-    def use_file(self, path: Path, now: datetime) -> None:
+    def process_file(self, path: Path, now: datetime) -> None:
         """Read an image, and find its cells. Raises MissionServiceError or FireModelError."""
         try:
             image = read_thermal_image(path, self._poses.pose_of)
         except NoPoseError as error:
             raise IncompleteError(str(error)) from None
-        self._images.add_image(image, now, file_part(self.name_of(path.name)))
+        self._images.add_image(image, now, file_part(self.event_name_of(path.name)))
