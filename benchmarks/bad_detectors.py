@@ -307,8 +307,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
             click.echo(_line(f"{seed:4}  {kind:6}", each))
     for kind in KINDS:
         mean = np.mean(every[kind], axis=0)
-        cost = (mean[1] - mean[0]) / (mean[3] - mean[0])
-        text = "/".join(f"{value:.2f}" for value in cost)
+        text = "/".join(
+            f"{(wolf - good) / (alone - good):.2f}" if good < alone else "no gain"
+            for good, wolf, _, alone in mean.T
+        )
         click.echo(_line(f"mean  {kind:6}", mean) + f"  cost / gain {text} (limit 0.20)")
     for kind in LIES:
         found = [named_with(world, seed, kind) for seed, world in worlds.items()]

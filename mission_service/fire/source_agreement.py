@@ -17,7 +17,7 @@ from mission_service.fire.sightings import Sightings
 COMPARED_EVERY_S = 5.0  # interval of the comparisons of one source
 REMEMBERED_S = 900.0  # age up to which sightings are compared
 FORGOTTEN_S = 600.0  # time in which the weight of a comparison falls to 1/e
-MIN_CELLS = 30.0  # weight of the cells that two sources must have in common
+MIN_CELLS = 20.0  # weight of the cells that two sources must have in common
 CONTRADICTORY = 0.1  # sources contradict each other if they differ in more than this share of cells
 BESIDE_CELLS = 3  # only burned cells this near to unburned cells are compared
 WITHIN_SD = 2.0  # cells within this many standard deviations of a front are not compared
