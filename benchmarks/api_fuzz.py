@@ -18,8 +18,8 @@ from pathlib import Path
 import click
 
 from mission_service.config.service_section import HttpSection
-from mission_service.interfaces.api.access.limits import RateLimiter
 from mission_service.interfaces.api.server import bound, serving
+from mission_service.interfaces.limits import RateLimiter
 from tests.api.worlds import SMALL, World, scenario_of, served, world_in
 
 CHECKS = (

@@ -22,7 +22,7 @@ from mission_service.fire.observed_window import LETTERS, in_letters, states_in
 from mission_service.fire.sensors import Sensors
 from mission_service.interfaces.mqtt.command_gate import CommandGate
 from mission_service.sensors.thermal.arrived_images import ArrivedImages
-from mission_service.sensors.thermal.camera_geometry import CameraPose, Lens
+from mission_service.sensors.thermal.ground_projections import PoseProjection, projection_of
 from mission_service.sensors.thermal.thermal_image import ThermalImage, read_thermal_image
 from mission_service.sensors.video.thermal_video import ThermalVideo
 from mission_service.simulation.image_writer import SIMULATED_ZERO
@@ -64,7 +64,7 @@ class Video:
         section = estimate.thermal_video.model_copy(update=settings)
         with_source = estimate.model_copy(update={"thermal_video": section})
         scenario = world.context.scenario.model_copy(update={"estimate": with_source})
-        self._land = world.context.landscape
+        self._land, self._settings = world.context.landscape, estimate.thermal_frames
         self._files = ReadOnce(folder)
         self._sensor = ThermalVideo(scenario, self._land)  # its thread is not started
         self._writer: VideoWriter | None = None
@@ -80,7 +80,9 @@ class Video:
             taken_s = (image.taken - SIMULATED_ZERO).total_seconds()
             at_s = round(max(taken_s, self._shown_s + APART_S) * RATE) / RATE
             self._shown_s = at_s
-            values = pose_values(self._land, pose_of(image, self._land), lens_of(image))
+            projection = projection_of(image, self._land, self._settings)
+            assert isinstance(projection, PoseProjection)
+            values = pose_values(self._land, projection.pose, projection.lens)
             for number in range(2):  # the second picture ends the first
                 later_s = number / RATE
                 metadata = packet(image.taken + timedelta(seconds=later_s), values)
@@ -173,20 +175,6 @@ def refuse(name: str, reason: str) -> None:
 def mission_time(at_s: float) -> datetime:
     """Return the time of the simulated camera's clock at a mission time."""
     return SIMULATED_ZERO + timedelta(seconds=at_s)
-
-
-def pose_of(image: ThermalImage, land: Landscape) -> CameraPose:
-    """Return the pose that an image states, on the landscape."""
-    x_m, y_m = (float(each) for each in land.xy_of_lat_lon(image.lat_deg, image.lon_deg))
-    yaw_deg = float(land.grid_deg(image.yaw_deg))
-    return CameraPose(x_m, y_m, image.altitude_amsl_m, yaw_deg, image.pitch_deg, image.roll_deg)
-
-
-def lens_of(image: ThermalImage) -> Lens:
-    """Return the lens of an image."""
-    rows, cols = image.values.shape
-    assert image.focal_px is not None
-    return Lens(cols, rows, image.focal_px)
 
 
 def raster_of(seen: Observed, now_s: float, land: Landscape) -> dict[str, Any]:

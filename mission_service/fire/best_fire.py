@@ -201,14 +201,16 @@ class BestFire:
         burned = self.fire.expected_s() <= reported.at_s
         cell_m = self._landscape.cell_size_m
         seen, waiting = self._confirmation.surprising(reported, burned, cell_m)
-        if not (seen.state != UNSEEN).any():
-            return Change(note=note_of(event, reported, waiting, changes=False))
+        changes = bool((seen.state != UNSEEN).any())
+        note = note_of(event, reported, waiting, changes)
+        if not changes:
+            return Change(note=note)
         before = self.fire
         self._place_in_time(seen)
         return Change(
             self._reported_change(before),
             add=lambda ensemble: ensemble.add_late(seen),
-            note=note_of(event, reported, waiting, changes=True),
+            note=note,
         )
 
     def _place_in_time(self, seen: Observation) -> None:

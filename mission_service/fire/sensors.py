@@ -144,9 +144,8 @@ class Sensors:
     def close(self) -> None:
         """End the threads of the sensors, also of those that have failed."""
         for sensor in self._all:
-            with suppress(
-                Exception, SystemExit
-            ):  # another package may raise anything; the run ends
+            # Another package may raise anything; the run ends.
+            with suppress(Exception, SystemExit):
                 getattr(sensor, "close", lambda: None)()
 
     def use_mission_time(self, zero: datetime) -> None:

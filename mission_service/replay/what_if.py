@@ -36,7 +36,7 @@ from mission_service.runtime.engine import Progress, unshown
 from mission_service.runtime.run_outputs import summary_of, write_outputs
 from mission_service.runtime.run_statistics import RunStatistics
 from mission_service.runtime.state_view import StateView
-from mission_service.simulation.sim import CLOCK_SENSORS, simulate
+from mission_service.simulation.sim import clock_sensors_in, simulate
 from mission_service.simulation.simulated_crew import SimulatedCrew
 
 SHORT = {"planner": "rule"}
@@ -149,7 +149,7 @@ def what_if(
 
 def _without_clock_sensors(scenario: Scenario, notes: list[str]) -> Scenario:
     """Remove the sensors that a simulation cannot have, with a note."""
-    removed = [each for each in scenario.estimate.sensors if each in CLOCK_SENSORS]
+    removed = clock_sensors_in(scenario)
     if not removed:
         return scenario
     notes.append(f"the observations of {', '.join(removed)} are not repeated")

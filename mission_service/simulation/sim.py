@@ -220,17 +220,21 @@ class Simulation:
             self._progress(self.service.state_view, self.estimate.fire)
 
 
-def _check_sensors(scenario: Scenario) -> None:
-    """Raise ScenarioError for a sensor that reads its input at the time of the host's clock.
+def clock_sensors_in(scenario: Scenario) -> list[str]:
+    """Return the names of the sensors that read their input at the time of the host's clock.
 
     The journals of two simulations with such a sensor would differ.
     """
-    for name in CLOCK_SENSORS:
-        if name in scenario.estimate.sensors:
-            raise ScenarioError(
-                f"{scenario.name}: estimate.sensors: {name} uses the time of the clock, which a "
-                "simulation does not have; use run, or remove the sensor"
-            )
+    return [name for name in scenario.estimate.sensors if name in CLOCK_SENSORS]
+
+
+def _check_sensors(scenario: Scenario) -> None:
+    """Raise ScenarioError for a sensor that uses the time of the host's clock."""
+    if names := clock_sensors_in(scenario):
+        raise ScenarioError(
+            f"{scenario.name}: estimate.sensors: {names[0]} uses the time of the clock, which a "
+            "simulation does not have; use run, or remove the sensor"
+        )
 
 
 def simulate(

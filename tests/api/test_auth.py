@@ -15,8 +15,8 @@ from mission_service.cli.main import main
 from mission_service.errors import MissionServiceError
 from mission_service.events import FireObserved
 from mission_service.interfaces.api.access.auth import ROLES, Tokens, own_token, read_tokens, sum_of
-from mission_service.interfaces.api.access.limits import MAX_CLIENTS, RateLimiter
 from mission_service.interfaces.api.access.token_file import added
+from mission_service.interfaces.limits import MAX_CLIENTS, RateLimiter
 from tests.api.worlds import client as http_client
 from tests.api.worlds import scenario_of, served, world_in
 

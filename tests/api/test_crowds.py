@@ -15,7 +15,7 @@ from mission_service.interfaces.api.access.client_connections import (
     ClientConnections,
     client_at,
 )
-from mission_service.interfaces.api.access.limits import ConcurrencyLimiter
+from mission_service.interfaces.limits import ConcurrencyLimiter
 from tests.api.worlds import Served, World, listened_to, served
 from tests.patience import until
 

@@ -208,8 +208,8 @@ def test_the_map_receives_the_stated_error_at_the_hot_pixels(steep: Landscape) -
     values = np.full((512, 640), COOL_C)
     values[250:260, 300:340] = HOT_C
     image = image_at(steep, pose, values)
-    found, told = frame_cells(image, steep, SETTINGS), sensor_image(steep, image)
-    shown = described("thermal_frames", told, steep)
+    found, sent = frame_cells(image, steep, SETTINGS), sensor_image(steep, image)
+    shown = described("thermal_frames", sent, steep)
     assert shown.position_sd_m == pytest.approx(found.position_sd_m, abs=0.01)
     assert shown.major_m >= shown.minor_m > 0.0
     row, col = steep.row_col_of(

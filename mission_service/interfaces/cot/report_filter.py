@@ -11,9 +11,9 @@ from typing import Any, NamedTuple, TypeVar
 
 from mission_service.config.service_section import CotReportsSection
 from mission_service.fire.reported_observations import TAK_STATION
-from mission_service.interfaces.api.access.limits import RateLimiter
 from mission_service.interfaces.cot.fire_reports import MAX_NAME, FireReport, reports_in
 from mission_service.interfaces.cot.received_events import CotEvent
+from mission_service.interfaces.limits import RateLimiter
 
 MAX_USERS, MAX_SEEN, MAX_WAITING = 2000, 4096, 64
 WAIT_S = 120.0  # for the position of a creator; clients send their positions each minute or sooner

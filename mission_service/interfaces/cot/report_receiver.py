@@ -8,7 +8,6 @@ import asyncio
 from typing import TYPE_CHECKING
 
 from mission_service.config.service_section import CotReportsSection
-from mission_service.interfaces.api.access.limits import RateLimiter
 from mission_service.interfaces.cot.fire_reports import name_of
 from mission_service.interfaces.cot.received_events import CotEventError, parse_event
 from mission_service.interfaces.cot.report_filter import (
@@ -17,6 +16,7 @@ from mission_service.interfaces.cot.report_filter import (
     ReportFilter,
     Verdict,
 )
+from mission_service.interfaces.limits import RateLimiter
 from mission_service.runtime.clocks import clock_us, wall_us
 
 if TYPE_CHECKING:

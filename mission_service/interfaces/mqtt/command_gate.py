@@ -14,6 +14,7 @@ from typing import Any
 import msgspec
 
 from mission_service.core.request_events import ABORT, ALL_REQUESTS
+from mission_service.interfaces.limits import RateLimiter
 from mission_service.interfaces.mqtt.payloads import Command, CommandId, Reply
 from mission_service.value_errors import UNKNOWN, in_words
 
@@ -56,7 +57,7 @@ class CommandGate:
     def __init__(self, ask: Ask) -> None:
         self._ask = ask
         self._answered: OrderedDict[tuple[str, str, str], _Answered] = OrderedDict()
-        self._may, self._may_s = AT_ONCE, 0.0
+        self._rate = RateLimiter(A_SECOND, AT_ONCE)
         self._aborted_s = -ABORTS_APART_S
         self.unanswered = 0
 
@@ -69,12 +70,9 @@ class CommandGate:
         """
         if name == ABORT:
             return self._abort(payload, retained, at_us, now_s, unix_us)
-        self._may = min(self._may + (now_s - self._may_s) * A_SECOND, AT_ONCE)
-        self._may_s = now_s
-        if self._may < 1.0:
+        if self._rate.consume(MQTT, now_s):
             self.unanswered += 1
             return None
-        self._may -= 1.0
         try:
             command, request = _read(payload)
             _refuse_names(name)

@@ -18,7 +18,6 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from mission_service.interfaces.api.access.auth import LONGEST_TOKEN, Tokens, User
 from mission_service.interfaces.api.access.client_connections import client_at
-from mission_service.interfaces.api.access.limits import ConcurrencyLimiter, RateLimiter
 from mission_service.interfaces.api.live_stream import MAX_STREAMS, TooSlowError
 from mission_service.interfaces.api.responses import (
     MAX_BODY_BYTES,
@@ -26,6 +25,7 @@ from mission_service.interfaces.api.responses import (
     ApiError,
     error_body,
 )
+from mission_service.interfaces.limits import ConcurrencyLimiter, RateLimiter
 
 ABORT = "/api/v1/abort"
 UPLOADS = ("/api/v1/fire/perimeter", "/api/v1/fire/observations/geotiff")
