@@ -6,9 +6,8 @@ until the file is replaced or removed. While the folder cannot be read, ``proble
 """
 
 import os
-import threading
 import time
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Sequence
 from contextlib import suppress
 from datetime import UTC, datetime
@@ -18,6 +17,7 @@ from firemodel.errors import FireModelError
 from mission_service.errors import MissionServiceError, ScenarioError
 from mission_service.sensors.one_line import one_line
 from mission_service.sensors.sensor_files import whole_files
+from mission_service.sensors.threaded_sensor import ThreadedSensor
 
 SCAN_EVERY_S = 0.25
 MAX_SHARE = 0.05  # of the thread's time, for listing a folder of many files
@@ -32,7 +32,7 @@ class IncompleteError(MissionServiceError):
     """A file whose use requires data that may arrive later; the message is what is missing."""
 
 
-class WatchedFolder(ABC):
+class WatchedFolder(ThreadedSensor):
     """A folder whose new files become observations."""
 
     def __init__(self, key: str, folder: str | None, suffixes: Sequence[str], noun: str) -> None:
@@ -47,6 +47,7 @@ class WatchedFolder(ABC):
         Raises:
             ScenarioError: The folder is not given or does not exist.
         """
+        super().__init__()
         if folder is None:
             raise ScenarioError(f"{key} is missing; give the folder")
         self._folder, self._suffixes, self._noun = Path(folder), tuple(suffixes), noun
@@ -60,9 +61,6 @@ class WatchedFolder(ABC):
         self._used_files: frozenset[str] = frozenset()
         self._incomplete_since: dict[str, datetime] = {}
         self._listing_s = 0.0  # time that the last listing of the folder took
-        self._error: Exception | None = None
-        self._closed = threading.Event()
-        self._thread: threading.Thread | None = None
 
     @abstractmethod
     def process_file(self, path: Path, now: datetime) -> None:
@@ -79,19 +77,6 @@ class WatchedFolder(ABC):
         """Return the name of a file that was read, for events (``sensor_files``)."""
         changed_ns, size = self._read[name]
         return f"{name} {changed_ns} {size}"
-
-    def start(self) -> None:
-        """Start the thread, if it does not run. Raises the exception that has ended it."""
-        if self._error is not None:
-            raise self._error
-        if self._thread is None:
-            name = type(self).__name__
-            self._thread = threading.Thread(target=self._watch, name=name, daemon=True)
-            self._thread.start()
-
-    def close(self) -> None:
-        """End the thread, after the file that it reads."""
-        self._closed.set()
 
     @property
     def problem(self) -> str:
@@ -148,7 +133,7 @@ class WatchedFolder(ABC):
             self.refuse(name, f"{name}: {type(error).__name__}: {error}")
         self._incomplete_since.pop(name, None)
 
-    def _watch(self) -> None:
+    def _run(self) -> None:
         try:
             while not self._closed.is_set():
                 self.scan(datetime.now(UTC))

@@ -85,7 +85,7 @@ def photograph(frames: Path, fire: Fire, pose: CameraPose, taken: datetime, numb
 @pytest.fixture
 def without_thread(monkeypatch: pytest.MonkeyPatch) -> None:
     """The test lists the folder itself, so that each image is used at its own time."""
-    monkeypatch.setattr(ImageFolder, "_watch", lambda self: None)
+    monkeypatch.setattr(ImageFolder, "_run", lambda self: None)
 
 
 def folder_sensor(world: World) -> ImageFolder:

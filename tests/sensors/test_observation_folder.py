@@ -60,7 +60,7 @@ def in_process(monkeypatch: pytest.MonkeyPatch) -> None:
         return contents_of(path, landscape, settings)  # type: ignore[arg-type]
 
     monkeypatch.setattr(observation_folder, "read_observation_file", read)
-    monkeypatch.setattr(ObservationFolder, "_watch", lambda self: None)
+    monkeypatch.setattr(ObservationFolder, "_run", lambda self: None)
 
 
 def scenario_for(folder: Path, *changes: str) -> Scenario:

@@ -78,7 +78,7 @@ def test_listing_a_large_folder_takes_a_small_share_of_the_time(
     slow = SimpleNamespace(monotonic=lambda: next(clock))
     monkeypatch.setattr(watched_folder, "time", slow)
     monkeypatch.setattr(texts._closed, "wait", close)
-    texts._watch()
+    texts._run()
     assert waits == [10.0]
 
 
@@ -90,7 +90,7 @@ def test_an_error_of_the_thread_is_raised_by_the_next_start(
 
     texts = Texts(tmp_path)
     monkeypatch.setattr(texts, "scan", fail)
-    texts._watch()
+    texts._run()
     with pytest.raises(InterruptedError):
         texts.start()
 

@@ -50,8 +50,9 @@ SHELL = {
     "mission_service/live/estimate_worker.py",
     "mission_service/sensors/thermal/image_folder.py",  # images have calendar times
     "mission_service/sensors/files/observation_folder.py",  # files have calendar times
-    "mission_service/sensors/watched_folder.py",  # a thread
-    "mission_service/sensors/video/thermal_video.py",  # a thread; images have calendar times
+    "mission_service/sensors/threaded_sensor.py",  # a thread
+    "mission_service/sensors/watched_folder.py",  # measures the time of a listing
+    "mission_service/sensors/video/thermal_video.py",  # images have calendar times
     "mission_service/sensors/video/video_sources.py",  # a socket
     "mission_service/simulation/demo.py",
     "mission_service/interfaces/cot/cot_sender.py",

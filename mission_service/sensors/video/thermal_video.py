@@ -5,7 +5,6 @@ and georeferences it. ``observe`` returns the results one by one. Every ``WINDOW
 checks the received data and sets ``problem`` to the reason why data are not used.
 """
 
-import threading
 import time
 from datetime import UTC, datetime, timedelta
 from importlib.util import find_spec
@@ -20,6 +19,7 @@ from mission_service.config.scenario import Scenario
 from mission_service.errors import MissionServiceError, ScenarioError
 from mission_service.events import AnyEvent, Observed, Telemetry
 from mission_service.sensors.thermal.arrived_images import ArrivedImages
+from mission_service.sensors.threaded_sensor import ThreadedSensor
 from mission_service.sensors.video.video_problem import video_problem
 from mission_service.sensors.video.video_sources import DatagramSource, FileSource
 from mission_service.sensors.video.video_stream import StreamCounts, VideoStream
@@ -28,37 +28,27 @@ WINDOW_S = 10.0
 LIBRARIES = ("av", "tstrans")
 
 
-class ThermalVideo:
+class ThermalVideo(ThreadedSensor):
     """A thermal video that arrives while the service runs."""
 
     def __init__(self, scenario: Scenario, landscape: Landscape) -> None:
         """Check the settings. Raises ScenarioError for unusable ones and without the libraries."""
+        super().__init__()
         self._settings = scenario.estimate.thermal_video
         self._name = self._settings.source or ""
         self._source = source_of(self._settings)
         self._images = ArrivedImages(landscape, self._settings, self._drop)
         self.images = self._images.images
         self._stream = VideoStream("video", self._settings)
-        self._error: Exception | None = None
-        self._closed = threading.Event()
-        self._thread: threading.Thread | None = None
         self.problem = ""
 
     def observe(self, fix: Telemetry) -> Observed | None:
         """Return the next image that has arrived, or None; the first call starts the thread."""
-        if self._error is not None:
-            raise self._error
-        if self._thread is None:
-            self._thread = threading.Thread(target=self._run, name="ThermalVideo", daemon=True)
-            self._thread.start()
+        self.start()
         return self._images.next_observed(fix, time.time())
 
     def on_event(self, event: AnyEvent) -> None:
         """Ignore the events of the run."""
-
-    def close(self) -> None:
-        """End the thread, which closes the source."""
-        self._closed.set()
 
     def _run(self) -> None:
         try:
