@@ -29,6 +29,8 @@ Radius = Annotated[float, Meta(ge=0, le=1e6)]  # m
 Temperature = Annotated[float, Meta(ge=-100, le=5000)]  # degrees Celsius
 Count = Annotated[int, Meta(ge=0, le=2**40)]
 UtcUs = Annotated[int, Meta(ge=0, le=2**60)]  # since 1970
+GridPlace = Annotated[float, Meta(ge=-(2**31), lt=2**31)]  # row or column, in cells
+FrontSpeed = Annotated[float, Meta(ge=0, le=100)]  # m/s
 CellIndex = Annotated[int, Meta(ge=-(2**31), lt=2**31)]
 Name = Annotated[str, Meta(min_length=1)]
 
@@ -107,6 +109,31 @@ class Observed(Event, frozen=True, tag=True, omit_defaults=True):
     false_alarms: Fraction = 0.0
     distrusted: bool = False
     file: str = ""
+
+
+class EstimatedFront(msgspec.Struct, frozen=True):
+    """A closed front of the estimated fire, at points (n) in clockwise order on the map.
+
+    An ``inner`` front surrounds an unburned island. ``rows`` and ``cols`` are places in the grid in
+    cells. ``speeds_m_s`` are the speeds towards the unburned ground, ``speed_sds_m_s`` their
+    standard deviations, and ``unseen_s`` the times since the last observation of the front.
+    """
+
+    inner: bool
+    rows: tuple[GridPlace, ...]
+    cols: tuple[GridPlace, ...]
+    speeds_m_s: tuple[FrontSpeed, ...]
+    speed_sds_m_s: tuple[FrontSpeed, ...]
+    unseen_s: tuple[DurationS, ...]
+
+
+class FrontsEstimated(Event, frozen=True, tag=True):
+    """The fronts of the estimated fire, for planners that follow fronts of any shape.
+
+    ``vehicle`` is the vehicle at whose position they were computed.
+    """
+
+    fronts: tuple[EstimatedFront, ...]
 
 
 class CameraDirection(Event, frozen=True, tag=True):
@@ -595,6 +622,7 @@ VehicleEvent = (
     | Telemetry
     | MissionProgress
     | Observed
+    | FrontsEstimated
     | CameraDirection
     | ImageCaptured
     | CameraFieldOfView

@@ -40,6 +40,10 @@ class Way(Protocol):
     def messages_peers(self) -> bool:
         """Whether the vehicles exchange messages with vehicles of other processes."""
 
+    @property
+    def reads_fronts(self) -> bool:
+        """Whether the planners use the fronts of the estimated fire (``FrontsEstimated``)."""
+
     def check(self, scenario: Any) -> None:
         """Raise ValueError if the scenario's vehicles or tables do not suit this way of flying."""
 

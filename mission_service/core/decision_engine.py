@@ -13,7 +13,7 @@ from mission_service import events
 from mission_service.commands import AnyCommand, UploadMission
 from mission_service.config.scenario import Scenario
 from mission_service.fire.observed_window import without_speckles
-from mission_service.guidance.protocol import Decision, Steered
+from mission_service.guidance.protocol import Decision, ReadsFronts, Steered
 from mission_service.position_fix import PositionFix
 from mission_service.vehicles.availability import (
     AIRBORNE_M,
@@ -101,6 +101,13 @@ class DecisionEngine:
             planner.correct(event)
         elif not event.distrusted:
             planner.observe(without_speckles(event))
+
+    def _fronts_estimated(
+        self, availability: VehicleAvailability, event: events.FrontsEstimated
+    ) -> None:
+        planner = self.planners[event.vehicle]
+        if isinstance(planner, ReadsFronts):
+            planner.on_fronts(event)
 
     def _wind_measured(self, availability: VehicleAvailability, event: events.WindMeasured) -> None:
         if availability.airborne:  # on the ground the estimate is unreliable
@@ -232,6 +239,7 @@ class DecisionEngine:
 
     _CHANGES: ClassVar[dict[type[events.VehicleEvent], Callable[..., None]]] = {
         events.Observed: _observed,
+        events.FrontsEstimated: _fronts_estimated,
         events.WindMeasured: _wind_measured,
         events.VehicleConnected: _on_link,
         events.LinkRestored: _on_link,

@@ -14,7 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firemodel.arrays import Floats, Mask, Place, window_at
+from firemodel.assimilation.learned_inputs import FIRST_FUEL, RATE, SPEED, TURN, LearnedInputs
 from firemodel.assimilation.observation import BURNED, UNSEEN, Observation
+from firemodel.assimilation.unfounded_cells import unfounded_cells
 from firemodel.assimilation.written_image import with_image
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.fuels import NON_BURNABLE
@@ -27,6 +29,7 @@ from mission_service.events import (
     WindSet,
 )
 from mission_service.fire.corrected_fire import CorrectedFire, drawn_at_s
+from mission_service.fire.estimated_fronts import FrontLine, front_distances, front_lines
 from mission_service.fire.late_observation import rewritten, with_observation, with_wind
 from mission_service.fire.observed_window import (
     Window,
@@ -47,6 +50,7 @@ from mission_service.fire.run_ensemble import Lit, RunEnsemble, WeatherSet
 from mission_service.fire.scenario_fire import begun_again, reported_fire
 from mission_service.fire.sightings import Mosaic, Sightings
 
+MIN_INPUT_CHANGE = 0.02  # a smaller change of the inputs is not applied to the fire
 OWN_DRAWS = 2  # the estimate of a random scheme must not predict the simulated fire's draws
 
 
@@ -110,7 +114,13 @@ class BestFire:
         # Cells that planners received as burned in corrections; images may have removed them since.
         self._reported = np.zeros(landscape.shape, dtype=bool)
         self._confirmation = Confirmation(landscape.shape)
+        self._learned = LearnedInputs(landscape, self.fire.time_s)
+        self._applied = self._learned.state  # the inputs with which the fire burns
         self._weather = self.fire.weather  # of the last hours
+
+    def front_lines(self) -> list[FrontLine]:
+        """Return the fronts of the fire."""
+        return front_lines(self.fire, self._sightings.seen_s, self._learned)
 
     @property
     def corrections(self) -> CorrectedFire:
@@ -124,6 +134,7 @@ class BestFire:
         found._corrected = self._corrected.copy()
         found._sightings, found._reported = self._sightings.copy(), self._reported.copy()
         found._confirmation = self._confirmation.copy()
+        found._learned = self._learned.copy()
         return found
 
     def burn_until(self, at_s: float) -> None:
@@ -237,6 +248,7 @@ class BestFire:
     def _write(self, mosaic: Mosaic) -> Change:
         """Write the images of a period into the fire with and without corrections."""
         self.burn_until(mosaic.at_s)
+        self._learn(mosaic)
         self._sightings.add_mosaic(mosaic)
         before, (_, here, state, seen_s, _) = self.fire, mosaic
         change = partial(self._rewritten, here=here, state=state, seen_s=seen_s)
@@ -245,6 +257,15 @@ class BestFire:
             contradicted=None if self.fire is before else self._removed(before),
             add=lambda ensemble: ensemble.add_image(mosaic.observation()),
         )
+
+    def _learn(self, mosaic: Mosaic) -> None:
+        """Learn from the distances between the estimated and the observed front."""
+        seen = front_distances(self.front_lines(), mosaic, self._landscape.cell_size_m)
+        self._learned.learn(*seen, self.fire.weather, mosaic.at_s)
+        change = self._learned.state - self._applied
+        if np.abs(change).max() >= MIN_INPUT_CHANGE:
+            self._applied = self._learned.state
+            self.fire = self._corrected.change(self.fire, partial(_with_inputs, change=change))
 
     def _removed(self, before: Fire) -> Window | None:
         """Return a window around the reported cells that are no longer burned, or None."""
@@ -263,7 +284,17 @@ class BestFire:
         found = with_image(fire.expected_s(), here, state, seen_s, cell_m, self._unburnable)
         if found is None:
             return fire
-        return rewritten(fire, *found, self._begin)
+        arrival_s, changed = found
+        removed = changed & (arrival_s > fire.time_s) & fire.burned()
+        if removed.any():
+            unfounded = unfounded_cells(
+                fire.burned_arrival_s(),
+                removed,
+                self._sightings.state == BURNED,
+                fire.arrival_vectors() / cell_m,
+            )
+            arrival_s[unfounded], changed = np.inf, changed | unfounded
+        return rewritten(fire, arrival_s, changed, self._begin)
 
     def _with_sightings(self, fire: Fire, after_s: float = -math.inf) -> Fire:
         """Return a corrected fire that agrees with all sightings without a later correction.
@@ -297,6 +328,15 @@ def after(best: BestFire, each: Input) -> Folded:
         if isinstance(each, Reported):
             return Folded(best, NOTHING, error)
         raise
+
+
+def _with_inputs(fire: Fire, change: Floats) -> Fire:
+    """Return a fire that burns on with changed inputs (``LearnedInputs.state``)."""
+    found = fire.copy()
+    rates = np.exp(change[RATE] + change[FIRST_FUEL:])
+    rates = np.broadcast_to(rates, (len(fire.weather_ahead()), rates.size))
+    found.perturb(math.exp(change[SPEED]), math.degrees(change[TURN]), rates)
+    return found
 
 
 def _lit(fire: Fire, cells: Sequence[tuple[int, int]], at_s: float) -> Fire:

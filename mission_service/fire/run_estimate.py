@@ -33,6 +33,7 @@ from mission_service.events import (
     Corrected,
     Erased,
     FireObserved,
+    FrontsEstimated,
     Observed,
     RasterObserved,
     Redone,
@@ -50,6 +51,7 @@ from mission_service.fire.best_fire import (
     after,
 )
 from mission_service.fire.camera_views import CameraViews, arrival_at
+from mission_service.fire.estimated_fronts import event_of
 from mission_service.fire.ignition_reports import ignition_reports_of
 from mission_service.fire.observed_window import Window
 from mission_service.fire.reported_observations import (
@@ -70,6 +72,7 @@ PERIOD_US = 30_000_000  # images are written into the estimate at multiples of t
 # Images older than the last written period by this are inserted at their own time.
 LATE_US = 10_000_000
 AHEAD_US = 5_000_000
+FRONTS_EVERY_US = 20_000_000
 MAX_REPORTS = 64  # observations that wait for the thread; further ones are refused
 MAX_WAITING = 20  # periods; their images are then written even if the estimate is not read
 OBSERVATIONS = (FireObserved, RasterObserved)
@@ -102,6 +105,8 @@ class RunEstimate:
         self._views = CameraViews(scenario)
         no_cameras = scenario.simulation.fire is None or scenario.passes_image_files
         self._gives_views = no_cameras and self._accepts_reports
+        self._gives_fronts = scenario.way.reads_fronts
+        self._fronts_due_us = -(2**63)
         self._images = Sightings(landscape.shape)  # of the present period
         self._due_us: int | None = None  # end of the period of these images
         self._latest_us = round(scenario.start_s * 1e6)  # of the events so far
@@ -227,6 +232,23 @@ class RunEstimate:
         found = self._views.seen_from(fix, self._best.fire, wider_cells)
         return None if found is None else msgspec.structs.replace(found, estimated=True)
 
+    def fronts(self, fix: Telemetry) -> FrontsEstimated | None:
+        """Return the fronts of the estimate, if planners use them and they are due.
+
+        The result is None while inputs wait.
+        """
+        if not (self._gives_fronts and fix.at_us >= self._fronts_due_us):
+            return None
+        return self.fronts_at(fix)
+
+    def fronts_at(self, fix: Telemetry) -> FrontsEstimated | None:
+        """Return the result of ``fronts``, even if it is not due."""
+        self._on_time(fix)
+        if not self._catch_up(fix.at_us):
+            return None
+        fronts = tuple(event_of(front) for front in self._best.front_lines())
+        return FrontsEstimated(fix.at_us, fix.vehicle, fronts)
+
     def arrival_s(self, row: int, col: int) -> float | None:
         """Return the estimate's arrival time at a cell; None if unburned or off the grid."""
         return arrival_at(self._best.fire, row, col)
@@ -256,6 +278,8 @@ class RunEstimate:
                 self.agreement.add_image(seen)
                 if not event.distrusted:
                     self._on_image(seen, event.at_us)
+        elif isinstance(event, FrontsEstimated):
+            self._fronts_due_us = event.at_us - event.at_us % FRONTS_EVERY_US + FRONTS_EVERY_US
         elif (reported := self._ignitions.reported_in(event)) is not None:
             self._end_period(self._latest_us)
             cells = cells_lit(reported.points, self.landscape)

@@ -16,7 +16,13 @@ from numpy.typing import NDArray
 from autopilot_bridge.items import MissionItem
 from firemodel.landscape.landscape import Landscape
 from mission_service.commands import AnyCommand, DirectionDecision, Drop
-from mission_service.events import AnyEvent, AnyOperatorEvent, Observed, VehicleEvent
+from mission_service.events import (
+    AnyEvent,
+    AnyOperatorEvent,
+    FrontsEstimated,
+    Observed,
+    VehicleEvent,
+)
 from mission_service.position_fix import PositionFix
 from mission_service.vehicles.vehicle_state import Vehicle
 
@@ -71,6 +77,14 @@ class Steered(Protocol):
 
     def left(self, at_s: float) -> None:
         """Remove a vehicle that is lost, recalled or on the ground."""
+
+
+@runtime_checkable
+class ReadsFronts(Protocol):
+    """A planner that uses the fronts of the estimated fire."""
+
+    def on_fronts(self, event: FrontsEstimated) -> None:
+        """Replace the fronts of the fire."""
 
 
 class Planner(Steered, Protocol):

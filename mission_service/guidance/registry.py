@@ -9,6 +9,7 @@ from mission_service.config.rule_lookup import way_named
 from mission_service.config.scenario import Scenario
 from mission_service.guidance.burn.way import BURN
 from mission_service.guidance.formation.way import FORMATION
+from mission_service.guidance.front.informative.way import INFORMATIVE
 from mission_service.guidance.front.way import FRONT
 from mission_service.guidance.team.way import TEAM
 from mission_service.guidance.way_of_flying import WayOfFlying
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
     from firemodel.landscape.landscape import Landscape
     from mission_service.guidance.protocol import Lock
 
-WAYS = (FRONT, TEAM, FORMATION, BURN)
+WAYS = (FRONT, INFORMATIVE, TEAM, FORMATION, BURN)
 
 
 def way_of(scenario: Scenario) -> WayOfFlying:

@@ -45,6 +45,7 @@ class WayOfFlying:
         first_mission: Makes the first mission of a vehicle that is at home.
         along_front: Whether planners decide the direction, and missions are renewed as the front
             moves.
+        reads_fronts: Whether planners use the fronts of the estimated fire (``FrontsEstimated``).
         prescribed: Whether vehicles ignite the unit in the table ``[burn]``. Operators then approve
             each plan, and their corrections change the estimated fire, not the simulated fire.
         resumes_mission: Whether a vehicle that is ordered to resume flies the mission on board
@@ -68,6 +69,7 @@ class WayOfFlying:
         FIRST_MISSION
     )
     along_front: bool = False
+    reads_fronts: bool = False
     prescribed: bool = False
     resumes_mission: bool = False
     messages_peers: bool = False

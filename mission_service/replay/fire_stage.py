@@ -1,4 +1,4 @@
-"""Burns the fires of a journal again and compares every recorded camera observation.
+"""Burns the fires of a journal again and compares every recorded camera observation and front.
 
 On the machine that recorded the journal, all cells are equal. On another machine the last digits of
 floats may differ, and therefore also cells at the edge of the fire or of a camera's footprint.
@@ -7,8 +7,18 @@ floats may differ, and therefore also cells at the edge of the fire or of a came
 from collections.abc import Iterator
 from typing import Any
 
+import numpy as np
+
 from firemodel.spread.edge import at_edge
-from mission_service.events import Aborted, FireReachedEdge, Observed, Resumed, Telemetry
+from mission_service.events import (
+    Aborted,
+    EstimatedFront,
+    FireReachedEdge,
+    FrontsEstimated,
+    Observed,
+    Resumed,
+    Telemetry,
+)
 from mission_service.fire.run_estimate import RunEstimate
 from mission_service.fire.simulated_cameras import SimulatedCameras, fires_of_run
 from mission_service.journal.journal_file import Entry, SegmentReader
@@ -17,6 +27,7 @@ from mission_service.replay.replay_stage import Stage
 
 ARRIVAL_WITHIN_S = 1.0
 EDGE_WITHIN_CELLS = 1e-6
+FRONT_WITHIN_CELLS = 0.05
 UNSEEN = "."
 
 Cell = tuple[int, int]  # row, col
@@ -44,6 +55,7 @@ class _Comparison:
         self._unsure = 0  # observations between a skipped line and the restart
         # Waits for its position; with its line number as text.
         self._pending: tuple[str, Observed] | None = None
+        self._fronts: tuple[str, FrontsEstimated] | None = None  # likewise
         self._difference: str | None = None  # the first difference
         self._details: list[dict[str, Any]] = []
 
@@ -60,20 +72,31 @@ class _Comparison:
                 if self._pending is not None:
                     self._position_missing(*self._pending)
                 self._pending = (self._recorded.place(reader, entry), content)
-            case Telemetry() if self._pending and self._pending[1].vehicle == content.vehicle:
-                (place, recorded), self._pending = self._pending, None
-                if not entry.intact:
-                    self._without_position += 1
-                elif recorded.at_us != content.at_us:
-                    self._position_missing(place, recorded)
-                else:
-                    self._compare(place, recorded, content)
+            case FrontsEstimated() if entry.sure:
+                self._fronts = (self._recorded.place(reader, entry), content)
+            case Telemetry():
+                self._read_position(entry, content)
             case FireReachedEdge() if entry.sure and entry.intact:
                 self._compare_edge(self._recorded.place(reader, entry), content)
             case Resumed() | Aborted() if self._pending:  # the position was not journalled
                 self._without_position, self._pending = self._without_position + 1, None
             case _:
                 pass
+
+    def _read_position(self, entry: Entry, fix: Telemetry) -> None:
+        """Compare the observation and the fronts that were computed at a position."""
+        if self._pending and self._pending[1].vehicle == fix.vehicle:
+            (place, recorded), self._pending = self._pending, None
+            if not entry.intact:
+                self._without_position += 1
+            elif recorded.at_us != fix.at_us:
+                self._position_missing(place, recorded)
+            else:
+                self._compare(place, recorded, fix)
+        if self._fronts and self._fronts[1].vehicle == fix.vehicle:
+            (place, fronts), self._fronts = self._fronts, None
+            if entry.intact and fronts.at_us == fix.at_us:
+                self._compare_fronts(place, fronts, fix)
 
     def burn(self, entry: Entry) -> None:
         """Apply the entry to the simulated fire, if there is one, and to the estimate."""
@@ -109,6 +132,15 @@ class _Comparison:
             self._counts["beyond tolerance" if beyond else "within tolerance"] += 1
             if beyond:
                 self._differs(f"{place}: {_in_words(recorded, cell)}", cell)
+
+    def _compare_fronts(self, place: str, recorded: FrontsEstimated, fix: Telemetry) -> None:
+        again = self._estimate.fronts_at(fix)
+        if again == recorded:
+            return
+        near = again is not None and _are_near(again.fronts, recorded.fronts)
+        self._counts["within tolerance" if near else "beyond tolerance"] += 1
+        if not near:
+            self._differs(f"{place}: the fronts of the estimate differ in the replay")
 
     def _compare_edge(self, place: str, recorded: FireReachedEdge) -> None:
         self._estimate.advance(recorded.at_us)
@@ -154,6 +186,16 @@ def _cells(
             "arrival_s": arrival_s,
             "beyond": not (near and {journal, replay} < set("bu" + UNSEEN)),
         }
+
+
+def _are_near(one: tuple[EstimatedFront, ...], other: tuple[EstimatedFront, ...]) -> bool:
+    """Return whether two tuples of fronts differ only by the rounding of another machine."""
+    if [len(each.rows) for each in one] != [len(each.rows) for each in other]:
+        return False
+    return all(
+        np.allclose((*a.rows, *a.cols), (*b.rows, *b.cols), atol=FRONT_WITHIN_CELLS)
+        for a, b in zip(one, other, strict=True)
+    )
 
 
 def _letters(observed: Observed | None) -> dict[Cell, str]:

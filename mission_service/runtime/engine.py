@@ -47,6 +47,7 @@ from mission_service.events import (
     CommandFinished,
     DropFinished,
     FireReachedEdge,
+    FrontsEstimated,
     HostTime,
     LinesSkipped,
     Observed,
@@ -164,8 +165,8 @@ class Engine:
                     self._unrecorded.show(event, self.state_view)
             # Check the position before an image is taken there.
             elif (body := self._unrecorded.line_of(event, self.state_view)) is not None:
-                for image in self._images(event):
-                    self._handle(self._with_trust(image), now_us)
+                for seen in self._seen_at(event):
+                    self._handle(self._with_trust(seen), now_us)
                 if self._written(event, body):
                     self._process(event, now_us)
                 else:
@@ -219,8 +220,8 @@ class Engine:
         texts = self.estimate.agreement.contradictions()
         self.state_view.show_alarms("observer", texts, "severe")
 
-    def _images(self, fix: Telemetry) -> Iterator[Observed]:
-        """Yield new observations of the sensors, and then of a camera.
+    def _seen_at(self, fix: Telemetry) -> Iterator[Observed | FrontsEstimated]:
+        """Yield new observations of the sensors, then of a camera, then the estimated fronts.
 
         Without a simulated fire, planners receive the part of the estimate that a camera would
         show. As in a replay, this part is computed after the sensors' observations are processed.
@@ -229,9 +230,14 @@ class Engine:
         image = self.estimate.view(fix) if self.cameras is None else self.cameras.observe(fix)
         if image is not None:
             yield image
+        fronts = self.estimate.fronts(fix)
+        if fronts is not None:
+            yield fronts
 
-    def _with_trust(self, image: Observed) -> Observed:
+    def _with_trust(self, image: Observed | FrontsEstimated) -> Observed | FrontsEstimated:
         """Mark an image as distrusted if its source contradicts the other sources."""
+        if isinstance(image, FrontsEstimated):
+            return image
         if (image.source or image.vehicle) not in self.estimate.agreement.distrusted:
             return image
         return msgspec.structs.replace(image, distrusted=True)

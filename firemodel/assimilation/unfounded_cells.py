@@ -1,0 +1,70 @@
+"""Find the cells that an estimated fire can have reached only through ground seen unburned."""
+
+import numpy as np
+
+from firemodel.arrays import Floats, Mask, widened
+from firemodel.compiled import compiled
+
+MIN_CELLS = 4  # fewer removed cells may be errors of detection
+STEP_CELLS = 0.5
+
+
+def unfounded_cells(
+    arrival_s: Floats, removed: Mask, confirmed: Mask, vectors_cells: Floats
+) -> Mask:
+    """Return the burned cells (y, x) that the fire can have reached only through removed cells.
+
+    These are cells whose straight path from their source crosses removed cells; a source may itself
+    be such a cell. They are also small regions that removed cells separate from the fire. If an image shows unburned ground where the estimated fire
+    had burned, then the fire has not passed there, and did not reach the ground behind it this way.
+
+    Args:
+        arrival_s: (y, x) arrival times; infinity in unburned cells.
+        removed: (y, x) cells that had burned in the estimate and were seen unburned.
+        confirmed: (y, x) cells that were seen burned; they are never in the result.
+        vectors_cells: (2, y, x) the vector from each cell's source to the cell, in cells north and
+            east; 0 where the fire was lit (``Fire.arrival_vectors``).
+    """
+    found = removed.copy()
+    if np.count_nonzero(removed) >= MIN_CELLS:
+        found |= _isolated(np.isfinite(arrival_s) & ~removed, removed, confirmed)
+        since_s = float(arrival_s[removed].min())
+        order = np.flatnonzero((arrival_s >= since_s) & np.isfinite(arrival_s))
+        order = order[np.argsort(arrival_s.ravel()[order], kind="stable")]
+        _spread(order, confirmed, vectors_cells, found)
+    return found & ~removed
+
+
+def _isolated(burned: Mask, removed: Mask, confirmed: Mask) -> Mask:
+    """Return the burned regions next to removed cells without a confirmed cell.
+
+    The largest region of all is never in the result.
+    """
+    from scipy.ndimage import label  # importing SciPy is slow
+
+    labels, count = label(burned, structure=np.ones((3, 3)))
+    if count < 2:
+        return np.zeros_like(burned)
+    isolated = np.zeros(count + 1, dtype=bool)
+    isolated[np.unique(labels[widened(removed, 2)])] = True
+    isolated[np.unique(labels[confirmed])] = False
+    isolated[[0, 1 + int(np.bincount(labels.ravel())[1:].argmax())]] = False
+    return isolated[labels]
+
+
+@compiled
+def _spread(order, confirmed, vectors, found):  # type: ignore[no-untyped-def]
+    """Mark in ``found`` (y, x) the cells whose path crosses marked cells, in order of arrival."""
+    rows, cols = found.shape
+    for place in order:
+        row, col = place // cols, place % cols
+        if confirmed[row, col] or found[row, col]:
+            continue
+        north, east = vectors[0, row, col], vectors[1, row, col]
+        steps = int(np.ceil(np.sqrt(north * north + east * east) / STEP_CELLS))
+        for step in range(1, steps + 1):
+            at_row = round(row + north * step / steps)
+            at_col = round(col - east * step / steps)
+            if 0 <= at_row < rows and 0 <= at_col < cols and found[at_row, at_col]:
+                found[row, col] = True
+                break

@@ -1,0 +1,190 @@
+"""Compute the fronts of the estimated fire, with speed and time since observation, for planners.
+
+A front is a closed line between burned and unburned ground. A fire has an outer front, and an inner
+front around each unburned island; spot fires have fronts of their own.
+
+A part of a front was observed when a sighting showed the place where the front was at that time.
+The estimate moves the front on from there, so the time since observation is that of this earlier
+place. ``last_seen_s`` finds it by going back from the front into the burned ground.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from firemodel.arrays import Floats
+from firemodel.assimilation.camera_window import signed_distance_m
+from firemodel.assimilation.distance_kernels import distance_cells
+from firemodel.assimilation.learned_inputs import FrontParts, LearnedInputs
+from firemodel.assimilation.observation import UNSEEN
+from firemodel.spread.fire_scheme import Fire
+from mission_service.events import EstimatedFront
+from mission_service.fire.sightings import Mosaic
+
+MAX_POINTS = 600  # of all fronts; a journal line then has about 20 kB
+MIN_SPACING_CELLS = 1.0
+MIN_LENGTH_CELLS = 4.0  # shorter fronts, such as islands of one cell, are omitted
+GROUP_CELLS = 8  # parts of a front in a square of this size are one measurement
+BACK_CELLS = 60  # how far back from the front its earlier places are searched
+BESIDE_CELLS = 1.5  # a sighting so far from the front's place at that time shows the front
+MIN_SPEED_CELLS_S = 1e-4
+
+
+class FrontLine(NamedTuple):
+    """A front: points (n) in clockwise order on the map, with their speed and last observation."""
+
+    inner: bool
+    row: Floats
+    col: Floats
+    ahead: FrontParts  # the cells in front of the points, and the normals there
+    speed_m_s: Floats
+    speed_sd_m_s: Floats
+    unseen_s: Floats
+
+
+def front_lines(fire: Fire, seen_s: Floats, learned: LearnedInputs) -> list[FrontLine]:
+    """Return the fronts of a fire at its present time, the longest first.
+
+    Args:
+        fire: The estimated fire.
+        seen_s: (y, x) the time of the last sighting of each cell, -infinity if there was none.
+        learned: The learned inputs, from which the speeds follow.
+    """
+    land, at_s = fire.landscape, fire.time_s
+    cell_m = land.cell_size_m
+    loops = _loops(fire.front(at_s), MIN_LENGTH_CELLS * cell_m)
+    total_m = sum(line.length for line, _ in loops)
+    spacing_m = max(MIN_SPACING_CELLS * cell_m, total_m / MAX_POINTS)
+    arrival_s = fire.arrival_time_s
+    begun_s = float(arrival_s.min())
+    found = []
+    for line, inner in loops:
+        points = _points_along(line, spacing_m)
+        row, col = (np.asarray(each) for each in land.row_col_of(points[:, 0], points[:, 1]))
+        north, east = _outward(row, col, inner)
+        ahead = (_cells(row - 0.5 * north, land.shape[0]), _cells(col + 0.5 * east, land.shape[1]))
+        parts = FrontParts(*ahead, north, east)
+        speed_m_s = learned.speeds_m_s(parts, fire.weather, at_s)
+        last_s = last_seen_s(arrival_s, seen_s, row, col, parts, speed_m_s / cell_m)
+        unseen_s = at_s - np.clip(last_s, begun_s, at_s)
+        speed_sd_m_s = learned.speed_sds_m_s(parts, speed_m_s, fire.weather, at_s)
+        found.append(FrontLine(inner, row, col, parts, speed_m_s, speed_sd_m_s, unseen_s))
+    return found
+
+
+def event_of(front: FrontLine) -> EstimatedFront:
+    """Return a front as it is stored in an event, with rounded values."""
+    return EstimatedFront(
+        front.inner,
+        _listed(front.row, 2),
+        _listed(front.col, 2),
+        _listed(front.speed_m_s, 4),
+        _listed(front.speed_sd_m_s, 4),
+        _listed(front.unseen_s, 0),
+    )
+
+
+def _loops(
+    area: shapely.MultiPolygon, min_length_m: float
+) -> list[tuple[shapely.LineString, bool]]:
+    """Return the boundary lines of an area, clockwise on the map, and whether each is inner."""
+    loops = []
+    for polygon in area.geoms:
+        for inner, rings in ((False, [polygon.exterior]), (True, list(polygon.interiors))):
+            for ring in rings:
+                if ring.length >= min_length_m:
+                    loops.append((ring.reverse() if ring.is_ccw else ring, inner))
+    return sorted(loops, key=lambda each: (-each[0].length, each[0].coords[0]))
+
+
+def _points_along(line: shapely.LineString, spacing_m: float) -> Floats:
+    """Return points (n, 2) at equal distances along a closed line, without the last one."""
+    count = max(round(line.length / spacing_m), 3)
+    places = np.arange(count) / count
+    return shapely.get_coordinates(shapely.line_interpolate_point(line, places, normalized=True))
+
+
+def _outward(rows: Floats, cols: Floats, inner: bool) -> tuple[Floats, Floats]:
+    """Return the normals to the unburned side, north and east, of a clockwise loop."""
+    north, east = np.roll(rows, 1) - np.roll(rows, -1), np.roll(cols, -1) - np.roll(cols, 1)
+    length = np.maximum(np.hypot(north, east), 1e-9) * (-1.0 if inner else 1.0)
+    return east / length, -north / length  # the left of the direction is outside the loop
+
+
+def _cells(places: Floats, count: int) -> NDArray[np.int64]:
+    return np.clip(np.rint(places), 0, count - 1).astype(np.int64)
+
+
+def last_seen_s(
+    arrival_s: Floats,
+    seen_s: Floats,
+    rows: Floats,
+    cols: Floats,
+    parts: FrontParts,
+    speed_cells_s: Floats,
+) -> Floats:
+    """Return the time (n) at which each part of a front was last observed; -infinity if never.
+
+    Args:
+        arrival_s: (y, x) the arrival times of the fire.
+        seen_s: (y, x) the time of the last sighting of each cell.
+        rows, cols: The places of the front (n).
+        parts: The normals to the unburned side (n).
+        speed_cells_s: The speed of the front (n).
+    """
+    back = np.arange(-1.0, BACK_CELLS)[:, None]
+    at = (
+        _cells(rows + back * parts.north, arrival_s.shape[0]),
+        _cells(cols - back * parts.east, arrival_s.shape[1]),
+    )
+    seen, arrived = seen_s[at], arrival_s[at]
+    # How far the front was past the place when the place was seen; negative before it arrived.
+    with np.errstate(invalid="ignore"):
+        past_cells = (seen - arrived) * np.maximum(speed_cells_s, MIN_SPEED_CELLS_S)
+    # The place of the present front shows a front that has not moved since.
+    shows = (past_cells >= -BESIDE_CELLS) & ((past_cells <= BESIDE_CELLS) | (back <= 1.0))
+    return np.asarray(np.where(shows, seen, -np.inf).max(axis=0))
+
+
+class FrontDistances(NamedTuple):
+    """The arguments of ``LearnedInputs.learn`` for parts of a front that came into view."""
+
+    parts: FrontParts
+    advance_cells: Floats
+    ahead_cells: Floats
+    groups: NDArray[np.int64]
+
+
+def front_distances(fronts: list[FrontLine], seen: Mosaic, cell_m: float) -> FrontDistances:
+    """Return the distances between the estimated fronts and the front in images.
+
+    A distance is at most that to the nearest cell that the images do not show.
+    """
+    top, left = seen.here[0].start, seen.here[1].start
+    row, col = (np.concatenate([each[k] for each in fronts] or [[]]) for k in (1, 2))
+    parts = FrontParts(
+        *(np.concatenate([each.ahead[k] for each in fronts] or [[]]) for k in range(4))
+    )
+    speed = np.concatenate([each.speed_m_s for each in fronts] or [[]]) / cell_m
+    unseen_s = np.concatenate([each.unseen_s for each in fronts] or [[]])
+    at = np.rint(row).astype(np.int64) - top, np.rint(col).astype(np.int64) - left
+    inside = (at[0] >= 0) & (at[1] >= 0)
+    inside &= (at[0] < seen.state.shape[0]) & (at[1] < seen.state.shape[1])
+    inside[inside] = seen.state[at[0][inside], at[1][inside]] != UNSEEN
+    at = at[0][inside], at[1][inside]
+    ahead = signed_distance_m(seen.state, cell_m)[at] / cell_m
+    padded = np.pad(seen.state == UNSEEN, 1, constant_values=True)
+    in_view = distance_cells(padded)[1:-1, 1:-1][at]
+    groups = (at[0] // GROUP_CELLS) * 4096 + at[1] // GROUP_CELLS
+    return FrontDistances(
+        FrontParts(*(each[inside] for each in parts)),
+        (speed * unseen_s)[inside],
+        np.clip(ahead, -in_view, in_view),
+        groups,
+    )
+
+
+def _listed(values: Floats, digits: int) -> tuple[float, ...]:
+    return tuple(np.round(values, digits).tolist())

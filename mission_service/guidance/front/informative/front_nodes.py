@@ -1,0 +1,178 @@
+"""Divide the estimated fronts into nodes, each with its expected error and the growth of this error.
+
+The error of a node is the distance between the estimated and the true front. It grows while the
+node is out of view, at the standard deviation of the front's speed. Lengths are
+in cells, times in seconds, and speeds in cells per second.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mission_service.events import EstimatedFront
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+MAX_NODES = 96  # of all fronts
+MIN_NODES = 4  # of one front
+LEFT_CELLS = 0.5  # error of a front in view
+# Smallest growth of the error: as a share of the mean growth, and in cells per second. It stands
+# for errors of the model that its inputs do not explain.
+MIN_GROWTH_SHARE = 0.5
+MIN_GROWTH_CELLS_S = 2e-5
+SLOWEST = 0.2  # minimum ground speed, as a share of the airspeed
+MAX_UNSEEN_S = 86_400.0
+
+
+class Front(NamedTuple):
+    """A closed front in clockwise order on the map; arrays of n points."""
+
+    inner: bool  # whether it surrounds an unburned island
+    points: Floats  # (n, 2) row and column
+    speed_sd_cells_s: Floats  # standard deviation of the speed
+    seen_at_s: Floats  # time of the last observation
+    along_cells: Floats  # distance from the first point; n + 1 values, the last is the length
+
+    @property
+    def length_cells(self) -> float:
+        """The length of the front."""
+        return float(self.along_cells[-1])
+
+    def nearest(self, row: float, col: float) -> tuple[int, float]:
+        """Return the index of the point nearest to a place, and its distance in cells."""
+        away = np.hypot(self.points[:, 0] - row, self.points[:, 1] - col)
+        index = int(away.argmin())
+        return index, float(away[index])
+
+
+class FrontNodes(NamedTuple):
+    """The nodes of all fronts; each array has one element per node. An index is called a node."""
+
+    front: Integers  # the index of the front
+    point: Integers  # index of the node's first point on its front
+    row: Floats  # the middle of the node
+    col: Floats
+    first: Integers  # the first node of the front
+    count: Integers  # the number of nodes of the front
+    weight: Floats  # the length of the node in cells
+    ahead_s: Floats  # flight time along the node clockwise
+    back_s: Floats  # flight time along the node anticlockwise
+    seen_at_s: Floats
+    growth: Floats  # growth of the error out of view, in cells/s
+
+
+def front_of(estimated: EstimatedFront, at_s: float, cell_m: float) -> Front:
+    """Return a front of an event at ``at_s``."""
+    points = np.column_stack([estimated.rows, estimated.cols])
+    steps = np.hypot(*(np.roll(points, -1, axis=0) - points).T)
+    return Front(
+        estimated.inner,
+        points,
+        np.array(estimated.speed_sds_m_s) / cell_m,
+        at_s - np.minimum(estimated.unseen_s, MAX_UNSEEN_S),
+        np.concatenate([[0.0], np.cumsum(steps)]),
+    )
+
+
+def nodes_of(
+    fronts: Sequence[Front], airspeed_cells_s: float, wind_cells_s: tuple[float, float]
+) -> FrontNodes:
+    """Return the nodes of fronts.
+
+    Args:
+        fronts: The fronts; at least one.
+        airspeed_cells_s: The airspeed of the vehicle.
+        wind_cells_s: The speeds towards north and east at which the wind carries the vehicle.
+    """
+    total = sum(front.length_cells for front in fronts)
+    parts = []
+    first = 0
+    for number, front in enumerate(fronts):
+        share = front.length_cells / total
+        count = max(round(MAX_NODES * share), MIN_NODES)
+        parts.append(_nodes_on(number, front, first, count, airspeed_cells_s, wind_cells_s))
+        first += count
+    columns = [np.concatenate(each) for each in zip(*parts, strict=True)]
+    found = FrontNodes(*columns)
+    least = max(MIN_GROWTH_CELLS_S, MIN_GROWTH_SHARE * float(np.average(found.growth, weights=found.weight)))
+    return found._replace(growth=np.maximum(found.growth, least))
+
+
+def _nodes_on(
+    number: int,
+    front: Front,
+    first: int,
+    count: int,
+    airspeed: float,
+    wind: tuple[float, float],
+) -> tuple[NDArray[np.generic], ...]:
+    size = len(front.points)
+    edges = front.length_cells * np.arange(count + 1) / count
+    place = np.clip(np.searchsorted(front.along_cells, edges[:-1], side="right") - 1, 0, size - 1)
+    following = np.roll(front.points, -1, axis=0)
+    steps = following - front.points
+    length = np.hypot(*steps.T)
+    ahead, back = _flight_times(-steps[:, 0], steps[:, 1], length, airspeed, wind)
+    ends = np.append(place[1:], size)
+    members = [np.arange(start, max(end, start + 1)) for start, end in zip(place, ends, strict=True)]
+    middle = [int(each[each.size // 2]) for each in members]
+    growth = [float(front.speed_sd_cells_s[each].max()) for each in members]
+    seen = [float(front.seen_at_s[each].min()) for each in members]
+    node_length = front.length_cells / count
+
+    def along(times_s: Floats) -> Floats:
+        """Return the flight time of each node, from those of the steps."""
+        passed = np.concatenate([[0.0], np.cumsum(times_s)])
+        return np.diff(np.interp(edges, front.along_cells, passed))
+
+    return (
+        np.full(count, number),
+        place,
+        front.points[middle, 0],
+        front.points[middle, 1],
+        np.full(count, first),
+        np.full(count, count),
+        np.full(count, node_length),
+        along(ahead),
+        along(back),
+        np.array(seen),
+        np.array(growth),
+    )
+
+
+def _flight_times(
+    north: Floats, east: Floats, length: Floats, airspeed: float, wind: tuple[float, float]
+) -> tuple[Floats, Floats]:
+    """Return the flight times of steps (n) in their direction and in the opposite direction."""
+    safe = np.maximum(length, 1e-9)
+    tail = (wind[0] * north + wind[1] * east) / safe
+    cross = (wind[0] * east - wind[1] * north) / safe
+    own = np.sqrt(np.maximum(airspeed * airspeed - cross * cross, 0.0))
+    least = SLOWEST * airspeed
+    return length / np.maximum(own + tail, least), length / np.maximum(own - tail, least)
+
+
+def hop_times_s(
+    nodes: FrontNodes, airspeed_cells_s: float, wind_cells_s: tuple[float, float]
+) -> Floats:
+    """Return the flight time (n, n) in a straight line from each node to each other node."""
+    north = nodes.row[:, None] - nodes.row[None, :]
+    east = nodes.col[None, :] - nodes.col[:, None]
+    length = np.hypot(north, east)
+    return _flight_times(north, east, length, airspeed_cells_s, wind_cells_s)[0]
+
+
+def flight_time_s(
+    start: tuple[float, float],
+    goal: tuple[float, float],
+    airspeed_cells_s: float,
+    wind_cells_s: tuple[float, float],
+) -> float:
+    """Return the flight time in a straight line between two places (row, column)."""
+    north, east = np.array([start[0] - goal[0]]), np.array([goal[1] - start[1]])
+    length = np.array([math.hypot(north[0], east[0])])
+    return float(_flight_times(north, east, length, airspeed_cells_s, wind_cells_s)[0][0])
