@@ -1,1 +1,1 @@
-"""The planner that chooses routes along closed fronts by the expected fall of the estimate's error."""
+"""The planner that chooses routes along closed fronts by the estimate's expected gain."""

@@ -70,14 +70,15 @@ def flyable_loop(points: Floats, start: int, turn_radius_cells: float, inner: bo
     """
     radius = max(turn_radius_cells, MIN_RADIUS_CELLS)
     # x is the column and y the row: with y southwards, a positive area is clockwise on the map.
-    ground = shapely.simplify(shapely.Polygon(points[:, ::-1]), SIMPLIFIED_CELLS)
+    ground: BaseGeometry = shapely.simplify(shapely.Polygon(points[:, ::-1]), SIMPLIFIED_CELLS)
     if not ground.is_valid:  # the front crosses itself
-        ground = _largest(shapely.make_valid(ground))
+        ground = shapely.make_valid(ground)
     centres = _turn_centres(ground, points[start][::-1], radius, inner)
     if centres is None:
         return _circle(ground, radius, inner)
     spacing = radius / STEPS_PER_RADIUS
-    centres = widen_tips(_evenly(centres, spacing), 2.0 * radius, TIP_TOLERANCE_RAD)
+    centres = _evenly(centres, spacing)
+    widen_tips(centres, np.empty(len(centres)), 2.0 * radius, TIP_TOLERANCE_RAD)
     loop = _evenly(_offset_right(centres, radius), spacing)
     return _smoothed(loop, round(SMOOTHED_RADII * STEPS_PER_RADIUS))[:, ::-1]
 
@@ -96,12 +97,6 @@ def _turn_centres(ground: BaseGeometry, place: Floats, radius: float, inner: boo
     part = parts[int(np.argmin(shapely.distance(parts, shapely.Point(place))))]
     ring = shapely.get_coordinates(part.exterior)
     return ring[::-1] if shapely.is_ccw(part.exterior) == inner else ring
-
-
-def _largest(ground: BaseGeometry) -> BaseGeometry:
-    parts = shapely.get_parts(ground)
-    largest: BaseGeometry = parts[int(np.argmax(shapely.area(parts)))]
-    return largest
 
 
 def _circle(ground: BaseGeometry, radius: float, inner: bool) -> Floats:
@@ -142,7 +137,8 @@ def _offset_right(curve: Floats, distance: float) -> Floats:
 def _smoothed(loop: Floats, count: int) -> Floats:
     """Return the moving average of a closed curve over ``count`` steps."""
     total = np.cumsum(np.concatenate([loop[-count // 2 - 1 :], loop, loop[: count // 2]]), axis=0)
-    return (total[count:] - total[:-count])[: len(loop)] / count
+    smoothed: Floats = (total[count:] - total[:-count])[: len(loop)] / count
+    return smoothed
 
 
 def _nearest(loop: Floats, points: Floats, start: int, clockwise: bool) -> int:

@@ -12,29 +12,26 @@ import math
 
 import numpy as np
 
-from firemodel.compiled import compiled
+from firemodel.compiled import kernel
 
 MAX_ROUNDS = 50  # each round leaves fewer tips; three are usual
 
 
-@compiled
-def widen_tips(curve, radius, tolerance_rad):  # type: ignore[no-untyped-def]
-    """Return the curve (n, 2) with each tip replaced by an arc of a circle that contains the tip.
+@kernel
+def widen_tips(curve, excess, radius, tolerance_rad):  # type: ignore[no-untyped-def]
+    """Replace each tip of a curve (n, 2), in place, by an arc of a circle that contains the tip.
 
     The circles have the given radius. Sections with an excess up to the tolerance are not changed.
+    ``excess`` (n) is a work array.
     """
-    curve = curve.copy()
-    size = len(curve)
-    excess = np.empty(size)
-    for place in range(size):
+    for place in range(len(curve)):
         excess[place] = _excess(curve, place, radius)
     for _ in range(MAX_ROUNDS):
         if _widen_once(curve, excess, radius, tolerance_rad) == 0:
             break
-    return curve
 
 
-@compiled
+@kernel
 def _widen_once(curve, excess, radius, tolerance_rad):  # type: ignore[no-untyped-def]
     """Widen the sharpest part of each section between flat ones; return the number of circles."""
     size, circles = len(curve), 0
@@ -53,9 +50,10 @@ def _widen_once(curve, excess, radius, tolerance_rad):  # type: ignore[no-untype
     return circles
 
 
-@compiled
+@kernel
 def _widen(curve, excess, first, count, radius):  # type: ignore[no-untyped-def]
     """Replace a section, or its sharpest part that a circle can contain, by an arc."""
+    count = min(count, len(curve) - 1)
     found, x, y = _circle_around(curve, first, count, radius)
     while not found:  # the section turns too far for one circle
         half = (count + 1) // 2
@@ -66,18 +64,29 @@ def _widen(curve, excess, first, count, radius):  # type: ignore[no-untyped-def]
     _follow_circle(curve, excess, first, count, x, y, radius)
 
 
-@compiled
-def _excess(curve, place, radius):  # type: ignore[no-untyped-def]
+@kernel
+def _steps_at(curve, place):  # type: ignore[no-untyped-def]
+    """Return the steps (x, y, x, y) from the place before to a place, and to the place after."""
     size = len(curve)
-    before, after = curve[(place - 1) % size], curve[(place + 1) % size]
-    x, y = curve[place % size]
-    in_x, in_y = x - before[0], y - before[1]
-    out_x, out_y = after[0] - x, after[1] - y
-    turn = math.atan2(in_x * out_y - in_y * out_x, in_x * out_x + in_y * out_y)
-    return turn - (math.hypot(in_x, in_y) + math.hypot(out_x, out_y)) / (2.0 * radius)
+    before, here, after = (place - 1) % size, place % size, (place + 1) % size
+    x, y = curve[here, 0], curve[here, 1]
+    return x - curve[before, 0], y - curve[before, 1], curve[after, 0] - x, curve[after, 1] - y
 
 
-@compiled
+@kernel
+def _angle_between(x0, y0, x1, y1):  # type: ignore[no-untyped-def]
+    """Return the angle from one vector to another, positive to the right as seen on the map."""
+    return math.atan2(x0 * y1 - y0 * x1, x0 * x1 + y0 * y1)
+
+
+@kernel
+def _excess(curve, place, radius):  # type: ignore[no-untyped-def]
+    x0, y0, x1, y1 = _steps_at(curve, place)
+    length = (math.hypot(x0, y0) + math.hypot(x1, y1)) / 2.0
+    return _angle_between(x0, y0, x1, y1) - length / radius
+
+
+@kernel
 def _calmest(excess):  # type: ignore[no-untyped-def]
     """Return the place at which no sharp section of the closed curve is cut in two."""
     total, most, calmest = 0.0, -np.inf, 0
@@ -88,7 +97,7 @@ def _calmest(excess):  # type: ignore[no-untyped-def]
     return calmest
 
 
-@compiled
+@kernel
 def _sharpest(excess, start, count):  # type: ignore[no-untyped-def]
     """Return the first place, the number of places and the excess of the sharpest section.
 
@@ -106,7 +115,7 @@ def _sharpest(excess, start, count):  # type: ignore[no-untyped-def]
     return best_first, best_count, best
 
 
-@compiled
+@kernel
 def _circle_around(curve, first, count, radius):  # type: ignore[no-untyped-def]
     """Return whether a circle contains a section, and the centre that is farthest behind it.
 
@@ -115,24 +124,22 @@ def _circle_around(curve, first, count, radius):  # type: ignore[no-untyped-def]
     size = len(curve)
     axis_x, axis_y = 0.0, 0.0
     for place in range(first, first + count):
-        before, after = curve[(place - 1) % size], curve[(place + 1) % size]
-        x, y = curve[place % size]
-        in_x, in_y, out_x, out_y = x - before[0], y - before[1], after[0] - x, after[1] - y
-        in_m, out_m = math.hypot(in_x, in_y), math.hypot(out_x, out_y)
-        turn = math.atan2(in_x * out_y - in_y * out_x, in_x * out_x + in_y * out_y)
-        weight = max(turn, 0.0)
+        x0, y0, x1, y1 = _steps_at(curve, place)
+        turn = max(_angle_between(x0, y0, x1, y1), 0.0)
+        length0, length1 = math.hypot(x0, y0), math.hypot(x1, y1)
         # The left normal of the direction (x, y) is (y, -x), because y grows southwards.
-        axis_x += weight * (in_y / in_m + out_y / out_m)
-        axis_y -= weight * (in_x / in_m + out_x / out_m)
+        axis_x += turn * (y0 / length0 + y1 / length1)
+        axis_y -= turn * (x0 / length0 + x1 / length1)
     norm = math.hypot(axis_x, axis_y)
-    start, end = curve[first % size], curve[(first + count - 1) % size]
-    middle_x, middle_y = (start[0] + end[0]) / 2.0, (start[1] + end[1]) / 2.0
+    start, end = first % size, (first + count - 1) % size
+    middle_x = (curve[start, 0] + curve[end, 0]) / 2.0
+    middle_y = (curve[start, 1] + curve[end, 1]) / 2.0
     if norm == 0.0:
         return False, middle_x, middle_y
     axis_x, axis_y = axis_x / norm, axis_y / norm
     nearest, farthest = -np.inf, np.inf
     for place in range(first, first + count):
-        x, y = curve[place % size][0] - middle_x, curve[place % size][1] - middle_y
+        x, y = curve[place % size, 0] - middle_x, curve[place % size, 1] - middle_y
         along = x * axis_x + y * axis_y
         room = radius * radius - (x * x + y * y - along * along)
         if room < 0.0:
@@ -142,21 +149,21 @@ def _circle_around(curve, first, count, radius):  # type: ignore[no-untyped-def]
     return farthest >= nearest, middle_x - farthest * axis_x, middle_y - farthest * axis_y
 
 
-@compiled
+@kernel
 def _follow_circle(curve, excess, first, count, x, y, radius):  # type: ignore[no-untyped-def]
     """Move a section to a circle, with the places before and after it inside the circle."""
     size = len(curve)
-    last = first + count - 1
-    while last - first < size - 1 and _is_inside(curve[(first - 1) % size], x, y, radius):
+    last, most = first + count - 1, size - 1  # one place keeps the curve closed
+    while last - first + 1 < most and _is_inside(curve, first - 1, x, y, radius):
         first -= 1
-    while last - first < size - 1 and _is_inside(curve[(last + 1) % size], x, y, radius):
+    while last - first + 1 < most and _is_inside(curve, last + 1, x, y, radius):
         last += 1
     angle = math.atan2(curve[(first - 1) % size, 1] - y, curve[(first - 1) % size, 0] - x)
     sweep = 0.0
     for place in range(first, last + 2):
         x0, y0 = curve[(place - 1) % size, 0] - x, curve[(place - 1) % size, 1] - y
         x1, y1 = curve[place % size, 0] - x, curve[place % size, 1] - y
-        sweep += math.atan2(x0 * y1 - y0 * x1, x0 * x1 + y0 * y1)
+        sweep += _angle_between(x0, y0, x1, y1)
     step = sweep / (last - first + 2)
     for place in range(first, last + 1):
         angle += step
@@ -166,6 +173,7 @@ def _follow_circle(curve, excess, first, count, x, y, radius):  # type: ignore[n
         excess[place % size] = _excess(curve, place, radius)
 
 
-@compiled
-def _is_inside(place, x, y, radius):  # type: ignore[no-untyped-def]
-    return math.hypot(place[0] - x, place[1] - y) < radius
+@kernel
+def _is_inside(curve, place, x, y, radius):  # type: ignore[no-untyped-def]
+    here = place % len(curve)
+    return math.hypot(curve[here, 0] - x, curve[here, 1] - y) < radius
