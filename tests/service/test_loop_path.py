@@ -149,10 +149,20 @@ def test_two_narrow_corners_are_flown_round_by_one_circle() -> None:
     assert path[:, 0].min() == pytest.approx(-25.0 + math.sqrt(5.0**2 - 2.5**2) - 5.0, abs=0.1)
 
 
-def test_a_front_crosses_itself() -> None:
-    front = front_of(BODY)
-    crossed = np.concatenate([front[:20], front[21:19:-1], front[22:]])
-    assert away_from(front, lap(crossed, 2.0)).max() < 1.0
+def test_the_path_follows_its_own_side_of_a_very_narrow_finger() -> None:
+    front = front_of(BODY.union(shapely.box(19.96, -25, 20.04, 1)))
+    for place, towards_tip in (((-10.0, 19.96), True), ((-10.0, 20.04), False)):
+        start = int(np.argmin(np.hypot(*(front - place).T)))
+        for clockwise in (True, False):
+            path = path_on_loop(front, start, clockwise, 3.0, 2.0)
+            assert (path[-1, 0] < path[0, 0]) == (towards_tip == clockwise)
+
+
+def test_a_front_that_crosses_itself() -> None:
+    front = wiggly_front(4, cells=600)
+    rough = front + np.random.default_rng(4).normal(0.0, 0.4, front.shape)
+    assert not shapely.Polygon(rough).is_valid
+    assert away_from(front, lap(rough, 5.0)).max() < 2.0
 
 
 def test_a_small_fire_is_circled_at_the_turn_radius() -> None:

@@ -25,7 +25,6 @@ SIMPLIFIED_CELLS = 0.2
 STEPS_PER_RADIUS = 8  # number of points of the path in one turn radius
 TIP_TOLERANCE_RAD = 0.03
 SMOOTHED_RADII = 0.5  # length of the moving average, in turn radii
-SIDE_CELLS = 0.5  # distance that a place on the other side of a narrow finger has to be nearer
 
 
 def path_on_loop(
@@ -60,7 +59,8 @@ def path_on_loop(
     loop = flyable_loop(points, start, turn_radius_cells, inner)
     if clockwise == inner:
         loop = loop[::-1]
-    return _part(loop, _nearest(loop, points, start, clockwise), length_cells)
+    nearest = int(np.argmin(np.hypot(*(loop - points[start]).T)))
+    return _part(loop, nearest, length_cells)
 
 
 def flyable_loop(points: Floats, start: int, turn_radius_cells: float, inner: bool) -> Floats:
@@ -139,20 +139,6 @@ def _smoothed(loop: Floats, count: int) -> Floats:
     total = np.cumsum(np.concatenate([loop[-count // 2 - 1 :], loop, loop[: count // 2]]), axis=0)
     smoothed: Floats = (total[count:] - total[:-count])[: len(loop)] / count
     return smoothed
-
-
-def _nearest(loop: Floats, points: Floats, start: int, clockwise: bool) -> int:
-    """Return the index of the place on a loop nearest to a place on the front.
-
-    Between two equally near sides of a narrow finger the direction of travel decides.
-    """
-    count = len(points)
-    way = points[(start + 2) % count] - points[(start - 2) % count]
-    way = (way if clockwise else -way) / max(np.hypot(*way), 1e-9)
-    steps = np.roll(loop, -1, axis=0) - np.roll(loop, 1, axis=0)
-    same_way = steps @ way / np.hypot(*steps.T)
-    away = np.hypot(*(loop - points[start]).T)
-    return int(np.argmin(away + SIDE_CELLS * (1.0 - same_way)))
 
 
 def _part(loop: Floats, first: int, length: float) -> Floats:
