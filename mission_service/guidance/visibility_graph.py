@@ -10,9 +10,11 @@ from shapely.geometry.base import BaseGeometry
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
+Booleans = NDArray[np.bool_]
 Vertex = tuple[float, float]
 
 CLEAR_M = 1.0  # distance between paths and corners if the area is wide enough
+ROUNDING = 1e-9  # the largest distance from a line at which a place counts as on it
 
 
 class VisibilityGraph:
@@ -59,11 +61,9 @@ class VisibilityGraph:
         corners = bends[:, 0]
         ahead = np.hypot(*(corners - np.asarray(end)).T)
         # Lengths from begin over the corners so far (A*), and on to the end.
-        best, before = np.full(len(corners), np.inf), np.full(len(corners), -1)
         near = np.hypot(*(corners - np.asarray(begin)).T) + ahead <= max_length
-        best[near] = self._visible(begin, bends[near])
-        to_end = np.full(len(corners), np.inf)
-        to_end[near] = self._visible(end, bends[near])
+        best, before = self._visible_from(begin, bends, near), np.full(len(corners), -1)
+        to_end = self._visible_from(end, bends, near)
         queue = [(float(best[n] + ahead[n]), n) for n in np.flatnonzero(np.isfinite(best)).tolist()]
         heapq.heapify(queue)
         shortest = min(max_length, float(np.min(best + to_end, initial=math.inf)))
@@ -109,23 +109,34 @@ class VisibilityGraph:
         unknown = others[np.isnan(self._lengths[corner, others])]
         if len(unknown):
             here, there = self._bends[corner], self._bends[unknown]
-            found = self._visible((here[0, 0], here[0, 1]), there)
+            useful = np.ones(len(there), dtype=bool)
             if self._only_tangents:
-                found[~_is_tangent(here, there[:, 0], 2.0 * self._clear)] = np.inf
+                useful = _is_tangent(here, there[:, 0], ROUNDING)
+                useful &= _is_tangent(there, here[0], ROUNDING)
+            found = self._visible((here[0, 0], here[0, 1]), there, useful)
             self._lengths[corner, unknown] = self._lengths[unknown, corner] = found
         lengths: Floats = self._lengths[corner, others]
         return lengths
 
-    def _visible(self, place: Vertex, bends: Floats) -> Floats:
-        """Return the distances from a place to bends (n, 3, 2); infinity to hidden ones."""
-        corners = bends[:, 0]
-        tested = np.ones(len(bends), dtype=bool)
+    def _visible_from(self, place: Vertex, bends: Floats, useful: Booleans) -> Floats:
+        """Return the distances from the end of a path to bends as ``_visible``."""
         if self._only_tangents:
-            tested = _is_tangent(bends, np.asarray(place), 2.0 * self._clear)
-        ends = np.empty((np.count_nonzero(tested), 2, 2))
-        ends[:, 0], ends[:, 1] = place, corners[tested]
-        tested[tested] = shapely.covers(self.area, shapely.linestrings(ends))
-        return np.where(tested, np.hypot(*(corners - np.asarray(place)).T), np.inf)
+            # Such a place may be nearer to an outline than the bends are.
+            useful = useful & _is_tangent(bends, np.asarray(place), 2.0 * self._clear)
+        return self._visible(place, bends, useful)
+
+    def _visible(self, place: Vertex, bends: Floats, useful: Booleans) -> Floats:
+        """Return the distances from a place to bends (n, 3, 2).
+
+        Infinity to bends that are hidden, or not among the useful ones (n).
+        """
+        corners = bends[useful, 0]
+        ends = np.empty((len(corners), 2, 2))
+        ends[:, 0], ends[:, 1] = place, corners
+        inside = shapely.covers(self.area, shapely.linestrings(ends))
+        found = np.full(len(bends), np.inf)
+        found[useful] = np.where(inside, np.hypot(*(corners - np.asarray(place)).T), np.inf)
+        return found
 
 
 def _bends(area: BaseGeometry) -> Floats:
@@ -143,7 +154,7 @@ def _bends(area: BaseGeometry) -> Floats:
     return np.concatenate(found)
 
 
-def _is_tangent(bend: Floats, place: Floats, slack: float) -> NDArray[np.bool_]:
+def _is_tangent(bend: Floats, place: Floats, slack: float) -> Booleans:
     """Return whether the line from a place to a bend (..., 3, 2) touches it as a tangent.
 
     Both sides of the bend are then on one side of the line. A place that is up to ``slack`` beside
@@ -152,7 +163,7 @@ def _is_tangent(bend: Floats, place: Floats, slack: float) -> NDArray[np.bool_]:
     line = bend[..., 0, :] - place
     sides = bend[..., 1:, :] - bend[..., :1, :]
     beside = _cross(line[..., None, :], sides) / np.hypot(sides[..., 0], sides[..., 1])
-    tangent: NDArray[np.bool_] = np.prod(beside, axis=-1) >= 0.0
+    tangent: Booleans = np.prod(beside, axis=-1) >= 0.0
     tangent |= np.min(np.abs(beside), axis=-1) <= slack
     return tangent
 

@@ -104,21 +104,21 @@ def test_legs_without_fire_are_straight() -> None:
 
 def test_the_shortest_legs_are_found_among_random_fires() -> None:
     rng = np.random.default_rng(5)
-    bearings = np.linspace(0.0, math.tau, 40, endpoint=False)
+    bearings = np.linspace(0.0, math.tau, 24, endpoint=False)
     round_ones = np.column_stack([np.sin(bearings), np.cos(bearings)])
     loops = [
         centre + round_ones * (12.0 + 4.0 * np.cos(3.0 * bearings + row))[:, None]
-        for row, centre in enumerate(np.argwhere(np.ones((3, 3))) * 45.0 + rng.normal(0, 3, (9, 2)))
+        for row, centre in enumerate(np.argwhere(np.ones((2, 3))) * 45.0 + rng.normal(0, 3, (6, 2)))
     ]
     ground = unburned_ground(loops)
-    every = VisibilityGraph(ground.area, clear=1.0)  # without the limit to tangents
+    clear = VisibilityGraph(ground.area.buffer(-1.0), clear=0.1)  # not limited to tangents
     detours = 0
     for _ in range(20):
         start, goal = rng.uniform(-20, 110, (2, 2))
-        if not all(ground.area.covers(shapely.Point(place[::-1])) for place in (start, goal)):
+        if not all(clear.area.covers(shapely.Point(place[::-1])) for place in (start, goal)):
             continue
         flown = leg(start, goal, ground, max_detour=5.0)
-        known = every.shortest_path((start[1], start[0]), (goal[1], goal[0]))
+        known = clear.shortest_path((start[1], start[0]), (goal[1], goal[0]))
         assert known is not None
         assert length_of(flown) <= shapely.LineString(known).length * 1.005
         assert over(loops, flown) < 1.0 * len(flown)  # only at the edge of fires

@@ -17,7 +17,7 @@ Floats = NDArray[np.float64]
 
 # Ground so near to unburned ground does not count as burned: paths along a front touch it.
 EDGE_CELLS = 0.25
-CLEAR_CELLS = 0.5  # distance between legs and the burned ground without its edge, at corners
+CLEAR_CELLS = 1.0  # distance between legs and the burned ground without its edge, at corners
 BEYOND_CELLS = 1e-3  # distance from the edge, where rounding cannot lead back over burned ground
 AROUND_CELLS = 10_000.0  # width of the unburned ground around all fires
 
