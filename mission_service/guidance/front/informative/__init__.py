@@ -1,0 +1,1 @@
+"""The planner that chooses routes along closed fronts by the estimate's expected gain."""
