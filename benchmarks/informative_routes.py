@@ -20,7 +20,8 @@ import argparse
 import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import partial
 
 import click
 import numpy as np
@@ -33,7 +34,17 @@ from firemodel.spread.schemes import new_fire
 from mission_service.config.fire_sections import Ignition, WeatherEntry
 from mission_service.config.scenario import Scenario, load_scenario
 from mission_service.events import Observed, Telemetry
-from mission_service.experiments.fires import CELLS, HOUR_S, Burn, burn, flat, of_one_fuel, wind
+from mission_service.experiments.fires import (
+    BRUSH,
+    CELLS,
+    HOUR_S,
+    SHORT_GRASS,
+    TIMBER_LITTER,
+    Burn,
+    flat,
+    of_one_fuel,
+    wind,
+)
 from mission_service.experiments.islam_hu.ideal_flight import look
 from mission_service.fire.observed_window import in_letters, states_in
 from mission_service.fire.run_estimate import RunEstimate
@@ -46,7 +57,9 @@ Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 MEASURE_EVERY_S = 60.0
+MIN_PATH_POINTS = 8
 MIN_ISLAND = 20
+END_S = 4.0 * HOUR_S
 RADIUS_CELLS = 1.0  # turn radius
 NAME = "hawk"
 
@@ -148,7 +161,7 @@ class Flight:
 
     def run(self) -> tuple[Errors, Errors, Errors, int]:
         """Return the errors of the estimate, of the fire as last seen, and of the model alone."""
-        case, truth = self.case, self.case.truth
+        truth = self.case.truth
         step_s = truth.landscape.cell_size_m / truth.speed_m_s
         found: list[tuple[tuple[float, float], ...]] = []
         due_s = self.at_s + HOUR_S / 4.0
@@ -157,7 +170,8 @@ class Flight:
             decision = self.planner.at(*self.place, self.at_s)
             if decision is not None and decision.reversed:
                 self.at_s += self.planner.settings.turn_s
-            self.path = self.planner.path(*self.place)
+            if decision is not None or len(self.path) < MIN_PATH_POINTS:
+                self.path = self.planner.path(*self.place)
             self._move()
             self.at_s += step_s
             if self.at_s >= due_s:
@@ -187,15 +201,17 @@ class Flight:
             self.planner.on_fronts(fronts)
 
     def _move(self) -> None:
-        """Move one cell along the path."""
+        """Move one cell along the path, and remove the part that has been flown."""
         left = 1.0
-        for goal in self.path:
+        for number, goal in enumerate(self.path):
             way = goal - self.place
             length = float(np.hypot(*way))
             if length >= left:
                 self.place = self.place + way * (left / length)
+                self.path = self.path[number:]
                 return
             self.place, left = goal.copy(), left - length
+        self.path = self.path[:0]
 
     def _errors(self) -> tuple[tuple[float, float], ...]:
         self.estimate.advance(round(self.at_s * 1e6))
@@ -218,7 +234,78 @@ def wrong_case(seed: int) -> Case:
     return Case(f"wrong {seed}", fire, wrong_model(fire, seed), ((*fire.ignition, 0.0),))
 
 
-KINDS: dict[str, Callable[[int], Case]] = {"random": random_case, "wrong": wrong_case}
+def shaped_case(kind: str, seed: int) -> Case:
+    """Return a fire with a front of a certain shape.
+
+    Wind, place and sizes are random. The wind of the model is wrong by 30 % and by 20 degrees.
+    """
+    rng = np.random.default_rng((77, seed))
+    fuel, from_deg = of_one_fuel(SHORT_GRASS), float(rng.uniform(0.0, 360.0))
+    middle = CELLS // 2
+    ignitions = [(middle, middle, 0.0)]
+    rows, cols = np.mgrid[:CELLS, :CELLS]
+    toward = math.radians(from_deg + 180.0)
+    north, east = middle - rows, cols - middle
+    along = north * math.cos(toward) + east * math.sin(toward)
+    across = east * math.cos(toward) - north * math.sin(toward)
+    if kind == "head":
+        fuel[:] = TIMBER_LITTER
+        fuel[(np.abs(across) <= 5) & (along > -5)] = BRUSH
+    elif kind == "fingers":
+        width = float(rng.uniform(8.0, 14.0))
+        fuel[np.floor(across / width) % 2 == 0] = BRUSH
+    elif kind == "island":
+        place = rng.uniform(8.0, 14.0)
+        fuel[np.hypot(along - place - 10.0, across) <= rng.uniform(6.0, 9.0)] = TIMBER_LITTER
+    elif kind == "two":
+        away = rng.uniform(30.0, 45.0)
+        ignitions = [
+            (round(middle + side * away / 2 * math.sin(toward)),
+             round(middle + side * away / 2 * math.cos(toward)), 0.0)
+            for side in (-1, 1)
+        ]  # fmt: skip
+    elif kind == "spots":
+        for at_s in (4500.0, 6300.0, 8100.0):
+            forward, sideways = rng.uniform(35.0, 60.0), rng.uniform(-25.0, 25.0)
+            ignitions.append(
+                (round(middle - forward * math.cos(toward) + sideways * math.sin(toward)),
+                 round(middle + forward * math.sin(toward) + sideways * math.cos(toward)), at_s)
+            )  # fmt: skip
+    speed_m_s = {"head": 3.0}.get(kind, 0.5 if kind == "even" else 2.0)
+    speed_m_s = 6.0 if kind == "head" else speed_m_s
+    modelled = speed_m_s * math.exp(rng.normal(0.0, 0.3)), from_deg + rng.normal(0.0, 20.0)
+    airspeed_m_s = 3.0 if kind == "head" else 8.0
+    truth, model = (
+        _burned(f"{kind} {seed}", flat(fuel), blown, ignitions, airspeed_m_s)
+        for blown in ((speed_m_s, from_deg), modelled)
+    )
+    return Case(truth.name, truth, model, tuple(ignitions))
+
+
+def _burned(
+    name: str,
+    landscape: Landscape,
+    blown: tuple[float, float],
+    ignitions: Sequence[tuple[int, int, float]],
+    airspeed_m_s: float,
+) -> Burn:
+    weather = WeatherStream([wind(0.0, blown[0], blown[1] % 360.0)])
+    fire = new_fire("anyangle", landscape, weather, ignitions)
+    fire.advance(END_S)
+    arrival_s = fire.arrival_time_s.copy()
+    row, col, _ = ignitions[0]
+    return Burn(
+        *(name, "anyangle", landscape, weather, (row, col)),
+        *(HOUR_S, END_S, airspeed_m_s, arrival_s),
+    )
+
+
+SHAPED = ("head", "even", "fingers", "island", "two", "spots")
+KINDS: dict[str, Callable[[int], Case]] = {
+    "random": random_case,
+    "wrong": wrong_case,
+    **{kind: partial(shaped_case, kind) for kind in SHAPED},
+}
 
 
 def flown(given: tuple[str, int]) -> tuple[str, list[Errors], tuple[int, int]]:
@@ -250,8 +337,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     for number, name in ((1, "laps"), (2, "last seen"), (3, "no aircraft")):
         ratio = values[:, 0] / values[:, number]
         click.echo(
-            f"informative / {name}: mean error {ratio[:, 0].mean():.2f}, worst {ratio[:, 0].max():.2f}; "
-            f"largest error {ratio[:, 1].mean():.2f}, worst {ratio[:, 1].max():.2f}"
+            f"informative / {name}: mean error {ratio[:, 0].mean():.2f}, worst "
+            f"{ratio[:, 0].max():.2f}; largest error {ratio[:, 1].mean():.2f}, worst "
+            f"{ratio[:, 1].max():.2f}"
         )
 
 

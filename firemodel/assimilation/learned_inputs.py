@@ -1,7 +1,8 @@
 """Learn the errors of wind and spread rates from the places at which a front is observed. Pure.
 
-An extended Kalman filter estimates the logarithms of a rate factor of all fuels, of a factor of the
-wind speed and of a rate factor of each fuel, and the angle by which the wind is turned. When a part
+An extended Kalman filter estimates the angle by which the wind is turned, and the logarithms of a
+factor of the wind speed and of rate factors: of all fuels, of each fuel, and of each block of
+cells. A block stands for a local error of the fuel map or of the terrain. When a part
 of the front comes into view after it has advanced by A out of view, its distance from the estimated
 front is A times the relative error of its speed. The sensitivity of that speed to the inputs comes
 from the spread model at this part of the front. The error is therefore attributed to the inputs on
@@ -27,16 +28,19 @@ from firemodel.spread.local_spread import burnable_codes
 Integers = NDArray[np.int64]
 
 # Standard deviations of the inputs before the first observation, and of their random walk in an
-# hour: rate of all fuels, wind speed (logarithms), wind direction (rad), rate of one fuel.
-PRIOR = (0.3, 0.3, 0.35, 0.3)
-DRIFT_HOUR = (0.1, 0.2, 0.25, 0.0)
+# hour: rate of all fuels, wind speed (logarithms), wind direction (rad), rate of one fuel, rate in
+# a block.
+PRIOR = (0.3, 0.3, 0.35, 0.3, 0.5)
+DRIFT_HOUR = (0.1, 0.2, 0.25, 0.0, 0.2)
+BLOCK_CELLS, MAX_BLOCKS = 8, 24  # smallest side of a block, and largest number along the grid
+ALIKE_CELLS = 8.0  # correlation length of the errors of blocks
 POSITION_SD_CELLS = 0.6  # of an observed front, and of the estimate within a cell
-MODEL_ERROR = 0.3  # error of an advance for other reasons, as a share of the advance
+MODEL_ERROR = 0.2  # error of an advance for other reasons, as a share of the advance
 MIN_ADVANCE_CELLS = 0.3  # after a shorter advance nothing is learned
 MAX_STEP_SD = 3.0  # larger differences count as this many standard deviations
 MIN_RATE, MAX_RATE = 0.1, 10.0
 LARGER, TURNED_RAD = 1.1, math.radians(10.0)  # changes of the wind for the sensitivities
-RATE, SPEED, TURN, FIRST_FUEL = 0, 1, 2, 3  # places in the state; the other fuels follow
+RATE, SPEED, TURN, FIRST_FUEL = 0, 1, 2, 3  # places in the state; fuels and blocks follow
 
 
 class FrontParts(NamedTuple):
@@ -51,21 +55,34 @@ class FrontParts(NamedTuple):
 class LearnedInputs:
     """The estimated errors of the inputs of a fire.
 
-    ``state`` has 3 + fuels elements, ``covariance`` is (3 + fuels, 3 + fuels).
+    ``state`` (n) has the elements 3 + fuels + blocks, ``covariance`` is (n, n).
     """
 
     def __init__(self, landscape: Landscape, at_s: float) -> None:
         """Begin with the reported inputs."""
         self._landscape = landscape
         self._codes = np.array(burnable_codes(landscape))
-        self.state = np.zeros(3 + self._codes.size)
-        self.covariance = np.diag(self._spread(PRIOR) ** 2)
+        rows, cols = landscape.shape
+        self._side = max(BLOCK_CELLS, -(-max(rows, cols) // MAX_BLOCKS))
+        self._blocks = (-(-rows // self._side), -(-cols // self._side))
+        self.state = np.zeros(FIRST_FUEL + self._codes.size + math.prod(self._blocks))
+        self.covariance = self._covariance(PRIOR)
+        self._drift = self._covariance(DRIFT_HOUR)
         self._at_s = at_s
         # Rates in the weather of the last call.
         self._rates: tuple[WeatherStream, FrontRates] | None = None
 
-    def _spread(self, values: tuple[float, float, float, float]) -> Floats:
-        return np.array([*values[:3], *[values[3]] * self._codes.size])
+    def _covariance(self, sds: tuple[float, ...]) -> Floats:
+        """Return the covariance for standard deviations; errors of near blocks are correlated."""
+        fuels, blocks = self._codes.size, math.prod(self._blocks)
+        found = np.zeros((FIRST_FUEL + fuels + blocks,) * 2)
+        np.fill_diagonal(
+            found, np.array([*sds[:FIRST_FUEL], *[sds[3]] * fuels, *[0.0] * blocks]) ** 2
+        )
+        row, col = (self._side * each.ravel() for each in np.indices(self._blocks))
+        away = np.hypot(row[:, None] - row, col[:, None] - col)
+        found[-blocks:, -blocks:] = sds[4] ** 2 * np.exp(-away / ALIKE_CELLS)
+        return found
 
     def copy(self) -> "LearnedInputs":
         """Return an independent copy."""
@@ -92,22 +109,48 @@ class LearnedInputs:
         self, parts: FrontParts, speeds_m_s: Floats, weather: WeatherStream, at_s: float
     ) -> Floats:
         """Return the standard deviations (n) of the speeds (n) of parts of a front."""
-        change = self.sensitivities(parts, weather, at_s)
-        variance = np.einsum("ni,ij,nj->n", change, self.covariance, change)
+        places, change = self.sensitivities(parts, weather, at_s)
+        covariance = self.covariance[places[:, :, None], places[:, None, :]]
+        variance = np.einsum("ni,nij,nj->n", change, covariance, change)
         return np.asarray(speeds_m_s * np.sqrt(np.maximum(variance, 0.0) + MODEL_ERROR**2))
 
-    def sensitivities(self, parts: FrontParts, weather: WeatherStream, at_s: float) -> Floats:
-        """Return the change (n, state) of the logarithm of the speed with each element."""
-        found = np.zeros((parts.rows.size, self.state.size))
+    def sensitivities(
+        self, parts: FrontParts, weather: WeatherStream, at_s: float
+    ) -> tuple[Integers, Floats]:
+        """Return the change of the logarithm of the speed with the inputs on which it depends.
+
+        Returns:
+            The places (n, 5) of these inputs in the state, and the changes (n, 5). Parts on ground
+            that does not burn have the change 0 with the rate of a fuel.
+        """
         speed = np.maximum(self._speeds(parts, weather, at_s, self.state), 1e-9)
-        for place, step in ((SPEED, math.log(LARGER)), (TURN, TURNED_RAD)):
+        fuel = self._fuels(parts)
+        places = np.zeros((parts.rows.size, 5), dtype=np.int64)
+        found = np.ones((parts.rows.size, 5))
+        places[:, 1], places[:, 2] = SPEED, TURN
+        places[:, 3], places[:, 4] = FIRST_FUEL + np.maximum(fuel, 0), self._block_places(parts)
+        found[:, 3] = fuel >= 0
+        for column, place, step in ((1, SPEED, math.log(LARGER)), (2, TURN, TURNED_RAD)):
             changed = self.state.copy()
             changed[place] += step
             other = np.maximum(self._speeds(parts, weather, at_s, changed), 1e-9)
-            found[:, place] = np.log(other / speed) / step
-        found[:, RATE] = 1.0
-        found[:, 3:] = self._fuels(parts)[:, None] == np.arange(self._codes.size)
-        return found
+            found[:, column] = np.log(other / speed) / step
+        return places, found
+
+    def _block_places(self, parts: FrontParts) -> Integers:
+        """Return the place (n) in the state of each part's block."""
+        block = parts.rows // self._side * self._blocks[1] + parts.cols // self._side
+        return np.asarray(FIRST_FUEL + self._codes.size + block)
+
+    def fuel_log_rates(self, state: Floats) -> Floats:
+        """Return the logarithm of the rate factor (fuels) of each burnable fuel in a state."""
+        return np.asarray(state[RATE] + state[FIRST_FUEL : FIRST_FUEL + self._codes.size])
+
+    def cell_rates(self) -> Floats:
+        """Return the rate factor (y, x) of each cell that its block has."""
+        blocks = np.exp(self.state[FIRST_FUEL + self._codes.size :]).reshape(self._blocks)
+        rows, cols = self._landscape.shape
+        return np.kron(blocks, np.ones((self._side, self._side)))[:rows, :cols]
 
     def _fuels(self, parts: FrontParts) -> Integers:
         """Return the place (n) of each part's fuel among the burnable ones; -1 for others."""
@@ -126,7 +169,8 @@ class LearnedInputs:
             reported.wind_speed_m_s * math.exp(state[SPEED]),
             reported.wind_from_deg + math.degrees(state[TURN]),
         )
-        rate = np.exp(state[RATE] + np.append(state[3:], 0.0)[self._fuels(parts)])
+        log_rate = np.append(self.fuel_log_rates(state), 0.0)[self._fuels(parts)]
+        rate = np.exp(log_rate + state[self._block_places(parts)])
         return np.asarray(rate * self._rates[1].under_wind(*parts, at_s, wind))
 
     def learn(
@@ -149,19 +193,19 @@ class LearnedInputs:
             at_s: The time of the observation.
         """
         elapsed_s, self._at_s = max(at_s - self._at_s, 0.0), max(at_s, self._at_s)
-        drift = self._spread(DRIFT_HOUR)
-        self.covariance = self.covariance + np.diag(drift * drift * elapsed_s / 3600.0)
+        self.covariance = self.covariance + elapsed_s / 3600.0 * self._drift
         if not parts.rows.size:
             return
-        change = advance_cells[:, None] * self.sensitivities(parts, weather, at_s)
+        places, change = self.sensitivities(parts, weather, at_s)
+        change = advance_cells[:, None] * change
         before = self.state.copy()
         for group in np.unique(groups).tolist():
             own = groups == group
             advance = float(advance_cells[own].mean())
             if advance >= MIN_ADVANCE_CELLS:
-                self._update(
-                    float(ahead_cells[own].mean()), advance, change[own].mean(axis=0), before
-                )
+                changes = np.zeros(self.state.size)
+                np.add.at(changes, places[own], change[own] / np.count_nonzero(own))
+                self._update(float(ahead_cells[own].mean()), advance, changes, before)
         low, high = math.log(MIN_RATE), math.log(MAX_RATE)
         self.state = np.clip(self.state, low, high)
 

@@ -32,6 +32,7 @@ from collections.abc import Sequence
 from typing import Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from firemodel.arrays import Floats, Mask
 from firemodel.landscape.landscape import Landscape
@@ -75,7 +76,13 @@ from firemodel.spread.rerate_kernels import (
     paths_from,
     start_paths,
 )
-from firemodel.spread.travel_time import Ground, clear_slowness, ground_of, with_tables
+from firemodel.spread.travel_time import (
+    Ground,
+    clear_slowness,
+    ground_of,
+    with_rate_factor,
+    with_tables,
+)
 
 SOME_POINTS = 10_000
 
@@ -100,6 +107,7 @@ class AnyAngleFire(Fire):
         changes = weather.changes()
         self._ground = ground_of(landscape, changes, wind_limit)
         self._lattice = lattice_of(landscape.shape, precise)
+        self._new_rate_factor: NDArray[np.float32] | None = None  # from the next change on
         self._changes_s = [*(entry.at_s for entry in changes[1:]), math.inf]
         self._start(burning, ignitions)
 
@@ -248,7 +256,20 @@ class AnyAngleFire(Fire):
         found._changes_s, found._ignitions = self._changes_s.copy(), self._ignitions.copy()
         return found
 
-    def perturb(self, wind_factor: float, turn_deg: float, spread_factor: float | Floats) -> None:
+    def perturb(
+        self,
+        wind_factor: float,
+        turn_deg: float,
+        spread_factor: float | Floats,
+        rate_factor: Floats | None = None,
+    ) -> None:
+        """Change wind and spread rates from now on, as in ``Fire.perturb``.
+
+        ``rate_factor`` (y, x) multiplies the spread rates of cells; None leaves them. It replaces
+        the factors of an earlier call.
+        """
+        if rate_factor is not None:
+            self._new_rate_factor = rate_factor.astype(np.float32).ravel()
         tables = perturbed(self._ground.tables, self._entry, wind_factor, turn_deg, spread_factor)
         self._ground = self._ground._replace(tables=tables)
         self._changes_s.insert(self._entry, self.time_s)
@@ -352,6 +373,9 @@ class AnyAngleFire(Fire):
         paths, tips = self._active_paths(at_s)
         first = self._add_front(at_s, paths, tips)
         clear_slowness(self._ground)
+        if self._new_rate_factor is not None:
+            self._ground = with_rate_factor(self._ground, self._new_rate_factor)
+            self._new_rate_factor = None
         self._entry += 1
         self._since_s = at_s
         self._start_paths(paths, tips, first)

@@ -19,6 +19,7 @@ from firemodel.physics import rothermel
 from firemodel.physics.rothermel import FT_MIN_PER_M_S, FuelBed, fuel_bed
 from firemodel.physics.weather import Weather, crown_ratio_from_base, wind_adjustment_factor
 
+NO_FACTOR = np.ones(1, dtype=np.float32)
 MAX_FACTOR = 1e6  # limit of factors of wind and spread rates
 
 _length_to_breadth = kernel(rothermel.length_to_breadth)
@@ -31,6 +32,7 @@ class Terrain(NamedTuple):
     fuel: NDArray[np.int16]  # (n) index of the fuel in the tables; -1 if it does not burn
     gradient: NDArray[np.float32]  # (2, n) rise per metre towards north and east
     midflame: NDArray[np.float32]  # (n) midflame wind over wind 20 ft above the vegetation
+    rate_factor: NDArray[np.float32]  # (n) factor of the spread rate; (1) if it is 1 everywhere
 
 
 class Tables(NamedTuple):
@@ -47,7 +49,7 @@ def terrain_of(landscape: Landscape) -> Terrain:
     place[codes] = np.arange(len(codes))
     midflame = _midflame(landscape, codes).ravel()
     cells = landscape.fuel_model.ravel()
-    return Terrain(place[cells], landscape.gradient.reshape(2, -1), midflame)
+    return Terrain(place[cells], landscape.gradient.reshape(2, -1), midflame, NO_FACTOR)
 
 
 def _midflame(landscape: Landscape, codes: Sequence[int]) -> NDArray[np.float32]:
@@ -157,7 +159,8 @@ def head_of(cell, entry, terrain, tables):  # type: ignore[no-untyped-def]
         north += by_slope * rise_north / slope
         east += by_slope * rise_east / slope
     factor = math.sqrt(north * north + east * east)
-    rate = terms[entry, fuel, 0]
+    rate_factor = terrain.rate_factor
+    rate = terms[entry, fuel, 0] * rate_factor[cell if rate_factor.size > 1 else 0]
     if factor == 0.0 or rate == 0.0:
         return rate, 1.0, 0.0, 0.0
     north, east = north / factor, east / factor

@@ -65,6 +65,12 @@ def with_tables(ground: Ground, tables: Tables) -> Ground:
     )
 
 
+def with_rate_factor(ground: Ground, rate_factor: NDArray[np.float32]) -> Ground:
+    """Return a ``Ground`` with another factor (n) of each cell's rate; clear the slowness first."""
+    terrain = ground.terrain._replace(rate_factor=rate_factor)
+    return ground._replace(terrain=terrain, reach=_reach(terrain, ground.cols))
+
+
 @compiled
 def _reach(terrain, cols):  # type: ignore[no-untyped-def]
     """Return each cell's chessboard distance to the nearest cell with a different neighbour.
@@ -96,7 +102,7 @@ def _reach(terrain, cols):  # type: ignore[no-untyped-def]
 @kernel
 def _compare(alike, one, other, terrain):  # type: ignore[no-untyped-def]
     """Set ``alike`` to -1 where cells from ``one`` on equal those from ``other`` on, else to 0."""
-    fuel, gradient, midflame = terrain
+    fuel, gradient, midflame, rate_factor = terrain
     north, east, size = gradient[0], gradient[1], alike.size
     fuel_1, fuel_2 = fuel[one : one + size], fuel[other : other + size]
     north_1, north_2 = north[one : one + size], north[other : other + size]
@@ -105,6 +111,10 @@ def _compare(alike, one, other, terrain):  # type: ignore[no-untyped-def]
     for k in range(size):
         same = (fuel_1[k] == fuel_2[k]) & (midflame_1[k] == midflame_2[k])
         alike[k] = -((north_1[k] == north_2[k]) & (east_1[k] == east_2[k]) & same)
+    if rate_factor.size > 1:
+        for k in range(size):
+            if rate_factor[one + k] != rate_factor[other + k]:
+                alike[k] = 0
 
 
 @kernel

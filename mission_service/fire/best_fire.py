@@ -14,12 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firemodel.arrays import Floats, Mask, Place, window_at
-from firemodel.assimilation.learned_inputs import FIRST_FUEL, RATE, SPEED, TURN, LearnedInputs
+from firemodel.assimilation.learned_inputs import SPEED, TURN, LearnedInputs
 from firemodel.assimilation.observation import BURNED, UNSEEN, Observation
 from firemodel.assimilation.unfounded_cells import unfounded_cells
 from firemodel.assimilation.written_image import with_image
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.fuels import NON_BURNABLE
+from firemodel.spread.anyangle import AnyAngleFire
 from firemodel.spread.fire_scheme import Fire
 from mission_service.config.scenario import Scenario
 from mission_service.events import (
@@ -265,7 +266,8 @@ class BestFire:
         change = self._learned.state - self._applied
         if np.abs(change).max() >= MIN_INPUT_CHANGE:
             self._applied = self._learned.state
-            self.fire = self._corrected.change(self.fire, partial(_with_inputs, change=change))
+            with_inputs = partial(_with_inputs, change=change, learned=self._learned)
+            self.fire = self._corrected.change(self.fire, with_inputs)
 
     def _removed(self, before: Fire) -> Window | None:
         """Return a window around the reported cells that are no longer burned, or None."""
@@ -330,12 +332,16 @@ def after(best: BestFire, each: Input) -> Folded:
         raise
 
 
-def _with_inputs(fire: Fire, change: Floats) -> Fire:
-    """Return a fire that burns on with changed inputs (``LearnedInputs.state``)."""
+def _with_inputs(fire: Fire, change: Floats, learned: LearnedInputs) -> Fire:
+    """Return a fire that burns on with learned inputs; ``change`` is that of their state."""
     found = fire.copy()
-    rates = np.exp(change[RATE] + change[FIRST_FUEL:])
+    rates = np.exp(learned.fuel_log_rates(change))
     rates = np.broadcast_to(rates, (len(fire.weather_ahead()), rates.size))
-    found.perturb(math.exp(change[SPEED]), math.degrees(change[TURN]), rates)
+    inputs = math.exp(change[SPEED]), math.degrees(change[TURN]), rates
+    if isinstance(found, AnyAngleFire):
+        found.perturb(*inputs, learned.cell_rates())
+    else:
+        found.perturb(*inputs)
     return found
 
 

@@ -98,7 +98,9 @@ def nodes_of(
         first += count
     columns = [np.concatenate(each) for each in zip(*parts, strict=True)]
     found = FrontNodes(*columns)
-    least = max(MIN_GROWTH_CELLS_S, MIN_GROWTH_SHARE * float(np.average(found.growth, weights=found.weight)))
+    least = max(
+        MIN_GROWTH_CELLS_S, MIN_GROWTH_SHARE * float(np.average(found.growth, weights=found.weight))
+    )
     return found._replace(growth=np.maximum(found.growth, least))
 
 
@@ -118,7 +120,9 @@ def _nodes_on(
     length = np.hypot(*steps.T)
     ahead, back = _flight_times(-steps[:, 0], steps[:, 1], length, airspeed, wind)
     ends = np.append(place[1:], size)
-    members = [np.arange(start, max(end, start + 1)) for start, end in zip(place, ends, strict=True)]
+    members = [
+        np.arange(start, max(end, start + 1)) for start, end in zip(place, ends, strict=True)
+    ]
     middle = [int(each[each.size // 2]) for each in members]
     growth = [float(front.speed_sd_cells_s[each].max()) for each in members]
     seen = [float(front.seen_at_s[each].min()) for each in members]

@@ -29,7 +29,8 @@ from mission_service.guidance.front.informative.front_nodes import (
     hop_times_s,
     nodes_of,
 )
-from mission_service.guidance.front.informative.loop_path import leg, path_on_loop
+from mission_service.guidance.front.informative.legs import leg
+from mission_service.guidance.front.informative.loop_path import path_on_loop
 from mission_service.guidance.front.informative.route_kernels import NEVER
 from mission_service.guidance.front.informative.route_search import (
     Route,
@@ -144,12 +145,11 @@ class InformativePlanner:
             if not (self._sees_front or self._nearest(row, col)[1] <= IN_VIEW_CELLS):
                 return None
             self.phase = "monitor"
-        ends = self._fly(moved, row, col)
+        if self._fly(moved, row, col) and self._plan.hop is None:
+            return self._turn(Plan(out_cells=self._plan.back_cells), 0.0, 0.0)
         if self._version != self._shared.version:
             self._version = self._shared.version
             return self._decide(row, col, at_s)
-        if ends and self._plan.hop is None:
-            return self._turn(replace(Plan(), out_cells=self._plan.back_cells), 0.0, 0.0)
         return None
 
     def _fly(self, moved_cells: float, row: float, col: float) -> bool:
@@ -283,8 +283,9 @@ class InformativePlanner:
             parts.append(self._along(front, (row, col), self.clockwise, length))
         flown = length_of(parts[0]) if parts else 0.0
         if hop is not None and flown < horizon:
-            start = tuple(parts[-1][-1].tolist()) if parts and len(parts[-1]) else (row, col)
-            parts.append(leg(start, (hop.row, hop.col), fronts))
+            start = parts[-1][-1] if parts and len(parts[-1]) else np.array([row, col])
+            goal = np.array([hop.row, hop.col])
+            parts.append(leg(start, goal, self._shared.unburned()))
             flown += length_of(parts[-1])
             front = fronts[self._nearest(hop.row, hop.col)[0]]
             rest = max(horizon - flown, 2.0 * settings.path.lookahead_cells)

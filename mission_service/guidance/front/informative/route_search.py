@@ -105,7 +105,8 @@ def routes_along(place: int, direction: int, delay_s: float, situation: Situatio
     for hop in entries(place, situation):
         for out in sorted({max(round(share * count), 1) for share in OUT_BEFORE_HOP}):
             found += [
-                Route(place, delay_s, direction, out, NEVER, hop, turn) for turn in (direction, -direction)
+                Route(place, delay_s, direction, out, NEVER, hop, turn)
+                for turn in (direction, -direction)
             ]
     return found
 

@@ -5,6 +5,8 @@ from numpy.typing import NDArray
 
 from mission_service.events import FrontsEstimated
 from mission_service.guidance.front.informative.front_nodes import Front, front_of
+from mission_service.guidance.front.informative.legs import unburned_ground
+from mission_service.guidance.visibility_graph import VisibilityGraph
 
 Floats = NDArray[np.float64]
 # Shorter fronts are not flown.
@@ -21,6 +23,7 @@ class SharedFronts:
         self.fronts: list[Front] = []
         self.version = 0
         self.at_s = 0.0
+        self._unburned: VisibilityGraph | None = None  # of these fronts, once computed
         self._visits: dict[str, Floats] = {}
 
     def update(self, event: FrontsEstimated) -> None:
@@ -33,6 +36,13 @@ class SharedFronts:
             if front.length_cells >= (MIN_INNER_CELLS if front.inner else MIN_OUTER_CELLS)
         ] or fronts[:1]
         self.version += 1
+        self._unburned = None
+
+    def unburned(self) -> VisibilityGraph:
+        """Return the ground outside the fire, for flights from one front to another."""
+        if self._unburned is None:
+            self._unburned = unburned_ground([front.points for front in self.fronts])
+        return self._unburned
 
     def set_visits(self, vehicle: str, visits: Floats) -> None:
         """Store the visits (n, 3; row, column, time in s) that a vehicle plans."""
