@@ -20,9 +20,10 @@ FAMILIES = ("LSL", "LSR", "LRL", "LRL", "RSR", "RSL", "RLR", "RLR")
 LSL, LSR, LONG, SHORT = range(4)  # long and short middle turn
 MIRRORED = 4  # families from this number on begin with a right turn
 ORDER = (0, 1, 4, 5, 2, 3, 6, 7)  # families without straight leg last: most are soon too late
-STEPS_PER_RADIUS = 64  # steps of the search in time, at least
+STEPS_PER_RADIUS = 16  # steps of the search in time, at least
 BISECTIONS = 60
 TOLERANCE = 1e-6  # in turn radii
+JUMP = 3.0  # in turn radii; a jump of the length is a full circle or infinite
 
 
 @kernel
@@ -60,29 +61,32 @@ def _meeting(family, pose, air, latest):  # type: ignore[no-untyped-def]
     """
     airspeed, radius, wind_x, wind_y = air
     speed, circle = math.hypot(wind_x, wind_y), math.tau * radius
-    least_step, tolerance = radius / (STEPS_PER_RADIUS * (airspeed + speed)), TOLERANCE * radius
+    least_step = radius / (STEPS_PER_RADIUS * (airspeed + speed))
     away = math.hypot(pose[0], pose[1])
     # A path exists that is at most this long, plus the distance to the goal.
     end = min(latest, (away + 7.0 * math.pi * radius) / (airspeed - speed))
     time, added = 0.0, 0.0
-    spare = _spare(family, pose, air, time)
+    spare = _spare(family, pose, air, 0.0)
     while time < end:
-        if spare + added <= tolerance:
-            return time, added
         step = least_step
         if added == 0.0 and spare < np.inf:
-            # The length of such a path changes no faster than the goal moves, except in jumps.
-            step = max(step, min(spare, radius) / (airspeed + speed))
-        before = time
-        time += step
-        spare = _spare(family, pose, air, time)
-        if spare + added < 0.0:
-            root = _root(family, pose, air, added, before, time)
-            if root < end:
-                return root, added
-            added += circle * math.ceil(-(spare + added) / circle)
-        while added > 0.0 and spare + added >= circle:
-            added -= circle
+            # The length of such a path changes no faster than the goal moves, except in jumps. Near
+            # the goal its bearing changes fast, and jumps may follow each other.
+            x, y = pose[0] - wind_x * time, pose[1] - wind_y * time
+            far = max(math.hypot(x, y) - 2.0 * radius, 0.0)
+            step = max(step, min(spare, far / 8.0) / (airspeed + speed))
+        later = _spare(family, pose, air, time + step) + added
+        root = _root_between(family, pose, air, added, time, spare, time + step, later)
+        if root < end:
+            return root, added
+        time, spare = time + step, later
+        if spare < 0.0:
+            circles = circle * math.ceil(-spare / circle)
+        elif spare < np.inf:
+            circles = -min(added, circle * math.floor(spare / circle))
+        else:
+            circles = 0.0
+        added, spare = added + circles, spare + circles
     return np.inf, 0.0
 
 
@@ -102,22 +106,46 @@ def _meeting_by_turns(family, pose, air, latest):  # type: ignore[no-untyped-def
         time = (away - 6.0 * radius) / speed if speed > 0.0 else latest
     spare = _spare(family, pose, air, time)
     while time < latest:
-        if abs(spare) <= TOLERANCE * radius:
-            return time
-        before, spare_before = time, spare
-        time += step
-        spare = _spare(family, pose, air, time)
-        if (spare > 0.0) != (spare_before > 0.0):
-            root = _root(family, pose, air, 0.0, before, time)
-            if root < latest:
-                return root
+        later = _spare(family, pose, air, time + step)
+        root = _root_between(family, pose, air, 0.0, time, spare, time + step, later)
+        if root < latest:
+            return root
+        time, spare = time + step, later
     return np.inf
 
 
 @kernel
-def _root(family, pose, air, added, early, late):  # type: ignore[no-untyped-def]
-    """Return the time at which the path is as long as the distance flown; infinite at a jump."""
-    falls = _spare(family, pose, air, early) + added > 0.0
+def _root_between(family, pose, air, added, early, spare_early, late, spare_late):  # type: ignore[no-untyped-def]
+    """Return the time at which the path is as long as the distance flown; infinite if never.
+
+    ``spare_early`` and ``spare_late`` are the path's length less the distance flown. It may jump
+    once between both times, where a turn becomes a full circle or the path ceases to exist.
+    """
+    if abs(spare_early) <= TOLERANCE * air[1]:
+        return early
+    if abs(spare_late - spare_early) > JUMP * air[1]:
+        before, after = early, late
+        spare_before, spare_after = spare_early, spare_late
+        for _ in range(BISECTIONS):
+            time = (before + after) / 2.0
+            spare = _spare(family, pose, air, time) + added
+            if abs(spare - spare_early) > JUMP * air[1]:
+                after, spare_after = time, spare
+            else:
+                before, spare_before = time, spare
+        root = _root(family, pose, air, added, early, spare_early, before, spare_before)
+        if root < np.inf:
+            return root
+        return _root(family, pose, air, added, after, spare_after, late, spare_late)
+    return _root(family, pose, air, added, early, spare_early, late, spare_late)
+
+
+@kernel
+def _root(family, pose, air, added, early, spare_early, late, spare_late):  # type: ignore[no-untyped-def]
+    """Return ``_root_between`` of a length without jump."""
+    falls = spare_early > 0.0
+    if (spare_late > 0.0) == falls:
+        return np.inf
     for _ in range(BISECTIONS):
         time = (early + late) / 2.0
         spare = _spare(family, pose, air, time) + added
