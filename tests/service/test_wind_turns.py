@@ -195,7 +195,11 @@ def three_turns_time_s(start: Pose, goal: Pose, flight: Flight) -> float:
         for guess in itertools.product(np.linspace(0.2, 6.0, 6), np.linspace(0.5, 6.2, 6)):
             solved = root(misses, np.array(guess))
             angles = solved.x
-            if solved.success and -1e-9 < angles[0] < math.tau and 0.0 < angles[1] < math.tau:
+            if (
+                np.abs(solved.fun).max() < 1e-6
+                and -1e-9 < angles[0] < math.tau
+                and 0.0 < angles[1] < math.tau
+            ):
                 best = min(best, flown(angles)[1])
     return best
 
@@ -220,6 +224,23 @@ def test_random_pairs_in_wind_by_an_independent_computation(near: bool) -> None:
             expected_s = min(expected_s, by_turns_s)
         assert path.duration_s == pytest.approx(expected_s, rel=1e-3), (start, goal, flight, path)
     assert by_turns >= (3 if near else 0)
+
+
+@pytest.mark.parametrize(
+    ("heading", "goal", "wind_m_s"),
+    [
+        (4.0, (-42.0, -21.0, 4.1), 12.0),  # the middle turn is shorter than half a circle
+        (3.9, (9.0, -44.0, 2.9), 16.0),
+        (4.8, (51.0, -10.0, 1.3), 14.0),  # soon later, the last turn becomes a full circle
+        (2.5, (39.0, -34.0, 5.3), 14.0),
+    ],
+)
+def test_paths_that_exist_for_a_short_time(heading: float, goal: Pose, wind_m_s: float) -> None:
+    start, flight = (0.0, 0.0, heading), Flight(20.0, 60.0, (wind_m_s, 0.0))
+    path = fastest_path(start, goal, flight)
+    assert_arrives(path, goal)
+    assert path.duration_s == pytest.approx(three_turns_time_s(start, goal, flight), rel=1e-3)
+    assert path.duration_s < 0.5 * straight_path_time_s(start, goal, flight)
 
 
 def test_many_pairs_at_once_and_their_limits() -> None:

@@ -42,52 +42,41 @@ def fastest(starts, goals, airspeed, radius, wind, found):  # type: ignore[no-un
             air = (airspeed, radius, wind[0], mirror * wind[1])
             kind = family % MIRRORED
             if kind in (LSL, LSR):
-                time, added = _meeting(kind, pose, air, found[pair, 0])
+                time = _meeting(kind, pose, air, found[pair, 0])
             else:
-                time, added = _meeting_by_turns(kind, pose, air, found[pair, 0]), 0.0
+                time = _meeting_by_turns(kind, pose, air, found[pair, 0])
             if time < found[pair, 0]:
-                first, middle, last = _parts(kind, pose, air, time)
                 found[pair, 0], found[pair, 1] = time, family
-                found[pair, 2], found[pair, 3], found[pair, 4] = first + added, middle, last
+                found[pair, 2], found[pair, 3], found[pair, 4] = _parts(kind, pose, air, time)
 
 
 @kernel
 def _meeting(family, pose, air, latest):  # type: ignore[no-untyped-def]
-    """Return the first time at which a path with a straight leg meets the goal, and a length.
+    """Return the first time at which a path with a straight leg meets the goal.
 
-    At some times a turn of the path becomes a full circle and is left out, so that the path's
-    length jumps below the distance flown. From then on, full circles are added; their length is
-    returned. The time is infinite if it is not before ``latest``.
+    The time is infinite if it is not before ``latest``.
     """
     airspeed, radius, wind_x, wind_y = air
-    speed, circle = math.hypot(wind_x, wind_y), math.tau * radius
+    speed = math.hypot(wind_x, wind_y)
     least_step = radius / (STEPS_PER_RADIUS * (airspeed + speed))
-    away = math.hypot(pose[0], pose[1])
     # A path exists that is at most this long, plus the distance to the goal.
-    end = min(latest, (away + 7.0 * math.pi * radius) / (airspeed - speed))
-    time, added = 0.0, 0.0
-    spare = _spare(family, pose, air, 0.0)
+    longest = math.hypot(pose[0], pose[1]) + 5.0 * math.pi * radius
+    end = min(latest, longest / (airspeed - speed))
+    time, spare = 0.0, _spare(family, pose, air, 0.0)
     while time < end:
         step = least_step
-        if added == 0.0 and spare < np.inf:
+        if 0.0 < spare < np.inf:
             # The length of such a path changes no faster than the goal moves, except in jumps. Near
             # the goal its bearing changes fast, and jumps may follow each other.
             x, y = pose[0] - wind_x * time, pose[1] - wind_y * time
             far = max(math.hypot(x, y) - 2.0 * radius, 0.0)
             step = max(step, min(spare, far / 8.0) / (airspeed + speed))
-        later = _spare(family, pose, air, time + step) + added
-        root = _root_between(family, pose, air, added, time, spare, time + step, later)
+        later = _spare(family, pose, air, time + step)
+        root = _root_between(family, pose, air, time, spare, time + step, later)
         if root < end:
-            return root, added
+            return root
         time, spare = time + step, later
-        if spare < 0.0:
-            circles = circle * math.ceil(-spare / circle)
-        elif spare < np.inf:
-            circles = -min(added, circle * math.floor(spare / circle))
-        else:
-            circles = 0.0
-        added, spare = added + circles, spare + circles
-    return np.inf, 0.0
+    return np.inf
 
 
 @kernel
@@ -107,7 +96,7 @@ def _meeting_by_turns(family, pose, air, latest):  # type: ignore[no-untyped-def
     spare = _spare(family, pose, air, time)
     while time < latest:
         later = _spare(family, pose, air, time + step)
-        root = _root_between(family, pose, air, 0.0, time, spare, time + step, later)
+        root = _root_between(family, pose, air, time, spare, time + step, later)
         if root < latest:
             return root
         time, spare = time + step, later
@@ -115,7 +104,7 @@ def _meeting_by_turns(family, pose, air, latest):  # type: ignore[no-untyped-def
 
 
 @kernel
-def _root_between(family, pose, air, added, early, spare_early, late, spare_late):  # type: ignore[no-untyped-def]
+def _root_between(family, pose, air, early, spare_early, late, spare_late):  # type: ignore[no-untyped-def]
     """Return the time at which the path is as long as the distance flown; infinite if never.
 
     ``spare_early`` and ``spare_late`` are the path's length less the distance flown. It may jump
@@ -128,27 +117,27 @@ def _root_between(family, pose, air, added, early, spare_early, late, spare_late
         spare_before, spare_after = spare_early, spare_late
         for _ in range(BISECTIONS):
             time = (before + after) / 2.0
-            spare = _spare(family, pose, air, time) + added
+            spare = _spare(family, pose, air, time)
             if abs(spare - spare_early) > JUMP * air[1]:
                 after, spare_after = time, spare
             else:
                 before, spare_before = time, spare
-        root = _root(family, pose, air, added, early, spare_early, before, spare_before)
+        root = _root(family, pose, air, early, spare_early, before, spare_before)
         if root < np.inf:
             return root
-        return _root(family, pose, air, added, after, spare_after, late, spare_late)
-    return _root(family, pose, air, added, early, spare_early, late, spare_late)
+        return _root(family, pose, air, after, spare_after, late, spare_late)
+    return _root(family, pose, air, early, spare_early, late, spare_late)
 
 
 @kernel
-def _root(family, pose, air, added, early, spare_early, late, spare_late):  # type: ignore[no-untyped-def]
+def _root(family, pose, air, early, spare_early, late, spare_late):  # type: ignore[no-untyped-def]
     """Return ``_root_between`` of a length without jump."""
     falls = spare_early > 0.0
     if (spare_late > 0.0) == falls:
         return np.inf
     for _ in range(BISECTIONS):
         time = (early + late) / 2.0
-        spare = _spare(family, pose, air, time) + added
+        spare = _spare(family, pose, air, time)
         if abs(spare) <= TOLERANCE * air[1]:
             return time
         if (spare > 0.0) == falls:
