@@ -34,7 +34,7 @@ def fastest(starts, goals, airspeed, radius, wind, found):  # type: ignore[no-un
     parts through the air. ``wind`` (2) is the velocity of the air; it is slower than the airspeed.
     """
     for pair in range(len(starts)):
-        found[pair, 0] = np.inf
+        found[pair, 0], found[pair, 1:] = np.inf, 0.0
         x, y = goals[pair, 0] - starts[pair, 0], goals[pair, 1] - starts[pair, 1]
         for family in ORDER:
             mirror = -1.0 if family >= MIRRORED else 1.0
@@ -60,7 +60,7 @@ def _meeting(family, pose, air, latest):  # type: ignore[no-untyped-def]
     speed = math.hypot(wind_x, wind_y)
     least_step = radius / (STEPS_PER_RADIUS * (airspeed + speed))
     # A path exists that is at most this long, plus the distance to the goal.
-    longest = math.hypot(pose[0], pose[1]) + 5.0 * math.pi * radius
+    longest = math.hypot(pose[0], pose[1]) + 7.0 * math.pi * radius
     end = min(latest, longest / (airspeed - speed))
     time, spare = 0.0, _spare(family, pose, air, 0.0)
     while time < end:
