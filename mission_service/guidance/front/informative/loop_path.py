@@ -88,7 +88,9 @@ def _turn_centres(ground: BaseGeometry, place: Floats, radius: float, inner: boo
 
     Burned ground is at the right of the direction of travel.
     """
-    if not inner and shapely.minimum_bounding_radius(ground) <= radius:
+    west, north, east, south = ground.bounds
+    may_fit = not inner and max(east - west, south - north) <= 2.0 * radius
+    if may_fit and shapely.minimum_bounding_radius(ground) <= radius:
         return None
     around = ground.buffer(-radius if inner else radius, quad_segs=STEPS_PER_RADIUS)
     parts = [part for part in shapely.get_parts(around) if not part.is_empty]

@@ -1,0 +1,196 @@
+"""Compiled inner loops of ``wind_turns``: Dubins paths to a goal that moves with minus the wind.
+
+Relative to the air the vehicle flies at constant airspeed, and the goal moves with minus the wind.
+The vehicle meets the goal at the time at which a path to the goal's place at this time is as long
+as the distance that the vehicle has flown through the air.
+
+Headings are in radians, anticlockwise from x. Families of paths: a left or right turn, then a
+straight leg or an opposite turn, then a turn. Families that begin with a right turn are computed in
+a mirror: with y and headings negated, they begin with a left turn. ``pose`` is x and y of the goal
+from the start, and the headings at both; ``air`` is the airspeed, the turn radius and the wind.
+"""
+
+import math
+
+import numpy as np
+
+from firemodel.compiled import kernel
+
+FAMILIES = ("LSL", "LSR", "LRL", "LRL", "RSR", "RSL", "RLR", "RLR")
+LSL, LSR, LONG, SHORT = range(4)  # long and short middle turn
+MIRRORED = 4  # families from this number on begin with a right turn
+ORDER = (0, 1, 4, 5, 2, 3, 6, 7)  # families without straight leg last: most are soon too late
+STEPS_PER_RADIUS = 16  # steps of the search in time, at least
+BISECTIONS = 60
+TOLERANCE = 1e-6  # in turn radii
+JUMP = 3.0  # in turn radii; a jump of the length is a full circle or infinite
+
+
+@kernel
+def fastest(starts, goals, airspeed, radius, wind, found):  # type: ignore[no-untyped-def]
+    """Compute the fastest paths from starts to goals (n, 3): x, y and heading.
+
+    Each row of ``found`` (n, 5) gets the path's time, its family, and the lengths of its three
+    parts through the air. ``wind`` (2) is the velocity of the air; it is slower than the airspeed.
+    """
+    for pair in range(len(starts)):
+        found[pair, 0], found[pair, 1:] = np.inf, 0.0
+        x, y = goals[pair, 0] - starts[pair, 0], goals[pair, 1] - starts[pair, 1]
+        for family in ORDER:
+            mirror = -1.0 if family >= MIRRORED else 1.0
+            pose = (x, mirror * y, mirror * starts[pair, 2], mirror * goals[pair, 2])
+            air = (airspeed, radius, wind[0], mirror * wind[1])
+            kind = family % MIRRORED
+            if kind in (LSL, LSR):
+                time = _meeting(kind, pose, air, found[pair, 0])
+            else:
+                time = _meeting_by_turns(kind, pose, air, found[pair, 0])
+            if time < found[pair, 0]:
+                found[pair, 0], found[pair, 1] = time, family
+                found[pair, 2], found[pair, 3], found[pair, 4] = _parts(kind, pose, air, time)
+
+
+@kernel
+def _meeting(family, pose, air, latest):  # type: ignore[no-untyped-def]
+    """Return the first time at which a path with a straight leg meets the goal.
+
+    The time is infinite if it is not before ``latest``.
+    """
+    airspeed, radius, wind_x, wind_y = air
+    speed = math.hypot(wind_x, wind_y)
+    least_step = radius / (STEPS_PER_RADIUS * (airspeed + speed))
+    # A path exists that is at most this long, plus the distance to the goal.
+    longest = math.hypot(pose[0], pose[1]) + 7.0 * math.pi * radius
+    end = min(latest, longest / (airspeed - speed))
+    time, spare = 0.0, _spare(family, pose, air, 0.0)
+    while time < end:
+        step = least_step
+        if 0.0 < spare < np.inf:
+            # The length of such a path changes no faster than the goal moves, except in jumps. Near
+            # the goal its bearing changes fast, and jumps may follow each other.
+            x, y = pose[0] - wind_x * time, pose[1] - wind_y * time
+            far = max(math.hypot(x, y) - 2.0 * radius, 0.0)
+            step = max(step, min(spare, far / 8.0) / (airspeed + speed))
+        later = _spare(family, pose, air, time + step)
+        root = _root_between(family, pose, air, time, spare, time + step, later)
+        if root < end:
+            return root
+        time, spare = time + step, later
+    return np.inf
+
+
+@kernel
+def _meeting_by_turns(family, pose, air, latest):  # type: ignore[no-untyped-def]
+    """Return the first time at which a path of three turns meets the goal.
+
+    The length of such a path may change faster than the goal moves. The time is infinite if it is
+    not before ``latest``.
+    """
+    airspeed, radius, wind_x, wind_y = air
+    speed = math.hypot(wind_x, wind_y)
+    step = radius / (STEPS_PER_RADIUS * (airspeed + speed))
+    away = math.hypot(pose[0], pose[1])
+    time = 0.0
+    if away > 6.0 * radius:  # the goal has to come nearer
+        time = (away - 6.0 * radius) / speed if speed > 0.0 else latest
+    spare = _spare(family, pose, air, time)
+    while time < latest:
+        later = _spare(family, pose, air, time + step)
+        root = _root_between(family, pose, air, time, spare, time + step, later)
+        if root < latest:
+            return root
+        time, spare = time + step, later
+    return np.inf
+
+
+@kernel
+def _root_between(family, pose, air, early, spare_early, late, spare_late):  # type: ignore[no-untyped-def]
+    """Return the time at which the path is as long as the distance flown; infinite if never.
+
+    ``spare_early`` and ``spare_late`` are the path's length less the distance flown. It may jump
+    once between both times, where a turn becomes a full circle or the path ceases to exist.
+    """
+    if abs(spare_early) <= TOLERANCE * air[1]:
+        return early
+    if abs(spare_late - spare_early) > JUMP * air[1]:
+        before, after = early, late
+        spare_before, spare_after = spare_early, spare_late
+        for _ in range(BISECTIONS):
+            time = (before + after) / 2.0
+            spare = _spare(family, pose, air, time)
+            if abs(spare - spare_early) > JUMP * air[1]:
+                after, spare_after = time, spare
+            else:
+                before, spare_before = time, spare
+        root = _root(family, pose, air, early, spare_early, before, spare_before)
+        if root < np.inf:
+            return root
+        return _root(family, pose, air, after, spare_after, late, spare_late)
+    return _root(family, pose, air, early, spare_early, late, spare_late)
+
+
+@kernel
+def _root(family, pose, air, early, spare_early, late, spare_late):  # type: ignore[no-untyped-def]
+    """Return ``_root_between`` of a length without jump."""
+    falls = spare_early > 0.0
+    if (spare_late > 0.0) == falls:
+        return np.inf
+    for _ in range(BISECTIONS):
+        time = (early + late) / 2.0
+        spare = _spare(family, pose, air, time)
+        if abs(spare) <= TOLERANCE * air[1]:
+            return time
+        if (spare > 0.0) == falls:
+            early = time
+        else:
+            late = time
+    return np.inf
+
+
+@kernel
+def _spare(family, pose, air, time):  # type: ignore[no-untyped-def]
+    """Return the length of the path to the goal's place at a time, less the distance flown."""
+    first, middle, last = _parts(family, pose, air, time)
+    return first + middle + last - air[0] * time
+
+
+@kernel
+def _parts(family, pose, air, time):  # type: ignore[no-untyped-def]
+    """Return the lengths of the parts of the path to the goal's place; infinite if there is none.
+
+    The families are those that begin with a left turn.
+    """
+    _, radius, wind_x, wind_y = air
+    x, y, begin, end = pose
+    # From the centre of the first turn circle to the centre of the last one.
+    last_side = -1.0 if family == LSR else 1.0
+    across_x = x - wind_x * time - last_side * radius * math.sin(end) + radius * math.sin(begin)
+    across_y = y - wind_y * time + last_side * radius * math.cos(end) - radius * math.cos(begin)
+    distance, bearing = math.hypot(across_x, across_y), math.atan2(across_y, across_x)
+    if family == LSL:
+        return radius * _turn(begin, bearing), distance, radius * _turn(bearing, end)
+    if family == LSR:
+        if distance < 2.0 * radius:
+            return np.inf, np.inf, np.inf
+        straight = math.sqrt(distance * distance - 4.0 * radius * radius)
+        heading = bearing + math.atan2(2.0 * radius, straight)
+        return radius * _turn(begin, heading), straight, radius * _turn(end, heading)
+    if distance > 4.0 * radius:
+        return np.inf, np.inf, np.inf
+    # The middle circle touches both others. If its centre is at the left of the line between them,
+    # the vehicle turns there by more than half a circle, otherwise by less.
+    aside = math.acos(distance / (4.0 * radius))
+    aside = aside if family == LONG else -aside
+    leave, join = bearing + aside + math.pi / 2.0, bearing - aside - math.pi / 2.0
+    return (
+        radius * _turn(begin, leave),
+        radius * (math.pi + 2.0 * aside),
+        radius * _turn(join, end),
+    )
+
+
+@kernel
+def _turn(begin, end):  # type: ignore[no-untyped-def]
+    """Return the angle (0 to 2 pi) of a left turn from a heading to another."""
+    turn = (end - begin) % math.tau
+    return 0.0 if turn > math.tau - 1e-9 else turn  # rounding
