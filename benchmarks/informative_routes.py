@@ -167,11 +167,12 @@ class Flight:
         due_s = self.at_s + HOUR_S / 4.0
         while self.at_s < truth.end_s:
             self._observe()
-            decision = self.planner.at(*self.place, self.at_s)
+            row, col = self.place.tolist()
+            decision = self.planner.at(row, col, self.at_s)
             if decision is not None and decision.reversed:
                 self.at_s += self.planner.settings.turn_s
             if decision is not None or len(self.path) < MIN_PATH_POINTS:
-                self.path = self.planner.path(*self.place)
+                self.path = self.planner.path(row, col)
             self._move()
             self.at_s += step_s
             if self.at_s >= due_s:

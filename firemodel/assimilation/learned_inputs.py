@@ -150,7 +150,8 @@ class LearnedInputs:
         """Return the rate factor (y, x) of each cell that its block has."""
         blocks = np.exp(self.state[FIRST_FUEL + self._codes.size :]).reshape(self._blocks)
         rows, cols = self._landscape.shape
-        return np.kron(blocks, np.ones((self._side, self._side)))[:rows, :cols]
+        cells = np.kron(blocks, np.ones((self._side, self._side)))[:rows, :cols]
+        return np.asarray(cells, dtype=np.float64)
 
     def _fuels(self, parts: FrontParts) -> Integers:
         """Return the place (n) of each part's fuel among the burnable ones; -1 for others."""

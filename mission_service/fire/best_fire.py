@@ -180,9 +180,14 @@ class BestFire:
             return NOTHING
         at_s = event.at_us / 1e6
         if isinstance(event, WindSet):
+            self._learned.forget_wind()
+            found = self._corrected.change(found, self._with_all_inputs)
+            self._applied = self._learned.state
             self._weather = with_wind(self._weather, event.speed_m_s, event.from_deg, now_s)
             self.fire, weather = found, found.weather
             return Change(add=lambda ensemble: ensemble.add_input(WeatherSet(at_s, weather)))
+        if self._corrected.is_corrected:  # a fire that has begun again
+            found = self._with_all_inputs(found)
         self.fire = self._with_sightings(found)
         window = self._reported_change(before)
         if window is None:
@@ -190,6 +195,10 @@ class BestFire:
         state = states_in(window.cells)
         seen = Observation(at_s, window.row, window.col, state, CORRECTION_SD_M)
         return Change(window, add=lambda ensemble: ensemble.add_input(seen))
+
+    def _with_all_inputs(self, fire: Fire) -> Fire:
+        """Return a fire that has begun in reported weather, with the learned inputs."""
+        return _with_inputs(fire, self._learned.state, self._learned)
 
     def _reported_cells(
         self, event: FireObserved | RasterObserved, smoke: Sequence[Smoke]

@@ -56,6 +56,11 @@ class CorrectedFire:
         found._base = None if self._base is None else self._base.copy()
         return found
 
+    @property
+    def is_corrected(self) -> bool:
+        """Whether the fire differs from the fire without corrections."""
+        return self._base is not None
+
     def check_report(self, event: AnyOperatorEvent) -> None:
         """Raise FireModelError for a report that has no effect or an unusable shape."""
         self.log.refuse_no_effect(event)

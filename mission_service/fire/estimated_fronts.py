@@ -143,8 +143,14 @@ def last_seen_s(
     # How far the front was past the place when the place was seen; negative before it arrived.
     with np.errstate(invalid="ignore"):
         past_cells = (seen - arrived) * np.maximum(speed_cells_s, MIN_SPEED_CELLS_S)
+    # Going back ends where the fire came from, before the other side of the fire.
+    earlier_s = np.minimum.accumulate(arrived, axis=0)
+    step_s = 1.5 / np.maximum(speed_cells_s, MIN_SPEED_CELLS_S)
+    comes_from = np.logical_and.accumulate(arrived <= earlier_s + step_s, axis=0)
     # The place of the present front shows a front that has not moved since.
-    shows = (past_cells >= -BESIDE_CELLS) & ((past_cells <= BESIDE_CELLS) | (back <= 1.0))
+    shows = (
+        (past_cells >= -BESIDE_CELLS) & ((past_cells <= BESIDE_CELLS) | (back <= 1.0)) & comes_from
+    )
     return np.asarray(np.where(shows, seen, -np.inf).max(axis=0))
 
 
@@ -163,12 +169,13 @@ def front_distances(fronts: list[FrontLine], seen: Mosaic, cell_m: float) -> Fro
     A distance is at most that to the nearest cell that the images do not show.
     """
     top, left = seen.here[0].start, seen.here[1].start
-    row, col = (np.concatenate([each[k] for each in fronts] or [[]]) for k in (1, 2))
-    parts = FrontParts(
-        *(np.concatenate([each.ahead[k] for each in fronts] or [[]]) for k in range(4))
+    row = np.concatenate([np.empty(0), *(each.row for each in fronts)])
+    col = np.concatenate([np.empty(0), *(each.col for each in fronts)])
+    advance_m = np.concatenate([np.empty(0), *(each.speed_m_s * each.unseen_s for each in fronts)])
+    ahead_rows, ahead_cols, north, east = (
+        np.concatenate([np.empty(0, dtype), *(each.ahead[k] for each in fronts)])
+        for k, dtype in enumerate((np.int64, np.int64, np.float64, np.float64))
     )
-    speed = np.concatenate([each.speed_m_s for each in fronts] or [[]]) / cell_m
-    unseen_s = np.concatenate([each.unseen_s for each in fronts] or [[]])
     at = np.rint(row).astype(np.int64) - top, np.rint(col).astype(np.int64) - left
     inside = (at[0] >= 0) & (at[1] >= 0)
     inside &= (at[0] < seen.state.shape[0]) & (at[1] < seen.state.shape[1])
@@ -179,8 +186,8 @@ def front_distances(fronts: list[FrontLine], seen: Mosaic, cell_m: float) -> Fro
     in_view = distance_cells(padded)[1:-1, 1:-1][at]
     groups = (at[0] // GROUP_CELLS) * 4096 + at[1] // GROUP_CELLS
     return FrontDistances(
-        FrontParts(*(each[inside] for each in parts)),
-        (speed * unseen_s)[inside],
+        FrontParts(ahead_rows[inside], ahead_cols[inside], north[inside], east[inside]),
+        advance_m[inside] / cell_m,
         np.clip(ahead, -in_view, in_view),
         groups,
     )

@@ -1,7 +1,6 @@
 """Learning the errors of wind and spread rates from observed fronts."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -42,16 +41,21 @@ def ring(count: int = 48, radius: float = 16.0) -> FrontParts:
     return FrontParts(rows, cols, north, east)
 
 
+def part_of(parts: FrontParts, own: np.ndarray | slice) -> FrontParts:
+    """Return some of the parts of a front."""
+    return FrontParts(parts.rows[own], parts.cols[own], parts.north[own], parts.east[own])
+
+
 def learned_after(
     true_speeds: np.ndarray, inputs: LearnedInputs, parts: FrontParts, rounds: int = 8
 ) -> LearnedInputs:
     """Return inputs after observations of a front that moves at given speeds in m/s."""
     groups = np.arange(parts.rows.size) // 4
     for number in range(1, rounds + 1):
-        at_s = 900.0 * number
+        at_s = 1800.0 * number
         estimated = inputs.speeds_m_s(parts, weather(), at_s)
-        ahead = (true_speeds - estimated) * 900.0 / CELL_M
-        inputs.learn(parts, estimated * 900.0 / CELL_M, ahead, groups, weather(), at_s)
+        ahead = (true_speeds - estimated) * 1800.0 / CELL_M
+        inputs.learn(parts, estimated * 1800.0 / CELL_M, ahead, groups, weather(), at_s)
     return inputs
 
 
@@ -65,10 +69,10 @@ def test_a_rate_of_all_fuels_is_learned_also_where_nothing_was_observed() -> Non
     parts = ring()
     inputs = LearnedInputs(landscape(), 0.0)
     true = 1.8 * inputs.speeds_m_s(parts, weather(), 0.0)
-    west = FrontParts(*(each[parts.cols < CELLS // 2] for each in parts))
+    west = part_of(parts, parts.cols < CELLS // 2)
     seen = learned_after(true[parts.cols < CELLS // 2], inputs, west)
     assert error(seen, west, true[parts.cols < CELLS // 2]) < 0.1
-    east = FrontParts(*(each[parts.cols >= CELLS // 2] for each in parts))
+    east = part_of(parts, parts.cols >= CELLS // 2)
     assert error(seen, east, true[parts.cols >= CELLS // 2]) < 0.4  # 0.44 if nothing was learned
 
 
@@ -85,18 +89,20 @@ def test_a_turned_wind_is_distinguished_from_a_rate() -> None:
     assert error(found, parts, true) < 0.4 * unlearned
 
 
-def test_one_fuel_and_one_block_are_learned_apart() -> None:
+def test_a_block_is_learned_apart_from_its_fuel() -> None:
     parts = ring()
     inputs = LearnedInputs(landscape(), 0.0)
     true = inputs.speeds_m_s(parts, weather(), 0.0)
-    slow = np.hypot(parts.rows - parts.rows[12], parts.cols - parts.cols[12]) < 6.0
+    slow = np.hypot(parts.rows - parts.rows[36], parts.cols - parts.cols[36]) < 6.0
     true[slow] *= 0.3
+    here = part_of(parts, slow)
+    unlearned = error(inputs, here, true[slow])
     found = learned_after(true, inputs, parts)
-    assert error(found, FrontParts(*(each[slow] for each in parts)), true[slow]) < 0.35
-    assert error(found, FrontParts(*(each[~slow] for each in parts)), true[~slow]) < 0.15
+    assert error(found, here, true[slow]) < 0.4 * unlearned
+    assert error(found, part_of(parts, ~slow), true[~slow]) < 0.15
     rates = found.cell_rates()
-    assert rates[parts.rows[12], parts.cols[12]] < 0.7
-    assert rates[parts.rows[36], parts.cols[36]] == pytest.approx(1.0, abs=0.2)
+    assert rates[parts.rows[36], parts.cols[36]] < 0.7
+    assert rates[parts.rows[12], parts.cols[12]] == pytest.approx(1.0, abs=0.2)
 
 
 def test_the_stated_error_of_a_speed_falls_by_observations_and_grows_in_time() -> None:
@@ -106,10 +112,12 @@ def test_the_stated_error_of_a_speed_falls_by_observations_and_grows_in_time() -
     before = inputs.speed_sds_m_s(parts, speeds, weather(), 0.0)
     found = learned_after(speeds, inputs, parts)
     after = found.speed_sds_m_s(parts, speeds, weather(), 0.0)
-    assert (after < 0.75 * before).all()
-    none = FrontParts(*(each[:0] for each in parts))
+    grass = parts.cols < CELLS // 2  # the litter hardly moves
+    assert (after[grass] < 0.75 * before[grass]).all()
+    assert (after <= before).all()
+    none = part_of(parts, slice(0))
     empty = np.empty(0)
-    found.learn(none, empty, empty, empty.astype(np.int64), weather(), 9.0 * 3600.0)
+    found.learn(none, empty, empty, empty.astype(np.int64), weather(), 12.0 * 3600.0)
     assert (found.speed_sds_m_s(parts, speeds, weather(), 0.0) > after).all()
 
 
@@ -117,7 +125,9 @@ def test_a_front_in_view_without_advance_teaches_nothing() -> None:
     parts = ring()
     inputs = LearnedInputs(landscape(), 0.0)
     groups = np.arange(parts.rows.size)
-    inputs.learn(parts, np.full(groups.size, 0.2), np.full(groups.size, 2.0), groups, weather(), 1.0)
+    inputs.learn(
+        parts, np.full(groups.size, 0.2), np.full(groups.size, 2.0), groups, weather(), 1.0
+    )
     assert not inputs.state.any()
 
 
@@ -155,7 +165,7 @@ def test_copies_are_independent() -> None:
 def test_a_large_grid_has_a_limited_number_of_blocks() -> None:
     small = landscape()
     fuel = np.tile(small.fuel_model, (16, 16))
-    large = replace(small, fuel_model=fuel, elevation_m=np.zeros(fuel.shape, np.float32))
+    large = Landscape(small.crs, 5e5, 4e6, CELL_M, fuel, np.zeros(fuel.shape, np.float32))
     inputs = LearnedInputs(large, 0.0)
     assert inputs.state.size <= FIRST_FUEL + 2 + 24 * 24
     assert inputs.cell_rates().shape == large.shape

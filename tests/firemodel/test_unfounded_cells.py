@@ -15,7 +15,9 @@ def seen_unburned(row_from: int) -> np.ndarray:
     return removed
 
 
-def found(removed: np.ndarray, confirmed: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+def found(
+    removed: np.ndarray, confirmed: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the unfounded cells of a fire from row 30, and its burned cells."""
     fire = even_fire(CELLS, (30, 20))
     burned = fire.burned()

@@ -42,6 +42,6 @@ def _burned(
         fire.advance(until_s)
         return fire
     row, col = places[0]
-    while not fire.burned()[row - 13, col]:
+    while not fire.burned()[row, col - 13]:
         fire.advance(fire.time_s + 600.0)
     return fire

@@ -264,15 +264,15 @@ def test_the_front_counts_as_monitored_only_when_a_vehicle_observes_it_again(fly
     flight = fly()
     flight.run(500.0)
     assert "front/hawk" not in flight.state_view.alarms
-    image = flight.sim.service._images
+    image = flight.sim.service._seen_at
     order(flight, "hold")
     flight.run(5.0)
-    flight.sim.service._images = lambda fix: iter(())  # type: ignore[method-assign]
+    flight.sim.service._seen_at = lambda fix: iter(())  # type: ignore[method-assign]
     order(flight, "resume")
     flight.run(20.0)
     assert flight.mode == "mission"
     assert "front/hawk" in flight.state_view.alarms
-    flight.sim.service._images = image  # type: ignore[method-assign]
+    flight.sim.service._seen_at = image  # type: ignore[method-assign]
     flight.run(10.0)
     assert "front/hawk" not in flight.state_view.alarms
 

@@ -1,8 +1,8 @@
-"""Divide the estimated fronts into nodes, each with its expected error and the growth of this error.
+"""Divide the estimated fronts into nodes, each with the growth of its expected error.
 
 The error of a node is the distance between the estimated and the true front. It grows while the
-node is out of view, at the standard deviation of the front's speed. Lengths are
-in cells, times in seconds, and speeds in cells per second.
+node is out of view, at the standard deviation of the front's speed. Lengths are in cells, times in
+seconds, and speeds in cells per second.
 """
 
 import math
@@ -57,7 +57,7 @@ class FrontNodes(NamedTuple):
     row: Floats  # the middle of the node
     col: Floats
     first: Integers  # the first node of the front
-    count: Integers  # the number of nodes of the front
+    nodes_of_front: Integers  # the number of nodes of the front
     weight: Floats  # the length of the node in cells
     ahead_s: Floats  # flight time along the node clockwise
     back_s: Floats  # flight time along the node anticlockwise

@@ -33,7 +33,7 @@ def _norm(start, since, growth, weight, total, now):  # type: ignore[no-untyped-
 @compiled
 def _next_front(place, now, start, since, nodes, hop_s):  # type: ignore[no-untyped-def]
     """Return the node of another front to fly to after a lap, or ``place`` to lap again."""
-    front, first, count, weight, ahead_s, growth = nodes
+    front, _, count, weight, ahead_s, growth = nodes
     best, best_value = place, -1.0
     node = 0
     while node < front.size:
@@ -69,7 +69,7 @@ def route_costs(routes, nodes, back_s, error, left, hop_s, turn_s, others, horiz
     times of the first visits of the last route; its rest is -1.
     """
     first_node, delay_s, direction, out, back, hop, hop_direction = routes
-    front, first, count, weight, ahead_s, growth = nodes
+    _, first, count, weight, ahead_s, growth = nodes
     n = error.size
     total = weight.sum()
     start, since = np.empty(n), np.empty(n)

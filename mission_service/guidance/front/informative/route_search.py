@@ -72,7 +72,7 @@ def evaluate(routes: list[Route], situation: Situation) -> Search:
         for name, column in zip(Route._fields, zip(*routes, strict=True), strict=True)
     )
     of_nodes = (
-        *(nodes.front, nodes.first, nodes.count),
+        *(nodes.front, nodes.first, nodes.nodes_of_front),
         *(nodes.weight, nodes.ahead_s, nodes.growth),
     )
     costs, visits = np.zeros(len(routes)), np.full((MAX_VISITS, 2), -1.0)
@@ -95,7 +95,7 @@ def evaluate(routes: list[Route], situation: Situation) -> Search:
 def routes_along(place: int, direction: int, delay_s: float, situation: Situation) -> list[Route]:
     """Return routes that start in one direction at a node: laps, sweeps, and hops after a while."""
     nodes = situation.nodes
-    count = int(nodes.count[place])
+    count = int(nodes.nodes_of_front[place])
     found = [Route(place, delay_s, direction)]
     outs = sorted({max(round(share * count), 1) for share in OUT})
     backs = sorted({max(round(share * count), 1) for share in BACK})
@@ -117,7 +117,7 @@ def entries(place: int, situation: Situation) -> list[int]:
     for first in np.unique(nodes.first).tolist():
         if first == nodes.first[place]:
             continue
-        own = slice(first, first + int(nodes.count[first]))
+        own = slice(first, first + int(nodes.nodes_of_front[first]))
         found.append(first + int(situation.hop_s[place, own].argmin()))
         found.append(first + int(situation.error[own].argmax()))
     return sorted(set(found))
