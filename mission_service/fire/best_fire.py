@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firemodel.arrays import Floats, Mask, Place, window_at
+from firemodel.assimilation.front_lines import FrontLine, front_distances, front_lines
 from firemodel.assimilation.learned_inputs import SPEED, TURN, LearnedInputs
 from firemodel.assimilation.observation import BURNED, UNSEEN, Observation
 from firemodel.assimilation.unfounded_cells import unfounded_cells
@@ -30,7 +31,6 @@ from mission_service.events import (
     WindSet,
 )
 from mission_service.fire.corrected_fire import CorrectedFire, drawn_at_s
-from mission_service.fire.estimated_fronts import FrontLine, front_distances, front_lines
 from mission_service.fire.late_observation import rewritten, with_observation, with_wind
 from mission_service.fire.observed_window import (
     Window,
@@ -270,7 +270,9 @@ class BestFire:
 
     def _learn(self, mosaic: Mosaic) -> None:
         """Learn from the distances between the estimated and the observed front."""
-        seen = front_distances(self.front_lines(), mosaic, self._landscape.cell_size_m)
+        seen = front_distances(
+            self.front_lines(), mosaic.here, mosaic.state, self._landscape.cell_size_m
+        )
         self._learned.learn(*seen, self.fire.weather, mosaic.at_s)
         change = self._learned.state - self._applied
         if np.abs(change).max() >= MIN_INPUT_CHANGE:

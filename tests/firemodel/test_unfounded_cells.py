@@ -3,7 +3,7 @@
 import numpy as np
 
 from firemodel.assimilation.unfounded_cells import unfounded_cells
-from tests.service.fires_on_grids import even_fire
+from tests.firemodel.fires_on_grids import even_fire
 
 CELLS = 40
 

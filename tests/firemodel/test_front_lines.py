@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
+from firemodel.assimilation.front_lines import FrontLine, front_lines, last_seen_s
 from firemodel.assimilation.learned_inputs import LearnedInputs
-from mission_service.fire.estimated_fronts import FrontLine, event_of, front_lines, last_seen_s
-from tests.service.fires_on_grids import CELL_M, even_fire
+from tests.firemodel.fires_on_grids import CELL_M, even_fire
 
 CELLS = 80
 MIDDLE = 40
@@ -57,7 +57,6 @@ def test_two_fires_have_two_fronts_the_longest_first() -> None:
         fire.advance(fire.time_s + 600.0)
     first, second = fronts(fire)
     assert first.col.mean() < 30.0 < second.col.mean()
-    assert event_of(first).rows == tuple(np.round(first.row, 2).tolist())
 
 
 def test_the_time_since_observation_is_that_of_the_earlier_place_of_the_front() -> None:

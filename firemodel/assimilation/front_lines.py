@@ -14,14 +14,12 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from firemodel.arrays import Floats
+from firemodel.arrays import Floats, Place
 from firemodel.assimilation.camera_window import signed_distance_m
 from firemodel.assimilation.distance_kernels import distance_cells
 from firemodel.assimilation.learned_inputs import FrontParts, LearnedInputs
 from firemodel.assimilation.observation import UNSEEN
 from firemodel.spread.fire_scheme import Fire
-from mission_service.events import EstimatedFront
-from mission_service.fire.sightings import Mosaic
 
 MAX_POINTS = 600  # of all fronts; a journal line then has about 20 kB
 MIN_SPACING_CELLS = 1.0
@@ -72,18 +70,6 @@ def front_lines(fire: Fire, seen_s: Floats, learned: LearnedInputs) -> list[Fron
         speed_sd_m_s = learned.speed_sds_m_s(parts, speed_m_s, fire.weather, at_s)
         found.append(FrontLine(inner, row, col, parts, speed_m_s, speed_sd_m_s, unseen_s))
     return found
-
-
-def event_of(front: FrontLine) -> EstimatedFront:
-    """Return a front as it is stored in an event, with rounded values."""
-    return EstimatedFront(
-        front.inner,
-        _listed(front.row, 2),
-        _listed(front.col, 2),
-        _listed(front.speed_m_s, 4),
-        _listed(front.speed_sd_m_s, 4),
-        _listed(front.unseen_s, 0),
-    )
 
 
 def _loops(
@@ -163,12 +149,20 @@ class FrontDistances(NamedTuple):
     groups: NDArray[np.int64]
 
 
-def front_distances(fronts: list[FrontLine], seen: Mosaic, cell_m: float) -> FrontDistances:
+def front_distances(
+    fronts: list[FrontLine], here: Place, state: NDArray[np.uint8], cell_m: float
+) -> FrontDistances:
     """Return the distances between the estimated fronts and the front in images.
 
     A distance is at most that to the nearest cell that the images do not show.
+
+    Args:
+        fronts: The estimated fronts.
+        here: The window of the images in the grid.
+        state: (y, x) the observed states in the window: UNSEEN, UNBURNED or BURNED.
+        cell_m: The size of a cell.
     """
-    top, left = seen.here[0].start, seen.here[1].start
+    top, left = here[0].start, here[1].start
     row = np.concatenate([np.empty(0), *(each.row for each in fronts)])
     col = np.concatenate([np.empty(0), *(each.col for each in fronts)])
     advance_m = np.concatenate([np.empty(0), *(each.speed_m_s * each.unseen_s for each in fronts)])
@@ -178,11 +172,11 @@ def front_distances(fronts: list[FrontLine], seen: Mosaic, cell_m: float) -> Fro
     )
     at = np.rint(row).astype(np.int64) - top, np.rint(col).astype(np.int64) - left
     inside = (at[0] >= 0) & (at[1] >= 0)
-    inside &= (at[0] < seen.state.shape[0]) & (at[1] < seen.state.shape[1])
-    inside[inside] = seen.state[at[0][inside], at[1][inside]] != UNSEEN
+    inside &= (at[0] < state.shape[0]) & (at[1] < state.shape[1])
+    inside[inside] = state[at[0][inside], at[1][inside]] != UNSEEN
     at = at[0][inside], at[1][inside]
-    ahead = signed_distance_m(seen.state, cell_m)[at] / cell_m
-    padded = np.pad(seen.state == UNSEEN, 1, constant_values=True)
+    ahead = signed_distance_m(state, cell_m)[at] / cell_m
+    padded = np.pad(state == UNSEEN, 1, constant_values=True)
     in_view = distance_cells(padded)[1:-1, 1:-1][at]
     groups = (at[0] // GROUP_CELLS) * 4096 + at[1] // GROUP_CELLS
     return FrontDistances(
@@ -191,7 +185,3 @@ def front_distances(fronts: list[FrontLine], seen: Mosaic, cell_m: float) -> Fro
         np.clip(ahead, -in_view, in_view),
         groups,
     )
-
-
-def _listed(values: Floats, digits: int) -> tuple[float, ...]:
-    return tuple(np.round(values, digits).tolist())
