@@ -17,7 +17,7 @@ from firemodel.compiled import kernel
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-LEGS = 8  # number of legs in a plan; the last two are repeated
+LEGS = 18  # number of legs in a plan; the last two are repeated
 NEVER = 1 << 40  # number of cells in an infinite leg
 
 
