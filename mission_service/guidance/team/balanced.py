@@ -1,12 +1,12 @@
 """The team rule that divides the front at the minimum mean cost (``team.balanced``).
 
-The rule searches twice, by roll-outs. With ``patterns`` the rule searches the long-term division of
-the ring: all vehicles lap, all lap and pass an arc of fast spread three times, or some sweep the
-arc. With ``lookahead`` the rule searches the next turns of each vehicle, so that the team reaches
-that pattern with even gaps and visits the cells that have not been seen for long.
+The rule searches twice. It computes the costs of the long-term patterns of ``patterns`` from the
+rates of spread: all vehicles lap, all lap and return on a fast arc, or some sweep the arc. With
+``lookahead`` the rule simulates the next turns of each vehicle, so that the team reaches the
+cheapest pattern with even gaps and visits the cells that have not been seen for long.
 
-Each decision tries only a few plans, and keeps the present plan unless another is better by a
-margin. Therefore a decision takes the same short time, however long the search lasts.
+Each decision tries only a few plans, and keeps the present pattern and plan unless another is
+better by a margin.
 """
 
 from typing import Literal
@@ -31,11 +31,12 @@ from mission_service.guidance.team.lookahead import (
 from mission_service.guidance.team.patterns import (
     LAPS,
     Choice,
-    Pattern,
     PlanState,
     after_turn,
     best_pattern,
-    laps,
+    in_cells,
+    in_nodes,
+    on_new_ring,
     plan_on_arc,
     settled_cost,
 )
@@ -48,10 +49,11 @@ SHIFTS = (-8, -4, -2, -1, 1, 2, 4, 8)  # cells by which a turn is delayed
 # defers every gain.
 AHEAD_LAPS, LATE_TIMES = 0.5, 3.0
 AHEAD_ON_ARCS, LATE_ON_ARCS = 1.0, 1.0
-MARGIN = 1e-3  # share of the cost that another plan must save
+MARGIN = 4e-3  # share of the cost that another plan must save
 PATTERN_MARGIN = 0.03  # share of the settled cost that another pattern must save
-PATTERN_SEARCHES = 8  # searches for a better pattern in the time of one lap
-SEARCH_S = 2.0  # time between two searches for a vehicle's plan
+# Searches in the time of one lap, and the minimum time between two searches.
+PATTERN_SEARCHES, PLAN_SEARCHES = 8, 60  # for a better pattern, for a better plan of a vehicle
+SEARCH_S = 2.0
 
 Importance = Literal["linear", "exponential"]
 
@@ -72,8 +74,8 @@ class Balanced:
         self.rollouts = 0
         self.turns = 0
         # For each vehicle (k): its member number, the cells to fly before each turn, its next cell,
-        # the time of arrival there, its direction, the last search, whether it sweeps, and the number
-        # of its returns on the arc in this lap.
+        # the time of arrival there, its direction, the last search, whether it sweeps, and its
+        # returns on the arc in this lap.
         self._members: list[int] = []
         self._legs = np.empty((0, LEGS), np.int64)
         self._goal = np.empty(0, np.int64)
@@ -94,7 +96,7 @@ class Balanced:
             self._next_pattern_s = at_s + max(SEARCH_S, self._lap_s / PATTERN_SEARCHES)
             self._choose_pattern(fleet)
         self._goal[which], self._due_s[which] = fleet.cell[which], at_s
-        if at_s >= self._searched_s[which] + SEARCH_S:
+        if at_s >= self._searched_s[which] + max(SEARCH_S, self._lap_s / PLAN_SEARCHES):
             self._searched_s[which] = at_s
             self._improve(fleet, which, at_s)
         return self._advance(which, ring, fleet, at_s)
@@ -104,11 +106,7 @@ class Balanced:
         size, old = int(place_of.max()) + 1, place_of.size
         self._ring = None
         onward = np.concatenate([[0], np.cumsum(np.diff(place_of) % size)]) + place_of[0]
-        first, length, *kind = self._pattern
-        if length:
-            end = first + length
-            moved = int(onward[end % old]) + size * (end // old) - int(onward[first])
-            self._pattern = Pattern(int(place_of[first]), max(moved, 1), *kind)
+        self._pattern = on_new_ring(self._pattern, onward, size)
         for vehicle, heading in enumerate(self._heading.tolist()):
             place = int(self._goal[vehicle])
             before = int(onward[place])
@@ -135,13 +133,11 @@ class Balanced:
         self._counts = np.diff(np.append(self._edges, size))
         self._step_m = np.add.reduceat(ring.step_m, self._edges)
         rates = np.add.reduceat(ring.spread_rate_m_s, self._edges)
-        self._scale, self._power = self._integral(rates, self._counts)
         self._room = workspace_for(self._step_m.size, fleet.member.size)
         self._lap_s = float(ring.step_m.sum() / fleet.speed_m_s.mean())
-        never = np.zeros(self._step_m.size)
-        self._nodes = Nodes(
-            self._step_m, self._scale, self._power, self._linear, never, self._stride
-        )
+        scale, power = self._integral(rates, self._counts)
+        unseen = np.zeros(self._step_m.size)
+        self._nodes = Nodes(self._step_m, scale, power, self._linear, unseen, self._stride)
 
     def _integral(self, rate_sum: Floats, cells: Floats | Integers) -> tuple[Floats, Floats]:
         """Return the scale and the power of each node's integral of importance.
@@ -154,24 +150,16 @@ class Balanced:
         return cells / power, power
 
     def _choose_pattern(self, fleet: ActiveFleet) -> None:
-        """Replace the pattern and all plans if another pattern is better by a margin."""
-        speed_m_s, stride, size = float(fleet.speed_m_s.mean()), self._stride, self._size()
-        team = fleet.member.size, speed_m_s, self._turn_s
-        first, length, *kind = self._pattern
-        nodes = self._step_m.size
-        last = (first + length) // stride - first // stride
-        present = Pattern(first // stride, max(last, 1) if length else 0, *kind)
+        """Replace the pattern, and the plans of all vehicles, if another is better by a margin."""
+        team = fleet.member.size, float(fleet.speed_m_s.mean()), self._turn_s
+        present = in_nodes(self._pattern, self._stride)
         cost = settled_cost(present, self._nodes, *team)
-        lapping = settled_cost(LAPS, self._nodes, *team)
         best = best_pattern(self._nodes, *team)
+        lapping = settled_cost(LAPS, self._nodes, *team)
         if best.cost > (1.0 - PATTERN_MARGIN) * lapping:
             best = Choice(LAPS, lapping)
-        first, length, *kind = best.pattern
-        wanted = Pattern(first * stride, min(length * stride, size - 1), *kind)
-        same = wanted[2:] == self._pattern[2:]
-        if best.pattern == LAPS: 
-            same = False
-        if same and best.pattern.length:
+        wanted = in_cells(best.pattern, self._stride)
+        if wanted.length and wanted.kind == self._pattern.kind:
             # The arc follows the front: a vehicle uses the new arc from its next turn on.
             self._pattern = wanted
         elif best.cost < (1.0 - PATTERN_MARGIN) * cost:
@@ -188,13 +176,7 @@ class Balanced:
         self._sweeps[nearest[: self._pattern.sweeping]] = True
         self._returned[:] = 0
         for vehicle in range(len(self._members)):
-            if self._serves(vehicle):
-                self._plan(vehicle)
-            elif self._heading[vehicle] < 0:
-                self._legs[vehicle] = laps()
-                self._legs[vehicle, 0] = 0
-            else:
-                self._legs[vehicle] = laps()
+            self._plan(vehicle)
 
     def _size(self) -> int:
         assert self._ring is not None
@@ -206,7 +188,12 @@ class Balanced:
         return pattern.length > 0 and bool(self._sweeps[vehicle]) == (pattern.sweeping > 0)
 
     def _plan(self, vehicle: int) -> None:
-        """Set the plan of a vehicle that serves the arc, from its next cell on."""
+        """Set the plan of one vehicle to the pattern, from its next cell on."""
+        if not self._serves(vehicle):
+            self._legs[vehicle] = NEVER
+            if self._heading[vehicle] < 0:
+                self._legs[vehicle, 0] = 0
+            return
         state = PlanState(
             int(self._goal[vehicle]), int(self._heading[vehicle]), int(self._returned[vehicle])
         )
@@ -259,7 +246,8 @@ class Balanced:
         if self._pattern.length:
             ahead, late_times = AHEAD_ON_ARCS, LATE_ON_ARCS
         if self._pattern.sweeping == 0:
-            period_s *= 1.0 + 2.0 * self._pattern.returns * self._pattern.length / self._size()
+            share = self._pattern.length / self._size()
+            period_s += 2.0 * self._pattern.returns * (share * self._lap_s + self._turn_s)
         span = Horizon((1.0 + ahead) * period_s, ahead * period_s, late_times)
         moves = self._moves
         if self._serves(which):

@@ -170,17 +170,6 @@ def roll_out(nodes, start, legs, span, room):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def late_mean(nodes, start, legs, span, room):  # type: ignore[no-untyped-def]
-    """Return the sum of all nodes' importance, averaged over the last part of a roll-out."""
-    _begin(nodes, start, legs, room)
-    _fly(nodes, start, legs, room, span.late_from_s)
-    late = -_standing(nodes, room.visited_s, span.late_from_s)
-    late += _fly(nodes, start, legs, room, span.end_s)
-    late += _standing(nodes, room.visited_s, span.end_s)
-    return late / (span.end_s - span.late_from_s)
-
-
-@kernel
 def _tried(nodes, start, legs, span, room, vehicle, best, best_cost):  # type: ignore[no-untyped-def]
     """Roll out the plans; copy this vehicle's plan to ``best`` if the cost is below ``best_cost``.
 

@@ -12,9 +12,9 @@ from typing import NamedTuple
 import numpy as np
 
 from firemodel.compiled import kernel
-from mission_service.guidance.team.lookahead import LEGS, NEVER, Floats, Integers, Nodes
+from mission_service.guidance.team.lookahead import LEGS, Integers, Nodes
 
-MAX_RETURNS = 4
+MAX_RETURNS = 4  # a plan of LEGS legs has room for two laps with so many returns
 ARC_SHARES = 2.0 ** np.arange(-7.5, -0.9, 0.5)  # lengths of the first arcs to try, in laps
 STEPS = (8, 4, 2, 1)  # nodes by which the ends of an arc are then moved
 
@@ -30,6 +30,11 @@ class Pattern(NamedTuple):
     length: int  # 0: no arc, all lap
     sweeping: int
     returns: int
+
+    @property
+    def kind(self) -> tuple[int, int]:
+        """The numbers of sweeping vehicles and of returns."""
+        return self.sweeping, self.returns
 
 
 class Choice(NamedTuple):
@@ -208,6 +213,26 @@ def plan_on_arc(pattern: Pattern, state: PlanState, size: int) -> Integers:
     return legs
 
 
-def laps() -> Integers:
-    """Return the legs (LEGS) of a vehicle that laps."""
-    return np.full(LEGS, NEVER, np.int64)
+def in_nodes(pattern: Pattern, stride: int) -> Pattern:
+    """Return a pattern of cells as a pattern of nodes with ``stride`` cells each."""
+    first, length, *kind = pattern
+    return Pattern(first // stride, min(length, max(length // stride, 1)), *kind)
+
+
+def in_cells(pattern: Pattern, stride: int) -> Pattern:
+    """Return a pattern of nodes with ``stride`` cells each as a pattern of cells."""
+    first, length, *kind = pattern
+    return Pattern(first * stride, length * stride, *kind)
+
+
+def on_new_ring(pattern: Pattern, onward: Integers, size: int) -> Pattern:
+    """Return the pattern after its cells have moved to a new ring of ``size`` cells.
+
+    ``onward`` (n) has the new place of each old cell, rising around the ring.
+    """
+    first, length, *kind = pattern
+    if not length:
+        return pattern
+    laps, last = divmod(first + length, onward.size)
+    moved = int(onward[last]) + laps * size - int(onward[first])
+    return Pattern(int(onward[first]) % size, max(moved, 1), *kind)
