@@ -29,7 +29,7 @@ Floats = NDArray[np.float64]
 
 SIZES = range(2, 9)
 SPEEDS_M_S = (1.5, 5.0, 10.0, 20.0, 40.0)
-CELL_M, EVERY_S, LAPS = 30.0, 20.0, 16
+CELL_M, EVERY_S, LAPS = 30.0, 18.7, 10
 COOL_M_S = 0.02
 FINE = 1000  # parts of a cell in which places on the circle are given
 RETURNS = range(1, 5)

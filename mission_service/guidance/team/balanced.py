@@ -177,6 +177,23 @@ class Balanced:
         self._returned[:] = 0
         for vehicle in range(len(self._members)):
             self._plan(vehicle)
+        if self._pattern.returns:
+            self._space_returns()
+
+    def _space_returns(self) -> None:
+        """Delay the vehicles on their first arc, so that the gaps of laps with returns become even.
+
+        A lap with returns takes longer than the lap in which the vehicles arrive. A delay consists
+        of whole returns, and of a return beyond the end of the arc.
+        """
+        count, length = len(self._members), self._pattern.length
+        arriving = np.argsort((self._pattern.first - self._goal) % self._size(), kind="stable")
+        for place, vehicle in enumerate(arriving.tolist()):
+            returns, part = divmod(place * self._pattern.returns, count)
+            self._returned[vehicle] = -returns
+            self._plan(vehicle)
+            turn = 0 if self._heading[vehicle] > 0 else 1
+            self._legs[vehicle, turn : turn + 2] += part * length // count
 
     def _size(self) -> int:
         assert self._ring is not None

@@ -245,7 +245,7 @@ def improve(nodes, start, legs, span, room, vehicle, moves, margin):  # type: ig
             if _shift_turn(plan, kept, turn, shift):
                 best_cost = _tried(nodes, start, legs, span, room, vehicle, best, best_cost)
                 count += 1
-    if _leave_out_turns(plan, kept):
+    if moves.backs.size > 0 and _leave_out_turns(plan, kept):
         best_cost = _tried(nodes, start, legs, span, room, vehicle, best, best_cost)
         count += 1
     chosen = best if best_cost < (1.0 - margin) * first else kept
