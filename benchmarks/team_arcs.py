@@ -6,7 +6,8 @@ line shows the mean cost (linear importance) divided by that of circling and by 
 circling, bumper and Bent's eight combinations, and the cost of the second half divided by that of
 the best pattern. This pattern is found off line, by the visits of every arc near the hot one, for
 each number of vehicles that sweep it and up to four returns in each lap. ``--turn SECONDS`` sets
-the duration of a turn back (default: 0, as in Bent's thesis).
+the duration of a turn back (default: 0, as in Bent's thesis). ``--speeds 10 20`` flies only some of
+the speeds 1.5, 5, 10, 20 and 40 m/s.
 """
 
 import argparse
@@ -183,12 +184,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("first", type=int, nargs="?", default=0)
     parser.add_argument("count", type=int, nargs="?", default=3)
+    parser.add_argument("--speeds", type=float, nargs="+", default=SPEEDS_M_S, help="in m/s")
     parser.add_argument("--turn", type=float, default=0.0, help="duration of a turn back in s")
     given = parser.parse_args(arguments)
     cases = [
         case
         for seed in range(given.first, given.first + given.count)
         for case in drawn_cases(seed, given.turn)
+        if case.speed_m_s in given.speeds
     ]
     results = []
     click.echo("  m/s UAVs cells  hot  factor /circling  /best  best rule  /pattern  best pattern")
@@ -203,7 +206,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             )
     ratios = np.array([[one.mean / one.best, one.late / one.best_pattern] for one in results])
     speeds = np.array([case.speed_m_s for case in cases])
-    for speed_m_s in SPEEDS_M_S:
+    for speed_m_s in given.speeds:
         _show(f"{speed_m_s:g} m/s", ratios[speeds == speed_m_s])
     _show("all", ratios)
 

@@ -34,6 +34,7 @@ from mission_service.guidance.team.patterns import (
     PlanState,
     after_turn,
     best_pattern,
+    even_delays,
     in_cells,
     in_nodes,
     on_new_ring,
@@ -49,7 +50,8 @@ SHIFTS = (-8, -4, -2, -1, 1, 2, 4, 8)  # cells by which a turn is delayed
 # defers every gain.
 AHEAD_LAPS, LATE_TIMES = 0.5, 3.0
 AHEAD_ON_ARCS, LATE_ON_ARCS = 1.0, 1.0
-MARGIN = 4e-3  # share of the cost that another plan must save
+# Share of the cost that another plan must save, in laps and on an arc.
+MARGIN, MARGIN_ON_ARCS = 4e-3, 1e-3
 PATTERN_MARGIN = 0.03  # share of the settled cost that another pattern must save
 # Searches in the time of one lap, and the minimum time between two searches.
 PATTERN_SEARCHES, PLAN_SEARCHES = 8, 60  # for a better pattern, for a better plan of a vehicle
@@ -177,23 +179,25 @@ class Balanced:
         self._returned[:] = 0
         for vehicle in range(len(self._members)):
             self._plan(vehicle)
-        if self._pattern.returns:
-            self._space_returns()
+        if self._pattern.length:
+            self._space_on_arc()
 
-    def _space_returns(self) -> None:
-        """Delay the vehicles on their first arc, so that the gaps of laps with returns become even.
+    def _space_on_arc(self) -> None:
+        """Delay the vehicles that serve the arc on their first visit, so that gaps become even.
 
-        A lap with returns takes longer than the lap in which the vehicles arrive. A delay consists
-        of whole returns, and of a return beyond the end of the arc.
+        A delay consists of whole returns, and of a return beyond the end of the arc.
         """
-        count, length = len(self._members), self._pattern.length
-        arriving = np.argsort((self._pattern.first - self._goal) % self._size(), kind="stable")
-        for place, vehicle in enumerate(arriving.tolist()):
-            returns, part = divmod(place * self._pattern.returns, count)
-            self._returned[vehicle] = -returns
+        length, returns = self._pattern.length, self._pattern.returns
+        serving = np.flatnonzero([self._serves(v) for v in range(len(self._members))])
+        turns = np.where(self._heading[serving] > 0, 0, 1)
+        ends = self._legs[serving, 0] + turns * self._legs[serving, 1]
+        period = 2 * length * max(returns, 1) + (self._size() if returns else 0)
+        whole, part = np.divmod(even_delays(ends, period), 2 * length)
+        for place, vehicle in enumerate(serving.tolist()):
+            self._returned[vehicle] -= whole[place]
             self._plan(vehicle)
-            turn = 0 if self._heading[vehicle] > 0 else 1
-            self._legs[vehicle, turn : turn + 2] += part * length // count
+            turn = turns[place]
+            self._legs[vehicle, turn : turn + 2] += part[place] // 2
 
     def _size(self) -> int:
         assert self._ring is not None
@@ -266,10 +270,10 @@ class Balanced:
             share = self._pattern.length / self._size()
             period_s += 2.0 * self._pattern.returns * (share * self._lap_s + self._turn_s)
         span = Horizon((1.0 + ahead) * period_s, ahead * period_s, late_times)
-        moves = self._moves
+        moves, margin = self._moves, MARGIN
         if self._serves(which):
-            moves = moves._replace(backs=moves.backs[:0])
-        self.rollouts += improve(nodes, start, self._legs, span, self._room, which, moves, MARGIN)
+            moves, margin = moves._replace(backs=moves.backs[:0]), MARGIN_ON_ARCS
+        self.rollouts += improve(nodes, start, self._legs, span, self._room, which, moves, margin)
 
     def _advance(self, which: int, ring: FrontRing, fleet: ActiveFleet, at_s: float) -> bool:
         """Advance the plan by one cell, with a turn if it is due."""

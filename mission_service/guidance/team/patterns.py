@@ -213,6 +213,19 @@ def plan_on_arc(pattern: Pattern, state: PlanState, size: int) -> Integers:
     return legs
 
 
+def even_delays(ends: Integers, period: int) -> Integers:
+    """Return the delays that space vehicles evenly in the period of a pattern, all in cells.
+
+    ``ends`` (k) are the cells that each vehicle flies before it turns at the end of the arc. The
+    vehicles keep their order, and one of them is not delayed.
+    """
+    place = ends % period
+    rank = np.argsort(np.argsort(place, kind="stable"), kind="stable")
+    even = rank * period // ends.size
+    delays: Integers = even - place - (even - place).min()
+    return delays
+
+
 def in_nodes(pattern: Pattern, stride: int) -> Pattern:
     """Return a pattern of cells as a pattern of nodes with ``stride`` cells each."""
     first, length, *kind = pattern
