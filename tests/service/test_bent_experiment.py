@@ -62,7 +62,7 @@ def test_command(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, as_json: bool)
     """The whole command on a ring that does not change, in this process."""
     burn = replace(uneven(), end_s=3600.0 + 200.0)
     monkeypatch.setattr(bent, "uneven", lambda: burn)
-    monkeypatch.setattr(bent, "ring_history", lambda burn: still(40, 6, rate=0.1))
+    monkeypatch.setattr(bent, "ring_history", lambda burn, spread: still(40, 6, rate=0.1))
     monkeypatch.setattr(
         bent,
         "fly_cases",

@@ -96,7 +96,7 @@ def fly_team(
     cell_m: float = CELL_M,
     leaving: Sequence[tuple[float, int]] = (),
     joining: Sequence[tuple[float, int]] = (),
-    layer_m: float = LAYER_M,
+    turn_s: float = 0.0,
 ) -> TeamFlight:
     """Fly ``uavs`` vehicles along a growing ring whose cells have all been visited at the start.
 
@@ -104,9 +104,10 @@ def fly_team(
     ``joining`` contain (time in s, member). Each change takes effect at the first step of the ring
     at or after its time. A vehicle joins at the cell with the oldest visit. ``rule.decide``
     receives the same ``FrontRing`` during a step and the same ``ActiveFleet`` until the team
-    changes. The rule must copy arrays that it stores, because they are modified in place.
+    changes. The rule must copy arrays that it stores, because they are modified in place. A turn
+    back takes ``turn_s``.
     """
-    team = _Team(rule, speed_m_s, cell_m)
+    team = _Team(rule, speed_m_s, cell_m, turn_s)
     first = history[0]
     team.on(first, np.full(len(first.cells), first.at_s))
     for member, cell in enumerate(equidistant(first.step_m, uavs)):
@@ -126,7 +127,7 @@ def fly_team(
             team.fly_until(history[index + 1].at_s)
     at, linear, exponential, worst = np.array(samples).T
     tracks = {member: np.array(track) for member, track in sorted(team.tracks.items())}
-    closest_m = min_separation_m(tracks, cell_m, layer_m)
+    closest_m = min_separation_m(tracks, cell_m, LAYER_M)
     return TeamFlight(at, linear, exponential, worst, tracks, team.decisions, closest_m)
 
 
@@ -145,13 +146,14 @@ def _costs(ring: FrontRing, at_s: float) -> tuple[float, float, float]:
 class _Team:
     """The vehicles in the air, and the ring on which they fly."""
 
-    def __init__(self, rule: TeamRule, speed_m_s: float, cell_m: float) -> None:
+    def __init__(self, rule: TeamRule, speed_m_s: float, cell_m: float, turn_s: float) -> None:
         self.ring: FrontRing
         self.tracks: dict[int, list[tuple[float, float, float]]] = {}
         self.decisions = 0
         self._rule = rule
         self._speed_m_s = speed_m_s
         self._cell_m = cell_m
+        self._turn_s = turn_s
         self._vehicles: list[_Vehicle] = []
         self._fleet = ActiveFleet(*(np.array([], kind) for kind in (int, int, bool, float)))
 
@@ -173,7 +175,7 @@ class _Team:
             vehicle.goal = int(step.place_of[vehicle.goal])
             vehicle.goal_place = self._places[vehicle.goal]
             away = math.dist(vehicle.left[1:], vehicle.goal_place)
-            vehicle.arrival_s = step.at_s + away * self._cell_m / vehicle.speed_m_s
+            vehicle.arrival_s = vehicle.left[0] + away * self._cell_m / vehicle.speed_m_s
         self._rule.on_ring_changed(step.place_of)
 
     def join(self, member: int, cell: int) -> None:
@@ -220,6 +222,9 @@ class _Team:
         self._fleet.cell[which] = cell
         self.ring.visited_at_s[cell] = at_s
         clockwise = self._rule.decide(self.ring, self._fleet, which, at_s)
+        if bool(self._fleet.clockwise[which]) != bool(clockwise):
+            at_s += self._turn_s
+            vehicle.left = (at_s, *vehicle.left[1:])
         self._fleet.clockwise[which] = clockwise
         self.decisions += 1
         # Index -1 selects the last cell, and the step from the last cell to the first.
@@ -230,8 +235,9 @@ class _Team:
 
 
 def _underway(vehicle: _Vehicle, at_s: float) -> tuple[float, float, float]:
-    """Return the time, row and column of a vehicle between two cells."""
+    """Return the time, row and column of a vehicle between two cells, or at the end of its turn."""
     left_s, row, col = vehicle.left
+    at_s = max(at_s, left_s)
     share = (at_s - left_s) / max(vehicle.arrival_s - left_s, 1e-9)
     to_row, to_col = vehicle.goal_place
     return at_s, row + share * (to_row - row), col + share * (to_col - col)

@@ -7,6 +7,7 @@ the age of the front cell behind it, because importance measures unseen growth.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,11 @@ Integers = NDArray[np.int64]
 
 EVERY_S = 20.0
 TANGENT_CELLS = 3
+DIRECTIONS = 72  # directions in which a maximum rate of spread is searched
+
+# The rate of spread that weighs a cell: the speed of the front along its normal, or the maximum
+# over all directions, which Bent's thesis uses (2.3).
+Spread = Literal["outward", "maximum"]
 
 
 @dataclass(frozen=True)
@@ -30,33 +36,49 @@ class RingStep:
     at_s: float
     cells: Integers  # (n, 2) row, column; no cell twice
     step_m: Floats  # (n) distance from each cell to the next one
-    spread_rate_m_s: Floats  # (n) rate of spread outwards
+    spread_rate_m_s: Floats  # (n) rate of spread that weighs each cell
     came_from: Integers  # (n) index of the cell in the previous ring whose visit each cell inherits
     place_of: Integers  # (m) new index of each cell of the previous ring, in order around the ring
 
 
-def ring_history(burn: Burn, every_s: float = EVERY_S) -> list[RingStep]:
+def ring_history(
+    burn: Burn, every_s: float = EVERY_S, spread: Spread = "outward"
+) -> list[RingStep]:
     """Return the front every ``every_s``, from deployment to the end of a fire."""
-    return list(_steps(burn, FrontRates(burn.landscape, burn.weather), every_s))
+    return list(_steps(burn, FrontRates(burn.landscape, burn.weather), every_s, spread))
 
 
-def _steps(burn: Burn, rates: FrontRates, every_s: float) -> Iterator[RingStep]:
+def _steps(burn: Burn, rates: FrontRates, every_s: float, spread: Spread) -> Iterator[RingStep]:
     before: Integers | None = None
     for at_s in np.arange(burn.deploy_s, burn.end_s + every_s / 2, every_s):
         cells = outer_cells(burn.burned(at_s))
         if before is None:
             before = cells
         ahead = np.roll(cells, -1, axis=0) - cells
-        north, east = facing(cells)
+        if spread == "maximum":
+            rate_m_s = max_spread_rate_m_s(rates, cells, float(at_s))
+        else:
+            rows, cols = cells.T
+            north, east = facing(cells)
+            rate_m_s = rates.speeds_m_s(rows, cols, north, east, float(at_s))
         yield RingStep(
             float(at_s),
             cells,
             burn.landscape.cell_size_m * np.hypot(*ahead.T),
-            rates.speeds_m_s(cells[:, 0], cells[:, 1], north, east, float(at_s)),
+            rate_m_s,
             np.asarray(cKDTree(before).query(cells)[1], dtype=np.int64),
             in_order(np.asarray(cKDTree(cells).query(before)[1], dtype=np.int64), len(cells)),
         )
         before = cells
+
+
+def max_spread_rate_m_s(rates: FrontRates, cells: Integers, at_s: float) -> Floats:
+    """Return the largest rate of spread (n) in any direction, in m/s, in cells (n, 2)."""
+    angles = np.tile(2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS, len(cells))
+    rows, cols = np.repeat(cells, DIRECTIONS, axis=0).T
+    every = rates.speeds_m_s(rows, cols, np.cos(angles), np.sin(angles), at_s)
+    highest: Floats = every.reshape(len(cells), DIRECTIONS).max(axis=1)
+    return highest
 
 
 def outer_cells(burned: NDArray[np.bool_]) -> Integers:

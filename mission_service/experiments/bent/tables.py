@@ -42,6 +42,11 @@ THESIS_NEGOTIATIONS = {
     "exponential": {"importance": (3371.688, 2697.640), "centre": (3037.289, 2246.203)},
 }
 
+SPREADS = {
+    "outward": "rates of spread along the normal of the front",
+    "maximum": "maximum rates of spread",
+}
+
 Row = dict[str, Any]
 Averages = dict[str, tuple[float, float]]  # name: mean and standard deviation of the cost
 
@@ -69,18 +74,44 @@ def best(costs: Averages, which: int) -> str:
     return min(costs, key=lambda name: costs[name][which])
 
 
+def agreement(runs: Sequence[Row]) -> tuple[int, int, float, float]:
+    """Compare the best combinations with those of the thesis, in all cells of tables 5.1 and 5.2.
+
+    Returns the number of cells with the same combination, the number of cells, the number that a
+    random choice would give, and the mean share by which the thesis's combination is worse here.
+    """
+    same, shares, chance = 0, [], 0.0
+    for importance, rows in THESIS_BEST.items():
+        groups = [[size] for size in SIZES] + [list(SIZES)]
+        for sizes, thesis in zip(groups, rows, strict=True):
+            costs = averages(runs, importance, sizes)
+            for which in (0, 1):
+                ours = best(costs, which)
+                same += ours == thesis[which]
+                shares.append(costs[thesis[which]][which] / costs[ours][which] - 1.0)
+                chance += 1.0 / len(costs)
+    return same, len(shares), chance, sum(shares) / len(shares)
+
+
 def in_text(found: dict[str, Any]) -> str:
     """Return the result as tables of text."""
     from_km, to_km = found["perimeter_km"]
     lines = [
         f"Fire {found['fire']!r}: {found['hours']:g} h, perimeter {from_km:.1f} to {to_km:.1f} km, "
         f"vehicles at {found['speed_m_s']:g} m/s.",
-        "Cost: mean importance of the cells, every 20 s; spread rates in m/s.",
+        f"Cost: mean importance of the cells, every 20 s; {SPREADS[found['spread']]} in m/s.",
     ]
     runs, later = found["runs"], found["later"]
     for table, importance in (("5.1", "linear"), ("5.2", "exponential")):
         lines += ["", f"Table {table}: best combinations, {importance} importance"]
         lines += _best_lines(runs, importance)
+    same, cells, chance, worse = agreement(runs)
+    lines += [
+        "",
+        f"Same best combination as in the thesis: {same} of {cells} cells (by chance "
+        f"{chance:.1f}); the thesis's combination is on average {100.0 * worse:.1f} % worse here "
+        "than the best one.",
+    ]
     for table, importance in (("5.3", "linear"), ("5.4", "exponential")):
         lines += ["", f"Table {table}: negotiations, {importance} importance, averages"]
         lines += _negotiation_lines(runs, later, importance)

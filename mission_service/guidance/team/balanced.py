@@ -1,12 +1,12 @@
 """The team rule that divides the front at the minimum mean cost (``team.balanced``).
 
-The rule searches twice, by roll-outs. With ``patterns`` the rule searches the long-term division of
-the ring: all vehicles lap, all lap and pass an arc of fast spread three times, or some sweep the
-arc. With ``lookahead`` the rule searches the next turns of each vehicle, so that the team reaches
-that pattern with even gaps and visits the cells that have not been seen for long.
+The rule searches twice. It computes the costs of the long-term patterns of ``patterns`` from the
+rates of spread: all vehicles lap, all lap and return on a fast arc, or some sweep the arc. With
+``lookahead`` the rule simulates the next turns of each vehicle, so that the team reaches the
+cheapest pattern with even gaps and visits the cells that have not been seen for long.
 
-Each decision tries only a few plans, and keeps the present plan unless another is better by a
-margin. Therefore a decision takes the same short time, however long the search lasts.
+Each decision tries only a few plans, and keeps the present pattern and plan unless another is
+better by a margin.
 """
 
 from typing import Literal
@@ -28,7 +28,19 @@ from mission_service.guidance.team.lookahead import (
     improve,
     workspace_for,
 )
-from mission_service.guidance.team.patterns import LAPS, PARTS, Pattern, candidates, settled_cost
+from mission_service.guidance.team.patterns import (
+    LAPS,
+    Choice,
+    PlanState,
+    after_turn,
+    best_pattern,
+    even_delays,
+    in_cells,
+    in_nodes,
+    on_new_ring,
+    plan_on_arc,
+    settled_cost,
+)
 
 NODES = 256  # maximum number of nodes of the ring for roll-outs
 BACKS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)  # cells to fly back before the next turn
@@ -38,10 +50,12 @@ SHIFTS = (-8, -4, -2, -1, 1, 2, 4, 8)  # cells by which a turn is delayed
 # defers every gain.
 AHEAD_LAPS, LATE_TIMES = 0.5, 3.0
 AHEAD_ON_ARCS, LATE_ON_ARCS = 1.0, 1.0
-MARGIN = 1e-3  # share of the cost that another plan must save
-# The share that another pattern must save, per (vehicles - 1)²: gaps in large teams are less even.
-PATTERN_MARGIN = 0.03
-SEARCH_S = 2.0  # time between two searches for a vehicle's plan
+# Share of the cost that another plan must save, in laps and on an arc.
+MARGIN, MARGIN_ON_ARCS = 4e-3, 1e-3
+PATTERN_MARGIN = 0.03  # share of the settled cost that another pattern must save
+# Searches in the time of one lap, and the minimum time between two searches.
+PATTERN_SEARCHES, PLAN_SEARCHES = 8, 60  # for a better pattern, for a better plan of a vehicle
+SEARCH_S = 2.0
 
 Importance = Literal["linear", "exponential"]
 
@@ -58,13 +72,12 @@ class Balanced:
         )
         self._ring: FrontRing | None = None
         self._pattern = LAPS
-        self._pattern_cost = np.inf
-        self._untried: list[Pattern] = []
         self._next_pattern_s = -np.inf
         self.rollouts = 0
         self.turns = 0
         # For each vehicle (k): its member number, the cells to fly before each turn, its next cell,
-        # the time of arrival there, its direction, the last search, and whether it sweeps.
+        # the time of arrival there, its direction, the last search, whether it sweeps, and its
+        # returns on the arc in this lap.
         self._members: list[int] = []
         self._legs = np.empty((0, LEGS), np.int64)
         self._goal = np.empty(0, np.int64)
@@ -72,6 +85,7 @@ class Balanced:
         self._heading = np.empty(0, np.int64)
         self._searched_s = np.empty(0)
         self._sweeps = np.empty(0, np.bool_)
+        self._returned = np.empty(0, np.int64)
 
     def decide(self, ring: FrontRing, fleet: ActiveFleet, which: int, at_s: float) -> bool:
         """Search this vehicle's plans; return whether it flies clockwise next."""
@@ -81,10 +95,10 @@ class Balanced:
         if members != self._members:
             self._set_team(members, fleet, at_s)
         if at_s >= self._next_pattern_s:
-            self._next_pattern_s = at_s + SEARCH_S
-            self._try_patterns(fleet)
+            self._next_pattern_s = at_s + max(SEARCH_S, self._lap_s / PATTERN_SEARCHES)
+            self._choose_pattern(fleet)
         self._goal[which], self._due_s[which] = fleet.cell[which], at_s
-        if at_s >= self._searched_s[which] + SEARCH_S:
+        if at_s >= self._searched_s[which] + max(SEARCH_S, self._lap_s / PLAN_SEARCHES):
             self._searched_s[which] = at_s
             self._improve(fleet, which, at_s)
         return self._advance(which, ring, fleet, at_s)
@@ -94,6 +108,7 @@ class Balanced:
         size, old = int(place_of.max()) + 1, place_of.size
         self._ring = None
         onward = np.concatenate([[0], np.cumsum(np.diff(place_of) % size)]) + place_of[0]
+        self._pattern = on_new_ring(self._pattern, onward, size)
         for vehicle, heading in enumerate(self._heading.tolist()):
             place = int(self._goal[vehicle])
             before = int(onward[place])
@@ -120,13 +135,11 @@ class Balanced:
         self._counts = np.diff(np.append(self._edges, size))
         self._step_m = np.add.reduceat(ring.step_m, self._edges)
         rates = np.add.reduceat(ring.spread_rate_m_s, self._edges)
-        self._scale, self._power = self._integral(rates, self._counts)
         self._room = workspace_for(self._step_m.size, fleet.member.size)
         self._lap_s = float(ring.step_m.sum() / fleet.speed_m_s.mean())
-        parts_m, rates = _in_parts(ring.step_m), _in_parts(ring.spread_rate_m_s)
-        scale, power = self._integral(rates, np.full(PARTS, size / PARTS))
-        self._parts = Nodes(parts_m, scale, power, self._linear, np.zeros(PARTS), 1)
-        self._pattern_cost = self._settled(self._pattern, fleet)
+        scale, power = self._integral(rates, self._counts)
+        unseen = np.zeros(self._step_m.size)
+        self._nodes = Nodes(self._step_m, scale, power, self._linear, unseen, self._stride)
 
     def _integral(self, rate_sum: Floats, cells: Floats | Integers) -> tuple[Floats, Floats]:
         """Return the scale and the power of each node's integral of importance.
@@ -138,80 +151,74 @@ class Balanced:
         power = 2.0 + rate_sum / cells
         return cells / power, power
 
-    def _settled(self, pattern: Pattern, fleet: ActiveFleet) -> float:
-        self.rollouts += 1
-        return settled_cost(
-            pattern,
-            self._parts,
-            fleet.speed_m_s,
-            self._turn_s,
-            workspace_for(PARTS, fleet.member.size),
-        )
-
-    def _try_patterns(self, fleet: ActiveFleet) -> None:
-        """Try one more pattern; if it is better, replace the plans of all vehicles."""
-        if not self._untried:
-            self._untried = [LAPS, *candidates(fleet.member.size)][::-1]
-        pattern = self._untried.pop()
-        cost = self._settled(pattern, fleet)
-        margin = PATTERN_MARGIN * (fleet.member.size - 1) ** 2
-        if cost < (1.0 - margin) * self._pattern_cost:
-            self._pattern, self._pattern_cost = pattern, cost
-            self._plan_all()
-        elif self._pattern.length:
+    def _choose_pattern(self, fleet: ActiveFleet) -> None:
+        """Replace the pattern, and the plans of all vehicles, if another is better by a margin."""
+        team = fleet.member.size, float(fleet.speed_m_s.mean()), self._turn_s
+        present = in_nodes(self._pattern, self._stride)
+        cost = settled_cost(present, self._nodes, *team)
+        best = best_pattern(self._nodes, *team)
+        lapping = settled_cost(LAPS, self._nodes, *team)
+        if best.cost > (1.0 - PATTERN_MARGIN) * lapping:
+            best = Choice(LAPS, lapping)
+        wanted = in_cells(best.pattern, self._stride)
+        if wanted.length and wanted.kind == self._pattern.kind:
             # The arc follows the front: a vehicle uses the new arc from its next turn on.
-            first, length, sweeping = self._pattern
-            for move, grow in ((-1, 0), (1, 0), (0, -1), (0, 1)):
-                pattern = Pattern((first + move) % PARTS, max(length + grow, 1), sweeping)
-                cost = self._settled(pattern, fleet)
-                if cost < self._pattern_cost:
-                    self._pattern, self._pattern_cost = pattern, cost
-            lapping = self._settled(LAPS, fleet)
-            if lapping < self._pattern_cost:
-                self._pattern, self._pattern_cost = LAPS, lapping
-                self._plan_all()
+            self._pattern = wanted
+        elif best.cost < (1.0 - PATTERN_MARGIN) * cost:
+            self._pattern = wanted
+            self._plan_all()
 
     def _plan_all(self) -> None:
         """Set the plan of each vehicle to the pattern, from its next cell on."""
         size = self._size()
-        middle = (2 * self._pattern.first + self._pattern.length) * size // (2 * PARTS)
+        middle = self._pattern.first + self._pattern.length // 2
         away = (self._goal - middle) % size
         nearest = np.argsort(np.minimum(away, size - away), kind="stable")
         self._sweeps = np.zeros(len(self._members), np.bool_)
         self._sweeps[nearest[: self._pattern.sweeping]] = True
+        self._returned[:] = 0
         for vehicle in range(len(self._members)):
             self._plan(vehicle)
+        if self._pattern.length:
+            self._space_on_arc()
+
+    def _space_on_arc(self) -> None:
+        """Delay the vehicles that serve the arc on their first visit, so that gaps become even.
+
+        A delay consists of whole returns, and of a return beyond the end of the arc.
+        """
+        length, returns = self._pattern.length, self._pattern.returns
+        serving = np.flatnonzero([self._serves(v) for v in range(len(self._members))])
+        turns = np.where(self._heading[serving] > 0, 0, 1)
+        ends = self._legs[serving, 0] + turns * self._legs[serving, 1]
+        period = 2 * length * max(returns, 1) + (self._size() if returns else 0)
+        whole, part = np.divmod(even_delays(ends, period), 2 * length)
+        for place, vehicle in enumerate(serving.tolist()):
+            self._returned[vehicle] -= whole[place]
+            self._plan(vehicle)
+            turn = turns[place]
+            self._legs[vehicle, turn : turn + 2] += part[place] // 2
 
     def _size(self) -> int:
         assert self._ring is not None
         return self._ring.step_m.size
 
-    def _plan(self, vehicle: int, came_back: bool = False) -> None:
-        """Set the plan of one vehicle to the pattern, from its next cell on.
+    def _serves(self, vehicle: int) -> bool:
+        """Return whether a vehicle flies back and forth on the arc of the pattern."""
+        pattern = self._pattern
+        return pattern.length > 0 and bool(self._sweeps[vehicle]) == (pattern.sweeping > 0)
 
-        ``came_back`` is True if the vehicle is in the third pass of the arc.
-        """
-        size = self._size()
-        first = self._pattern.first * size // PARTS
-        length = self._pattern.length * size // PARTS
-        sweeps = bool(self._sweeps[vehicle])
-        serves = length > 0 and sweeps == (self._pattern.sweeping > 0)
-        legs = []
-        place = int(self._goal[vehicle])
-        if self._heading[vehicle] < 0:
-            back = (place - first) % size
-            turn = back if serves and back <= 2 * length else 0
-            legs.append(turn)
-            place -= turn
-        pair = (NEVER, NEVER)
-        if serves:
-            onward = (first + length - place) % size
-            legs.append(onward + size if came_back and not sweeps else onward)
-            pair = (length, length if sweeps else size + length)
-        while len(legs) < LEGS:
-            legs.append(pair[0])
-            pair = pair[::-1]
-        self._legs[vehicle] = legs
+    def _plan(self, vehicle: int) -> None:
+        """Set the plan of one vehicle to the pattern, from its next cell on."""
+        if not self._serves(vehicle):
+            self._legs[vehicle] = NEVER
+            if self._heading[vehicle] < 0:
+                self._legs[vehicle, 0] = 0
+            return
+        state = PlanState(
+            int(self._goal[vehicle]), int(self._heading[vehicle]), int(self._returned[vehicle])
+        )
+        self._legs[vehicle] = plan_on_arc(self._pattern, state, self._size())
 
     def _set_team(self, members: list[int], fleet: ActiveFleet, at_s: float) -> None:
         """Set the members after a vehicle has joined or left.
@@ -220,6 +227,7 @@ class Balanced:
         """
         before = {member: place for place, member in enumerate(self._members)}
         old = (self._legs, self._goal, self._due_s, self._heading)
+        self._returned = np.zeros(len(members), np.int64)
         self._members = members
         self._legs = np.full((len(members), LEGS), NEVER)
         self._goal = fleet.cell.copy()
@@ -233,8 +241,7 @@ class Balanced:
                 ):
                     now[place] = then[before[member]]
         self._room = workspace_for(self._step_m.size, len(members))
-        self._pattern, self._untried = LAPS, []
-        self._pattern_cost = self._settled(LAPS, fleet)
+        self._pattern, self._next_pattern_s = LAPS, -np.inf
         self._plan_all()
 
     def _improve(self, fleet: ActiveFleet, which: int, at_s: float) -> None:
@@ -248,7 +255,7 @@ class Balanced:
         visited_s = self._ring.visited_at_s - at_s
         if self._stride > 1:
             visited_s = np.add.reduceat(visited_s, self._edges) / self._counts
-        nodes = Nodes(self._step_m, self._scale, self._power, self._linear, visited_s, self._stride)
+        nodes = self._nodes._replace(visited_s=visited_s)
         start = StartState(
             self._goal // self._stride,
             np.maximum(self._due_s - at_s, 0.0),
@@ -260,12 +267,13 @@ class Balanced:
         if self._pattern.length:
             ahead, late_times = AHEAD_ON_ARCS, LATE_ON_ARCS
         if self._pattern.sweeping == 0:
-            period_s *= 1.0 + 2.0 * self._pattern.length / PARTS
+            share = self._pattern.length / self._size()
+            period_s += 2.0 * self._pattern.returns * (share * self._lap_s + self._turn_s)
         span = Horizon((1.0 + ahead) * period_s, ahead * period_s, late_times)
-        moves = self._moves
-        if self._pattern.length:
-            moves = moves._replace(backs=moves.backs[:0])
-        self.rollouts += improve(nodes, start, self._legs, span, self._room, which, moves, MARGIN)
+        moves, margin = self._moves, MARGIN
+        if self._serves(which):
+            moves, margin = moves._replace(backs=moves.backs[:0]), MARGIN_ON_ARCS
+        self.rollouts += improve(nodes, start, self._legs, span, self._room, which, moves, margin)
 
     def _advance(self, which: int, ring: FrontRing, fleet: ActiveFleet, at_s: float) -> bool:
         """Advance the plan by one cell, with a turn if it is due."""
@@ -275,8 +283,10 @@ class Balanced:
             legs[:-1] = legs[1:].copy()
             legs[-1] = legs[-3]
             self.turns += 1
-            if self._pattern.length:
-                self._plan(which, came_back=self._heading[which] > 0)
+            if self._serves(which):
+                turned = PlanState(0, -int(self._heading[which]), int(self._returned[which]))
+                self._returned[which] = after_turn(self._pattern, turned).returned
+                self._plan(which)
         if legs[0] < NEVER:
             legs[0] -= 1
         clockwise = bool(self._heading[which] > 0)
@@ -287,14 +297,6 @@ class Balanced:
         if self._heading[which] != heading:
             self._due_s[which] += self._turn_s
         return clockwise
-
-
-def _in_parts(of_cells: Floats) -> Floats:
-    """Return the sums of values per cell (n) over ``PARTS`` equal parts of the ring."""
-    upto = np.concatenate([[0.0], np.cumsum(of_cells)])
-    at = np.linspace(0.0, of_cells.size, PARTS + 1)
-    parts: Floats = np.diff(np.interp(at, np.arange(upto.size), upto))
-    return parts
 
 
 def balanced(scenario: Scenario) -> Balanced:

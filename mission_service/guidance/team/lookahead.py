@@ -17,7 +17,7 @@ from firemodel.compiled import kernel
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-LEGS = 8  # number of legs in a plan; the last two are repeated
+LEGS = 18  # number of legs in a plan; the last two are repeated
 NEVER = 1 << 40  # number of cells in an infinite leg
 
 
@@ -170,17 +170,6 @@ def roll_out(nodes, start, legs, span, room):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def late_mean(nodes, start, legs, span, room):  # type: ignore[no-untyped-def]
-    """Return the sum of all nodes' importance, averaged over the last part of a roll-out."""
-    _begin(nodes, start, legs, room)
-    _fly(nodes, start, legs, room, span.late_from_s)
-    late = -_standing(nodes, room.visited_s, span.late_from_s)
-    late += _fly(nodes, start, legs, room, span.end_s)
-    late += _standing(nodes, room.visited_s, span.end_s)
-    return late / (span.end_s - span.late_from_s)
-
-
-@kernel
 def _tried(nodes, start, legs, span, room, vehicle, best, best_cost):  # type: ignore[no-untyped-def]
     """Roll out the plans; copy this vehicle's plan to ``best`` if the cost is below ``best_cost``.
 
@@ -256,7 +245,7 @@ def improve(nodes, start, legs, span, room, vehicle, moves, margin):  # type: ig
             if _shift_turn(plan, kept, turn, shift):
                 best_cost = _tried(nodes, start, legs, span, room, vehicle, best, best_cost)
                 count += 1
-    if _leave_out_turns(plan, kept):
+    if moves.backs.size > 0 and _leave_out_turns(plan, kept):
         best_cost = _tried(nodes, start, legs, span, room, vehicle, best, best_cost)
         count += 1
     chosen = best if best_cost < (1.0 - margin) * first else kept

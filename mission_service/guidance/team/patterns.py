@@ -1,88 +1,251 @@
-"""The long-term patterns of a team on a ring, and their steady-state costs.
+"""The long-term patterns of a team on a ring, and their costs with even spacing.
 
-There are three kinds of patterns: all vehicles circle in single file; all circle and pass an arc of
-fast spread three times (on, back, on); or some sweep the arc while the others circle. On an even
-front circling is best: with the same number of passes, sweeping makes the mean age of a cell 4/3
-times as high. A sweep reduces the cost only if the arc spreads several times as fast as the rest.
+There are three kinds of patterns: all vehicles circle in single file; all circle and fly back and
+forth on an arc of fast spread in each lap; or some sweep the arc while the others circle. On an
+even front circling is best: with the same number of passes, sweeping makes the mean age of a cell
+4/3 times as high. A sweep reduces the cost only if the arc spreads several times as fast as the
+rest.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
-from mission_service.guidance.team.lookahead import (
-    LEGS,
-    NEVER,
-    Floats,
-    Horizon,
-    Integers,
-    Nodes,
-    StartState,
-    Workspace,
-    late_mean,
-)
+from firemodel.compiled import kernel
+from mission_service.guidance.team.lookahead import LEGS, Integers, Nodes
 
-PARTS = 64  # number of parts of the ring, in which arcs are measured
+MAX_RETURNS = 4  # a plan of LEGS legs has room for two laps with so many returns
+ARC_SHARES = 2.0 ** np.arange(-7.5, -0.9, 0.5)  # lengths of the first arcs to try, in laps
+STEPS = (8, 4, 2, 1)  # nodes by which the ends of an arc are then moved
 
 
 class Pattern(NamedTuple):
-    """An arc, in parts of the ring, and the number of vehicles that sweep it.
+    """An arc of the ring, and the vehicles that serve it; places are cells, or nodes in a search.
 
-    If no vehicle sweeps the arc, all vehicles pass it three times.
+    The arc reaches from ``first`` to ``first + length``, both included. If no vehicle sweeps the
+    arc, all vehicles fly back and forth on it ``returns`` times in each lap.
     """
 
     first: int
     length: int  # 0: no arc, all lap
     sweeping: int
+    returns: int
+
+    @property
+    def kind(self) -> tuple[int, int]:
+        """The numbers of sweeping vehicles and of returns."""
+        return self.sweeping, self.returns
 
 
-LAPS = Pattern(0, 0, 0)
+class Choice(NamedTuple):
+    """A pattern and its settled cost."""
+
+    pattern: Pattern
+    cost: float
 
 
-def candidates(vehicles: int) -> list[Pattern]:
-    """Return the patterns with an arc to try for a number of vehicles."""
-    lengths = (2, 3, 4, 6, 8, 12, 16, 20, 24)
-    arcs = [(first, length) for length in lengths for first in range(0, PARTS, 2)]
-    sweepers = range(max(vehicles - 1, 0) + 1) if vehicles > 1 else range(1)
-    return [Pattern(*arc, sweeping) for sweeping in sweepers if sweeping <= 2 for arc in arcs]
+LAPS = Pattern(0, 0, 0, 0)
 
 
-def repeated(first: int, second: int) -> Integers:
-    """Return a plan (LEGS) of two legs that alternate without end."""
-    return np.array([first, second] * (LEGS // 2), np.int64)
+@kernel
+def _both(scale, power, gap_s, other_gap_s):  # type: ignore[no-untyped-def]
+    """Return a node's importance, summed over one gap of regular visits, with other visits between.
+
+    The other visits are ``other_gap_s`` apart and independent of the first ones. The age exceeds t
+    with the probability (1 - t / gap) (1 - t / other gap), whose integral over the importance's
+    derivative is a polynomial.
+    """
+    until_s = min(gap_s, other_gap_s)
+    if until_s <= 0.0:
+        return 0.0
+    age = power - 1.0
+    top = until_s if power == 2.0 else until_s**age
+    inner = gap_s / age - (1.0 + gap_s / other_gap_s) * until_s / power
+    inner += until_s * until_s / ((power + 1.0) * other_gap_s)
+    return scale * power * age * top * inner
 
 
-def settled_cost(
-    pattern: Pattern, nodes: Nodes, speed_m_s: Floats, turn_s: float, room: Workspace
-) -> float:
+@kernel
+def _alone(scale, power, gap_s):  # type: ignore[no-untyped-def]
+    if gap_s <= 0.0:
+        return 0.0
+    return scale * gap_s * gap_s if power == 2.0 else scale * gap_s**power
+
+
+@kernel
+def _visit_s(visit, along_s, arc_s, turn_s):  # type: ignore[no-untyped-def]
+    """Return the time of a visit in a lap with returns, from the begin of the arc on."""
+    back = visit % 2
+    return visit // 2 * 2.0 * (arc_s + turn_s) + (
+        2.0 * arc_s + turn_s - along_s if back else along_s
+    )
+
+
+@kernel
+def _next_gap_s(visit, returns, along_s, arc_s, turn_s, gap_s):  # type: ignore[no-untyped-def]
+    """Return the time from one visit to the next by any vehicle; vehicles are ``gap_s`` apart."""
+    at_s = _visit_s(visit, along_s, arc_s, turn_s)
+    shortest_s = gap_s
+    for other in range(2 * returns + 1):
+        if other != visit:
+            later_s = (_visit_s(other, along_s, arc_s, turn_s) - at_s) % gap_s
+            if later_s < shortest_s and (later_s > 0.0 or other > visit):
+                shortest_s = later_s
+    return shortest_s
+
+
+@kernel
+def settled_cost(pattern, nodes, vehicles, speed_m_s, turn_s):  # type: ignore[no-untyped-def]
     """Return the mean over time of all nodes' importance, for a pattern with even spacing.
 
-    ``nodes`` has ``PARTS`` nodes, ``speed_m_s`` (k) holds the vehicles' speeds, and ``turn_s`` is
-    the duration of a turn back.
+    Args:
+        pattern: the pattern, in nodes.
+        nodes: the ring.
+        vehicles: number of vehicles.
+        speed_m_s: their mean speed.
+        turn_s: duration of a turn back.
     """
-    count = speed_m_s.size
-    step_m = nodes.step_m
-    mean_m_s = float(speed_m_s.mean())
-    lap_s = float(step_m.sum()) / mean_m_s
-    first, length, sweeping = pattern
-    arc = np.arange(first, first + length) % PARTS
-    arc_s = float(step_m[arc].sum()) / mean_m_s
-    legs = np.empty((count, LEGS), np.int64)
-    node = np.full(count, first % PARTS)
-    arrival_s = np.empty(count)
-    lapping = count - sweeping
-    arc_s += turn_s if length else 0.0
-    period_s = lap_s + (2.0 * arc_s if sweeping == 0 else 0.0)
-    for vehicle in range(count):
-        if vehicle < lapping:
-            twice = length > 0 and sweeping == 0
-            legs[vehicle] = repeated(PARTS + length, length) if twice else NEVER
-            arrival_s[vehicle] = period_s * vehicle / lapping
+    size = nodes.step_m.size
+    arc_s = 0.0
+    for place in range(pattern.first, pattern.first + pattern.length):
+        arc_s += nodes.step_m[place % size] / speed_m_s
+    pass_s = 2.0 * (arc_s + turn_s)  # there and back
+    lap_s = nodes.step_m.sum() / speed_m_s
+    if pattern.sweeping == 0:
+        lap_s += pattern.returns * pass_s
+    gap_s = lap_s / (vehicles - pattern.sweeping)
+    total = 0.0
+    for place in range(size):
+        total += _alone(nodes.scale[place], nodes.power[place], gap_s) / gap_s
+    if pattern.length == 0:
+        return total
+    along_s = 0.0
+    for step in range(pattern.length + 1):
+        place = (pattern.first + step) % size
+        scale, power = nodes.scale[place], nodes.power[place]
+        total -= _alone(scale, power, gap_s) / gap_s
+        if pattern.sweeping > 0:
+            turn_gap_s = pass_s / pattern.sweeping
+            near_s = (turn_s + 2.0 * (arc_s - along_s)) % turn_gap_s
+            there = _both(scale, power, near_s, gap_s)
+            there += _both(scale, power, turn_gap_s - near_s, gap_s)
+            total += there / turn_gap_s
         else:
-            legs[vehicle] = repeated(length, length)
-            arrival_s[vehicle] = 2.0 * arc_s * (vehicle - lapping) / sweeping
-    start = StartState(node, arrival_s, np.ones(count, np.int64), speed_m_s, turn_s)
-    span = Horizon((3.0 if sweeping == 0 else 4.0) * period_s, 1.5 * period_s, 0.0)
-    if sweeping == 0:
-        span = Horizon(2.0 * period_s + lap_s, period_s + lap_s, 0.0)
-    return float(late_mean(nodes, start, legs, span, room))
+            for visit in range(2 * pattern.returns + 1):
+                next_s = _next_gap_s(visit, pattern.returns, along_s, arc_s, turn_s, gap_s)
+                total += _alone(scale, power, next_s) / gap_s
+        along_s += nodes.step_m[place] / speed_m_s
+    return total
+
+
+def best_pattern(nodes: Nodes, vehicles: int, speed_m_s: float, turn_s: float) -> Choice:
+    """Return the pattern with an arc that has the lowest settled cost; places are nodes.
+
+    The search begins with the fastest arc of each length in ``ARC_SHARES``, for each kind of
+    pattern, and then moves both ends of the best arc of each kind.
+    """
+    size = nodes.step_m.size
+    rate = np.concatenate([[0.0], np.cumsum(np.tile(nodes.scale * nodes.power, 2))])
+    arcs = []
+    for length in sorted({max(1, round(size * share)) for share in ARC_SHARES.tolist()}):
+        inside = rate[length + 1 : length + 1 + size] - rate[:size]
+        arcs.append((int(np.argmax(inside)), length))
+    kinds = [(sweeping, 0) for sweeping in range(1, vehicles)]
+    kinds += [(0, returns) for returns in range(1, MAX_RETURNS + 1)]
+
+    def choice(pattern: Pattern) -> Choice:
+        return Choice(pattern, settled_cost(pattern, nodes, vehicles, speed_m_s, turn_s))
+
+    found = []
+    for kind in kinds:
+        best = min((choice(Pattern(*arc, *kind)) for arc in arcs), key=lambda one: one.cost)
+        for step in STEPS:
+            best = _with_ends_moved(best, step, size, choice)
+        found.append(best)
+    return min(found, key=lambda one: one.cost)
+
+
+def _with_ends_moved(best: Choice, step: int, size: int, choice):  # type: ignore[no-untyped-def]
+    """Move the ends of an arc by ``step`` nodes while the cost falls."""
+    while True:
+        first, length, *kind = best.pattern
+        moved = [
+            choice(Pattern((first + at) % size, length + longer, *kind))
+            for at, longer in ((-step, step), (step, -step), (0, step), (0, -step))
+            if 1 <= length + longer <= size // 2
+        ]
+        better = min(moved, key=lambda one: one.cost, default=best)
+        if better.cost >= best.cost:
+            return best
+        best = better
+
+
+class PlanState(NamedTuple):
+    """A vehicle that serves an arc: its next cell, its heading, and its returns in this lap."""
+
+    cell: int
+    heading: int  # 1: clockwise, -1: anticlockwise
+    returned: int
+
+
+def after_turn(pattern: Pattern, state: PlanState) -> PlanState:
+    """Return the state after a turn back in ``state.cell``."""
+    cell, heading, returned = state
+    if heading < 0:
+        return PlanState(cell, 1, returned + 1)
+    return PlanState(cell, -1, 0 if returned >= pattern.returns else returned)
+
+
+def plan_on_arc(pattern: Pattern, state: PlanState, size: int) -> Integers:
+    """Return the legs (LEGS), in cells, of a vehicle that serves the arc of a pattern."""
+    legs = np.empty(LEGS, np.int64)
+    for leg in range(LEGS):
+        cell, heading, returned = state
+        if heading < 0:
+            back = (cell - pattern.first) % size
+            legs[leg] = back if back <= 2 * pattern.length else 0
+        else:
+            legs[leg] = (pattern.first + pattern.length - cell) % size
+            if pattern.sweeping == 0 and returned >= pattern.returns:
+                legs[leg] += size
+        cell = (cell + heading * int(legs[leg])) % size
+        state = after_turn(pattern, PlanState(cell, heading, returned))
+    return legs
+
+
+def even_delays(ends: Integers, period: int) -> Integers:
+    """Return the delays that space vehicles evenly in the period of a pattern, all in cells.
+
+    ``ends`` (k) are the cells that each vehicle flies before it turns at the end of the arc. The
+    vehicles keep their order, and one of them is not delayed.
+    """
+    place = ends % period
+    rank = np.argsort(np.argsort(place, kind="stable"), kind="stable")
+    even = rank * period // ends.size
+    delays: Integers = even - place - (even - place).min()
+    return delays
+
+
+def in_nodes(pattern: Pattern, stride: int) -> Pattern:
+    """Return a pattern of cells as a pattern of nodes with ``stride`` cells each."""
+    first, length, *kind = pattern
+    return Pattern(first // stride, min(length, max(length // stride, 1)), *kind)
+
+
+def in_cells(pattern: Pattern, stride: int) -> Pattern:
+    """Return a pattern of nodes with ``stride`` cells each as a pattern of cells."""
+    first, length, *kind = pattern
+    return Pattern(first * stride, length * stride, *kind)
+
+
+def on_new_ring(pattern: Pattern, onward: Integers, size: int) -> Pattern:
+    """Return the pattern after its cells have moved to a new ring of ``size`` cells.
+
+    ``onward`` (n) has the new place of each old cell, rising around the ring.
+    """
+    first, length, *kind = pattern
+    if not length:
+        return pattern
+    laps, last = divmod(first + length, onward.size)
+    moved = int(onward[last]) + laps * size - int(onward[first])
+    return Pattern(int(onward[first]) % size, max(moved, 1), *kind)
