@@ -44,6 +44,13 @@ class State(Message, frozen=True, tag=True):
     goal_y_m: float | None = None
 
 
+class Goal(Message, frozen=True, tag=True):
+    """The goal of the sender's virtual agent, for all UAVs, also beyond the range of states."""
+
+    x_m: float
+    y_m: float
+
+
 class FireUpdate(Message, frozen=True, tag=True):
     """Cells observed as burning or no longer burning, for all UAVs (section 4, message 1).
 
@@ -83,4 +90,4 @@ class Leaving(Message, frozen=True, tag=True):
     why: str
 
 
-AnyMessage = State | FireUpdate | Digest | Difference | Leaving
+AnyMessage = State | Goal | FireUpdate | Digest | Difference | Leaving

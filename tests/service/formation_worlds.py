@@ -158,7 +158,6 @@ def _fly(  # type: ignore[no-untyped-def]
                 row[peers.X], row[peers.Y], row[peers.ALTITUDE] = x[uav], y[uav], altitude_m[uav]
                 row[peers.VX] = airspeed[uav] * math.cos(heading[uav]) + wind_x
                 row[peers.VY] = airspeed[uav] * math.sin(heading[uav]) + wind_y
-                row[peers.GOAL_X], row[peers.GOAL_Y] = agent[uav]
                 row[peers.ORBIT_X], row[peers.ORBIT_Y] = orbit[uav, 0], orbit[uav, 1]
                 row[peers.RADIUS], row[peers.AIRSPEED] = orbit[uav, 2], orbit[uav, 3]
                 row[peers.AGE_S], row[peers.KEY] = at_s, keys[uav]

@@ -27,6 +27,7 @@ from mission_service.experiments.virtual_agents.rvo_kernels import clear_heading
 from mission_service.experiments.virtual_agents.scenarios import CELL_M
 from mission_service.guidance.formation.agent import Agent, Avoidance, Intention, OwnState
 from mission_service.guidance.formation.map_grid import MapGrid
+from mission_service.guidance.formation.peer_table import recent
 from mission_service.guidance.formation.settings import Settings
 from mission_service.peer_messages import AnyMessage, State
 
@@ -280,7 +281,7 @@ class FormationWorld:
             desired_rad,
             intention.airspeed_m_s,
             *self.rules.wind_m_s,
-            agent.peers.rows(round(self.at_s * 1e6)),
+            recent(agent.peers.rows(round(self.at_s * 1e6))),
             2.0 * self.settings.safety_radius_m,
             self.settings.neighbourhood_m,
         )

@@ -22,17 +22,15 @@ from mission_service.guidance.formation.intent_avoidance import (
     avoidance_rules,
     choose_orbit,
 )
-from mission_service.guidance.formation.lost_peers import LostPeers
 from mission_service.guidance.formation.map_grid import MapGrid
 from mission_service.guidance.formation.orbit_phase_kernels import (
     airspeed_in_phase_m_s,
     is_on_orbit,
 )
-from mission_service.guidance.formation.peer_table import GOAL_X, GOAL_Y, PeerTable, priority_key
+from mission_service.guidance.formation.peer_table import PeerTable, priority_key, recent
 from mission_service.guidance.formation.settings import Settings
 from mission_service.guidance.formation.shared_map import SharedMap
-from mission_service.guidance.formation.virtual_forces_kernels import tie_rad
-from mission_service.peer_messages import AnyMessage, Leaving, State
+from mission_service.peer_messages import AnyMessage, Goal, Leaving, State
 
 Floats = NDArray[np.float64]
 Cells = NDArray[np.int64]
@@ -40,6 +38,7 @@ NO_CELLS: Cells = np.empty(0, dtype=np.int64)
 Avoidance = Literal["intent", "rvo", "none"]
 
 STATE_EVERY_US = 500_000
+GOAL_EVERY_US = 5_000_000
 RESEND_M = 20.0  # if the orbit moves farther, the state is sent at once
 MAX_STEP_S = 1.0
 SETTLED_M, SETTLED_FOR_S = 10.0, 20.0
@@ -107,7 +106,6 @@ class Agent:
         self.settings = settings
         self.grid = grid
         self.peers = PeerTable()
-        self._lost_peers = LostPeers()
         self.map = SharedMap(name, grid.shape)
         self.maps = AgentMaps(
             grid.shape,
@@ -120,14 +118,14 @@ class Agent:
         self.synchronises = synchronises
         self.agent_m: tuple[float, float] | None = None
         self.home_m: tuple[float, float] | None = None  # set during the return home
-        self._mover = AgentMover(settings, grid, tie_rad(priority_key(name)))
         self._rules = avoidance_rules(settings)
         self._key = priority_key(name)
+        self._mover = AgentMover(settings, grid, self._key)
         self._choice: AdoptedOrbit | None = None
         self._settled_m = (math.inf, math.inf)
         self._settled_at_us = at_us
         self._stepped_at_us = at_us
-        self._state_due_us = at_us
+        self._state_due_us = self._goal_due_us = at_us
         self._step_s = 0.0
         self._cool_at_us = at_us
         self._climb_m = 0.0
@@ -144,10 +142,10 @@ class Agent:
         match message:
             case State():
                 self.peers.apply_state(message)
-                self._lost_peers.store(message)
+            case Goal():
+                self.peers.apply_goal(message)
             case Leaving():
                 self.peers.remove(message.sender)
-                self._lost_peers.remove(message.sender)
             case _:
                 self.maps.set(*self.map.on_message(message))
 
@@ -161,11 +159,9 @@ class Agent:
         """Advance the agent to the UAV's present state; return the UAV's intention."""
         self._step_s = min((own.at_us - self._stepped_at_us) / 1e6, MAX_STEP_S)
         self._stepped_at_us = own.at_us
-        for state in self._lost_peers.states(own.at_us):
-            self.peers.apply_state(state)
         peers = self.peers.rows(own.at_us)
         if self.home_m is None:
-            self._move_agent(own, peers)
+            self._move_agent(own)
         return self._intend(own, peers)
 
     def messages(self, at_us: int) -> list[AnyMessage]:
@@ -188,7 +184,7 @@ class Agent:
 
     # The virtual agent ------------------------------------------------------------------------
 
-    def _move_agent(self, own: OwnState, peers: Floats) -> None:
+    def _move_agent(self, own: OwnState) -> None:
         """Start the virtual agent ahead of its UAV if necessary, and move it (eqs. 4 and 12)."""
         settings, agent_m, step_s = self.settings, self.agent_m, self._step_s
         if agent_m is None or math.dist(agent_m, (own.x_m, own.y_m)) > settings.restart_m:
@@ -197,8 +193,9 @@ class Agent:
                 own.x_m + settings.loiter_radius_m * math.cos(yaw_rad),
                 own.y_m + settings.loiter_radius_m * math.sin(yaw_rad),
             )
+        others = self.peers.goals(own.at_us)
         east_m_s, north_m_s = self._mover.velocity(
-            own.at_us / 1e6, *agent_m, peers[:, GOAL_X], peers[:, GOAL_Y], self.maps, step_s
+            own.at_us / 1e6, *agent_m, others, self.maps, step_s
         )
         self.agent_m = (agent_m[0] + east_m_s * step_s, agent_m[1] + north_m_s * step_s)
 
@@ -239,7 +236,7 @@ class Agent:
         if self.synchronises:
             airspeed_m_s = airspeed_in_phase_m_s(
                 *(own.x_m, own.y_m, *centre_m, radius_m),
-                *(self._key, peers, self.settings.range_m),
+                *(self._key, recent(peers), self.settings.range_m),
                 *(airframe.min_airspeed_m_s, airframe.max_airspeed_m_s),
                 math.hypot(own.wind_x_m_s, own.wind_y_m_s),
             )
@@ -267,7 +264,8 @@ class Agent:
         """Queue the state when it is due, or at once if the orbit or the goal has changed."""
         orbit_m = (intention.orbit_x_m, intention.orbit_y_m)
         goal_m = self.agent_m and self._mover.goal_m
-        changed = math.dist(self._sent_orbit_m, orbit_m) > RESEND_M or goal_m != self._sent_goal_m
+        goal_changed = goal_m != self._sent_goal_m
+        changed = math.dist(self._sent_orbit_m, orbit_m) > RESEND_M or goal_changed
         if own.at_us < self._state_due_us and not changed:
             return
         self._sent_orbit_m, self._sent_goal_m = orbit_m, goal_m
@@ -281,3 +279,6 @@ class Agent:
             *(goal_m or ()),
         )
         self._outbox.append(state)
+        if goal_m and (goal_changed or own.at_us >= self._goal_due_us):
+            self._goal_due_us = own.at_us + GOAL_EVERY_US
+            self._outbox.append(Goal(own.at_us, self.name, *goal_m))

@@ -28,6 +28,7 @@ STEP_S = 1.0
 REACH_M = 600.0  # maximum distance of detours from the vehicle
 NEAR_M = 200.0  # vehicles take turns if they are closer than this, or will be within NEAR_S
 NEAR_S = 5.0
+SILENT_S = 10.0  # a vehicle that has been silent for longer keeps its orbit
 FRESH_S = 1.0  # states older than this are late
 LATE_M = 45.0  # maximum additional margin for a late state
 HASTE_S = 8.0  # a path that is clear for a shorter time is changed at once, out of turn
@@ -59,12 +60,23 @@ def rank(key, slot):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def is_own_turn(at_s, own, peers, turn_s, layers_m):  # type: ignore[no-untyped-def]
+def _ahead_of_peer(own, peer, bank_rad, path):  # type: ignore[no-untyped-def]
+    """Fill ``path`` with a peer's path from now on, computed from its last state and orbit."""
+    air_x, air_y = peer[VX] - own[WIND_X], peer[VY] - own[WIND_Y]
+    predict_path(
+        peer[X], peer[Y], math.atan2(air_y, air_x), max(math.hypot(air_x, air_y), 1.0),
+        peer[ORBIT_X], peer[ORBIT_Y], peer[RADIUS], peer[AIRSPEED],
+        own[WIND_X], own[WIND_Y], bank_rad, peer[AGE_S], STEP_S, path,
+    )  # fmt: skip
+
+
+@kernel
+def is_own_turn(at_s, own, peers, turn_s, layers_m, bank_rad, path):  # type: ignore[no-untyped-def]
     """Return whether this vehicle may adopt an orbit now.
 
     The vehicle must wait if any vehicle that is near, or will soon be near, has a higher priority
     or an old state. A state is old if it was sent before the slot began, because a later adoption
-    may not have been received.
+    may not have been received. ``path`` (2 or more, 2) is a work array.
     """
     slot = math.floor(at_s / turn_s)
     into_s = at_s - slot * turn_s + 1e-6
@@ -74,15 +86,16 @@ def is_own_turn(at_s, own, peers, turn_s, layers_m):  # type: ignore[no-untyped-
     for row in range(peers.shape[0]):
         if abs(peers[row, ALTITUDE] - own[OWN_ALTITUDE]) >= layers_m:
             continue
-        away_x = peers[row, X] + peers[row, VX] * peers[row, AGE_S] - own[OWN_X]
-        away_y = peers[row, Y] + peers[row, VY] * peers[row, AGE_S] - own[OWN_Y]
-        rel_x, rel_y = peers[row, VX] - over_x, peers[row, VY] - over_y
+        _ahead_of_peer(own, peers[row], bank_rad, path[:2])
+        away_x, away_y = path[0, 0] - own[OWN_X], path[0, 1] - own[OWN_Y]
+        rel_x = (path[1, 0] - path[0, 0]) / STEP_S - over_x
+        rel_y = (path[1, 1] - path[0, 1]) / STEP_S - over_y
         after_s = -(away_x * rel_x + away_y * rel_y) / max(rel_x * rel_x + rel_y * rel_y, 1e-9)
         after_s = min(max(after_s, 0.0), NEAR_S)
         away_x += rel_x * after_s
         away_y += rel_y * after_s
         if away_x * away_x + away_y * away_y < NEAR_M * NEAR_M and (
-            rank(peers[row, KEY], slot) > own_rank or peers[row, AGE_S] > into_s
+            rank(peers[row, KEY], slot) > own_rank or into_s < peers[row, AGE_S] < SILENT_S
         ):
             return False
     return True
@@ -167,13 +180,7 @@ def _add_peers(own, peers, rule, frame, box, seen, count, paths, notes):  # type
             or abs(peers[row, ALTITUDE] - own[OWN_ALTITUDE]) >= layers_m
         ):
             continue
-        air_x, air_y = peers[row, VX] - own[WIND_X], peers[row, VY] - own[WIND_Y]
-        predict_path(
-            peers[row, X], peers[row, Y], math.atan2(air_y, air_x),
-            max(math.hypot(air_x, air_y), 1.0),
-            peers[row, ORBIT_X], peers[row, ORBIT_Y], peers[row, RADIUS], peers[row, AIRSPEED],
-            own[WIND_X], own[WIND_Y], bank_rad, peers[row, AGE_S], STEP_S, paths[count],
-        )  # fmt: skip
+        _ahead_of_peer(own, peers[row], bank_rad, paths[count])
         notes[count, WEST], notes[count, EAST], notes[count, SOUTH], notes[count, NORTH] = _box(
             paths[count], 0.0
         )
@@ -319,7 +326,7 @@ def decide_orbit(  # type: ignore[no-untyped-def]
     slot = math.floor(at_s / rule[3])
     if held_s >= horizon_s and not _differs(desired, held):
         return False, False, held_s
-    if held_s > HASTE_S and not is_own_turn(at_s, own, peers, rule[3], rule[4]):
+    if held_s > HASTE_S and not is_own_turn(at_s, own, peers, rule[3], rule[4], frame[2], path):
         return False, in_conflict, held_s
     _ahead(own, desired, frame, path)
     wider = _union(_box(path, near_m), box)
