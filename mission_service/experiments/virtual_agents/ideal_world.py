@@ -163,12 +163,14 @@ class FormationWorld:
         self.at_s = 0.0
         self.ticks = 0
         burning = np.flatnonzero(arrival_s <= 0.0)
-        nominal = (settings, self.grid, burning, 0, rules.avoidance, rules.synchronises)
-        self.agents = [Agent(f"uav{number}", *nominal) for number in range(uavs)]
+        names = [f"uav{number}" for number in range(uavs)]
+        nominal = (settings, self.grid, burning, 0, rules.avoidance, rules.synchronises, names)
+        self.agents = [Agent(name, *nominal) for name in names]
         self.radio = Radio(uavs, rules, settings.range_m, seed)
         self.places_m = np.array([_start(number) for number in range(uavs)])
         self.motion = np.tile([math.pi / 4.0, settings.airframe.cruise_m_s], (uavs, 1))
-        self.velocities_m_s = np.full((uavs, 2), settings.airframe.cruise_m_s * math.sqrt(0.5))
+        through_air_m_s = np.full((uavs, 2), settings.airframe.cruise_m_s * math.sqrt(0.5))
+        self.velocities_m_s = through_air_m_s + rules.wind_m_s
         self.layers_m = np.zeros(uavs)  # height of each UAV above the common altitude
         self.heights_m = np.full(uavs, settings.altitude_agl_m)
         self.intentions: list[Intention] = []

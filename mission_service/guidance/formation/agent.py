@@ -7,6 +7,7 @@ command to the autopilot, or by a loiter item.
 """
 
 import math
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Literal
 
@@ -41,6 +42,7 @@ STATE_EVERY_US = 500_000
 GOAL_EVERY_US = 5_000_000
 RESEND_M = 20.0  # if the orbit moves farther, the state is sent at once
 MAX_STEP_S = 1.0
+LISTEN_US = 30_000_000
 SETTLED_M, SETTLED_FOR_S = 10.0, 20.0
 NOWHERE = (math.nan, math.nan)
 COOL_FOR_S = 20.0  # time at the higher altitude after heat was last detected
@@ -97,10 +99,12 @@ class Agent:
         at_us: int,
         avoidance: Avoidance = "intent",
         synchronises: bool = True,
+        team: Collection[str] = (),
     ) -> None:
         """Create an agent; ``fire`` holds the cells that burn on all UAVs' maps at ``at_us``.
 
-        Raises MissionServiceError if a cell is not on the grid.
+        ``team`` holds the names of UAVs whose messages can be lost. The agent stays at its first
+        place until a state of each of them has been received, at most for ``LISTEN_US``. Raises MissionServiceError if a cell is not on the grid.
         """
         self.name = name
         self.settings = settings
@@ -129,6 +133,8 @@ class Agent:
         self._step_s = 0.0
         self._cool_at_us = at_us
         self._climb_m = 0.0
+        self._unheard = set(team) - {name}
+        self._listen_until_us: int | None = None
         self._sent_orbit_m = (math.inf, math.inf)
         self._sent_goal_m: tuple[float, float] | None = None
         self._outbox: list[AnyMessage] = []
@@ -139,6 +145,7 @@ class Agent:
 
     def on_message(self, message: AnyMessage) -> None:
         """Apply a message from another UAV."""
+        self._unheard.discard(message.sender)
         match message:
             case State():
                 self.peers.apply_state(message)
@@ -193,11 +200,20 @@ class Agent:
                 own.x_m + settings.loiter_radius_m * math.cos(yaw_rad),
                 own.y_m + settings.loiter_radius_m * math.sin(yaw_rad),
             )
+        if self._listens(own.at_us):
+            self.agent_m = agent_m
+            return
         others = self.peers.goals(own.at_us)
         east_m_s, north_m_s = self._mover.velocity(
             own.at_us / 1e6, *agent_m, others, self.maps, step_s
         )
         self.agent_m = (agent_m[0] + east_m_s * step_s, agent_m[1] + north_m_s * step_s)
+
+    def _listens(self, at_us: int) -> bool:
+        """Return whether the agent waits for the first states of its team."""
+        if self._listen_until_us is None:
+            self._listen_until_us = at_us + LISTEN_US
+        return bool(self._unheard) and at_us < self._listen_until_us
 
     # Intention --------------------------------------------------------------------------------
 
@@ -212,7 +228,10 @@ class Agent:
                 *(own.airspeed_m_s, own.wind_x_m_s, own.wind_y_m_s),
             )
             held = self._choice or AdoptedOrbit(orbit)
-            self._choice = choose_orbit(own.at_us / 1e6, motion, orbit, held, peers, self._rules)
+            self._choice = choose_orbit(
+                *(own.at_us / 1e6, motion, orbit, held, peers, self._rules),
+                self._listens(own.at_us),
+            )
             orbit, conflict = self._choice.orbit, self._choice.in_conflict
         intention = Intention(
             orbit.x_m,
@@ -233,7 +252,7 @@ class Agent:
         centre_m = self.home_m or self.agent_m
         assert centre_m is not None
         airspeed_m_s = airframe.cruise_m_s
-        if self.synchronises:
+        if self.synchronises and not self._listens(own.at_us):
             airspeed_m_s = airspeed_in_phase_m_s(
                 *(own.x_m, own.y_m, *centre_m, radius_m),
                 *(self._key, recent(peers), self.settings.range_m),

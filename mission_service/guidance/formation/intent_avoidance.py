@@ -99,10 +99,12 @@ def choose_orbit(
     held: AdoptedOrbit,
     peers: Floats,
     rules: AvoidanceRules,
+    listens: bool = False,
 ) -> AdoptedOrbit:
     """Return the orbit to fly at this position; a new decision is made every ``every_s``.
 
-    ``peers`` (n, COLUMNS) is the result of ``PeerTable.rows``.
+    ``peers`` (n, COLUMNS) is the result of ``PeerTable.rows``. See ``decide_orbit`` for
+    ``listens``.
     """
     if at_s - held.decided_at_s < rules.every_s - 1e-6:
         return held
@@ -113,6 +115,7 @@ def choose_orbit(
         np.array(own, np.float64),
         np.array(desired, np.float64),
         np.array(held.orbit, np.float64),
+        listens,
         peers,
         rules.for_kernel,
         rules.frame,

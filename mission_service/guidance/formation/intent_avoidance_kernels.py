@@ -75,8 +75,9 @@ def is_own_turn(at_s, own, peers, turn_s, layers_m, bank_rad, path):  # type: ig
     """Return whether this vehicle may adopt an orbit now.
 
     The vehicle must wait if any vehicle that is near, or will soon be near, has a higher priority
-    or an old state. A state is old if it was sent before the slot began, because a later adoption
-    may not have been received. ``path`` (2 or more, 2) is a work array.
+    or an old state. A state is old if it was sent before the end of the last slot in which the
+    other vehicle had the higher priority, because an adoption in that slot may not have been
+    received. ``path`` (2 or more, 2) is a work array.
     """
     slot = math.floor(at_s / turn_s)
     into_s = at_s - slot * turn_s + 1e-6
@@ -94,10 +95,15 @@ def is_own_turn(at_s, own, peers, turn_s, layers_m, bank_rad, path):  # type: ig
         after_s = min(max(after_s, 0.0), NEAR_S)
         away_x += rel_x * after_s
         away_y += rel_y * after_s
-        if away_x * away_x + away_y * away_y < NEAR_M * NEAR_M and (
-            rank(peers[row, KEY], slot) > own_rank or into_s < peers[row, AGE_S] < SILENT_S
-        ):
+        if away_x * away_x + away_y * away_y >= NEAR_M * NEAR_M:
+            continue
+        if rank(peers[row, KEY], slot) > own_rank:
             return False
+        since_s, before = into_s, slot - 1
+        while since_s < peers[row, AGE_S] < SILENT_S:
+            if rank(peers[row, KEY], before) > rank(own[OWN_KEY], before):
+                return False
+            since_s, before = since_s + turn_s, before - 1
     return True
 
 
@@ -308,11 +314,12 @@ def _differs(orbit, other):  # type: ignore[no-untyped-def]
 
 @kernel
 def decide_orbit(  # type: ignore[no-untyped-def]
-    at_s, own, desired, held, peers, rule, frame, path, paths, notes, adopted
+    at_s, own, desired, held, listens, peers, rule, frame, path, paths, notes, adopted
 ):
     """Decide on the orbit to fly; fill ``adopted`` if it differs from the present orbit.
 
-    Returns whether a different orbit is adopted, whether a conflict prevents the desired orbit, and
+    A vehicle that ``listens`` does not know all vehicles yet, and keeps its orbit unless its path
+    is clear only for ``HASTE_S``. Returns whether a different orbit is adopted, whether a conflict prevents the desired orbit, and
     for how long the orbit to fly is free of conflicts.
     """
     near_m = rule[0] + rule[1] + LATE_M
@@ -326,7 +333,9 @@ def decide_orbit(  # type: ignore[no-untyped-def]
     slot = math.floor(at_s / rule[3])
     if held_s >= horizon_s and not _differs(desired, held):
         return False, False, held_s
-    if held_s > HASTE_S and not is_own_turn(at_s, own, peers, rule[3], rule[4], frame[2], path):
+    if held_s > HASTE_S and (
+        listens or not is_own_turn(at_s, own, peers, rule[3], rule[4], frame[2], path)
+    ):
         return False, in_conflict, held_s
     _ahead(own, desired, frame, path)
     wider = _union(_box(path, near_m), box)
