@@ -7,7 +7,7 @@ command to the autopilot, or by a loiter item.
 """
 
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -22,7 +22,10 @@ from mission_service.guidance.formation.intent_avoidance import (
     OwnMotion,
     avoidance_rules,
     choose_orbit,
+    layer_m,
+    layered_rules,
 )
+from mission_service.guidance.formation.link_quality import LinkQuality
 from mission_service.guidance.formation.map_grid import MapGrid
 from mission_service.guidance.formation.orbit_phase_kernels import (
     airspeed_in_phase_m_s,
@@ -99,12 +102,14 @@ class Agent:
         at_us: int,
         avoidance: Avoidance = "intent",
         synchronises: bool = True,
-        team: Collection[str] = (),
+        team: Sequence[str] = (),
+        unheard: Collection[str] = (),
     ) -> None:
         """Create an agent; ``fire`` holds the cells that burn on all UAVs' maps at ``at_us``.
 
-        ``team`` holds the names of UAVs whose messages can be lost. The agent stays at its first
-        place until a state of each of them has been received, at most for ``LISTEN_US``. Raises MissionServiceError if a cell is not on the grid.
+        ``team`` lists all UAVs, lowest altitude layer first, for flight while most messages are
+        lost. The agent stays at its first place until a message of each UAV in ``unheard`` has been
+        received, at most for ``LISTEN_US``. Raises MissionServiceError if a cell is not on the grid.
         """
         self.name = name
         self.settings = settings
@@ -122,7 +127,8 @@ class Agent:
         self.synchronises = synchronises
         self.agent_m: tuple[float, float] | None = None
         self.home_m: tuple[float, float] | None = None  # set during the return home
-        self._rules = avoidance_rules(settings)
+        # The rules for good links, and for lossy links.
+        self._rules = avoidance_rules(settings), layered_rules(settings)
         self._key = priority_key(name)
         self._mover = AgentMover(settings, grid, self._key)
         self._choice: AdoptedOrbit | None = None
@@ -133,7 +139,12 @@ class Agent:
         self._step_s = 0.0
         self._cool_at_us = at_us
         self._climb_m = 0.0
-        self._unheard = set(team) - {name}
+        self._links = LinkQuality()
+        layer = team.index(name) % settings.lossy_layers if name in team else 0
+        self._layer_m = layer * layer_m(settings)
+        self._layer_climb_m = 0.0
+        self._states_sent = 0
+        self._unheard = set(unheard) - {name}
         self._listen_until_us: int | None = None
         self._sent_orbit_m = (math.inf, math.inf)
         self._sent_goal_m: tuple[float, float] | None = None
@@ -149,6 +160,7 @@ class Agent:
         match message:
             case State():
                 self.peers.apply_state(message)
+                self._links.store(message)
             case Goal():
                 self.peers.apply_goal(message)
             case Leaving():
@@ -218,18 +230,19 @@ class Agent:
     # Intention --------------------------------------------------------------------------------
 
     def _intend(self, own: OwnState, peers: Floats) -> Intention:
+        climb_m = self._climb(own)
         orbit, conflict = self._orbit(own, peers), False
         if self.avoidance == "intent":
             heading_rad = math.atan2(
                 own.velocity_y_m_s - own.wind_y_m_s, own.velocity_x_m_s - own.wind_x_m_s
             )
             motion = OwnMotion(
-                *(self._key, own.x_m, own.y_m, own.altitude_amsl_m, heading_rad),
-                *(own.airspeed_m_s, own.wind_x_m_s, own.wind_y_m_s),
+                *(self._key, own.x_m, own.y_m, own.altitude_amsl_m, self._planned_m(own)),
+                *(heading_rad, own.airspeed_m_s, own.wind_x_m_s, own.wind_y_m_s),
             )
             held = self._choice or AdoptedOrbit(orbit)
             self._choice = choose_orbit(
-                *(own.at_us / 1e6, motion, orbit, held, peers, self._rules),
+                *(own.at_us / 1e6, motion, orbit, held, peers, self._rules[self._links.lossy]),
                 self._listens(own.at_us),
             )
             orbit, conflict = self._choice.orbit, self._choice.in_conflict
@@ -238,7 +251,7 @@ class Agent:
             orbit.y_m,
             orbit.radius_m,
             orbit.airspeed_m_s,
-            self._climb(own),
+            climb_m,
             self._is_settled(own, orbit),
             *(self.agent_m or NOWHERE),
             conflict,
@@ -270,7 +283,17 @@ class Agent:
             self._climb_m += step_m if own.hot else 0.0
         else:
             self._climb_m = max(self._climb_m - step_m, 0.0)
-        return self._climb_m
+        off_m = self._layer_target_m - self._layer_climb_m
+        self._layer_climb_m += min(max(off_m, -step_m), step_m)
+        return self._climb_m + self._layer_climb_m
+
+    @property
+    def _layer_target_m(self) -> float:
+        return self._layer_m if self._links.lossy else 0.0
+
+    def _planned_m(self, own: OwnState) -> float:
+        """Return the altitude of the UAV when it has reached its layer."""
+        return own.altitude_amsl_m + self._layer_target_m - self._layer_climb_m
 
     def _is_settled(self, own: OwnState, orbit: IntendedOrbit) -> bool:
         if math.dist(self._settled_m, (orbit.x_m, orbit.y_m)) > SETTLED_M:
@@ -295,8 +318,11 @@ class Agent:
             *(own.velocity_x_m_s, own.velocity_y_m_s, agent_x_m, agent_y_m),
             *(*orbit_m, intention.orbit_radius_m, intention.airspeed_m_s),
             intention.settled,
-            *(goal_m or ()),
+            *(goal_m or (None, None)),
+            self._planned_m(own),
+            self._states_sent,
         )
+        self._states_sent += 1
         self._outbox.append(state)
         if goal_m and (goal_changed or own.at_us >= self._goal_due_us):
             self._goal_due_us = own.at_us + GOAL_EVERY_US

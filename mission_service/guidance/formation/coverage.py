@@ -220,7 +220,7 @@ class AgentMover:
         if self.goal is None:
             return others[:, :2]
         away_m = np.hypot(others[:, 0] - self.goal.x_m, others[:, 1] - self.goal.y_m)
-        return others[(away_m > CROWD_M) | (others[:, 2] < self._key), :2]
+        return others[(away_m > LATTICE_M) | (others[:, 2] < self._key), :2]
 
     def _decide(
         self, at_s: float, x_m: float, y_m: float, others_m: Floats, maps: AgentMaps

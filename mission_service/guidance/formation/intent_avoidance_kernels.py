@@ -17,6 +17,7 @@ from mission_service.guidance.formation.peer_table import (
     KEY,
     ORBIT_X,
     ORBIT_Y,
+    PLANNED,
     RADIUS,
     VX,
     VY,
@@ -37,7 +38,7 @@ WORTH_M = 40.0  # minimum saving in cost for a change from one clear orbit to an
 NOTES = 6  # number of values noted for each predicted peer
 
 # Indices of ``own`` and of a peer's notes.
-OWN_KEY, OWN_X, OWN_Y, OWN_ALTITUDE, HEADING, OWN_AIRSPEED, WIND_X, WIND_Y = range(8)
+OWN_KEY, OWN_X, OWN_Y, OWN_ALTITUDE, OWN_PLANNED, HEADING, OWN_AIRSPEED, WIND_X, WIND_Y = range(9)
 WEST, EAST, SOUTH, NORTH, APART, HELD_APART = range(6)
 
 
@@ -57,6 +58,15 @@ def rank(key, slot):  # type: ignore[no-untyped-def]
     There are 8 classes of priority, and each key is in the highest class once in 8 slots.
     """
     return (((hashed(key, 0) + slot) & 7) << 32) | hashed(key, slot)
+
+
+@kernel
+def in_another_layer(own, peer, layers_m):  # type: ignore[no-untyped-def]
+    """Return whether a peer stays above or below this vehicle while both reach their altitudes."""
+    low_m = min(own[OWN_ALTITUDE], own[OWN_PLANNED])
+    high_m = max(own[OWN_ALTITUDE], own[OWN_PLANNED])
+    peer_low_m, peer_high_m = min(peer[ALTITUDE], peer[PLANNED]), max(peer[ALTITUDE], peer[PLANNED])
+    return peer_low_m - high_m >= layers_m or low_m - peer_high_m >= layers_m
 
 
 @kernel
@@ -85,7 +95,7 @@ def is_own_turn(at_s, own, peers, turn_s, layers_m, bank_rad, path):  # type: ig
     over_x = own[OWN_AIRSPEED] * math.cos(own[HEADING]) + own[WIND_X]
     over_y = own[OWN_AIRSPEED] * math.sin(own[HEADING]) + own[WIND_Y]
     for row in range(peers.shape[0]):
-        if abs(peers[row, ALTITUDE] - own[OWN_ALTITUDE]) >= layers_m:
+        if in_another_layer(own, peers[row], layers_m):
             continue
         _ahead_of_peer(own, peers[row], bank_rad, path[:2])
         away_x, away_y = path[0, 0] - own[OWN_X], path[0, 1] - own[OWN_Y]
@@ -183,7 +193,7 @@ def _add_peers(own, peers, rule, frame, box, seen, count, paths, notes):  # type
         if (
             not _may_enter(row, peers, box)
             or _may_enter(row, peers, seen)
-            or abs(peers[row, ALTITUDE] - own[OWN_ALTITUDE]) >= layers_m
+            or in_another_layer(own, peers[row], layers_m)
         ):
             continue
         _ahead_of_peer(own, peers[row], bank_rad, paths[count])

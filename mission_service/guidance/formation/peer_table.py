@@ -11,8 +11,8 @@ Floats = NDArray[np.float64]
 
 # Columns of a row.
 X, Y, ALTITUDE, VX, VY = range(5)
-ORBIT_X, ORBIT_Y, RADIUS, AIRSPEED, AGE_S, KEY = range(5, 11)
-COLUMNS = 11
+ORBIT_X, ORBIT_Y, RADIUS, AIRSPEED, PLANNED, AGE_S, KEY = range(5, 12)  # PLANNED: altitude
+COLUMNS = 12
 
 LOST_AFTER_S = 10.0  # the phases of a UAV with an older state are unknown
 GOAL_LOST_AFTER_S = 30.0  # later the other agents take over the area of a silent UAV's agent
@@ -55,6 +55,7 @@ class PeerTable:
             self.apply_goal(Goal(state.at_us, state.sender, state.agent_x_m, state.agent_y_m))
         else:
             self._goals.pop(state.sender, None)
+        planned_m = state.planned_altitude_amsl_m
         self._rows[row, :AGE_S] = (
             state.x_m,
             state.y_m,
@@ -65,6 +66,7 @@ class PeerTable:
             state.orbit_y_m,
             state.orbit_radius_m,
             state.airspeed_m_s,
+            state.altitude_amsl_m if planned_m is None else planned_m,
         )
 
     def apply_goal(self, goal: Goal) -> None:
