@@ -167,6 +167,66 @@ def test_agents_come_within_four_percent_of_the_best_placement_and_then_stand_st
     assert apart.min() > 100.0
 
 
+def ring(inner_m: float, outer_m: float) -> NDArray[np.bool_]:
+    return ellipse(outer_m, outer_m) & ~ellipse(inner_m, inner_m)
+
+
+def two_fires(distance_m: float) -> NDArray[np.bool_]:
+    """Return two round fires of different sizes, in the northeast and in the southwest."""
+    away = round(distance_m / CELL_M / 2.0 * math.sqrt(0.5))
+    one, other = ellipse(200.0, 200.0), ellipse(120.0, 120.0)
+    return np.roll(one, (away, away), (0, 1)) | np.roll(other, (-away, -away), (0, 1))
+
+
+def flown(fire: NDArray[np.bool_], count: int) -> tuple[Floats, NDArray[np.bool_], float]:
+    """Return the final places of agents, which of them flew over fire, and their coverage.
+
+    The coverage is a share of the coverage of the best places.
+    """
+    maps, team = maps_of(fire), Team(count, 4.0)
+    over_fire, crossed = over_fire_of(maps), np.zeros(count, dtype=np.bool_)
+    for _ in team.fly(maps, 400.0):
+        rows, cols = np.floor(places_of(team.agents_m).T + 0.5).astype(int)
+        crossed |= over_fire[rows, cols]
+    weights, allowed = weights_of(maps), maps.augmentation == 0
+    best = best_placement(weights, allowed, count, RADIUS_CELLS, starts=3, kicks=4)
+    share = coverage(weights, places_of(team.agents_m), RADIUS_CELLS) / best.coverage
+    return team.agents_m, crossed, share
+
+
+def test_agents_cross_a_ring_of_fire_only_to_its_island() -> None:
+    agents_m, crossed, share = flown(ellipse(480.0, 480.0) & ~ellipse(340.0, 340.0), 9)
+    on_island = np.hypot(*(agents_m - MIDDLE_M).T) < 340.0
+    assert on_island.any()
+    assert crossed.tolist() == on_island.tolist()
+    assert share >= 0.97
+
+
+def test_agents_distribute_themselves_over_two_fires() -> None:
+    away = round(0.5 * 1500.0 / CELL_M * math.sqrt(0.5))
+    large = np.roll(ellipse(200.0, 200.0), (away, away), (0, 1))
+    small = np.roll(ellipse(120.0, 120.0), (-away, -away), (0, 1))
+    _, crossed, share = flown(large | small, 8)
+    assert not crossed.any()
+    assert share >= 0.97
+
+
+def test_of_agents_with_the_same_goal_one_keeps_it() -> None:
+    maps = maps_of(ellipse(330.0, 330.0))
+    movers = [AgentMover(SETTINGS, GRID, key) for key in (1, 2, 3)]
+    goals = []
+    for tick in range(6):  # all decide at the same time
+        places = [mover.goal_m for mover in movers]
+        for number, mover in enumerate(movers):
+            others = [(*p, k + 1) for k, p in enumerate(places) if p and k != number]
+            keyed = np.array(others, dtype=np.float64).reshape(-1, 3)
+            mover.velocity(2.0 * tick, MIDDLE_M - 700.0, MIDDLE_M, keyed, maps, STEP_S)
+        goals.append([mover.goal_m for mover in movers])
+    assert len(set(goals[1])) == 1
+    assert len(set(goals[-1])) == 3
+    assert goals[-1][0] == goals[1][0]
+
+
 def test_agents_settle_again_when_the_fire_has_grown() -> None:
     maps = maps_of(ellipse(160.0, 160.0))
     team = Team(4, 1.0)

@@ -165,7 +165,9 @@ class FormationWorld:
         burning = np.flatnonzero(arrival_s <= 0.0)
         names = [f"uav{number}" for number in range(uavs)]
         nominal = (settings, self.grid, burning, 0, rules.avoidance, rules.synchronises)
-        self.agents = [Agent(name, *nominal, names, names) for name in names]
+        self.agents = [Agent(name, *nominal, names) for name in names]
+        for agent in self.agents:
+            agent.wait_for(names)
         self.radio = Radio(uavs, rules, settings.range_m, seed)
         self.places_m = np.array([_start(number) for number in range(uavs)])
         self.motion = np.tile([math.pi / 4.0, settings.airframe.cruise_m_s], (uavs, 1))

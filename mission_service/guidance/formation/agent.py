@@ -103,13 +103,11 @@ class Agent:
         avoidance: Avoidance = "intent",
         synchronises: bool = True,
         team: Sequence[str] = (),
-        unheard: Collection[str] = (),
     ) -> None:
         """Create an agent; ``fire`` holds the cells that burn on all UAVs' maps at ``at_us``.
 
         ``team`` lists all UAVs, lowest altitude layer first, for flight while most messages are
-        lost. The agent stays at its first place until a message of each UAV in ``unheard`` has been
-        received, at most for ``LISTEN_US``. Raises MissionServiceError if a cell is not on the grid.
+        lost. Raises MissionServiceError if a cell is not on the grid.
         """
         self.name = name
         self.settings = settings
@@ -144,13 +142,20 @@ class Agent:
         self._layer_m = layer * layer_m(settings)
         self._layer_climb_m = 0.0
         self._states_sent = 0
-        self._unheard = set(unheard) - {name}
+        self._unheard: set[str] = set()
         self._listen_until_us: int | None = None
         self._sent_orbit_m = (math.inf, math.inf)
         self._sent_goal_m: tuple[float, float] | None = None
         self._outbox: list[AnyMessage] = []
         self.map.set_initial(fire, at_us)
         self.maps.set(fire, NO_CELLS)
+
+    def wait_for(self, names: Collection[str]) -> None:
+        """Stay at the first place until a message of each of these other UAVs is received.
+
+        The agent waits at most for ``LISTEN_US`` from its first step on.
+        """
+        self._unheard = set(names) - {self.name}
 
     # Inputs -----------------------------------------------------------------------------------
 

@@ -329,8 +329,8 @@ def decide_orbit(  # type: ignore[no-untyped-def]
     """Decide on the orbit to fly; fill ``adopted`` if it differs from the present orbit.
 
     A vehicle that ``listens`` does not know all vehicles yet, and keeps its orbit unless its path
-    is clear only for ``HASTE_S``. Returns whether a different orbit is adopted, whether a conflict prevents the desired orbit, and
-    for how long the orbit to fly is free of conflicts.
+    is clear only for ``HASTE_S``. Returns whether a different orbit is adopted, whether a conflict
+    prevents the desired orbit, and for how long the orbit to fly is free of conflicts.
     """
     near_m = rule[0] + rule[1] + LATE_M
     nowhere = (np.inf, -np.inf, np.inf, -np.inf)

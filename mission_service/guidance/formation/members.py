@@ -144,18 +144,19 @@ class Formation:
         self._lost: set[str] = set()
         at_us = round(scenario.start_s * 1e6)
         team = [section.name for section in scenario.vehicles]
-        here = {section.name for section in scenario.flown}
-        elsewhere = set(team) - here if shared.peer_messaging else set()
         self.members: dict[str, FormationMember] = {
             section.name: FormationMember(
                 Agent(
                     *(section.name, settings_of(scenario, section), grid, fire, at_us),
-                    *(shared.avoidance, shared.synchronises, team, elsewhere),
+                    *(shared.avoidance, shared.synchronises, team),
                 ),
                 self,
             )
             for section in scenario.flown
         }
+        if shared.peer_messaging:
+            for member in self.members.values():
+                member.agent.wait_for(set(team) - set(self.members))
 
     def burns(self, cells: Cells) -> None:
         """Extend ``reach_m``, the largest distance from ``centre_m`` to fire, to burning cells."""
