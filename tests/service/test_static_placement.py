@@ -89,9 +89,8 @@ class Team:
         while self.time_s < end_s:
             before_m = self.agents_m.copy()
             for i, mover in enumerate(self.movers):
-                moved = mover.velocity(
-                    self.time_s, *self.agents_m[i].tolist(), self.others(i), maps, STEP_S
-                )
+                x_m, y_m = self.agents_m[i].tolist()
+                moved = mover.velocity(self.time_s, x_m, y_m, self.others(i), maps, STEP_S)
                 self.agents_m[i] += np.array(moved) * STEP_S
             self.time_s += STEP_S
             yield np.hypot(*(self.agents_m - before_m).T)

@@ -323,9 +323,9 @@ class Agent:
             *(own.velocity_x_m_s, own.velocity_y_m_s, agent_x_m, agent_y_m),
             *(*orbit_m, intention.orbit_radius_m, intention.airspeed_m_s),
             intention.settled,
-            *(goal_m or (None, None)),
-            self._planned_m(own),
-            self._states_sent,
+            *(goal_m or ()),
+            planned_altitude_amsl_m=self._planned_m(own),
+            number=self._states_sent,
         )
         self._states_sent += 1
         self._outbox.append(state)
