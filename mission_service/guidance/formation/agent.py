@@ -318,12 +318,14 @@ class Agent:
         self._sent_orbit_m, self._sent_goal_m = orbit_m, goal_m
         self._state_due_us = own.at_us + STATE_EVERY_US
         agent_x_m, agent_y_m = self.agent_m or (None, None)
+        goal_x_m, goal_y_m = goal_m or (None, None)
         state = State(
             *(own.at_us, self.name, own.x_m, own.y_m, own.altitude_amsl_m),
             *(own.velocity_x_m_s, own.velocity_y_m_s, agent_x_m, agent_y_m),
             *(*orbit_m, intention.orbit_radius_m, intention.airspeed_m_s),
             intention.settled,
-            *(goal_m or ()),
+            goal_x_m=goal_x_m,
+            goal_y_m=goal_y_m,
             planned_altitude_amsl_m=self._planned_m(own),
             number=self._states_sent,
         )
