@@ -37,7 +37,7 @@ class PeerTable:
 
     def __init__(self) -> None:
         self._row_of: dict[str, int] = {}
-        self._goals: dict[str, Goal] = {}
+        self._goals = np.full((8, 4), -np.inf)  # x, y, the sender's key, time in us
         self._rows = np.zeros((8, COLUMNS))
         self._received_at_us = np.zeros(8, dtype=np.int64)
 
@@ -50,11 +50,11 @@ class PeerTable:
             return
         self._received_at_us[row] = state.at_us
         if state.goal_x_m is not None and state.goal_y_m is not None:
-            self.apply_goal(Goal(state.at_us, state.sender, state.goal_x_m, state.goal_y_m))
+            self._set_goal(row, state.at_us, state.goal_x_m, state.goal_y_m)
         elif state.agent_x_m is not None and state.agent_y_m is not None:
-            self.apply_goal(Goal(state.at_us, state.sender, state.agent_x_m, state.agent_y_m))
+            self._set_goal(row, state.at_us, state.agent_x_m, state.agent_y_m)
         else:
-            self._goals.pop(state.sender, None)
+            self._goals[row, 3] = -np.inf
         planned_m = state.planned_altitude_amsl_m
         self._rows[row, :AGE_S] = (
             state.x_m,
@@ -71,28 +71,24 @@ class PeerTable:
 
     def apply_goal(self, goal: Goal) -> None:
         """Store the goal of a UAV's virtual agent, unless a later goal is stored."""
-        stored = self._goals.get(goal.sender)
-        if stored is None or goal.at_us >= stored.at_us:
-            self._goals[goal.sender] = goal
+        row = self._row_of.get(goal.sender)
+        if row is None:
+            row = self._new_row(goal.sender)
+        self._set_goal(row, goal.at_us, goal.x_m, goal.y_m)
 
     def goals(self, at_us: int) -> Floats:
         """Return x, y and the sender's key (n, 3) of goals not older than ``GOAL_LOST_AFTER_S``.
 
         The goal of a virtual agent that forces move is its position.
         """
-        since_us = at_us - round(GOAL_LOST_AFTER_S * 1e6)
-        goals = [
-            (goal.x_m, goal.y_m, priority_key(name))
-            for name, goal in self._goals.items()
-            if goal.at_us > since_us
-        ]
-        return np.array(goals, dtype=np.float64).reshape(-1, 3)
+        known = self._goals[: len(self._row_of)]
+        return known[known[:, 3] > at_us - GOAL_LOST_AFTER_S * 1e6, :3]
 
     def remove(self, name: str) -> None:
         """Omit a UAV until its next message is received."""
-        self._goals.pop(name, None)
         row = self._row_of.get(name)
         if row is not None:
+            self._goals[row, 3] = -np.inf
             self._rows[row, AGE_S] = np.inf
             self._received_at_us[row] = np.iinfo(np.int64).min
 
@@ -103,11 +99,16 @@ class PeerTable:
         self._rows[:count, AGE_S] = age_s
         return self._rows[:count][age_s < AVOIDED_FOR_S]
 
+    def _set_goal(self, row: int, at_us: int, x_m: float, y_m: float) -> None:
+        if at_us >= self._goals[row, 3]:
+            self._goals[row] = (x_m, y_m, self._rows[row, KEY], at_us)
+
     def _new_row(self, name: str) -> int:
         row = self._row_of[name] = len(self._row_of)
         if row == len(self._rows):
             self._rows = np.pad(self._rows, ((0, row), (0, 0)))
             self._received_at_us = np.pad(self._received_at_us, (0, row))
+            self._goals = np.pad(self._goals, ((0, row), (0, 0)), constant_values=-np.inf)
         self._received_at_us[row] = np.iinfo(np.int64).min
         self._rows[row, KEY] = priority_key(name)
         return row
