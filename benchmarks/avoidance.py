@@ -74,7 +74,7 @@ def decision_us(count: int, desired: intent.IntendedOrbit) -> float:
     rows[:, peers.ORBIT_X], rows[:, peers.ORBIT_Y] = places.T
     rows[:, peers.VY], rows[:, peers.AIRSPEED], rows[:, peers.RADIUS] = 17.5, 17.5, -150.0
     rows[:, peers.AGE_S], rows[:, peers.KEY] = 0.25, np.arange(count)
-    own = intent.OwnMotion(1 << 31, 150.0, 0.0, 0.0, np.pi / 2.0, 17.5)
+    own = intent.OwnMotion(1 << 31, 150.0, 0.0, 0.0, 0.0, np.pi / 2.0, 17.5)
     rules = intent.avoidance_rules(SETTINGS)
     held = intent.AdoptedOrbit(intent.IntendedOrbit(0.0, 0.0, -150.0, 17.5))
     best = np.inf

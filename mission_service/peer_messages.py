@@ -25,7 +25,9 @@ class State(Message, frozen=True, tag=True):
     ``orbit_*`` is the circle that the UAV flies or approaches. The sender has checked this circle
     for conflicts with the orbits of the UAVs in the sender's peer table. A negative radius means
     anticlockwise, as in MAVLink; the paper's orbit has a radius of -150. A returning UAV has no
-    virtual agent. ``goal_*`` is None for a UAV that stays on its orbit.
+    virtual agent. ``goal_*`` is None for a UAV that stays on its orbit. ``planned_*`` is the
+    altitude to which the UAV climbs or descends; None if it is the present altitude. ``number``
+    counts the sender's states.
     """
 
     x_m: float
@@ -42,6 +44,15 @@ class State(Message, frozen=True, tag=True):
     settled: bool
     goal_x_m: float | None = None
     goal_y_m: float | None = None
+    planned_altitude_amsl_m: float | None = None
+    number: Number = 0
+
+
+class Goal(Message, frozen=True, tag=True):
+    """The goal of the sender's virtual agent, for all UAVs, also beyond the range of states."""
+
+    x_m: float
+    y_m: float
 
 
 class FireUpdate(Message, frozen=True, tag=True):
@@ -83,4 +94,4 @@ class Leaving(Message, frozen=True, tag=True):
     why: str
 
 
-AnyMessage = State | FireUpdate | Digest | Difference | Leaving
+AnyMessage = State | Goal | FireUpdate | Digest | Difference | Leaving

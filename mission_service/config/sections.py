@@ -78,6 +78,8 @@ class FormationSection(Section):
     # No "rvo": velocity obstacles set headings, which an autopilot in an orbit does not accept.
     avoidance: Literal["intent", "none"] = "intent"
     vertical_separation_m: Positive | None = None  # height difference that needs no avoidance
+    # Number of altitude layers while most messages are lost; 1: all UAVs keep their altitude.
+    lossy_layers: Annotated[int, Field(ge=1, le=64)] = 8
     synchronises: bool = True
     peer_messaging: bool = False  # exchange messages with UAVs of other processes
 

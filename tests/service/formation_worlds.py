@@ -124,7 +124,7 @@ def _fly(  # type: ignore[no-untyped-def]
     seen = np.zeros((count, count), np.bool_)
     rows = int(horizon_s) + 1
     path, paths = np.empty((rows, 2)), np.empty((count, rows, 2))
-    notes, own, adopted = np.empty((count, NOTES)), np.empty(8), np.empty(4)
+    notes, own, adopted = np.empty((count, NOTES)), np.empty(9), np.empty(4)
     places = all_places[0].copy()
     settled_s[:] = np.inf
     collisions, conflicts, nearest_m, changes, thoughts = 0, 0, np.inf, 0, 0
@@ -158,9 +158,9 @@ def _fly(  # type: ignore[no-untyped-def]
                 row[peers.X], row[peers.Y], row[peers.ALTITUDE] = x[uav], y[uav], altitude_m[uav]
                 row[peers.VX] = airspeed[uav] * math.cos(heading[uav]) + wind_x
                 row[peers.VY] = airspeed[uav] * math.sin(heading[uav]) + wind_y
-                row[peers.GOAL_X], row[peers.GOAL_Y] = agent[uav]
                 row[peers.ORBIT_X], row[peers.ORBIT_Y] = orbit[uav, 0], orbit[uav, 1]
                 row[peers.RADIUS], row[peers.AIRSPEED] = orbit[uav, 2], orbit[uav, 3]
+                row[peers.PLANNED] = altitude_m[uav]
                 row[peers.AGE_S], row[peers.KEY] = at_s, keys[uav]
         then = (tick + 1) % (delay + 1)
         for uav in range(count):
@@ -186,11 +186,11 @@ def _fly(  # type: ignore[no-untyped-def]
                 )  # fmt: skip
                 if kind == INTENT:
                     own[:] = (
-                        keys[uav], x[uav], y[uav], altitude_m[uav], heading[uav], airspeed[uav],
-                        wind_x, wind_y,
+                        keys[uav], x[uav], y[uav], altitude_m[uav], altitude_m[uav],
+                        heading[uav], airspeed[uav], wind_x, wind_y,
                     )  # fmt: skip
                     changed, _, clear_s = decide_orbit(
-                        at_s, own, desired, orbit[uav], others[:received], rule, frame,
+                        at_s, own, desired, orbit[uav], False, others[:received], rule, frame,
                         path, paths, notes, adopted,
                     )  # fmt: skip
                     thoughts += 1

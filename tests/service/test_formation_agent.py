@@ -10,7 +10,7 @@ from msgspec.structs import replace as with_fields
 from mission_service.errors import MissionServiceError
 from mission_service.guidance.formation.agent import Agent, OwnState
 from mission_service.guidance.formation.map_grid import MapGrid
-from mission_service.guidance.formation.peer_table import GOAL_X, GOAL_Y
+from mission_service.guidance.formation.peer_table import AVOIDED_FOR_S, recent
 from mission_service.guidance.formation.settings import Settings
 from mission_service.peer_messages import FireUpdate, Leaving, State
 
@@ -101,11 +101,15 @@ def test_another_agent_close_by_pushes_it_away_until_it_has_left() -> None:
     assert east_of(True, True) == east_of(False, False)
 
 
-def test_a_peer_that_is_silent_for_ten_seconds_is_not_counted() -> None:
+def test_a_silent_peer_is_avoided_for_longer_than_its_goal_and_its_phase_count() -> None:
     agent = agent_of()
     agent.on_message(state_of("kite", 0.0, -320.0, 150.0))
-    assert len(agent.peers.rows(9_900_000)) == 1
-    assert len(agent.peers.rows(10_100_000)) == 0
+    assert len(recent(agent.peers.rows(9_900_000))) == 1
+    assert len(recent(agent.peers.rows(10_100_000))) == 0
+    assert len(agent.peers.goals(29_900_000)) == 1
+    assert len(agent.peers.goals(30_100_000)) == 0
+    assert len(agent.peers.rows(round(AVOIDED_FOR_S * 1e6) - 1)) == 1
+    assert len(agent.peers.rows(round(AVOIDED_FOR_S * 1e6))) == 0
 
 
 def test_it_climbs_from_heat_and_comes_down_when_it_has_been_cool_for_a_while() -> None:
@@ -137,7 +141,7 @@ def test_others_go_by_where_its_virtual_agent_is_going() -> None:
     agent.on_message(
         with_fields(state_of("kite", 0.0, -320.0, 150.0), goal_x_m=10.0, goal_y_m=20.0)
     )
-    assert agent.peers.rows(0)[0, [GOAL_X, GOAL_Y]].tolist() == [10.0, 20.0]
+    assert agent.peers.goals(0)[0, :2].tolist() == [10.0, 20.0]
     sent = []
     for tick in range(40):
         agent.step(own_at(tick * 0.25, -400.0, 0.0))

@@ -29,6 +29,7 @@ from mission_service.peer_messages import (
     Difference,
     Digest,
     FireUpdate,
+    Goal,
     Leaving,
     State,
 )
@@ -101,6 +102,7 @@ ALL_KINDS: tuple[AnyMessage, ...] = (
     Digest(3, "hawk", ((1, 99),), 0, 9),
     Difference(4, "hawk", ((7, 2, 3, True),), (1,)),
     Leaving(5, "hawk", "fuel"),
+    Goal(6, "hawk", 1.0, 2.0),
 )
 
 

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -27,7 +28,7 @@ from tests.service.formation_worlds import (
 
 RULES = avoidance_rules(Settings())
 CURRENT = IntendedOrbit(0.0, 0.0, -150.0, 17.5)
-OWN = OwnMotion(7, 150.0, 0.0, 300.0, math.pi / 2, 17.5)
+OWN = OwnMotion(7, 150.0, 0.0, 300.0, 300.0, math.pi / 2, 17.5)
 NO_PEERS = np.zeros((0, peers.COLUMNS))
 
 
@@ -45,7 +46,7 @@ def on_orbit(
     row[peers.VX], row[peers.VY] = -17.5 * math.sin(angle_rad), 17.5 * math.cos(angle_rad)
     row[[peers.ORBIT_X, peers.ORBIT_Y, peers.RADIUS]] = x_m, y_m, -150.0
     row[[peers.AIRSPEED, peers.AGE_S, peers.KEY]] = 17.5, age_s, key
-    row[peers.ALTITUDE] = altitude_m
+    row[[peers.ALTITUDE, peers.PLANNED]] = altitude_m
     return row[None]
 
 
@@ -103,8 +104,10 @@ def test_near_ones_take_turns_and_a_turn_needs_a_new_message() -> None:
         for at_s in seconds
     ]
     assert [not turn for turn in mine] == theirs
-    late = on_orbit(160.0, 0.0, age_s=1.6)  # from before the turn began
-    assert not any(think(desired, late, at_s).orbit == desired for at_s in seconds)
+    late = on_orbit(160.0, 0.0, age_s=1.6)  # from the slot before
+    turns = [think(desired, late, at_s).orbit == desired for at_s in seconds]
+    assert turns[1:] == [now and before for before, now in pairwise(mine)]
+    assert any(turns)
 
 
 def test_layers_need_no_avoidance() -> None:

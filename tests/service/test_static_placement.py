@@ -18,7 +18,6 @@ from mission_service.guidance.formation.agent_maps import AgentMaps
 from mission_service.guidance.formation.coverage import AgentMover, next_goal, velocity
 from mission_service.guidance.formation.map_grid import MapGrid
 from mission_service.guidance.formation.settings import Settings
-from mission_service.guidance.formation.virtual_forces_kernels import tie_rad
 
 SETTINGS = Settings()
 CELL_M = 20.0  # coarse, to save time
@@ -73,8 +72,16 @@ class Team:
         along = 80.0 * (np.arange(count) - (count - 1) / 2.0)
         outwards = np.array([math.cos(side_rad), math.sin(side_rad)])
         self.agents_m = MIDDLE_M + away_m * outwards + np.outer(along, outwards[::-1] * [-1, 1])
-        self.movers = [AgentMover(SETTINGS, GRID, tie_rad(number)) for number in range(count)]
+        self.movers = [AgentMover(SETTINGS, GRID, number) for number in range(count)]
         self.time_s = 0.0
+
+    def others(self, number: int) -> Floats:
+        """Return x, y and the key (n, 3) of the other agents' goals, as in the messages."""
+        places = [
+            mover.goal_m or tuple(agent_m)
+            for mover, agent_m in zip(self.movers, self.agents_m, strict=True)
+        ]
+        return np.delete(np.column_stack([places, np.arange(len(places))]), number, axis=0)
 
     def fly(self, maps: AgentMaps, duration_s: float) -> Iterator[Floats]:
         """Yield the distance that each agent moved, for each step."""
@@ -82,11 +89,8 @@ class Team:
         while self.time_s < end_s:
             before_m = self.agents_m.copy()
             for i, mover in enumerate(self.movers):
-                others_m = np.delete(self.agents_m, i, axis=0)
-                moved = mover.velocity(
-                    self.time_s, self.agents_m[i, 0], self.agents_m[i, 1],
-                    others_m[:, 0].copy(), others_m[:, 1].copy(), maps, STEP_S,
-                )  # fmt: skip
+                x_m, y_m = self.agents_m[i].tolist()
+                moved = mover.velocity(self.time_s, x_m, y_m, self.others(i), maps, STEP_S)
                 self.agents_m[i] += np.array(moved) * STEP_S
             self.time_s += STEP_S
             yield np.hypot(*(self.agents_m - before_m).T)
@@ -162,6 +166,66 @@ def test_agents_come_within_four_percent_of_the_best_placement_and_then_stand_st
     assert apart.min() > 100.0
 
 
+def ring(inner_m: float, outer_m: float) -> NDArray[np.bool_]:
+    return ellipse(outer_m, outer_m) & ~ellipse(inner_m, inner_m)
+
+
+def two_fires(distance_m: float) -> NDArray[np.bool_]:
+    """Return two round fires of different sizes, in the northeast and in the southwest."""
+    away = round(distance_m / CELL_M / 2.0 * math.sqrt(0.5))
+    one, other = ellipse(200.0, 200.0), ellipse(120.0, 120.0)
+    return np.roll(one, (away, away), (0, 1)) | np.roll(other, (-away, -away), (0, 1))
+
+
+def flown(fire: NDArray[np.bool_], count: int) -> tuple[Floats, NDArray[np.bool_], float]:
+    """Return the final places of agents, which of them flew over fire, and their coverage.
+
+    The coverage is a share of the coverage of the best places.
+    """
+    maps, team = maps_of(fire), Team(count, 4.0)
+    over_fire, crossed = over_fire_of(maps), np.zeros(count, dtype=np.bool_)
+    for _ in team.fly(maps, 400.0):
+        rows, cols = np.floor(places_of(team.agents_m).T + 0.5).astype(int)
+        crossed |= over_fire[rows, cols]
+    weights, allowed = weights_of(maps), maps.augmentation == 0
+    best = best_placement(weights, allowed, count, RADIUS_CELLS, starts=3, kicks=4)
+    share = coverage(weights, places_of(team.agents_m), RADIUS_CELLS) / best.coverage
+    return team.agents_m, crossed, share
+
+
+def test_agents_cross_a_ring_of_fire_only_to_its_island() -> None:
+    agents_m, crossed, share = flown(ellipse(480.0, 480.0) & ~ellipse(340.0, 340.0), 9)
+    on_island = np.hypot(*(agents_m - MIDDLE_M).T) < 340.0
+    assert on_island.any()
+    assert crossed.tolist() == on_island.tolist()
+    assert share >= 0.97
+
+
+def test_agents_distribute_themselves_over_two_fires() -> None:
+    away = round(0.5 * 1500.0 / CELL_M * math.sqrt(0.5))
+    large = np.roll(ellipse(200.0, 200.0), (away, away), (0, 1))
+    small = np.roll(ellipse(120.0, 120.0), (-away, -away), (0, 1))
+    _, crossed, share = flown(large | small, 8)
+    assert not crossed.any()
+    assert share >= 0.97
+
+
+def test_of_agents_with_the_same_goal_one_keeps_it() -> None:
+    maps = maps_of(ellipse(330.0, 330.0))
+    movers = [AgentMover(SETTINGS, GRID, key) for key in (1, 2, 3)]
+    goals = []
+    for tick in range(6):  # all decide at the same time
+        places = [mover.goal_m for mover in movers]
+        for number, mover in enumerate(movers):
+            others = [(*p, k + 1) for k, p in enumerate(places) if p and k != number]
+            keyed = np.array(others, dtype=np.float64).reshape(-1, 3)
+            mover.velocity(2.0 * tick, MIDDLE_M - 700.0, MIDDLE_M, keyed, maps, STEP_S)
+        goals.append([mover.goal_m for mover in movers])
+    assert len(set(goals[1])) == 1
+    assert len(set(goals[-1])) == 3
+    assert goals[-1][0] == goals[1][0]
+
+
 def test_agents_settle_again_when_the_fire_has_grown() -> None:
     maps = maps_of(ellipse(160.0, 160.0))
     team = Team(4, 1.0)
@@ -212,34 +276,24 @@ def test_an_agent_goes_round_the_fire_never_through_it() -> None:
     assert flown_m > 1200.0
 
 
-def test_outside_its_area_and_deep_in_the_fire_the_rule_leaves_an_agent_to_the_forces() -> None:
+def test_only_outside_the_map_the_rule_leaves_an_agent_to_the_forces() -> None:
     maps = maps_of(ellipse(700.0, 700.0))
-    no_others = np.empty(0)
+    no_others = np.empty((0, 3))
 
     def asked(x_m: float, y_m: float) -> object:
         place_m = (MIDDLE_M + x_m, MIDDLE_M + y_m)
         return next_goal(0.0, *place_m, None, np.empty((0, 2)), maps, GRID, SETTINGS)
 
-    assert asked(-1390.0, 1390.0) is None
+    assert asked(-1390.0, 1390.0) is not None
+    assert asked(0.0, 0.0) is not None
     assert asked(0.0, 99999.0) is None
     assert asked(-600.0, 0.0) is not None  # in the fire, near its edge
     assert asked(-1000.0, 0.0) is not None
-    mover = AgentMover(SETTINGS, GRID, 0.0)
-    assert mover.velocity(0.0, 50.0, 50.0, no_others, no_others, maps, STEP_S)[0] > 1.0
+    mover = AgentMover(SETTINGS, GRID, 0)
+    assert mover.velocity(0.0, -50.0, 50.0, no_others, maps, STEP_S)[0] > 1.0
+    assert mover.goal is None
     nothing = maps_of(np.zeros(GRID.shape, dtype=bool))
-    assert mover.velocity(1.0, 50.0, 50.0, no_others, no_others, nothing, STEP_S) == (0.0, 0.0)
-
-
-def test_others_without_a_virtual_agent_do_not_count() -> None:
-    maps = maps_of(ellipse(160.0, 160.0))
-
-    def goal(others_x_m: Floats, others_y_m: Floats) -> object:
-        mover = AgentMover(SETTINGS, GRID, 0.0)
-        mover.velocity(0.0, MIDDLE_M - 500.0, MIDDLE_M, others_x_m, others_y_m, maps, STEP_S)
-        return mover.goal
-
-    nowhere = np.array([math.nan])
-    assert goal(nowhere, nowhere) == goal(np.empty(0), np.empty(0)) is not None
+    assert mover.velocity(1.0, 50.0, 50.0, no_others, nothing, STEP_S) == (0.0, 0.0)
 
 
 def test_a_standing_vehicle_does_not_give_way_to_one_that_passes() -> None:
@@ -252,9 +306,8 @@ def test_a_standing_vehicle_does_not_give_way_to_one_that_passes() -> None:
     assert stays is not None
     goals = set()
     for tick in range(40):  # 25 m/s, 20 m beside it
-        passing_m = np.delete(team.agents_m, 0, axis=0)
-        passing_m = np.vstack([passing_m, [x_m - 500.0 + 25.0 * tick, y_m + 20.0]])
+        passing = np.vstack([team.others(0), [x_m - 500.0 + 25.0 * tick, y_m + 20.0, 9.0]])
         at_s = team.time_s + tick
-        mover.velocity(at_s, x_m, y_m, passing_m[:, 0].copy(), passing_m[:, 1].copy(), maps, STEP_S)
+        mover.velocity(at_s, x_m, y_m, passing, maps, STEP_S)
         goals.add((mover.goal.x_m, mover.goal.y_m))  # type: ignore[union-attr]
     assert goals == {(stays.x_m, stays.y_m)}

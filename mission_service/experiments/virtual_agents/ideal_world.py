@@ -27,6 +27,7 @@ from mission_service.experiments.virtual_agents.rvo_kernels import clear_heading
 from mission_service.experiments.virtual_agents.scenarios import CELL_M
 from mission_service.guidance.formation.agent import Agent, Avoidance, Intention, OwnState
 from mission_service.guidance.formation.map_grid import MapGrid
+from mission_service.guidance.formation.peer_table import recent
 from mission_service.guidance.formation.settings import Settings
 from mission_service.peer_messages import AnyMessage, State
 
@@ -162,12 +163,16 @@ class FormationWorld:
         self.at_s = 0.0
         self.ticks = 0
         burning = np.flatnonzero(arrival_s <= 0.0)
+        names = [f"uav{number}" for number in range(uavs)]
         nominal = (settings, self.grid, burning, 0, rules.avoidance, rules.synchronises)
-        self.agents = [Agent(f"uav{number}", *nominal) for number in range(uavs)]
+        self.agents = [Agent(name, *nominal, names) for name in names]
+        for agent in self.agents:
+            agent.wait_for(names)
         self.radio = Radio(uavs, rules, settings.range_m, seed)
         self.places_m = np.array([_start(number) for number in range(uavs)])
         self.motion = np.tile([math.pi / 4.0, settings.airframe.cruise_m_s], (uavs, 1))
-        self.velocities_m_s = np.full((uavs, 2), settings.airframe.cruise_m_s * math.sqrt(0.5))
+        through_air_m_s = np.full((uavs, 2), settings.airframe.cruise_m_s * math.sqrt(0.5))
+        self.velocities_m_s = through_air_m_s + rules.wind_m_s
         self.layers_m = np.zeros(uavs)  # height of each UAV above the common altitude
         self.heights_m = np.full(uavs, settings.altitude_agl_m)
         self.intentions: list[Intention] = []
@@ -280,7 +285,7 @@ class FormationWorld:
             desired_rad,
             intention.airspeed_m_s,
             *self.rules.wind_m_s,
-            agent.peers.rows(round(self.at_s * 1e6)),
+            recent(agent.peers.rows(round(self.at_s * 1e6))),
             2.0 * self.settings.safety_radius_m,
             self.settings.neighbourhood_m,
         )

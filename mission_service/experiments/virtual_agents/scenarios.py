@@ -46,13 +46,21 @@ EXPERIMENTS = (
 )
 
 
-def burned(p_spread: float, first_cells: int, seed: int) -> NDArray[np.float64]:
-    """Return arrival times (y, x) in s, 0 or less for cells that burn at the start."""
+def burned(
+    p_spread: float,
+    first_cells: int,
+    seed: int,
+    ignitions: tuple[tuple[int, int], ...] = ((ROWS // 2, COLS // 2),),
+) -> NDArray[np.float64]:
+    """Return arrival times (y, x) in s, 0 or less for cells that burn at the start.
+
+    The fire grows from the cells ``ignitions`` (row, column), to ``first_cells`` at the start.
+    """
     landscape = flat(np.ones((ROWS, COLS), dtype=np.int16), CELL_M)
     fire = ProbabilisticFire(
         landscape,
         WeatherStream((wind(0.0, 0.0, 0.0),)),
-        [(ROWS // 2, COLS // 2, 0.0)],
+        [(row, col, 0.0) for row, col in ignitions],
         p_spread=p_spread,
         update_s=UPDATE_S,
         rng=np.random.default_rng(seed),

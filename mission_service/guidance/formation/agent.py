@@ -7,6 +7,7 @@ command to the autopilot, or by a loiter item.
 """
 
 import math
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -21,18 +22,19 @@ from mission_service.guidance.formation.intent_avoidance import (
     OwnMotion,
     avoidance_rules,
     choose_orbit,
+    layer_m,
+    layered_rules,
 )
-from mission_service.guidance.formation.lost_peers import LostPeers
+from mission_service.guidance.formation.link_quality import LinkQuality
 from mission_service.guidance.formation.map_grid import MapGrid
 from mission_service.guidance.formation.orbit_phase_kernels import (
     airspeed_in_phase_m_s,
     is_on_orbit,
 )
-from mission_service.guidance.formation.peer_table import GOAL_X, GOAL_Y, PeerTable, priority_key
+from mission_service.guidance.formation.peer_table import PeerTable, priority_key, recent
 from mission_service.guidance.formation.settings import Settings
 from mission_service.guidance.formation.shared_map import SharedMap
-from mission_service.guidance.formation.virtual_forces_kernels import tie_rad
-from mission_service.peer_messages import AnyMessage, Leaving, State
+from mission_service.peer_messages import AnyMessage, Goal, Leaving, State
 
 Floats = NDArray[np.float64]
 Cells = NDArray[np.int64]
@@ -40,8 +42,10 @@ NO_CELLS: Cells = np.empty(0, dtype=np.int64)
 Avoidance = Literal["intent", "rvo", "none"]
 
 STATE_EVERY_US = 500_000
+GOAL_EVERY_US = 5_000_000
 RESEND_M = 20.0  # if the orbit moves farther, the state is sent at once
 MAX_STEP_S = 1.0
+LISTEN_US = 30_000_000
 SETTLED_M, SETTLED_FOR_S = 10.0, 20.0
 NOWHERE = (math.nan, math.nan)
 COOL_FOR_S = 20.0  # time at the higher altitude after heat was last detected
@@ -98,16 +102,17 @@ class Agent:
         at_us: int,
         avoidance: Avoidance = "intent",
         synchronises: bool = True,
+        team: Sequence[str] = (),
     ) -> None:
         """Create an agent; ``fire`` holds the cells that burn on all UAVs' maps at ``at_us``.
 
-        Raises MissionServiceError if a cell is not on the grid.
+        ``team`` lists all UAVs, lowest altitude layer first, for flight while most messages are
+        lost. Raises MissionServiceError if a cell is not on the grid.
         """
         self.name = name
         self.settings = settings
         self.grid = grid
         self.peers = PeerTable()
-        self._lost_peers = LostPeers()
         self.map = SharedMap(name, grid.shape)
         self.maps = AgentMaps(
             grid.shape,
@@ -120,34 +125,51 @@ class Agent:
         self.synchronises = synchronises
         self.agent_m: tuple[float, float] | None = None
         self.home_m: tuple[float, float] | None = None  # set during the return home
-        self._mover = AgentMover(settings, grid, tie_rad(priority_key(name)))
-        self._rules = avoidance_rules(settings)
+        # The rules for good links, and for lossy links.
+        self._rules = avoidance_rules(settings), layered_rules(settings)
         self._key = priority_key(name)
+        self._mover = AgentMover(settings, grid, self._key)
         self._choice: AdoptedOrbit | None = None
         self._settled_m = (math.inf, math.inf)
         self._settled_at_us = at_us
         self._stepped_at_us = at_us
-        self._state_due_us = at_us
+        self._state_due_us = self._goal_due_us = at_us
         self._step_s = 0.0
         self._cool_at_us = at_us
         self._climb_m = 0.0
+        self._links = LinkQuality()
+        layer = team.index(name) % settings.lossy_layers if name in team else 0
+        self._layer_m = layer * layer_m(settings)
+        self._layer_climb_m = 0.0
+        self._states_sent = 0
+        self._unheard: set[str] = set()
+        self._listen_until_us: int | None = None
         self._sent_orbit_m = (math.inf, math.inf)
         self._sent_goal_m: tuple[float, float] | None = None
         self._outbox: list[AnyMessage] = []
         self.map.set_initial(fire, at_us)
         self.maps.set(fire, NO_CELLS)
 
+    def wait_for(self, names: Collection[str]) -> None:
+        """Stay at the first place until a message of each of these other UAVs is received.
+
+        The agent waits at most for ``LISTEN_US`` from its first step on.
+        """
+        self._unheard = set(names) - {self.name}
+
     # Inputs -----------------------------------------------------------------------------------
 
     def on_message(self, message: AnyMessage) -> None:
         """Apply a message from another UAV."""
+        self._unheard.discard(message.sender)
         match message:
             case State():
                 self.peers.apply_state(message)
-                self._lost_peers.store(message)
+                self._links.store(message)
+            case Goal():
+                self.peers.apply_goal(message)
             case Leaving():
                 self.peers.remove(message.sender)
-                self._lost_peers.remove(message.sender)
             case _:
                 self.maps.set(*self.map.on_message(message))
 
@@ -161,11 +183,9 @@ class Agent:
         """Advance the agent to the UAV's present state; return the UAV's intention."""
         self._step_s = min((own.at_us - self._stepped_at_us) / 1e6, MAX_STEP_S)
         self._stepped_at_us = own.at_us
-        for state in self._lost_peers.states(own.at_us):
-            self.peers.apply_state(state)
         peers = self.peers.rows(own.at_us)
         if self.home_m is None:
-            self._move_agent(own, peers)
+            self._move_agent(own)
         return self._intend(own, peers)
 
     def messages(self, at_us: int) -> list[AnyMessage]:
@@ -188,7 +208,7 @@ class Agent:
 
     # The virtual agent ------------------------------------------------------------------------
 
-    def _move_agent(self, own: OwnState, peers: Floats) -> None:
+    def _move_agent(self, own: OwnState) -> None:
         """Start the virtual agent ahead of its UAV if necessary, and move it (eqs. 4 and 12)."""
         settings, agent_m, step_s = self.settings, self.agent_m, self._step_s
         if agent_m is None or math.dist(agent_m, (own.x_m, own.y_m)) > settings.restart_m:
@@ -197,32 +217,46 @@ class Agent:
                 own.x_m + settings.loiter_radius_m * math.cos(yaw_rad),
                 own.y_m + settings.loiter_radius_m * math.sin(yaw_rad),
             )
+        if self._listens(own.at_us):
+            self.agent_m = agent_m
+            return
+        others = self.peers.goals(own.at_us)
         east_m_s, north_m_s = self._mover.velocity(
-            own.at_us / 1e6, *agent_m, peers[:, GOAL_X], peers[:, GOAL_Y], self.maps, step_s
+            own.at_us / 1e6, *agent_m, others, self.maps, step_s
         )
         self.agent_m = (agent_m[0] + east_m_s * step_s, agent_m[1] + north_m_s * step_s)
+
+    def _listens(self, at_us: int) -> bool:
+        """Return whether the agent waits for the first states of its team."""
+        if self._listen_until_us is None:
+            self._listen_until_us = at_us + LISTEN_US
+        return bool(self._unheard) and at_us < self._listen_until_us
 
     # Intention --------------------------------------------------------------------------------
 
     def _intend(self, own: OwnState, peers: Floats) -> Intention:
+        climb_m = self._climb(own)
         orbit, conflict = self._orbit(own, peers), False
         if self.avoidance == "intent":
             heading_rad = math.atan2(
                 own.velocity_y_m_s - own.wind_y_m_s, own.velocity_x_m_s - own.wind_x_m_s
             )
             motion = OwnMotion(
-                *(self._key, own.x_m, own.y_m, own.altitude_amsl_m, heading_rad),
-                *(own.airspeed_m_s, own.wind_x_m_s, own.wind_y_m_s),
+                *(self._key, own.x_m, own.y_m, own.altitude_amsl_m, self._planned_m(own)),
+                *(heading_rad, own.airspeed_m_s, own.wind_x_m_s, own.wind_y_m_s),
             )
             held = self._choice or AdoptedOrbit(orbit)
-            self._choice = choose_orbit(own.at_us / 1e6, motion, orbit, held, peers, self._rules)
+            self._choice = choose_orbit(
+                *(own.at_us / 1e6, motion, orbit, held, peers, self._rules[self._links.lossy]),
+                self._listens(own.at_us),
+            )
             orbit, conflict = self._choice.orbit, self._choice.in_conflict
         intention = Intention(
             orbit.x_m,
             orbit.y_m,
             orbit.radius_m,
             orbit.airspeed_m_s,
-            self._climb(own),
+            climb_m,
             self._is_settled(own, orbit),
             *(self.agent_m or NOWHERE),
             conflict,
@@ -236,10 +270,10 @@ class Agent:
         centre_m = self.home_m or self.agent_m
         assert centre_m is not None
         airspeed_m_s = airframe.cruise_m_s
-        if self.synchronises:
+        if self.synchronises and not self._listens(own.at_us):
             airspeed_m_s = airspeed_in_phase_m_s(
                 *(own.x_m, own.y_m, *centre_m, radius_m),
-                *(self._key, peers, self.settings.range_m),
+                *(self._key, recent(peers), self.settings.range_m),
                 *(airframe.min_airspeed_m_s, airframe.max_airspeed_m_s),
                 math.hypot(own.wind_x_m_s, own.wind_y_m_s),
             )
@@ -254,7 +288,17 @@ class Agent:
             self._climb_m += step_m if own.hot else 0.0
         else:
             self._climb_m = max(self._climb_m - step_m, 0.0)
-        return self._climb_m
+        off_m = self._layer_target_m - self._layer_climb_m
+        self._layer_climb_m += min(max(off_m, -step_m), step_m)
+        return self._climb_m + self._layer_climb_m
+
+    @property
+    def _layer_target_m(self) -> float:
+        return self._layer_m if self._links.lossy else 0.0
+
+    def _planned_m(self, own: OwnState) -> float:
+        """Return the altitude of the UAV when it has reached its layer."""
+        return own.altitude_amsl_m + self._layer_target_m - self._layer_climb_m
 
     def _is_settled(self, own: OwnState, orbit: IntendedOrbit) -> bool:
         if math.dist(self._settled_m, (orbit.x_m, orbit.y_m)) > SETTLED_M:
@@ -267,17 +311,26 @@ class Agent:
         """Queue the state when it is due, or at once if the orbit or the goal has changed."""
         orbit_m = (intention.orbit_x_m, intention.orbit_y_m)
         goal_m = self.agent_m and self._mover.goal_m
-        changed = math.dist(self._sent_orbit_m, orbit_m) > RESEND_M or goal_m != self._sent_goal_m
+        goal_changed = goal_m != self._sent_goal_m
+        changed = math.dist(self._sent_orbit_m, orbit_m) > RESEND_M or goal_changed
         if own.at_us < self._state_due_us and not changed:
             return
         self._sent_orbit_m, self._sent_goal_m = orbit_m, goal_m
         self._state_due_us = own.at_us + STATE_EVERY_US
         agent_x_m, agent_y_m = self.agent_m or (None, None)
+        goal_x_m, goal_y_m = goal_m or (None, None)
         state = State(
             *(own.at_us, self.name, own.x_m, own.y_m, own.altitude_amsl_m),
             *(own.velocity_x_m_s, own.velocity_y_m_s, agent_x_m, agent_y_m),
             *(*orbit_m, intention.orbit_radius_m, intention.airspeed_m_s),
             intention.settled,
-            *(goal_m or ()),
+            goal_x_m=goal_x_m,
+            goal_y_m=goal_y_m,
+            planned_altitude_amsl_m=self._planned_m(own),
+            number=self._states_sent,
         )
+        self._states_sent += 1
         self._outbox.append(state)
+        if goal_m and (goal_changed or own.at_us >= self._goal_due_us):
+            self._goal_due_us = own.at_us + GOAL_EVERY_US
+            self._outbox.append(Goal(own.at_us, self.name, *goal_m))

@@ -29,6 +29,7 @@ from mission_service.guidance.formation.map_grid import MapGrid
 from mission_service.guidance.formation.settings import Settings
 from mission_service.guidance.formation.virtual_forces_kernels import (
     constants_array,
+    tie_rad,
     velocity_of_forces,
 )
 
@@ -100,7 +101,7 @@ def next_goal(
 ) -> Goal | None:
     """Return the goal of the agent at (x, y); None if forces must move the agent.
 
-    Forces must move an agent outside its area. ``goal`` is the previous result (None at first).
+    Forces must move an agent outside the map. ``goal`` is the previous result (None at first).
     ``others_m`` (n, 2) holds x and y of the other agents' goals, or of their positions if they have
     no goal. ``AgentMover`` calls this function every few seconds.
     """
@@ -115,7 +116,7 @@ def next_goal(
     radius = settings.coverage_radius_m / cell_m
     workspace = _workspace(grid.rows, grid.cols, stride, radius)
     if not find_goal(
-        *(row, col, goal is not None, goal_row, goal_col),
+        *(row, col, goal_row, goal_col),
         (grid.north_m - others_m[:, 1]) / cell_m - 0.5,
         (others_m[:, 0] - grid.west_m) / cell_m - 0.5,
         *(maps.fire, maps.augmentation, maps.monitored, maps.area),
@@ -155,15 +156,16 @@ def velocity(
 class AgentMover:
     """The mover of one virtual agent.
 
-    The coverage rule moves the agent inside its area, and the paper's forces move it outside. If
+    The coverage rule moves the agent on the map, and the paper's forces move it outside. If
     ``placement`` in the settings is "forces", only the paper's forces move the agent.
     """
 
-    def __init__(self, settings: Settings, grid: MapGrid, tie_rad: float) -> None:
+    def __init__(self, settings: Settings, grid: MapGrid, key: int) -> None:
+        """Create the mover of the agent whose UAV has this key (``peer_table.priority_key``)."""
         self.settings, self.grid = settings, grid
         self.goal: Goal | None = None
         self._constants = constants_array(settings.constants)
-        self._tie_rad = tie_rad
+        self._key, self._tie_rad = key, tie_rad(key)
         self._due_s: float | None = None
         self._others_m: Floats = np.empty((0, 2))  # goals of the others at the last decision
 
@@ -178,15 +180,13 @@ class AgentMover:
         at_s: float,
         x_m: float,
         y_m: float,
-        others_x_m: Floats,
-        others_y_m: Floats,
+        others: Floats,
         maps: AgentMaps,
         step_s: float,
     ) -> tuple[float, float]:
         """Return the velocity (east, north) in m/s for the next ``step_s``; 0 without fire.
 
-        ``others_x_m`` and ``others_y_m`` (n) hold the goals of the virtual agents in range. The
-        arrays hold the position of an agent without a goal, and NaN for a UAV without an agent.
+        ``others`` (n, 3) holds the goals of the other virtual agents (``PeerTable.goals``).
         ``at_s`` must not decrease between calls.
         """
         settings, grid = self.settings, self.grid
@@ -201,16 +201,26 @@ class AgentMover:
             # Due times keep their offset, so that two agents do not always decide at the same time.
             if at_s >= self._due_s:
                 self._due_s += DECIDE_EVERY_S * (1.0 + (at_s - self._due_s) // DECIDE_EVERY_S)
-            others_m = np.stack([others_x_m, others_y_m], axis=1)
-            self._decide(at_s, x_m, y_m, others_m[np.isfinite(others_x_m)], maps)
+            self._decide(at_s, x_m, y_m, self._without_rivals(others), maps)
         if self.goal is not None:
             return velocity(x_m, y_m, self.goal, settings.agent_speed_m_s, step_s)
         east_m_s, north_m_s = velocity_of_forces(
-            *(x_m, y_m, others_x_m, others_y_m, *grid.xy_of(*centre)),
+            *(x_m, y_m, *others[:, :2].T.copy(), *grid.xy_of(*centre)),
             *(maps.augmentation, maps.area, grid.west_m, grid.north_m, grid.cell_m),
             *(self._constants, settings.spacing_m, settings.agent_speed_m_s, self._tie_rad),
         )
         return float(east_m_s), float(north_m_s)
+
+    def _without_rivals(self, others: Floats) -> Floats:
+        """Return x and y (n, 2) of the goals to which this agent gives way.
+
+        If several agents have chosen the same place at the same time, the agent with the lowest key
+        keeps it.
+        """
+        if self.goal is None:
+            return others[:, :2]
+        away_m = np.hypot(others[:, 0] - self.goal.x_m, others[:, 1] - self.goal.y_m)
+        return others[(away_m > LATTICE_M) | (others[:, 2] < self._key), :2]
 
     def _decide(
         self, at_s: float, x_m: float, y_m: float, others_m: Floats, maps: AgentMaps

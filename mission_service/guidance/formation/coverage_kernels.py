@@ -18,6 +18,7 @@ NEAR, FAR = 5, 1  # weights of cells in fifths (section 3.4)
 RINGS = 8  # radius, in strides, of the search for the first free node
 PER_CELL = 4  # samples of a straight line
 NO_PATH = math.inf
+CROSSING = 9.0  # additional length of a path for each cell inside the augmentation
 # Maximum cost of an agent closer than the spacing, and the additional cost if closer than CROWD_M.
 NEIGHBOUR, CROWD = 800.0, 5000.0
 TOUCHING = 50.0  # cost of a place within the margin of the augmented fire
@@ -137,27 +138,38 @@ def is_free(row, col, augmentation, margin):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def is_clear(row, col, to_row, to_col, augmentation):  # type: ignore[no-untyped-def]
-    """Return whether the straight line between two places is outside the augmentation."""
+def leg(row, col, to_row, to_col, augmentation, crossing):  # type: ignore[no-untyped-def]
+    """Return the length of the straight line between two places.
+
+    The part of the line inside the augmentation counts ``1 + crossing`` times. If ``crossing`` is
+    ``NO_PATH``, the result is ``NO_PATH`` for a line that is not outside the augmentation.
+    """
     steps = math.ceil(PER_CELL * max(abs(to_row - row), abs(to_col - col)))
+    inside = 0
     for k in range(steps + 1):
         share = k / max(steps, 1)
         r = math.floor(row + share * (to_row - row) + 0.5)
         c = math.floor(col + share * (to_col - col) + 0.5)
         if not is_free(r, c, augmentation, 0):
-            return False
-    return True
+            if crossing == NO_PATH:
+                return NO_PATH
+            inside += 1
+    length = math.hypot(to_row - row, to_col - col)
+    return length * (1.0 + crossing * inside / (steps + 1)) if inside else length
 
 
 @kernel
-def find_paths(row, col, augmentation, box, stride, distances, previous, queue, queued):  # type: ignore[no-untyped-def]
+def find_paths(  # type: ignore[no-untyped-def]
+    row, col, augmentation, box, stride, crossing, distances, previous, queue, queued
+):
     """Fill ``distances`` with the length of the path from (row, col) to each node in the box.
 
-    The length is ``NO_PATH`` without a path. A path begins at a first node. First nodes are the
-    free nodes next to the place that a clear straight line connects to it; the line need not be
-    clear if the place is in the augmentation. ``previous`` is filled with the preceding node on the
-    path, or -1 for a first node. ``queue`` and ``queued`` are work arrays with an entry for each
-    node. Returns whether there is a first node.
+    The length is ``NO_PATH`` without a path; see ``leg`` for ``crossing``. A path begins at a first
+    node. First nodes are the nodes next to the place to which a straight leg exists. If the place
+    is in the augmentation, and crossings are not allowed, they are the free nodes next to it.
+    ``previous`` is filled with the preceding node on the path, or -1 for a first node. ``queue``
+    and ``queued`` are work arrays with an entry for each node. Returns whether there is a first
+    node.
     """
     wide = (augmentation.shape[1] - 1) // stride + 1
     i_top, i_end = (box[0] + stride - 1) // stride, (box[1] - 1) // stride + 1
@@ -166,23 +178,25 @@ def find_paths(row, col, augmentation, box, stride, distances, previous, queue, 
         for j in range(j_left, j_end):
             distances[i * wide + j], queued[i * wide + j] = NO_PATH, False
     first, count = 0, 0
-    inside = not is_free(math.floor(row + 0.5), math.floor(col + 0.5), augmentation, 0)
+    leaves = crossing == NO_PATH and not is_free(
+        math.floor(row + 0.5), math.floor(col + 0.5), augmentation, 0
+    )
     i0, j0 = math.floor(row / stride), math.floor(col / stride)
     for ring in range(RINGS):
         for i in range(max(i0 - ring, i_top), min(i0 + 2 + ring, i_end)):
             for j in range(max(j0 - ring, j_left), min(j0 + 2 + ring, j_end)):
                 r, c = i * stride, j * stride
-                if is_free(r, c, augmentation, 0) and (
-                    inside or is_clear(row, col, r, c, augmentation)
-                ):
+                length = leg(row, col, r, c, augmentation, crossing)
+                if leaves and is_free(r, c, augmentation, 0):
+                    length = math.hypot(r - row, c - col)
+                if length < NO_PATH:
                     node = i * wide + j
-                    distances[node], previous[node] = math.hypot(r - row, c - col), -1
+                    distances[node], previous[node] = length, -1
                     queue[count], queued[node] = node, True
                     count += 1
         if count:
             break
     found = count > 0
-    slant = stride * math.sqrt(2.0)
     while count:
         node = queue[np.uint64(first)]
         first = (first + 1) % queue.size
@@ -191,11 +205,14 @@ def find_paths(row, col, augmentation, box, stride, distances, previous, queue, 
         i, j = node // wide, node % wide
         for a in range(max(i - 1, i_top), min(i + 2, i_end)):
             for b in range(max(j - 1, j_left), min(j + 2, j_end)):
-                longer = distances[np.uint64(node)] + (stride if a == i or b == j else slant)
                 other = np.uint64(a * wide + b)
-                if longer < distances[other] - 1e-9 and is_clear(
-                    i * stride, j * stride, a * stride, b * stride, augmentation
-                ):
+                so_far = distances[np.uint64(node)]
+                if so_far + math.hypot(a - i, b - j) * stride >= distances[other] - 1e-9:
+                    continue
+                longer = so_far + leg(
+                    i * stride, j * stride, a * stride, b * stride, augmentation, crossing
+                )
+                if longer < distances[other] - 1e-9:
                     distances[other], previous[other] = longer, node
                     if not queued[other]:
                         queue[np.uint64((first + count) % queue.size)] = other
@@ -222,10 +239,11 @@ def node_next_to(row, col, stride, box, wide, distances):  # type: ignore[no-unt
 
 
 @kernel
-def first_leg(row, col, augmentation, box, stride, distances, previous, found):  # type: ignore[no-untyped-def]
-    """Set ``found[2:]`` to the farthest node in a clear straight line on the path to ``found[:2]``.
+def first_leg(row, col, augmentation, box, stride, crossing, distances, previous, found):  # type: ignore[no-untyped-def]
+    """Set ``found[2:]`` to the farthest node on the path to ``found[:2]`` by a straight leg.
 
-    ``find_paths`` must be called first. Returns whether a path exists.
+    The leg is as short as the path. ``find_paths`` must be called first. Returns whether a path
+    exists.
     """
     wide = (augmentation.shape[1] - 1) // stride + 1
     goal_row, goal_col = math.floor(found[0] + 0.5), math.floor(found[1] + 0.5)
@@ -234,24 +252,24 @@ def first_leg(row, col, augmentation, box, stride, distances, previous, found): 
         return False
     while True:
         found[2], found[3] = node // wide * stride, node % wide * stride
-        if previous[node] < 0 or is_clear(row, col, found[2], found[3], augmentation):
+        straight = leg(row, col, found[2], found[3], augmentation, crossing)
+        if previous[node] < 0 or straight <= distances[node] + 1e-9:
             return True
         node = previous[node]
 
 
 @kernel
 def find_goal(  # type: ignore[no-untyped-def]
-    row, col, has_goal, goal_row, goal_col, others_row, others_col,
+    row, col, goal_row, goal_col, others_row, others_col,
     fire, augmentation, monitored, area, worth, path_cost, margin, radius, monitored_reach,
     area_reach, spacing, crowd_at, stride, half_widths, sums, distances, previous, queue, queued,
     found,
 ):  # fmt: skip
     """Fill ``found`` (4) with the goal and the via point of ``coverage.next_goal``, in cells.
 
-    Returns whether there is a goal.
+    A path leads around the augmentation, or across it if there is no other path. Returns whether
+    there is a goal.
     """
-    if not has_goal and area[math.floor(row + 0.5), math.floor(col + 0.5)] == 0:
-        return False
     burning = extent(fire)
     box = wider(burning, monitored_reach, fire.shape)
     sum_left_over(fire, augmentation, monitored, others_row, others_col, radius, box, sums)
@@ -286,11 +304,20 @@ def find_goal(  # type: ignore[no-untyped-def]
     elif threshold == -math.inf:
         return False
     found[2], found[3] = found[0], found[1]
-    if is_clear(row, col, found[0], found[1], augmentation):
+    if leg(row, col, found[0], found[1], augmentation, NO_PATH) < NO_PATH:
         return True
-    if not find_paths(row, col, augmentation, field, stride, distances, previous, queue, queued):
-        return False
-    return first_leg(row, col, augmentation, field, stride, distances, previous, found)
+    reach = RINGS * stride
+    field = (
+        max(min(field[0], int(row) - reach), 0),
+        min(max(field[1], int(row) + reach), fire.shape[0]),
+        max(min(field[2], int(col) - reach), 0),
+        min(max(field[3], int(col) + reach), fire.shape[1]),
+    )
+    for crossing in (NO_PATH, CROSSING):
+        nodes = (augmentation, field, stride, crossing, distances, previous)
+        if find_paths(row, col, *nodes, queue, queued) and first_leg(row, col, *nodes, found):
+            return True
+    return False
 
 
 @kernel

@@ -11,7 +11,7 @@ time, so nearby vehicles take turns. If no orbit is clear over the horizon, the 
 orbit that is clear for longest.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -21,6 +21,8 @@ from mission_service.guidance.formation.intent_avoidance_kernels import NOTES, d
 from mission_service.guidance.formation.settings import Airframe, Settings
 
 Floats = NDArray[np.float64]
+
+LAYER_MARGIN_M = 10.0  # height of a layer minus the distance that counts as a collision
 
 
 class IntendedOrbit(NamedTuple):
@@ -41,7 +43,8 @@ class OwnMotion(NamedTuple):
     key: int  # peer_table.priority_key(name)
     x_m: float
     y_m: float
-    altitude_m: float  # the planned altitude, if altitudes are planned
+    altitude_m: float
+    planned_altitude_m: float  # the altitude to which the vehicle climbs or descends
     heading_rad: float
     airspeed_m_s: float
     wind_x_m_s: float = 0.0
@@ -92,6 +95,17 @@ def avoidance_rules(settings: Settings) -> AvoidanceRules:
     )
 
 
+def layer_m(settings: Settings) -> float:
+    """Return the height of an altitude layer while most messages are lost."""
+    return 2.0 * settings.safety_radius_m + LAYER_MARGIN_M
+
+
+def layered_rules(settings: Settings) -> AvoidanceRules:
+    """Return the avoidance rules while most messages are lost: layers are apart."""
+    separation_m = min(settings.vertical_separation_m, layer_m(settings) - 0.5 * LAYER_MARGIN_M)
+    return replace(avoidance_rules(settings), layers_m=separation_m)
+
+
 def choose_orbit(
     at_s: float,
     own: OwnMotion,
@@ -99,10 +113,12 @@ def choose_orbit(
     held: AdoptedOrbit,
     peers: Floats,
     rules: AvoidanceRules,
+    listens: bool = False,
 ) -> AdoptedOrbit:
     """Return the orbit to fly at this position; a new decision is made every ``every_s``.
 
-    ``peers`` (n, COLUMNS) is the result of ``PeerTable.rows``.
+    ``peers`` (n, COLUMNS) is the result of ``PeerTable.rows``. See ``decide_orbit`` for
+    ``listens``.
     """
     if at_s - held.decided_at_s < rules.every_s - 1e-6:
         return held
@@ -113,6 +129,7 @@ def choose_orbit(
         np.array(own, np.float64),
         np.array(desired, np.float64),
         np.array(held.orbit, np.float64),
+        listens,
         peers,
         rules.for_kernel,
         rules.frame,

@@ -17,6 +17,7 @@ from mission_service.guidance.formation.peer_table import (
     KEY,
     ORBIT_X,
     ORBIT_Y,
+    PLANNED,
     RADIUS,
     VX,
     VY,
@@ -28,6 +29,7 @@ STEP_S = 1.0
 REACH_M = 600.0  # maximum distance of detours from the vehicle
 NEAR_M = 200.0  # vehicles take turns if they are closer than this, or will be within NEAR_S
 NEAR_S = 5.0
+SILENT_S = 10.0  # a vehicle that has been silent for longer keeps its orbit
 FRESH_S = 1.0  # states older than this are late
 LATE_M = 45.0  # maximum additional margin for a late state
 HASTE_S = 8.0  # a path that is clear for a shorter time is changed at once, out of turn
@@ -36,7 +38,7 @@ WORTH_M = 40.0  # minimum saving in cost for a change from one clear orbit to an
 NOTES = 6  # number of values noted for each predicted peer
 
 # Indices of ``own`` and of a peer's notes.
-OWN_KEY, OWN_X, OWN_Y, OWN_ALTITUDE, HEADING, OWN_AIRSPEED, WIND_X, WIND_Y = range(8)
+OWN_KEY, OWN_X, OWN_Y, OWN_ALTITUDE, OWN_PLANNED, HEADING, OWN_AIRSPEED, WIND_X, WIND_Y = range(9)
 WEST, EAST, SOUTH, NORTH, APART, HELD_APART = range(6)
 
 
@@ -59,12 +61,33 @@ def rank(key, slot):  # type: ignore[no-untyped-def]
 
 
 @kernel
-def is_own_turn(at_s, own, peers, turn_s, layers_m):  # type: ignore[no-untyped-def]
+def in_another_layer(own, peer, layers_m):  # type: ignore[no-untyped-def]
+    """Return whether a peer stays above or below this vehicle while both reach their altitudes."""
+    low_m = min(own[OWN_ALTITUDE], own[OWN_PLANNED])
+    high_m = max(own[OWN_ALTITUDE], own[OWN_PLANNED])
+    peer_low_m, peer_high_m = min(peer[ALTITUDE], peer[PLANNED]), max(peer[ALTITUDE], peer[PLANNED])
+    return peer_low_m - high_m >= layers_m or low_m - peer_high_m >= layers_m
+
+
+@kernel
+def _ahead_of_peer(own, peer, bank_rad, path):  # type: ignore[no-untyped-def]
+    """Fill ``path`` with a peer's path from now on, computed from its last state and orbit."""
+    air_x, air_y = peer[VX] - own[WIND_X], peer[VY] - own[WIND_Y]
+    predict_path(
+        peer[X], peer[Y], math.atan2(air_y, air_x), max(math.hypot(air_x, air_y), 1.0),
+        peer[ORBIT_X], peer[ORBIT_Y], peer[RADIUS], peer[AIRSPEED],
+        own[WIND_X], own[WIND_Y], bank_rad, peer[AGE_S], STEP_S, path,
+    )  # fmt: skip
+
+
+@kernel
+def is_own_turn(at_s, own, peers, turn_s, layers_m, bank_rad, path):  # type: ignore[no-untyped-def]
     """Return whether this vehicle may adopt an orbit now.
 
     The vehicle must wait if any vehicle that is near, or will soon be near, has a higher priority
-    or an old state. A state is old if it was sent before the slot began, because a later adoption
-    may not have been received.
+    or an old state. A state is old if it was sent before the end of the last slot in which the
+    other vehicle had the higher priority, because an adoption in that slot may not have been
+    received. ``path`` (2 or more, 2) is a work array.
     """
     slot = math.floor(at_s / turn_s)
     into_s = at_s - slot * turn_s + 1e-6
@@ -72,19 +95,25 @@ def is_own_turn(at_s, own, peers, turn_s, layers_m):  # type: ignore[no-untyped-
     over_x = own[OWN_AIRSPEED] * math.cos(own[HEADING]) + own[WIND_X]
     over_y = own[OWN_AIRSPEED] * math.sin(own[HEADING]) + own[WIND_Y]
     for row in range(peers.shape[0]):
-        if abs(peers[row, ALTITUDE] - own[OWN_ALTITUDE]) >= layers_m:
+        if in_another_layer(own, peers[row], layers_m):
             continue
-        away_x = peers[row, X] + peers[row, VX] * peers[row, AGE_S] - own[OWN_X]
-        away_y = peers[row, Y] + peers[row, VY] * peers[row, AGE_S] - own[OWN_Y]
-        rel_x, rel_y = peers[row, VX] - over_x, peers[row, VY] - over_y
+        _ahead_of_peer(own, peers[row], bank_rad, path[:2])
+        away_x, away_y = path[0, 0] - own[OWN_X], path[0, 1] - own[OWN_Y]
+        rel_x = (path[1, 0] - path[0, 0]) / STEP_S - over_x
+        rel_y = (path[1, 1] - path[0, 1]) / STEP_S - over_y
         after_s = -(away_x * rel_x + away_y * rel_y) / max(rel_x * rel_x + rel_y * rel_y, 1e-9)
         after_s = min(max(after_s, 0.0), NEAR_S)
         away_x += rel_x * after_s
         away_y += rel_y * after_s
-        if away_x * away_x + away_y * away_y < NEAR_M * NEAR_M and (
-            rank(peers[row, KEY], slot) > own_rank or peers[row, AGE_S] > into_s
-        ):
+        if away_x * away_x + away_y * away_y >= NEAR_M * NEAR_M:
+            continue
+        if rank(peers[row, KEY], slot) > own_rank:
             return False
+        since_s, before = into_s, slot - 1
+        while since_s < peers[row, AGE_S] < SILENT_S:
+            if rank(peers[row, KEY], before) > rank(own[OWN_KEY], before):
+                return False
+            since_s, before = since_s + turn_s, before - 1
     return True
 
 
@@ -164,16 +193,10 @@ def _add_peers(own, peers, rule, frame, box, seen, count, paths, notes):  # type
         if (
             not _may_enter(row, peers, box)
             or _may_enter(row, peers, seen)
-            or abs(peers[row, ALTITUDE] - own[OWN_ALTITUDE]) >= layers_m
+            or in_another_layer(own, peers[row], layers_m)
         ):
             continue
-        air_x, air_y = peers[row, VX] - own[WIND_X], peers[row, VY] - own[WIND_Y]
-        predict_path(
-            peers[row, X], peers[row, Y], math.atan2(air_y, air_x),
-            max(math.hypot(air_x, air_y), 1.0),
-            peers[row, ORBIT_X], peers[row, ORBIT_Y], peers[row, RADIUS], peers[row, AIRSPEED],
-            own[WIND_X], own[WIND_Y], bank_rad, peers[row, AGE_S], STEP_S, paths[count],
-        )  # fmt: skip
+        _ahead_of_peer(own, peers[row], bank_rad, paths[count])
         notes[count, WEST], notes[count, EAST], notes[count, SOUTH], notes[count, NORTH] = _box(
             paths[count], 0.0
         )
@@ -301,12 +324,13 @@ def _differs(orbit, other):  # type: ignore[no-untyped-def]
 
 @kernel
 def decide_orbit(  # type: ignore[no-untyped-def]
-    at_s, own, desired, held, peers, rule, frame, path, paths, notes, adopted
+    at_s, own, desired, held, listens, peers, rule, frame, path, paths, notes, adopted
 ):
     """Decide on the orbit to fly; fill ``adopted`` if it differs from the present orbit.
 
-    Returns whether a different orbit is adopted, whether a conflict prevents the desired orbit, and
-    for how long the orbit to fly is free of conflicts.
+    A vehicle that ``listens`` does not know all vehicles yet, and keeps its orbit unless its path
+    is clear only for ``HASTE_S``. Returns whether a different orbit is adopted, whether a conflict
+    prevents the desired orbit, and for how long the orbit to fly is free of conflicts.
     """
     near_m = rule[0] + rule[1] + LATE_M
     nowhere = (np.inf, -np.inf, np.inf, -np.inf)
@@ -319,7 +343,9 @@ def decide_orbit(  # type: ignore[no-untyped-def]
     slot = math.floor(at_s / rule[3])
     if held_s >= horizon_s and not _differs(desired, held):
         return False, False, held_s
-    if held_s > HASTE_S and not is_own_turn(at_s, own, peers, rule[3], rule[4]):
+    if held_s > HASTE_S and (
+        listens or not is_own_turn(at_s, own, peers, rule[3], rule[4], frame[2], path)
+    ):
         return False, in_conflict, held_s
     _ahead(own, desired, frame, path)
     wider = _union(_box(path, near_m), box)

@@ -46,6 +46,7 @@ def settings_of(scenario: Scenario, section: VehicleSection) -> Settings:
     height_m = shared.vertical_separation_m
     return Settings(
         vertical_separation_m=NEVER_M if height_m is None else height_m,
+        lossy_layers=shared.lossy_layers,
         monitoring_m=shared.monitoring_m,
         altitude_agl_m=section.altitude_agl_m,
         loiter_radius_m=section.loiter_radius_m,
@@ -142,16 +143,20 @@ class Formation:
         self._outgoing: list[BroadcastMessage] = []
         self._lost: set[str] = set()
         at_us = round(scenario.start_s * 1e6)
+        team = [section.name for section in scenario.vehicles]
         self.members: dict[str, FormationMember] = {
             section.name: FormationMember(
                 Agent(
                     *(section.name, settings_of(scenario, section), grid, fire, at_us),
-                    *(shared.avoidance, shared.synchronises),
+                    *(shared.avoidance, shared.synchronises, team),
                 ),
                 self,
             )
             for section in scenario.flown
         }
+        if shared.peer_messaging:
+            for member in self.members.values():
+                member.agent.wait_for(set(team) - set(self.members))
 
     def burns(self, cells: Cells) -> None:
         """Extend ``reach_m``, the largest distance from ``centre_m`` to fire, to burning cells."""
