@@ -6,14 +6,16 @@ import numpy as np
 
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario
-from mission_service.events import Observed
+from mission_service.events import EstimatedFront, FrontsEstimated, Observed
 from mission_service.fire.scenario_fire import fire_position
 from mission_service.guidance.front.way import Planners
+from mission_service.guidance.protocol import ReadsFronts
 from mission_service.missions.separation import Track, heights_below
 
 FIRE_CELLS, OFF_CELLS, VIEW_CELLS = 6, 8, 6
 LAP_STEPS, LAPS = 48, 1.6
 STEP_S = 20.0
+FRONTS_EVERY = 8  # steps between new fronts
 ENOUGH = 2  # number of vehicles that together call every kernel
 
 
@@ -44,9 +46,23 @@ def warm_up(planners_of: Planners, scenario: Scenario, landscape: Landscape) -> 
             burns = np.hypot(seen_rows - middle_row, seen_cols - middle_col) <= reach
             cells = tuple("".join(line) for line in np.where(burns, "b", "u"))
             planner.wind(4.0, 45.0, at_s)
+            if isinstance(planner, ReadsFronts) and step % FRONTS_EVERY == 0:
+                planner.on_fronts(_two_fronts(name, at_s, middle_row, middle_col, reach))
             planner.observe(Observed(round(at_s * 1e6), name, top, left, cells))
             if step == 0:  # a single cell, for which numba compiles kernels again
                 planner.observe(Observed(round(at_s * 1e6), name, top, left, (cells[0][0],)))
             planner.at(row, col, at_s)
             planner.shape(row, col)
             planner.path(row, col)
+
+
+def _two_fronts(name: str, at_s: float, row: int, col: int, radius: int) -> FrontsEstimated:
+    """Return an event with a round front and a small one beside it."""
+    fronts = []
+    for centre, size in ((col, float(radius)), (col + 4 * radius, radius / 2.0)):
+        angle = np.linspace(0.0, math.tau, round(math.tau * size), endpoint=False)
+        rows, cols = row - size * np.cos(angle), centre + size * np.sin(angle)
+        speeds = (0.1,) * angle.size
+        listed = tuple(rows.tolist()), tuple(cols.tolist()), speeds, speeds, (900.0,) * angle.size
+        fronts.append(EstimatedFront(False, *listed))
+    return FrontsEstimated(round(at_s * 1e6), name, tuple(fronts))

@@ -128,11 +128,11 @@ class InformativePlanner:
 
     def on_fronts(self, event: FrontsEstimated) -> None:
         """Replace the fronts, for all vehicles of the run."""
-        self._shared.update(event)
+        self._shared.replace_fronts(event)
 
     def left(self, at_s: float) -> None:
         """Remove the vehicle's planned visits, which the other vehicles then take over."""
-        self._shared.remove(self._name)
+        self._shared.remove_vehicle(self._name)
         self._place = None
 
     def at(self, row: float, col: float, at_s: float) -> Decision | None:

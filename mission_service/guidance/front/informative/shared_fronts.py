@@ -26,7 +26,7 @@ class SharedFronts:
         self._unburned: VisibilityGraph | None = None  # of these fronts, once computed
         self._visits: dict[str, Floats] = {}
 
-    def update(self, event: FrontsEstimated) -> None:
+    def replace_fronts(self, event: FrontsEstimated) -> None:
         """Replace the fronts."""
         self.at_s = event.at_us / 1e6
         fronts = [front_of(each, self.at_s, self._cell_m) for each in event.fronts]
@@ -48,7 +48,7 @@ class SharedFronts:
         """Store the visits (n, 3; row, column, time in s) that a vehicle plans."""
         self._visits[vehicle] = visits
 
-    def remove(self, vehicle: str) -> None:
+    def remove_vehicle(self, vehicle: str) -> None:
         """Remove a vehicle that has left."""
         self._visits.pop(vehicle, None)
 
