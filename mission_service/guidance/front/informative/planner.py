@@ -46,7 +46,10 @@ from mission_service.guidance.protocol import Decision, Ground, Phase
 
 Floats = NDArray[np.float64]
 
-MARGIN = 0.1  # share of the cost that another route must save
+MARGIN = (
+    0.5  # share of the cost that another route must save; turns must not follow small differences
+)
+MAX_LAP = 5.0 / 6.0  # longest path along one front; a whole lap would meet its own start
 IN_VIEW_CELLS = 3.0  # a vehicle so near to a front has it in view
 
 
@@ -296,7 +299,7 @@ class InformativePlanner:
         self, front: Front, place: tuple[float, float], clockwise: bool, length: float
     ) -> Floats:
         """Return the path along a front from the first point beyond the lookahead distance."""
-        size = len(front.points)
+        size, length = len(front.points), min(length, MAX_LAP * front.length_cells)
         nearest, _ = front.nearest(*place)
         order = (nearest + (1 if clockwise else -1) * np.arange(size)) % size
         away = np.hypot(*(front.points[order] - place).T)
