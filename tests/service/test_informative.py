@@ -142,7 +142,7 @@ def test_a_narrow_fast_head_is_dwelt_upon() -> None:
     start = int(np.argmax(nodes.growth))
     out = int((nodes.growth > nodes.growth.min() * 1.5).sum())
     laps, sweep = evaluate(
-        [Route(start, 0.0, 1), Route(start, 0.0, 1, out, out)], situation
+        [Route(start, 1), Route(start, 1, 0.0, out, out)], situation
     ).costs.tolist()
     assert sweep < laps
 
@@ -152,7 +152,7 @@ def test_a_turn_is_made_after_the_way_out() -> None:
     nodes = nodes_of([front], 0.5, (0.0, 0.0))
     error = np.full(nodes.row.size, 0.5)
     situation = Situation(nodes, error, np.zeros((error.size,) * 2), 5.0, np.empty((0, 2)))
-    visits = evaluate([Route(10, 0.0, 1, 3, NEVER)], situation).visits
+    visits = evaluate([Route(10, 1, 0.0, 3, NEVER)], situation).visits
     assert visits[:7, 0].tolist() == [10, 11, 12, 13, 12, 11, 10]
     assert (np.diff(visits[:, 1]) > 0.0).all()
 

@@ -5,7 +5,6 @@ node is out of view, at the standard deviation of the front's speed. Lengths are
 seconds, and speeds in cells per second.
 """
 
-import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -168,15 +167,3 @@ def hop_times_s(
     east = nodes.col[None, :] - nodes.col[:, None]
     length = np.hypot(north, east)
     return _flight_times(north, east, length, airspeed_cells_s, wind_cells_s)[0]
-
-
-def flight_time_s(
-    start: tuple[float, float],
-    goal: tuple[float, float],
-    airspeed_cells_s: float,
-    wind_cells_s: tuple[float, float],
-) -> float:
-    """Return the flight time in a straight line between two places (row, column)."""
-    north, east = np.array([start[0] - goal[0]]), np.array([goal[1] - start[1]])
-    length = np.array([math.hypot(north[0], east[0])])
-    return float(_flight_times(north, east, length, airspeed_cells_s, wind_cells_s)[0][0])

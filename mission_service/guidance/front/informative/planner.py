@@ -9,6 +9,7 @@ vehicle keeps its route unless another route has a clearly lower cost.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,7 +26,6 @@ from mission_service.guidance.front.informative.front_nodes import (
     LEFT_CELLS,
     Front,
     FrontNodes,
-    flight_time_s,
     hop_times_s,
     nodes_of,
 )
@@ -40,15 +40,22 @@ from mission_service.guidance.front.informative.route_search import (
     routes_along,
 )
 from mission_service.guidance.front.informative.shared_fronts import SharedFronts
+from mission_service.guidance.front.informative.wind_turns import (
+    Flight,
+    Pose,
+    heading_on_course,
+    turn_times_s,
+)
 from mission_service.guidance.front.planners import ground_of, path_settings
 from mission_service.guidance.front.predictive_planner import RECENTRED_BASELINE_S, TURN_BACK
 from mission_service.guidance.protocol import Decision, Ground, Phase
 
 Floats = NDArray[np.float64]
 
-MARGIN = (
-    0.5  # share of the cost that another route must save; turns must not follow small differences
-)
+# Share of the cost that another route must save: on the same front, where turns otherwise follow
+# errors of the estimate (benchmarks.informative_routes), and to another front.
+MARGIN_TURN, MARGIN_HOP = 0.5, 0.1
+MAX_WIND = 0.95  # share of the airspeed
 MAX_LAP = 5.0 / 6.0  # longest path along one front; a whole lap would meet its own start
 IN_VIEW_CELLS = 3.0  # a vehicle so near to a front has it in view
 
@@ -113,6 +120,7 @@ class InformativePlanner:
         self._version = 0  # of the fronts at the last decision
         self._wind = (0.0, 0.0)  # towards north and east on the grid, in cells/s
         self._place: tuple[float, float] | None = None
+        self._course = np.array([1.0, 0.0])  # over the ground, unit vector north and east
         self._sees_front = False
 
     def observe(self, observed: Observed) -> None:
@@ -141,6 +149,8 @@ class InformativePlanner:
     def at(self, row: float, col: float, at_s: float) -> Decision | None:
         """Set the vehicle's position; return a decision for new fronts or at the end of a leg."""
         moved = math.dist((row, col), self._place) if self._place else 0.0
+        if self._place and moved > 0.0:
+            self._course = np.array([self._place[0] - row, col - self._place[1]]) / moved
         self._place = (row, col)
         if not self._shared.fronts:
             return None
@@ -197,17 +207,21 @@ class InformativePlanner:
         ways = [] if self._hops else routes_along(own, direction, 0.0, situation)
         if not self._hops:
             ways += routes_along(own, -direction, turn_s, situation)
-        ways += [
-            Route(entry, self._time_to(entry, nodes) + turn_s, turn)
+        goals = [
+            (entry, turn)
             for entry in (*entries(own, situation), *([own] if self._hops else []))
             for turn in (direction, -direction)
         ]
+        times_s = self._times_to(goals, nodes)
+        ways += [Route(*goal, time_s) for goal, time_s in zip(goals, times_s, strict=True)]
         costs = evaluate([present, *ways], situation).costs
-        best = int(costs[1:].argmin()) + 1
+        hops = [nodes.front[way.start] != nodes.front[own] or way.hop >= 0 for way in ways]
+        needed = 1.0 - np.where(hops, MARGIN_HOP, MARGIN_TURN)
+        best = int((costs[1:] / needed).argmin()) + 1
         chosen = present
         cost_on, cost_back = float(costs[0]), float(costs[best])
         found: Decision | None = None
-        if cost_back < cost_on * (1.0 - MARGIN):
+        if cost_back < cost_on * needed[best - 1]:
             chosen = ways[best - 1]
             found = self._adopt(chosen, own, direction, nodes, (cost_on, cost_back))
         visits = evaluate([chosen], situation).visits
@@ -230,10 +244,25 @@ class InformativePlanner:
             visits[np.argsort(visits[:, 1], kind="stable")],
         )
 
-    def _time_to(self, node: int, nodes: FrontNodes) -> float:
+    def _times_to(self, goals: Sequence[tuple[int, int]], nodes: FrontNodes) -> list[float]:
+        """Return the times of the fastest paths in wind to goals: a node, and the direction there.
+
+        A direction is 1 clockwise and -1 anticlockwise.
+        """
         assert self._place is not None
-        goal = (float(nodes.row[node]), float(nodes.col[node]))
-        return flight_time_s(self._place, goal, self.settings.speed_cells_s, self._wind)
+        settings, (north, east) = self.settings, self._wind
+        if not goals:
+            return []
+        if math.hypot(north, east) >= MAX_WIND * settings.speed_cells_s:
+            north, east = 0.0, 0.0  # no path leads upwind; the vehicle is slow in any direction
+        flight = Flight(settings.speed_cells_s, settings.turn_radius_cells, (east, north))
+        poses = [
+            pose_on(nodes.row[node], nodes.col[node], turn * course_at(nodes, node), flight)
+            for node, turn in goals
+        ]
+        start = pose_on(*self._place, self._course, flight)
+        times_s = turn_times_s(np.array([start] * len(goals)), np.array(poses), flight)
+        return [float(time_s) for time_s in times_s]
 
     def _present(self, own: int, direction: int, nodes: FrontNodes) -> Route:
         """Return the present plan as a route."""
@@ -243,11 +272,11 @@ class InformativePlanner:
             entry = int(np.hypot(nodes.row - hop.row, nodes.col - hop.col).argmin())
         turn = 1 if hop is not None and hop.clockwise else -1
         if self._hops and hop is not None:
-            return Route(entry, self._time_to(entry, nodes), turn)
+            return Route(entry, turn, self._times_to([(entry, turn)], nodes)[0])
         out, back = (in_nodes(cells, nodes, own) for cells in (plan.out_cells, plan.back_cells))
         if entry >= 0 and nodes.front[entry] == nodes.front[own]:  # the fronts have merged
-            return Route(own, 0.0, direction)
-        return Route(own, 0.0, direction, out, back, entry, turn)
+            return Route(own, direction)
+        return Route(own, direction, 0.0, out, back, entry, turn)
 
     def _adopt(
         self, route: Route, own: int, direction: int, nodes: FrontNodes, costs: tuple[float, float]
@@ -329,6 +358,20 @@ def node_at(nodes: FrontNodes, front: int, point: int) -> int:
     """Return the node that contains a point of a front."""
     own = np.flatnonzero(nodes.front == front)
     return int(own[max(int(np.searchsorted(nodes.point[own], point, side="right")) - 1, 0)])
+
+
+def course_at(nodes: FrontNodes, node: int) -> Floats:
+    """Return the direction of a front clockwise at a node, as a unit vector north and east."""
+    first, count = int(nodes.first[node]), int(nodes.nodes_of_front[node])
+    after = first + (node - first + 1) % count
+    step = np.array([nodes.row[node] - nodes.row[after], nodes.col[after] - nodes.col[node]])
+    return np.asarray(step / max(float(np.hypot(*step)), 1e-9))
+
+
+def pose_on(row: float, col: float, course: Floats, flight: Flight) -> Pose:
+    """Return the pose of a vehicle with a course (north, east) over the ground; x is the column."""
+    heading_rad = heading_on_course(math.atan2(course[0], course[1]), flight)
+    return float(col), -float(row), heading_rad
 
 
 def in_nodes(cells: float, nodes: FrontNodes, own: int) -> int:

@@ -59,16 +59,16 @@ def _next_front(place, now, start, since, nodes, hop_s):  # type: ignore[no-unty
 def route_costs(routes, nodes, back_s, error, left, hop_s, turn_s, others, horizon_s, found, log):  # type: ignore[no-untyped-def]
     """Compute the cost of each route into ``found`` (m), from now on for ``horizon_s``.
 
-    ``routes`` holds arrays (m): the first node, the time until it is reached, the direction there
-    (1 clockwise, -1 anticlockwise), the nodes to fly out, the nodes to fly back after a turn, the
-    node to hop to instead of the turn (-1: none), and the direction there. A number of nodes may be
-    NEVER. ``nodes`` holds
-    arrays of ``FrontNodes``: front, first, count, weight, ahead_s, growth. ``others`` holds the
-    nodes and the times of visits by other vehicles, in order of time. ``error`` (n) is the error
-    now, and ``left`` the error of a node in view. ``log`` (k, 2) is filled with the nodes and the
-    times of the first visits of the last route; its rest is -1.
+    ``routes`` holds arrays (m): the first node, the direction there (1 clockwise, -1
+    anticlockwise), the time until it is reached, the nodes to fly out, the nodes to fly back after
+    a turn, the node to hop to instead of the turn (-1: none), and the direction there. A number of
+    nodes may be NEVER. ``nodes`` holds arrays of ``FrontNodes``: front, first, nodes_of_front,
+    weight, ahead_s, growth. ``others`` holds the nodes and the times of visits by other vehicles,
+    in order of time. ``error`` (n) is the error now, and ``left`` the error of a node in view.
+    ``log`` (k, 2) is filled with the nodes and the times of the first visits of the last route; its
+    rest is -1.
     """
-    first_node, delay_s, direction, out, back, hop, hop_direction = routes
+    first_node, direction, delay_s, out, back, hop, hop_direction = routes
     _, first, count, weight, ahead_s, growth = nodes
     n = error.size
     total = weight.sum()

@@ -30,8 +30,8 @@ class Route(NamedTuple):
     """
 
     start: int
-    delay_s: float
     direction: int
+    delay_s: float = 0.0
     out: int = NEVER
     back: int = NEVER
     hop: int = -1
@@ -96,16 +96,16 @@ def routes_along(place: int, direction: int, delay_s: float, situation: Situatio
     """Return routes that start in one direction at a node: laps, sweeps, and hops after a while."""
     nodes = situation.nodes
     count = int(nodes.nodes_of_front[place])
-    found = [Route(place, delay_s, direction)]
+    found = [Route(place, direction, delay_s)]
     outs = sorted({max(round(share * count), 1) for share in OUT})
     backs = sorted({max(round(share * count), 1) for share in BACK})
     found += [
-        Route(place, delay_s, direction, out, back) for out in outs for back in (*backs, NEVER)
+        Route(place, direction, delay_s, out, back) for out in outs for back in (*backs, NEVER)
     ]
     for hop in entries(place, situation):
         for out in sorted({max(round(share * count), 1) for share in OUT_BEFORE_HOP}):
             found += [
-                Route(place, delay_s, direction, out, NEVER, hop, turn)
+                Route(place, direction, delay_s, out, NEVER, hop, turn)
                 for turn in (direction, -direction)
             ]
     return found
