@@ -15,7 +15,7 @@ def unfounded_cells(
     """Return the burned cells (y, x) that the fire can have reached only through removed cells.
 
     These are cells whose straight path from their source crosses removed cells; a source may itself
-    be such a cell. They are also small regions that removed cells separate from the fire. If an
+    be such a cell. They are also regions next to removed cells in which no fire was lit or seen. If an
     image shows unburned ground where the estimated fire had burned, then the fire has not passed
     there, and did not reach the ground behind it this way.
 
@@ -28,7 +28,9 @@ def unfounded_cells(
     """
     found = removed.copy()
     if np.count_nonzero(removed) >= MIN_CELLS:
-        found |= _isolated(np.isfinite(arrival_s) & ~removed, removed, confirmed)
+        burned = np.isfinite(arrival_s) & ~removed
+        founded = confirmed | (burned & ~vectors_cells.any(axis=0))
+        found |= _isolated(burned, removed, founded)
         since_s = float(arrival_s[removed].min())
         order = np.flatnonzero((arrival_s >= since_s) & np.isfinite(arrival_s))
         order = order[np.argsort(arrival_s.ravel()[order], kind="stable")]
@@ -36,20 +38,15 @@ def unfounded_cells(
     return found & ~removed
 
 
-def _isolated(burned: Mask, removed: Mask, confirmed: Mask) -> Mask:
-    """Return the burned regions next to removed cells without a confirmed cell.
-
-    The largest region of all is never in the result.
-    """
+def _isolated(burned: Mask, removed: Mask, founded: Mask) -> Mask:
+    """Return the burned regions next to removed cells that have no founded cell."""
     from scipy.ndimage import label  # importing SciPy is slow
 
     labels, count = label(burned, structure=np.ones((3, 3)))
-    if count < 2:
-        return np.zeros_like(burned)
     isolated = np.zeros(count + 1, dtype=bool)
     isolated[np.unique(labels[widened(removed, 2)])] = True
-    isolated[np.unique(labels[confirmed])] = False
-    isolated[[0, 1 + int(np.bincount(labels.ravel())[1:].argmax())]] = False
+    isolated[np.unique(labels[founded])] = False
+    isolated[0] = False
     return isolated[labels]
 
 
