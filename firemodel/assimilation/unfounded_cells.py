@@ -15,9 +15,9 @@ def unfounded_cells(
     """Return the burned cells (y, x) that the fire can have reached only through removed cells.
 
     These are cells whose straight path from their source crosses removed cells; a source may itself
-    be such a cell. They are also regions next to removed cells in which no fire was lit or seen. If an
-    image shows unburned ground where the estimated fire had burned, then the fire has not passed
-    there, and did not reach the ground behind it this way.
+    be such a cell. They are also regions next to removed cells in which no fire was lit or seen.
+    If an image shows unburned ground where the estimated fire had burned, then the fire has not
+    passed there, and did not reach the ground behind it this way.
 
     Args:
         arrival_s: (y, x) arrival times; infinity in unburned cells.

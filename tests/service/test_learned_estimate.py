@@ -54,7 +54,7 @@ def errors(estimate: RunEstimate, factor: float, count: int = 5) -> list[float]:
     for image, burned in images(factor, count):
         estimate.advance(image.at_us)
         wrong = np.count_nonzero(estimate.fire.burned() ^ burned)
-        found.append(wrong / np.count_nonzero(burned))
+        found.append(float(wrong / np.count_nonzero(burned)))
         estimate.on_event(image)
         estimate.advance(image.at_us + 60 * US)
     return found
