@@ -32,9 +32,11 @@ Integers = NDArray[np.int64]
 # a block.
 PRIOR = (0.3, 0.3, 0.35, 0.3, 0.5)
 DRIFT_HOUR = (0.1, 0.2, 0.25, 0.0, 0.2)
-BLOCK_CELLS, MAX_BLOCKS = 8, 24  # smallest side of a block, and largest number along the grid
+BLOCK_CELLS, MAX_BLOCKS = 8, 20  # smallest side of a block, and largest number along the grid
 ALIKE_CELLS = 8.0  # correlation length of the errors of blocks
-POSITION_SD_CELLS = 0.6  # of an observed front, and of the estimate within a cell
+# Error of a distance between an estimated and an observed front: both are known to about a cell, and
+# so is the place at which the front was last observed. A smaller value learns from this noise.
+POSITION_SD_CELLS = 1.4
 MODEL_ERROR = 0.2  # error of an advance for other reasons, as a share of the advance
 MIN_ADVANCE_CELLS = 0.3  # after a shorter advance nothing is learned
 MAX_STEP_SD = 3.0  # larger differences count as this many standard deviations
@@ -67,7 +69,6 @@ class LearnedInputs:
         self._blocks = (-(-rows // self._side), -(-cols // self._side))
         self.state = np.zeros(FIRST_FUEL + self._codes.size + math.prod(self._blocks))
         self.covariance = self._covariance(PRIOR)
-        self._drift = self._covariance(DRIFT_HOUR)
         self._at_s = at_s
         # Rates in the weather of the last call.
         self._rates: tuple[WeatherStream, FrontRates] | None = None
@@ -194,7 +195,7 @@ class LearnedInputs:
             at_s: The time of the observation.
         """
         elapsed_s, self._at_s = max(at_s - self._at_s, 0.0), max(at_s, self._at_s)
-        self.covariance = self.covariance + elapsed_s / 3600.0 * self._drift
+        self.covariance = self.covariance + elapsed_s / 3600.0 * self._covariance(DRIFT_HOUR)
         if not parts.rows.size:
             return
         places, change = self.sensitivities(parts, weather, at_s)

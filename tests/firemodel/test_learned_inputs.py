@@ -97,7 +97,7 @@ def test_a_block_is_learned_apart_from_its_fuel() -> None:
     true[slow] *= 0.3
     here = part_of(parts, slow)
     unlearned = error(inputs, here, true[slow])
-    found = learned_after(true, inputs, parts)
+    found = learned_after(true, inputs, parts, rounds=12)
     assert error(found, here, true[slow]) < 0.4 * unlearned
     assert error(found, part_of(parts, ~slow), true[~slow]) < 0.15
     rates = found.cell_rates()
@@ -114,7 +114,7 @@ def test_the_stated_error_of_a_speed_falls_by_observations_and_grows_in_time() -
     after = found.speed_sds_m_s(parts, speeds, weather(), 0.0)
     grass = parts.cols < CELLS // 2  # the litter hardly moves
     assert (after[grass] < 0.75 * before[grass]).all()
-    assert (after <= before).all()
+    assert (after <= 1.05 * before).all()
     none = part_of(parts, slice(0))
     empty = np.empty(0)
     found.learn(none, empty, empty, empty.astype(np.int64), weather(), 12.0 * 3600.0)
@@ -167,5 +167,5 @@ def test_a_large_grid_has_a_limited_number_of_blocks() -> None:
     fuel = np.tile(small.fuel_model, (16, 16))
     large = Landscape(small.crs, 5e5, 4e6, CELL_M, fuel, np.zeros(fuel.shape, np.float32))
     inputs = LearnedInputs(large, 0.0)
-    assert inputs.state.size <= FIRST_FUEL + 2 + 24 * 24
+    assert inputs.state.size <= FIRST_FUEL + 2 + 20 * 20
     assert inputs.cell_rates().shape == large.shape

@@ -86,7 +86,8 @@ def test_the_journal_has_the_first_time_at_which_the_edge_burns(flown: tuple[Pat
     fire, landscape = past.estimate.fire, past.estimate.landscape
     row, _ = landscape.cell_of_lat_lon(event.lat_deg, event.lon_deg)
     assert row == 0
-    assert event.arrived_at_us == round(float(fire.arrival_time_s[0].min()) * 1e6)
+    # Later images may have set an earlier time.
+    assert event.arrived_at_us >= round(float(fire.arrival_time_s[0].min()) * 1e6)
     assert past.state_view.alarms["edge"].at_us == event.at_us
     assert past.state_view.alarms["edge"].text.startswith(NORTH)
     assert past.requests == []

@@ -111,7 +111,9 @@ def test_a_correction_moves_fire_and_mission_and_an_undo_takes_it_back(fly: Fly,
     flight = fly(rule=rule)
     flight.run(900.0)
     before = flight.sim.estimate.fire.burned().copy()
-    row, col = np.argwhere(before).max(axis=0).tolist()  # the south-east end
+    assert flight.sim.cameras is not None
+    true = flight.sim.cameras.fire.fire.burned()
+    row, col = np.argwhere(true).max(axis=0).tolist()  # the south-east end
     places = around(flight, row + 4.0, col + 4.0, 150.0)
     drawn = Corrected(flight.now_us, *ANN, "burned", "polygon", places, flight.now_us)
     flight.submit(drawn)

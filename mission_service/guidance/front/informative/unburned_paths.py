@@ -17,7 +17,7 @@ CLEAR_M = 1.0  # distance between paths and corners if the area is wide enough
 ROUNDING = 1e-9  # the largest distance from a line at which a place counts as on it
 
 
-class VisibilityGraph:
+class PathGraph:
     """The visibility graph of an area's corners, for shortest paths inside the area.
 
     Whether a corner is visible from another one is computed when a search first needs it.
