@@ -34,8 +34,8 @@ PRIOR = (0.3, 0.3, 0.35, 0.3, 0.5)
 DRIFT_HOUR = (0.1, 0.2, 0.25, 0.0, 0.2)
 BLOCK_CELLS, MAX_BLOCKS = 8, 20  # smallest side of a block, and largest number along the grid
 ALIKE_CELLS = 8.0  # correlation length of the errors of blocks
-# Error of a distance between an estimated and an observed front: both are known to about a cell, and
-# so is the place at which the front was last observed. A smaller value learns from this noise.
+# Error of a distance between an estimated and an observed front: both are known to about a cell,
+# and so is the place at which the front was last observed. A smaller value learns from this noise.
 POSITION_SD_CELLS = 1.4
 MODEL_ERROR = 0.2  # error of an advance for other reasons, as a share of the advance
 MIN_ADVANCE_CELLS = 0.3  # after a shorter advance nothing is learned
