@@ -87,9 +87,11 @@ def _loops(
 
 def _points_along(line: shapely.LineString, spacing_m: float) -> Floats:
     """Return points (n, 2) at equal distances along a closed line, without the last one."""
-    count = max(round(line.length / spacing_m), 3)
-    places = np.arange(count) / count
-    return shapely.get_coordinates(shapely.line_interpolate_point(line, places, normalized=True))
+    corners = shapely.get_coordinates(line)
+    along_m = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(corners, axis=0).T))])
+    count = max(round(float(along_m[-1]) / spacing_m), 3)
+    places_m = along_m[-1] * np.arange(count) / count
+    return np.column_stack([np.interp(places_m, along_m, corners[:, k]) for k in (0, 1)])
 
 
 def _outward(rows: Floats, cols: Floats, inner: bool) -> tuple[Floats, Floats]:
