@@ -14,7 +14,7 @@ from mission_service.guidance.burn.lines.ignition_lines import (
     line_across,
     upwind_of,
 )
-from mission_service.guidance.burn.lines.visibility_graph import VisibilityGraph
+from mission_service.guidance.visibility_graph import VisibilityGraph
 
 SOUTH = -math.pi / 2
 BOX = shapely.box(0.0, 0.0, 100.0, 80.0)
@@ -88,6 +88,7 @@ def test_ways_bend_around_what_is_not_inside() -> None:
     assert VisibilityGraph(apart).shortest_path((5.0, 5.0), (25.0, 5.0)) is None
     bent = shapely.Polygon([(0, 0), (10, 0), (10, 90), (50, 90), (50, 100), (0, 100)])
     both = shapely.MultiPolygon([bent, shapely.box(200, 0, 210, 10)])
+    assert VisibilityGraph(both).shortest_path((5.0, 5.0), (205.0, 5.0)) is None
     found = VisibilityGraph(both).shortest_path((5.0, 5.0), (45.0, 95.0))
     assert found is not None
     assert both.covers(shapely.LineString(found))

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
 from mission_service.guidance.front.informative.legs import leg, unburned_ground
-from mission_service.guidance.front.informative.unburned_paths import PathGraph
+from mission_service.guidance.visibility_graph import VisibilityGraph
 
 Floats = NDArray[np.float64]
 
@@ -111,7 +111,7 @@ def test_the_shortest_legs_are_found_among_random_fires() -> None:
         for row, centre in enumerate(np.argwhere(np.ones((2, 3))) * 45.0 + rng.normal(0, 3, (6, 2)))
     ]
     ground = unburned_ground(loops)
-    clear = PathGraph(ground.area.buffer(-1.0), clear=0.1)  # not limited to tangents
+    clear = VisibilityGraph(ground.area.buffer(-1.0), clear=0.1)  # not limited to tangents
     detours = 0
     for _ in range(20):
         start, goal = rng.uniform(-20, 110, (2, 2))

@@ -11,7 +11,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
-from mission_service.guidance.front.informative.unburned_paths import PathGraph, Vertex
+from mission_service.guidance.visibility_graph import Vertex, VisibilityGraph
 
 Floats = NDArray[np.float64]
 
@@ -22,7 +22,7 @@ BEYOND_CELLS = 1e-3  # distance from the edge, where rounding cannot lead back o
 AROUND_CELLS = 10_000.0  # width of the unburned ground around all fires
 
 
-def unburned_ground(loops: Sequence[Floats]) -> PathGraph:
+def unburned_ground(loops: Sequence[Floats]) -> VisibilityGraph:
     """Return the unburned ground for ``leg``; x is the column and y the row.
 
     Args:
@@ -38,10 +38,10 @@ def unburned_ground(loops: Sequence[Floats]) -> PathGraph:
     around = shapely.box(-AROUND_CELLS, -AROUND_CELLS, AROUND_CELLS, AROUND_CELLS)
     if not burned.is_empty:
         around = shapely.box(*burned.bounds).buffer(AROUND_CELLS, join_style="mitre")
-    return PathGraph(around.difference(burned), CLEAR_CELLS, only_tangents=True)
+    return VisibilityGraph(around.difference(burned), CLEAR_CELLS, only_tangents=True)
 
 
-def leg(start: Floats, goal: Floats, unburned: PathGraph, max_detour: float = 0.2) -> Floats:
+def leg(start: Floats, goal: Floats, unburned: VisibilityGraph, max_detour: float = 0.2) -> Floats:
     """Return the points (n, 2) of the leg from one place to another, rows and columns.
 
     The leg is straight, unless it then crosses burned ground and the shortest way round is at most
@@ -68,7 +68,7 @@ def _vertex(place: Floats) -> Vertex:
     return float(place[1]), float(place[0])
 
 
-def _nearest_unburned(place: Vertex, unburned: PathGraph) -> Vertex:
+def _nearest_unburned(place: Vertex, unburned: VisibilityGraph) -> Vertex:
     """Return the place itself over unburned ground, or a place just outside the burned ground."""
     point = shapely.Point(place)
     if unburned.area.covers(point):

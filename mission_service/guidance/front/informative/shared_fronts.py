@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from mission_service.events import FrontsEstimated
 from mission_service.guidance.front.informative.front_nodes import Front, front_of
 from mission_service.guidance.front.informative.legs import unburned_ground
-from mission_service.guidance.front.informative.unburned_paths import PathGraph
+from mission_service.guidance.visibility_graph import VisibilityGraph
 
 Floats = NDArray[np.float64]
 # Shorter fronts are not flown.
@@ -23,7 +23,7 @@ class SharedFronts:
         self.fronts: list[Front] = []
         self.version = 0
         self.at_s = 0.0
-        self._unburned: PathGraph | None = None  # of these fronts, once computed
+        self._unburned: VisibilityGraph | None = None  # of these fronts, once computed
         self._visits: dict[str, Floats] = {}
 
     def replace_fronts(self, event: FrontsEstimated) -> None:
@@ -38,7 +38,7 @@ class SharedFronts:
         self.version += 1
         self._unburned = None
 
-    def unburned(self) -> PathGraph:
+    def unburned(self) -> VisibilityGraph:
         """Return the ground outside the fire, for flights from one front to another."""
         if self._unburned is None:
             self._unburned = unburned_ground([front.points for front in self.fronts])

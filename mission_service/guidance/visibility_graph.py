@@ -17,7 +17,7 @@ CLEAR_M = 1.0  # distance between paths and corners if the area is wide enough
 ROUNDING = 1e-9  # the largest distance from a line at which a place counts as on it
 
 
-class PathGraph:
+class VisibilityGraph:
     """The visibility graph of an area's corners, for shortest paths inside the area.
 
     Whether a corner is visible from another one is computed when a search first needs it.
@@ -84,7 +84,7 @@ class PathGraph:
             shortest = min(shortest, float(np.min(lengths + to_end[others], initial=math.inf)))
             for other in others.tolist():
                 heapq.heappush(queue, (float(best[other] + ahead[other]), other))
-        if not len(corners) or not np.min(best + to_end) <= max_length:
+        if not np.any(np.isfinite(best + to_end) & (best + to_end <= max_length)):
             return None
         last = int(np.argmin(best + to_end))
         back = [end]
