@@ -10,8 +10,8 @@ from mission_service.events import EstimatedFront, FrontsEstimated, Observed
 from mission_service.fire.scenario_fire import landscape_of
 from mission_service.guidance.front.informative.front_nodes import front_of, nodes_of
 from mission_service.guidance.front.informative.planner import InformativePlanner, planners_of
-from mission_service.guidance.front.informative.route_kernels import NEVER
 from mission_service.guidance.front.informative.route_search import Route, Situation, evaluate
+from mission_service.guidance.front.sweeps import NEVER
 
 FAST_M_S, SLOW_M_S = 0.5, 0.01
 

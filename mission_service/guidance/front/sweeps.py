@@ -53,6 +53,21 @@ PLANS = _plans()
 
 
 @compiled
+def flight_times(north, east, length, speed, wind):  # type: ignore[no-untyped-def]
+    """Return the flight times of a straight step in its direction and in the opposite direction.
+
+    ``north`` and ``east`` are its components and ``length`` is its length, each a number or an
+    array of any shape; ``speed`` is the airspeed, and ``wind`` holds the speeds towards north and
+    east at which the wind carries the vehicle.
+    """
+    tail = (wind[0] * north + wind[1] * east) / length
+    cross = (wind[0] * east - wind[1] * north) / length
+    own = np.sqrt(np.maximum(speed * speed - cross * cross, 0.0))
+    least = SLOWEST * speed
+    return length / np.maximum(own + tail, least), length / np.maximum(own - tail, least)
+
+
+@compiled
 def fill_ring(front, error, growth, left, speed, wind, node_of, ring):  # type: ignore[no-untyped-def]
     """Divide a front (cells on 360 bearings) into the nodes of a ring, and fill in the ring.
 
@@ -82,11 +97,7 @@ def fill_ring(front, error, growth, left, speed, wind, node_of, ring):  # type: 
                 ring.left[node] = max(ring.left[node], left[i])
                 if step > 0.0:
                     # The flight time along a step of the front is divided among the step's nodes.
-                    tail = (wind[0] * north + wind[1] * east) / step
-                    cross = (wind[0] * east - wind[1] * north) / step
-                    own = math.sqrt(max(speed * speed - cross * cross, 0.0))
-                    ahead = step / max(own + tail, SLOWEST * speed)
-                    back = step / max(own - tail, SLOWEST * speed)
+                    ahead, back = flight_times(north, east, step, speed, wind)
                     last = min(int((along + step) / length * nodes), nodes - 1)
                     for place in range(node, last + 1):
                         ring.ahead_s[place] += ahead / (last + 1 - node)

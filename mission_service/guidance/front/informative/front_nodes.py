@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mission_service.events import EstimatedFront
+from mission_service.guidance.front.sweeps import flight_times
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -23,7 +24,7 @@ LEFT_CELLS = 0.5  # error of a front in view
 # for errors of the model that its inputs do not explain.
 MIN_GROWTH_SHARE = 0.5
 MIN_GROWTH_CELLS_S = 2e-5
-SLOWEST = 0.2  # minimum ground speed, as a share of the airspeed
+MIN_STEP_CELLS = 1e-9
 MAX_UNSEEN_S = 86_400.0
 
 
@@ -116,8 +117,8 @@ def _nodes_on(
     place = np.clip(np.searchsorted(front.along_cells, edges[:-1], side="right") - 1, 0, size - 1)
     following = np.roll(front.points, -1, axis=0)
     steps = following - front.points
-    length = np.hypot(*steps.T)
-    ahead, back = _flight_times(-steps[:, 0], steps[:, 1], length, airspeed, wind)
+    length = np.maximum(np.hypot(*steps.T), MIN_STEP_CELLS)
+    ahead, back = flight_times(-steps[:, 0], steps[:, 1], length, airspeed, wind)
     ends = np.append(place[1:], size)
     members = [
         np.arange(start, max(end, start + 1)) for start, end in zip(place, ends, strict=True)
@@ -147,23 +148,12 @@ def _nodes_on(
     )
 
 
-def _flight_times(
-    north: Floats, east: Floats, length: Floats, airspeed: float, wind: tuple[float, float]
-) -> tuple[Floats, Floats]:
-    """Return the flight times of steps (n) in their direction and in the opposite direction."""
-    safe = np.maximum(length, 1e-9)
-    tail = (wind[0] * north + wind[1] * east) / safe
-    cross = (wind[0] * east - wind[1] * north) / safe
-    own = np.sqrt(np.maximum(airspeed * airspeed - cross * cross, 0.0))
-    least = SLOWEST * airspeed
-    return length / np.maximum(own + tail, least), length / np.maximum(own - tail, least)
-
-
 def hop_times_s(
     nodes: FrontNodes, airspeed_cells_s: float, wind_cells_s: tuple[float, float]
 ) -> Floats:
     """Return the flight time (n, n) in a straight line from each node to each other node."""
     north = nodes.row[:, None] - nodes.row[None, :]
     east = nodes.col[None, :] - nodes.col[:, None]
-    length = np.hypot(north, east)
-    return _flight_times(north, east, length, airspeed_cells_s, wind_cells_s)[0]
+    length = np.maximum(np.hypot(north, east), MIN_STEP_CELLS)
+    found: Floats = flight_times(north, east, length, airspeed_cells_s, wind_cells_s)[0]
+    return found

@@ -31,7 +31,6 @@ from mission_service.guidance.front.informative.front_nodes import (
 )
 from mission_service.guidance.front.informative.legs import leg
 from mission_service.guidance.front.informative.loop_path import path_on_loop
-from mission_service.guidance.front.informative.route_kernels import NEVER
 from mission_service.guidance.front.informative.route_search import (
     Route,
     Situation,
@@ -48,6 +47,7 @@ from mission_service.guidance.front.informative.wind_turns import (
 )
 from mission_service.guidance.front.planners import ground_of, path_settings
 from mission_service.guidance.front.predictive_planner import RECENTRED_BASELINE_S, TURN_BACK
+from mission_service.guidance.front.sweeps import NEVER
 from mission_service.guidance.protocol import Decision, Ground, Phase
 
 Floats = NDArray[np.float64]
@@ -203,17 +203,7 @@ class InformativePlanner:
         own = node_at(nodes, number, self._shared.fronts[number].nearest(row, col)[0])
         direction = 1 if self.clockwise else -1
         present = self._present(own, direction, nodes)
-        turn_s = self.settings.turn_s
-        ways = [] if self._hops else routes_along(own, direction, 0.0, situation)
-        if not self._hops:
-            ways += routes_along(own, -direction, turn_s, situation)
-        goals = [
-            (entry, turn)
-            for entry in (*entries(own, situation), *([own] if self._hops else []))
-            for turn in (direction, -direction)
-        ]
-        times_s = self._times_to(goals, nodes)
-        ways += [Route(*goal, time_s) for goal, time_s in zip(goals, times_s, strict=True)]
+        ways = self._ways(own, direction, situation)
         costs = evaluate([present, *ways], situation).costs
         hops = [nodes.front[way.start] != nodes.front[own] or way.hop >= 0 for way in ways]
         needed = 1.0 - np.where(hops, MARGIN_HOP, MARGIN_TURN)
@@ -230,6 +220,20 @@ class InformativePlanner:
             self._name, np.column_stack([nodes.row[at], nodes.col[at], at_s + visits[:, 1]])
         )
         return found or self._decision(False, cost_on, cost_back)
+
+    def _ways(self, own: int, direction: int, situation: Situation) -> list[Route]:
+        """Return the routes to compare with the present one."""
+        found = []
+        if not self._hops:
+            found += routes_along(own, direction, 0.0, situation)
+            found += routes_along(own, -direction, situation.turn_s, situation)
+        goals = [
+            (entry, turn)
+            for entry in (*entries(own, situation), *([own] if self._hops else []))
+            for turn in (direction, -direction)
+        ]
+        times_s = self._times_to(goals, situation.nodes)
+        return found + [Route(*goal, time_s) for goal, time_s in zip(goals, times_s, strict=True)]
 
     def _situation(self, nodes: FrontNodes, at_s: float) -> Situation:
         others = self._shared.visits_of_others(self._name)

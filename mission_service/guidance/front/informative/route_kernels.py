@@ -10,14 +10,12 @@ largest errors for the time that a lap of it takes.
 import numpy as np
 
 from firemodel.compiled import compiled
-
-NEVER = 1 << 40
-HALVINGS = 3  # the norm is of the power 2 ** HALVINGS
+from mission_service.guidance.front.sweeps import NEVER
 
 
 @compiled
 def _norm(start, since, growth, weight, total, now):  # type: ignore[no-untyped-def]
-    """Return the norm of the errors of all nodes at ``now``."""
+    """Return the norm of the power 8 of the errors of all nodes at ``now``."""
     most = 1e-12
     for i in range(start.size):
         most = max(most, start[i] + growth[i] * (now - since[i]))

@@ -7,15 +7,16 @@ from numpy.typing import NDArray
 
 from mission_service.guidance.front.informative.front_nodes import (
     LEFT_CELLS,
+    MAX_NODES,
     FrontNodes,
 )
-from mission_service.guidance.front.informative.route_kernels import NEVER, route_costs
+from mission_service.guidance.front.informative.route_kernels import route_costs
+from mission_service.guidance.front.sweeps import NEVER
 
 Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 HORIZON_LAPS = 2.0
-MAX_VISITS = 2 * 96
+MAX_VISITS = 2 * MAX_NODES
 # The ways out and back, as shares of the nodes of a front.
 OUT = (0.03, 0.07, 0.12, 0.2, 0.3, 0.4, 0.55, 0.7, 0.9)
 BACK = (0.06, 0.12, 0.2, 0.3, 0.45, 0.6, 0.8)

@@ -15,21 +15,19 @@ NO_VISITS = np.empty((0, 3))
 
 
 class SharedFronts:
-    """The latest fronts, and the planned visits of each vehicle."""
+    """The latest fronts, and the planned visits of each vehicle; ``version`` counts the fronts."""
 
     def __init__(self, cell_m: float) -> None:
         """Begin without fronts on a grid with cells of this size."""
         self._cell_m = cell_m
         self.fronts: list[Front] = []
         self.version = 0
-        self.at_s = 0.0
         self._unburned: VisibilityGraph | None = None  # of these fronts, once computed
         self._visits: dict[str, Floats] = {}
 
     def replace_fronts(self, event: FrontsEstimated) -> None:
         """Replace the fronts."""
-        self.at_s = event.at_us / 1e6
-        fronts = [front_of(each, self.at_s, self._cell_m) for each in event.fronts]
+        fronts = [front_of(each, event.at_us / 1e6, self._cell_m) for each in event.fronts]
         self.fronts = [
             front
             for front in fronts

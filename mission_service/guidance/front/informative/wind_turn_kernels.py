@@ -41,10 +41,7 @@ def fastest(starts, goals, airspeed, radius, wind, found):  # type: ignore[no-un
             pose = (x, mirror * y, mirror * starts[pair, 2], mirror * goals[pair, 2])
             air = (airspeed, radius, wind[0], mirror * wind[1])
             kind = family % MIRRORED
-            if kind in (LSL, LSR):
-                time = _meeting(kind, pose, air, found[pair, 0])
-            else:
-                time = _meeting_by_turns(kind, pose, air, found[pair, 0])
+            time = _meeting(kind, pose, air, found[pair, 0])
             if time < found[pair, 0]:
                 found[pair, 0], found[pair, 1] = time, family
                 found[pair, 2], found[pair, 3], found[pair, 4] = _parts(kind, pose, air, time)
@@ -52,52 +49,31 @@ def fastest(starts, goals, airspeed, radius, wind, found):  # type: ignore[no-un
 
 @kernel
 def _meeting(family, pose, air, latest):  # type: ignore[no-untyped-def]
-    """Return the first time at which a path with a straight leg meets the goal.
-
-    The time is infinite if it is not before ``latest``.
-    """
+    """Return the first time at which a path meets the goal; infinite if not before ``latest``."""
     airspeed, radius, wind_x, wind_y = air
     speed = math.hypot(wind_x, wind_y)
     least_step = radius / (STEPS_PER_RADIUS * (airspeed + speed))
-    # A path exists that is at most this long, plus the distance to the goal.
-    longest = math.hypot(pose[0], pose[1]) + 7.0 * math.pi * radius
-    end = min(latest, longest / (airspeed - speed))
-    time, spare = 0.0, _spare(family, pose, air, 0.0)
+    away = math.hypot(pose[0], pose[1])
+    straight = family in (LSL, LSR)
+    time, end = 0.0, latest
+    if straight:
+        # A path exists that is at most this long, plus the distance to the goal.
+        end = min(latest, (away + 7.0 * math.pi * radius) / (airspeed - speed))
+    elif away > 6.0 * radius:  # the goal has to come nearer
+        time = (away - 6.0 * radius) / speed if speed > 0.0 else latest
+    spare = _spare(family, pose, air, time)
     while time < end:
         step = least_step
-        if 0.0 < spare < np.inf:
+        if straight and 0.0 < spare < np.inf:
             # The length of such a path changes no faster than the goal moves, except in jumps. Near
-            # the goal its bearing changes fast, and jumps may follow each other.
+            # the goal its bearing changes fast, and jumps may follow each other. The length of a
+            # path of three turns may change faster than the goal moves.
             x, y = pose[0] - wind_x * time, pose[1] - wind_y * time
             far = max(math.hypot(x, y) - 2.0 * radius, 0.0)
             step = max(step, min(spare, far / 8.0) / (airspeed + speed))
         later = _spare(family, pose, air, time + step)
         root = _root_between(family, pose, air, time, spare, time + step, later)
         if root < end:
-            return root
-        time, spare = time + step, later
-    return np.inf
-
-
-@kernel
-def _meeting_by_turns(family, pose, air, latest):  # type: ignore[no-untyped-def]
-    """Return the first time at which a path of three turns meets the goal.
-
-    The length of such a path may change faster than the goal moves. The time is infinite if it is
-    not before ``latest``.
-    """
-    airspeed, radius, wind_x, wind_y = air
-    speed = math.hypot(wind_x, wind_y)
-    step = radius / (STEPS_PER_RADIUS * (airspeed + speed))
-    away = math.hypot(pose[0], pose[1])
-    time = 0.0
-    if away > 6.0 * radius:  # the goal has to come nearer
-        time = (away - 6.0 * radius) / speed if speed > 0.0 else latest
-    spare = _spare(family, pose, air, time)
-    while time < latest:
-        later = _spare(family, pose, air, time + step)
-        root = _root_between(family, pose, air, time, spare, time + step, later)
-        if root < latest:
             return root
         time, spare = time + step, later
     return np.inf
