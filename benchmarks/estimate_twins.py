@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_fill_holes, map_coordinates
 
-from firemodel.arrays import Floats, Mask
+from firemodel.arrays import Floats, Mask, lengths_along
 from firemodel.assimilation.fire_estimate import EstimateSettings, FireEstimate
 from firemodel.assimilation.observation import BURNED, UNBURNED, UNSEEN, Observation, despeckled
 from firemodel.assimilation.scores import coverage, crps_s
@@ -227,7 +227,7 @@ def _further(burned: Mask, place: Floats, distance_m: float) -> Floats:
     if not lines:
         return place
     points = np.asarray(max(lines, key=len))[:, ::-1] - 1.0
-    along_m = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))]) * CELL_M
+    along_m = lengths_along(points) * CELL_M
     here = int(np.argmin(((points - place) ** 2).sum(axis=1)))
     target = (along_m[here] + distance_m) % along_m[-1]
     return np.array([np.interp(target, along_m, points[:, axis]) for axis in (0, 1)])

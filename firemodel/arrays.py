@@ -1,4 +1,4 @@
-"""Define the array types of this package, and make windows of arrays."""
+"""Define the array types of this package; windows of arrays, and places along lines."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,3 +28,18 @@ def widened(cells: Mask, reach: int) -> Mask:
     count = inside.cumsum(axis=0, dtype=np.int32).cumsum(axis=1, dtype=np.int32)
     above, below = count[:-size], count[size:]
     return np.asarray(below[:, size:] - below[:, :-size] - above[:, size:] + above[:, :-size] > 0)
+
+
+def lengths_along(line: Floats) -> Floats:
+    """Return the distance of each point of a line (n, 2) from the first one, along the line."""
+    return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
+
+
+def evenly_along(closed: Floats, count: int) -> Floats:
+    """Return ``count`` points (count, 2) at equal distances along a line, without its end.
+
+    ``closed`` (n, 2) begins and ends at the same point.
+    """
+    along = lengths_along(closed)
+    places = np.linspace(0.0, along[-1], count, endpoint=False)
+    return np.column_stack([np.interp(places, along, part) for part in closed.T])

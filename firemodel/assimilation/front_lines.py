@@ -1,4 +1,4 @@
-"""Compute the fronts of the estimated fire, with speed and time since observation, for planners.
+"""Compute the fronts of the estimated fire, with speed and time since observation.
 
 A front is a closed line between burned and unburned ground. A fire has an outer front, and an inner
 front around each unburned island; spot fires have fronts of their own.
@@ -14,7 +14,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from firemodel.arrays import Floats, Place
+from firemodel.arrays import Floats, Place, evenly_along
 from firemodel.assimilation.camera_window import signed_distance_m
 from firemodel.assimilation.distance_kernels import distance_cells
 from firemodel.assimilation.learned_inputs import FrontParts, LearnedInputs
@@ -38,7 +38,6 @@ class FrontLine(NamedTuple):
     col: Floats
     ahead: FrontParts  # the cells in front of the points, and the normals there
     speed_m_s: Floats
-    speed_sd_m_s: Floats
     unseen_s: Floats
 
 
@@ -67,8 +66,7 @@ def front_lines(fire: Fire, seen_s: Floats, learned: LearnedInputs) -> list[Fron
         speed_m_s = learned.speeds_m_s(parts, fire.weather, at_s)
         last_s = last_seen_s(arrival_s, seen_s, row, col, parts, speed_m_s / cell_m)
         unseen_s = at_s - np.clip(last_s, begun_s, at_s)
-        speed_sd_m_s = learned.speed_sds_m_s(parts, speed_m_s, fire.weather, at_s)
-        found.append(FrontLine(inner, row, col, parts, speed_m_s, speed_sd_m_s, unseen_s))
+        found.append(FrontLine(inner, row, col, parts, speed_m_s, unseen_s))
     return found
 
 
@@ -87,11 +85,8 @@ def _loops(
 
 def _points_along(line: shapely.LineString, spacing_m: float) -> Floats:
     """Return points (n, 2) at equal distances along a closed line, without the last one."""
-    corners = shapely.get_coordinates(line)
-    along_m = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(corners, axis=0).T))])
-    count = max(round(float(along_m[-1]) / spacing_m), 3)
-    places_m = along_m[-1] * np.arange(count) / count
-    return np.column_stack([np.interp(places_m, along_m, corners[:, k]) for k in (0, 1)])
+    count = max(round(line.length / spacing_m), 3)
+    return evenly_along(shapely.get_coordinates(line), count)
 
 
 def _outward(rows: Floats, cols: Floats, inner: bool) -> tuple[Floats, Floats]:

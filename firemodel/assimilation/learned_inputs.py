@@ -2,11 +2,11 @@
 
 An extended Kalman filter estimates the angle by which the wind is turned, and the logarithms of a
 factor of the wind speed and of rate factors: of all fuels, of each fuel, and of each block of
-cells. A block stands for a local error of the fuel map or of the terrain. When a part
-of the front comes into view after it has advanced by A out of view, its distance from the estimated
-front is A times the relative error of its speed. The sensitivity of that speed to the inputs comes
-from the spread model at this part of the front. The error is therefore attributed to the inputs on
-which the speed depends there, and changes the speed of all other parts accordingly.
+cells. A block stands for a local error of the fuel map or of the terrain. When a part of the front
+comes into view after it has advanced by A out of view, its distance from the estimated front is A
+times the relative error of its speed. The sensitivity of that speed to the inputs comes from the
+spread model at this part of the front. The error is therefore attributed to the inputs on which the
+speed depends there, and changes the speed of all other parts accordingly.
 
 Reference: A. H. Jazwinski, Stochastic Processes and Filtering Theory, 1970 (extended Kalman
 filter).
@@ -14,6 +14,7 @@ filter).
 
 import copy
 import math
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -80,9 +81,7 @@ class LearnedInputs:
         np.fill_diagonal(
             found, np.array([*sds[:FIRST_FUEL], *[sds[3]] * fuels, *[0.0] * blocks]) ** 2
         )
-        row, col = (self._side * each.ravel() for each in np.indices(self._blocks))
-        away = np.hypot(row[:, None] - row, col[:, None] - col)
-        found[-blocks:, -blocks:] = sds[4] ** 2 * np.exp(-away / ALIKE_CELLS)
+        found[-blocks:, -blocks:] = sds[4] ** 2 * _block_correlation(self._blocks, self._side)
         return found
 
     def copy(self) -> "LearnedInputs":
@@ -220,3 +219,11 @@ class LearnedInputs:
         limit = MAX_STEP_SD * math.sqrt(variance)
         self.state = self.state + gain * (min(max(off, -limit), limit) / variance)
         self.covariance = self.covariance - np.outer(gain, gain) / variance
+
+
+@lru_cache(maxsize=4)
+def _block_correlation(blocks: tuple[int, int], side: int) -> Floats:
+    """Return the correlation (n, n) of the errors of blocks (rows, columns) of a size in cells."""
+    row, col = (side * each.ravel() for each in np.indices(blocks))
+    away = np.hypot(row[:, None] - row, col[:, None] - col)
+    return np.asarray(np.exp(-away / ALIKE_CELLS))

@@ -26,6 +26,7 @@ from firemodel.spread.fire_scheme import Fire
 from mission_service.config.scenario import Scenario
 from mission_service.events import (
     AnyOperatorEvent,
+    EstimatedFront,
     FireObserved,
     RasterObserved,
     WindSet,
@@ -119,8 +120,22 @@ class BestFire:
         self._applied = self._learned.state  # the inputs with which the fire burns
         self._weather = self.fire.weather  # of the last hours
 
-    def front_lines(self) -> list[FrontLine]:
-        """Return the fronts of the fire."""
+    def estimated_fronts(self) -> tuple[EstimatedFront, ...]:
+        """Return the fronts of the fire for planners, with rounded values."""
+        fire, found = self.fire, []
+        for front in self._front_lines():
+            speed_sd_m_s = self._learned.speed_sds_m_s(
+                front.ahead, front.speed_m_s, fire.weather, fire.time_s
+            )
+            listed = (
+                *(_listed(front.row, 2), _listed(front.col, 2)),
+                *(_listed(front.speed_m_s, 4), _listed(speed_sd_m_s, 4)),
+                _listed(front.unseen_s, 0),
+            )
+            found.append(EstimatedFront(front.inner, *listed))
+        return tuple(found)
+
+    def _front_lines(self) -> list[FrontLine]:
         return front_lines(self.fire, self._sightings.seen_s, self._learned)
 
     @property
@@ -271,7 +286,7 @@ class BestFire:
     def _learn(self, mosaic: Mosaic) -> None:
         """Learn from the distances between the estimated and the observed front."""
         seen = front_distances(
-            self.front_lines(), mosaic.here, mosaic.state, self._landscape.cell_size_m
+            self._front_lines(), mosaic.here, mosaic.state, self._landscape.cell_size_m
         )
         self._learned.learn(*seen, self.fire.weather, mosaic.at_s)
         change = self._learned.state - self._applied
@@ -361,3 +376,7 @@ def _lit(fire: Fire, cells: Sequence[tuple[int, int]], at_s: float) -> Fire:
     for row, col in cells:
         fire.light(row, col, max(at_s, fire.time_s))
     return fire
+
+
+def _listed(values: Floats, digits: int) -> tuple[float, ...]:
+    return tuple(np.round(values, digits).tolist())

@@ -20,9 +20,7 @@ from functools import partial
 from typing import Any
 
 import msgspec
-import numpy as np
 
-from firemodel.assimilation.front_lines import FrontLine
 from firemodel.assimilation.observation import Observation
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
@@ -34,7 +32,6 @@ from mission_service.events import (
     AnyOperatorEvent,
     Corrected,
     Erased,
-    EstimatedFront,
     FireObserved,
     FrontsEstimated,
     Observed,
@@ -248,8 +245,7 @@ class RunEstimate:
         self._on_time(fix)
         if not self._catch_up(fix.at_us):
             return None
-        fronts = tuple(event_front(front) for front in self._best.front_lines())
-        return FrontsEstimated(fix.at_us, fix.vehicle, fronts)
+        return FrontsEstimated(fix.at_us, fix.vehicle, self._best.estimated_fronts())
 
     def arrival_s(self, row: int, col: int) -> float | None:
         """Return the estimate's arrival time at a cell; None if unburned or off the grid."""
@@ -399,13 +395,3 @@ class RunEstimate:
         self._due_us, self._written_us = None, at_us
         if mosaic is not None:
             self._queue(mosaic)
-
-
-def event_front(front: FrontLine) -> EstimatedFront:
-    """Return a front as it is stored in an event, with rounded values."""
-    digits = (
-        *((front.row, 2), (front.col, 2)),
-        *((front.speed_m_s, 4), (front.speed_sd_m_s, 4), (front.unseen_s, 0)),
-    )
-    listed = (tuple(np.round(values, count).tolist()) for values, count in digits)
-    return EstimatedFront(front.inner, *listed)

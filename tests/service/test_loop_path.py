@@ -9,6 +9,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
+from firemodel.arrays import lengths_along
 from mission_service.guidance.front.informative.loop_path import path_on_loop
 
 Floats = NDArray[np.float64]
@@ -49,7 +50,7 @@ def lap(front: Floats, radius: float, clockwise: bool = True, inner: bool = Fals
     """Return a little more than one lap from the first point of a front."""
     long = path_on_loop(front, 0, clockwise, 4.0 * len(front), radius, inner)
     back = np.hypot(*(long - long[0]).T)
-    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(long, axis=0).T))])
+    along = lengths_along(long)
     again = int(np.argmax((back < 0.5) & (along > 2.0 * radius)))
     return long[: again + 8]
 
@@ -145,7 +146,7 @@ def test_two_narrow_corners_are_flown_round_by_one_circle() -> None:
     wide = BODY.union(shapely.box(17, -25, 22, 1))
     path = lap(front_of(wide), 5.0)
     assert into(wide, path) < 0.1
-    # Both corners are on one circle of five cells, whose centre is 4.33 cells behind their middle.
+    # Both corners are on one circle of five cells, with its centre 4.33 cells behind their middle.
     assert path[:, 0].min() == pytest.approx(-25.0 + math.sqrt(5.0**2 - 2.5**2) - 5.0, abs=0.1)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from firemodel.arrays import lengths_along
 from mission_service.config.sections import MissionSection
 from mission_service.position_fix import PositionFix
 from mission_service.vehicles.traffic import TrafficManager
@@ -80,7 +81,7 @@ class Renewal:
             return "no confirmed mission on board"
         if vehicle.due:
             return vehicle.due
-        along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path_m, axis=0).T))])
+        along = lengths_along(path_m)
         share = 1.0 if vehicle.name in self._corrected else COMPARED_SHARE
         self._corrected.discard(vehicle.name)
         near = path_m[along <= share * horizon_m]

@@ -16,6 +16,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
+from firemodel.arrays import evenly_along, lengths_along
 from mission_service.guidance.front.informative.tip_kernels import widen_tips
 
 Floats = NDArray[np.float64]
@@ -112,13 +113,8 @@ def _circle(ground: BaseGeometry, radius: float, inner: bool) -> Floats:
 def _evenly(ring: Floats, spacing: float) -> Floats:
     """Return a closed curve at even distances, without repeated end point."""
     closed = np.concatenate([ring, ring[:1]])
-    along = _along(closed)
-    places = np.linspace(0.0, along[-1], max(8, math.ceil(along[-1] / spacing)), endpoint=False)
-    return np.column_stack([np.interp(places, along, part) for part in closed.T])
-
-
-def _along(line: Floats) -> Floats:
-    return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
+    length = float(lengths_along(closed)[-1])
+    return evenly_along(closed, max(8, math.ceil(length / spacing)))
 
 
 def _offset_right(curve: Floats, distance: float) -> Floats:
@@ -146,7 +142,7 @@ def _smoothed(loop: Floats, count: int) -> Floats:
 def _part(loop: Floats, first: int, length: float) -> Floats:
     """Return the part of a closed curve that begins at an index and has a given length."""
     closed = np.concatenate([loop[first:], loop[: first + 1]])
-    along = _along(closed)
+    along = lengths_along(closed)
     count = max(2, math.ceil(length / along[-1] * len(loop)) + 1)
     places = np.linspace(0.0, length, count) % along[-1]
     return np.column_stack([np.interp(places, along, part) for part in closed.T])

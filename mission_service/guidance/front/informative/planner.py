@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from firemodel.arrays import lengths_along
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario
 from mission_service.config.sections import VehicleSection
@@ -317,12 +318,12 @@ class InformativePlanner:
             front = fronts[self._nearest(row, col)[0]]
             length = min(horizon, horizon if hop is None else max(self._plan.out_cells, 0.0))
             parts.append(self._along(front, (row, col), self.clockwise, length))
-        flown = length_of(parts[0]) if parts else 0.0
+        flown = float(lengths_along(parts[0])[-1]) if parts else 0.0
         if hop is not None and flown < horizon:
             start = parts[-1][-1] if parts and len(parts[-1]) else np.array([row, col])
             goal = np.array([hop.row, hop.col])
             parts.append(leg(start, goal, self._shared.unburned()))
-            flown += length_of(parts[-1])
+            flown += float(lengths_along(parts[-1])[-1])
             front = fronts[self._nearest(hop.row, hop.col)[0]]
             rest = max(horizon - flown, 2.0 * settings.path.lookahead_cells)
             parts.append(self._along(front, (hop.row, hop.col), hop.clockwise, rest))
@@ -381,11 +382,6 @@ def pose_on(row: float, col: float, course: Floats, flight: Flight) -> Pose:
 def in_nodes(cells: float, nodes: FrontNodes, own: int) -> int:
     """Return a distance along the front of the node ``own`` in nodes."""
     return NEVER if math.isinf(cells) else max(round(cells / float(nodes.weight[own])), 1)
-
-
-def length_of(path: Floats) -> float:
-    """Return the length of a path (n, 2)."""
-    return float(np.hypot(*np.diff(path, axis=0).T).sum()) if len(path) > 1 else 0.0
 
 
 def planners_of(scenario: Scenario, landscape: Landscape) -> dict[str, InformativePlanner]:
