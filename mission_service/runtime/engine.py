@@ -166,7 +166,7 @@ class Engine:
             # Check the position before an image is taken there.
             elif (body := self._unrecorded.line_of(event, self.state_view)) is not None:
                 for seen in self._seen_at(event):
-                    self._handle(self._with_trust(seen), now_us)
+                    self._handle(seen, now_us)
                 if self._written(event, body):
                     self._process(event, now_us)
                 else:
@@ -226,18 +226,17 @@ class Engine:
         Without a simulated fire, planners receive the part of the estimate that a camera would
         show. As in a replay, this part is computed after the sensors' observations are processed.
         """
-        yield from self.sensors.observe(fix)
+        for seen in self.sensors.observe(fix):
+            yield self._with_trust(seen)
         image = self.estimate.view(fix) if self.cameras is None else self.cameras.observe(fix)
         if image is not None:
-            yield image
+            yield self._with_trust(image)
         fronts = self.estimate.fronts(fix)
         if fronts is not None:
             yield fronts
 
-    def _with_trust(self, image: Observed | FrontsEstimated) -> Observed | FrontsEstimated:
+    def _with_trust(self, image: Observed) -> Observed:
         """Mark an image as distrusted if its source contradicts the other sources."""
-        if isinstance(image, FrontsEstimated):
-            return image
         if (image.source or image.vehicle) not in self.estimate.agreement.distrusted:
             return image
         return msgspec.structs.replace(image, distrusted=True)
