@@ -48,7 +48,9 @@ from mission_service.experiments.fires import (
 from mission_service.experiments.islam_hu.ideal_flight import look
 from mission_service.fire.observed_window import in_letters, states_in
 from mission_service.fire.run_estimate import RunEstimate
-from mission_service.guidance.front.informative.planner import InformativePlanner, planners_of
+from mission_service.guidance.front.informative.planner import InformativePlanner, settings_of
+from mission_service.guidance.front.informative.shared_fronts import SharedFronts
+from mission_service.guidance.front.planners import ground_of
 from mission_service.guidance.protocol import Decision
 from tests.service.random_fires import random_fire
 from tests.service.wrong_models import wrong_model
@@ -146,9 +148,10 @@ class Flight:
         scenario = scenario_of(case)
         land = case.model.landscape
         self.estimate = RunEstimate(scenario, land)
-        self.planner = planners_of(scenario, land)[NAME]
-        if laps:
-            self.planner.__class__ = Laps
+        settings = settings_of(scenario, scenario.vehicles[0], land)
+        shared = SharedFronts(land.cell_size_m)
+        kind = Laps if laps else InformativePlanner
+        self.planner = kind(NAME, settings, ground_of(scenario, land), shared)
         self.at_s = case.truth.deploy_s
         burned = np.argwhere(case.truth.burned(self.at_s))
         self.place = burned[burned[:, 0].argmin()].astype(float)
@@ -272,8 +275,7 @@ def shaped_case(kind: str, seed: int) -> Case:
                 (round(middle - forward * math.cos(toward) + sideways * math.sin(toward)),
                  round(middle + forward * math.sin(toward) + sideways * math.cos(toward)), at_s)
             )  # fmt: skip
-    speed_m_s = {"head": 3.0}.get(kind, 0.5 if kind == "even" else 2.0)
-    speed_m_s = 6.0 if kind == "head" else speed_m_s
+    speed_m_s = {"head": 6.0, "even": 0.5}.get(kind, 2.0)
     modelled = speed_m_s * math.exp(rng.normal(0.0, 0.3)), from_deg + rng.normal(0.0, 20.0)
     airspeed_m_s = 3.0 if kind == "head" else 8.0
     truth, model = (
