@@ -13,11 +13,10 @@ from scipy.optimize import brentq, root
 from mission_service.guidance.front.informative.wind_turns import (
     Flight,
     Pose,
-    WindPath,
-    fastest_path,
     heading_on_course,
     turn_times_s,
 )
+from tests.service.wind_paths import WindPath, fastest_path
 
 Floats = NDArray[np.float64]
 HALF = math.pi / 2.0

@@ -12,11 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mission_service.guidance.front.informative.wind_turn_kernels import FAMILIES, fastest
+from mission_service.guidance.front.informative.wind_turn_kernels import fastest
 
 Floats = NDArray[np.float64]
 Pose = tuple[float, float, float]  # x_m, y_m, heading_rad
-TURN = {"L": 1.0, "S": 0.0, "R": -1.0}
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,49 +34,12 @@ class Flight:
             )
 
 
-@dataclass(frozen=True, slots=True)
-class WindPath:
-    """The fastest path from a start to a goal.
-
-    ``family`` names the three parts: left, straight, right. ``parts_m`` are their lengths through
-    the air.
-    """
-
-    start: Pose
-    flight: Flight
-    duration_s: float
-    family: str
-    parts_m: tuple[float, float, float]
-
-    def poses(self, at_s: Floats) -> Floats:
-        """Return the poses (n, 3) over the ground at times (n) after the start."""
-        x, y, heading = (np.full(len(at_s), value) for value in self.start)
-        left_m = at_s * self.flight.airspeed_m_s
-        for name, part_m in zip(self.family, self.parts_m, strict=True):
-            length = np.clip(left_m, 0.0, part_m)
-            left_m = left_m - part_m
-            turned = TURN[name] * length / self.flight.turn_radius_m
-            # The chord of an arc is at half of the angle turned.
-            chord = length * np.sinc(turned / 2.0 / math.pi)
-            x = x + chord * np.cos(heading + turned / 2.0)
-            y = y + chord * np.sin(heading + turned / 2.0)
-            heading = heading + turned
-        wind_x, wind_y = self.flight.wind_m_s
-        return np.column_stack([x + wind_x * at_s, y + wind_y * at_s, heading])
-
-
 def turn_times_s(starts: Floats, goals: Floats, flight: Flight) -> Floats:
     """Return the times (n) of the fastest paths from starts (n, 3) to goals (n, 3).
 
     The search is in steps of time; a time is infinite if it finds no path.
     """
-    return _fastest(starts, goals, flight)[:, 0]
-
-
-def fastest_path(start: Pose, goal: Pose, flight: Flight) -> WindPath:
-    """Return the fastest path from a pose to another; see ``turn_times_s``."""
-    duration, family, *parts = _fastest(np.array([start]), np.array([goal]), flight)[0].tolist()
-    return WindPath(start, flight, duration, FAMILIES[int(family)], (parts[0], parts[1], parts[2]))
+    return fastest_paths(starts, goals, flight)[:, 0]
 
 
 def heading_on_course(course_rad: float, flight: Flight) -> float:
@@ -87,7 +49,12 @@ def heading_on_course(course_rad: float, flight: Flight) -> float:
     return course_rad - math.asin(to_left / flight.airspeed_m_s)
 
 
-def _fastest(starts: Floats, goals: Floats, flight: Flight) -> Floats:
+def fastest_paths(starts: Floats, goals: Floats, flight: Flight) -> Floats:
+    """Return the fastest paths (n, 5) from starts (n, 3) to goals (n, 3); see ``turn_times_s``.
+
+    The columns are the duration, the place in ``FAMILIES``, and the lengths of the three parts
+    through the air.
+    """
     found = np.empty((len(starts), 5))
     fastest(
         np.ascontiguousarray(starts, dtype=np.float64),
