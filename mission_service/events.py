@@ -130,7 +130,7 @@ class EstimatedFront(msgspec.Struct, frozen=True):
 class FrontsEstimated(Event, frozen=True, tag=True):
     """The fronts of the estimated fire, for planners that follow fronts of any shape.
 
-    ``vehicle`` is the vehicle at whose position they were computed.
+    They were computed at a position of ``vehicle``.
     """
 
     fronts: tuple[EstimatedFront, ...]

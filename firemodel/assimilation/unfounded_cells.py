@@ -14,7 +14,7 @@ def unfounded_cells(
 ) -> Mask:
     """Return the burned cells (y, x) that the fire can have reached only through removed cells.
 
-    These are cells whose straight path from their source crosses removed cells; a source may itself
+    These are cells with a straight path from their source across removed cells; a source may itself
     be such a cell. They are also regions next to removed cells in which no fire was lit or seen.
     If an image shows unburned ground where the estimated fire had burned, then the fire has not
     passed there, and did not reach the ground behind it this way.
@@ -52,7 +52,7 @@ def _isolated(burned: Mask, removed: Mask, founded: Mask) -> Mask:
 
 @compiled
 def _spread(order, confirmed, vectors, found):  # type: ignore[no-untyped-def]
-    """Mark in ``found`` (y, x) the cells whose path crosses marked cells, in order of arrival."""
+    """Add the cells with a path across found cells to ``found`` (y, x), in order of arrival."""
     rows, cols = found.shape
     for place in order:
         row, col = place // cols, place % cols

@@ -1,4 +1,4 @@
-"""Formations whose messages are lost: silent vehicles, first messages, altitude layers, goals."""
+"""Formations with lost messages: silent vehicles, first messages, altitude layers, goals."""
 
 import math
 
@@ -8,7 +8,7 @@ from msgspec.structs import replace
 
 from mission_service.experiments.virtual_agents.ideal_world import FormationWorld, Rules
 from mission_service.experiments.virtual_agents.scenarios import burned
-from mission_service.guidance.formation.agent import LISTEN_US, Agent, OwnState
+from mission_service.guidance.formation.agent import MAX_WAIT_US, Agent, OwnState
 from mission_service.guidance.formation.intent_avoidance import (
     AdoptedOrbit,
     IntendedOrbit,
@@ -97,21 +97,21 @@ def test_links_are_lossy_while_most_states_are_lost() -> None:
 
 
 def test_an_agent_waits_for_the_first_message_of_each_of_the_others() -> None:
-    def moved_m(waits: bool, heard: bool, at_us: int) -> float:
+    def moved_m(waits: bool, received: bool, at_us: int) -> float:
         agent = agent_of()
         if waits:
             agent.wait_for(["hawk", "kite"])
         first = agent.step(own(0.0))
-        if heard:
+        if received:
             agent.on_message(Leaving(0, "kite", "fuel"))
         for tick in range(4):
             last = agent.step(own(at_us / S + tick))
         return math.dist((first.agent_x_m, first.agent_y_m), (last.agent_x_m, last.agent_y_m))
 
-    assert moved_m(waits=True, heard=False, at_us=S) == 0.0
-    assert moved_m(waits=True, heard=True, at_us=S) > 20.0
-    assert moved_m(waits=True, heard=False, at_us=LISTEN_US) > 20.0
-    assert moved_m(waits=False, heard=False, at_us=S) > 20.0
+    assert moved_m(waits=True, received=False, at_us=S) == 0.0
+    assert moved_m(waits=True, received=True, at_us=S) > 20.0
+    assert moved_m(waits=True, received=False, at_us=MAX_WAIT_US) > 20.0
+    assert moved_m(waits=False, received=False, at_us=S) > 20.0
 
 
 def test_a_layer_counts_only_if_both_stay_in_their_layers_on_the_way() -> None:

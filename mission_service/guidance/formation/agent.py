@@ -45,7 +45,7 @@ STATE_EVERY_US = 500_000
 GOAL_EVERY_US = 5_000_000
 RESEND_M = 20.0  # if the orbit moves farther, the state is sent at once
 MAX_STEP_S = 1.0
-LISTEN_US = 30_000_000
+MAX_WAIT_US = 30_000_000
 SETTLED_M, SETTLED_FOR_S = 10.0, 20.0
 NOWHERE = (math.nan, math.nan)
 COOL_FOR_S = 20.0  # time at the higher altitude after heat was last detected
@@ -142,8 +142,8 @@ class Agent:
         self._layer_m = layer * layer_m(settings)
         self._layer_climb_m = 0.0
         self._states_sent = 0
-        self._unheard: set[str] = set()
-        self._listen_until_us: int | None = None
+        self._awaited: set[str] = set()
+        self._wait_until_us: int | None = None
         self._sent_orbit_m = (math.inf, math.inf)
         self._sent_goal_m: tuple[float, float] | None = None
         self._outbox: list[AnyMessage] = []
@@ -153,15 +153,15 @@ class Agent:
     def wait_for(self, names: Collection[str]) -> None:
         """Stay at the first place until a message of each of these other UAVs is received.
 
-        The agent waits at most for ``LISTEN_US`` from its first step on.
+        The agent waits at most for ``MAX_WAIT_US`` from its first step on.
         """
-        self._unheard = set(names) - {self.name}
+        self._awaited = set(names) - {self.name}
 
     # Inputs -----------------------------------------------------------------------------------
 
     def on_message(self, message: AnyMessage) -> None:
         """Apply a message from another UAV."""
-        self._unheard.discard(message.sender)
+        self._awaited.discard(message.sender)
         match message:
             case State():
                 self.peers.apply_state(message)
@@ -217,7 +217,7 @@ class Agent:
                 own.x_m + settings.loiter_radius_m * math.cos(yaw_rad),
                 own.y_m + settings.loiter_radius_m * math.sin(yaw_rad),
             )
-        if self._listens(own.at_us):
+        if self._waits_for_team(own.at_us):
             self.agent_m = agent_m
             return
         others = self.peers.goals(own.at_us)
@@ -226,11 +226,11 @@ class Agent:
         )
         self.agent_m = (agent_m[0] + east_m_s * step_s, agent_m[1] + north_m_s * step_s)
 
-    def _listens(self, at_us: int) -> bool:
+    def _waits_for_team(self, at_us: int) -> bool:
         """Return whether the agent waits for the first states of its team."""
-        if self._listen_until_us is None:
-            self._listen_until_us = at_us + LISTEN_US
-        return bool(self._unheard) and at_us < self._listen_until_us
+        if self._wait_until_us is None:
+            self._wait_until_us = at_us + MAX_WAIT_US
+        return bool(self._awaited) and at_us < self._wait_until_us
 
     # Intention --------------------------------------------------------------------------------
 
@@ -248,7 +248,7 @@ class Agent:
             held = self._choice or AdoptedOrbit(orbit)
             self._choice = choose_orbit(
                 *(own.at_us / 1e6, motion, orbit, held, peers, self._rules[self._links.lossy]),
-                self._listens(own.at_us),
+                self._waits_for_team(own.at_us),
             )
             orbit, conflict = self._choice.orbit, self._choice.in_conflict
         intention = Intention(
@@ -270,7 +270,7 @@ class Agent:
         centre_m = self.home_m or self.agent_m
         assert centre_m is not None
         airspeed_m_s = airframe.cruise_m_s
-        if self.synchronises and not self._listens(own.at_us):
+        if self.synchronises and not self._waits_for_team(own.at_us):
             airspeed_m_s = airspeed_in_phase_m_s(
                 *(own.x_m, own.y_m, *centre_m, radius_m),
                 *(self._key, recent(peers), self.settings.range_m),

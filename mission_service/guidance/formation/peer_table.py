@@ -25,7 +25,7 @@ def priority_key(name: str) -> int:
 
 
 def recent(rows: Floats) -> Floats:
-    """Return the rows whose states are not older than ``LOST_AFTER_S``."""
+    """Return the rows with states that are not older than ``LOST_AFTER_S``."""
     return rows[rows[:, AGE_S] < LOST_AFTER_S]
 
 

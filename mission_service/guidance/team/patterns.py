@@ -52,8 +52,8 @@ def _both(scale, power, gap_s, other_gap_s):  # type: ignore[no-untyped-def]
     """Return a node's importance, summed over one gap of regular visits, with other visits between.
 
     The other visits are ``other_gap_s`` apart and independent of the first ones. The age exceeds t
-    with the probability (1 - t / gap) (1 - t / other gap), whose integral over the importance's
-    derivative is a polynomial.
+    with the probability (1 - t / gap) (1 - t / other gap). The integral of this probability over
+    the derivative of the importance is a polynomial.
     """
     until_s = min(gap_s, other_gap_s)
     if until_s <= 0.0:

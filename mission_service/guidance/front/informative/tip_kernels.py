@@ -1,7 +1,7 @@
 """Compiled inner loops of ``loop_path``: they widen the tips of a closed curve to a given radius.
 
 The curve is an array (n, 2) of columns and rows. Burned ground is at the right of the direction of
-travel, as seen on a map whose rows grow southwards, so a tip of the burned ground is a right turn.
+travel, as seen on a map; rows grow southwards. A tip of the burned ground is a right turn.
 
 The excess of a place is the angle by which the curve turns right there, less the angle by which a
 circle of the given radius turns on the same length. A section is flyable if no part of it has a
