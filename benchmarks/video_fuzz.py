@@ -148,7 +148,7 @@ def damaged(stream: bytes, rng: np.random.Generator) -> bytes:
         if fault == 0:
             stream = changed(stream, rng)
         elif fault == 1:
-            stream = stream[: int(rng.integers(1, len(stream)))]
+            stream = stream[: int(rng.integers(1, max(len(stream), 2)))]  # at least one byte
         elif fault == 2:
             stream = b"".join(parts[:one] + parts[one + int(rng.integers(1, 20)) :]) or stream
         elif fault == 3:
