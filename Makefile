@@ -9,7 +9,7 @@ MAP_SOURCES := $(wildcard $(addprefix $(WEB)/,*.json *.html *.ts src/*.* src/pan
 # The processes of tests share compiled modules, also where the environment turns this off.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test long lint format clean mosquitto chromium web
+.PHONY: demo test long lint kernels format clean mosquitto chromium web
 
 .venv/ready: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
@@ -28,12 +28,17 @@ $(MAP): $(MAP_SOURCES) | .venv/ready
 demo: .venv/ready $(MAP)
 	$(BIN)/mission-service demo --out out
 
-test: .venv/ready $(MAP) lint mosquitto chromium
-	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
+# Many tests wait for real time, so that two cores serve more than two processes. If one of them ends,
+# xdist would wait forever for its tests.
+PYTEST := $(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder --max-worker-restart=0
+
+test: .venv/ready $(MAP) mosquitto chromium
+	$(MAKE) --jobs=2 --output-sync=target lint kernels
+	$(PYTEST)
 
 # Tests that take too long for every change; CI runs them after the other tests.
-long: .venv/ready $(MAP) mosquitto chromium
-	$(BIN)/python -m pytest -m long -n 2 --dist loadfile --no-loadscope-reorder
+long: .venv/ready $(MAP) mosquitto chromium kernels
+	$(PYTEST) -m long
 
 # Installs the MQTT broker for tests, which are skipped without it.
 mosquitto:
@@ -60,6 +65,10 @@ lint: .venv/ready
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-cache
+
+# Compiles the kernels once, so that the processes of tests load them from the disk cache.
+kernels: .venv/ready
+	$(BIN)/python -m mission_service.live.compile_kernels
 
 format: .venv/ready
 	$(BIN)/ruff check --fix .
