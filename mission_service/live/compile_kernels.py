@@ -4,6 +4,7 @@ A run that starts later loads the kernels from the disk cache. The container ima
 use this command.
 """
 
+from firemodel.spread.schemes import SCHEMES
 from mission_service.config.scenario import load_scenario
 from mission_service.fire.scenario_fire import landscape_of
 from mission_service.fire.warm_up import warm_up as warm_up_fire
@@ -16,7 +17,6 @@ RULES_OF = {
     "virtual-agents": ("formation",),
     "burn": ("burn",),
 }
-SCHEMES = ("anyangle", "devs8", "probabilistic")
 
 
 def main() -> None:
