@@ -8,6 +8,7 @@ import msgspec
 import numpy as np
 from shapely.geometry.base import BaseGeometry
 
+from firemodel.assimilation.learned_inputs import LearnedInputs
 from firemodel.spread import devs8_kernels
 from firemodel.spread.anyangle import AnyAngleFire
 from mission_service.guidance.formation.shared_map import SharedMap
@@ -80,6 +81,8 @@ def _parts(thing: Any) -> Iterator[tuple[str, Any]]:
         names += sorted(vars(thing))
     if isinstance(thing, SharedMap):
         names = [name for name in names if name not in ("_found", "_shares", "_theirs")]
+    if isinstance(thing, LearnedInputs):
+        names.remove("_rates")  # computed again when needed
     if isinstance(thing, AnyAngleFire):
         names = [name for name in names if name not in ("_points", "_queue")]
         yield "._points", [each[: thing._used] for each in thing._points]

@@ -201,9 +201,9 @@ class BestFire:
             self._weather = with_wind(self._weather, event.speed_m_s, event.from_deg, now_s)
             self.fire, weather = found, found.weather
             return Change(add=lambda ensemble: ensemble.add_input(WeatherSet(at_s, weather)))
-        if self._corrected.is_corrected:  # a fire that has begun again
-            found = self._with_all_inputs(found)
-        self.fire = self._with_sightings(found)
+        if self._corrected.is_corrected:  # a fire that has begun again, without inputs and images
+            found = self._with_sightings(self._with_all_inputs(found))
+        self.fire = found
         window = self._reported_change(before)
         if window is None:
             return NOTHING

@@ -152,6 +152,8 @@ def test_a_correction_moves_fire_and_mission_and_an_undo_takes_it_back(fly: Fly,
 def test_ground_reported_unburned_and_erasures_and_wind(fly: Fly) -> None:
     flight = fly()
     flight.run(400.0)
+    flight.sim.estimate._end_period(flight.now_us)  # a report would end it, too
+    flight.sim.estimate._fold_all()
     flight.sim.estimate.advance(flight.now_us)
     burned = np.argwhere(flight.sim.estimate.fire.burned())
     row, col = burned.max(axis=0).tolist()
