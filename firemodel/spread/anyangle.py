@@ -204,7 +204,8 @@ class AnyAngleFire(Fire):
         replace_labels(found._labels, nodes, found.arrival_time_s, burnable, lattice)
         near = _widened(changed)
         kept = ~(nodes[tips.target] | _within(near, tips.at))
-        found._labels.best_s[tips.target[~kept & ~nodes[tips.target]]] = np.inf
+        dropped = tips.target[~kept & ~nodes[tips.target]]
+        found._labels.best_s[dropped], found._labels.source[dropped] = np.inf, -1
         outside = ~_within(near, paths.at)
         unreached_s = np.where(found._labels.best_s > at_s, np.inf, found._labels.best_s)
         new = paths_from(front_yx[_within(_widened(near), front_yx)], at_s, unreached_s, lattice)
@@ -367,7 +368,10 @@ class AnyAngleFire(Fire):
             paths,
             tips,
         )
-        return paths.first(count), tips.first(tip)
+        paths, tips = paths.first(count), tips.first(tip)
+        # The kernels need a tip for each path, also for a path that does not reach its node.
+        missing = np.setdiff1d(paths.target, tips.target)
+        return paths, tips_with(tips, np.ones(tip, dtype=bool), missing) if missing.size else tips
 
     def _change_weather(self, at_s: float) -> None:
         paths, tips = self._active_paths(at_s)

@@ -67,6 +67,24 @@ def test_new_inputs_replace_earlier_ones(burning: AnyAngleFire) -> None:
     assert share < 0.01
 
 
+def test_each_path_has_a_tip_after_a_rewritten_fire_is_lit_again(burning: AnyAngleFire) -> None:
+    """Without a tip for each path the kernels would write outside of their arrays."""
+    arrival_s, changed = burning.expected_s(), np.zeros(LAND.shape, dtype=bool)
+    row = int(np.argwhere(burning.burned())[:, 0].max())
+    changed[row - 6 : row + 1, :] = True
+    arrival_s[changed] = np.inf
+    found = burning.rewritten(arrival_s, changed)
+    best_s, source = found._labels
+    _, keys, waiting = found._queue
+    ahead = np.flatnonzero((best_s > found.time_s) & (source >= 0))
+    queued = np.concatenate([keys[: found._size], waiting[: found._waits]])
+    assert np.isin(ahead, queued).all()
+    for cell in np.argwhere(changed & (LAND.fuel_model > 90) & (LAND.fuel_model < 205))[::40]:
+        found.light(*cell.tolist(), found.time_s)
+    paths, tips = found._active_paths(found.time_s)
+    assert np.isin(paths.target, tips.target).all()
+
+
 def test_rewritten_cells_change_and_all_others_keep_their_times(burning: AnyAngleFire) -> None:
     before = burning.arrival_time_s.copy()
     arrival_s, changed = burning.expected_s(), np.zeros(LAND.shape, dtype=bool)
