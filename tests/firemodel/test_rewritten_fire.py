@@ -79,8 +79,9 @@ def test_each_path_has_a_tip_after_a_rewritten_fire_is_lit_again(burning: AnyAng
     ahead = np.flatnonzero((best_s > found.time_s) & (source >= 0))
     queued = np.concatenate([keys[: found._size], waiting[: found._waits]])
     assert np.isin(ahead, queued).all()
-    for cell in np.argwhere(changed & (LAND.fuel_model > 90) & (LAND.fuel_model < 205))[::40]:
-        found.light(*cell.tolist(), found.time_s)
+    burnable = np.isin(LAND.fuel_model, list(LAND.fuels))
+    for lit_row, lit_col in np.argwhere(changed & burnable)[::40].tolist():
+        found.light(lit_row, lit_col, found.time_s)
     paths, tips = found._active_paths(found.time_s)
     assert np.isin(paths.target, tips.target).all()
 
