@@ -214,7 +214,7 @@ class AnyAngleFire(Fire):
             np.concatenate([paths.target[outside], new.target]),
             np.concatenate([paths.at[outside], new.at]),
         )
-        tips = tips_with(tips, kept, np.setdiff1d(paths.target, tips.target[kept]))
+        tips = tips_with(tips, kept, paths)
         first = found._add_front(at_s, paths, tips)
         found._since_s = at_s
         found._start_paths(paths, tips, first)
@@ -369,9 +369,7 @@ class AnyAngleFire(Fire):
             tips,
         )
         paths, tips = paths.first(count), tips.first(tip)
-        # The kernels need a tip for each path, also for a path that does not reach its node.
-        missing = np.setdiff1d(paths.target, tips.target)
-        return paths, tips_with(tips, np.ones(tip, dtype=bool), missing) if missing.size else tips
+        return paths, tips_with(tips, np.ones(tip, dtype=bool), paths)
 
     def _change_weather(self, at_s: float) -> None:
         paths, tips = self._active_paths(at_s)

@@ -154,8 +154,12 @@ def replace_labels(
     labels.best_s[nodes], labels.source[nodes] = new.best_s[nodes], new.source[nodes]
 
 
-def tips_with(tips: Tips, chosen: NDArray[np.bool_], further: NDArray[np.int32]) -> Tips:
-    """Return the tips in a mask, followed by unknown tips at further nodes."""
+def tips_with(tips: Tips, chosen: NDArray[np.bool_], paths: ActivePaths) -> Tips:
+    """Return the tips in a mask, and unknown tips at all other nodes to which paths lead.
+
+    The kernels need a tip for each path, also for a path that does not reach its node.
+    """
+    further = np.setdiff1d(paths.target, tips.target[chosen])
     new = empty_tips(further.size)
     return Tips(
         np.concatenate([tips.target[chosen], further]),
