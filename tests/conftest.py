@@ -1,5 +1,6 @@
 """Settings of all tests."""
 
+import logging
 import threading
 from collections.abc import Iterator
 
@@ -46,3 +47,20 @@ def no_sensor_thread_left() -> Iterator[None]:
         if thread.name in SENSORS:
             thread.join(60.0)
             assert not thread.is_alive(), f"the test must call close() of {thread.name}"
+
+
+@pytest.fixture(autouse=True)
+def no_hidden_defect(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Fail a test in which the estimate could not use a report because of a defect.
+
+    A run goes on without the report. Tests that cause such a defect have the marker ``defect``.
+    """
+    found: list[logging.LogRecord] = []
+    handler = logging.Handler(logging.ERROR)
+    handler.emit = found.append  # type: ignore[method-assign]
+    log = logging.getLogger("mission_service.fire.run_estimate")
+    log.addHandler(handler)
+    yield
+    log.removeHandler(handler)
+    if request.node.get_closest_marker("defect") is None and found:
+        raise AssertionError(found[0].getMessage()) from (found[0].exc_info or (None, None))[1]

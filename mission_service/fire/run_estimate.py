@@ -14,6 +14,7 @@ a live run (``in_background``) a thread applies each input to a copy of the esti
 """
 
 import contextlib
+import logging
 from collections import deque
 from collections.abc import Callable
 from functools import partial
@@ -78,6 +79,9 @@ OBSERVATIONS = (FireObserved, RasterObserved)
 OF_FIRE = (Corrected, *OBSERVATIONS, Erased, Undone, Redone, WindSet)  # they change the estimate
 
 
+log = logging.getLogger(__name__)
+
+
 class UnusedReportError(FireModelError):
     """A report that is in the journal but changes nothing, because of ``reason``."""
 
@@ -117,6 +121,7 @@ class RunEstimate:
         self._checked: tuple[FireObserved | RasterObserved, Observation] | None = None
         self.agreement = SourceAgreement(landscape.shape, landscape.cell_size_m)
         self.ensemble = RunEnsemble(scenario, landscape)
+        self.defect = ""  # the last report that failed because of a defect, and the exception
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the attributes for a snapshot; a thread's unfinished work is repeated later."""
@@ -195,7 +200,9 @@ class RunEstimate:
         return first.event if isinstance(first, Reported) else None
 
     def _adopt(self, found: Folded) -> None:
-        self._waiting.popleft()
+        first = self._waiting.popleft()
+        if isinstance(first, Reported) and not isinstance(found.unused, FireModelError | None):
+            self._note_defect(first.event, found.unused)
         self._best, self._ahead, change = found.best, None, found.change
         if change.contradicted is not None:
             self._contradicted = (*self._contradicted, change.contradicted)
@@ -203,6 +210,16 @@ class RunEstimate:
             change.add(self.ensemble)
             if self.ensemble.is_long():
                 self.ensemble.forget_before_mark(self._best.fire)
+
+    def _note_defect(self, event: AnyOperatorEvent, error: Exception) -> None:
+        """Store and log that a valid report has raised an error that no report should raise."""
+        words = " ".join(f"{type(error).__name__}: {error}".split())
+        kind, at_s = type(event).__name__, event.at_us / 1e6
+        self.defect = (
+            f"{kind} of {event.by or 'an operator'} at {at_s:.3f} s is not used: {words}; this is a "
+            "defect, please report it with the traceback in the log"
+        )
+        log.error("%s", self.defect, exc_info=error)
 
     def _queue(self, new: Input) -> None:
         """Add an input; images of a period are applied later, all other inputs at once."""

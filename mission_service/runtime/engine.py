@@ -198,7 +198,7 @@ class Engine:
             return
         self._estimate_due_us = at_us + ESTIMATE_CHECK_EVERY_US
         self.estimate.advance(at_us)
-        self._show_contradictions()
+        self._show_estimate_alarms()
         if windows := self.estimate.contradicted():
             for window in windows:
                 self._queue(window)
@@ -215,10 +215,12 @@ class Engine:
             self._sensors_due_us = now_us + SHOW_SENSORS_EVERY_US
             self.state_view.show_sensors(self.sensors.problems(), self.sensors.failed)
 
-    def _show_contradictions(self) -> None:
-        """Show an alarm for each source of observations that contradicts others."""
+    def _show_estimate_alarms(self) -> None:
+        """Show an alarm for each source that contradicts others, and for a defect."""
         texts = self.estimate.agreement.contradictions()
         self.state_view.show_alarms("observer", texts, "severe")
+        defects = {"defect": self.estimate.defect} if self.estimate.defect else {}
+        self.state_view.show_alarms("estimate", defects, "severe")
 
     def _seen_at(self, fix: Telemetry) -> Iterator[Observed | FrontsEstimated]:
         """Yield new observations of the sensors, then of a camera, then the estimated fronts.
@@ -278,14 +280,14 @@ class Engine:
             window = self.estimate.apply_report(event)
         except UnusedReportError as error:  # its line remains: others may depend on its time
             self._process(event, now_us)
-            self._show_contradictions()
+            self._show_estimate_alarms()
             raise self.unused(event, error.reason) from error
         except Exception as error:
             self.recording.remove_last()
             raise _defect(event, error, self._scenario.planner.rule) from error
         self._process(event, now_us)
         if isinstance(event, OBSERVATIONS):
-            self._show_contradictions()
+            self._show_estimate_alarms()
         self._queue(window)
         self._deliver(event.at_us, now_us)
 
@@ -297,6 +299,7 @@ class Engine:
         report = self.estimate.adopt(found)
         if report is not None:
             self.state_view.fire_changed()
+            self._show_estimate_alarms()
         self._queue(found.change.window)
         return report
 

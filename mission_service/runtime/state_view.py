@@ -82,7 +82,7 @@ OF_FIRE = ("edge", "input")  # prefixes of the alarms about the fire, which a re
 OF_FLIGHT = (
     *("link", "silent", "position", "battery", "mission", "order", "abort", "near"),
     *("mode", "state", "fence", "estimator", "autopilot", "front", "landed", "unrecorded"),
-    *("observer", "sensor"),
+    *("observer", "sensor", "estimate"),
     *OF_FIRE,
 )
 

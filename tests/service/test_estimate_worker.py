@@ -265,6 +265,7 @@ def test_a_run_that_is_killed_meanwhile_loses_no_report(
     run(world, steps)
 
 
+@pytest.mark.defect
 def test_a_report_that_cannot_be_used_changes_nothing_and_stops_no_restart(
     world: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -279,6 +280,8 @@ def test_a_report_that_cannot_be_used_changes_nothing_and_stops_no_restart(
         assert not reply["ok"]
         assert "ZeroDivisionError: a defect; this is a defect, please report it" in reply["error"]
         assert np.array_equal(world.context.estimate.fire.burned(), before)
+        alarms = world.context.state_view.alarms
+        assert "ZeroDivisionError: a defect; this is a defect" in alarms["estimate/defect"].text
 
     run(world, steps)
     assert_equal(world.context.estimate, again(world), world.now_s)
