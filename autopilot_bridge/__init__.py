@@ -1,7 +1,8 @@
-"""Connects to PX4 and ArduPilot by MAVLink: missions, checks, transfers, clients, a mock, logs.
+"""A MAVLink bridge to PX4 and ArduPilot: missions, checks, transfers, clients, a mock, logs.
 
-The package does not use the fire model or the service. To read a mission, check it against the
-rules of a stack and write it in another format::
+The package does not use the fire model or the service. A *stack* is one autopilot on one kind of
+vehicle. This example reads a mission, checks it against the rules of a stack and writes it in
+another format::
 
     from pathlib import Path
     import autopilot_bridge as bridge
@@ -9,8 +10,8 @@ rules of a stack and write it in another format::
     print(*bridge.check(plan.mission, bridge.stack_named("ardupilot", "copter")), sep="\\n")
     bridge.write_any(Path("survey.waypoints"), plan, None)
 
-Each of the names below is imported at its first use; ``import autopilot_bridge`` loads none of
-them.
+Each name in ``__all__`` is imported when it is first used; ``import autopilot_bridge`` alone loads
+no submodule.
 """
 
 import importlib

@@ -1,5 +1,5 @@
-"""Defines the base error of the package."""
+"""Defines the base class of the package's errors."""
 
 
 class BridgeError(Exception):
-    """The base of this package's errors; a message states the fault, its place and the remedy."""
+    """The base class of the package's errors; a message states fault, place and remedy."""

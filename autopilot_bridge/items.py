@@ -17,15 +17,15 @@ LOCAL_FRAMES = (1, 4, 7, 8, 9, 12, 20, 21)
 
 @dataclass(frozen=True, slots=True)
 class MissionItem:
-    """One item of a mission; its sequence number is its index in the mission.
+    """One item of a mission; the sequence number of an item is its index in the mission.
 
     Args:
         command: MAV_CMD.
         frame: MAV_FRAME.
         x: Latitude in 1e-7 degrees, for items with a position.
         y: Longitude in 1e-7 degrees, for items with a position.
-        z: Altitude in metres, with the frame's reference.
-        param1: The value that the MAV_CMD defines; likewise ``param2`` to ``param4``.
+        z: Altitude in metres above the reference of ``frame`` (sea level, home or terrain).
+        param1: Parameter 1 as the MAV_CMD defines it; likewise ``param2`` to ``param4``.
         autocontinue: 1 to continue with the next item.
 
     Source: MAVLink common.xml, MISSION_ITEM_INT.
@@ -48,7 +48,7 @@ Items = tuple[MissionItem, ...]
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """The contents of a plan file, whose parts are mission protocol items.
+    """The contents of a plan file, as items of the mission protocol.
 
     Args:
         mission: Items; the target of a DO_JUMP is an index in ``mission``, from 0.
@@ -64,7 +64,7 @@ class Plan:
 
 
 def jumps_moved(items: Sequence[MissionItem], by: int) -> Items:
-    """Return the items with ``by`` added to all DO_JUMP targets, e.g. 1 for ArduPilot's home."""
+    """Return the items with ``by`` added to all DO_JUMP targets, e.g. 1 if home comes first."""
     return tuple(
         replace(item, param1=item.param1 + by) if item.command == mavlink.MAV_CMD_DO_JUMP else item
         for item in items
@@ -72,7 +72,7 @@ def jumps_moved(items: Sequence[MissionItem], by: int) -> Items:
 
 
 def yaw_left_open(items: Sequence[MissionItem]) -> Items:
-    """Return the items with NaN as yaw (param4) where items have a yaw; JSON cannot store NaN."""
+    """Return the items with each yaw (param4) set to NaN, for items from JSON, which has no NaN."""
     return tuple(
         replace(item, param4=math.nan) if item.command in WITH_YAW else item for item in items
     )
@@ -91,20 +91,20 @@ def has_degrees(item: "MissionItem") -> bool:
 
 
 def place_of(item: "MissionItem") -> tuple[float, float] | None:
-    """Return an item's latitude and longitude in degrees; None without a position or at 0, 0."""
+    """Return an item's latitude and longitude in degrees; None without a position or for 0, 0."""
     if not has_degrees(item) or NO_POSITION in (item.x, item.y) or item.x == item.y == 0:
         return None
     return item.x / 1e7, item.y / 1e7
 
 
 def command_name(command: int) -> str:
-    """Return the MAVLink name of a command without MAV_CMD_; its number if it has no name."""
+    """Return a command's name without the prefix MAV_CMD_, or its number if it has no name."""
     entry = mavlink.enums["MAV_CMD"].get(command)
     return str(command) if entry is None else str(entry.name).removeprefix("MAV_CMD_")
 
 
 def _xy_unit(command: int, frame: int) -> float:
-    """Return the divisor of ``x`` and ``y``: 1e7 (degrees), 1e4 (metres), or 1 (params 5, 6)."""
+    """Return the divisor of ``x`` and ``y``: 1e7 (degrees), 1e4 (metres), or 1 (no position)."""
     if frame in LOCAL_FRAMES:
         return 1e4
     return 1e7 if frame != mavlink.MAV_FRAME_MISSION and has_position(command) else 1.0
@@ -120,7 +120,7 @@ def params_of(item: MissionItem) -> tuple[float, ...]:
 def item_of_params(
     command: int, frame: int, params: Sequence[float], autocontinue: int
 ) -> MissionItem:
-    """Return the item with params 1 to 7 of a file. Raises ValueError if x or y is out of range."""
+    """Return the item for params 1 to 7 of a file. Raises ValueError if x or y is out of range."""
     param1, param2, param3, param4, *position, z = params
     unit = _xy_unit(command, frame)
     x, y = (NO_POSITION if math.isnan(value) else round(value * unit) for value in position)
@@ -192,7 +192,7 @@ def change_speed(kind: int, speed_m_s: float) -> MissionItem:
 
 
 def camera_trigger(distance_m: float) -> MissionItem:
-    """Return a MAV_CMD_DO_SET_CAM_TRIGG_DIST: an image every ``distance_m``, none for 0."""
+    """Return a MAV_CMD_DO_SET_CAM_TRIGG_DIST: an image every ``distance_m``; 0 means no images."""
     return MissionItem(
         mavlink.MAV_CMD_DO_SET_CAM_TRIGG_DIST,
         mavlink.MAV_FRAME_MISSION,
@@ -207,7 +207,7 @@ def gimbal_pitch(pitch_deg: float) -> MissionItem:
     """Return a MAV_CMD_DO_MOUNT_CONTROL that tilts the gimbal; -90 is straight down.
 
     In missions PX4 1.17 denies DO_GIMBAL_MANAGER_PITCHYAW unless a mission item has taken control
-    of the gimbal before; both stacks accept this command without it.
+    of the gimbal before; both stacks accept DO_MOUNT_CONTROL without such an item.
     """
     return MissionItem(
         mavlink.MAV_CMD_DO_MOUNT_CONTROL,

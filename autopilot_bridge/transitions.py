@@ -8,7 +8,7 @@ State = TypeVar("State", bound=Enum)
 
 
 class InvalidTransitionError(RuntimeError):
-    """A defect: a transition that the table does not allow; the text shows the history."""
+    """A defect: a transition that the table does not allow; the message shows the history."""
 
 
 def enter(
@@ -23,7 +23,7 @@ def enter(
         history: The states so far, at least one; the last entry is the present state.
         state: The state to enter.
         allowed: For each state, the states that may follow; a state without an entry is final.
-        of: The object to which the state machine belongs, for the error.
+        of: The object to which the state machine belongs, for the error message.
 
     Raises:
         InvalidTransitionError: The state may not follow the present state.

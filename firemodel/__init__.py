@@ -8,8 +8,8 @@
     firemodel.write_fronts(Path("fronts.geojson"), fire, [3600.0, 7200.0], "my fire")
 
 Landscapes are read from files (``read_landscape``) or generated (``jacksboro``,
-``flat_landscape``). ``SCHEMES`` lists the spread schemes. The modules are imported at the first use
-of a name, so that ``import firemodel`` is fast.
+``flat_landscape``). ``SCHEMES`` lists the spread schemes. Each module is imported when one of its
+names is first used, so that ``import firemodel`` is fast.
 """
 
 from importlib import import_module

@@ -1,15 +1,15 @@
-"""Define the array types of this package; windows of arrays, and places along lines."""
+"""Define array types, and compute windows of arrays and points along lines."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-Place = tuple[slice, slice]  # a window of rows and columns, as an index
+Place = tuple[slice, slice]  # a window of rows and columns; a valid index of an array
 
 
 def bounds_of(mask: Mask) -> Place:
-    """Return the smallest window that contains all true cells of a mask (y, x); empty if none."""
+    """Return the smallest window with all true cells of a mask (y, x), or an empty window."""
     rows, cols = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     if not rows.size:
         return np.s_[0:0, 0:0]
@@ -17,12 +17,12 @@ def bounds_of(mask: Mask) -> Place:
 
 
 def window_at(top: int, left: int, shape: tuple[int, ...]) -> Place:
-    """Return the window of (rows, columns) cells whose north-west cell is (top, left)."""
+    """Return the window of ``shape`` (rows, columns) whose north-west cell is (top, left)."""
     return np.s_[top : top + shape[0], left : left + shape[1]]
 
 
 def widened(cells: Mask, reach: int) -> Mask:
-    """Return the cells (y, x) with one of ``cells`` within ``reach`` rows and columns."""
+    """Return a mask (y, x) of the cells within ``reach`` rows and columns of one of ``cells``."""
     size = 2 * reach + 1
     inside = np.pad(cells, (reach + 1, reach))
     count = inside.cumsum(axis=0, dtype=np.int32).cumsum(axis=1, dtype=np.int32)
@@ -31,14 +31,14 @@ def widened(cells: Mask, reach: int) -> Mask:
 
 
 def lengths_along(line: Floats) -> Floats:
-    """Return the distance of each point of a line (n, 2) from the first one, along the line."""
+    """Return the distance (n,) along a line (n, 2) from its first point to each point."""
     return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
 
 
 def evenly_along(closed: Floats, count: int) -> Floats:
-    """Return ``count`` points (count, 2) at equal distances along a line, without its end.
+    """Return ``count`` points (count, 2) at equal distances along a closed line.
 
-    ``closed`` (n, 2) begins and ends at the same point.
+    ``closed`` (n, 2) begins and ends at the same point, which the result contains once.
     """
     along = lengths_along(closed)
     places = np.linspace(0.0, along[-1], count, endpoint=False)

@@ -1,9 +1,9 @@
-"""Compile inner loops with Numba, with a cache on disk that depends on all sources used.
+"""Compile inner loops with Numba, and cache them on disk under a hash of all sources used.
 
-Numba's own cache checks only the file of the compiled function. The cache ignores changes to
-functions in other files that this function calls. The name of this module's cache folder is a hash
-of all files of this package, of the files in the function's folder, and of all modules of its
-package that compile functions.
+Numba's own cache checks only the file of the compiled function. A change in another file, which
+contains a function that the compiled function calls, is not detected. Therefore the name of the
+cache folder contains a hash of all files of this package, of the files in the compiled function's
+folder, and of all modules of that function's package that compile functions.
 """
 
 import hashlib
@@ -24,8 +24,8 @@ PACKAGE = Path(__file__).parent
 def cache_folder(home: Path) -> Path:
     """Return the cache folder for the functions in the folder ``home``.
 
-    The folder is in Numba's configured folder, else in this package or, if the package is
-    read-only, in the user's cache.
+    The cache folder is in the folder configured for Numba if there is one, else in this package or,
+    if this package is read-only, in the user's cache.
     """
     sha = hashlib.sha256()
     for source in sorted({*PACKAGE.rglob("*.py"), *home.glob("*.py"), *_with_kernels(_top(home))}):
@@ -50,7 +50,7 @@ def _top(home: Path) -> Path:
 def _with_kernels(package: Path) -> tuple[Path, ...]:
     """Return the modules of a package that compile functions.
 
-    A kernel may call kernels of other folders.
+    The cache depends on these modules, because a kernel may call kernels of other folders.
     """
     found = (path for path in package.rglob("*.py") if b"firemodel.compiled" in path.read_bytes())
     return tuple(found)
@@ -60,8 +60,8 @@ def _cached(function: Callable[..., Any], **options: Any) -> Any:
     given = NUMBA.CACHE_DIR
     NUMBA.CACHE_DIR = str(cache_folder(Path(function.__code__.co_filename).parent))
     try:
-        # The GIL is released, because a forecast runs in its own thread and shares no array that
-        # it writes.
+        # The GIL is released, so that forecasts run in parallel threads. A forecast does not write
+        # to arrays that other threads use.
         return njit(cache=True, error_model="numpy", nogil=True, **options)(function)
     finally:
         NUMBA.CACHE_DIR = given
@@ -73,16 +73,17 @@ def compiled(function: Callable[..., Any]) -> Any:
 
 
 def kernel(function: Callable[..., Any]) -> Any:
-    """Compile a function without reference counts, so that inner loops take half of the time.
+    """Compile a function without reference counts, so that inner loops take half the time.
 
-    The function must not allocate arrays; callers pass its work arrays.
+    The function must not allocate arrays; work arrays are passed as arguments.
     """
     return _cached(function, _nrt=False)
 
 
 def inlined(function: Callable[..., Any]) -> Any:
-    """Compile a ``kernel`` whose code becomes part of each kernel that calls it.
+    """Compile a ``kernel`` that is inlined into each kernel that calls it.
 
-    A call passes each field of each array, which takes as long as a short function.
+    An ordinary call passes every field of every array, which takes as long as the work of a short
+    function.
     """
     return _cached(function, _nrt=False, forceinline=True)

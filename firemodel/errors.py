@@ -2,8 +2,8 @@
 
 
 class FireModelError(ValueError):
-    """The base class of this package's errors, whose messages name the file, cell and value."""
+    """The base class of this package's errors; messages name the file, the cell and the value."""
 
 
 class FireModelWarning(UserWarning):
-    """A warning of ``burn`` about a probably unintended input, or about fire at the edge."""
+    """A warning of ``burn`` about a probably unintended input, or a fire that reached the edge."""

@@ -15,10 +15,10 @@ from firemodel.physics.weather import Weather, WeatherStream
 from firemodel.spread.edge import BEYOND_EDGE
 from firemodel.spread.fire_scheme import Ignition
 
-MAX_LAST_RECORD_S = 3600.0  # the last weather record may be used for so long without a warning
+MAX_LAST_RECORD_S = 3600.0  # the last weather record may be used for this long without a warning
 MAX_GAP_S = 3.0 * 3600.0
 MIN_DEAD_PCT = 1.0  # even in a desert the moisture of dead fuel is higher
-MIN_LIVE_PCT = 5.0  # live fuel has a higher percentage; a fraction is 3 or less
+MIN_LIVE_PCT = 5.0  # live fuel is moister; a moisture given as a fraction is at most 3
 MIN_HUMIDITY_PCT = 1.0
 MAX_WIND_M_S = 60.0
 MAX_ZONES = timedelta(hours=26)  # largest difference between local times on Earth
@@ -42,7 +42,8 @@ def input_warnings(inputs: FireInputs) -> list[str]:
         inputs: The inputs, which a spread scheme has accepted or would accept.
 
     Returns:
-        Lines with the place, the value and the probable cause; empty for usual inputs.
+        Lines of text, each with the place, the value and the probable cause. The list is empty for
+        usual inputs.
     """
     return [line for rule in RULES for line in rule(inputs)]
 
@@ -50,8 +51,8 @@ def input_warnings(inputs: FireInputs) -> list[str]:
 def time_zero_warnings(weather: WeatherStream, time_zero: datetime | None) -> list[str]:
     """Return a warning if the calendar time of 0 s differs from the weather file's time at 0 s.
 
-    Times without a UTC offset may be in any zone; for these, a difference of less than
-    ``MAX_ZONES`` gives no warning. The year is ignored if the file contains none (``NO_YEAR``).
+    Times without a UTC offset may be in any zone; for such times, a difference of at most
+    ``MAX_ZONES`` gives no warning. The year is ignored if the file contains no year (``YEAR``).
     """
     source = weather.source
     if time_zero is None or source is None or source.start is None:
@@ -166,7 +167,7 @@ def _change_of_clocks(inputs: FireInputs) -> Iterator[str]:
 
 
 def _time_zone(landscape: Landscape) -> ZoneInfo | None:
-    """Return the time zone at the centre of a landscape; None if there is none."""
+    """Return the time zone at the centre of a landscape, or None if no zone is defined there."""
     from tzfpy import get_tz
 
     lat, lon = landscape.centre_lat_lon
@@ -183,7 +184,7 @@ def _first_change(zone: ZoneInfo, start: datetime, to: datetime) -> date | None:
 
 
 def _enclosed_ignition(inputs: FireInputs) -> Iterator[str]:
-    """Find lit cells without a burnable neighbour, which fire cannot leave."""
+    """Warn about lit cells without a burnable neighbour: fire cannot spread from these cells."""
     land = inputs.landscape
     lit = {(row, col) for row, col, _ in inputs.ignitions}
     burnable = {cell: _burnable_around(land, *cell) for cell in sorted(lit)}
@@ -201,7 +202,7 @@ def _enclosed_ignition(inputs: FireInputs) -> Iterator[str]:
 
 
 def _burnable_around(land: Landscape, row: int, col: int) -> set[tuple[int, int]]:
-    """Return those of the eight neighbours of a cell that can burn."""
+    """Return the burnable cells (row, column) among the eight neighbours of a cell."""
     top, left = max(row - 1, 0), max(col - 1, 0)
     codes = land.fuel_model[top : row + 2, left : col + 2]
     found = np.argwhere(~np.isin(codes, list(NON_BURNABLE))).tolist()
@@ -219,7 +220,7 @@ def _ignition_at_edge(inputs: FireInputs) -> Iterator[str]:
 
 
 def _used(inputs: FireInputs) -> list[tuple[str, Weather]]:
-    """Return the entries that take effect before the end, each with its place for a message."""
+    """Return the entries that take effect before ``end_s``, each with its name for messages."""
     source = inputs.weather.source
     return [
         (f"weather entry {number}" if source is None else source.place(entry.at_s), entry)
@@ -229,7 +230,7 @@ def _used(inputs: FireInputs) -> list[tuple[str, Weather]]:
 
 
 def _first(lines: Sequence[str], kind: str) -> Iterable[str]:
-    """Return the first line, with the number of the other lines; an empty list without lines.
+    """Return a list of the first line with the number of the other lines, or an empty list.
 
     ``kind`` is the noun for the counted lines.
     """

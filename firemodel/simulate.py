@@ -42,16 +42,17 @@ def burn(
     """Simulate a fire that is lit at 0 s on a landscape, for a given duration.
 
     The rates of spread are Rothermel's (1972, INT-115; Albini 1976, INT-30). The default scheme
-    integrates these rates along straight lines at any angle, which gives arrival times
+    computes arrival times by integrating these rates along straight lines at any angle
     (``spread/anyangle.py``).
 
     Args:
-        landscape: Terrain and fuel, or a file whose bands are named (.lcp, GeoTIFF; see
+        landscape: Terrain and fuel, or the path of a file with named bands (.lcp, GeoTIFF; see
             ``read_landscape``). Default: ``jacksboro()``, 200 x 200 cells of 30 m in Tennessee.
-        weather: A stream, a single entry for the whole time, or a weather file (see
+        weather: A stream, a single entry for the whole time, or the path of a weather file (see
             ``read_weather``). Default: dry weather with a wind of 4 m/s from the north-east.
-        ignitions: WGS84 (latitude, longitude) of points in degrees, or a file of points, lines or
-            polygons (GeoJSON, KML, GeoPackage, Shapefile). Default: the cell in the middle.
+        ignitions: WGS84 (latitude, longitude) of points in degrees, or the path of a file of
+            points, lines or polygons (GeoJSON, KML, GeoPackage, Shapefile). Default: the cell in
+            the middle.
         duration_s: Duration of the simulation in seconds.
         scheme: A spread scheme, a key of ``SCHEMES``.
         settings: Settings of the scheme, such as ``wind_limit=True``; ``seed`` for random schemes.
@@ -150,7 +151,7 @@ def _cells(
 def cells_of_file(path: Path, land: Landscape) -> list[tuple[int, int]]:
     """Return the row and column of each burnable cell that the shapes in a file touch.
 
-    Raises FireModelError if the file cannot be used or all its cells are non-burnable.
+    Raises FireModelError if the file cannot be used, or if its shapes touch no burnable cell.
     """
     from firemodel.landscape.readers.shapes import read_shapes
 

@@ -1,4 +1,7 @@
-"""Defines the core's outputs: commands. Each is journalled after the event that caused it."""
+"""Defines the commands: the outputs of the core, which makes all decisions of a run.
+
+Each command is journalled after the event that caused the command.
+"""
 
 from typing import Literal
 
@@ -24,7 +27,7 @@ class Command(msgspec.Struct, frozen=True, tag=True, tag_field="type"):
 class UploadMission(Command, frozen=True, tag=True):
     """Replace the vehicle's mission; ``why`` is shown to operators.
 
-    If ``keeps_apart`` is set, the mission keeps two vehicles apart and needs no approval.
+    A mission with ``keeps_apart`` separates two vehicles and needs no approval.
     """
 
     mission_id: int
@@ -71,13 +74,13 @@ class Orbit(Command, frozen=True, tag=True):
 
 
 class ChangeSpeed(Command, frozen=True, tag=True):
-    """Fly this airspeed until the next command."""
+    """Fly at this airspeed until the next command."""
 
     airspeed_m_s: float
 
 
 class DirectionDecision(Command, frozen=True, tag=True):
-    """A planner's decision on the flight direction; importances are 0 for rules that use none.
+    """A planner's decision on the flight direction; importances are 0 if the rule uses none.
 
     ``reversals`` is the planner's own count, which includes decisions that cause no command, such
     as decisions during a hold. Interfaces count the commands with ``reversed``.
@@ -99,7 +102,7 @@ class Announce(Command, frozen=True, tag=True):
 
 
 class RaiseAlarm(Command, frozen=True, tag=True):
-    """Raise an alarm, active until a ``ClearAlarm``; a vehicle has one alarm of a kind at most."""
+    """Raise an alarm until a ``ClearAlarm``; a vehicle has at most one alarm of each kind."""
 
     alarm: str
     text: str
@@ -113,7 +116,7 @@ class ClearAlarm(Command, frozen=True, tag=True):
 
 
 class BroadcastMessage(Command, frozen=True, tag=True):
-    """Send a message to the UAVs that other processes fly."""
+    """Send a message to the UAVs that other processes control."""
 
     message: AnyMessage
 
@@ -141,7 +144,7 @@ class WithdrawPlan(Command, frozen=True, tag=True):
 
 
 class Drop(Command, frozen=True, tag=True):
-    """Release one sphere now, for drop ``number`` in the plan with this hash.
+    """Release one ignition sphere now: drop ``number`` of the plan with this hash.
 
     ``lat_deg`` and ``lon_deg`` are the landing point predicted from height, speed and wind.
     """
@@ -173,7 +176,7 @@ AnyCommand = (
 )
 
 # The commands that the vehicle's client executes, with their names in the bridge's table
-# (``autopilot_bridge/vehicle/orders.py``). The fields of a command are its arguments, in order.
+# (``autopilot_bridge/vehicle/orders.py``). The fields of a command are the arguments, in order.
 ORDER_NAMES: dict[type[AnyCommand], str] = {
     StartMission: "start mission",
     Hold: "hold",

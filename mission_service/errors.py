@@ -1,4 +1,4 @@
-"""Defines the errors of the service. Each error text is one line: place, cause and remedy."""
+"""Defines the errors of the service. Each error text is one line with place, cause and remedy."""
 
 
 class MissionServiceError(Exception):
@@ -26,13 +26,13 @@ class RequestError(MissionServiceError):
 
 
 class ControlError(MissionServiceError):
-    """The control socket of a run cannot be made or reached; the message states the remedy."""
+    """The control socket of a run cannot be created or reached; the message states the remedy."""
 
 
 class StateError(MissionServiceError):
     """A snapshot cannot be used; the message states the reason.
 
-    The journal contains all that is needed to compute the state again.
+    The state can then be computed again from the journal.
     """
 
 
@@ -41,7 +41,7 @@ class RefusedEventError(MissionServiceError):
 
 
 class UnhandledLineError(JournalError):
-    """A restart cannot handle a line of a journal; the message names the journal file and line."""
+    """A journal line cannot be handled in a restart; the message names the file and the line."""
 
 
 class NotRecordedError(MissionServiceError):

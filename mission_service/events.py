@@ -1,9 +1,9 @@
-"""Defines the inputs of the core: events, which are journalled before they are handled.
+"""Defines the events: the inputs of the core. Events are journalled before they are handled.
 
 ``at_us`` is mission time in integer microseconds; 0 is the beginning of the scenario's fire.
 
-The types include the limits of values. The journal decodes each line before writing it, so an event
-with a value that is out of range or not a number is neither journalled nor handled.
+The types include the limits of values. Each journal line is decoded before it is written. Therefore
+an event with a value that is out of range or not a number is neither journalled nor handled.
 """
 
 from typing import Annotated, Any, Literal
@@ -28,7 +28,7 @@ Percent = Annotated[float, Meta(ge=0, le=100)]
 Radius = Annotated[float, Meta(ge=0, le=1e6)]  # m
 Temperature = Annotated[float, Meta(ge=-100, le=5000)]  # degrees Celsius
 Count = Annotated[int, Meta(ge=0, le=2**40)]
-UtcUs = Annotated[int, Meta(ge=0, le=2**60)]  # since 1970
+UtcUs = Annotated[int, Meta(ge=0, le=2**60)]  # microseconds since 1970
 GridPlace = Annotated[float, Meta(ge=-(2**31), lt=2**31)]  # row or column, in cells
 FrontSpeed = Annotated[float, Meta(ge=0, le=100)]  # m/s
 CellIndex = Annotated[int, Meta(ge=-(2**31), lt=2**31)]
@@ -76,26 +76,27 @@ class Telemetry(Event, frozen=True, tag=True):
 
 
 class MissionProgress(Event, frozen=True, tag=True):
-    """The vehicle flies to another mission item (an index into the items of its mission)."""
+    """The vehicle has begun the mission item with the index ``current_seq`` in its mission."""
 
     current_seq: Count
 
 
 class Observed(Event, frozen=True, tag=True, omit_defaults=True):
-    """A camera's observation of a window of cells; (``row``, ``col``) is its north-west cell.
+    """A camera's observation of a window of cells with the north-west cell (``row``, ``col``).
 
-    Each string is a row, from north to south, and each of its characters is a cell, from west to
+    Each string is a row, from north to south, and each character of a row is a cell, from west to
     east. ``.`` is a cell outside the footprint or behind smoke, ``u`` is unburned, and ``b`` is
     burning or burned.
     With ``corrects`` the window is an operator's correction and replaces earlier observations of
-    these cells. With ``estimated`` no camera saw the window: it is the part of the estimate that a
-    camera would show, for planners in a run without images.
+    these cells. With ``estimated`` the window is not from a camera: in a run without images,
+    planners receive the part of the estimate that a camera would show.
 
     ``position_sd_m`` is the standard deviation of the window's position, ``missed`` the share of
     burned cells that are reported as unburned, and ``false_alarms`` the share of unburned cells
-    that are reported as burned. ``source`` names the sensor; it is empty for the vehicle's camera.
-    A ``distrusted`` window contradicts other sources: planners and the estimate do not use it.
-    ``file`` names the file that the sensor has read (``sensors/sensor_files.py``), if it read one.
+    that are reported as burned. ``source`` names the sensor and is empty for the vehicle's camera.
+    A ``distrusted`` window contradicts other sources and is used neither by planners nor by the
+    estimate. ``file`` names the file from which the sensor read the window
+    (``sensors/sensor_files.py``), and is empty if there is none.
     """
 
     row: CellIndex
@@ -112,11 +113,12 @@ class Observed(Event, frozen=True, tag=True, omit_defaults=True):
 
 
 class EstimatedFront(msgspec.Struct, frozen=True):
-    """A closed front of the estimated fire, at points (n) in clockwise order on the map.
+    """A closed front of the estimated fire, as n points in clockwise order on the map.
 
-    An ``inner`` front surrounds an unburned island. ``rows`` and ``cols`` are places in the grid in
-    cells. ``speeds_m_s`` are the speeds towards the unburned ground, ``speed_sds_m_s`` their
-    standard deviations, and ``unseen_s`` the times since the last observation of the front.
+    An ``inner`` front surrounds an unburned island. ``rows`` and ``cols`` are grid coordinates, in
+    cells. At each point ``speeds_m_s`` is the speed of the front towards unburned ground,
+    ``speed_sds_m_s`` the standard deviation of this speed, and ``unseen_s`` the time since the last
+    observation of the front.
     """
 
     inner: bool
@@ -130,7 +132,7 @@ class EstimatedFront(msgspec.Struct, frozen=True):
 class FrontsEstimated(Event, frozen=True, tag=True):
     """The fronts of the estimated fire, for planners that follow fronts of any shape.
 
-    They were computed at a position of ``vehicle``.
+    The fronts were computed when a position of ``vehicle`` was received.
     """
 
     fronts: tuple[EstimatedFront, ...]
@@ -139,9 +141,9 @@ class FrontsEstimated(Event, frozen=True, tag=True):
 class CameraDirection(Event, frozen=True, tag=True):
     """The direction of a vehicle's camera; without ``gimbal``, the attitude of the airframe.
 
-    It is reported after a change of half a degree, and at least once a second.
-    The yaw is from true north, the pitch is -90 straight down, and the roll is about the line of
-    sight. Only runs with sensors have this event and the four events below.
+    The direction is reported after a change of half a degree, and at least once a second. The yaw
+    is clockwise from true north, a pitch of -90 is straight down, and the roll is about the line of
+    sight. This event and the four events below occur only in runs with sensors.
     """
 
     yaw_deg: Bearing
@@ -154,7 +156,7 @@ class ImageCaptured(Event, frozen=True, tag=True):
     """A camera took an image at this time and place (CAMERA_IMAGE_CAPTURED, CAMERA_FEEDBACK).
 
     ``direction`` is the yaw, pitch and roll as in ``CameraDirection``, or None if unknown.
-    ``file_name`` is empty and ``taken_utc_us`` None if they are not reported.
+    ``file_name`` is empty, and ``taken_utc_us`` is None, if the camera does not report the value.
     """
 
     lat_deg: Latitude
@@ -168,16 +170,16 @@ class ImageCaptured(Event, frozen=True, tag=True):
 
 
 class CameraFieldOfView(Event, frozen=True, tag=True):
-    """The field of view of a vehicle's camera has changed; an unknown one is None."""
+    """The field of view of a vehicle's camera has changed; an unknown vertical angle is None."""
 
     horizontal_deg: Bearing
     vertical_deg: Bearing | None = None
 
 
 class HotPointSeen(Event, frozen=True, tag=True):
-    """A thermal camera sees a place above the limit ``hot_c`` (CAMERA_THERMAL_RANGE).
+    """A thermal image contains a temperature of at least ``hot_c`` (CAMERA_THERMAL_RANGE).
 
-    ``x`` and ``y`` are shares of the image's width and height from its top left corner.
+    ``x`` and ``y`` are shares of the image's width and height, from the top left corner.
     """
 
     temperature_c: Temperature
@@ -186,7 +188,7 @@ class HotPointSeen(Event, frozen=True, tag=True):
 
 
 class TargetTracked(Event, frozen=True, tag=True):
-    """A tracked object on the ground (CAMERA_TRACKING_GEO_STATUS), at most once a second."""
+    """The place of a tracked object (CAMERA_TRACKING_GEO_STATUS), sent at most once a second."""
 
     lat_deg: Latitude
     lon_deg: Longitude
@@ -194,7 +196,10 @@ class TargetTracked(Event, frozen=True, tag=True):
 
 
 class WindMeasured(Event, frozen=True, tag=True):
-    """The autopilot's estimate of the wind at the vehicle; its direction is from true north."""
+    """The autopilot's estimate of the wind at the vehicle.
+
+    ``from_deg`` is the direction from which the wind blows, clockwise from true north.
+    """
 
     speed_m_s: WindSpeed
     from_deg: Bearing
@@ -207,7 +212,7 @@ class AirspeedMeasured(Event, frozen=True, tag=True):
 
 
 class ThrustStatusChanged(Event, frozen=True, tag=True):
-    """A change in thrust: insufficient if the vehicle sinks at full throttle (VFR_HUD)."""
+    """Thrust has become insufficient (sinking at full throttle, VFR_HUD) or sufficient again."""
 
     sufficient: bool
     throttle_percent: Count
@@ -225,8 +230,8 @@ class UploadFinished(Event, frozen=True, tag=True):
 class MissionReadBack(Event, frozen=True, tag=True):
     """The mission on board, read back from a vehicle after a restart of the service.
 
-    ``mission_id`` is the number of the mission that was sent, or 0 for any other mission. ``items``
-    is the number of its items, or None if the mission could not be read.
+    ``mission_id`` is the number of the mission if the service sent it, and otherwise 0. ``items``
+    is the number of mission items, or None if the mission could not be read.
     """
 
     mission_id: Count
@@ -250,25 +255,25 @@ class ModeChanged(Event, frozen=True, tag=True):
 
 
 class PeerMessage(Event, frozen=True, tag=True):
-    """A message from a UAV that another process flies."""
+    """A message from a UAV that another process controls."""
 
     message: AnyMessage
 
 
 class PeerLinkChanged(Event, frozen=True, tag=True):
-    """The link to UAVs that other processes fly was lost or restored."""
+    """The link to the UAVs that other processes control was lost or restored."""
 
     there: bool
 
 
 class BatteryUpdated(Event, frozen=True, tag=True):
-    """A change of the remaining battery charge."""
+    """The remaining battery charge has changed."""
 
     percent: Percent
 
 
 class GpsFixChanged(Event, frozen=True, tag=True):
-    """A change in the type of position fix; ``good`` means a 3-D fix."""
+    """The type of the position fix has changed; ``good`` means a 3-D fix."""
 
     good: bool
     fix: str
@@ -282,33 +287,33 @@ class AutopilotText(Event, frozen=True, tag=True):
 
 
 class SystemStateChanged(Event, frozen=True, tag=True):
-    """A change in the system state: ``standby``, ``active``, ``critical`` (a failsafe) ..."""
+    """The system state has changed: ``standby``, ``active``, ``critical`` (a failsafe) ..."""
 
     state: str
 
 
 class LandedStateChanged(Event, frozen=True, tag=True):
-    """The landed state as estimated by the autopilot: ``on ground``, ``in air``, ``landing`` ..."""
+    """The autopilot's estimate of the landed state: ``on ground``, ``in air``, ``landing`` ..."""
 
     state: str
 
 
 class FenceStatusChanged(Event, frozen=True, tag=True):
-    """A report of whether a fence is breached, and which: ``boundary``, ``highest altitude`` ..."""
+    """A breach of a fence has begun or ended; ``kind`` is ``boundary``, ``highest altitude`` ..."""
 
     breached: bool
     kind: str
 
 
 class EstimatorStatusChanged(Event, frozen=True, tag=True):
-    """A report of whether the autopilot's position estimate is healthy, with problems in words."""
+    """The health of the autopilot's position estimate has changed; ``problems`` are in words."""
 
     healthy: bool
     problems: tuple[str, ...]
 
 
 class DropFinished(Event, frozen=True, tag=True):
-    """The outcome of one ``Drop``; it is unknown if neither ``done`` nor ``refused`` is set."""
+    """The outcome of one ``Drop``, which is unknown if neither ``done`` nor ``refused`` is set."""
 
     plan_hash: str
     number: Count
@@ -323,7 +328,7 @@ class DropFinished(Event, frozen=True, tag=True):
 
 
 class HostTime(Event, frozen=True, tag=True):
-    """The time on the host's monotonic clock at this mission time; in burns, about once a second.
+    """The time of the host's monotonic clock at a mission time; sent about once a second in burns.
 
     Mission time follows the autopilot's clock, which may run slow or stop. The time limits of
     approvals are therefore measured by the host's clock as well.
@@ -351,7 +356,7 @@ Place = tuple[Latitude, Longitude]  # degrees
 
 
 class IgnitionReported(OperatorEvent, frozen=True, tag=True):
-    """The crew lit a point or a line; all of it ignited at ``lit_at_us``."""
+    """The crew lit a point or a line; the whole line ignited at ``lit_at_us``."""
 
     points: tuple[Place, ...]
     lit_at_us: MissionUs
@@ -361,9 +366,9 @@ class Corrected(OperatorEvent, frozen=True, tag=True):
     """A correction of the fire at a point, along a line or in a polygon.
 
     ``state`` is the state at ``marked_at_us``, which may be in the past or in the future. The fire
-    arrives before that time if ``state`` is ``burned``, at that time if it is ``burning``, and
-    after it if it is ``unburned``. A burning polygon burns on its outline at that time; its inside
-    has burned by then.
+    arrives before that time for the state ``burned``, at that time for ``burning``, and after that
+    time for ``unburned``. At that time a ``burning`` polygon burns on its outline, and its inside
+    has already burned.
     """
 
     state: Literal["burned", "burning", "unburned"]
@@ -375,14 +380,14 @@ class Corrected(OperatorEvent, frozen=True, tag=True):
 class FireObserved(OperatorEvent, frozen=True, tag=True):
     """A person, detector or satellite observed the fire at places at ``seen_at_us``.
 
-    Unlike a correction, an observation may be wrong: the estimate weighs it. ``source`` names the
-    sensor and is empty for a person. ``position_sd_m``, ``missed`` and ``false_alarms`` are those
-    of ``Observed``. ``hot`` ground has the temperature ``temperature_c``. An area behind ``smoke``
-    was not seen, by ``source`` or, if it is empty, by the sender. ``role`` is the highest role of
-    the sender, as checked by the interface; it is empty if the interface identifies no user.
-    ``islands`` are the outlines of parts of a polygon about which the report states nothing.
-    ``file`` names the file that a sensor has read (``sensors/sensor_files.py``); ``by`` is then the
-    sensor.
+    Unlike a correction, an observation may be wrong; the estimate weighs observations by their
+    errors. ``source`` names the sensor and is empty for a person. ``position_sd_m``, ``missed`` and
+    ``false_alarms`` have the meaning that they have in ``Observed``. ``hot`` ground has the
+    temperature ``temperature_c``. An area with the state ``smoke`` was hidden from ``source``, or
+    from the sender if ``source`` is empty. ``role`` is the highest role of the sender, as checked
+    by the interface, and is empty if the interface identifies no user. ``islands`` are the outlines
+    of parts of a polygon about which the report states nothing. ``file`` names the file from which
+    a sensor read the observation (``sensors/sensor_files.py``); ``by`` is then the sensor.
     """
 
     state: Literal["burned", "burning", "unburned", "hot", "smoke"]
@@ -403,8 +408,8 @@ class RasterObserved(OperatorEvent, frozen=True, tag=True):
     """A detector classified the cells of a raster at ``seen_at_us``.
 
     The raster covers the area between its edges in equal steps of latitude and longitude (WGS84).
-    ``rows`` are from north to south, all of one length; a cell is ``b`` burned, ``u`` unburned or
-    ``.`` not seen. The other fields are those of ``FireObserved``.
+    ``rows`` are from north to south, all of the same length; a cell is ``b`` (burned), ``u``
+    (unburned) or ``.`` (not seen). The other fields are those of ``FireObserved``.
     """
 
     south_deg: Latitude
@@ -437,14 +442,20 @@ class Redone(OperatorEvent, frozen=True, tag=True):
 
 
 class WindSet(OperatorEvent, frozen=True, tag=True):
-    """The crew set the wind 6.1 m above the vegetation; its direction is from true north."""
+    """The crew set the wind 6.1 m above the vegetation.
+
+    ``from_deg`` is the direction from which the wind blows, clockwise from true north.
+    """
 
     speed_m_s: WindSpeed
     from_deg: Bearing
 
 
 class PersonReported(OperatorEvent, frozen=True, tag=True):
-    """A person is at a place, and ``radius_m`` around it is kept clear; 0 removes the person."""
+    """A person is at a place, with a circle of ``radius_m`` that is kept clear.
+
+    A radius of 0 removes the person.
+    """
 
     name: str
     lat_deg: Latitude
@@ -466,7 +477,7 @@ class ChecklistAnswered(OperatorEvent, frozen=True, tag=True):
 
 
 class PlanRequested(OperatorEvent, frozen=True, tag=True):
-    """A plan of the next ignition line is requested; given spacings replace the present ones."""
+    """A plan of the next ignition line is requested; a spacing of None remains unchanged."""
 
     line_spacing_m: float | None = None
     drop_spacing_m: float | None = None
@@ -511,7 +522,7 @@ class LinesSkipped(OperatorEvent, frozen=True, tag=True):
 class FireReachedEdge(OperatorEvent, frozen=True, tag=True):
     """The simulated fire has reached the edge of the landscape.
 
-    The position is the first burned cell at the edge, which ignited at ``arrived_at_us``.
+    The position is that of the first burned cell at the edge, which ignited at ``arrived_at_us``.
     """
 
     arrived_at_us: MissionUs
@@ -525,7 +536,8 @@ Order = Literal["hold", "resume", "return", "start"]
 class OrderGiven(OperatorEvent, frozen=True, tag=True):
     """An operator's order to one vehicle, or to all vehicles if ``vehicle`` is empty.
 
-    A ``confirmed`` order may end a mode that autopilot or pilot selected, such as a failsafe.
+    A ``confirmed`` order may end a mode that the autopilot or the pilot selected, such as a
+    failsafe.
     """
 
     vehicle: str
@@ -533,7 +545,7 @@ class OrderGiven(OperatorEvent, frozen=True, tag=True):
     confirmed: bool = False
 
 
-SERVICE = "service"  # ``by`` in the service's own orders; interfaces refuse it
+SERVICE = "service"  # ``by`` in the service's own orders; interfaces refuse this name
 
 
 class MissionRequested(OperatorEvent, frozen=True, tag=True):
@@ -557,7 +569,7 @@ class MissionRefused(OperatorEvent, frozen=True, tag=True):
 
 
 class SettingsChanged(OperatorEvent, frozen=True, tag=True):
-    """Settings of the planners changed; None leaves a setting as it is.
+    """Settings of the planners changed; a setting of None remains unchanged.
 
     The names are those of the scenario's table ``[planner]``.
     """
@@ -584,7 +596,7 @@ class SettingsChanged(OperatorEvent, frozen=True, tag=True):
         return {name: value for name, value in values.items() if value is not None}
 
 
-TUNED: dict[str, Any] = dict(SettingsChanged.__annotations__)  # types with bounds, by setting
+TUNED: dict[str, Any] = dict(SettingsChanged.__annotations__)  # type and bounds of each setting
 
 
 AnyOperatorEvent = (

@@ -1,4 +1,4 @@
-"""Defines the plan of one ignition line, which operators approve by its hash."""
+"""Defines the plan of one ignition line; operators approve a plan by the plan's hash."""
 
 import hashlib
 
@@ -28,8 +28,9 @@ class IgnitionPlan(msgspec.Struct, frozen=True, tag=True, tag_field="type"):
     """The plan of one ignition line, with all its inputs.
 
     ``digest`` is a hash of the burn unit, its fence, the people and the settings.
-    ``min_time_margin_s`` is the shortest time, at all points of the path and all drops, until the
-    fire arrives. ``skipped`` holds the places (lat, lon) on the line where a drop is not safe.
+    ``min_time_margin_s`` is the shortest time from the vehicle's passage of a place on the path, or
+    from a drop, until the fire arrives there. ``skipped`` holds the places (lat, lon) on the line
+    where a drop is not safe.
     """
 
     vehicle: str

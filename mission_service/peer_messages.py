@@ -1,6 +1,7 @@
 """Defines the messages between UAVs. ``at_us`` is the sender's mission time.
 
-A cell is the number ``row * cols + col`` in the landscape's grid; cells are in ascending order.
+A cell is the number ``row * cols + col`` in the landscape's grid; lists of cells are in ascending
+order. The sections and messages cited are those of the virtual-agents paper.
 """
 
 from typing import Annotated
@@ -20,14 +21,15 @@ class Message(msgspec.Struct, frozen=True, tag=True, tag_field="type"):
 
 
 class State(Message, frozen=True, tag=True):
-    """Position of a UAV and its virtual agent, and its intended orbit (section 4, message 2).
+    """Positions of a UAV and of its virtual agent, and the UAV's orbit (section 4, message 2).
 
     ``orbit_*`` is the circle that the UAV flies or approaches. The sender has checked this circle
     for conflicts with the orbits of the UAVs in the sender's peer table. A negative radius means
-    anticlockwise, as in MAVLink; the paper's orbit has a radius of -150. A returning UAV has no
-    virtual agent. ``goal_*`` is None for a UAV that stays on its orbit. ``planned_*`` is the
-    altitude to which the UAV climbs or descends; None if it is the present altitude. ``number``
-    counts the sender's states.
+    anticlockwise, as in MAVLink; the paper's orbit has a radius of -150. A UAV that returns home
+    has no virtual agent. A UAV is ``settled`` after some time on an unchanged orbit. ``goal_*`` is
+    the goal of the virtual agent, or None for a UAV that stays on its orbit. ``planned_*`` is the
+    altitude to which the UAV climbs or descends, or None if that is the present altitude.
+    ``number`` counts the sender's ``State`` messages.
     """
 
     x_m: float
@@ -49,16 +51,17 @@ class State(Message, frozen=True, tag=True):
 
 
 class Goal(Message, frozen=True, tag=True):
-    """The goal of the sender's virtual agent, for all UAVs, also beyond the range of states."""
+    """The goal of the sender's virtual agent; also sent to UAVs out of range of ``State``."""
 
     x_m: float
     y_m: float
 
 
 class FireUpdate(Message, frozen=True, tag=True):
-    """Cells observed as burning or no longer burning, for all UAVs (section 4, message 1).
+    """Cells that were observed as burning or as no longer burning (section 4, message 1).
 
-    ``at_us`` is the time of the observation and serves as the version of these cells.
+    The message is for all UAVs. ``at_us`` is the time of the observation and serves as the version
+    of these cells.
     """
 
     burning: tuple[Number, ...]
@@ -89,7 +92,7 @@ class Difference(Message, frozen=True, tag=True):
 
 
 class Leaving(Message, frozen=True, tag=True):
-    """The sender flies home, removes its virtual agent and pauses its messages."""
+    """The sender flies home; its virtual agent is removed and its messages pause."""
 
     why: str
 

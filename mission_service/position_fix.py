@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class PositionFix:
-    """A position in grid cells and in map metres, with the velocity over the ground."""
+    """A position in grid cells and in metres on the map, with the velocity over the ground."""
 
     at_s: float
     row: float

@@ -1,15 +1,16 @@
 """Defines the requests of operators in one table for all interfaces. Pure.
 
 A request is a JSON object: ``do`` names the request, ``by`` the user, and ``station`` the place of
-the user. Further keys depend on the request. One struct defines each request: its keys with bounds
-and help texts, its own help text (the docstring, with the summary in its first line), the required
-role, the HTTP path, whether MQTT accepts it, an example, and the resulting event. HTTP routes and
-their description, MQTT commands and their schemas, the control socket and the command line are
-generated from these structs.
+the user. Further keys depend on the request. One struct defines each request: the keys with bounds
+and help texts, the help text of the request (the docstring, with a summary in the first line), the
+required role, the HTTP path, whether MQTT accepts the request, an example, and the resulting event.
+HTTP routes and their description, MQTT commands and their schemas, the control socket and the
+command line are generated from these structs.
 
-This module contains the requests that every way of flying accepts (``OF_EVERY_RUN``) and the
-requests for ways of flying by missions (``OF_VEHICLES``). Requests for a single way of flying are
-in its folder.
+A way of flying is the guidance for planner rules (``guidance/way_of_flying.py``). This module
+contains the requests that every way of flying accepts (``OF_EVERY_RUN``) and the requests that
+apply to vehicles with missions (``OF_VEHICLES``). Requests for a single way of flying are in the
+folder of that way of flying.
 """
 
 from collections.abc import Callable
@@ -24,14 +25,14 @@ from mission_service.errors import RequestError
 MIN_SPEED, MAX_SPEED = 0.1, 100.0  # speeds of a replay
 MAX_DURATION_S = 1e7  # longer durations are refused as mistakes
 MAX_LENGTH_M = 10_000.0  # larger circles and longer lines are refused as mistakes
-MAX_FIRE_LENGTH_M = 500_000.0  # larger, for outlines of fires from other sources
+MAX_FIRE_LENGTH_M = 500_000.0  # limit for outlines of fires, which may come from other sources
 MAX_SIDE_CELLS = 256  # rows and columns of a raster
-MAX_AGE_S = 21_600.0  # of an observation
+MAX_AGE_S = 21_600.0  # maximum age of an observation
 
 OPERATOR_FIELDS = ("by", "station")  # keys of all requests
 Role = Literal["look", "observe", "correct", "fly", "approve"]
 
-# The patterns of texts, with the words for errors. Python's $ also matches before a line break.
+# Patterns of texts, and their descriptions in errors. Python's $ also matches before a line break.
 NAME = r"^[^\x00-\x1f\x7f-\x9f]*[!-~\xa1-\uffff][^\x00-\x1f\x7f-\x9f]*$(?!\n)"
 PRINTED = r"^[^\x00-\x1f\x7f-\x9f]*$(?!\n)"
 VISIBLE = r"^[!-~]+$(?!\n)"
@@ -100,18 +101,19 @@ class Request(
 ):
     """A request of an operator.
 
-    The values of these keys are checked against the run: ``vehicle``; ``item`` (of the GO/NO-GO
-    checklist); ``points``, and ``lat_deg`` with ``lon_deg`` (on the landscape).
+    Some values are checked against the run: ``vehicle`` and ``item`` (of the GO/NO-GO checklist)
+    must exist in the run; ``points``, ``lat_deg`` and ``lon_deg`` must be on the landscape.
     """
 
-    # The event's type. Its fields are time, user, station, and the request's further keys in order.
+    # The type of the resulting event, with the fields time, user, station, and then the request's
+    # further keys in order.
     makes: ClassVar[Callable[..., events.AnyOperatorEvent]]
     role: ClassVar[Role]  # role that the user needs
     path: ClassVar[str]  # HTTP path; ``{name}`` is the vehicle, ``{do}`` the request
     method: ClassVar[str] = "POST"
     operation: ClassVar[str | None] = None  # operation id in OpenAPI; None: made from the path
-    # Whether MQTT accepts it. Requests that may cause drops are not accepted, because a broker does
-    # not identify users.
+    # Whether MQTT accepts the request. Requests that may cause drops are not accepted, because a
+    # broker does not identify users.
     over_mqtt: ClassVar[bool] = True
     max_length_m: ClassVar[float] = MAX_LENGTH_M  # longest line through ``points``
     example: ClassVar[dict[str, Any]] = {}  # valid values of the request's further keys
@@ -349,7 +351,7 @@ class Redo(FireRequest, frozen=True):
 
 
 class Wind(FireRequest, frozen=True):
-    """Set the wind from now on: 6.1 m (20 ft) above the vegetation, direction from true north."""
+    """Set the wind from now on, 6.1 m (20 ft) above the vegetation; from_deg is from true north."""
 
     makes = events.WindSet
     path = "/wind"
@@ -360,7 +362,7 @@ class Wind(FireRequest, frozen=True):
 
 
 class Present(Request, frozen=True):
-    """Report that the user is present; send it every few seconds."""
+    """Report that the user is present; send this request every few seconds."""
 
     makes = events.OperatorHeartbeat
     role = "approve"
@@ -372,8 +374,8 @@ class Present(Request, frozen=True):
 class OrderRequest(Request, frozen=True):
     """An order to a vehicle.
 
-    Without ``confirmed`` an order that would end a mode of autopilot or pilot, such as a failsafe,
-    is answered with a line that begins with ``confirm:``.
+    The reply to an order without ``confirmed`` that would end a mode selected by the autopilot or
+    the pilot, such as a failsafe, is a line that begins with ``confirm:``.
     """
 
     role = "fly"
@@ -430,7 +432,7 @@ class Renew(MissionRequest, frozen=True):
 
 
 class Accept(MissionRequest, frozen=True):
-    """Accept the proposed mission of this hash: it is sent to the vehicle."""
+    """Accept the proposed mission with this hash: the mission is sent to the vehicle."""
 
     makes = events.MissionAccepted
     vehicle: OneVehicle
@@ -438,7 +440,7 @@ class Accept(MissionRequest, frozen=True):
 
 
 class Refuse(MissionRequest, frozen=True):
-    """Refuse the proposed mission of this hash: it is not flown."""
+    """Refuse the proposed mission with this hash: the mission is not flown."""
 
     makes = events.MissionRefused
     vehicle: OneVehicle
@@ -489,7 +491,7 @@ class Replay(Request, frozen=True):
     seek_s: Annotated[Seconds | None, Meta(description="Time from the start of the replay.")] = None
 
     def event(self, at_us: int) -> events.AnyOperatorEvent:
-        """Raise RequestError; only replays accept this request, and they make no event of it."""
+        """Raise RequestError; only replays accept this request, which results in no event."""
         raise RequestError("replay: this run is not a replay")
 
 

@@ -1,4 +1,4 @@
-"""Converts validation errors of msgspec, pydantic and FastAPI to a line: key, remedy, value.
+"""Converts validation errors of msgspec, pydantic and FastAPI to one line: key, remedy, value.
 
 The remedy is derived from the JSON schema of the refused key. The texts are therefore the same for
 requests over all interfaces, the scenario file, the tokens file and the query parameters of HTTP.
@@ -17,7 +17,7 @@ Schema = Mapping[str, Any]
 Path = Sequence[str | int]
 
 MAX_SHOWN = 60  # maximum number of characters of a value
-REQUEST_KEY = "do"  # the kind of a request; it is never a missing or unknown key
+REQUEST_KEY = "do"  # the kind of a request; this key is never missing or unknown
 UNKNOWN = object()  # stands for a value that is not shown
 WORDS = {pattern: words.removeprefix("give ") for pattern, words in PATTERNS.items()} | {
     r"^[\w-]+$": "letters, digits, - and _",
@@ -47,7 +47,7 @@ def in_words(error: Exception, kind: type, value: Any = UNKNOWN) -> str:
     Args:
         error: The ValidationError, OverflowError or UnicodeError of ``msgspec.convert``.
         kind: The type that was expected.
-        value: The whole value. The text shows the refused part of this value. By default, the text
+        value: The whole value, of which the text shows the refused part. By default, the text
             shows no value.
 
     Returns:
@@ -79,7 +79,7 @@ def missing_key(path: Path, schema: Schema) -> str:
 
 
 def schema_at(schema: Schema, path: Path) -> Schema | None:
-    """Return the part of a JSON schema for a key, or None if the schema has no such part.
+    """Return the part of a JSON schema for a key, or None if the schema has no part for the key.
 
     Args:
         schema: The schema of the whole value.
@@ -175,7 +175,7 @@ def _key(path: Path) -> str:
 
 
 def _part(value: Any, path: Path) -> Any:
-    """Return the part of a value at a path; UNKNOWN if the value has no such part."""
+    """Return the part of a value at a path, or UNKNOWN if the value has no part at this path."""
     for step in path:
         try:
             value = value[step]

@@ -13,7 +13,7 @@ class VehicleClient(Protocol):
     """The client of one vehicle: ``NativeClient`` or ``MavsdkClient``.
 
     ``now_us`` is the link's time in microseconds. Each request returns an id, and the event that
-    reports its outcome has the same id.
+    reports the outcome of the request has the same id.
     """
 
     @property

@@ -1,12 +1,12 @@
-"""Implements a vehicle client with MAVSDK, to replace ``NativeClient`` and its ``Connection``.
+"""Implements a client with MAVSDK, an alternative to ``NativeClient`` with a ``Connection``.
 
-MAVSDK (a C library in this process) receives the bytes from our link. MAVSDK detects the vehicle,
-transfers missions and repeats commands. This module adds three steps that real autopilots require.
-A mission is checked before its upload, because ArduPilot keeps a truncated mission after a rejected
-item. After the upload the mission is read back, because MAVSDK's result does not prove the upload.
-The mission is then started by an item number, because ArduPlane flies to its old target until an
-item is commanded. MAVSDK's ``set_current_mission_item`` is not used: if the autopilot reports
-another number, the function repeats its request without end and without delay.
+MAVSDK (a C library in this process) receives the bytes from the ``Connection``. MAVSDK detects the
+vehicle, transfers missions and repeats commands. This module adds three steps that real autopilots
+require. A mission is checked before its upload, because ArduPilot keeps a truncated mission after a
+rejected item. After the upload the mission is read back, because MAVSDK's result does not prove the
+upload. The mission is then started by an item number, because ArduPlane flies to its old target
+until an item is commanded. MAVSDK's ``set_current_mission_item`` is not used: if the autopilot
+reports another number, that function repeats the request without end and without delay.
 """
 
 import asyncio
@@ -150,7 +150,7 @@ class MavsdkClient:
         return self._last_command
 
     def drop(self, dropper: Dropper, now_us: int) -> int:
-        """Refuse the drop by a DropFinished, because MAVSDK cannot send drops."""
+        """Report the drop as refused, because MAVSDK cannot send drops."""
         self._report(DropFinished(now_us, 0, "refused", NOT_SUPPORTED))
         return 0
 
@@ -189,7 +189,7 @@ class MavsdkClient:
         await self._connection.__aexit__(*error)
 
     async def wait(self) -> None:
-        """Wait until there may be events; raise the errors that the link or this client had."""
+        """Wait until there may be events; raise an error of the link or of this client."""
         await self._connection.wait()
 
     def flush(self) -> None:
@@ -236,7 +236,7 @@ class MavsdkClient:
                 self._system.receive_frame(frame)
 
     def _camera(self, message: Message, now_us: int) -> CameraEvent | None:
-        """Return the event of a message of the vehicle's camera or gimbal, or None."""
+        """Return the event of a message from the vehicle's camera or gimbal, or None."""
         ours = message.get_srcSystem() == self._target[0] and self.stack is not None
         return camera_event(message, now_us) if ours else None
 

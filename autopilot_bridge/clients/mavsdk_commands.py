@@ -1,4 +1,4 @@
-"""Sends commands to a vehicle through MAVSDK, which repeats each until its acknowledgement."""
+"""Sends commands to a vehicle through MAVSDK, which repeats each until it is acknowledged."""
 
 import json
 from collections.abc import Callable
@@ -18,9 +18,9 @@ REPLY_TIMEOUT_S = 1.5
 
 
 class MavsdkCommands:
-    """Sends commands to one vehicle until its autopilot or a pilot changes the mode.
+    """Sends commands to one vehicle until the autopilot or a pilot changes the mode.
 
-    ``overrides`` describes the mode changes that were not commanded.
+    ``overrides`` contains descriptions of the mode changes that were not commanded.
     """
 
     def __init__(
@@ -43,7 +43,7 @@ class MavsdkCommands:
         self._heartbeats += message.get_type() == "HEARTBEAT"
 
     def mode_changed(self, stack: Stack, mode: int, now_us: int) -> str | None:
-        """Process a mode change; return its description if it was not commanded, else None."""
+        """Process a mode change; return a description if it was not commanded, else None."""
         if self._modes.has(mode, now_us):
             return None
         self.overrides.append(changed_meanwhile(stack, mode))

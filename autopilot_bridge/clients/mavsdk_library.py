@@ -26,7 +26,7 @@ class Library(NamedTuple):
 
 @functools.cache
 def library() -> Library:
-    """Return the MAVSDK modules; import them, and redirect their log to Python's logging."""
+    """Import and return the MAVSDK modules; their log is redirected to Python's logging."""
     import mavsdk
     import mavsdk.asyncio
     import mavsdk.asyncio.plugins.mavlink_direct as direct
@@ -43,7 +43,7 @@ def library() -> Library:
 
 
 def raw_message(message: Message, target: tuple[int, int]) -> Any:
-    """Return a message in MAVSDK's raw type."""
+    """Return a message as MAVSDK's raw type."""
     fields = {name: getattr(message, name) for name in message.get_fieldnames()}
     return library().direct.MavlinkMessage(
         message.get_type(), *MAVSDK_IDS, *target, json.dumps(fields)
@@ -51,7 +51,7 @@ def raw_message(message: Message, target: tuple[int, int]) -> Any:
 
 
 def raw_items(items: Items, first: int) -> list[Any]:
-    """Return items in MAVSDK's raw type; MAVSDK requires that item ``first`` is current."""
+    """Return items as MAVSDK's raw type; MAVSDK requires that item ``first`` is current."""
     raw_item = library().missions.MissionItem
     return [
         raw_item(

@@ -1,4 +1,4 @@
-"""Runs MAVSDK in this process, connects it to one vehicle by raw bytes, and calls its functions."""
+"""Runs MAVSDK in this process, connects it to a vehicle by raw bytes, calls MAVSDK functions."""
 
 import asyncio
 from collections.abc import Callable, Coroutine
@@ -15,7 +15,7 @@ Result = TypeVar("Result")
 
 
 class MavsdkSystem:
-    """One vehicle in MAVSDK; ``missions`` and ``direct`` are None until it is detected."""
+    """One vehicle in MAVSDK; ``missions`` and ``direct`` are None before its detection."""
 
     def __init__(self, system_id: int, clock: Callable[[], int]) -> None:
         self._system_id = system_id
@@ -52,7 +52,7 @@ class MavsdkSystem:
         self._mavsdk.pass_received_raw_bytes(frame)
 
     async def detected(self) -> bool:
-        """Wait until MAVSDK detects the vehicle, and create its plugins; False on a timeout."""
+        """Wait for MAVSDK to detect the vehicle, and create the plugins; False after a timeout."""
         modules = library()
 
         def detect() -> bool:
@@ -85,7 +85,7 @@ class MavsdkSystem:
         await asyncio.sleep(POLL_INTERVAL_S)
 
     async def until(self, condition: Callable[[], bool], within_s: float) -> bool:
-        """Wait until ``condition()`` is true, at most ``within_s``; return whether it is true."""
+        """Wait for ``condition()``, at most ``within_s`` seconds; return whether it became true."""
         ends_us = self._clock() + round(within_s * 1e6)
         while not condition():
             if self._clock() > ends_us:

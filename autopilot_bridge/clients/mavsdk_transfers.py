@@ -1,4 +1,4 @@
-"""Transfers missions through MAVSDK, with the further steps that real autopilots require.
+"""Transfers missions through MAVSDK, with the additional steps that real autopilots require.
 
 A mission is checked before its upload, read back after the upload, and started by an item number.
 """
@@ -59,12 +59,12 @@ class MavsdkTransfers:
         self._begin: MissionActivation | None = None  # the start that is in progress
 
     def receive(self, message: Message, now_us: int) -> None:
-        """Process a message of the vehicle, which may acknowledge the start of a mission."""
+        """Process a message, such as the acknowledgement of a mission start."""
         if self._begin is not None:
             self._begin.receive(message, now_us)
 
     def stop_start(self, why: str) -> None:
-        """End the active start of a mission, if any: send no further command for it."""
+        """Stop the mission start that is in progress, if any: send no further command."""
         if self._begin is not None:
             self._begin.stop_commands(why)
 
@@ -146,7 +146,7 @@ class MavsdkTransfers:
         return ended
 
     def _first(self, job: Job) -> int:
-        """Return the transmitted number of the item to fly next."""
+        """Return the sequence number, as transmitted, of the item to fly next."""
         hidden, last = self._monitor.hidden_items, self._monitor.hidden_items + len(job.items) - 1
         if job.begin == "restart":
             return hidden

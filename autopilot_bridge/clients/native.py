@@ -47,7 +47,8 @@ class NativeClient:
     Args:
         system_id: This station's MAVLink system id.
         component_id: This station's component id.
-        target_system: The vehicle's system id; None means the first autopilot that sends.
+        target_system: The vehicle's system id; None means the first autopilot that sends a
+            HEARTBEAT.
         heartbeat_timeout_us: The link counts as lost after this time without a HEARTBEAT.
         timing: Timeouts and retries of transfers and commands.
         rates_hz: Message rates to request when the vehicle connects, by message id.
@@ -128,9 +129,9 @@ class NativeClient:
         ``begin`` selects the item of the new mission to fly next: ``restart`` means the first item,
         ``keep`` the item with the number of the current item, and a number (from 0) the item with
         that number. With ``check`` the list is read back after it was accepted. With
-        ``holds_first`` a vehicle in its mission holds during the upload if its autopilot would
-        otherwise fly a partly overwritten list. After a failed upload the vehicle continues to
-        hold. With ``by_file`` the client uses MAVFTP if the autopilot supports it. An upload
+        ``holds_first`` a vehicle that flies its mission holds during the upload if the autopilot
+        would otherwise fly a partly overwritten list. After a failed upload the vehicle continues
+        to hold. With ``by_file`` the client uses MAVFTP if the autopilot supports it. An upload
         replaces a queued upload of the same kind.
         """
         job = Job(0, "upload", kind, tuple(items), begin, check, holds_first, by_file)
@@ -181,7 +182,7 @@ class NativeClient:
         self._send(*messages)
         return drop_id
 
-    # Parameters: each function returns an id; the ParametersFinished with this id has the outcome.
+    # Parameters: each function returns an id; the ParametersFinished with this id has the result.
 
     def read_parameter(self, name: str, now_us: int) -> int:
         """Read one parameter."""
@@ -273,7 +274,7 @@ class NativeClient:
         self._send(*self._parameters.handle_timer(now_us))
 
     def _commands_timer(self) -> int | None:
-        """Return the time of the next retry; no retry is made while a restart may be detected."""
+        """Return the time of the next retry; no retry is made while a restart is suspected."""
         due_us = self._commands.next_timer()
         return None if due_us is None else max(due_us, self._monitor.undecided_until_us)
 
@@ -340,7 +341,7 @@ class NativeClient:
         return transfer_id
 
     def _advance(self, now_us: int) -> None:
-        """Report finished transfers and start the next ones."""
+        """Report the finished transfer and start the next phase or transfer."""
         if self.stack is None or self._jobs.idle:
             return
         monitor = self._monitor

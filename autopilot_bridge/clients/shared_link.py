@@ -1,4 +1,4 @@
-"""Handles several vehicles on one link; each is detected by its heartbeat and has its own client.
+"""Handles several vehicles on one link; a vehicle is detected by its heartbeat and has a client.
 
 The shared link is a peer of a connection. The shared link decodes each message once and passes the
 message to the client of the sending system. A link and a system id together identify a vehicle: the
@@ -26,7 +26,7 @@ HEARTBEAT_TIMEOUT_US = 3_000_000
 
 
 class VehicleKey(NamedTuple):
-    """The key that identifies a vehicle: its link and its system id."""
+    """The key that identifies a vehicle: the link and the system id."""
 
     link: str
     system_id: int
@@ -43,10 +43,10 @@ class FleetEvent(NamedTuple):
 
 
 class SharedLink:
-    """One link with its vehicles, which is the peer of a ``Connection``.
+    """One link with its vehicles; a peer of a ``Connection``.
 
-    ``next_event`` returns the events of vehicles that are detected by their heartbeats. The events
-    of a vehicle that is registered by ``expect`` are those of the client that ``expect`` returns.
+    ``next_event`` returns the events of vehicles that are detected by their heartbeats. For a
+    vehicle that is registered by ``expect``, call ``next_event`` of the client from ``expect``.
     """
 
     def __init__(
@@ -78,7 +78,7 @@ class SharedLink:
         self._signed = signed
         self._sources: dict[int, RemoteBinding] = {}
         self._heartbeat_due_us = 0
-        # A heap, from which outdated entries are not removed.
+        # A heap of (time, system id) that may contain outdated entries.
         self._timers: list[tuple[int, int]] = []
         self._due_us: dict[int, int] = {}
 

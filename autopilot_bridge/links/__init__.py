@@ -1,1 +1,1 @@
-"""Contains the parts of links: addresses, transports, framing, codec, signing, recording."""
+"""Contains the parts of a link: addresses, transports, framing, codec, signing, recording."""

@@ -1,6 +1,7 @@
 """Connects a link to a peer in asyncio: moves frames between them and sets the peer's timer.
 
-A *peer* is a protocol endpoint that does no input or output of its own.
+A *peer* is a protocol endpoint that does no input or output of its own. A *remote* is another end
+of the link: an address and port, or a connection.
 """
 
 import asyncio
@@ -114,7 +115,7 @@ class Connection:
             raise self._failure
 
     def flush(self) -> None:
-        """Send the peer's frames and restart its timer."""
+        """Send the peer's frames and set its timer."""
         if self._by_remote is not None:
             for remote, frame in self._by_remote.addressed_to_send():
                 self._send([frame], remote)
@@ -123,7 +124,7 @@ class Connection:
         self._arm()
 
     def notify(self) -> None:
-        """Flush and let ``wait`` return; for a peer that creates events without input."""
+        """Flush, and let ``wait`` return; for peers that create events without input."""
         self._guarded(lambda: None)
 
     def set_up_signing(
@@ -136,9 +137,9 @@ class Connection:
     ) -> None:
         """Send the key (None to stop signing) to a vehicle, then continue with ``signing``.
 
-        The key is sent in clear text and is not recorded. The key is sent twice because vehicles do
-        not acknowledge it. A vehicle that already signs accepts only frames signed with its old
-        key.
+        The key is sent in clear text and is not recorded. The message is sent twice because
+        vehicles do not acknowledge it. A vehicle that already signs accepts only frames signed with
+        its old key.
         """
         codec = Codec(*own)
         for _ in range(2):
@@ -208,6 +209,6 @@ class Connection:
                 self._peer.receive_data(b"".join(frames), self._clock())
 
     def failed(self, error: Exception) -> None:
-        """Store an error of the transport, which ``wait`` raises."""
+        """Store an error of the transport; ``wait`` raises this error."""
         self._failure = error
         self._activity.set()

@@ -20,8 +20,7 @@ from autopilot_bridge.links.framing import (
 
 Message = Any  # pymavlink's messages have no type annotations
 
-# Extension fields (all uint32), which follow the other fields. Some releases of pymavlink lack
-# these fields.
+# Extension fields at the end of messages (all uint32). Some releases of pymavlink lack them.
 _EXTENSIONS = {
     mavlink.MAVLink_mission_count_message: ("opaque_id",),
     mavlink.MAVLink_mission_ack_message: ("opaque_id",),
@@ -107,7 +106,7 @@ class Codec:
 def _encode_numeric(message: Message, sent: tuple[int, int, int]) -> bytes:
     """Return the frame of a numeric message; ``sent`` is (sequence, system, component).
 
-    This function is faster than pymavlink.
+    This function is faster than that of pymavlink.
     """
     message_id = message.get_msgId()  # not named ``id``, because some messages have a field ``id``
     values = _VALUES_OF[message_id](message)
@@ -119,7 +118,7 @@ def _encode_numeric(message: Message, sent: tuple[int, int, int]) -> bytes:
 
 
 def _decode_numeric(frame: bytes, message_class: Any) -> Message:
-    """Return the numeric message in a verified frame; this is faster than pymavlink."""
+    """Return the numeric message in a verified frame, faster than pymavlink does."""
     payload, size = payload_of(frame), message_class.unpacker.size
     values = message_class.unpacker.unpack(payload.ljust(size, b"\0")[:size])
     message = message_class(*[values[index] for index in message_class.orders])

@@ -6,7 +6,7 @@ from autopilot_bridge.links.codec import Message
 
 
 def with_extension(message: Message, *ids: int) -> Message:
-    """Return a message with ``ids`` appended as uint32 fields; older decoders ignore them."""
+    """Return a message with ``ids`` appended as uint32 fields, which older decoders ignore."""
     if not any(ids):
         return message
     payload = message.unpacker.pack(*(getattr(message, n) for n in message.ordered_fieldnames))

@@ -1,14 +1,15 @@
 """Checks the values of message fields against bounds, to discard messages with implausible values.
 
 One table covers all messages from which the bridge reads a vehicle's state. If any value of a
-message is not finite or is out of bounds, the whole message is discarded. ``also`` is the integer
-that means "unknown" in a field. ``UNKNOWN`` contains the float fields that are NaN if unknown.
+message is not finite or is out of bounds, the whole message is discarded. ``Bound.also`` is the
+integer that means "unknown" in a field. ``UNKNOWN`` contains the float fields that are NaN if
+unknown.
 
 Units and unknown values are those of MAVLink's common.xml. Heights range from the Dead Sea (-430 m)
-to twice the ceiling of any supported aircraft. The limit of wind speeds is the fastest measured
-gust (113 m/s, Barrow Island 1996, WMO); aircraft speeds are below half of the speed of sound. The
-limit of item numbers is the length of the longest list that a stack accepts (``stacks/stacks.py``).
-Latitude, longitude and angles are bounded by their definitions.
+to twice the ceiling of any supported aircraft. The limit of wind speeds is just above the fastest
+measured gust (113 m/s, Barrow Island 1996, WMO), and the limit of aircraft speeds is below half of
+the speed of sound. The limit of item numbers is the length of the longest list that a stack accepts
+(``stacks/stacks.py``). Latitude, longitude and angles are bounded by their definitions.
 """
 
 import math

@@ -2,9 +2,9 @@
 
 After a false start marker, pymavlink's parser discards as many bytes as the false header states,
 including valid frames. This parser consumes the bytes of a frame only if the checksum is correct;
-otherwise it skips one byte and searches again. A frame is therefore lost only if noise before it
-has a correct checksum by chance (1 in 65536). On a stream, bytes after a false start marker are
-buffered until the number of bytes in the false header has arrived, at most 280.
+otherwise the parser skips one byte and searches again. A frame is therefore lost only if noise
+before it has a correct checksum by chance (1 in 65536). On a stream, bytes after a false start
+marker are buffered until as many bytes have arrived as the false header states, at most 280.
 """
 
 import re
@@ -130,7 +130,7 @@ def checksum(data: bytes, message_id: int) -> int:
 
 
 def frame_length(data: bytes, at: int, in_step: bool) -> int | None:
-    """Return the length of the frame at ``at``; 0 without a frame, None if bytes are missing."""
+    """Return the length of the frame at ``at``; 0 if there is none, None if bytes are missing."""
     have = len(data) - at
     marker = data[at]
     header = 10 if marker == V2 else 6

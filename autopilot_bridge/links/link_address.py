@@ -24,7 +24,7 @@ class LinkAddress:
 
 @dataclass(frozen=True, slots=True)
 class SerialAddress:
-    """A serial line, e.g. a telemetry radio."""
+    """The address of a serial line, e.g. of a telemetry radio."""
 
     device: str
     baud: int
@@ -53,7 +53,7 @@ def parse_link(text: str) -> LinkAddress | SerialAddress:
 
 
 def other_end(link: str) -> str:
-    """Return the link for the program at the other end, e.g. ``udpout:...`` for ``udpin:...``."""
+    """Return the address for the program at the other end: ``udpout:...`` for ``udpin:...`` etc."""
     address = parse_link(link)
     if isinstance(address, SerialAddress):
         raise BridgeError(f"link {link!r}: a serial line has no network port; use udpin or tcpin")

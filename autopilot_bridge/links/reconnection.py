@@ -1,6 +1,6 @@
 """Opens a TCP connection or a serial line again after each loss.
 
-A lost connection is not an error, because the peers have timeouts.
+A lost connection is not an error, because the peers of the link have timeouts.
 """
 
 import asyncio

@@ -1,9 +1,9 @@
-"""Signs MAVLink 2 frames and verifies signatures, with a shared key and against replay.
+"""Signs MAVLink 2 frames with a shared key, verifies signatures and rejects replayed frames.
 
 The specification is https://mavlink.io/en/guide/message_signing.html. A signature is the first 48
-bits of SHA-256 over the key, the frame, a link id and a timestamp. A *stream* is the frames with
-the same system, component and link id. Timestamps count units of 10 us since 2015 and increase with
-every frame of a stream.
+bits of SHA-256 over the key, the frame, a link id and a timestamp. A *stream* consists of the
+frames with the same system, component and link id. Timestamps count units of 10 us since 2015 and
+increase with every frame of a stream.
 
 The implementation in pymavlink 2.4.50 (``MAVLink.check_signature``, ``decode``) has faults:
 
@@ -15,13 +15,13 @@ The implementation in pymavlink 2.4.50 (``MAVLink.check_signature``, ``decode``)
 - it does not verify frames of unknown messages, and compares signatures with ``!=``.
 
 This module stores a timestamp only if the hash is right, and received timestamps do not change the
-sent ones. A stream may be ahead of our clock only by a bounded time. A wrong signature is rejected
-for every message.
+timestamps of sent frames. A stream may be ahead of our clock only by a bounded time. A frame with a
+wrong signature is rejected, whatever its message.
 
 At every boot and with every new key, ArduPilot 4.6 (source: ``GCS_Signing.cpp``) starts from its
-saved timestamp plus 60 s. ArduPilot uses UTC as soon as GPS provides the time. It accepts unsigned
-frames on its first port (USB; SERIAL0 of the simulator), and rejects a stream that begins more than
-a minute behind the timestamp of ArduPilot. PX4 signs frames from version 1.18.
+saved timestamp plus 60 s. ArduPilot uses UTC as soon as GPS provides the time. ArduPilot accepts
+unsigned frames on its first port (USB; SERIAL0 of the simulator), and rejects a stream that begins
+more than a minute behind ArduPilot's own timestamp. PX4 signs frames from version 1.18.
 """
 
 import base64
@@ -56,7 +56,7 @@ MAX_AHEAD_S = 300
 # Telemetry radios send their own status unsigned, because they have no keys.
 UNSIGNED_ALLOWED = frozenset({mavlink.MAVLINK_MSG_ID_RADIO_STATUS})
 SETUP_SIGNING = int(mavlink.MAVLINK_MSG_ID_SETUP_SIGNING)
-# Timestamps are reserved on disk for this long; some receivers allow a lead of only 6 s.
+# Timestamps are reserved on disk this far ahead; some receivers allow a lead of only 6 s.
 RESERVED_S = 5
 _HASH_BYTES = 6
 
@@ -136,7 +136,7 @@ def key_warning(source: str, what: str = "signing key") -> str | None:
 
 
 def setup_signing(target: tuple[int, int], key: Key | None, wall_us: int) -> Message:
-    """Return the SETUP_SIGNING that sets a vehicle's key; None turns its signing off.
+    """Return the SETUP_SIGNING that sets a vehicle's key, or turns signing off if ``key`` is None.
 
     The key is in clear text: send it only over a link without eavesdroppers, and do not log it. The
     timestamp is a minute in the past because ArduPilot adds a minute. ArduPilot rejects the message
@@ -232,7 +232,7 @@ class Counts:
 class Signing:
     """The signing and verification of frames on all links that share a key.
 
-    All these links use the same object, so that a frame from one link is not accepted on another.
+    All these links use the same object, so that a frame is not accepted again on another link.
     """
 
     def __init__(
@@ -264,7 +264,7 @@ class Signing:
         return stamped + self._hash(stamped)
 
     def accepts(self, frame: bytes, of_link: Counts | None = None) -> bool:
-        """Return whether a frame with a right checksum is accepted.
+        """Return whether a frame with a correct checksum is accepted.
 
         The frame is counted in ``counts`` and in ``of_link``.
         """
@@ -278,8 +278,8 @@ class Signing:
         """Return the largest lead, in seconds, of a stream over our clock.
 
         With ``system_id``, only streams from this system count. If the lead is above 60, the sender
-        may reject our frames. If our clock was two minutes slow, an ArduPilot 4.6 sent valid frames
-        but did not reply to messages (observed).
+        may reject our frames. When our clock was two minutes slow, an ArduPilot 4.6 sent valid
+        frames but did not reply to messages (observed).
         """
         present = self._timestamps.present()
         leads = (

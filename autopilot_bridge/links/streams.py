@@ -10,13 +10,13 @@ from autopilot_bridge.links.link_address import LinkAddress, SerialAddress
 from autopilot_bridge.links.sockets import bind, socket_of
 from autopilot_bridge.links.transport import Listener
 
-# If a remote does not read, frames beyond this buffer size are dropped, like on a radio.
+# If a remote does not read, frames beyond this buffer size are dropped, as on a radio link.
 MAX_UNSENT_BYTES = 256 * 1024
 CLOSE_WITHIN_S = 1.0
 
 
 class Stream(asyncio.Protocol):
-    """One TCP connection or one open serial line, until it is lost."""
+    """One TCP connection or one open serial line, until the connection is lost."""
 
     def __init__(self, listener: Listener) -> None:
         self.lost = asyncio.Event()
@@ -37,7 +37,7 @@ class Stream(asyncio.Protocol):
         return True
 
     async def close(self) -> None:
-        """Close when the buffered data is sent, but after one second at the latest."""
+        """Close when the buffered data has been sent, or after one second."""
         if self.out is not None:
             self.out.close()
         try:
@@ -64,7 +64,7 @@ class Stream(asyncio.Protocol):
             self._listener.frames_received([(self.remote, frames)])
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Record that the connection is closed, by either end."""
+        """Record that either end has closed the connection."""
         self.lost.set()
         if self.out is not None and self.out is not self._read_transport:
             self.out.abort()
@@ -112,7 +112,7 @@ class TcpServer:
 
 
 async def connect_tcp(address: LinkAddress, listener: Listener) -> Stream:
-    """Return a new connection to a TCP server. Raises OSError."""
+    """Connect to a TCP server. Raises OSError."""
     loop = asyncio.get_running_loop()
     sock = socket_of(socket.SOCK_STREAM)
     try:
@@ -125,7 +125,7 @@ async def connect_tcp(address: LinkAddress, listener: Listener) -> Stream:
 
 
 async def open_serial(address: SerialAddress, listener: Listener) -> Stream:
-    """Return a newly opened serial line (POSIX). Raises OSError."""
+    """Open a serial line (POSIX). Raises OSError, or BridgeError if pyserial is missing."""
     try:
         import serial
     except ImportError:

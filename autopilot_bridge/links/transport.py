@@ -16,7 +16,7 @@ class Listener(Protocol):
 
 
 class Transport(Protocol):
-    """An open link; ``called`` is the remote to which it connects, "" if it listens."""
+    """An open link; ``called`` is the remote to which the link connects, "" if it listens."""
 
     called: str
 
@@ -24,7 +24,7 @@ class Transport(Protocol):
         """Open the socket or device. Raises BridgeError if the link's address cannot be used."""
 
     def send(self, frames: list[bytes], remote: str = "") -> bool:
-        """Send frames to a remote, or to all (""), and return whether there was a recipient."""
+        """Send frames to a remote, or to all remotes (""); return whether there was a recipient."""
 
     async def close(self) -> None:
         """Close the socket or device."""

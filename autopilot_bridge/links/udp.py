@@ -35,8 +35,8 @@ class Udp(asyncio.DatagramProtocol):
     """A UDP socket.
 
     ``udpout`` sends to its address. ``udpin`` sends to all remotes that sent frames in the last ten
-    seconds; if no remote did, it sends to the remote that sent last. Frames with a target system
-    are sent to the remote of that system.
+    seconds; if there is none, ``udpin`` sends to the remote that sent last. Frames with a target
+    system are sent to the remote of that system.
     """
 
     def __init__(self, address: LinkAddress, listener: Listener) -> None:
@@ -98,7 +98,7 @@ class Udp(asyncio.DatagramProtocol):
             await self._closed.wait()
 
     def datagram_received(self, data: bytes, addr: Where) -> None:
-        """Pass the frames of this datagram, and of others in the socket, to the listener.
+        """Pass the frames of this datagram, and of other datagrams that wait, to the listener.
 
         asyncio reads one datagram in each turn of its loop. More datagrams are read here only if
         they are likely (several remotes, short intervals), because an attempt that finds no
@@ -126,7 +126,7 @@ class Udp(asyncio.DatagramProtocol):
         return None
 
     def _frames(self, data: bytes, addr: Where) -> tuple[str, list[bytes]]:
-        """Return the remote of a datagram and the frames that its framer finds."""
+        """Return the remote of a datagram and the frames that the datagram completes."""
         remote = self._remotes.pop(addr, None) or _Remote(f"{addr[0]}:{addr[1]}")
         self._remotes[addr] = remote
         if len(self._remotes) > MAX_REMOTES:

@@ -1,8 +1,9 @@
 """Reads ArduPilot's DataFlash logs (.bin), a self-describing format.
 
-A message consists of the bytes A3 95, its type and its values. An FMT message (type 128) names the
-columns of one type and their formats. Source: ArduPilot 4.6 ``libraries/AP_Logger/LogStructure.h``.
-Time is microseconds since boot (``TimeUS``); the date is in GPS messages.
+A message consists of the bytes A3 95, a type and values. An FMT message (type 128) names the
+columns of one type and the formats of the columns. Source: ArduPilot 4.6
+``libraries/AP_Logger/LogStructure.h``. Times are in microseconds since boot (``TimeUS``); GPS
+messages contain the date.
 """
 
 import math
@@ -47,7 +48,7 @@ GPS_EPOCH_US = 315_964_800_000_000  # 6 January 1980
 LEAP_US = 18_000_000  # GPS time minus UTC since 2017
 WEEK_US = 7 * 86_400_000_000
 # For each format letter, the code for ``struct`` and the divisor of the value. A divisor of 0 means
-# bytes, -1 a string.
+# bytes, a divisor of -1 a string.
 LETTERS: dict[str, tuple[str, float]] = {
     **{letter: (letter, 1.0) for letter in "bBhHiIfdqQ"},
     **{letter: (code, 100.0) for letter, code in zip("cCeE", "hHiI", strict=True)},
@@ -172,7 +173,7 @@ def _text(data: bytes) -> str:
 
 
 class _Flight:
-    """The latest values of a flight, for events that need more than one message."""
+    """The latest values of a flight, for events that need values of several messages."""
 
     def __init__(self) -> None:
         self.stack: Stack | None = None
@@ -278,7 +279,7 @@ def _msg(flight: _Flight, fields: Values, at_us: int) -> list[LogEvent]:
     return [*found, *changed, Text(at_us, mavlink.MAV_SEVERITY_INFO, text)]
 
 
-# Defaults for the fields of an item that a MISE does not contain.
+# Defaults for the fields of an item that are absent from a MISE.
 NO_ITEM = dict.fromkeys(("CId", "Frame", "Prm1", "Prm2", "Prm3", "Prm4", "Lat", "Lng", "Alt"), 0)
 
 
@@ -289,7 +290,7 @@ def _item(fields: Values) -> MissionItem:
 
 
 def _cmd(flight: _Flight, fields: Values, at_us: int) -> list[LogEvent]:
-    """Process a CMD; after the last CMD of a mission return MissionLoaded.
+    """Process a CMD; return MissionLoaded after the last CMD of a mission.
 
     ArduPilot logs the whole mission, home first, at the start of a log and after an upload by
     items, but not after an upload by MAVFTP (4.6.2: ``AP_Filesystem_Mission.cpp``).
@@ -307,7 +308,7 @@ def _cmd(flight: _Flight, fields: Values, at_us: int) -> list[LogEvent]:
 
 
 def _mise(flight: _Flight, fields: Values, at_us: int) -> list[LogEvent]:
-    """Process a MISE, the start of an item, which means that the item before was reached."""
+    """Process a MISE: an item begins, which means that the previous item was reached."""
     seq, item, count = fields["CNum"] - 1, _item({**NO_ITEM, **fields}), fields["CTot"]
     replaced = flight.count and (count, flight.on_board.get(seq + 1, item)) != (flight.count, item)
     if replaced:

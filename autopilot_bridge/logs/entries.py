@@ -1,4 +1,4 @@
-"""Defines the entries of a log: events of a vehicle's client, and events that only logs have."""
+"""Defines the entries of a log: events of a vehicle's client, and events that only logs contain."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
@@ -83,7 +83,7 @@ LogEvent = (
 
 
 class Entry(NamedTuple):
-    """An event of the vehicle with this MAVLink system id, with the time by the log's clock."""
+    """An event of the vehicle with the id ``system_id``; times are those of the log's clock."""
 
     system_id: int
     event: LogEvent
@@ -104,7 +104,7 @@ class Log(ABC):
     """A log file.
 
     ``messages`` is the number of messages read so far, including skipped ones. ``names`` contains
-    the names of the vehicles by system id, if the file has them.
+    the names of the vehicles by system id, if the file contains names.
     """
 
     def __init__(self, path: Path) -> None:
@@ -115,8 +115,8 @@ class Log(ABC):
 
     @abstractmethod
     def entries(self) -> Iterator[Entry]:
-        """Yield the entries from the beginning. Raises BridgeError if the file is unreadable."""
+        """Yield all entries of the file. Raises BridgeError if the file is unreadable."""
 
     @abstractmethod
     def unix_offset_us(self) -> int | None:
-        """Return the microseconds from 1970 to the zero of the log's clock; None without a date."""
+        """Return time 0 of the log's clock in microseconds since 1970; None without a date."""

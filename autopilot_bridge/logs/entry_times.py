@@ -1,4 +1,4 @@
-"""Computes flight time for a log whose simulator ran faster or slower than its recorder.
+"""Computes flight time for the log of a simulator that ran faster or slower than real time.
 
 The stamps in a .tlog are times of the recorder's clock. If the autopilots' time since boot advances
 at another rate than the stamps, flight time advances at the autopilots' rate.
@@ -10,10 +10,10 @@ from statistics import median
 Sample = tuple[int, int, int]  # system id, stamp, and time since boot; times in microseconds
 
 SAMPLES, MIN_PAIRS = 400, 10
-SPAN_US, APART_US = 5_000_000, 1_000_000  # minimum times: first to last stamp; stamps of a pair
+SPAN_US, APART_US = 5_000_000, 1_000_000  # minimum intervals: first to last stamp; in a pair
 MIN_RATE, MAX_RATE = 0.8, 1.25  # rates in this range may come from clock errors or link delays
 LEAP_US = 60_000_000  # a time this far ahead of the expected time is noise or a reboot
-STILL_US = 1_000_000  # if no time since boot arrives for this long, the rate is used
+STILL_US = 1_000_000  # without a time since boot for this long, time is extrapolated
 
 
 def rate_of(samples: Iterator[Sample]) -> float:
@@ -34,7 +34,7 @@ def rate_of(samples: Iterator[Sample]) -> float:
 
 
 def _rates(series: list[tuple[int, int]]) -> list[float]:
-    """Return the rate between each sample and the next sample at least ``APART_US`` later."""
+    """Return the rate between each sample and the first sample at least ``APART_US`` later."""
     rates, later = [], 0
     for stamp_us, boot_us in series:
         while later < len(series) and series[later][0] - stamp_us < APART_US:
@@ -74,7 +74,10 @@ class FlightTime:
         return self._latest_us
 
     def _by_boot(self, system: int, boot_us: int, expected_us: int) -> int:
-        """Return the flight time by a system's offset, which a reboot, a pause or noise resets."""
+        """Return the flight time by a system's offset.
+
+        A reboot, a pause or noise resets the offset.
+        """
         found_us = boot_us + self._offset_us.get(system, expected_us - boot_us)
         if not self._latest_us - STILL_US <= found_us <= expected_us + LEAP_US:
             found_us = expected_us

@@ -19,11 +19,12 @@ def open_log(path: Path) -> Log:
     """Open the log of a flight: ``.tlog``, DataFlash ``.bin`` or ULog ``.ulg``.
 
     Args:
-        path: The file; its first bytes select the format, or its suffix if those bytes are unknown.
+        path: The file; the first bytes determine the format, or the suffix if those bytes are
+            unknown.
 
     Returns:
-        A reader; ``entries()`` yields events in the file's order, in microseconds of the log's
-        clock.
+        A reader; ``entries()`` yields the events in the order of the file, with times in
+        microseconds of the log's clock.
 
     Raises:
         BridgeError: The file is empty, unreadable or in another format.
@@ -46,7 +47,7 @@ def open_log(path: Path) -> Log:
 
 
 class MergedEntry(NamedTuple):
-    """An entry of one of several logs, on their common clock."""
+    """An entry of one of several logs, with the time of the clock that the logs share."""
 
     at_us: int
     log: int  # index of the log
@@ -54,11 +55,11 @@ class MergedEntry(NamedTuple):
 
 
 def merged(logs: Sequence[Log]) -> Iterator[MergedEntry]:
-    """Yield all entries in the order of time.
+    """Yield all entries in chronological order.
 
-    If all logs have a date, times are microseconds since 1970, otherwise each log keeps its own
-    clock. The entries of one log keep the order of its file, because autopilots write some topics
-    slightly late.
+    If there are several logs and all have a date, times are microseconds since 1970; otherwise the
+    times of each log are those of its own clock. The entries of one log keep the order of the file,
+    because autopilots write some topics slightly late.
     """
     offsets = [log.unix_offset_us() for log in logs]
     shared = all(offset is not None for offset in offsets) and len(logs) > 1

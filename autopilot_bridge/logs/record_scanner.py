@@ -8,7 +8,7 @@ from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.logs.entries import Damage, Log, LogEvent
 
 CHUNK_BYTES = 1 << 19
-LEAP_US = 600_000_000  # longer gaps occur only if a log starts again
+LEAP_US = 600_000_000  # larger steps in time occur only where a log starts again
 
 Values = dict[str, Any]
 Message = tuple[str, Values]  # name, and values by column
@@ -31,12 +31,12 @@ def records(
     next_start: Callable[[bytes, int], int],
     damaged: str,
 ) -> Iterator[tuple[bytes, int, int]]:
-    """Yield the data, offset and length of each record; count records and damage in the log.
+    """Yield the data, offset and length of each record; update ``messages`` and ``damage``.
 
-    ``length_at(data, at, lost)`` returns 0 if no complete record begins at ``at``; it needs
-    ``ahead_bytes`` of data except at the end of the file. ``lost`` is True if the bytes before
-    ``at`` were not a record. ``next_start(data, at)`` returns the next offset, from ``at`` on, at
-    which a record may begin; -1 if there is none.
+    ``length_at(data, at, lost)`` returns the length of the record at ``at``; 0 if no complete
+    record begins there. The function needs ``ahead_bytes`` of data except at the end of the file.
+    ``lost`` is True if the bytes before ``at`` were not a record. ``next_start(data, at)`` returns
+    the next offset, from ``at`` on, at which a record may begin; -1 if there is none.
     """
     log.messages, log.damage = 0, []
     data, at, base, lost_at = b"", 0, 0, -1
@@ -65,10 +65,10 @@ def records(
 
 
 def steady(messages: Iterator[Message], time_key: str) -> Iterator[Message]:
-    """Yield the messages except those whose time differs greatly from the times around it.
+    """Yield the messages, without those whose time differs greatly from neighbouring times.
 
-    In formats without checksums such messages are noise. A leap in time is accepted if the next
-    message confirms it.
+    In formats without checksums such a message is noise. A leap in time is accepted if the time of
+    the next message confirms the leap.
     """
     latest_us: int | None = None
     held: Message | None = None
@@ -93,10 +93,10 @@ def events_of(
     messages: Iterator[Message],
     convert: Callable[[str, Values], list[LogEvent]],
 ) -> Iterator[LogEvent]:
-    """Yield the events that messages convert to.
+    """Yield the events to which ``convert`` converts the messages.
 
-    A message without the expected fields is omitted, and its name is recorded once as damage,
-    because the description of its type is damaged or unknown.
+    A message that lacks an expected field is omitted, because the description of its type is
+    damaged or unknown. The name of such a message is recorded once as damage.
     """
     reported = set[str]()
     for name, values in messages:

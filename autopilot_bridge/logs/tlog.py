@@ -2,9 +2,9 @@
 
 The time is in microseconds since 1970, as written by MAVProxy, QGroundControl, Mission Planner,
 pymavlink and ``links/tlog_writer.py``. MAVProxy stores the number of the link in the lowest two
-bits. Only frames with a right checksum are accepted. A message of another dialect is skipped by its
-length if another record follows. If a simulator was faster or slower than the recorder's clock, the
-time is derived from the autopilots' time since boot (``entry_times.py``).
+bits of the time. Only frames with a correct checksum are accepted. A message of another dialect is
+skipped by its length if another record follows. If a simulator was faster or slower than the
+recorder's clock, the time is derived from the autopilots' time since boot (``entry_times.py``).
 """
 
 from collections.abc import Iterator
@@ -80,7 +80,7 @@ class TlogLog(Log):
         return 0
 
     def entries(self) -> Iterator[Entry]:
-        """Yield the entries; a link counts as lost after three seconds without frames."""
+        """Yield the entries; a link counts as lost after three seconds without a HEARTBEAT."""
         codec, vehicles = Codec(255, 0), dict[int, _Vehicle]()
         missions = _Missions()
         time = FlightTime(rate_of(TlogLog(self.path)._samples()))
@@ -132,7 +132,7 @@ def _boot_us(message: Message) -> int | None:
 
 
 def _without_leap(at_us: int, latest_us: int | None, after: bytes) -> int:
-    """Return a record's time, or the time of a neighbouring record if only this time leaps."""
+    """Return a record's time, or a neighbouring record's time if only this record's time leaps."""
     if len(after) < STAMP_BYTES:
         return at_us if latest_us is None else latest_us
     after_us = int.from_bytes(after, "big") & ~LINK_BITS
@@ -142,7 +142,7 @@ def _without_leap(at_us: int, latest_us: int | None, after: bytes) -> int:
 
 
 def _record_length(data: bytes, at: int, lost: bool) -> int:
-    """Return the length of the record at ``at``; 0 if none begins there."""
+    """Return the length of the record at ``at``; 0 if no record begins there."""
     begin = at + STAMP_BYTES
     if begin >= len(data) or data[begin] not in STARTS:
         return 0
@@ -156,7 +156,7 @@ def _record_length(data: bytes, at: int, lost: bool) -> int:
 
 
 def _length_unknown(data: bytes, begin: int) -> int:
-    """Return the length of a record in another dialect; 0 unless a record or the end is next."""
+    """Return the length of a record in another dialect; 0 unless a record or the end follows."""
     header = data[begin : begin + 10]
     if len(header) < 10 or in_dialect(message_id_of(header)):
         return 0
@@ -175,7 +175,7 @@ def _next_start(data: bytes, at: int) -> int:
 
 
 class _Vehicle:
-    """One vehicle in the log: its monitor and its texts."""
+    """One vehicle in the log: the monitor of its state and the assembler of its texts."""
 
     def __init__(self) -> None:
         self.monitor = VehicleMonitor()
@@ -213,7 +213,7 @@ class _Missions:
         self._files: dict[tuple[int, int], bytearray] = {}  # written by MAVFTP (ArduPilot)
 
     def receive(self, message: Message, at_us: int, vehicles: dict[int, _Vehicle]) -> list[Entry]:
-        """Return MissionLoaded after an acknowledged transfer, or the command of a gripper."""
+        """Return MissionLoaded after an acknowledged transfer, or GripperMoved for a DO_GRIPPER."""
         kind = message.get_type()
         if kind == "COMMAND_LONG":
             if message.command == mavlink.MAV_CMD_DO_GRIPPER:

@@ -1,7 +1,7 @@
-"""Reads PX4's ULog (.ulg): messages of topics, whose formats are at the beginning of the file.
+"""Reads PX4's ULog (.ulg): messages of topics, with their formats at the beginning of the file.
 
-Source: docs.px4.io "ULog file format", version 1. Time is microseconds since boot; the date is in
-GPS topics. Mission items are not logged.
+Source: docs.px4.io "ULog file format", version 1. Times are in microseconds since boot; GPS
+topics contain the date. Mission items are not logged.
 """
 
 import math
@@ -98,7 +98,7 @@ class UlogLog(Log):
         self._boot_unix_us: int | None = None
 
     def unix_offset_us(self) -> int | None:
-        """Return the offset to UTC, by the first valid GPS time or by the autopilot's clock."""
+        """Return the offset to UTC by the first valid GPS time, else by the autopilot's clock."""
         for name, fields in self._messages(frozenset(("sensor_gps", "vehicle_gps_position"))):
             if name != "L" and 0 < fields.get("time_utc_usec", 0) < LATEST_US:
                 return int(fields["time_utc_usec"] - fields["timestamp"])
@@ -116,7 +116,7 @@ class UlogLog(Log):
             yield Entry(self._system_id, event)
 
     def _messages(self, names: frozenset[str]) -> Iterator[tuple[str, Values]]:
-        """Yield topic and values of messages in these topics (first instance); "L" is a text."""
+        """Yield the topic and values of messages of these topics (instance 0); "L" is a text."""
         formats: dict[str, str] = {}
         subscribed = _Subscriptions(names)
 
@@ -149,7 +149,7 @@ class UlogLog(Log):
                     pass
 
     def _header_value(self, kind: str, body: bytes) -> None:
-        """Store the system id from a parameter (P) or the boot time from an information (I)."""
+        """Store the system id from a parameter (P) or the boot time from an info message (I)."""
         key = body[1 : 1 + body[0]]
         if (kind, key) == ("P", b"int32_t MAV_SYS_ID") and len(body) >= 1 + len(key) + 4:
             self._system_id = int.from_bytes(body[1 + len(key) : 5 + len(key)], "little")
@@ -227,14 +227,14 @@ class _Topic:
         self.size = self._struct.size
 
     def read(self, body: bytes) -> Values:
-        """Return the values by column; the padding at the end is not in files."""
+        """Return the values by column; files omit the padding at the end of a topic."""
         size = self._struct.size
         whole = body if len(body) >= size else body.ljust(size, b"\0")
         return dict(zip(self._columns, self._struct.unpack_from(whole), strict=True))
 
 
 def _topic(name: str, formats: dict[str, str]) -> _Topic | None:
-    """Return the topic of this name; None if it has no known format or no time."""
+    """Return the topic of this name; None if its format is unknown or contains no time."""
     columns: list[str] = []
     letters: list[str] = []
     if not _flatten(name, "", formats, columns, letters, 0) or "timestamp" not in columns:
@@ -273,7 +273,7 @@ def _flatten(
 
 
 class _Flight:
-    """The latest values of a flight, for events that need more than one message."""
+    """The latest values of a flight, for events that need values of several messages."""
 
     def __init__(self) -> None:
         self.stack: Stack | None = None

@@ -1,7 +1,7 @@
-"""Finds items of a mission that the autopilot would reject, change or fly wrongly.
+"""Finds items of a mission that the autopilot would reject, change or execute wrongly.
 
-The functions apply the data in ``stacks/item_treatment.py``. The items are those of a user: they
-do not contain ArduPilot's home, and DO_JUMP targets are indexes from 0.
+The functions apply the data in ``stacks/item_treatment.py``. The items are those of a user: a list
+does not contain ArduPilot's home, and DO_JUMP targets are indexes from 0.
 """
 
 import math
@@ -36,13 +36,13 @@ from autopilot_bridge.stacks.stacks import Stack
 
 _JUMP = mavlink.MAV_CMD_DO_JUMP
 _PARAMS = ("param1", "param2", "param3", "param4")
-# Changes by these rules are not reported (see ``stacks/item_treatment.py``).
+# Changes by these words (see ``stacks/item_treatment.py``) are not reported.
 _QUIET = ("keep", "hint", "hidden", "yaw", "side", "flag")
 _MAXIMA = {"u8": 255, "u16": 65535, "i8": 127, "i16": 32767, "cm16": 655.35, "radius": 65535}
 
 
 def check(items: Sequence[MissionItem], stack: Stack, mission_type: int = MISSION) -> list[Problem]:
-    """Return the problems of items that a stack rejects, changes, misinterprets or never flies.
+    """Return the problems of items that a stack rejects, changes, misinterprets or never executes.
 
     Args:
         items: The items of a mission, a fence or a rally list, without ArduPilot's home.
@@ -50,7 +50,7 @@ def check(items: Sequence[MissionItem], stack: Stack, mission_type: int = MISSIO
         mission_type: The MAV_MISSION_TYPE: 0 for a mission, 1 for a fence, 2 for rally points.
 
     Returns:
-        The problems, first the problems of single items; ``str`` of a problem is a line for users.
+        The problems; those of single items come first. ``str`` of a problem is a line for users.
 
     Source: see ``stacks/item_treatment.py``.
     """
@@ -203,7 +203,7 @@ def adapted(items: Sequence[MissionItem], stack: Stack) -> Items:
 
     Deprecated INT frames become the equivalent frames, and items without a position get
     MAV_FRAME_MISSION if the stack requires it. NAV_ROI becomes DO_SET_ROI. NaN becomes 0 where the
-    stack rejects NaN and has the default 0. Drop commands are not changed: the output of a
+    stack rejects NaN and 0 means the default. Drop commands are not changed: the output of a
     DO_SET_SERVO or a DO_SET_ACTUATOR is configured on the vehicle, and all stacks accept
     DO_GRIPPER.
     """
@@ -219,7 +219,7 @@ def _adapted(item: MissionItem, rules: Rules) -> MissionItem:
     if rules.bare_frame is None:
         return replace(item, frame=TWIN.get(item.frame, item.frame))
     if item.command in rules.bare and item.command not in rules.position:
-        # The autopilot does not use the position of DO_LAND_START, but it uses that of DO_SET_HOME.
+        # PX4 does not use the position of DO_LAND_START, but it uses that of DO_SET_HOME.
         if item.frame == rules.bare_frame or item.command == mavlink.MAV_CMD_DO_SET_HOME:
             return item
         placed = has_position(item.command)

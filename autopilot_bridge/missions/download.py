@@ -50,7 +50,7 @@ class RequestRepeater(Exchange):
 
 
 class MissionDownload(RequestRepeater):
-    """The download of a list; the result contains the items."""
+    """The download of a list of items; the result contains the items."""
 
     def __init__(self, address: Address, timing: TransferTiming) -> None:
         super().__init__(address, timing)

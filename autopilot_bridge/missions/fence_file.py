@@ -1,8 +1,8 @@
 """Converts the geofence and rally points of a .plan file to mission items and back.
 
 The items are those that QGroundControl sends. Fence points are in frame GLOBAL at altitude 0, and
-each vertex of a polygon contains the number of vertices of the polygon. Rally altitudes are above
-home; autocontinue is 0. If a point is wrong, the functions raise a ValueError that names the point.
+param1 of each vertex is the number of vertices of its polygon. Rally altitudes are above home;
+autocontinue is 0. If a point is wrong, the functions raise a ValueError that names the point.
 """
 
 from typing import Any

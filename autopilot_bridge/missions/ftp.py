@@ -1,19 +1,21 @@
 """Uploads and downloads ArduPilot's mission files over MAVFTP.
 
 opening --ACK--> moving --replies to all blocks--> closing --ACK--> ended
-opening: the request is repeated on timeout with its sequence number, so that the autopilot repeats
-    its reply; if another session is open, the request is repeated after three and after six seconds
+opening: the request is repeated on timeout with the same sequence number, so that the autopilot
+    repeats its reply; if another session is open, the client tries again after three and six
+    seconds
 moving:  up to five reads or writes are pending; each is repeated if its reply is late
 closing: the autopilot applies the written data only now
 
 If the link is lost, the mission on board is either the complete old mission or the complete new
-one. Each write ends between two items. If a session is closed too early (by this client or another
-station), complete items are missing; these are zeros in the autopilot's buffer. ArduPilot rejects a
-file with an item of zeros before it changes the old mission. This client closes a session only if
-it has certainly opened the session. The caller must read back after every upload, because the
-applied mission can differ from the file although the autopilot acknowledged the closing. The two
-differ if a command is rejected, or if the mission in flight was longer (``leaves_old_tail``).
-``FtpDownload`` reads back; when it opens a file, the autopilot ends an open session.
+one. Each write ends at the end of an item. If a session is closed too early (by this client or
+another station), whole items are missing, and the autopilot's buffer contains zeros for them.
+ArduPilot rejects a file with an item of zeros before it changes the old mission. This client closes
+a session only if the client has certainly opened the session. The caller must read back after every
+upload, because the applied mission can differ from the file although the autopilot acknowledged the
+closing. The mission differs from the file if a command is rejected, or if the mission in flight was
+longer (``leaves_old_tail``). ``FtpDownload`` performs the read-back; when it opens a file, the
+autopilot ends an idle session that is still open.
 """
 
 from collections import deque
@@ -105,7 +107,10 @@ class _FtpTransfer:
         raise NotImplementedError
 
     def _ended(self, closed: bool) -> TransferResult:
-        """Return the result after all blocks were acknowledged (and the closing if ``closed``)."""
+        """Return the result after all blocks were acknowledged.
+
+        ``closed`` is True if the closing was acknowledged too.
+        """
         raise NotImplementedError
 
     def _aborted(self, reason: str) -> TransferResult:
@@ -119,8 +124,8 @@ class _FtpTransfer:
         self._progress_us = now_us
         if self.result is not None:
             return []
-        # The sequence number differs from those that an earlier run of the program used: the
-        # autopilot may still repeat a reply to a request of that run.
+        # The sequence number differs from those of an earlier run of the program, because the
+        # autopilot may still repeat its reply to a request of that run.
         self._seq = now_us // 1000 % 65536
         return self._open(now_us)
 
@@ -217,7 +222,8 @@ class _FtpTransfer:
             busy = code in (ftp.FAIL, ftp.INVALID_SESSION, ftp.NO_SESSIONS)
             if busy and self._openings < MAX_OPENINGS:
                 # Another station has a session, active or idle. ArduPilot closes an idle session
-                # only for a new id. We do not close that session, because it may be in use.
+                # only for a new id. The client does not close the session of another station,
+                # because that session may be in use.
                 self.session = next_session(self.session)
                 # The delay increases, because two stations with equal delays would block each
                 # other.
@@ -298,7 +304,7 @@ class FtpUpload(_FtpTransfer):
         session: int,
         timing: TransferTiming,
     ) -> None:
-        """Create the upload of ``items``, home first; ``session`` differs from the last id."""
+        """Create the upload of ``items``, home first; ``session`` must be a new session id."""
         super().__init__(address, ftp.CREATE, session, timing)
         self.items = items
         self._data = b""

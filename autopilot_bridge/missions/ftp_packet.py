@@ -35,7 +35,7 @@ class Packet:
     """A request or a reply.
 
     In a reply, ``asked`` is the opcode of the request. In a read request, ``size`` is the number of
-    requested bytes; otherwise it is the length of ``data``.
+    requested bytes; otherwise ``size`` is the length of ``data``.
     """
 
     seq: int
@@ -56,7 +56,7 @@ class Packet:
 
 
 def packet_of(message: Message) -> Packet:
-    """Return the packet in a FILE_TRANSFER_PROTOCOL message; data beyond its size is cut off."""
+    """Return the packet in a FILE_TRANSFER_PROTOCOL message; data beyond ``size`` is cut off."""
     payload = bytes(message.payload)
     seq, session, opcode, size, asked, _, offset = _HEAD.unpack_from(payload)
     return Packet(
@@ -65,7 +65,7 @@ def packet_of(message: Message) -> Packet:
 
 
 def error_words(packet: Packet) -> str:
-    """Return the words for the error in a NAK."""
+    """Describe the error in a NAK."""
     code = packet.data[0] if packet.data else 0
     words = ERRORS.get(code, "it rejected the request")
     errno = f", errno {packet.data[1]}" if code == FAIL_ERRNO and len(packet.data) > 1 else ""

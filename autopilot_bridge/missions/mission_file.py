@@ -124,7 +124,7 @@ def decode_mission_file(data: bytes, mission_type: int) -> tuple[MissionItem, ..
 
 
 def unpack_item(data: bytes, index: int) -> tuple[int, MissionItem]:
-    """Return the number and the content of an item in a file; the item is not checked."""
+    """Return the sequence number and the content of an item in a file; the item is not checked."""
     values = ITEM.unpack_from(data, HEADER.size + index * ITEM.size)
     param1, param2, param3, param4, x, y, z, seq, command, _, _, frame, _, auto, _ = values
     return seq, MissionItem(command, frame, x, y, z, param1, param2, param3, param4, auto)

@@ -35,7 +35,7 @@ WPL_SUFFIXES = (".waypoints", ".txt")
 
 
 def read_any(path: Path | str) -> Plan:
-    """Read a plan file; its content shows whether it is a .plan or a QGC WPL file.
+    """Read a plan file; the content determines the format: .plan or QGC WPL.
 
     Args:
         path: The file.
@@ -57,11 +57,11 @@ def write_any(path: Path | str, plan: Plan, stack: Stack | None) -> None:
     Args:
         path: The file; its suffix selects the format: .plan, or .waypoints or .txt (QGC WPL 110).
         plan: Mission, fence, rally points and home.
-        stack: The stack that a .plan file names; None means a generic one.
+        stack: The stack to name in a .plan file; None means a generic autopilot and vehicle.
 
     Raises:
-        BridgeError: The file cannot be written, its suffix is none of these, or the format cannot
-            hold an item.
+        BridgeError: The file cannot be written, the suffix is not one of these, or the format
+            cannot hold an item.
     """
     path = Path(path)
     if path.suffix.lower() not in (PLAN_SUFFIX, *WPL_SUFFIXES):
@@ -79,8 +79,8 @@ def write_plan(path: Path, plan: Plan, stack: Stack | None) -> None:
     """Write a .plan file.
 
     In this format polygons come before circles, rally altitudes are above home, and fence points
-    and rally points have no ``autocontinue``. If an item does not fit, the function raises a
-    BridgeError that names the item.
+    and rally points have no ``autocontinue``. If the format cannot hold an item, the function
+    raises a BridgeError that names the item.
     """
     try:
         content = {

@@ -1,9 +1,9 @@
 """Computes the opaque id that an autopilot assigns to a list of items.
 
 PX4 1.17 (source: ``mavlink_mission.cpp``, ``crc32_for_mission_item``; observed in simulation)
-computes a CRC-32 that begins with 0 and has no inversions. The CRC covers 32 bytes of each
+computes a CRC-32 with the initial value 0 and without inversions. The CRC covers 32 bytes of each
 MISSION_ITEM_INT as received: frame, command, autocontinue, params 1 to 4, x, y and z. The CRC does
-not cover ``current`` and the mission type, so two plans that differ only in the first item to fly
+not cover ``current`` or the mission type, so two plans that differ only in the first item to fly
 have the same id. A list without items has id 0. PX4 sends the id in MISSION_ACK.opaque_id, in
 MISSION_COUNT.opaque_id when a list is read, and in MISSION_CURRENT (once a second, and at once
 after a change). The id remains the same after a reboot. PX4 computes the id of a fence differently
@@ -26,7 +26,7 @@ def mission_id_of(items: Sequence[MissionItem], stack: Stack) -> int | None:
 
     ``items`` are the items that were sent: a mission, a fence or rally points. The result can be
     compared with the id in a message. An id of 0 in a message does not prove that the list is
-    empty, because it can also mean that there is no id.
+    empty, because 0 can also mean that there is no id.
     """
     if stack.name != "px4":
         return None

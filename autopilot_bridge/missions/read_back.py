@@ -100,7 +100,7 @@ def kept_param(word: str, value: float) -> float:
 def as_read_back(item: MissionItem, stack: Stack, mission_type: int = MISSION) -> MissionItem:
     """Return the item that is read back after ``item`` was sent and accepted.
 
-    The result is not valid for ArduPilot's item 0, which is always its home.
+    The result is not valid for ArduPilot's item 0, which is always home.
     """
     rules = rules_of(stack)
     if mission_type == FENCE:
@@ -146,7 +146,7 @@ def _altitude(z: float, rules: Rules) -> float:
 
 
 def _fence_point(item: MissionItem, rules: Rules) -> MissionItem:
-    """Return a fence point as it is read back: without its frame; only PX4 stores the altitude."""
+    """Return a fence point as read back: the frame is not stored, the altitude only by PX4."""
     bare = replace(item, param2=0.0, param3=0.0, param4=0.0, autocontinue=0)
     circle = item.command in (5003, 5004)
     param1 = single(item.param1) if circle else kept_param("u16", item.param1)
@@ -197,7 +197,7 @@ def same_mission(
 ) -> bool:
     """Return whether a list was read back as expected after ``sent`` was sent.
 
-    Both lists are as transmitted. Item 0 of ArduPilot's mission is its home, which is not compared.
+    Both lists are as transmitted. Item 0 of ArduPilot's mission is home, which is not compared.
     """
     first = 1 if stack.item_0_is_home and mission_type == MISSION else 0
     return len(sent) == len(read) and all(

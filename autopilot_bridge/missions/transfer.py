@@ -70,10 +70,10 @@ class TransferResult:
     """The result of a transfer.
 
     ``rejected``: the autopilot rejected the transfer; ``code`` is its MAV_MISSION_RESULT, and
-    ``seq`` is the last item that it requested. ``unknown``: all items were sent, but no final reply
-    arrived. ``failed``: the transfer was aborted. ``cancelled``: the transfer was cancelled on
-    request. ``holds`` states which mission is now on board, and ``items`` are its items if they
-    were read.
+    ``seq`` is the last item that the autopilot requested. ``unknown``: all items were sent, but no
+    final reply arrived. ``failed``: the transfer was aborted. ``cancelled``: the transfer was
+    cancelled on request. ``holds`` states which mission is now on board, and ``items`` contains the
+    items of this mission if they were read.
     """
 
     outcome: Outcome

@@ -1,4 +1,4 @@
-"""Removes the last items of a mission in flight, on ArduPilot.
+"""Removes the last items of a mission that an ArduPilot vehicle is flying.
 
 counted --request for item 0--> invalid item sent --any MISSION_ACK but "busy"--> ended
 MISSION_COUNT truncates the list at once. The reply to the request for item 0 contains an unknown

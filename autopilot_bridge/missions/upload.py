@@ -3,16 +3,16 @@
 - idle --start--> counted --request--> sending --last item sent--> sending
 - counted: MISSION_COUNT is repeated on timeout
 - sending: items are sent on request. If the autopilot accepts early items, a few are sent before
-  they are requested. A repeated request means that a message was lost; from then on each request
-  is awaited
+  they are requested. A repeated request means that a message was lost; from then on each item is
+  sent only on request
 - any --MISSION_ACK--> ended
 - sending --MISSION_ERROR--> sending, and ended after a timeout: the error may be the reply to a
-  duplicate (of MISSION_COUNT to PX4, of the last item to ArduPilot); then the transfer continues or
-  has succeeded
+  duplicate (PX4: of MISSION_COUNT, ArduPilot: of the last item); in this case the transfer
+  continues or has succeeded
 - sending, all sent, no MISSION_ACK --MISSION_CURRENT with the plan's id--> ended: the plan is on
   board
 - any --cancel--> cancelling --OPERATION_CANCELLED or timeout--> ended
-- cancelling: no further item is sent; PX4 ends the transfer when cancelled, ArduPilot after 8 s
+- cancelling: no further item is sent; PX4 ends the transfer at once, ArduPilot after 8 s
 """
 
 from typing import Literal
@@ -34,7 +34,7 @@ IDS = ("mission_id", "fence_id", "rally_points_id")
 
 
 class MissionUpload(Exchange):
-    """The upload of a list; ``result`` is set when it has ended."""
+    """The upload of a list; ``result`` is set when the upload has ended."""
 
     def __init__(
         self,
@@ -48,8 +48,8 @@ class MissionUpload(Exchange):
         """Create the upload of ``items``; ``first`` is the index of the first item to fly.
 
         The items are sent unchanged, up to ``ahead`` of them before they are requested. ``plan_id``
-        is the expected id of the plan (see ``plan_id.py``). A report of this id proves the upload
-        if the acknowledgement is lost.
+        is the expected id of the plan (see ``plan_id.py``). If the acknowledgement is lost, a
+        report of this id proves that the upload has succeeded.
         """
         super().__init__(address, timing)
         self.items = items
@@ -118,7 +118,7 @@ class MissionUpload(Exchange):
         return item_message(self._address.target, seq, item, current, mission_type)
 
     def cancel(self, cancels_after_us: int, now_us: int) -> list[Message]:
-        """Cancel now, or after ``cancels_after_us`` if the autopilot ignores cancellations."""
+        """Send a cancellation; the upload ends at once if ``cancels_after_us`` is 0."""
         if not cancels_after_us:
             self.result = TransferResult("cancelled", "cancelled")
         self._state = "cancelling"
@@ -132,7 +132,7 @@ class MissionUpload(Exchange):
 
     def _acknowledged(self, code: int, now_us: int) -> None:
         if code == mavlink.MAV_MISSION_INVALID_SEQUENCE:
-            return  # ArduPilot's reply to a duplicate; it then continues
+            return  # ArduPilot's reply to a duplicate; the transfer continues
         if self._state == "cancelling" and code == mavlink.MAV_MISSION_OPERATION_CANCELLED:
             self.result = TransferResult("cancelled", "cancelled", code, self._requested_seq)
             return

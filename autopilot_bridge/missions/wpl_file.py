@@ -2,8 +2,8 @@
 
 The columns of a line are separated by tabs: index, current, frame, command, params 1 to 4,
 latitude, longitude, altitude, autocontinue (mavlink.io, "Mission Plain-Text File Format"). In
-version 110, item 0 is the home position. Version 120 has no home. (QGroundControl reads the
-versions in this way.) The format has no fence and no rally points.
+version 110, item 0 is the home position. A file of version 120 has no home. (QGroundControl reads
+the two versions in this way.) The format has no fence and no rally points.
 """
 
 import math
@@ -60,8 +60,8 @@ def _item(line: str, index: int) -> MissionItem:
 
 
 def _home(path: Path, item: MissionItem) -> tuple[float, float, float] | None:
-    # This check prevents the loss of the first item of a file without home. Mission Planner writes
-    # home as command 0.
+    # This check prevents the loss of the first item of a file that has no home. Mission Planner
+    # writes home as command 0.
     if item.command not in (0, mavlink.MAV_CMD_NAV_WAYPOINT) or item.frame not in _AMSL:
         raise BridgeError(
             f"{path}: item 0 is a {command_name(item.command)} in frame {item.frame}, but in QGC "
@@ -72,7 +72,7 @@ def _home(path: Path, item: MissionItem) -> tuple[float, float, float] | None:
 
 
 def write_wpl(path: Path, plan: Plan) -> None:
-    """Write a QGC WPL 110 file; without a home, item 0 is all zeros.
+    """Write a QGC WPL 110 file; if the plan has no home, the position of item 0 is all zeros.
 
     Raises BridgeError if the plan has a fence or rally points, which the format cannot contain.
     """

@@ -1,1 +1,1 @@
-"""Simulates an autopilot: the vehicle's side of the protocols of both stacks, and its flight."""
+"""Simulates autopilots: the vehicle's side of both stacks' protocols, and the flight."""

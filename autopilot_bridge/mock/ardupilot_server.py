@@ -1,7 +1,7 @@
 """Simulates ArduPilot's side of the mission protocol.
 
-Each list has its own transfer. An upload truncates the mission to its new length at once and
-overwrites it item by item. A fence is applied when it is complete.
+Each list has its own transfer. An upload truncates the mission to the new length at once and
+overwrites the items one by one. A fence is applied when it is complete.
 """
 
 from collections import deque
@@ -47,7 +47,7 @@ class Receiving:
 
 
 class ArduPilotServer(MissionServer):
-    """ArduPilot's mission server, which processes messages at the next tick of its loop."""
+    """ArduPilot's mission server, which processes messages at the next tick of the main loop."""
 
     _receiving: dict[int, Receiving]
 
@@ -89,7 +89,7 @@ class ArduPilotServer(MissionServer):
     def apply_file(self, mission_type: int, items: tuple[MissionItem, ...]) -> None:
         """Apply a file's items one by one, up to the first rejected item; no message is sent.
 
-        A mission in flight is not cleared: after the items of a shorter file, old items remain. A
+        A mission in flight is not cleared: if the file is shorter, the last old items remain. A
         fence is applied only if it is complete.
         """
         good = []
@@ -158,7 +158,7 @@ class ArduPilotServer(MissionServer):
                 return []
 
     def _text_once(self, words: str) -> list[Message]:
-        """Return the messages that send a text; a text is sent only once."""
+        """Return a message with the text, or none if the text was sent before."""
         if words in self._sent_texts:
             return []
         self._sent_texts.add(words)

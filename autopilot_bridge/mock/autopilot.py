@@ -1,7 +1,7 @@
 """Simulates one autopilot, which receives bytes, returns datagrams and needs one timer.
 
-The times passed to the mock are its simulation clock. ``time_boot_ms`` counts from the first of
-these times.
+The mock has no clock of its own: the times that are passed to it are those of the simulation.
+``time_boot_ms`` counts from the first of these times.
 """
 
 from collections.abc import Callable
@@ -33,7 +33,7 @@ LIMITS = {
     ("ardupilot", "copter"): Limits(climb_m_s=2.5, sink_m_s=1.5),
     ("px4", "copter"): Limits(climb_m_s=3.0, sink_m_s=1.5),
 }
-# If the process was delayed, at most this number of steps is computed at once.
+# After a delay of the process, at most this number of steps is computed at once.
 MAX_STEPS_AT_ONCE = 4000
 
 
@@ -42,12 +42,12 @@ class MockAutopilot:
 
     Args:
         stack: The autopilot and the kind of vehicle to simulate.
-        home: Its start position.
+        home: The start position of the vehicle.
         system_id: MAVLink system id, 1 to 255.
         airspeed_m_s: Cruise speed in m/s.
         wind: The speed in m/s, and the direction from which the wind blows.
-        terrain: Returns the ground's altitude (m AMSL) at a latitude and longitude; None means flat
-            ground at home's altitude.
+        terrain: Returns the altitude of the ground (m AMSL) at a latitude and longitude; None means
+            flat ground at the altitude of home.
         battery_minutes: Endurance of a full battery in the air; None means that no battery is
             reported.
     """
@@ -179,7 +179,7 @@ class MockAutopilot:
         self._send(message)
 
     def reboot(self, now_us: int) -> None:
-        """Restart the autopilot at its position, disarmed; lists remain, and transfers end."""
+        """Restart the autopilot at the present position, disarmed; lists remain, transfers end."""
         self.flight = self.flight.rebooted()
         self.flight.return_m = self.parameters.return_m
         self.missions.forget_transfers()
@@ -214,7 +214,7 @@ class MockAutopilot:
             self._apply_mission()
 
     def _apply_mission(self) -> None:
-        """Pass a changed list of items to the flight."""
+        """Pass a changed list of items to the flight model."""
         flight, missions = self.flight, self.missions
         flight.items = tuple(missions.items)
         if self.stack.keeps_target and self.stack.vehicle == "copter" and self._flying_mission():

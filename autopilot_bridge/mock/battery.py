@@ -16,11 +16,11 @@ class Battery:
 
     percent: float | None = None  # None if no battery is reported
     endurance_s: float | None = None  # None if the battery does not drain
-    acted: bool = False  # whether the low charge has been reported
+    acted: bool = False  # whether the low battery has been reported
     warned: bool = False  # whether the emergency has been reported
 
     def drain(self) -> bool:
-        """Drain the battery for one step in the air; return True once, when it becomes low."""
+        """Drain the battery for one step in the air; return True once, when it is low."""
         if self.percent is None:
             return False
         if self.endurance_s is not None:

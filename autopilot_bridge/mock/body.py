@@ -31,7 +31,7 @@ CIRCLE_RATE_RAD_S = math.radians(20.0)  # ArduCopter's CIRCLE_RATE
 
 
 def wider_m(stack: Stack) -> float:
-    """Return the excess of a plane's circle over the commanded radius."""
+    """Return by how many metres a plane's circle exceeds the commanded radius."""
     return WIDER_M if stack.name == "ardupilot" else 0.0
 
 
@@ -56,7 +56,7 @@ class Body:
 
     @property
     def ground_amsl_m(self) -> float:
-        """The altitude of the ground below; without terrain data, at the last place on ground."""
+        """The altitude of the ground below; without terrain data, where the vehicle last stood."""
         if self.terrain is None:
             return self._stood_amsl_m
         return self.terrain(*self.frame.global_position(self.motion))
@@ -113,7 +113,7 @@ class Body:
         step_plane(self.motion, course, altitude_m, self.limits, turn, self.wind)
 
     def circle(self, centre: Place, altitude_m: float, radius_m: float) -> None:
-        """Move ArduCopter one step along its circle."""
+        """Move an ArduCopter one step along a circle."""
         motion, limits, size = self.motion, self.limits, abs(radius_m)
         bearing = math.atan2(motion.east_m - centre[1], motion.north_m - centre[0])
         fastest = math.sqrt(limits.acceleration_m_s2 * size)
@@ -131,7 +131,10 @@ class Body:
         step_copter_around(self.motion, centre, altitude_m, limits, radius_m)
 
     def descend(self, place: Place) -> bool:
-        """Land a copter: move over the position, then sink; return True when it has landed."""
+        """Move a copter one step of a landing; return True when it has landed.
+
+        The copter first moves over the position, then sinks.
+        """
         height_m = self.motion.altitude_m - self.ground_amsl_m
         rate = 0.0
         if self.distance(place) < 1.0:
@@ -144,7 +147,7 @@ class Body:
         return True
 
     def glide(self, start: Place, place: Place, ground_m: float) -> bool:
-        """Land a plane along a line; return True when it has landed."""
+        """Move a plane one step along a landing approach; return True when it has landed."""
         leg = (place[0] - start[0], place[1] - start[1])
         left = (place[0] - self.motion.north_m, place[1] - self.motion.east_m)
         length = max(math.hypot(*leg), 1.0)

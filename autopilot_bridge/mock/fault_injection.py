@@ -146,7 +146,7 @@ class FaultyMock:
         self.mock.battery_percent = failsafe_percent - 1.0
 
     def _stray(self, now_us: int) -> None:
-        """Send MISSION_ACKs with an error; one field shows that they are not for the station."""
+        """Send error MISSION_ACKs: to another station, for another list, from another component."""
         error = int(mavlink.MAV_MISSION_ERROR)
         for target, mission_type in ((SECOND_GROUND, 0), (GROUND, 1)):
             self.mock.send_message(_ack(target, error, mission_type))
@@ -159,7 +159,7 @@ class FaultyMock:
         self._second.download(now_us)
 
     def _detour(self) -> Items:
-        """Return three waypoints 100 m above home and about 500 m from it."""
+        """Return three waypoints 100 m above home and about 500 m from home."""
         frame = self.mock.flight.frame
         high_m = frame.altitude_m + 100.0
         offsets = ((0.005, 0.0), (0.005, 0.005), (0.0, 0.005))

@@ -11,7 +11,7 @@ Span = tuple[float, float]  # begin and end in seconds since the start of the mo
 
 @dataclass
 class Faults:
-    """The faults of one mock; all times are seconds since its start.
+    """The faults of one mock; all times are seconds since the start of the mock.
 
     ``refuse`` contains, by mission type and item, the MAV_MISSION_RESULT of items to reject.
     ``silent_after`` is the number of messages that the autopilot still sends in the mission

@@ -28,7 +28,7 @@ from autopilot_bridge.mock.stack_constants import stack_constants_of
 Mode = Literal["idle", "mission", "hold", "rtl", "guided", "takeoff", "land", "orbit"]
 
 GLIDES_AT_M_S = 3.0  # minimum sink rate of a vehicle whose engine has failed
-GLIDES_BY = 0.7  # minimum sink rate as a share of the airspeed
+GLIDES_BY = 0.7  # airspeed after an engine failure, as a share of the airspeed before
 # A copter lands at its estimated position after this time without satellites, with the default
 # parameters of the stacks (FS_EKF_ACTION = 1; PX4 without a remote control).
 BLIND_AFTER_S = {("ardupilot", "copter"): 8.0, ("px4", "copter"): 5.0}
@@ -48,7 +48,7 @@ class FlightModel(Body):
     mode: Mode = "idle"
     armed: bool = False
     crashed: bool = False
-    blind: bool = False  # whether there is no position; modes that need it are rejected
+    blind: bool = False  # no position is available; modes that need one are rejected
     failsafe: bool = False  # whether a failsafe is active
     engine_failed: bool = False
     fence: bool | None = None  # whether a fence is breached; None if no fence is enabled
@@ -82,7 +82,7 @@ class FlightModel(Body):
         self._return_amsl_m = self.frame.altitude_m
 
     def rebooted(self) -> "FlightModel":
-        """Return the same vehicle at its position, disarmed, with its autopilot restarted."""
+        """Return the same vehicle at the same position, disarmed, with a restarted autopilot."""
         cruise = replace(self.limits, airspeed_m_s=self._cruise_m_s)
         fresh = FlightModel(
             self.stack, self.frame, cruise, self.wind, self.terrain, battery=self.battery
@@ -99,7 +99,10 @@ class FlightModel(Body):
         return fresh
 
     def blind_s(self, now_s: float) -> float:
-        """Return the seconds since the last fix; 0 with satellites, infinite on the ground."""
+        """Return the seconds since the last fix; 0 with satellites.
+
+        Without satellites on the ground, the result is infinite.
+        """
         if self.gps:
             return 0.0
         return now_s - self._fix_s if self.airborne else math.inf
@@ -107,7 +110,7 @@ class FlightModel(Body):
     # Commands ---------------------------------------------------------------------------------
 
     def set_mode(self, mode: Mode, now_s: float) -> None:
-        """Change the mode; a vehicle that is to hold does so at its present position."""
+        """Change the mode; a hold is at the present position."""
         motion, before = self.motion, self.mode
         self.mode = mode
         if mode != before:
@@ -125,7 +128,7 @@ class FlightModel(Body):
         self.radius_m = radius_m
 
     def make_current(self, seq: int, now_s: float) -> None:
-        """Set the current item; PX4 executes the item only while it flies the mission."""
+        """Set the current item; PX4 executes the item only in mission mode."""
         if seq <= 1:
             self._jumps.clear()
         if self.stack.item_0_is_home or self.mode == "mission":
@@ -183,8 +186,8 @@ class FlightModel(Body):
         """Fly the next NAV item from ``seq`` on, and execute the DO items before it.
 
         ArduPilot executes the first DO item, begins the NAV item, and executes the other DO items
-        one by one in flight. After the last NAV item it executes only the first DO item. PX4
-        executes all DO items in sequence.
+        one by one in flight. After the last NAV item, ArduPilot executes only the first DO item.
+        PX4 executes all DO items in sequence.
         """
         seq = max(seq, 1 if self.stack.item_0_is_home else 0)
         if self._skips(seq):
@@ -267,7 +270,7 @@ class FlightModel(Body):
             self.texts.append((6, f"Mission: {seq} {names.get(command, command)}"))
 
     def _run_waiting(self, now_s: float) -> None:
-        """Execute the queued DO items at once, in sequence, up to an item that causes a delay."""
+        """Execute the queued DO items in sequence, up to an item that causes a delay."""
         assert self.target is not None
         left_m = self.distance(self.frame.local(self.target.item))
         may_run = self._wait_until_s < now_s
@@ -393,7 +396,7 @@ class FlightModel(Body):
         return False
 
     def _return_item(self, now_s: float) -> bool:
-        """Execute NAV_RETURN_TO_LAUNCH, a leg for ArduCopter, a new mode for other vehicles."""
+        """Execute NAV_RETURN_TO_LAUNCH: a leg on ArduCopter, a mode change on other vehicles."""
         if self.stack.name == "ardupilot" and self.stack.vehicle == "copter":
             return self._return(now_s)
         self.set_mode("rtl", now_s)
@@ -402,7 +405,7 @@ class FlightModel(Body):
     # Failures ---------------------------------------------------------------------------------
 
     def _out_of_power(self, now_s: float) -> bool:
-        """Drain the battery: return home when it is low; fall and return True when it is empty."""
+        """Drain the battery; if it is low, return home; if it is empty, fall and return True."""
         ardupilot = self.stack.name == "ardupilot"
         if self.battery.drain():
             self.texts.append(self.battery.low_text(ardupilot))
@@ -424,10 +427,10 @@ class FlightModel(Body):
                 self.texts.append((2, "Failsafe activated\t"))
 
     def breach(self, breached: bool, now_s: float) -> None:
-        """Set whether the fence is breached; by default PX4 then holds, and ArduPilot returns.
+        """Set whether the fence is breached.
 
-        ArduPlane's heartbeat does not report a breach as a failsafe (source: 4.6.2
-        ``any_failsafe_triggered``).
+        After a breach, PX4 holds and ArduPilot returns by default. ArduPlane's heartbeat does not
+        report a breach as a failsafe (source: 4.6.2 ``any_failsafe_triggered``).
         """
         self.fence = breached
         if not breached or not self.armed:
@@ -454,7 +457,7 @@ class FlightModel(Body):
         self.failsafe_to("land", now_s)
 
     def _detect_crash(self) -> None:
-        """Detect a crash into the ground, after which the vehicle remains there."""
+        """Detect a crash into the ground; a crashed vehicle remains on the ground."""
         ground_m = self.ground_amsl_m
         if self.motion.altitude_m > ground_m - 0.5:
             return

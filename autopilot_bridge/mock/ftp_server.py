@@ -32,7 +32,7 @@ _PLACEHOLDER_LENGTH = 1024 * 1024
 
 @dataclass
 class Session:
-    """An open file; ``written`` is None if it is open for reading."""
+    """An open file; ``written`` is None if the file is open for reading."""
 
     session: int
     mission_type: int
@@ -40,7 +40,7 @@ class Session:
 
 
 class FtpServer:
-    """The MAVFTP server that gives access to the lists of a mission server."""
+    """The MAVFTP server for the lists of a mission server."""
 
     def __init__(self, missions: MissionServer) -> None:
         self.session: Session | None = None
@@ -51,7 +51,7 @@ class FtpServer:
         self._last: tuple[tuple[int, int], Packet] | None = None
 
     def receive(self, message: Message, now_us: int) -> None:
-        """Queue a request; a full queue discards it without a reply."""
+        """Queue a request; if the queue is full, discard the request without a reply."""
         if len(self._queue) < QUEUE:
             source = (message.get_srcSystem(), message.get_srcComponent())
             self._queue.append((source, packet_of(message)))

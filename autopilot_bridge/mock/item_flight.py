@@ -1,4 +1,4 @@
-"""Flies the mock along the leg to a loiter or a waypoint of its mission."""
+"""Moves the mock along the leg to a loiter or a waypoint of its mission."""
 
 import math
 from dataclasses import dataclass
@@ -28,7 +28,7 @@ class Target:
 
 
 def loitered(body: Body, target: Target, centre: Place, altitude_m: float, now_s: float) -> bool:
-    """Fly a loiter and return whether it has ended; time and turns count from the arrival."""
+    """Fly one step of a loiter; return True at its end. Time and turns count from the arrival."""
     item = target.item
     radius_m = loiter_radius_m(item, body.stack)
     turns = item.command == mavlink.MAV_CMD_NAV_LOITER_TURNS
@@ -57,7 +57,7 @@ def loitered(body: Body, target: Target, centre: Place, altitude_m: float, now_s
 
 
 def passed(body: Body, target: Target, place: Place, altitude_m: float, now_s: float) -> bool:
-    """Fly to a waypoint; return True when it is reached and its holding time has ended."""
+    """Fly one step towards a waypoint; return True when it is reached and the hold is over."""
     item = target.item
     # ArduPlane does not store the holding time.
     hold_s = 0.0 if math.isnan(item.param1) else item.param1

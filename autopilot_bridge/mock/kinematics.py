@@ -15,7 +15,7 @@ GRAVITY_M_S2 = 9.80665
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """The limits of the airframe; ``airspeed_m_s`` is its default airspeed."""
+    """The limits of the airframe; ``airspeed_m_s`` is the default airspeed."""
 
     airspeed_m_s: float = 18.0
     min_airspeed_m_s: float = 9.0  # fixed wing
@@ -34,7 +34,7 @@ class Limits:
 
 @dataclass(frozen=True)
 class Wind:
-    """A steady wind: its speed, and the direction from which it blows."""
+    """A steady wind: the speed, and the direction from which the wind blows."""
 
     from_deg: float = 0.0
     speed_m_s: float = 0.0
@@ -86,8 +86,8 @@ def course_along(
 ) -> float:
     """Return the course that joins the line from ``start`` to ``end`` and follows it.
 
-    The course is a vector field; at the distance ``approach_m`` from the line, the angle between
-    the course and the line is 45 degrees.
+    The course follows a vector field; at the distance ``approach_m`` from the line, the angle
+    between the course and the line is 45 degrees.
     """
     leg_north, leg_east = end[0] - start[0], end[1] - start[1]
     length = math.hypot(leg_north, leg_east)
@@ -120,7 +120,7 @@ def climb_towards(motion: Motion, altitude_m: float, limits: Limits) -> None:
 def crab(course_rad: float, airspeed_m_s: float, wind: Wind) -> tuple[float, float]:
     """Return the heading and the ground speed for a course in a wind (wind triangle).
 
-    If the crosswind exceeds the airspeed, the nose points into it.
+    If the crosswind exceeds the airspeed, the nose points into the crosswind.
     """
     north, east = math.cos(course_rad), math.sin(course_rad)
     # Positive if the wind comes from the left.
@@ -141,8 +141,7 @@ def step_plane(
 ) -> None:
     """Move a fixed wing one step at its airspeed, with the turn rate within the bank limit.
 
-    ``feed_rad_s`` is the turn rate of a circular path without wind, with which the vehicle follows
-    the path exactly.
+    ``feed_rad_s`` is the turn rate that keeps the vehicle exactly on a circular path without wind.
     """
     airspeed = limits.airspeed_m_s
     if motion.airspeed_m_s > 0.0:  # otherwise the vehicle is launched at its airspeed
@@ -181,8 +180,8 @@ def step_copter(
 ) -> None:
     """Move a multirotor one step towards a point; with ``stop`` it slows down to hover there.
 
-    The vehicle keeps its ground speed unless this requires more than the maximum airspeed. The nose
-    turns into the course at the maximum yaw rate.
+    The vehicle keeps its ground speed unless the wind then requires more than the maximum airspeed.
+    The nose turns into the course at the maximum yaw rate.
     """
     north, east = target[0] - motion.north_m, target[1] - motion.east_m
     distance = math.hypot(north, east)

@@ -14,12 +14,12 @@ RELATIVE_FRAMES = (
     mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT,
     mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT,
 )
-Terrain = Callable[[float, float], float]  # (latitude, longitude) in degrees: metres AMSL
+Terrain = Callable[[float, float], float]  # (latitude, longitude) in degrees -> m AMSL
 
 
 @dataclass(slots=True)
 class LocalFrame:
-    """The plane of metres north and east of home, with the WGS84 radii of curvature at home.
+    """Coordinates in metres north and east of home, by the WGS84 radii of curvature at home.
 
     Args:
         lat_deg: Latitude of home in degrees.

@@ -1,4 +1,4 @@
-"""Stores the message rates of the mock: the stack's default rates until other rates are requested.
+"""Stores the message rates of the mock: the defaults of the stack until others are requested.
 
 Without a request, in SITL, ArduPlane sends all messages at 1 Hz, ArduCopter sends only HEARTBEAT
 and texts, and PX4 sends the messages in the profile of its link.
@@ -59,8 +59,7 @@ class Intervals:
             self._every[message_id] = max(round(interval_us / STEP_US), 1)
 
     def only(self, *message_ids: int) -> None:
-        """Switch off all other messages, even after a restart, because unused messages take
-        computing time."""
+        """Switch off all other messages, even after a restart, to save computing time."""
         self._default = {key: n for key, n in self._default.items() if key in message_ids}
         self.reset()
 

@@ -18,7 +18,7 @@ LOITERS = (
     mavlink.MAV_CMD_NAV_LOITER_TO_ALT,
 )
 WAYPOINTS = (mavlink.MAV_CMD_NAV_WAYPOINT, mavlink.MAV_CMD_NAV_SPLINE_WAYPOINT)
-# Items that are flown. Those that the flight model does not implement are complete at once.
+# NAV items. Those that the flight model does not implement are complete at once.
 NAVIGATION = frozenset(range(16, 96)) - {80}
 
 
@@ -27,8 +27,8 @@ def next_of(
 ) -> tuple[list[int], int | None]:
     """Return the DO items from ``seq`` on, and the NAV item after them (None at the end).
 
-    DO_JUMPs are followed; ``jumps`` counts the jumps by item. A negative repeat count means endless
-    repetition.
+    DO_JUMPs are followed; ``jumps`` contains the number of jumps from each DO_JUMP. A negative
+    repeat count means endless repetition.
     """
     do_items: list[int] = []
     taken = 0
@@ -49,7 +49,7 @@ def next_of(
 
 
 def loiter_radius_m(item: MissionItem, stack: Stack) -> float:
-    """Return the radius of a loiter item (negative if anticlockwise), or the default.
+    """Return the radius of a loiter item, or the default; a negative radius means anticlockwise.
 
     ArduPilot stores only the sign of a LOITER_TIME's radius.
     """
@@ -63,7 +63,7 @@ def loiter_radius_m(item: MissionItem, stack: Stack) -> float:
 def acceptance_m(item: MissionItem, stack: Stack, own_m: float) -> float:
     """Return the acceptance radius of a waypoint in metres; ``own_m`` is the default.
 
-    PX4 uses the item's radius on multicopters, ArduPilot on planes (from their sources).
+    PX4 uses the item's radius on multirotors, ArduPilot on planes (from the source code of both).
     """
     used = (stack.name == "px4") == (stack.vehicle == "copter")
     return max(item.param2, own_m) if used else own_m

@@ -1,4 +1,4 @@
-"""Contains what both stacks have in common on the autopilot's side of the mission protocol.
+"""Contains the common parts of both stacks' mission servers, the autopilot's side of the protocol.
 
 ``ardupilot_server.py`` and ``px4_server.py`` add the behaviour of each stack.
 """
@@ -38,7 +38,7 @@ class MissionServer(ABC):
         self.lists: Lists = {MISSION: [], FENCE: [], RALLY: []}
         self.changed = False
         self.cleared = False  # whether MISSION_CLEAR_ALL removed the mission
-        self.cut = self.written = False  # the mission was truncated, an item was written
+        self.cut = self.written = False  # mission truncated; item written
         self.start_at = 0  # the item with which a changed mission begins
         self.faults = Faults()
         self.flying_mission: Callable[[], bool] = lambda: False
@@ -79,11 +79,11 @@ class MissionServer(ABC):
         return max(len(self.items) - 1, 0), ()
 
     def infeasible(self) -> str | None:
-        """Return the reason why an accepted mission cannot be flown; None if it can."""
+        """Return the reason why an accepted mission cannot be flown, or None."""
         return None
 
     def busy_with(self, client: Client) -> bool:
-        """Return whether other messages of this client are rejected during its transfer."""
+        """Return whether a transfer of this client is open, so that other messages are rejected."""
         del client
         return False
 

@@ -1,9 +1,9 @@
 """Simulates the camera and the gimbal of a mock, by the rules of each stack.
 
 Both stacks take an image when the vehicle has moved by the distance of DO_SET_CAM_TRIGG_DIST from
-the last image, and at once if its third param is 1 (PX4 1.17 ``camera_trigger.cpp``, ArduPilot
-4.6.2 ``AP_Camera_Backend.cpp``). PX4 accepts DO_GIMBAL_MANAGER_PITCHYAW only after
-DO_GIMBAL_MANAGER_CONFIGURE, because its missions do not control the gimbal otherwise
+the last image, and at once if the third param of the command is 1 (PX4 1.17 ``camera_trigger.cpp``,
+ArduPilot 4.6.2 ``AP_Camera_Backend.cpp``). PX4 accepts DO_GIMBAL_MANAGER_PITCHYAW only after
+DO_GIMBAL_MANAGER_CONFIGURE, because PX4's missions do not control the gimbal otherwise
 (``input_mavlink.cpp``). Only ArduPilot executes IMAGE_START_CAPTURE itself. The gimbal keeps its
 pitch and a roll of 0, and follows the heading.
 """
@@ -38,12 +38,12 @@ class CapturedImage(NamedTuple):
 
 @dataclass(slots=True)
 class MockCamera:
-    """The camera of one vehicle; ``on_image`` receives each image that it takes."""
+    """The camera of one vehicle; ``on_image`` is called with each image."""
 
     stack: Stack
     on_image: Callable[[CapturedImage], None]
     pitch_deg: float = 0.0  # of the gimbal
-    _distance_m: float = 0.0  # between images; 0 takes none
+    _distance_m: float = 0.0  # between images; 0 means no images
     _last: tuple[float, float] | None = None  # metres north and east
     _wanted: int = 0  # images to be taken at once
     _every_us: int = 0
@@ -113,7 +113,7 @@ class MockCamera:
 
 
 def image_report(stack: Stack, image: CapturedImage, motion: Motion, home_m: float) -> Message:
-    """Return the message that a stack sends for an image; neither names the file."""
+    """Return the message that a stack sends for an image; it contains no file name."""
     place = (round(image.lat_deg * 1e7), round(image.lon_deg * 1e7))
     altitude_m = image.altitude_amsl_m
     if stack.name == "px4":

@@ -59,7 +59,7 @@ class ParameterServer:
         table = _PX4 if self._bytewise else _PLANE if plane else _COPTER
         self._held = {name: _Held(*held) for name, held in sorted(table.items())}
         if self._bytewise and plane:
-            self.change("MIS_TKO_LAND_REQ", 2.0)  # PX4 has this value for fixed wings
+            self.change("MIS_TKO_LAND_REQ", 2.0)  # the default of PX4 for fixed wings
 
     @property
     def names(self) -> tuple[str, ...]:

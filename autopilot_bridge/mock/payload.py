@@ -21,9 +21,9 @@ Output = tuple[int, str, int, float]  # at_us since boot, kind, number, value
 class Payload:
     """The history of switched ``outputs``, and the present values of the 16 servo outputs.
 
-    The value of a servo is its pulse width in microseconds. Relays and sprayers have 0 or 1,
-    grippers 0 (open) or 1 (closed), actuators -1 to 1. The value of a winch is in metres, or in m/s
-    if its rate is commanded.
+    The value of a servo is its pulse width in microseconds. Relays and sprayers have the value 0 or
+    1, grippers 0 (open) or 1 (closed), actuators -1 to 1. The value of a winch is in metres, or in
+    m/s if its rate is commanded.
     """
 
     stack: Stack
@@ -36,7 +36,7 @@ class Payload:
         self.servos_us = [*_NEUTRAL_US[self.stack.vehicle], *(0,) * 12]
 
     def execute(self, command: int, params: tuple[float, ...], at_us: int) -> bool:
-        """Execute a DO command with params 1 to 7; return False if no output or camera has it.
+        """Execute a DO command with params 1 to 7; return False if no output or camera supports it.
 
         The caller checks whether the stack accepts the command.
         """
@@ -108,7 +108,7 @@ class Px4Gripper:
 
     def __init__(self, move: Callable[[int, int], None]) -> None:
         self._move = move
-        self._state: int | None = GRAB  # None while it moves
+        self._state: int | None = GRAB  # None while the gripper moves
         self._active: tuple[int, Requester, int] | None = None  # action, requester, end
 
     def operate(self, action: int, requester: Requester, now_us: int) -> list[Answer]:

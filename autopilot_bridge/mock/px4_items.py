@@ -55,7 +55,7 @@ TAKEOFFS = (22, 84)
 M_PER_UNIT = 0.0111195  # 1e-7 degrees of latitude
 
 Place = tuple[int, int]
-Shape = tuple[MissionItem, list[Place]]  # a circle, or the first vertex and all places
+Shape = tuple[MissionItem, list[Place]]  # circle or first vertex, and all positions
 
 
 def shapes_of(fence: list[MissionItem]) -> list[Shape]:
@@ -111,7 +111,10 @@ def first_outside(items: list[MissionItem], shapes: list[Shape], east_scale: flo
 
 
 def missing_item(items: list[MissionItem], required: int) -> str | None:
-    """Return a text if an item is missing that MIS_TKO_LAND_REQ requires (1 takeoff, 2 landing)."""
+    """Return a text if an item is missing that MIS_TKO_LAND_REQ requires, otherwise None.
+
+    ``required`` is 1 for a takeoff, 2 for a landing, 3 for both.
+    """
     commands = [item.command for item in items]
     takeoff = any(command in TAKEOFFS for command in commands)
     landing = any(command in LANDINGS for command in commands)

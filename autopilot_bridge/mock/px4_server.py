@@ -65,7 +65,7 @@ class Manager:
 
 
 def critical(words: str) -> Message:
-    """Return a text as PX4 sends it; a tab shows that an event has the same content."""
+    """Return a text with a tab, by which PX4 marks a text that is also sent as an event."""
     return text(CRITICAL, words + "\t")
 
 
@@ -126,7 +126,7 @@ class Px4Server(MissionServer):
         return len(self.items) or 65535, tuple(self.ids.values())
 
     def infeasible(self) -> str | None:
-        """Return the reason why an accepted mission cannot be flown; None if it can."""
+        """Return the reason why an accepted mission cannot be flown, or None."""
         return missing_item(self.items, self.required()) or self._reason
 
     def busy_with(self, client: Client) -> bool:

@@ -1,4 +1,4 @@
-"""Serves mocks on a link: groups of mocks, signing keys, simulation time."""
+"""Runs mocks on a link: groups of mocks, signing keys, simulation time."""
 
 from collections.abc import Callable, Sequence
 
@@ -36,11 +36,11 @@ class MockGroup:
             peer.handle_timer(now_us)
 
 
-_ID = b"\x00\x01\x00"  # message id 256 in a header; datagrams without it are not parsed
+_ID = b"\x00\x01\x00"  # message id 256 in a header; other datagrams are not parsed
 
 
 class SigningServer:
-    """A peer that passes frames to a group of mocks, and the keys of SETUP_SIGNINGs to ``on_key``.
+    """A peer that passes frames to a group of mocks, and keys from SETUP_SIGNING to ``on_key``.
 
     A key of zeros, which turns signing off, is passed as None. Like ArduPilot, the peer ignores
     keys while a mock is armed.

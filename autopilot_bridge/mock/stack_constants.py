@@ -1,4 +1,4 @@
-"""Lists the differences between the two stacks' mission servers, as data.
+"""Lists the differences between the mission servers of the two stacks, as data.
 
 The values were observed on simulated ArduPilot 4.6.2 and PX4 1.17.0, unless a comment names another
 source.
@@ -13,7 +13,7 @@ from autopilot_bridge.stacks.stacks import Stack
 class StackConstants:
     """The constants of one stack on one kind of vehicle."""
 
-    tick_us: int  # duration of a turn of the loop; messages wait for the next turn
+    tick_us: int  # period of the main loop; a message waits for the next tick
     rerequest_us: int  # an unanswered request is repeated after this time
     gives_up_us: int  # timeout of an upload, counted from the last item
     most: tuple[int, int, int]  # maximum numbers of items: mission, fence, rally points
@@ -45,7 +45,7 @@ _NAMES = {
     42600: "Winch",
 }
 
-# From PX4's source: it stores up to 64 fence points and 32 safe points.
+# PX4 stores up to 64 fence points and 32 safe points (from its source code).
 _PX4 = StackConstants(0, 262_000, 5_000_000, (5000, 64, 32), {})
 _CONSTANTS = {
     ("px4", "plane"): _PX4,

@@ -1,4 +1,4 @@
-"""Sends the messages that the mock sends without a request."""
+"""Sends the unsolicited messages of the mock: telemetry, texts and progress."""
 
 import math
 from collections.abc import Callable
@@ -75,19 +75,19 @@ class TelemetrySender:
             self._home(flight)
 
     def send_texts(self, flight: FlightModel) -> None:
-        """Send the texts of the vehicle: started items, switched outputs, failures."""
+        """Send the texts about started items, switched outputs and failures."""
         for severity, words in flight.texts:
             self._send(text(severity, words))
         flight.texts.clear()
 
     def expect_current(self, seq: int, flight: FlightModel) -> None:
-        """If item ``seq`` of a new list is current, send MISSION_CURRENT only at its interval."""
+        """Send MISSION_CURRENT at once unless item ``seq`` of a new list is current."""
         self._sent_current = (seq, *self._missions.progress())
         if flight.current != seq:
             self.send_current(flight)
 
     def send_current(self, flight: FlightModel, requested: int | None = None) -> None:
-        """Send MISSION_CURRENT for the current item, or for ``requested`` even if it is skipped."""
+        """Send MISSION_CURRENT for the current item, or for ``requested`` even if skipped."""
         total, ids = self._missions.progress()
         self._sent_current = (flight.current, total, ids)
         px4 = self._stack.name == "px4"
@@ -105,7 +105,7 @@ class TelemetrySender:
         self._send(with_extension(current, *ids))
 
     def _send_reached(self, flight: FlightModel, steps: int) -> None:
-        """Send MISSION_ITEM_REACHED; PX4 repeats it ten times, once a second."""
+        """Send MISSION_ITEM_REACHED; PX4 repeats the message ten times, once a second."""
         for seq in flight.reached:
             self._send(mavlink.MAVLink_mission_item_reached_message(seq))
             self._reached, self._reached_again = seq, 10 if self._stack.name == "px4" else 0

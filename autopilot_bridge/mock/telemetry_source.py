@@ -43,12 +43,12 @@ def vfr_hud(
 
 
 def wind(from_deg: float, speed_m_s: float) -> Message:
-    """Return ArduPilot's WIND, whose direction (from -180 to 180) is where the wind comes from."""
+    """Return ArduPilot's WIND with the direction (-180 to 180) from which the wind blows."""
     return mavlink.MAVLink_wind_message((from_deg + 180.0) % 360.0 - 180.0, speed_m_s, 0.0)
 
 
 def wind_cov(boot_us: int, from_deg: float, speed_m_s: float, altitude_amsl_m: float) -> Message:
-    """Return PX4's WIND_COV, with the north and east velocity of the air."""
+    """Return PX4's WIND_COV with the north and east components of the velocity of the air."""
     toward_rad = math.radians(from_deg + 180.0)
     north_m_s, east_m_s = speed_m_s * math.cos(toward_rad), speed_m_s * math.sin(toward_rad)
     rest = (0.0, 0.08, 0.0, altitude_amsl_m, 0.0, 0.0)

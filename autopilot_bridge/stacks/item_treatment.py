@@ -1,19 +1,19 @@
-"""Lists how PX4 1.17 and ArduPilot 4.6.2 treat each mission item.
+"""Lists how PX4 1.17 and ArduPilot 4.6.2 treat each mission command.
 
-Sources: transcripts of SITL where they exist, otherwise the source files AP_Mission.cpp,
-MissionItemProtocol_*.cpp and each vehicle's start_command; mavlink_mission.cpp and
-FeasibilityChecker.cpp.
+Sources: transcripts of SITL runs where they exist, otherwise the source files AP_Mission.cpp,
+MissionItemProtocol_*.cpp and each vehicle's start_command (ArduPilot), mavlink_mission.cpp and
+FeasibilityChecker.cpp (PX4).
 
-``position`` and ``bare`` contain every accepted command with a word for each of its params 1 to 4.
-The word states how the autopilot stores the param:
+``position`` and ``bare`` contain every accepted command with four words, one for each of the params
+1 to 4. A word states how the autopilot stores the param:
 
 - ``keep`` as sent; ``-`` not stored; ``hint`` not stored, and without effect on the flight;
   ``hidden`` used, but read back as 0; ``yaw`` an angle, read back from 0 to 360 degrees;
 - ``u8 u16 i8 i16`` truncated to an integer of this type, with wrap-around; ``cap8`` truncated, at
   most 255; ``cm16`` whole centimetres in 16 bits; ``radius`` whole metres in 16 bits with the sign;
 - ``flag`` 1 if positive, else 0; ``sign`` -1 or 1; ``side`` -1 or 1, the direction of a yaw;
-- ``turns`` integers up to 255, or 256ths of one turn; ``turn_radius`` steps of 1 m up to 255 m, of
-  10 m up to 2550 m.
+- ``turns`` whole turns up to 255, below one turn in steps of 1/256; ``turn_radius`` steps of 1 m up
+  to 255 m, of 10 m up to 2550 m.
 """
 
 from dataclasses import dataclass, field, replace
@@ -28,7 +28,7 @@ TWIN = {5: 0, 6: 3, 11: 10}  # deprecated INT frames and the equivalent frames
 FENCE_COMMANDS = frozenset(range(5000, 5005))
 RALLY_POINT = mavlink.MAV_CMD_NAV_RALLY_POINT
 ENDLESS = mavlink.MAV_CMD_NAV_LOITER_UNLIM
-# Jumps, and NAV items whose numbers are not in the range of the NAV commands.
+# Jumps, and NAV items whose numbers are outside of the range of the NAV commands.
 OTHER_NAVIGATION = frozenset((177, 601, 213, 42702, 42703))
 LAND_SEQUENCES = frozenset((188, 189))  # items at which a failsafe may enter a mission
 
@@ -47,13 +47,13 @@ class Rules:
     max_altitude_m: float
     nan_ok: dict[int, tuple[int, ...]] | None  # params that may be NaN; None means all
     zero_is_default: dict[int, tuple[int, ...]]  # params where 0 is equivalent to NaN
-    accepts_bad_numbers: bool  # the stack accepts invalid numbers; only our own check rejects them
+    accepts_bad_numbers: bool  # the stack accepts invalid numbers; only the bridge rejects them
     zero_is_current_position: bool  # latitude = longitude = 0 is the vehicle's current position
     not_run: frozenset[int] = frozenset()  # commands that are accepted, but skipped in flight
-    # Commands that are stored, but then the whole mission is rejected.
+    # Commands that are stored, but make the autopilot reject the whole mission.
     invalidates_mission: frozenset[int] = frozenset()
     one_trailing_do: bool = False  # after the last NAV item only one item is executed
-    # Limits of param 1.
+    # The accepted values of param 1, by command and by whether the item has a position.
     allowed: dict[tuple[int, bool], tuple[float, ...]] = field(default_factory=dict)
     max_fence: int | None = None
     max_rally: int | None = None

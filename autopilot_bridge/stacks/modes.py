@@ -3,7 +3,7 @@
 Equivalent modes of two stacks have the same name.
 
 Sources: ``mode.h`` of ArduPlane and ArduCopter 4.6.2, ``px4_custom_mode.h`` of PX4 1.17. If two
-names have the same number, the first is the name of that number.
+modes have the same number, ``Stack.mode_name`` returns the name of the first.
 """
 
 Modes = tuple[tuple[str, int], ...]

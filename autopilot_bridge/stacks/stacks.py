@@ -46,15 +46,15 @@ class Stack:
     vehicle: str
     autopilot: int
     mav_type: int
-    request_message: str  # the autopilot requests items by this message
+    request_message: str  # the message by which the autopilot requests an item
     item_0_is_home: bool
     atomic_upload: bool  # a failed upload leaves the old mission unchanged
-    mission_files: bool  # transfers whole missions by MAVFTP
-    keeps_target: bool  # after an upload it flies to the old target until an item is set
+    mission_files: bool  # whether the autopilot transfers whole missions by MAVFTP
+    keeps_target: bool  # flies to the old target after an upload until an item is commanded
     items_ahead: int  # number of items that may be sent before they are requested
     rerequest_us: int  # an unanswered request for an item is repeated after this delay
     # The autopilot sends the MISSION_ACK OPERATION_CANCELLED after this time without messages. 0
-    # means that it aborts without a message.
+    # means that the autopilot aborts the transfer without a message.
     cancels_after_us: int
     max_items: int
     mission_mode: int
@@ -125,7 +125,7 @@ _ARDUPLANE = Stack(
     mission_mode=10,
     hold_mode=12,
     rtl_mode=11,
-    # ArduPlane does not arm in RTL, which is its mode after a return, so it changes to AUTO first.
+    # ArduPlane does not arm in RTL, its mode after a return, so the first step selects AUTO.
     start=(Step(mavlink.MAV_CMD_DO_SET_MODE, (1.0, 10.0)), ARM),
     modes=ARDUPLANE,
 )
@@ -142,7 +142,7 @@ STACKS = (
         hold_mode=17,  # BRAKE, because LOITER sinks without a pilot
         rtl_mode=6,
         start=(
-            # ArduCopter does not arm in AUTO, so it changes to GUIDED first.
+            # ArduCopter does not arm in AUTO, so the first step selects GUIDED.
             Step(mavlink.MAV_CMD_DO_SET_MODE, (1.0, 4.0)),
             ARM,
             Step(mavlink.MAV_CMD_DO_SET_MODE, (1.0, 3.0)),

@@ -1,11 +1,11 @@
-"""Decodes what cameras and gimbals of a vehicle report.
+"""Decodes the reports of a vehicle's cameras and gimbals.
 
-PX4 1.17 sends CAMERA_IMAGE_CAPTURED with the direction of its gimbal, or with its own attitude if
-no gimbal reports (``CameraFeedback.cpp``). ArduPilot 4.6.2 sends CAMERA_FEEDBACK with its own
-attitude and a time in UTC, or since boot with a feedback pin (``AP_Camera_Backend.cpp``). Cameras
-and gimbals with a component id of their own send the same messages. All directions are Euler angles
-in degrees: the yaw from north or from the vehicle's heading, the pitch from the horizon (-90:
-straight down), and the roll about the line of sight.
+PX4 1.17 sends CAMERA_IMAGE_CAPTURED with the direction of the gimbal, or with the vehicle's
+attitude if no gimbal reports (``CameraFeedback.cpp``). ArduPilot 4.6.2 sends CAMERA_FEEDBACK with
+the vehicle's attitude and the time in UTC, or the time since boot if a feedback pin is used
+(``AP_Camera_Backend.cpp``). Cameras and gimbals with a component id of their own send the same
+messages. All directions are Euler angles in degrees: the yaw from north or from the vehicle's
+heading, the pitch from the horizon (-90: straight down), and the roll about the line of sight.
 """
 
 import math
@@ -31,7 +31,7 @@ Angles = tuple[float, float, float]  # yaw, pitch, roll in degrees
 class ImageCaptured:
     """A camera has taken an image; ``boot_us`` or ``taken_utc_us`` is None if unknown.
 
-    ``angles`` are the direction of the camera, or of the vehicle if ``of_vehicle`` is set; None if
+    ``angles`` is the direction of the camera, or of the vehicle if ``of_vehicle`` is set; None if
     unknown. ``file_name`` is empty if the camera does not report it.
     """
 
@@ -49,7 +49,7 @@ class ImageCaptured:
 
 @dataclass(frozen=True, slots=True)
 class GimbalAttitude:
-    """The direction of a gimbal; the yaw is from north or else from the vehicle's heading."""
+    """The direction of a gimbal; the yaw is from north if ``from_north``, else from the heading."""
 
     at_us: int
     angles: Angles
@@ -67,7 +67,7 @@ class FieldOfView:
 
 @dataclass(frozen=True, slots=True)
 class HottestPoint:
-    """The hottest place of a thermal image, as shares of its width and height from top left."""
+    """The hottest point of a thermal image; x and y are fractions of the size, from top left."""
 
     at_us: int
     max_c: float
@@ -77,7 +77,7 @@ class HottestPoint:
 
 @dataclass(frozen=True, slots=True)
 class TrackedPlace:
-    """The place on the ground of the object that a camera tracks; an unknown error is None."""
+    """The ground position of the tracked object; ``horizontal_sd_m`` is None if unknown."""
 
     at_us: int
     lat_deg: float
@@ -154,7 +154,7 @@ def gimbal_attitude(message: Message, at_us: int) -> GimbalAttitude | None:
 
 
 def mount_orientation(message: Message, at_us: int) -> GimbalAttitude:
-    """Decode a MOUNT_ORIENTATION; its absolute yaw is NaN if unknown."""
+    """Decode a MOUNT_ORIENTATION; the absolute yaw is NaN if unknown."""
     from_north = not math.isnan(message.yaw_absolute)
     yaw_deg = message.yaw_absolute if from_north else message.yaw
     return GimbalAttitude(at_us, (yaw_deg % 360.0, message.pitch, message.roll), from_north)
@@ -219,7 +219,7 @@ MESSAGES = frozenset(_DECODERS)
 
 
 def camera_event(message: Message, at_us: int) -> CameraEvent | None:
-    """Return the event of a camera's or a gimbal's message within bounds, or None."""
+    """Return the event of a camera or gimbal message; None for other or implausible messages."""
     decode = _DECODERS.get(message.get_type())
     if decode is None or out_of_bounds(message) is not None:
         return None

@@ -70,7 +70,7 @@ class Attitude:
 
 @dataclass(frozen=True, slots=True)
 class Speed:
-    """The speeds from a VFR_HUD; the airspeed is None if the vehicle has no sensor."""
+    """The speeds from a VFR_HUD; the airspeed is None if the vehicle has no airspeed sensor."""
 
     at_us: int
     airspeed_m_s: float | None
@@ -211,7 +211,7 @@ class DropFinished:
     """The outcome of one drop.
 
     ``refused``: nothing was released. ``unknown``: the object may have been released. ``done``: the
-    autopilot has accepted the command; it cannot detect whether the object fell.
+    autopilot has accepted the command; the autopilot cannot detect whether the object fell.
     """
 
     at_us: int

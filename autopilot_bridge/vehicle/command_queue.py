@@ -16,7 +16,7 @@ R = TypeVar("R", CommandSequence, Request)
 
 
 class _RequestQueue(Generic[R]):
-    """A queue of requests with their ids, of which one is active at a time."""
+    """A queue of requests with ids; one request is active at a time."""
 
     def __init__(self) -> None:
         self._last_id = 0
@@ -57,7 +57,7 @@ class _RequestQueue(Generic[R]):
         return self._after_messages(self._queue[0][1].handle_timer(now_us), now_us)
 
     def _after_messages(self, messages: list[Message], now_us: int) -> list[Message]:
-        """Return ``messages``; if the active request has ended, add those of the next."""
+        """Return ``messages``; if the active request has ended, add those of the next request."""
         request_id, request = self._queue[0]
         if not self._reported(request_id, request, bool(messages), now_us):
             return messages

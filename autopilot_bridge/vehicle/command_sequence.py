@@ -2,7 +2,7 @@
 
 sent --ACK accepted--> next step; sent --ACK in progress--> working; sent --ACK rejected--> ended
 sent: the command is repeated on timeout
-working: the command is not repeated, because it was accepted; its end may be reported late or never
+working: the command is not repeated, because it was accepted; the end may be reported late or never
 """
 
 from dataclasses import dataclass
@@ -29,7 +29,7 @@ RESULTS = {
 
 
 def result_words(result: int) -> str:
-    """Return the words for a MAV_RESULT."""
+    """Return a MAV_RESULT in words."""
     return RESULTS.get(result, f"MAV_RESULT {result}")
 
 
@@ -53,7 +53,7 @@ AnyStep = Step | SetParameter
 
 
 def command_message(target: tuple[int, int], step: Step, tries: int) -> Message:
-    """Return the message of a step: COMMAND_INT if it has a position, otherwise COMMAND_LONG."""
+    """Return a step as a COMMAND_INT if the step has a position, otherwise as a COMMAND_LONG."""
     command, params, place = step
     if place is None:
         values = [*params, *[0.0] * (7 - len(params))]
@@ -110,7 +110,7 @@ class CommandSequence:
 
     @property
     def steps(self) -> tuple[AnyStep, ...]:
-        """The steps of the order."""
+        """The steps of the sequence."""
         return self._steps
 
     def start(self, now_us: int) -> list[Message]:

@@ -1,7 +1,7 @@
 """Records the commanded flight modes; any other mode is attributed to the autopilot or a pilot.
 
-An autopilot in failsafe can change the mode, and so can a pilot with a radio. The client does not
-override such a mode: it repeats no command, and no transfer changes the mode.
+An autopilot in failsafe can change the mode, and so can a pilot with a remote control. The client
+does not override such a mode: no command is repeated, and no transfer changes the mode.
 """
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -10,11 +10,11 @@ from autopilot_bridge.stacks.stacks import Stack, Step
 from autopilot_bridge.vehicle.command_sequence import AnyStep
 
 REPORTED_WITHIN_US = 10_000_000  # time until a heartbeat shows the mode; some heartbeats get lost
-DELAYED_US = 2_000_000  # a mode may be entered this long after another was commanded
+DELAYED_US = 2_000_000  # a mode may be entered this long after another mode was commanded
 
 
 def modes_of_step(step: AnyStep, stack: Stack) -> tuple[int, ...]:
-    """Return the numbers of the modes that a step leads to; empty if it changes no mode."""
+    """Return the numbers of the modes to which a step leads; empty if the mode is not changed."""
     if not isinstance(step, Step):
         return ()
     px4, plane = stack.name == "px4", stack.vehicle == "plane"

@@ -1,11 +1,11 @@
 """Sends drops: a release is sent once, immediately and before all other orders, or not at all.
 
 sent --ACK accepted or in progress--> done; --ACK rejected--> refused; --no ACK in time--> unknown
-``hold_s`` later the dropper is reset; the reset is repeated until its acknowledgement or the next
-release
+``hold_s`` later the dropper is reset; the reset is repeated until it is acknowledged or the next
+object is released
 
 An acknowledgement contains only the number of the command, which is the same for a release and a
-reset. Therefore each release and each reset has its own sender component id, and its
+reset. Therefore each release and each reset has its own sender component id, and the
 acknowledgement is addressed to that id.
 """
 
@@ -23,7 +23,8 @@ from autopilot_bridge.vehicle.command_sequence import TAKEN, command_message, re
 from autopilot_bridge.vehicle.orders import Dropper, drop
 
 FIRST_COMPONENT = int(mavlink.MAV_COMP_ID_USER1)
-# ArduPilot stores the signing timestamps of 16 streams (system, component, link).
+# A component id is used again after this number of drops, because ArduPilot stores the signing
+# timestamps of only 16 streams (system, component, link).
 PULSES_APART = 4
 RESET_INTERVAL_US = 50_000  # a dropper that is not reset cannot release another object
 MAX_RESETS = 40
@@ -52,7 +53,7 @@ class _Pulse:
 
 
 class DropSender:
-    """The drops of one vehicle."""
+    """The sender of the drops of one vehicle."""
 
     def __init__(
         self, system_id: int, timing: TransferTiming, report: Callable[[DropFinished], None]
@@ -73,8 +74,8 @@ class DropSender:
     ) -> tuple[int, list[Message]]:
         """Return the id of the drop, and the messages of the release, which must be sent at once.
 
-        A drop is refused if it is late or if the link to the vehicle is ``lost``. Raises
-        BridgeError if the stack has no command for this dropper.
+        A drop is refused if the dropper is not reset yet or if the link to the vehicle is ``lost``.
+        Raises BridgeError if the stack has no command for this dropper.
         """
         release, reset_step = drop(stack, dropper)
         self._last_id += 1

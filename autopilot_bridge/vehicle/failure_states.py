@@ -1,17 +1,17 @@
-"""Decodes the failure states that an autopilot reports into events.
+"""Decodes an autopilot's reports of failures into events.
 
 These flags of the position estimate are used (sources: ArduPilot 4.6.2 ``AP_NavEKF3_Control.cpp``
 ``updateFilterStatus``, PX4 1.17 ``ekf_helper.cpp`` ``get_ekf_soln_status``):
 
 - attitude, horizontal velocity and absolute horizontal position: both stacks set each flag if the
   value is valid;
-- constant position mode: ArduPilot sets it if no sensor gives position or velocity. PX4 also sets
-this flag while the vehicle stands still, so it is ignored for PX4;
-- a glitch of the satellite position: both stacks set it after a single bad sample, so it is
-  reported only if two consecutive messages have it;
-- the prediction of the absolute position: if PX4 clears it, the position is dead reckoned without
-  satellites, although PX4 still reports it as valid for some seconds. ArduPilot sets this flag
-  together with that of the absolute horizontal position.
+- constant position mode: ArduPilot sets this flag if no sensor gives position or velocity. PX4 also
+  sets the flag while the vehicle stands still, so the flag is ignored for PX4;
+- a glitch of the satellite position: both stacks set this flag after a single bad sample, so a
+  glitch is reported only if the flag is set in two consecutive messages;
+- the prediction of the absolute position: if PX4 clears this flag, the position is dead reckoned
+  without satellites, although PX4 still reports the position as valid for some seconds. ArduPilot
+  sets this flag together with that of the absolute horizontal position.
 """
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
@@ -35,7 +35,7 @@ BREACHES = {
     mavlink.FENCE_BREACH_BOUNDARY: "boundary",
 }
 GLITCH = "satellite position glitch"
-# Flags that are set in the normal state, each with the name of the problem if it is clear.
+# Flags that are set in the normal state, each with the name of the problem if the flag is clear.
 NEEDED = (
     (mavlink.ESTIMATOR_ATTITUDE, "attitude not valid"),
     (mavlink.ESTIMATOR_VELOCITY_HORIZ, "velocity not valid"),

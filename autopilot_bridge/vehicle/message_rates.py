@@ -1,13 +1,13 @@
-"""Requests the rates of messages from a vehicle (MAV_CMD_SET_MESSAGE_INTERVAL).
+"""Requests message rates from a vehicle (MAV_CMD_SET_MESSAGE_INTERVAL).
 
 requested --COMMAND_ACK--> next message; a request is repeated on timeout, then skipped
 after all requests: absent messages are requested again a few times
 
-Messages may stop because ArduCopter resets its rates when it restarts, and its heartbeat does not
-show a restart.
+Messages may stop because ArduCopter resets its message rates when it restarts, and the heartbeat
+does not show a restart.
 
-An acknowledgement does not contain the message id, so each request is sent after the
-acknowledgement of the request before.
+An acknowledgement does not contain the message id, so a request is sent only after the previous
+request was acknowledged.
 """
 
 from collections.abc import Mapping
@@ -21,8 +21,8 @@ from autopilot_bridge.vehicle.command_sequence import command_message
 
 RatesHz = Mapping[int, float]
 
-# All messages that a client reports. They are used by transfers from the command line, by MAVSDK,
-# and without the service.
+# All messages that a client reports. These rates are for transfers from the command line, for
+# MAVSDK, and for programs without the service.
 ALL_RATES_HZ: RatesHz = {
     mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 4.0,
     mavlink.MAVLINK_MSG_ID_MISSION_CURRENT: 1.0,
@@ -60,7 +60,7 @@ DROP_RATES_HZ: RatesHz = {
     mavlink.MAVLINK_MSG_ID_SYS_STATUS: 1.0,
     mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: 1.0,
 }
-# For sensors that place images by telemetry. Each image is reported without a request.
+# For sensors whose images are georeferenced by telemetry. Images are reported without a request.
 CAMERA_RATES_HZ: RatesHz = {
     mavlink.MAVLINK_MSG_ID_ATTITUDE: 4.0,
     mavlink.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS: 4.0,

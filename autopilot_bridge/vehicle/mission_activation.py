@@ -1,11 +1,11 @@
 """Activates an uploaded mission: starts it, and waits for proof that it is being flown.
 
 PX4 starts a new list without a command, at the item that was sent with ``current`` set.
-MISSION_CURRENT, sent once a second, contains the id of the list, and whether PX4 accepts the list
-for flight. The sequence number of MISSION_CURRENT is weak evidence: a plane in the air skips its
-takeoff item at once, and a waypoint may be reached before the first message arrives. If the same
-list (the same id) was on board before, PX4 keeps its current item, and the first item must be
-commanded.
+MISSION_CURRENT, sent once a second, contains the id of the list, and whether the list is *fit* (PX4
+accepts it for flight). The sequence number of MISSION_CURRENT is weak evidence: a plane in the air
+skips its takeoff item at once, and a waypoint may be reached before the first message arrives. If
+the same list (the same id) was on board before, PX4 keeps its current item, and the item to start
+with must be commanded.
 
 ArduPilot flies on to its old target, and keeps its current item, until an item is commanded.
 ArduPilot acknowledges that command. If the acknowledgement is lost, a sequence number that the
@@ -38,7 +38,7 @@ from autopilot_bridge.vehicle.command_sequence import command_message, result_wo
 
 SETTLED_US = 300_000  # PX4 checks a mission after its acknowledgement (observed: 60 ms later)
 UNFIT_FOR_US = 1_000_000
-ANSWERED_US = 700_000  # messages this soon after a command may have been sent before it
+ANSWERED_US = 700_000  # messages this soon after a command may have been sent before the command
 OTHERS = 5  # consecutive messages with the id of another list
 TRIES = 12
 SET_CURRENT = mavlink.MAV_CMD_DO_SET_MISSION_CURRENT
@@ -55,9 +55,9 @@ class Onboard(NamedTuple):
 class MissionActivation(Exchange):
     """An exchange that starts a new mission and waits for proof that it is flown.
 
-    ``count`` items are transmitted; ``seq`` is the item to start with. ``shown`` is the item
-    number that the autopilot then reports; it differs from ``seq`` if ArduPilot skips DO items.
-    ``plan_id`` is the id of the list; None on ArduPilot.
+    ``count`` items are transmitted; ``seq`` is the item to start with. ``shown`` is the number of
+    the item that the autopilot then reports as current; ``shown`` differs from ``seq`` if ArduPilot
+    skips DO items. ``plan_id`` is the id of the list; None on ArduPilot.
     """
 
     def __init__(
@@ -79,7 +79,7 @@ class MissionActivation(Exchange):
         self._before = before
         same_list = plan_id is not None and before.plan_id == plan_id
         self._needs_command = plan_id is None or (same_list and before.seq != seq)
-        # If the first item is not 0, PX4 does not report again that a list is fit (source: 1.17
+        # If the start is not at item 0, PX4 does not report again that a list is fit (source: 1.17
         # ``update_mission_state``).
         self._checks_state = plan_id is not None and not (before.unfit and seq > 0)
         self._started_us = self._requested_us = 0
@@ -172,7 +172,10 @@ class MissionActivation(Exchange):
         return seq < before
 
     def _unfit(self, now_us: int) -> None:
-        """Reject the mission after several reports; the first may be about the old mission."""
+        """Reject the mission if it is reported as unfit for ``UNFIT_FOR_US``.
+
+        The first report may concern the old mission.
+        """
         if self._unfit_since_us is None:
             self._unfit_since_us = now_us
         elif now_us - self._unfit_since_us >= UNFIT_FOR_US:

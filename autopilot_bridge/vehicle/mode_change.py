@@ -1,6 +1,6 @@
 """Changes the flight mode as part of a transfer.
 
-waiting --HEARTBEAT in a mode to be left--> sent --HEARTBEAT in the new mode--> ended
+waiting --HEARTBEAT in the mode to be left--> sent --HEARTBEAT in the new mode--> ended
 sent --COMMAND_ACK with an error--> ended
 any --HEARTBEAT in another mode--> ended: the autopilot or a pilot has taken over
 
@@ -16,12 +16,12 @@ from autopilot_bridge.vehicle.command_sequence import TAKEN, command_message, re
 
 
 def changed_meanwhile(stack: Stack, custom_mode: int) -> str:
-    """Return a text about a mode change by the autopilot or a pilot, which ends an operation."""
+    """Return the reason for ending an operation after the autopilot or a pilot changed the mode."""
     return f"its autopilot changed to {stack.mode_name(custom_mode)} meanwhile"
 
 
 class ModeChange(Exchange):
-    """A change of mode that starts only from the modes ``before``; a HEARTBEAT must confirm it."""
+    """A change of mode, only from the mode ``before``; a HEARTBEAT must confirm the new mode."""
 
     def __init__(
         self,
@@ -46,7 +46,7 @@ class ModeChange(Exchange):
         return []
 
     def receive(self, message: Message, now_us: int) -> list[Message]:
-        """Process a heartbeat or an acknowledgement; the new mode or a rejection is the end."""
+        """Process a heartbeat or acknowledgement; the new mode or a rejection ends the exchange."""
         if not self._is_from_target(message):
             return []
         kind = message.get_type()

@@ -32,19 +32,19 @@ FAILSAFES = (
     mavlink.MAV_STATE_FLIGHT_TERMINATION,
 )
 ALARM_ENDS_US = 10_000_000  # the alarm ends this long after the last message that caused it
-# How long the clock remains undecided after a time since boot that went back. A restart is detected
-# within half of this time.
+# After the time since boot has jumped back, a restart is suspected for this long. A restart is
+# detected within half of this time.
 UNDECIDED_US = 2_000_000
 NOT_USED = "the message is not used"
 
 
 class VehicleMonitor:
-    """The state of a vehicle; ``current`` and ``total`` (or None) are those of MISSION_CURRENT."""
+    """The state of a vehicle; ``current`` and ``total`` are from MISSION_CURRENT (or None)."""
 
     def __init__(
         self, heartbeat_timeout_us: int = 3_000_000, max_speed_m_s: float | None = None
     ) -> None:
-        """Create the state; positions that imply more than ``max_speed_m_s`` are discarded."""
+        """Create the state; positions that imply a speed over ``max_speed_m_s`` are discarded."""
         self.stack: Stack | None = None
         self.armed = False
         self.custom_mode = 0
@@ -63,17 +63,17 @@ class VehicleMonitor:
         self._clock = BootClock()
         self._reach = Reach(max_speed_m_s)
         # Whether the position estimate has been healthy since the autopilot's start; None before
-        # its first report.
+        # the first report about the estimate.
         self._settled: bool | None = None
         self._estimate_healthy = True  # whether the last report had no problem
         self._alarms: dict[AlarmKind, int] = {}  # active alarms with their end times
         self._backward_jump_us = 0  # 0 if the time since boot did not jump back
-        self.undecided_until_us = 0  # until this time a restart may still be detected
+        self.undecided_until_us = 0  # until this time a restart is suspected
         self.used = True  # whether the last message was used, at least partly
 
     @property
     def hidden_items(self) -> int:
-        """The number of transmitted items that are not the user's (ArduPilot's home is one)."""
+        """The number of transmitted items that are not the user's (1 on ArduPilot: home)."""
         return 1 if self.stack is not None and self.stack.item_0_is_home else 0
 
     @property
@@ -101,7 +101,7 @@ class VehicleMonitor:
         return min(self._alarms.values()) if self._alarms else None
 
     def end_alarms(self, now_us: int) -> list[ClientEvent]:
-        """End the alarms whose causes have not occurred recently."""
+        """End the alarms whose cause has not occurred for ``ALARM_ENDS_US``."""
         if not self._alarms:
             return []
         ended = [kind for kind, ends_us in self._alarms.items() if now_us >= ends_us]
@@ -197,7 +197,7 @@ class VehicleMonitor:
                         return []
                     return [MissionProgress(now_us, message.seq - self.hidden_items)]
             case "MISSION_ITEM_REACHED":
-                # ArduPlane reports item 0, its home, when it reaches its target in GUIDED.
+                # ArduPlane reports item 0 (home) when the vehicle reaches its target in GUIDED.
                 if message.seq != self._reached and message.seq >= self.hidden_items:
                     self._reached = message.seq
                     return [ItemReached(now_us, message.seq - self.hidden_items)]

@@ -1,8 +1,9 @@
 """Contains the commands of a vehicle: the MAV_CMDs of each stack, their arguments and retries.
 
-``ORDERS`` is the table. To add a command, add a row and the function that returns its steps. The
-commands were flown on PX4 1.17 and ArduPilot 4.6.2. The functions raise BridgeError for a command
-that the stack does not have. Altitudes are above mean sea level unless their names say otherwise.
+``ORDERS`` is the table; a row is an *order*, one command of a user. To add a command, add a row and
+the function that returns its steps. The commands were tested on PX4 1.17 and ArduPilot 4.6.2. The
+functions raise BridgeError for a command that the stack does not have. Altitudes are above mean sea
+level unless their names state another reference.
 """
 
 import math
@@ -35,8 +36,8 @@ S = TypeVar("S")
 class Dropper(NamedTuple):
     """An output that releases one object when it is set, and must be reset before the next release.
 
-    ``release`` and ``rest`` are the two settings of the output. For a servo they are pulse widths
-    in microseconds, for an actuator values from -1 to 1; a gripper has none.
+    ``release`` and ``rest`` are the two settings of the output. For a servo, the settings are pulse
+    widths in microseconds, for an actuator values from -1 to 1; a gripper has no settings.
     """
 
     by: Literal["servo", "gripper", "actuator"]
@@ -47,12 +48,12 @@ class Dropper(NamedTuple):
 
 
 def arm(stack: Stack) -> Steps:
-    """Return the step that arms; the autopilot makes its arming checks."""
+    """Return the step that arms; the autopilot runs its arming checks."""
     return (ARM,)
 
 
 def disarm(stack: Stack) -> Steps:
-    """Return the step that disarms; autopilots reject it in the air."""
+    """Return the step that disarms; autopilots reject the step in the air."""
     return (Step(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, (0.0,)),)
 
 
@@ -62,7 +63,7 @@ def set_mode(stack: Stack, name: str) -> Steps:
 
 
 def takeoff(stack: Stack, height_m: float, ground_amsl_m: float) -> Steps:
-    """Return the steps that arm, take off from the ground and hold ``height_m`` above it.
+    """Return the steps that arm, take off and hold at ``height_m`` above the ground.
 
     ArduPlane climbs to the height in its parameter TKOFF_ALT, which the steps change permanently.
     """
@@ -87,8 +88,8 @@ def start_mission(stack: Stack, armed: bool) -> tuple[Step, ...]:
 def pause(stack: Stack) -> Steps:
     """Return the step that holds at the current position: planes circle, multirotors stop.
 
-    PX4 executes a DO_REPOSITION in its hold mode, so a change to that mode would not stop the
-    vehicle on its way.
+    PX4 executes a DO_REPOSITION in its hold mode, so a change to that mode would not stop a vehicle
+    that flies to the position of a DO_REPOSITION.
     """
     if stack.name == "px4":
         return (Step(mavlink.MAV_CMD_DO_REPOSITION, (-1.0, CHANGE_MODE, 0.0, NAN), SAME_PLACE),)
@@ -128,7 +129,7 @@ def land(stack: Stack) -> Steps:
 
 
 def reposition(stack: Stack, lat_deg: float, lon_deg: float, altitude_amsl_m: float) -> Steps:
-    """Return the step that flies to a position and holds there; planes keep their radius."""
+    """Return the step that flies to a position and holds there; planes keep the loiter radius."""
     place = _place(lat_deg, lon_deg, altitude_amsl_m)
     # For ArduPilot, radius 0 means the present radius. For PX4, yaw NaN means its default.
     params = (-1.0, CHANGE_MODE, 0.0, NAN if stack.name == "px4" else 0.0)
@@ -293,8 +294,8 @@ class Order(NamedTuple):
         steps: Returns the commands for the context and the arguments of the order.
         urgent: Whether the order replaces all orders that have not ended, and is repeated even if
             no heartbeats arrive.
-        timing: Timeout and retries until the order is acknowledged; None means those that the
-            client has by default.
+        timing: Timeout and retries until the order is acknowledged; None means the client's
+            defaults.
         through_mavsdk: Returns the steps for MAVSDK, which cannot send NaN; None if MAVSDK cannot
             send the order.
     """

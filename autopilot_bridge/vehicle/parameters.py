@@ -1,4 +1,4 @@
-"""Reads one or all parameters of an autopilot, and sets one (MAVLink parameter protocol).
+"""Reads one or all parameters of an autopilot, or sets one (MAVLink parameter protocol).
 
 read one: requested --PARAM_VALUE of that name--> ended; repeated on timeout
 read all: list requested --PARAM_VALUE ... pause--> missing indexes requested, some at a time -->
@@ -88,7 +88,7 @@ def encoded_value(value: float, kind: int, bytewise: bool) -> float:
 
 
 def checked_name(name: str) -> str:
-    """Return the name itself; raises BridgeError if it is not a valid parameter name."""
+    """Return ``name``. Raises BridgeError if it is not a valid parameter name."""
     if not (0 < len(name) <= LONGEST_NAME and name.isascii() and name.isprintable()):
         raise BridgeError(f"{name!r} is not a parameter name; it has 1 to 16 ASCII characters")
     return name
@@ -116,7 +116,7 @@ class _ParameterExchange:
         return self._deadline_us
 
     def cancel(self) -> None:
-        """End the exchange; the autopilot needs no message, because it stores nothing about it."""
+        """End the exchange without a message; the autopilot stores no state of an exchange."""
         if self.result is None:
             self.result = ParametersResult("cancelled", "cancelled")
 
@@ -181,7 +181,7 @@ class ParameterRead(_ParameterExchange):
 
 
 class ParameterSet(_ParameterExchange):
-    """The change of one parameter: read its type, send the value, wait until it is reported."""
+    """The change of one parameter: read the type, send the value, wait for the reported value."""
 
     def __init__(
         self,
@@ -197,10 +197,10 @@ class ParameterSet(_ParameterExchange):
             raise BridgeError(f"parameter {name}: {value} is not a finite number")
         self._value = value
         self._kind: int | None = None
-        self._reported: Parameter | None = None  # valid only if its value is finite
+        self._reported: Parameter | None = None  # set only if the reported value is finite
 
     def start(self, now_us: int) -> list[Message]:
-        """Request the parameter's type, or send the value if the type is available."""
+        """Request the parameter's type, or send the value if the type is known."""
         name = self._name.encode()
         if self._kind is None:
             request = mavlink.MAVLink_param_request_read_message(*self._target, name, -1)
@@ -258,7 +258,7 @@ def _same(reported: float, requested: float) -> bool:
 
 
 class ParametersRead(_ParameterExchange):
-    """The read of all parameters: the list, then its missing indexes; values of NaN are omitted."""
+    """The read of all parameters: the list, then missing indexes; NaN values are omitted."""
 
     def __init__(self, target: tuple[int, int], bytewise: bool, timing: TransferTiming) -> None:
         super().__init__(target, bytewise, timing)

@@ -3,13 +3,13 @@
 The checks read no clock: ``now_us`` is the time of the link (in a log, the time at which the
 message was recorded).
 
-*Times.* The time since boot advances as fast as the link's clock; in simulations it may be faster
-or slower. A line is fitted to the received times by medians, so that a minority of wrong times has
-no effect; the line gives the expected time since boot at each moment. A time is not used if it is
-later than the expected time by more than ``AHEAD_US`` (in simulations: by more than the vehicle's
-clock advances in ten seconds), or if it is earlier than the latest received time by more than
-``BACK_US`` (in simulations: five seconds of the vehicle's clock). The times in delayed messages and
-in bursts are earlier than expected, and are accepted.
+*Times.* The time since boot advances as fast as the link's clock; in simulations it may advance
+faster or slower. A line is fitted to the received times by medians, so that a minority of wrong
+times has no effect; the line gives the expected time since boot at each moment. A time is not used
+if it is later than the expected time by more than ``AHEAD_US`` (in simulations: by more than the
+vehicle's clock advances in ten seconds), or if it is earlier than the latest received time by more
+than ``BACK_US`` (in simulations: five seconds of the vehicle's clock). The times in delayed
+messages and in bursts are earlier than expected, and are accepted.
 
 Autopilots count from zero at their boot (``hrt_absolute_time`` in PX4, ``millis`` in ArduPilot). A
 new series of times is therefore a *restart* only if its first time since boot does not exceed the
@@ -20,8 +20,9 @@ Mission time then continues without a jump.
 
 *Positions.* A position is discarded if the airframe could not have flown there from its last
 positions in the time between them. Positions that are consistent with each other for
-``PLACES_KEPT_US`` are adopted: a simulator's vehicle was moved, or a wrong position estimate was
-corrected. After the start of the autopilot the check begins when its position estimate is healthy.
+``PLACES_KEPT_US`` are adopted: a simulated vehicle was moved, or a wrong position estimate was
+corrected. After a start of the autopilot, positions are checked only once the position estimate is
+healthy.
 
 A forged message within these limits that comes from the vehicle's own address cannot be
 distinguished from a true message. Signed links prevent forgery.
@@ -149,7 +150,7 @@ class BootClock:
         return boot_us + self.rate * (now_us - at_us) + slack_us
 
     def _expected_us(self, now_us: int) -> int:
-        """Return the limit of ``_latest_us``, so that one wrong time makes no right time late."""
+        """Return the upper limit of ``_latest_us``; one wrong time must not make others late."""
         if len(self._points) < POINTS:
             return 1 << 62
         at_us, boot_us = self._line
@@ -195,7 +196,7 @@ class Reach:
     """The positions that one airframe can reach."""
 
     def __init__(self, speed_m_s: float | None) -> None:
-        """Create the check for a maximum horizontal and vertical speed; None: no check."""
+        """Create the check for a maximum horizontal and vertical speed; None disables the check."""
         self._speed_m_s = speed_m_s
         self._last: Position | None = None
         self._anchor: Position | None = None  # an older position, so that errors do not accumulate

@@ -3,13 +3,13 @@
 A *remote* is an address and port, or a connection. A vehicle is bound to the remote that first sent
 a HEARTBEAT of its autopilot. While this remote sends, messages with the same system id from another
 remote are not used and raise an alarm. After ``timeout_us`` without messages, a HEARTBEAT from
-another remote binds the vehicle to that remote, because an autopilot may have another port after it
-restarts or its network changes. The new binding also raises an alarm, unless the link is signed,
-because a verified signature is proof. When a remote that was bound earlier sends again, it takes
-precedence, and the messages from remotes bound later are no longer used.
+another remote binds the vehicle to that remote, because the port of an autopilot may differ after a
+restart or a change of its network. The new binding also raises an alarm, unless the link is signed,
+because a verified signature proves the sender. When a remote that was bound earlier sends again, it
+takes precedence, and the messages from remotes bound later are no longer used.
 
 The binding cannot detect whether the first remote is the vehicle. If a forger sends before the
-vehicle, the alarm remains until the forger stops. Only a signed link prevents this.
+vehicle, the alarm remains until the forger stops. Only a signed link prevents such forgery.
 
 On a link that connects to one address (``udpout``), that address takes precedence over all others.
 """
@@ -23,7 +23,7 @@ SourceAlarm = SameSystemId | RemoteChanged | AlarmEnded
 
 
 class RemoteBinding:
-    """The remote of one vehicle; its owner removes new alarms from ``alarms`` and reports them."""
+    """The remote of one vehicle; the caller removes new alarms from ``alarms`` and reports them."""
 
     def __init__(self, timeout_us: int, called: str = "", signed: bool = False) -> None:
         """Create the binding; ``called`` is the remote to which the link connects, or ""."""

@@ -8,7 +8,7 @@ CHUNK_BYTES = 50
 
 
 class StatustextAssembler:
-    """The chunks of a text that is incomplete; the last chunk or a HEARTBEAT ends the text."""
+    """The chunks of one incomplete text; the last chunk or a HEARTBEAT ends the text."""
 
     def __init__(self) -> None:
         self._begun: Message | None = None  # contains the part of the text that has arrived
@@ -28,7 +28,7 @@ class StatustextAssembler:
                 return []  # duplicate
             if message.chunk_seq == self._next_chunk:
                 return self._add(message, self._begun.text + message.text)
-        before = self._end()  # the chunk is of another text, or a chunk was lost
+        before = self._end()  # the chunk belongs to another text, or a chunk was lost
         return [*before, *self._add(message, message.text)]
 
     def _add(self, chunk: Message, text: str) -> list[Message]:

@@ -23,7 +23,7 @@ from autopilot_bridge.vehicle.client_events import (
 )
 from autopilot_bridge.vehicle.failure_states import Estimator, fence_status, landed_state
 
-NO_PLACE_DEG_E7 = 1_000_000  # an area of the sea, 500 km from any land
+NO_PLACE_DEG_E7 = 1_000_000  # around latitude 0, longitude 0: sea, 500 km from any land
 UNKNOWN_VOLTAGE_MV = 65535
 FIXES = ("no gps", "no fix", "2d", "3d", "dgps", "rtk float", "rtk fixed", "static", "ppp")
 
@@ -79,7 +79,7 @@ def wind_from_vector(message: Message, at_us: int) -> Wind | None:
 
 
 def wind_of_air(north_m_s: float, east_m_s: float, at_us: int) -> Wind:
-    """Return the wind for a velocity of the air, given by its north and east parts in m/s."""
+    """Return the wind for a velocity of the air, given by its components north and east in m/s."""
     from_deg = math.degrees(math.atan2(-east_m_s, -north_m_s)) % 360.0
     return Wind(at_us, from_deg, math.hypot(north_m_s, east_m_s))
 
@@ -97,7 +97,7 @@ def battery_of_system(message: Message, at_us: int) -> Battery:
 
 
 def battery(message: Message, at_us: int) -> Battery:
-    """Decode a BATTERY_STATUS; the voltage is the sum over its cells."""
+    """Decode a BATTERY_STATUS; the voltage is the sum over the cells."""
     cells = [mv for mv in message.voltages if mv != UNKNOWN_VOLTAGE_MV]
     current_ca = message.current_battery
     return Battery(
@@ -161,18 +161,18 @@ ReportedOnChange = (
 )
 REPORTED_ON_CHANGE = get_args(ReportedOnChange)
 # Messages that contain the autopilot's time since boot on both stacks. In other messages the time
-# may be 0 or that of a gimbal.
+# may be 0 or the time since the boot of a gimbal.
 TIMED = ("GLOBAL_POSITION_INT", "ATTITUDE", "SYSTEM_TIME")
 
 
 class Changes:
-    """The last value of each state that is reported when it changes."""
+    """The last value of each state that is reported only on change."""
 
     def __init__(self) -> None:
         self._last: dict[tuple[str, int], ReportedOnChange] = {}
 
     def has(self, event: ReportedOnChange) -> bool:
-        """Store a state, and return whether it differs from the last state of its kind."""
+        """Store a state, and return whether it differs from the last state of the same kind."""
         number = event.battery_id if isinstance(event, Battery) else 0
         key = (type(event).__name__, number)
         before = self._last.get(key)
@@ -185,7 +185,7 @@ class Telemetry:
 
     def __init__(self) -> None:
         self._boot_us: dict[str, int] = {}
-        self._before_us = -1  # the time before the last one in messages of the same kind
+        self._before_us = -1  # the time of the previous message of the kind that arrived last
         self._changes = Changes()
         self._estimator = Estimator()
         self._has_battery_status = False
@@ -197,7 +197,7 @@ class Telemetry:
         self._estimator = Estimator()
 
     def events(self, message: Message, at_us: int) -> list[TelemetryEvent]:
-        """Return the events of a message; a repeated state is no event."""
+        """Return the events of a message; an unchanged state causes no event."""
         kind = message.get_type()
         if kind in ESTIMATOR_MESSAGES:
             return self.if_changed(self._estimator.receive(message, at_us))

@@ -1,4 +1,4 @@
-"""Queues transfers, and takes the active transfer through its phases to its result.
+"""Queues transfers, and runs the active transfer through its phases.
 
 ``transfer_states.py`` contains the phases of a transfer and their allowed order.
 
@@ -95,9 +95,9 @@ class TransferQueue:
         return job.exchange.cancel(stack.cancels_after_us, now_us)
 
     def release_mode(self) -> None:
-        """Prevent uploads from changing the mode from now on, because another command controls it.
+        """Prevent uploads from changing the mode from now on, because a command controls the mode.
 
-        The upload that is changing the mode now is ended.
+        An upload that is changing the mode at this time is ended.
         """
         job = self._job
         for queued in (*self._queue, *(() if job is None else (job,))):
@@ -215,7 +215,7 @@ class TransferQueue:
         if job is None or job.exchange is None or job.exchange.result is None:
             return []
         if isinstance(job.exchange, FtpUpload | FtpDownload):
-            self._session = job.exchange.session  # the exchange may have changed the list
+            self._session = job.exchange.session  # the exchange may have changed the session id
         following = _AFTER[job.action, job.phase](self, job, job.exchange.result, state)
         if not isinstance(following, TransferResult):
             return self._begin(job, *following, now_us)
@@ -396,7 +396,7 @@ def likely_reason(job: Job) -> str:
 
 
 def accepted(job: Job) -> TransferResult:
-    """Return the result of an accepted upload; it names the reason if the mode was not changed."""
+    """Return the result of an accepted upload, with the reason if the mode was not changed."""
     words = f"accepted; {job.override}, and its mode was not changed"
     reason = words if job.override else "accepted"
     return TransferResult("accepted", reason, 0, None, job.items, "the new one")
@@ -408,7 +408,7 @@ def users_items(job: Job, wire_items: tuple[MissionItem, ...]) -> tuple[MissionI
 
 
 def held_after(ended: MissionUpload, result: TransferResult, stack: Stack) -> Holds:
-    """Return which mission is on board after an upload, if its result shows this."""
+    """Return which mission is on board after an upload, as far as ``result`` shows it."""
     if result.outcome == "accepted":
         return "the new one"
     if not ended.touched:

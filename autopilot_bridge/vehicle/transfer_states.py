@@ -5,6 +5,8 @@ upload: file -> read the file back -> [start -> [remove the old tail -> read it 
         [hold] -> items -> [read back] -> start -> [resume]
 download: file, otherwise items
 clear: one phase
+
+The *old tail* consists of the last items of the old mission, which a shorter file does not remove.
 """
 
 from dataclasses import dataclass, field
@@ -38,7 +40,7 @@ Transfer = (
 
 
 class Phase(Enum):
-    """The phase in which a transfer is."""
+    """A phase of a transfer."""
 
     QUEUED = "queued"
     WRITING_FILE = "writing the file"
@@ -133,7 +135,7 @@ class Job:
     uploaded: TransferResult | None = None  # result of the upload itself
     before: Onboard = NOTHING
     reread: bool = False  # whether the list was read back after the start failed
-    override: str = ""  # the reason not to change the mode; "" if it may be changed
+    override: str = ""  # the reason not to change the mode; "" if there is none
     cancelled: bool = False
     history: list[Phase] = field(default_factory=lambda: [Phase.QUEUED])
 

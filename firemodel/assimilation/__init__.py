@@ -1,10 +1,13 @@
-"""Correct simulated fires by observations, and estimate fires from observations.
+"""Correct simulated fires with observations, and estimate fires from observations.
 
-``fire_estimate`` is an ensemble of fires that is corrected by camera images and mapped perimeters
-(``observation``); ``scores`` compares its forecasts with later observations.
+``fire_estimate`` is an ensemble of fires that is corrected with camera images and mapped perimeters
+(``observation``); ``scores`` compares the forecasts of the ensemble with later observations.
 
-The other modules correct the fires of prescribed burns and of operators' drawings: in these modules
-an observation is a place, a time and a state (burned, burning or unburned). ``camera_front`` and
-``map_drawing`` make observations. ``gaussian_process`` and ``distance_weighting`` correct a
-simulation by observations; ``corrected_cells`` corrects a cellular fire.
+``learned_inputs`` estimates the errors of wind and spread rates from observed fronts, and
+``front_lines`` computes the fronts of the estimated fire.
+
+For the fires of prescribed burns, an observation is a place, a time and a state (burned, burning or
+unburned). ``camera_front`` computes such observations from camera images, and ``map_drawing`` from
+the drawings of operators. ``gaussian_process`` and ``distance_weighting`` correct a simulation with
+these observations; ``corrected_cells`` corrects a cellular fire.
 """

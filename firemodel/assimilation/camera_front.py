@@ -19,7 +19,7 @@ Bools = NDArray[np.bool_]
 
 
 class CameraFront:
-    """A limited number of observations that are computed from the windows of a camera.
+    """A limited number of observations that are computed from the images of a camera.
 
     The edge between a burned cell and an unburned neighbour gives a burning observation. A cell
     whose observed state differs from its simulated state gives a burned or unburned observation.
@@ -36,7 +36,7 @@ class CameraFront:
         self._observations: dict[tuple[int, int, int, int], PointObservation] = {}
 
     def fold(self, row: int, col: int, cells: Sequence[str], at_s: float, fire: Simulation) -> None:
-        """Add a window (``events.Observed``) whose north-west cell is (row, col).
+        """Add the cells of an image (``events.Observed``), whose north-west cell is (row, col).
 
         Each string of ``cells`` is one row of cells; the rows run from north to south. A ``b`` is a
         burning or burned cell and a ``u`` an unburned cell; a cell with any other character was not

@@ -1,4 +1,4 @@
-"""Compare the fires of an ensemble with the burned cells that a camera sees in a window."""
+"""Compare the fires of an ensemble with the burned cells in the window of a camera image."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,12 +10,12 @@ from firemodel.assimilation.observation import BURNED, UNBURNED, UNSEEN
 BLOCK_CELLS = 8  # side of the blocks in which burned areas are compared
 MIN_BLOCK_CELLS = 32  # a block with fewer observed cells is not compared
 MIN_FRONT_CELLS = 3  # a block with a shorter observed front gives no distance
-MIN_BURNED_CELLS = 2  # without observed fire, a block counts if a member burns more
+MIN_BURNED_CELLS = 2  # a block without observed fire is used if a member burns more
 MIN_SD_CELLS = 0.3  # blocks in which the members differ less give no information
 
 
 def block_excess(state: NDArray[np.uint8], windows: Mask) -> tuple[Floats, Floats]:
-    """Return the burned cells of each member minus the observed ones, in blocks of a window.
+    """Return each member's number of burned cells minus the observed number, in blocks of a window.
 
     Args:
         state: (y, x) the observed states.
@@ -23,8 +23,8 @@ def block_excess(state: NDArray[np.uint8], windows: Mask) -> tuple[Floats, Float
 
     Returns:
         The excess (members, blocks), and the length of the front in each block in cells. A block is
-        left out if all members agree in it, or if it contains neither an observed front nor fire of
-        a member.
+        left out if few of its cells were observed, if the members nearly agree in the block, or if
+        the block contains neither an observed front nor fire of a member.
     """
     from scipy.ndimage import binary_dilation  # importing SciPy is slow
 

@@ -1,4 +1,4 @@
-"""Correct the arrival times of a cellular fire by observations."""
+"""Correct the arrival times of a cellular fire with observations."""
 
 from collections.abc import Callable
 
@@ -21,10 +21,11 @@ class ArrivalRaster:
 
     An unburned cell has the arrival time infinity.
 
-    The ignition point of each cell is found by stepping back from the cell to its earliest
-    neighbour until no neighbour is earlier. Each of the three rates is the logarithm of a factor on
-    travel times. The first rate applies to all paths. The second and the third are multiplied by
-    the east and the north component of a path's direction.
+    The ignition cell from which fire reached a cell is found by stepping back from the cell to the
+    earliest neighbour until no neighbour is earlier. Each of the three adjustments (``rates``) is
+    the logarithm of a factor of travel times. The first adjustment applies to all paths. The second
+    and the third are multiplied by the east and the north component of the unit vector along a
+    path.
     """
 
     rates_sd = np.array([0.7, 0.4, 0.4])
@@ -38,7 +39,7 @@ class ArrivalRaster:
         self._rates = np.zeros(3)
 
     def rated(self, rates: Floats) -> "ArrivalRaster":
-        """Return a copy of this fire with ``rates`` (3,) added to its own rates."""
+        """Return a copy of this fire with ``rates`` (3,) added to the adjustments of this fire."""
         other = ArrivalRaster.__new__(ArrivalRaster)
         other.arrival_s, other.landscape = self.arrival_s, self.landscape
         other._origin, other._rates = self._origin, self._rates + rates
@@ -100,7 +101,7 @@ class ArrivalRaster:
 
 
 def _origins(arrival_s: Floats) -> Ints:
-    """Return, for each cell, the index (n,) of the cell where the fire that burns it started.
+    """Return, for each cell, the index (n,) of the ignition cell from which fire reached the cell.
 
     For an ignition cell and a cell without fire, this is the index of the cell itself.
     """
@@ -130,15 +131,15 @@ def corrected_arrival(
     observations: Floats,
     method: Callable[[ArrivalRaster, Floats], Simulation] = GaussianCorrected,
 ) -> Floats:
-    """Return the arrival times (y, x) of a cellular fire, corrected by observations (n, 4).
+    """Return the arrival times (y, x) of a cellular fire, corrected with observations (n, 4).
 
     The columns of the observations are x, y, at_s and state.
 
-    To use the method of the paper with a length of 30 m, pass as ``method`` the function ``lambda
-    fire, observations: PaperCorrected(fire, observations, 30.0)``. ``arrival_s`` must extend beyond
-    the observed places. A cell that the fire never reaches stays unburned unless an observation
-    marks it as burned or burning. The cell then burns from the time of the earliest such
-    observation.
+    To use the method of Beachly et al. with a length of 30 m, pass as ``method`` the function
+    ``lambda fire, observations: PaperCorrected(fire, observations, 30.0)``. The simulated fire must
+    extend beyond the observed places. A cell that the fire never reaches stays unburned unless an
+    observation states that the cell is burned or burning. The cell then burns from the time of the
+    earliest such observation.
     """
     observations = np.asarray(observations, dtype=np.float64).reshape(-1, 4)
     fire = ArrivalRaster(arrival_s, landscape)

@@ -7,10 +7,10 @@ from firemodel.compiled import compiled
 
 @compiled
 def distance_cells(cells):  # type: ignore[no-untyped-def]
-    """Return the distance (y, x) from each cell's centre to the nearest cell of a mask, in cells.
+    """Return the distance (y, x) in cells from each cell to the nearest cell of a mask.
 
-    The result equals ``scipy.ndimage.distance_transform_edt(~cells)`` bit for bit. It is infinite
-    if the mask is empty.
+    The distance is between the centres of cells, and infinite if the mask is empty. The result
+    equals ``scipy.ndimage.distance_transform_edt(~cells)`` bit for bit.
     """
     rows, cols = cells.shape
     in_column = np.empty((rows, cols))  # distance to the nearest cell in the same column

@@ -1,10 +1,11 @@
-"""Correct a simulated fire by observations, as in section IV of Beachly et al.
+"""Correct a simulated fire with observations, as in section IV of Beachly et al.
 
-The error e of an observation is the delay of the observed fire behind the simulated one
-(``observations.errors_s``). At another place, this error has a weight k, which is a squared
-exponential of the distance. The correction there is Σ k e / max(1, Σ k). Near many observations,
-this is the weighted mean of their errors; far from all observations it is 0. The weight does not
-depend on the time of an observation, so two observations at one place are averaged.
+The error e of an observation is the delay of the observed fire behind the simulated fire
+(``point_observations.errors_s``). At another place, this error has a weight k, which is a squared
+exponential of the distance. The correction at a place is Σ k e / max(1, Σ k). Near many
+observations, the correction is the weighted mean of their errors; far from all observations the
+correction is 0. The weight does not depend on the time of an observation, so two observations at
+one place are averaged.
 """
 
 import math
@@ -32,15 +33,15 @@ SERIES = tuple(math.exp(-MIDDLE) * (-1.0) ** k / math.factorial(k) for k in rang
 
 
 class PaperCorrected:
-    """A fire that is corrected by observations (n, 4) with weights that depend on distance.
+    """A fire that is corrected with observations (n, 4), with weights that depend on distance.
 
     The columns of the observations are x, y, at_s and state. An observation has an effect within
     about ``length_m``.
 
     A burned or unburned observation that agrees with the simulation has no weight. At a place that
-    the simulated fire never reaches there is no arrival time to shift. The place burns from the
-    time of the earliest burned or burning observation within ``length_m``, provided that the
-    simulated fire does not reach the place of that observation either.
+    the simulated fire never reaches, no arrival time can be corrected. Such a place burns from the
+    time of the earliest burned or burning observation within ``length_m``, if the simulated fire
+    never reaches the place of that observation either.
     """
 
     def __init__(self, fire: Simulation, observations: Floats, length_m: float) -> None:
@@ -75,7 +76,7 @@ class PaperCorrected:
         return found
 
     def shift_s(self, points_m: Floats) -> Floats:
-        """Return the expected delay (n,) in s of fire behind the simulation, at points (n, 2)."""
+        """Return the expected delay (n,) in s of the real fire at points (n, 2)."""
         tiles = tiles_of(points_m, POINTS_A_TILE, SMOOTH * self.length_m)
         total, weight = np.zeros((2, len(tiles.x)))
         room = np.empty((5, NODES * NODES))
@@ -90,7 +91,7 @@ def _squared_exponential(y):  # type: ignore[no-untyped-def]
     """Compute exp(-y) with a relative error of 1e-10; a result below ``NEGLIGIBLE`` becomes 0.
 
     Unlike exp, this function has no branch and no call, so that the compiler can vectorise loops
-    over it.
+    that call the function.
     """
     z = min(y, MAX_EXPONENT) / PARTS - MIDDLE
     found = SERIES[8]

@@ -1,4 +1,4 @@
-"""Compute probabilities of a burned area from the members of an estimate."""
+"""Compute, from the members of an estimate, the probability that each cell has burned."""
 
 import math
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ class Arrivals(NamedTuple):
 
 
 class LearnedFront(NamedTuple):
-    """The front at the start of a forecast, and the rates that were estimated until then."""
+    """The front at the start of a forecast, and the rates estimated from earlier perimeters."""
 
     segments: Segments
     rates: FrontRates
@@ -76,7 +76,7 @@ class Forecast:
         return found
 
     def median_arrival_s(self) -> Floats:
-        """Return the median (y, x) of the members' arrival times; infinity if most never arrive.
+        """Return the median (y, x) of the members' arrival times; infinity if most are infinite.
 
         The result is ``at_s`` in cells of ``burned`` that have not burned in most members.
         """
@@ -90,9 +90,10 @@ class Forecast:
         return found
 
     def _share(self, at_s: float) -> Floats:
-        """Return the members' mean burn probability, if their times have the error ``TIME_LOG_SD``.
+        """Return the mean burn probability (y, x) of the members, with the error ``TIME_LOG_SD``.
 
-        This error represents local spread rates, which the members' inputs do not contain.
+        This error of the travel times represents local spread rates, which are not in the members'
+        inputs.
         """
         total = np.zeros(self.burned.shape)
         for member in self.members:
@@ -105,7 +106,7 @@ class Forecast:
         return total / len(self.members)
 
     def _by_rates(self, front: LearnedFront, at_s: float) -> Floats:
-        """Return the probability from the members' travel times and the rates of the segments."""
+        """Return the burn probability (y, x) from the members' travel times and segments' rates."""
         for_s = max(at_s - self.at_s, 1.0)
         predicted = front.rates.predict(front.segments, self.at_s, for_s)
         total = np.zeros(self.burned.shape)

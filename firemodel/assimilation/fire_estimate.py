@@ -1,18 +1,19 @@
-"""Estimate a fire by an ensemble of simulated fires that observations correct.
+"""Estimate a fire with an ensemble of simulated fires that are corrected with observations.
 
 The method depends on the kind of observation:
 
-- A camera sees a small part of the fire at a time. Each member has its own wind and spread rates
-  and its own fire. An image first updates these inputs (``member_inputs``) by the difference
-  between observed and simulated burned areas in blocks of the window. The image then replaces the
-  member's fire in the window. Cells that stay unburned although most members expect fire there are
-  barriers in forecasts (``held_cells``).
+- A camera image shows a small part of the fire, in a window of cells. Each member has its own wind,
+  spread rates and fire. First, wind and spread rates are updated (``member_inputs``) from the
+  differences between observed and simulated burned areas in blocks of the window. Then the observed
+  cells replace the member's fire in the window. Cells that stay unburned although fire reaches them
+  in most members are barriers in forecasts (``held_cells``).
 - A mapped perimeter shows the whole fire, which all members then share. The spread observed since
-the previous perimeter gives a rate for each part of the front (``perimeter_rates``), because wind
-and fuel do not explain where a real fire stops. Members then differ only in their inputs.
+  the previous perimeter gives a rate for each part of the front (``perimeter_rates``), because wind
+  and fuel do not explain where a real fire stops. Members then differ only in their inputs.
 
 ``python -m benchmarks.estimate_twins`` and ``benchmarks.perimeter_twins`` compare both methods with
-persistence and with the model alone, on simulated fires that differ from the model.
+persistence (an unchanged fire) and with the model alone, on simulated fires that differ from the
+model.
 """
 
 import copy
@@ -49,7 +50,7 @@ BARRIER = 99  # fuel code of held cells
 MODEL_ERROR_M = 25.0  # standard deviation of distances caused by local errors of the fuel map
 MODEL_ERROR_SHARE = 0.25  # further standard deviation, as a share of the distance
 REPEATED = 2.0  # factor of the variance, because neighbouring blocks have common errors
-SHRUNK_ERRORS = 6.0  # burned ground this many deviations outside a later perimeter stays burned
+SHRUNK_ERRORS = 6.0  # burned ground beyond this many sd outside a later perimeter stays burned
 MIN_KEPT = 0.5  # share of the burned area that a later perimeter must contain
 # Travel times are simulated up to these multiples of the length of the forecast, the second if the
 # forecast is longer than ``LONG_S``.
@@ -68,7 +69,7 @@ class EstimateSettings:
 
 
 class FireEstimate:
-    """An ensemble of fires that is corrected by observations in the order of time."""
+    """An ensemble of fires that is corrected with observations in the order of time."""
 
     def __init__(
         self,
@@ -101,7 +102,7 @@ class FireEstimate:
             raise FireModelError(f"members = {own.members}: an estimate needs at least 2")
         self.landscape, self.weather, self.time_s = landscape, weather, 0.0
         self._scheme = partial(AnyAngleFire, wind_limit=wind_limit, precise=precise)
-        self.model = self._scheme(landscape, weather, [])  # contains no fire; members start from it
+        self.model = self._scheme(landscape, weather, [])  # without fire; the members start from it
         self._unburnable = np.isin(landscape.fuel_model, list(NON_BURNABLE))
         self._rng = np.random.default_rng((own.seed, 1))
         fuels = len(burnable_codes(landscape))
@@ -157,8 +158,8 @@ class FireEstimate:
     def set_weather(self, weather: WeatherStream, at_s: float, each: Each = map) -> None:
         """Use a new weather report from a time on.
 
-        The estimated errors of the earlier wind are discarded; the spread of the members' winds is
-        kept.
+        The mean of the estimated errors of the earlier wind is discarded; the differences between
+        the members' winds are kept.
         """
         if self.begun:
             self.advance(max(at_s, self.time_s), each)
@@ -169,7 +170,7 @@ class FireEstimate:
 
     @property
     def begun(self) -> bool:
-        """Whether there is a fire: an ignition or a mapped perimeter."""
+        """True if there is a fire: an ignition or a mapped perimeter."""
         return self._shared is not None or self._fires is not None
 
     def burned(self) -> Mask:
@@ -186,7 +187,8 @@ class FireEstimate:
     def advance(self, to_time_s: float, each: Each = map) -> None:
         """Advance all members to a time.
 
-        After a mapped perimeter, members are advanced only when a camera's observation requires it.
+        After a mapped perimeter, members are advanced only when the observation of a camera
+        requires an advance.
         """
         if to_time_s < self.time_s:
             raise FireModelError(f"the estimate is at {self.time_s} s, after {to_time_s} s")
@@ -198,7 +200,8 @@ class FireEstimate:
     def assimilate(self, observation: Observation, each: Each = map) -> None:
         """Process an observation, which must not be earlier than the previous one.
 
-        Raises FireModelError for an observation that cannot be of this fire; nothing changes then.
+        Raises FireModelError for an observation that cannot show this fire; the estimate is then
+        unchanged.
         """
         if observation.area is not None:
             self._map(observation, each)
@@ -325,7 +328,7 @@ class FireEstimate:
     # Cameras
 
     def _see(self, observation: Observation, each: Each) -> None:
-        """Process the window of a camera."""
+        """Process the window of a camera image."""
         fires, here, at_s = self._fires, observation.where, observation.at_s
         assert fires is not None
         state = despeckled(observation)
@@ -352,7 +355,7 @@ class FireEstimate:
     def _rewritten(
         self, fire: MemberFire, here: Place, state: NDArray[np.uint8], at_s: float
     ) -> MemberFire:
-        """Return a member's fire with its cells in a window replaced by an observation."""
+        """Return a member's fire in which an observation replaces the cells in a window."""
         cell_m = self.landscape.cell_size_m
         found = with_image(fire.arrival_s, here, state, at_s, cell_m, self._unburnable)
         if found is None:

@@ -1,11 +1,12 @@
-"""Compute the fronts of the estimated fire, with speed and time since observation.
+"""Compute the fronts of the estimated fire, with their speed and the time since observation.
 
 A front is a closed line between burned and unburned ground. A fire has an outer front, and an inner
 front around each unburned island; spot fires have fronts of their own.
 
-A part of a front was observed when a sighting showed the place where the front was at that time.
-The estimate moves the front on from there, so the time since observation is that of this earlier
-place. ``last_seen_s`` finds it by going back from the front into the burned ground.
+A part of a front was observed when a sighting (an image of a cell) showed the place of the front at
+that time. Since then the estimated front has moved on. Therefore the time since observation is that
+of the earlier place of the front. ``last_seen_s`` searches for this place backwards from the front,
+in the burned ground.
 """
 
 from typing import NamedTuple
@@ -21,12 +22,12 @@ from firemodel.assimilation.learned_inputs import FrontParts, LearnedInputs
 from firemodel.assimilation.observation import UNSEEN
 from firemodel.spread.fire_scheme import Fire
 
-MAX_POINTS = 600  # of all fronts; a journal line then has about 20 kB
+MAX_POINTS = 600  # maximum number of points of all fronts; gives a journal line of about 20 kB
 MIN_SPACING_CELLS = 1.0
 MIN_LENGTH_CELLS = 4.0  # shorter fronts, such as islands of one cell, are omitted
 GROUP_CELLS = 8  # parts of a front in a square of this size are one measurement
-BACK_CELLS = 60  # how far back from the front its earlier places are searched
-BESIDE_CELLS = 1.5  # a sighting so far from the front's place at that time shows the front
+BACK_CELLS = 60  # distance behind the front up to which its earlier places are searched
+BESIDE_CELLS = 1.5  # a sighting within this distance of the front at that time shows the front
 MIN_SPEED_CELLS_S = 1e-4
 
 
@@ -47,7 +48,7 @@ def front_lines(fire: Fire, seen_s: Floats, learned: LearnedInputs) -> list[Fron
     Args:
         fire: The estimated fire.
         seen_s: (y, x) the time of the last sighting of each cell, -infinity if there was none.
-        learned: The learned inputs, from which the speeds follow.
+        learned: The learned inputs, from which the speeds are computed.
     """
     land, at_s = fire.landscape, fire.time_s
     cell_m = land.cell_size_m
@@ -73,7 +74,7 @@ def front_lines(fire: Fire, seen_s: Floats, learned: LearnedInputs) -> list[Fron
 def _loops(
     area: shapely.MultiPolygon, min_length_m: float
 ) -> list[tuple[shapely.LineString, bool]]:
-    """Return the boundary lines of an area, clockwise on the map, and whether each is inner."""
+    """Return the boundary lines of an area, clockwise on the map, each with True if it is inner."""
     loops = []
     for polygon in area.geoms:
         for inner, rings in ((False, [polygon.exterior]), (True, list(polygon.interiors))):
@@ -93,7 +94,7 @@ def _outward(rows: Floats, cols: Floats, inner: bool) -> tuple[Floats, Floats]:
     """Return the normals to the unburned side, north and east, of a clockwise loop."""
     north, east = np.roll(rows, 1) - np.roll(rows, -1), np.roll(cols, -1) - np.roll(cols, 1)
     length = np.maximum(np.hypot(north, east), 1e-9) * (-1.0 if inner else 1.0)
-    return east / length, -north / length  # the left of the direction is outside the loop
+    return east / length, -north / length  # the outside of the loop is to the left of its direction
 
 
 def _cells(places: Floats, count: int) -> NDArray[np.int64]:
@@ -113,8 +114,8 @@ def last_seen_s(
     Args:
         arrival_s: (y, x) the arrival times of the fire.
         seen_s: (y, x) the time of the last sighting of each cell.
-        rows, cols: The places of the front (n).
-        parts: The normals to the unburned side (n).
+        rows, cols: The positions of the parts of the front (n).
+        parts: The parts of the front (n), with the normals to the unburned side.
         speed_cells_s: The speed of the front (n).
     """
     back = np.arange(-1.0, BACK_CELLS)[:, None]
@@ -123,14 +124,17 @@ def last_seen_s(
         _cells(cols - back * parts.east, arrival_s.shape[1]),
     )
     seen, arrived = seen_s[at], arrival_s[at]
-    # How far the front was past the place when the place was seen; negative before it arrived.
+    # Distance of the front beyond the place when the place was seen; negative before the front
+    # arrived.
     with np.errstate(invalid="ignore"):
         past_cells = (seen - arrived) * np.maximum(speed_cells_s, MIN_SPEED_CELLS_S)
-    # Going back ends where the fire came from, before the other side of the fire.
+    # The search backwards ends where the fire started, and does not reach the other side of the
+    # fire.
     earlier_s = np.minimum.accumulate(arrived, axis=0)
     step_s = 1.5 / np.maximum(speed_cells_s, MIN_SPEED_CELLS_S)
     comes_from = np.logical_and.accumulate(arrived <= earlier_s + step_s, axis=0)
-    # The place of the present front shows a front that has not moved since.
+    # A sighting at the present place of the front shows a front that has not moved since the
+    # sighting.
     shows = (
         (past_cells >= -BESIDE_CELLS) & ((past_cells <= BESIDE_CELLS) | (back <= 1.0)) & comes_from
     )
@@ -151,7 +155,7 @@ def front_distances(
 ) -> FrontDistances:
     """Return the distances between the estimated fronts and the front in images.
 
-    A distance is at most that to the nearest cell that the images do not show.
+    Each distance is limited to the distance to the nearest cell that is not in the images.
 
     Args:
         fronts: The estimated fronts.

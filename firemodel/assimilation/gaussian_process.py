@@ -1,16 +1,17 @@
-"""Correct a simulated fire by observations, by Gaussian-process regression along its paths.
+"""Correct a simulated fire with observations, by Gaussian-process regression along its paths.
 
 An error in the rate of spread accumulates along the path from the source. Therefore the regression
-does not estimate arrival times but w, the logarithm of the slowness. A path that takes t seconds in
-the simulation takes t · mean(exp w) in the corrected fire. An observation constrains w along the
-whole path behind it and, by correlation, along the path ahead. In the corrected fire no place burns
-before the ignition, and arrival times increase along each path.
+does not estimate arrival times but w, the logarithm of a factor of the slowness (time per
+distance). A path that takes t seconds in the simulation takes t · mean(exp w) in the corrected
+fire. An observation constrains w along the whole path from the ignition to the observed place and,
+by correlation, along the path beyond this place. In the corrected fire no place burns before the
+ignition, and arrival times increase along each path.
 
 The unknowns are the rates and the wind of the simulation (``paths.AdjustableFire``), and a field of
 w over places, which represents errors in fuel and terrain. All unknowns have Gaussian priors and
 are estimated together (Gauss-Newton, MAP). The position error of an observation, multiplied by the
-slowness there, is a time error; it is combined with ``TIME_SD_S``. The likelihood of a burning
-observation is a Student's t distribution, so that a few outliers have little influence. The
+slowness at this place, is a time error, which is combined with ``TIME_SD_S``. The likelihood of a
+burning observation is a Student's t distribution, so that a few outliers have little influence. The
 likelihood of a burned or unburned observation is the probability of its state (Laplace's method).
 From a few candidates for the prior sd and length of the field, those with the highest marginal
 likelihood (of the linearised regression) are used. See Rasmussen & Williams 2006, chapters 2, 3 and
@@ -38,16 +39,16 @@ PLACE_SD_M = 6.0  # standard deviation of an observation's position
 TIME_SD_S = 15.0  # standard deviation of an observation's time
 MIN_S = 45.0  # lower limit of the time along a path; shorter times contain little information
 LOG_SD = 0.05  # standard deviation of ln of the observed time along a path
-UNEXPLAINED_SD = 0.1  # further deviation of this ln: real fire goes around slow places
+UNEXPLAINED_SD = 0.1  # further sd of this logarithm: real fire spreads around slow places
 FIELD_SDS = (0.2, 0.3, 0.4)  # candidates for the prior sd of the field
 # Length scales of the field, as fractions of the diagonal of the box of observations and sources.
 LENGTHS = (1 / 16, 1 / 8, 1 / 4)
 MIN_M = 100.0  # lower limit of the diagonal of that box
-NODES = 32  # maximum of the field's nodes along its longer side
+NODES = 32  # maximum number of nodes along the longer side of the field
 STEPS, PARTS = 5, (1.0, 0.5, 0.25, 0.1)  # number of steps; fractions of a step that are tried
 CHOSEN_AT = 1  # index of the step in which the prior of the field is chosen
 STEPS_NEAR = 2  # number of steps from the result of a similar correction
-GOOD_ENOUGH = 0.05  # gain in ln of the posterior density below which the iteration ends
+GOOD_ENOUGH = 0.05  # the iteration ends below this gain in ln of the posterior density
 SMALL_RATE = 1e-3  # change of a rate for numerical derivatives
 MAX_LOG = 2.5  # limit of |w| in the field
 TAIL = 4.0  # degrees of freedom of Student's t
@@ -56,7 +57,7 @@ EAST, NORTH = np.array([1.0, 0.0]), np.array([0.0, 1.0])
 
 
 class _Prior(NamedTuple):
-    """The prior of the parameters (rates, then the field), as L z with z of unit variance."""
+    """The prior of the parameters (rates, then the field), as L z, where z has unit variance."""
 
     sd: float
     length_m: float
@@ -80,7 +81,8 @@ class _Prior(NamedTuple):
 def _blas() -> ThreadpoolController:
     """Return the controller that limits BLAS to one thread.
 
-    With more threads, the sums would depend on the machine and would not be faster at these sizes.
+    With more threads, the sums would depend on the machine, and at these sizes they would not be
+    computed faster.
     """
     return ThreadpoolController()
 
@@ -97,15 +99,15 @@ class _Evaluation(NamedTuple):
 
 
 class GaussianCorrected:
-    """A fire that is corrected by observations (n, 4), and is unchanged without observations.
+    """A fire that is corrected with observations (n, 4), and is unchanged without observations.
 
     The columns of the observations are x, y, at_s and state. The computing time increases with n³,
     which limits n to some hundreds. Observations at places that the simulated fire never reaches
     are ignored, because fire at such a place needs another source.
 
-    ``near`` is an earlier correction of the same fire by nearly the same observations. If it is
-    given, the fit keeps the prior of ``near`` and begins at its result. The fit then takes a third
-    of the time and gives nearly the same result.
+    ``near`` is an earlier correction of the same fire by nearly the same observations. If ``near``
+    is given, the fit uses the prior of ``near`` and begins at the result of ``near``. The fit then
+    takes a third of the time and gives nearly the same result.
     """
 
     def __init__(
@@ -289,7 +291,7 @@ def _same_place(one: Field, other: Field) -> bool:
 
 
 def _rates_slopes(fire: AdjustableFire, points: Floats, paths: StraightPaths) -> Floats:
-    """Compute numerically the derivatives (n, k) of ln(time along each path) by the rates."""
+    """Compute numerically the derivatives (n, k) of ln(time along each path) by each rate."""
     found = np.empty((len(points), len(fire.rates_sd)))
     before_s = np.maximum(paths.takes_s, 1.0)
     for number in range(found.shape[1]):
@@ -351,7 +353,7 @@ def _curvature(state: Floats, y: Floats, sd: Floats, f: Floats) -> tuple[Floats,
 
 
 def _mode(k: Floats, w: Floats, b: Floats) -> tuple[Floats, Floats]:
-    """Return the mode f under the Gaussian prior k, and alpha.
+    """Return the mode f under the Gaussian prior with covariance k, and alpha.
 
     The results satisfy f = k alpha and alpha = b - w f.
     """

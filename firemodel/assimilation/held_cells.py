@@ -11,7 +11,7 @@ from firemodel.assimilation.observation import BURNED, UNBURNED, UNSEEN
 
 HELD_S = 400.0  # a cell with at least this evidence counts as held in forecasts
 MAX_GAP_S = 1200.0  # a longer time between two sightings counts as this time
-LIKELY = 0.15  # members agree with an unburned cell if fewer of them burn it
+LIKELY = 0.15  # members agree with an unburned cell if a smaller share of them burned it
 FORGOTTEN_S = 600.0  # time in which evidence falls to 1/e while the members agree
 CLOSING_CELLS = 2  # gaps of up to twice this width in a held line are closed
 FRONT_CELLS = 21  # side of the window in which half of the front must be held
@@ -20,7 +20,7 @@ SQUARE = np.ones((3, 3), dtype=bool)
 
 
 class HeldCells:
-    """Measures how long cells have stayed unburned although most members expected fire there."""
+    """The times for which cells stayed unburned although fire reached them in most members."""
 
     def __init__(self, shape: tuple[int, int]) -> None:
         self._evidence_s = np.zeros(shape)
@@ -66,14 +66,14 @@ def ground_behind(held: Mask, front: Mask) -> Mask:
 
     If this ground did not count as held, a forecast fire would spread around the ends of a line of
     held cells and burn the ground that the line protects. A single held cell may be a slow patch of
-    fuel, so it protects no ground.
+    fuel and therefore protects no ground.
 
     Args:
         held: (y, x) held cells.
         front: (y, x) unburned cells that touch burned cells.
 
     Returns:
-        (y, x) The cells within ``BEHIND_CELLS`` of a part of the front of which most cells are
+        The cells (y, x) within ``BEHIND_CELLS`` of a part of the front of which most cells are
         held. Each cell is assigned to the nearest cell of the front.
     """
     if not (held & front).any():

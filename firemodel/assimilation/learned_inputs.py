@@ -1,12 +1,13 @@
-"""Learn the errors of wind and spread rates from the places at which a front is observed. Pure.
+"""Learn the errors of wind and spread rates from the places at which a front is observed.
 
-An extended Kalman filter estimates the angle by which the wind is turned, and the logarithms of a
-factor of the wind speed and of rate factors: of all fuels, of each fuel, and of each block of
-cells. A block stands for a local error of the fuel map or of the terrain. When a part of the front
-comes into view after it has advanced by A out of view, its distance from the estimated front is A
-times the relative error of its speed. The sensitivity of that speed to the inputs comes from the
-spread model at this part of the front. The error is therefore attributed to the inputs on which the
-speed depends there, and changes the speed of all other parts accordingly.
+An extended Kalman filter estimates the error of the wind direction, the logarithm of a factor of
+the wind speed, and the logarithms of factors of the spread rate: of all fuels, of each fuel, and of
+each block of cells. A block stands for a local error of the fuel map or of the terrain. When a part
+of the front comes into view after an advance of A out of view, the distance between the observed
+and the estimated front is A times the relative error of the estimated speed. The sensitivity of
+that speed to the inputs comes from the spread model at this part of the front. The error is
+therefore attributed to the inputs on which the speed depends there, and changes the speed of all
+other parts accordingly.
 
 Reference: A. H. Jazwinski, Stochastic Processes and Filtering Theory, 1970 (extended Kalman
 filter).
@@ -33,21 +34,22 @@ Integers = NDArray[np.int64]
 # a block.
 PRIOR = (0.3, 0.3, 0.35, 0.3, 0.5)
 DRIFT_HOUR = (0.1, 0.2, 0.25, 0.0, 0.2)
-BLOCK_CELLS, MAX_BLOCKS = 8, 20  # smallest side of a block, and largest number along the grid
+BLOCK_CELLS, MAX_BLOCKS = 8, 20  # smallest side of a block; largest number of blocks along the grid
 ALIKE_CELLS = 8.0  # correlation length of the errors of blocks
-# Error of a distance between an estimated and an observed front: both are known to about a cell,
-# and so is the place at which the front was last observed. A smaller value learns from this noise.
+# Error of a distance between an estimated and an observed front: the positions of both fronts, and
+# the place at which the front was last observed, are known with an error of about a cell. With a
+# smaller value, the filter would learn from this noise.
 POSITION_SD_CELLS = 1.4
 MODEL_ERROR = 0.2  # error of an advance for other reasons, as a share of the advance
 MIN_ADVANCE_CELLS = 0.3  # after a shorter advance nothing is learned
 MAX_STEP_SD = 3.0  # larger differences count as this many standard deviations
 MIN_RATE, MAX_RATE = 0.1, 10.0
-LARGER, TURNED_RAD = 1.1, math.radians(10.0)  # changes of the wind for the sensitivities
-RATE, SPEED, TURN, FIRST_FUEL = 0, 1, 2, 3  # places in the state; fuels and blocks follow
+LARGER, TURNED_RAD = 1.1, math.radians(10.0)  # changes of the wind to compute sensitivities
+RATE, SPEED, TURN, FIRST_FUEL = 0, 1, 2, 3  # indices in the state; fuels and blocks follow
 
 
 class FrontParts(NamedTuple):
-    """Parts of the estimated front (n): cells, normals to the unburned side on the grid."""
+    """Parts of the estimated front (n): cells, and normals (on the grid) to the unburned side."""
 
     rows: Integers
     cols: Integers
@@ -58,7 +60,7 @@ class FrontParts(NamedTuple):
 class LearnedInputs:
     """The estimated errors of the inputs of a fire.
 
-    ``state`` (n) has the elements 3 + fuels + blocks, ``covariance`` is (n, n).
+    ``state`` (n) has 3 + fuels + blocks elements; ``covariance`` is (n, n).
     """
 
     def __init__(self, landscape: Landscape, at_s: float) -> None:
@@ -71,11 +73,11 @@ class LearnedInputs:
         self.state = np.zeros(FIRST_FUEL + self._codes.size + math.prod(self._blocks))
         self.covariance = self._covariance(PRIOR)
         self._at_s = at_s
-        # Rates in the weather of the last call.
+        # Spread rates in the weather of the last call.
         self._rates: tuple[WeatherStream, FrontRates] | None = None
 
     def _covariance(self, sds: tuple[float, ...]) -> Floats:
-        """Return the covariance for standard deviations; errors of near blocks are correlated."""
+        """Return the covariance for standard deviations; errors of nearby blocks are correlated."""
         fuels, blocks = self._codes.size, math.prod(self._blocks)
         found = np.zeros((FIRST_FUEL + fuels + blocks,) * 2)
         np.fill_diagonal(
@@ -91,7 +93,7 @@ class LearnedInputs:
         return found
 
     def __getstate__(self) -> dict[str, object]:
-        """Return the attributes for a snapshot."""
+        """Return the attributes for a snapshot, without the stored spread rates."""
         return {**vars(self), "_rates": None}
 
     def forget_wind(self) -> None:
@@ -117,11 +119,12 @@ class LearnedInputs:
     def sensitivities(
         self, parts: FrontParts, weather: WeatherStream, at_s: float
     ) -> tuple[Integers, Floats]:
-        """Return the change of the logarithm of the speed with the inputs on which it depends.
+        """Return the derivatives of the logarithm of the speed with respect to its inputs.
 
         Returns:
-            The places (n, 5) of these inputs in the state, and the changes (n, 5). Parts on ground
-            that does not burn have the change 0 with the rate of a fuel.
+            The indices (n, 5) in the state of the five inputs on which the speed depends, and the
+            derivatives (n, 5). On ground that does not burn, the derivative with respect to the
+            rate of a fuel is 0.
         """
         speed = np.maximum(self._speeds(parts, weather, at_s, self.state), 1e-9)
         fuel = self._fuels(parts)
@@ -138,7 +141,7 @@ class LearnedInputs:
         return places, found
 
     def _block_places(self, parts: FrontParts) -> Integers:
-        """Return the place (n) in the state of each part's block."""
+        """Return the index (n) in the state of the block of each part."""
         block = parts.rows // self._side * self._blocks[1] + parts.cols // self._side
         return np.asarray(FIRST_FUEL + self._codes.size + block)
 
@@ -147,14 +150,14 @@ class LearnedInputs:
         return np.asarray(state[RATE] + state[FIRST_FUEL : FIRST_FUEL + self._codes.size])
 
     def cell_rates(self) -> Floats:
-        """Return the rate factor (y, x) of each cell that its block has."""
+        """Return, for each cell, the rate factor (y, x) of its block."""
         blocks = np.exp(self.state[FIRST_FUEL + self._codes.size :]).reshape(self._blocks)
         rows, cols = self._landscape.shape
         cells = np.kron(blocks, np.ones((self._side, self._side)))[:rows, :cols]
         return np.asarray(cells, dtype=np.float64)
 
     def _fuels(self, parts: FrontParts) -> Integers:
-        """Return the place (n) of each part's fuel among the burnable ones; -1 for others."""
+        """Return the index (n) of each part's fuel among the burnable fuels; -1 for other fuels."""
         fuel = self._landscape.fuel_model[parts.rows, parts.cols]
         place = np.searchsorted(self._codes, fuel)
         place[place == self._codes.size] = 0
@@ -187,8 +190,8 @@ class LearnedInputs:
 
         Args:
             parts: The parts of the estimated front.
-            advance_cells: (n) their estimated advance since they were last in view.
-            ahead_cells: (n) the distance of the observed front ahead of the estimated one.
+            advance_cells: (n) the estimated advance of the parts since they were last in view.
+            ahead_cells: (n) the distance of the observed front ahead of the estimated front.
             groups: (n) parts with the same number are one measurement.
             weather: The reported weather.
             at_s: The time of the observation.
@@ -211,7 +214,7 @@ class LearnedInputs:
         self.state = np.clip(self.state, low, high)
 
     def _update(self, ahead: float, advance: float, change: Floats, before: Floats) -> None:
-        """Update the state by one measurement; ``change`` (state) is its sensitivity in cells."""
+        """Update the state with one measurement; ``change`` (state) is the sensitivity in cells."""
         gain = self.covariance @ change
         noise = POSITION_SD_CELLS**2 + (MODEL_ERROR * advance) ** 2
         variance = float(change @ gain) + noise
@@ -223,7 +226,7 @@ class LearnedInputs:
 
 @lru_cache(maxsize=4)
 def _block_correlation(blocks: tuple[int, int], side: int) -> Floats:
-    """Return the correlation (n, n) of the errors of blocks (rows, columns) of a size in cells."""
+    """Return the correlation (n, n) of the errors of blocks (rows, columns) of ``side`` cells."""
     row, col = (side * each.ravel() for each in np.indices(blocks))
     away = np.hypot(row[:, None] - row, col[:, None] - col)
     return np.asarray(np.exp(-away / ALIKE_CELLS))

@@ -1,4 +1,4 @@
-"""Make observations from the points, lines and polygons that an operator draws on a map."""
+"""Create observations from the points, lines and polygons that an operator draws on a map."""
 
 from typing import Literal
 

@@ -11,7 +11,8 @@ from firemodel.spread.anyangle import AnyAngleFire
 class MemberFire(NamedTuple):
     """The fire of one member at the time of the estimate.
 
-    Images change only the arrival times. The fire itself is changed when it next advances.
+    An image changes only ``arrival_s``. The changes are written into ``fire`` before its next
+    advance.
     """
 
     fire: AnyAngleFire
@@ -29,7 +30,7 @@ class MemberFire(NamedTuple):
         return bool(burned.any() and not burned.all())
 
     def current(self) -> AnyAngleFire:
-        """Return the fire with all changes; it must not be changed."""
+        """Return the fire with all changes; the caller must not change it."""
         if self.changed is None:
             return self.fire
         return self.fire.rewritten(np.asarray(self.arrival_s), self.changed)

@@ -1,9 +1,9 @@
 """Draw and update the uncertain inputs of an ensemble's members: wind and spread rates.
 
 A member's inputs are a vector in m/s that is added to the reported wind, and the logarithm of a
-factor of the spread rate in each fuel. Vectors of wind (true east, north) point to where the wind
-comes from. Observations update these inputs by the ensemble Kalman filter (Evensen 1994, with
-perturbed observations: Burgers et al. 1998).
+factor of the spread rate in each fuel. A wind vector (true east, true north) has the direction from
+which the wind blows. The ensemble Kalman filter (Evensen 1994; with perturbed observations, Burgers
+et al. 1998) updates these inputs from observations.
 """
 
 import math
@@ -74,7 +74,7 @@ def members_of(draws: list[Draw], reported: Weather) -> Members:
 def updated(
     members: Members, excess_m: Floats, error_sd_m: Floats, rng: np.random.Generator
 ) -> Members:
-    """Return the members after an update by observed distances.
+    """Return the members after an update from observed distances.
 
     Args:
         members: The members before the update.
@@ -95,7 +95,7 @@ def updated(
 
 
 def walked(members: Members, for_s: float, rng: np.random.Generator) -> Members:
-    """Return the members after random changes of their inputs during a time."""
+    """Return the members after random changes of their inputs during ``for_s`` seconds."""
     share = math.sqrt(max(for_s, 0.0) / 3600.0)
     wind = rng.standard_normal(members.wind_m_s.shape) * WIND_WALK_M_S * share
     rate = rng.standard_normal(members.log_rate.shape) * RATE_WALK_LOG * share

@@ -12,8 +12,9 @@ from firemodel.landscape.rasterise import mask_of
 UNSEEN, UNBURNED, BURNED = 0, 1, 2
 FILTER_CELLS = 3  # side of the window of the majority filter
 MIN_SEEN = 6
-# With this share of false alarms, single wrong cells often pass the filter. A burned cell then
-# also needs burned cells in a window of 5 x 5 if its own window does not show it clearly.
+# From this share of false alarms on, single wrong cells often pass the filter. A burned cell then
+# also needs burned cells in a window of 5 x 5, unless clearly most cells in its own window are
+# burned.
 NOISY, CLEARLY, WIDER_CELLS, MIN_AROUND = 0.05, 7, 5, 5
 
 

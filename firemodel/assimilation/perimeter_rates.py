@@ -2,11 +2,11 @@
 
 The part of the landscape nearest to a segment of the front is the segment's ground. The ratio
 between two perimeters is the time in which the model burns as much of that ground as really burned,
-divided by the length of the interval. The logarithm of the ratio is a Gaussian process over place,
-direction of spread and time. The mean of the process falls with the length of the forecast and with
-the age of the fire. A segment that does not move although the model expects a movement is *held*.
-The probability that it is held again is computed from the counts of held segments near it and along
-the whole front.
+divided by the length of the interval. The logarithm of the ratio is modelled as a Gaussian process
+over place, direction of spread and time. The mean of the process falls with the length of the
+forecast and with the age of the fire. A segment that does not move although the model expects a
+movement is *held*. The probability that the segment is held again is computed from the counts of
+held segments near the segment and along the whole front.
 """
 
 import math
@@ -25,16 +25,17 @@ MAX_SEGMENTS = 120  # approximate maximum number in one front
 MIN_SEGMENT_CELLS = 4
 MAX_SAMPLES = 900  # only the latest samples are used: computing time grows as n**3
 SMOOTH_CELLS = 3.0  # standard deviation of the filter that gives the direction of spread
-NORMAL_S = 1800.0  # in longer forecasts the mean rate falls with their length
+NORMAL_S = 1800.0  # the mean ratio falls with the length of longer forecasts
 MIN_RATIO, MAX_RATIO = 0.01, 5.0
 
 
 @dataclass(frozen=True, slots=True)
 class RatePrior:
-    """The prior of the ratios of real to modelled spread; ``_sd`` is a deviation of the logarithm.
+    """The prior of the ratios of real to modelled spread.
 
-    The values were chosen on simulated fires with wrong models and on the Maria fire
-    (``python -m benchmarks.perimeter_twins``, docs/estimate.md).
+    Names ending in ``_sd`` are standard deviations of the logarithm of the ratio. The values were
+    chosen on simulated fires with wrong models and on the Maria fire (``python -m
+    benchmarks.perimeter_twins``, docs/estimate.md).
     """
 
     log_mean: float = -0.8
@@ -128,7 +129,7 @@ class FrontRates:
         return found
 
     def mean_at(self, at_s: float, for_s: float) -> float:
-        """Return the prior mean of the log ratio for a forecast of a given length from a time."""
+        """Return the prior mean of the log ratio for a forecast from ``at_s`` over ``for_s``."""
         prior, age_h = self._prior, max(at_s - self._began_s, 0.0) / HOUR_S
         return (
             prior.log_mean
@@ -137,7 +138,7 @@ class FrontRates:
         )
 
     def predict(self, segments: Segments, at_s: float, for_s: float) -> SegmentRates:
-        """Return the prediction for the segments of the front at a time and for a length in s."""
+        """Return the prediction for the segments of the front, from ``at_s`` over ``for_s``."""
         count, prior = len(segments.cells), self._prior
         place = _Samples(
             segments.centre_m,
@@ -170,7 +171,7 @@ class FrontRates:
         map_error_m: float,
         cell_m: float,
     ) -> None:
-        """Update the rates by a perimeter.
+        """Update the ratios from a perimeter.
 
         Args:
             segments: The segments of the front at the start of the interval.
@@ -178,8 +179,8 @@ class FrontRates:
                 unknown.
             burned: (y, x) the cells that have burned by the end of the interval.
             interval: The start and the end of the interval in s.
-            map_error_m: The error of the mapping; a front that moved by less than this may not have
-                moved.
+            map_error_m: The error of the mapping in m; a front that moved by less than this error
+                may not have moved.
             cell_m: The size of the cells.
         """
         from_s, to_s = interval
@@ -210,7 +211,7 @@ class FrontRates:
         return prior.common_sd**2 + prior.direction_sd**2 + prior.local_sd**2
 
     def _covariance(self, one: _Samples, other: _Samples) -> Floats:
-        """Return the covariance (n, m) of the log ratios at two sets of places."""
+        """Return the covariance (n, m) of the log ratios of two sets of segments."""
         prior = self._prior
         apart_h = np.abs(one.at_s[:, None] - other.at_s[None, :]) / HOUR_S
         local = np.exp(-_squares(one, other) / (2.0 * prior.local_m**2))
@@ -222,7 +223,7 @@ class FrontRates:
         return found
 
     def _held(self, place: _Samples) -> Floats:
-        """Return the probability (n) that the front at these places is held."""
+        """Return the probability (n) that each of these segments is held."""
         prior = self._prior
         if not self._counts:
             return np.full(len(place.at_s), prior.held)
@@ -245,7 +246,7 @@ def _samples(
 
 
 def _squares(one: _Samples, other: _Samples) -> Floats:
-    """Return the squared distances (n, m) in m2."""
+    """Return the squared distances (n, m) between two sets of segments in m²."""
     apart = one.centre_m[:, None, :] - other.centre_m[None, :, :]
     found: Floats = np.einsum("nmk,nmk->nm", apart, apart)
     return found

@@ -43,11 +43,10 @@ def _outline(area: Any) -> Floats:
 
 
 def coverage(probability: Floats, observed: Mask) -> float | None:
-    """Return the share of the observed front that lies in a forecast's band of 10 to 90 %.
+    """Return the share of the observed front where the forecast probability is 10 to 90 %.
 
-    The front consists of the common sides of burned and unburned cells. A side is in the band
-    unless the forecast probability of its burned cell is below 10 % or that of its unburned cell
-    above 90 %.
+    The front consists of the common sides of burned and unburned cells. A side counts if the
+    forecast probability is at least 10 % in its burned cell and at most 90 % in its unburned cell.
 
     Args:
         probability: (y, x) the forecast probability that a cell has burned.
@@ -76,9 +75,9 @@ def crps_s(probabilities: list[Floats], observed: list[Mask], times_s: Floats) -
     burned at the last time.
 
     Args:
-        probabilities: (y, x) for each time, the forecast.
-        observed: (y, x) for each time, the burned cells.
-        times_s: (times) ascending, in s.
+        probabilities: The forecast probabilities (y, x) at each time.
+        observed: The burned cells (y, x) at each time.
+        times_s: The times in s, in ascending order.
     """
     errors = [
         float(np.sum((probability - burned) ** 2))

@@ -1,4 +1,4 @@
-"""Find the cells that an estimated fire can have reached only through ground seen unburned."""
+"""Find the cells that an estimated fire can have reached only across ground seen as unburned."""
 
 import numpy as np
 
@@ -12,17 +12,17 @@ STEP_CELLS = 0.5
 def unfounded_cells(
     arrival_s: Floats, removed: Mask, confirmed: Mask, vectors_cells: Floats
 ) -> Mask:
-    """Return the burned cells (y, x) that the fire can have reached only through removed cells.
+    """Return the burned cells (y, x) that the fire can have reached only across removed cells.
 
-    These are cells with a straight path from their source across removed cells; a source may itself
-    be such a cell. They are also regions next to removed cells in which no fire was lit or seen.
-    If an image shows unburned ground where the estimated fire had burned, then the fire has not
-    passed there, and did not reach the ground behind it this way.
+    If an image shows unburned ground where the estimated fire had burned, the real fire has not
+    passed this ground, and has not reached cells behind this ground on a path across it. The result
+    contains cells whose straight path from their source crosses removed cells or cells found
+    earlier, and burned regions next to removed cells in which no fire was lit or observed.
 
     Args:
         arrival_s: (y, x) arrival times; infinity in unburned cells.
-        removed: (y, x) cells that had burned in the estimate and were seen unburned.
-        confirmed: (y, x) cells that were seen burned; they are never in the result.
+        removed: (y, x) cells that had burned in the estimate and were observed as unburned.
+        confirmed: (y, x) cells that were observed as burned; these cells are never in the result.
         vectors_cells: (2, y, x) the vector from each cell's source to the cell, in cells north and
             east; 0 where the fire was lit (``Fire.arrival_vectors``).
     """
@@ -39,7 +39,7 @@ def unfounded_cells(
 
 
 def _isolated(burned: Mask, removed: Mask, founded: Mask) -> Mask:
-    """Return the burned regions next to removed cells that have no founded cell."""
+    """Return the burned regions next to removed cells that contain no cell of ``founded``."""
     from scipy.ndimage import label  # importing SciPy is slow
 
     labels, count = label(burned, structure=np.ones((3, 3)))

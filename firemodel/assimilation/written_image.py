@@ -1,4 +1,4 @@
-"""Write the burned and unburned cells that a camera saw into the arrival times of a fire."""
+"""Change the arrival times of a fire so that they agree with a camera image."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,9 +7,9 @@ from firemodel.arrays import Floats, Mask, Place, bounds_of, widened
 from firemodel.assimilation.camera_window import signed_distance_m
 from firemodel.assimilation.observation import BURNED, UNSEEN
 
-# Assumed spread rate near an observed front until the fire advances. It is the rate of slow parts
-# of a front: a higher rate would move the members of an ensemble too far, so that the estimated
-# rates become too low.
+# Assumed spread rate near an observed front until the fire advances. The value is the rate of slow
+# parts of a front; a higher value would move the members of an ensemble too far, so that the
+# estimated rates become too low.
 WRITE_M_S = 0.05
 WRITE_WITHIN_M = 60.0  # distance from the observed front up to which times are written
 
@@ -22,12 +22,12 @@ def with_image(
     cell_m: float,
     unburnable: Mask,
 ) -> tuple[Floats, Mask] | None:
-    """Return a fire's arrival times after an image corrected them, and the changed cells.
+    """Return a fire's arrival times, corrected with an image, and the changed cells.
 
     The result is None if the fire agrees with the image.
 
-    Only cells in another state than observed, and their neighbours, change. Other parts of the
-    front keep their position within the cells.
+    Only cells whose state differs from the observed state, and their neighbours, are changed. Other
+    parts of the front keep their position within the cells.
 
     Args:
         arrival_s: (y, x) arrival times of the whole grid; infinity in unburned cells.

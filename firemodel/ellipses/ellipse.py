@@ -1,16 +1,17 @@
-"""Compute arrival times, in closed form, of a fire that grows as ellipses from points.
+"""Compute, in closed form, the arrival times of a fire that grows as ellipses from points.
 
 The model is that of section IV of Beachly et al. ("Fire-Aware Planning of Aerial Trajectories and
-Ignitions"), with corrections to eqs. 1 and 2. After a time t, the ellipse of a point ignition spans
-from ``-back t`` to ``head t`` along the wind and ``flank t`` to each side. Fuel, moisture and wind
-are the same everywhere and the ground is level. Lines are series of points (``line_ignitions``).
+Ignitions"), with corrections to eqs. 1 and 2. With the spread rates ``head``, ``back`` and
+``flank``, the ellipse of a point ignition extends after a time t from ``-back t`` to ``head t``
+along the wind and ``flank t`` to each side. Fuel, moisture and wind are the same everywhere and the
+ground is level. An ignition line is represented by a series of points (``line_ignitions``).
 
 If the wind changes, each point of the front starts its own ellipse (Huygens). The burned area is
-then the Minkowski sum of the ellipses of all wind periods. A place at the vector d from the source
-is inside as soon as d·n <= Σ τ_i h_i(n) for every direction n, where τ_i is the time in period i
-and h_i the support function of its ellipse. The arrival time is therefore the maximum over n of the
-time at which both sides are equal. That time has a closed form and, over n, only one maximum
-(``ellipse_kernels.reach``).
+then the Minkowski sum of the ellipses of all wind periods. A point at the vector d from the source
+is inside the burned area as soon as d·n <= Σ τ_i h_i(n) for every direction n, where τ_i is the
+elapsed part of wind period i, and h_i the support function of the ellipse in this period. The
+arrival time is therefore the maximum over n of the time at which both sides are equal. That time
+has a closed form and, as a function of n, only one maximum (``ellipse_kernels.reach``).
 """
 
 import math
@@ -29,7 +30,7 @@ from firemodel.physics.rothermel import FT_MIN_PER_M_S, fuel_bed, wind_factor
 from firemodel.physics.weather import WeatherStream, wind_adjustment_factor
 
 TILE = 64  # average number of points in a tile
-DIRECTIONS = 12  # number of directions in which the reach of a source is bounded
+DIRECTIONS = 12  # number of directions in which the distance covered by fire is bounded
 
 Places = NDArray[np.int32]
 
@@ -37,7 +38,8 @@ Places = NDArray[np.int32]
 class Spread(NamedTuple):
     """The rates of spread in m/s with, against and across the wind, from ``from_s`` on.
 
-    ``toward_rad`` is the direction the wind blows to, anticlockwise from the grid's east.
+    ``toward_rad`` is the direction toward which the wind blows, in radians anticlockwise from grid
+    east.
     """
 
     from_s: float
@@ -52,10 +54,10 @@ def spreads_of(
 ) -> tuple[Spread, ...]:
     """Return Rothermel's spread rates for one fuel model on level ground, at each weather change.
 
-    As in section IV, the back and the flanks spread at the head's no-wind rate. The wind at 20 ft
-    is reduced to midflame height for unsheltered fuel. ``grid_deg`` converts a direction from true
-    north to grid north (``Landscape.grid_deg``); by default the two are the same. Raises
-    FireModelError for an unknown fuel.
+    As in section IV of Beachly et al., the back and the flanks spread at the no-wind rate. The wind
+    at 20 ft is reduced to midflame height for unsheltered fuel. ``grid_deg`` converts a direction
+    from true north to grid north (``Landscape.grid_deg``); by default true north and grid north are
+    the same. Raises FireModelError for an unknown fuel.
     """
     if fuel not in FUEL_MODELS:
         raise FireModelError(
@@ -77,8 +79,9 @@ def spreads_of(
 class EllipseFire:
     """A fire that spreads from point ignitions, with the rates in ``spreads``.
 
-    The ignitions are ``sources`` (m, 3): x, y, at_s; there may be none. The first spread also holds
-    before its time. A source lit inside the burned area has no effect.
+    The ignitions are ``sources`` (m, 3): x, y, at_s; there may be none. The first element of
+    ``spreads`` also applies before its ``from_s``. A source lit inside the burned area has no
+    effect.
     """
 
     def __init__(self, spreads: Sequence[Spread], sources: Floats) -> None:
@@ -99,7 +102,7 @@ class EllipseFire:
         return self.arrivals(points_m, with_sources=False)[0]
 
     def sources_of(self, points_m: Floats) -> Places:
-        """Return the index (n,) of the source that burns each point (n, 2) first, or -1."""
+        """Return the index (n,) of the source whose fire first reaches each point (n, 2), or -1."""
         return self.arrivals(points_m, with_sources=True)[1]
 
     def arrivals(self, points_m: Floats, with_sources: bool = True) -> tuple[Floats, Places]:
@@ -157,7 +160,8 @@ def _checked(sources: Floats) -> Floats:
 def _table(spreads: Sequence[Spread]) -> Floats:
     """Return the spreads as a table (changes, 6).
 
-    The columns of the table are from_s, the centre c (x, y) in m/s and the matrix Q (xx, xy, yy).
+    The columns of the table are from_s, the velocity c (x, y) of the ellipse's centre in m/s, and
+    the matrix Q (xx, xy, yy).
 
     The support function of the ellipse is h(n) = c·n + √(n·Qn).
     """
@@ -209,9 +213,10 @@ def _in_order(found: Any, tiles: Tiles) -> Any:
 def _plane(spread: Spread) -> tuple[Floats, float]:
     """Return M and e such that fire reaches (x, y) after |d| - e d_x, where d = (x, y) M.
 
-    The place (x, y) is relative to the source.
+    The position (x, y) is relative to the source.
 
-    The result solves (p - c t)² / a² + q² / b² = t² for t, with p along the wind and q across it.
+    This time is the solution t of (p - c t)² / a² + q² / b² = t², where p is the distance along the
+    wind and q the distance across the wind.
     """
     a, b = (spread.head_m_s + spread.back_m_s) / 2.0, spread.flank_m_s
     e = (spread.head_m_s - spread.back_m_s) / (2.0 * a)

@@ -1,8 +1,9 @@
 """Compute the arrival time from one source, and its minimum over all sources, for ``ellipse``.
 
-A point is compared only with the sources that may be first somewhere in its tile. At each level of
-the quadtree in ``tiles``, a square keeps some of its parent's sources. The square drops a source
-whose earliest arrival in the square is after the latest arrival of another source there.
+For each point, only those sources are compared whose fire may arrive first somewhere in the point's
+tile. At each level of the quadtree (``tiles``), the sources of a square are selected from the
+sources of its parent square. A source is dropped if the earliest arrival of its fire in the square
+is after the latest arrival of the fire of another source there.
 """
 
 import math
@@ -16,9 +17,9 @@ from firemodel.compiled import kernel
 from firemodel.ellipses.tiles import first_of
 
 MAX_STEPS = 100
-WARM_STEPS = 5  # steps from the last point's solution before a search with a bracket
+WARM_STEPS = 5  # number of steps from the previous solution before a search with a bracket
 CLOSE = 1e-11  # the search ends at this relative error of the time
-SLACK = 1e-9  # a source is kept if its relative delay behind another one is smaller
+SLACK = 1e-9  # a source is kept if its relative delay behind another source is smaller
 
 
 class Bounds(NamedTuple):
@@ -34,7 +35,7 @@ class Bounds(NamedTuple):
     begins_m: Floats
     lit_m: Floats
     limit_m: Floats  # (k) work array: distance of the reference fire at a time limit
-    last: NDArray[np.int64]  # (sources) work array: direction that last excluded each source
+    last: NDArray[np.int64]  # (sources) work array: the direction that last excluded a source
 
 
 @kernel
@@ -49,8 +50,8 @@ def _box_of(level, square, tiles):  # type: ignore[no-untyped-def]
     )
 
 
-# Constant wind. The plane is stretched so that the travel time to d from a source is |d| - e d_x;
-# the sources are the sites of an additively weighted Voronoi diagram.
+# Constant wind. The coordinates are scaled so that the travel time of fire along a vector d from a
+# source is |d| - e d_x; the sources are then the sites of an additively weighted Voronoi diagram.
 
 
 @kernel
@@ -71,14 +72,14 @@ def to_plane(points, origin, matrix, found):  # type: ignore[no-untyped-def]
 
 @kernel
 def _keep_steady(level, square, sources, e, tiles, kept, counts, earliest):  # type: ignore[no-untyped-def]
-    """Keep those sources of the parent square (level - 1) that may be first in part of a square."""
+    """Keep the sources of the parent square (level - 1) whose fire may arrive first in a square."""
     x, y, half_x, half_y = _box_of(level, square, tiles)
     latest = np.inf
     parent = max(level - 1, 0)
     for k in range(counts[parent]):
         number = kept[parent, k]
         dx, dy = abs(x - sources[number, 0]), abs(y - sources[number, 1])
-        # The term - e x of a place is left out: it is the same for all sources.
+        # The term - e x of the point is omitted, because it is the same for all sources.
         since = sources[number, 2] + e * sources[number, 0]
         near_x, near_y = max(dx - half_x, 0.0), max(dy - half_y, 0.0)
         far_x, far_y = dx + half_x, dy + half_y
@@ -145,9 +146,9 @@ def _steepest(dx, dy, period, table):  # type: ignore[no-untyped-def]
 
 @kernel
 def _bracket(dx, dy, period, table):  # type: ignore[no-untyped-def]
-    """Return the least and the greatest u at which the h(n) of a period has its minimum.
+    """Return the least and the greatest of the values of u at which the periods' h(n) are minimal.
 
-    The minimum of Σ τ h lies between these two.
+    The minimum of Σ τ h is between these two values of u.
     """
     low, high = math.inf, -math.inf
     for number in range(period, table.shape[0]):
@@ -161,8 +162,8 @@ def _bracket(dx, dy, period, table):  # type: ignore[no-untyped-def]
 def _walk(u, dx, dy, at_s, period, limit_s, table):  # type: ignore[no-untyped-def]
     """Return the time at which Σ τ h(n) equals d·n, then h, Σ τ h' and Σ τ h'' at that time.
 
-    The derivatives are by u. If the time is after ``limit_s``, any time at or after the limit is
-    returned instead.
+    The derivatives are with respect to u. If the time is after ``limit_s``, any time at or after
+    the limit is returned instead.
     """
     nx, ny = dx - u * dy, dy + u * dx
     distance = dx * dx + dy * dy
@@ -191,7 +192,7 @@ def _walk(u, dx, dy, at_s, period, limit_s, table):  # type: ignore[no-untyped-d
 
 @kernel
 def reach(dx, dy, at_s, period, limit_s, nx, ny, table):  # type: ignore[no-untyped-def]
-    """Return the arrival time at d from a source, and the decisive direction (nx, ny).
+    """Return the arrival time at d from a source, and the direction (nx, ny) that determines it.
 
     The source is lit at ``at_s``. Each u gives a lower bound on the time. If a bound is at or after
     ``limit_s``, the search stops and returns that bound. On entry, (nx, ny) is a first guess of the
@@ -230,7 +231,7 @@ def reach(dx, dy, at_s, period, limit_s, nx, ny, table):  # type: ignore[no-unty
 
 @kernel
 def _reach_from(x, y, source, period, limit_s, normals, number, table):  # type: ignore[no-untyped-def]
-    """Compute ``reach`` from a source, with its direction in ``normals`` as the first guess."""
+    """Return the time of ``reach``; row ``number`` of ``normals`` is the first guess."""
     time, nx, ny = reach(
         x - source[0],
         y - source[1],
@@ -259,9 +260,9 @@ def _limit(limit_s, table, bounds):  # type: ignore[no-untyped-def]
 
 @kernel
 def _too_late(x, y, half_x, half_y, sources, number, limit_s, bounds):  # type: ignore[no-untyped-def]
-    """Return True if the fire of a source reaches a box only after the time limit.
+    """Return True if the fire of a source certainly reaches a box only after the time limit.
 
-    The result is True if in at least one direction the fire does not cover the distance to the box
+    This is certain if, in at least one direction, the fire does not cover the distance to the box
     in time.
     """
     if sources[number, 2] > limit_s:
@@ -285,8 +286,9 @@ def _keep_changing(  # type: ignore[no-untyped-def]
 ):
     """Keep sources as ``_keep_steady`` does, but for changing wind.
 
-    The source that is first in the middle of the square is put first. The area burned from one
-    source is convex: it covers a square as soon as it covers the four corners.
+    The source whose fire arrives first in the middle of the square is put first. The area burned
+    from one source is convex; therefore this area covers a square as soon as it covers the four
+    corners.
     """
     x, y, half_x, half_y = _box_of(level, square, tiles)
     parent = max(level - 1, 0)

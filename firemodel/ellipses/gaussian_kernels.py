@@ -5,15 +5,15 @@ from typing import NamedTuple
 from firemodel.arrays import Floats
 from firemodel.compiled import kernel
 
-PARTS = 8  # number of parts of a path, for the mean along it
+PARTS = 8  # number of parts into which a path is divided to compute the mean
 
 
 class Field(NamedTuple):
-    """The values of exp w at nodes that are ``apart_m`` apart.
+    """The values of exp w, a factor of the slowness of fire, at nodes ``apart_m`` apart.
 
     Rows are y (row 0 in the south) and columns are x.
 
-    Values between nodes are interpolated; beyond the edge, the value at the edge holds.
+    Values between nodes are interpolated; beyond the edge, the value at the edge is used.
     """
 
     west_m: float
@@ -24,7 +24,7 @@ class Field(NamedTuple):
 
 @kernel
 def _corner(x, apart, count):  # type: ignore[no-untyped-def]
-    """Return the node at or below x, and the fraction of the distance from it to the next node."""
+    """Return the last node at or before x, and the distance of x from this node (0 to 1)."""
     at = min(max(x / apart, 0.0), count - 1.0)
     node = min(int(at), count - 2)
     return node, at - node
@@ -54,7 +54,7 @@ def stretch(points, origin, field, found):  # type: ignore[no-untyped-def]
 
 @kernel
 def _share(x, y, dx, dy, number, field):  # type: ignore[no-untyped-def]
-    """Return one of the four nodes around a part of a path, and its weight in the path's mean."""
+    """Return one of the four nodes around a part of a path, and the node's weight in the mean."""
     rows, cols = field.slower.shape
     piece = number // 4 + 0.5
     col, right = _corner(x + piece * dx - field.west_m, field.apart_m, cols)
@@ -72,7 +72,7 @@ def _share(x, y, dx, dy, number, field):  # type: ignore[no-untyped-def]
 
 @kernel
 def slopes(points, origin, field, found):  # type: ignore[no-untyped-def]
-    """Compute the derivatives of ln(mean of exp w along each path) by w at each node.
+    """Compute the derivatives of ln(mean of exp w along each path) with respect to w at each node.
 
     The derivatives are written into ``found`` (n, rows, cols), which is 0 on entry.
     """
@@ -95,8 +95,9 @@ def slopes(points, origin, field, found):  # type: ignore[no-untyped-def]
 def variances(points, origin, of_rates, field, covariance, found):  # type: ignore[no-untyped-def]
     """Write the variance of ln(time along each path) into ``found`` (n,).
 
-    ``of_rates`` (n, k) are the derivatives by the rates. ``covariance`` (k + nodes, k + nodes) is
-    the covariance of the rates and the nodes. All parts of a path have the same weight.
+    ``of_rates`` (n, k) are the derivatives of this logarithm with respect to the rates.
+    ``covariance`` (k + nodes, k + nodes) is the covariance of the rates and of w at the nodes. All
+    parts of a path have the same weight.
     """
     k = of_rates.shape[1]
     for place in range(points.shape[0]):

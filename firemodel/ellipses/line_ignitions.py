@@ -1,4 +1,4 @@
-"""Convert ignition lines to point sources of ellipses. Pure."""
+"""Convert ignition lines to point sources of ellipses."""
 
 import math
 from itertools import pairwise
@@ -14,10 +14,10 @@ def line_sources(points_m: Floats, at_s: float | Floats, spacing_m: float) -> Fl
 
     A source is x, y, at_s, and each corner is a source. ``at_s`` is one time for the whole line or,
     for a line lit on foot, one time for each corner (n,). Let s be the spacing and r the half-width
-    of the ellipses (``flank_m_s`` times the time). The front midway between two sources then lags
-    behind that of a continuous line by about s²/(8 r), which is 3 % of r at r = 2 s. Below r = s/2
-    the two ellipses do not touch. Raises FireModelError if there are no points or the spacing is
-    not positive.
+    of the ellipses (``flank_m_s`` times the time since ignition). The front midway between two
+    sources then lags behind that of a continuous line by about s²/(8 r), which is 3 % of r if r is
+    twice s. If r is less than s/2, the two ellipses do not touch. Raises FireModelError if there
+    are no points or the spacing is not positive.
     """
     points = np.asarray(points_m, dtype=np.float64).reshape(-1, 2)
     if len(points) == 0 or not spacing_m > 0.0:

@@ -1,6 +1,6 @@
-"""Define the paths of fire to places, in simulations whose rates the corrections adjust.
+"""Define the paths of fire to points, in simulations with adjustable spread rates.
 
-A path is a straight line from the ignition to the place.
+A path is a straight line from an ignition to a point.
 """
 
 import math
@@ -13,10 +13,10 @@ from firemodel.ellipses.ellipse import EllipseFire
 
 
 class StraightPaths(NamedTuple):
-    """The paths of fire to n places.
+    """The paths of fire to n points.
 
-    Each path has the place ``origin`` (n, 2) and the time ``lit_s`` (n,) of its ignition, and a
-    travel time ``takes_s`` (n,).
+    ``origin`` (n, 2) and ``lit_s`` (n,) are the position and the time of the ignition from which
+    each path starts; ``takes_s`` (n,) is the travel time along the path.
 
     Where fire never arrives, ``takes_s`` is infinite, and ``origin`` and ``lit_s`` are undefined.
     """
@@ -27,24 +27,24 @@ class StraightPaths(NamedTuple):
 
 
 class AdjustableFire(Protocol):
-    """A fire that has paths, and rates of spread that can be adjusted."""
+    """A simulated fire with paths to points and with adjustable rates of spread."""
 
     @property
     def rates_sd(self) -> Floats:
-        """The prior standard deviations (k,) of the rates that ``rated`` accepts."""
+        """The prior standard deviations (k,) of the adjustments in ``rated``."""
 
     @property
     def first_rates(self) -> Floats:
-        """The sets of rates (m, k) from which the search begins."""
+        """The sets of adjustments (m, k) from which the search for the best set begins."""
 
     def rated(self, rates: Floats) -> "AdjustableFire":
-        """Return the fire with its rates adjusted by ``rates`` (k,); zeros leave it unchanged."""
+        """Return the fire with its rates adjusted by ``rates`` (k,); zeros change nothing."""
 
     def paths(self, points_m: Floats) -> StraightPaths:
         """Return the paths to points (n, 2), which are x, y in metres."""
 
     def places(self) -> Floats:
-        """Return places (k, 2), as x, y in metres, that enclose the ignitions."""
+        """Return points (k, 2), as x, y in metres, whose bounding box contains the ignitions."""
 
     def ignition_time_s(self, points_m: Floats) -> Floats:
         """Return the arrival times (n,) in s at points (n, 2); unburned points have infinity."""
@@ -53,9 +53,9 @@ class AdjustableFire(Protocol):
 class AdjustableEllipses:
     """An ``EllipseFire`` with at least one source, as an ``AdjustableFire``.
 
-    The first three of the four adjustments are logarithms of factors. The first applies to all
-    rates of spread; the second and the third apply in addition to the head and to the flanks. The
-    fourth adjustment is a turn of the wind in radians.
+    The first three of the four adjustments are logarithms of factors. The first factor applies to
+    all rates of spread. In addition, the second factor applies to the head and the third to the
+    flanks. The fourth adjustment is a turn of the wind in radians.
     """
 
     rates_sd = np.array([0.6, 1.2, 0.7, 0.35])
@@ -94,7 +94,7 @@ class AdjustableEllipses:
         return StraightPaths(lit[:, :2].copy(), lit[:, 2].copy(), time_s - lit[:, 2])
 
     def places(self) -> Floats:
-        """Return the places (k, 2) of the sources, as x, y in metres."""
+        """Return the positions (k, 2) of the sources, as x, y in metres."""
         return self.fire.sources[:, :2]
 
     def ignition_time_s(self, points_m: Floats) -> Floats:

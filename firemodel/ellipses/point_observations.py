@@ -6,7 +6,7 @@ import numpy as np
 
 from firemodel.arrays import Floats
 
-# The sign of (time of ignition - time of the observation).
+# Each value is the sign of (time of arrival - time of observation).
 BURNED, BURNING, UNBURNED = -1, 0, 1
 
 
@@ -20,8 +20,8 @@ class Simulation(Protocol):
 class PointObservation(NamedTuple):
     """The state of a place at ``at_s``.
 
-    BURNED means that fire arrived earlier, BURNING that it arrives at that time, and UNBURNED that
-    it arrives later or never.
+    BURNED means that fire arrives before that time, BURNING that fire arrives at that time, and
+    UNBURNED that fire arrives later or never.
     """
 
     x_m: float
@@ -31,7 +31,7 @@ class PointObservation(NamedTuple):
 
 
 def errors_s(fire: Simulation, observations: Floats) -> Floats:
-    """Return the delay (n,) in s of the observed fire behind the simulated fire.
+    """Return the delays (n,) in s of the observed fire behind the simulated fire.
 
     The observations (n, 4) are x, y, at_s and state.
 

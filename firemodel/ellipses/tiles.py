@@ -17,7 +17,7 @@ class Tiles(NamedTuple):
     """A quadtree with ``levels`` levels below its root and with squares in Morton order.
 
     Square k of a level contains the four squares 4 k to 4 k + 3 of the next level. The squares of
-    the last level are the tiles: tile k has the points from ``begin[k]`` up to, but without,
+    the last level are the tiles: the sorted points of tile k are those from ``begin[k]`` on, before
     ``begin[k + 1]``.
     """
 
@@ -82,7 +82,7 @@ def _enclose(points, box):  # type: ignore[no-untyped-def]
 
 @kernel
 def _spread_bits(number):  # type: ignore[no-untyped-def]
-    """Insert a 0 between neighbouring bits of a number of up to 16 bits."""
+    """Insert a 0 bit between every two neighbouring bits of a number with at most 16 bits."""
     number = (number | (number << 8)) & 0x00FF00FF
     number = (number | (number << 4)) & 0x0F0F0F0F
     number = (number | (number << 2)) & 0x33333333

@@ -10,12 +10,12 @@ from firemodel.arrays import Floats
 from firemodel.ensemble.uncertainty import Uncertainty
 
 COMMON = 6  # number of errors in a draw, not counting the factors of single fuels
-# Number of different moisture factors. Members with the same factor share its spread rates.
+# Number of different moisture factors. Members with equal factors share one table of spread rates.
 MOISTURES = 15
 
 
 class Draw(NamedTuple):
-    """The errors of a member: factors of the given inputs, and offsets that are added to them."""
+    """The errors of a member: factors and offsets that are applied to the given inputs."""
 
     wind_factor: float
     turn_deg: float  # clockwise turn of the wind
@@ -49,7 +49,7 @@ def latin_draws(
 def random_draws(
     uncertainty: Uncertainty, rng: np.random.Generator, count: int, fuels: int
 ) -> list[Draw]:
-    """Return independent draws, for example of true fires; arguments as for ``latin_draws``."""
+    """Return independent draws, for example for true fires (arguments: see ``latin_draws``)."""
     return _draws_of(rng.standard_normal((count, COMMON + fuels)), uncertainty)
 
 

@@ -1,8 +1,9 @@
-"""Simulate the members of an ensemble: fires with one landscape and one start, but different draws.
+"""Simulate the members of an ensemble: fires with one initial state, but different errors.
 
 Members do not depend on each other and may be simulated in parallel. Functions that simulate
-several members have the argument ``each``: ``map``, or the ``map`` of a pool of threads (kernels
-release the GIL). The result does not depend on ``each``.
+several members have the argument ``each``: ``map``, or the ``map`` method of a thread pool, with
+which members are simulated in parallel because kernels release the GIL. The result does not depend
+on ``each``.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -31,22 +32,22 @@ class Window(NamedTuple):
     top: int  # row and column of the window's north-west cell in the grid
     left: int
     after_s: NDArray[np.float32]  # (y, x) arrival in s after the start; infinity if unburned
-    flame_m: NDArray[np.float32]  # (y, x) flame length at arrival; NaN without arrival after start
+    flame_m: NDArray[np.float32]  # (y, x) flame length at arrival; NaN if none after the start
 
 
 class Start:
-    """The common initial state of all members, and the spread rates that they share.
+    """The common initial state of all members, and the spread rates that the members share.
 
-    The given fire may already have burned cells; it is not changed.
+    The fire at the start may already have burned cells. ``Start`` does not change this fire.
     """
 
     def __init__(self, fire: Fire, ignitions: Sequence[Ignition] = ()) -> None:
         """Prepare the members of a fire.
 
         Args:
-            fire: The state at the start. Its ignitions are the same in all members.
-            ignitions: (row, column, time in s) of further cells to ignite. Each member moves them
-                by the offset of its draw.
+            fire: The fire at the start. Its ignitions are the same in all members.
+            ignitions: (row, column, time in s) of further cells to ignite. In each member these
+                cells are moved by the offset in the member's draw.
         """
         land, self.entries = fire.landscape, fire.weather_ahead()
         self.fire, self.ignitions = fire, tuple(ignitions)
@@ -67,7 +68,7 @@ class Start:
         return fire
 
     def window(self, fire: Fire, draw: Draw) -> Window:
-        """Return the result of a member with this draw."""
+        """Return the result of the member ``fire``, which was simulated with ``draw``."""
         burned = fire.burned()
         if not burned.any():
             nothing = np.empty((0, 0), dtype=np.float32)
@@ -111,10 +112,10 @@ class Start:
     def _wet(self, factor: float) -> tuple[Floats, Floats]:
         """Return the effect of a factor of dead fuel moisture on spread rate and intensity.
 
-        The first array (entries, fuels) is the spread rate relative to that at the given moisture.
-        The second array contains the intensity divided by the spread rate, in (kW/m)/(m/s). Dead
-        fuel moisture changes only the rate without wind and slope, to which all spread rates are
-        proportional (Rothermel 1972).
+        The first array (entries, fuels) is the spread rate divided by the rate at the moisture of
+        the weather. The second array contains the intensity divided by the spread rate, in
+        (kW/m)/(m/s). Dead fuel moisture changes only the rate without wind and slope, to which all
+        spread rates are proportional (Rothermel 1972).
         """
         if factor not in self._by_moisture:
             land = self.fire.landscape
@@ -164,15 +165,15 @@ def burned_windows(
         numbers: The members to simulate, as indices of ``draws``.
         until_s: The time at which the simulation ends, in s.
         seed: The seed for schemes that use random numbers.
-        each: ``map``, or the map of a pool of threads.
+        each: ``map``, or the ``map`` method of a thread pool.
 
     Returns:
-        The windows, in the order of ``numbers``. A window depends only on start, draw, number and
-        seed.
+        The windows, in the order of ``numbers``. A window depends only on ``start``, ``until_s``,
+        ``seed``, and the member's draw and number.
     """
 
     def burned(number: int) -> Window:
-        # The generator (seed, 0) is that of a run without errors.
+        # The seed (seed, 0) is used for a run without errors.
         rng = np.random.default_rng((seed, number + 1))
         fire = start.member(draws[number], rng)
         fire.advance(max(until_s, fire.time_s))
@@ -182,7 +183,7 @@ def burned_windows(
 
 
 class Ensemble:
-    """Fires that advance together and can be perturbed and resampled at any time, as in a filter.
+    """Fires that advance together and can be perturbed and resampled, as in a particle filter.
 
     A member of the any-angle scheme needs about 70 bytes for each cell of the landscape.
     """
@@ -190,8 +191,8 @@ class Ensemble:
     def __init__(self, fires: Sequence[Fire]) -> None:
         """Create an ensemble of fires on one landscape at one time.
 
-        The fires themselves are used, not copies. Raises FireModelError if there are none, or if
-        they differ in landscape or time.
+        The ensemble uses the given fires, not copies. Raises FireModelError if there are no fires,
+        or if the fires differ in landscape or time.
         """
         if len({(id(fire.landscape), fire.time_s) for fire in fires}) != 1:
             raise FireModelError(
@@ -216,17 +217,17 @@ class Ensemble:
     def perturb(
         self, number: int, wind_factor: float, turn_deg: float, spread_factor: float | Floats
     ) -> None:
-        """Change wind and rates of one member from now on, as ``Fire.perturb`` does."""
+        """Change the wind and the spread rates of one member from now on; see ``Fire.perturb``."""
         self.fires[number].perturb(wind_factor, turn_deg, spread_factor)
 
     def resample(self, numbers: Sequence[int]) -> None:
-        """Replace the members by a selection of them; repeated members are copied.
+        """Keep only the selected members; a member that is selected several times is copied.
 
         Args:
             numbers: Indices of current members, for example drawn according to weights.
 
         Raises:
-            FireModelError: There are no numbers, or a number is not an index of a member.
+            FireModelError: ``numbers`` is empty, or a number is not the index of a member.
         """
         unknown = [number for number in numbers if not 0 <= number < len(self.fires)]
         if unknown or not numbers:

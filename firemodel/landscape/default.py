@@ -1,4 +1,4 @@
-"""Build the default landscape: real terrain from matplotlib, with fuel derived from it."""
+"""Build the default landscape: real terrain from matplotlib, and fuel derived from the terrain."""
 
 from dataclasses import replace
 from importlib.util import find_spec
@@ -61,7 +61,7 @@ def _corner(rows: int, cols: int, cell_size_m: float) -> tuple[float, float]:
 def _sample() -> Path:
     """Return the path of matplotlib's elevation file.
 
-    The function does not import matplotlib, because that is slow.
+    The function does not import matplotlib, because the import is slow.
     """
     found = find_spec("matplotlib")
     assert found is not None
@@ -75,8 +75,8 @@ def _elevation(
     with np.load(_sample()) as grid:
         terrain = grid["elevation"].astype(np.float64)
         # Row 0 is the northernmost and lies at the file's ymax. The file's ymin is wrong, because
-        # it was counted from ymax upwards instead of downwards. With this georeference the highest
-        # cell (1076 m) is the top of Cross Mountain, 36.1983 N 84.2306 W.
+        # ymin was counted from ymax upwards instead of downwards. With this georeference the
+        # highest cell (1076 m) is the top of Cross Mountain, 36.1983 N 84.2306 W.
         north_deg, west_deg, degrees = (float(grid[key]) for key in ("ymax", "xmin", "dx"))
     x_m, y_m = np.meshgrid(
         west_m + (np.arange(cols) + 0.5) * cell_size_m,

@@ -4,7 +4,7 @@ import numpy as np
 
 from firemodel.landscape.landscape import Landscape, transformers
 
-UTM_NORTH, UTM_SOUTH = 32600, 32700  # EPSG codes, without the zone
+UTM_NORTH, UTM_SOUTH = 32600, 32700  # EPSG codes of the UTM zones, without the number of the zone
 
 
 def flat_landscape(

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from firemodel.landscape.landscape import horn
 
-STEEP = 0.1  # slopes and aspects are compared on steeper ground (rise over run)
-MAX_SLOPE_RATIO = 1.5  # a larger ratio, or one below the inverse, gives a note
+STEEP = 0.1  # only ground steeper than this is compared (rise over run)
+MAX_SLOPE_RATIO = 1.5  # a ratio above this value or below its inverse gives a note
 OPPOSITE_DEG = 135.0
 
 
@@ -22,7 +22,7 @@ def ground_notes(
     """Yield a note if slope or aspect (y, x) contradict the elevation.
 
     ``slope_tan`` is rise over run. ``aspect_deg`` is the direction in which the ground falls,
-    clockwise from north; it is negative where it is unknown. The notes begin with ``name``.
+    clockwise from north; a negative value means an unknown aspect. The notes begin with ``name``.
     """
     north, east = horn(elevation_m, cell_size_m)
     rise = np.hypot(north, east)

@@ -49,12 +49,12 @@ from firemodel.physics.fuels import FUEL_MODELS, NON_BURNABLE
 Description = dict[str, Any]
 
 USUAL_NODATA = (-9999, -32768)
-REAL = "iuf"  # the kinds of NumPy's numeric types
+REAL = "iuf"  # the kinds of NumPy's real numeric types
 MAX_CODES = 200  # a band with more distinct values is not a band of fuel codes
 
 
 def describe(path: Path, *, crs: str | None = None, nodata: float | None = None) -> Description:
-    """Describe a file by the function for its kind.
+    """Describe a file with the function for its format.
 
     The functions are ``describe_table``, ``describe_rasters`` and ``describe_shapes``.
     """
@@ -80,15 +80,15 @@ def describe_rasters(
     crs: str | None = None,
     nodata: float | None = None,
 ) -> Description:
-    """Describe the rasters of a landscape, or those in one file.
+    """Describe the rasters of a landscape, which are in one file or in several files.
 
     The arguments are those of ``read_landscape``. The result has the keys ``file`` and ``kind``.
     The keys ``crs``, ``rows``, ``cols``, ``cell_size`` (in the CRS's unit) and ``extent`` (south,
     west, north, east in degrees) describe the first band. Each entry of ``bands`` has file, number,
     layer, dtype, unit, nodata, least, most and no_data_cells. A band of fuel codes also has
     ``fuels`` (code, name, percent of the cells with a value) and non_burnable_pct. ``problems`` has
-    one line for each reason for which ``read_landscape`` would reject the files, and ``notes`` one
-    line for each value that is probably unintended and for data that a run ignores.
+    one line for each reason for which ``read_landscape`` would reject the files. ``notes`` has one
+    line for each value that is probably unintended, and lines about data that a run ignores.
     """
     problems: list[str] = []
     pairs = _layers_and_bands(files, problems)
@@ -268,7 +268,7 @@ def _band_lines(band: Description) -> Iterator[str]:
 
 
 def _kept(problems: list[str], function: Callable[..., Any], *arguments: Any) -> Any:
-    """Return the result of a function; on an error, add it to ``problems`` and return None."""
+    """Return the result of a function; add the text of an error to ``problems`` and return None."""
     try:
         return function(*arguments)
     except FireModelError as error:
@@ -284,7 +284,7 @@ def _name(files: Sources) -> str:
 
 
 def _layers_and_bands(files: Sources, problems: list[str]) -> list[tuple[str, Band]]:
-    """Return each band with its layer, which is empty if the file names no layer."""
+    """Return each band with the name of its layer, which is empty if the file names no layer."""
     if isinstance(files, Path):
         bands = _kept(problems, bands_of, files) or ()
         if len(bands) > 1:

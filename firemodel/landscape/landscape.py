@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 MAX_ELEVATION_M = 9000.0  # a larger value means a wrong unit or an undeclared nodata value
 MAX_TREE_M = 120.0
 MAX_SLOPE = 1000.0  # rise over run
-MIN_CELL_M, MAX_CELL_M = 0.01, 1e6  # another cell size means a wrong unit or a damaged file
+MIN_CELL_M, MAX_CELL_M = 0.01, 1e6  # other cell sizes mean a wrong unit or a damaged file
 ROWS_AT_ONCE = 256
 
 
@@ -129,9 +129,9 @@ def horn(elevation_m: NDArray[np.floating], cell_size_m: float) -> NDArray[np.fl
 
 
 def bilinear(values: NDArray[Any], row: Any, col: Any) -> Any:
-    """Return values (y, x) interpolated at float rows and columns, constant beyond the edge."""
+    """Interpolate values (y, x) at float rows and columns, with constant values beyond the edge."""
     last_row, last_col = values.shape[0] - 1, values.shape[1] - 1
-    if isinstance(row, float):  # for one place this is much faster without arrays
+    if isinstance(row, float):  # for one position this is much faster without arrays
         row, col = min(max(float(row), 0.0), last_row), min(max(float(col), 0.0), last_col)
         top, left = min(int(row), last_row - 1), min(int(col), last_col - 1)
         north_west, north_east = values.item(top, left), values.item(top, left + 1)
@@ -148,7 +148,7 @@ def bilinear(values: NDArray[Any], row: Any, col: Any) -> Any:
     return north * (1 - down) + south * down
 
 
-@lru_cache(maxsize=64, typed=True)  # several readers convert each position of a vehicle
+@lru_cache(maxsize=64, typed=True)  # each vehicle position is converted several times
 def _projected(crs: str, lat_deg: float, lon_deg: float) -> tuple[float, float]:
     x_m, y_m = transformers(crs)[1].transform(lon_deg, lat_deg)
     return x_m, y_m
@@ -158,15 +158,15 @@ def _projected(crs: str, lat_deg: float, lon_deg: float) -> tuple[float, float]:
 class Landscape:
     """A grid of square cells in a projected CRS in metres.
 
-    ``west_m``, ``north_m`` are the outer north-west corner of cell (0, 0). The arrays are (y, x)
-    with row 0 in the north. The arrays are fuel codes (see ``fuels``), elevation in metres above
-    sea level and, optionally, canopy cover (0 to 1), canopy height in metres and canopy base height
-    in metres. ``gradient`` (2, y, x) is the rise per metre towards north and towards east. If no
-    gradient is given, it is computed from the elevation (see ``horn``). If a gradient is given, the
-    elevation may be missing. ``custom_fuels`` are the fuel models of codes that are not standard,
-    or that differ from the standard models. A position in the grid is a pair of floats (row, col).
-    The centre of a cell has whole numbers, so that ``round`` converts a position to its cell.
-    Positions and coordinates may be scalars or arrays.
+    ``west_m``, ``north_m`` are the coordinates of the outer north-west corner of cell (0, 0). The
+    arrays are (y, x) with row 0 in the north. The layers are fuel codes (see ``fuels``), elevation
+    in metres above sea level and, optionally, canopy cover (0 to 1), canopy height in metres and
+    canopy base height in metres. ``gradient`` (2, y, x) is the rise per metre towards north and
+    towards east. If no gradient is given, the gradient is computed from the elevation (see
+    ``horn``). If a gradient is given, the elevation may be missing. ``custom_fuels`` are the fuel
+    models of codes that are not standard, or that replace standard models. A position in the grid
+    is a pair of floats (row, col). At the centre of a cell both numbers are whole, so that
+    ``round`` converts a position to its cell. Positions and coordinates may be scalars or arrays.
     """
 
     crs: str
@@ -249,7 +249,7 @@ class Landscape:
 
     @property
     def slope_tan(self) -> Floats:
-        """The slope (y, x) as rise over run; like ``aspect_deg``, it is computed at each access."""
+        """The slope (y, x) as rise over run, computed at each access like ``aspect_deg``."""
         north, east = self.gradient
         slope: Floats = np.hypot(north, east, dtype=np.float64)
         return slope

@@ -14,7 +14,7 @@ from firemodel.landscape.landscape import Landscape
 from firemodel.physics.fuels import NON_BURNABLE
 
 BARE_GROUND = 99
-SHORTEST = 1e-12  # shorter parts of a segment, as a share of its length, are left out
+SHORTEST = 1e-12  # parts of a segment below this share of its length are left out
 
 
 def cells_of(geometries: Iterable[BaseGeometry], landscape: Landscape) -> NDArray[np.int32]:
@@ -56,7 +56,7 @@ def with_barriers(
 
     Fire cannot cross a line in any direction, because consecutive cells of the line have a common
     side. The outline of a polygon is a barrier too, so that a river narrower than a cell stops fire
-    like a line.
+    as a line does.
 
     Args:
         landscape: The landscape; it is not changed.
@@ -89,9 +89,9 @@ def _parts(geometries: Iterable[BaseGeometry]) -> Iterator[BaseGeometry]:
 
 
 def _col_row(geometry: BaseGeometry, landscape: Landscape) -> Floats:
-    """Return the vertices (n, 2) as column and row, counted from the grid's corner.
+    """Return the vertices (n, 2) as column and row from the grid's north-west corner.
 
-    The floor of these numbers is the cell.
+    The integer parts of these numbers are the column and row of the cell.
     """
     x_m, y_m = shapely.get_coordinates(geometry).T
     row, col = landscape.row_col_of(x_m, y_m)
@@ -137,7 +137,7 @@ def _mark_line(line: BaseGeometry, landscape: Landscape, touched: NDArray[np.boo
     for part in _parts([shapely.LineString(_col_row(line, landscape)).intersection(near)]):
         vertices = shapely.get_coordinates(part)
         chain = np.floor(_steps(vertices) if len(vertices) > 1 else vertices)
-        joints = np.stack([chain[1:, 0], chain[:-1, 1]], axis=1)  # adjoins both cells
+        joints = np.stack([chain[1:, 0], chain[:-1, 1]], axis=1)  # cells that adjoin both
         _mark(chain, touched)
         _mark(joints, touched)
 

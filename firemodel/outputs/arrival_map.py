@@ -1,4 +1,4 @@
-"""Draw maps of a fire as PNG: hillshade, fuel, classes of arrival, isochrones, graticule, scale."""
+"""Draw maps of a fire as PNG: hillshade, fuel, arrival times, isochrones, graticule and scale."""
 
 import math
 import warnings
@@ -32,7 +32,7 @@ NOTE = "Simulated fire. Not for navigation. {crs}, graticule WGS 84, arrow to tr
 
 
 def draw_map(path: Path | str, fire: Fire, title: str, time_zero: datetime | None = None) -> None:
-    """Draw a fire as a PNG with time, burned area, classes of arrival, isochrones and graticule.
+    """Draw a fire as a PNG with time, burned area, arrival times, isochrones and graticule.
 
     Args:
         path: The file to write.
@@ -57,7 +57,7 @@ def draw_arrival(
     line: str,
     layer: Layer,
 ) -> None:
-    """Draw times of arrival (y, x) in the style of ``draw_map``, with a line below the title."""
+    """Draw arrival times (y, x) in the style of ``draw_map``; ``line`` is below the title."""
     frame = frame_around(land, arrival_s)
     figure, axes = start_map(land, arrival_s, frame, isochrones=True, layer=layer)
     set_title(axes, title, line)
@@ -68,10 +68,12 @@ def draw_arrival(
 def save_map(figure: Any, file: Any) -> None:
     """Write a figure of ``start_map`` as a PNG without the name of the software.
 
-    The canvas draws the figure once. ``savefig`` would draw it twice, first for the layout alone.
+    ``print_png`` draws the figure once. ``savefig`` would draw the figure twice, first for the
+    layout alone.
 
     Args:
-        figure: The figure. Characters that its font lacks are drawn as boxes, without a warning.
+        figure: The figure. Characters that the font does not contain are drawn as boxes, without a
+            warning.
         file: The path or the open binary file to write.
     """
     with warnings.catch_warnings():
@@ -86,7 +88,7 @@ def status_line(fire: Fire, time_zero: datetime | None = None) -> str:
 
 
 def time_in_words(time_s: float, time_zero: datetime | None) -> str:
-    """Return a text with a time after mission time 0, and its date if ``time_zero`` is given."""
+    """Return a text with a time after mission time 0, and the date if ``time_zero`` is given."""
     after = f"{time_s / 3600.0:.4g} h after mission time 0"
     if time_zero is None:
         return f"{after} (no calendar date)"
@@ -118,7 +120,8 @@ def start_map(
     """Return a figure and its axes, which show the base map and the fire, with a legend.
 
     The axes are in km from the south-west corner, and labelled with the graticule. The classes of
-    arrival are those of ``layer``; without a layer, the classes are made from the times on the map.
+    arrival times are those of ``layer``; without a layer, the classes are derived from the times on
+    the map.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.colors import LightSource
@@ -129,7 +132,7 @@ def start_map(
     figure.set_layout_engine("compressed", w_pad=0.12, h_pad=0.12)
     axes = figure.add_subplot()
     window, extent = _window(land, frame)
-    north, east = 2.0 * land.gradient[:, window[0], window[1]]  # exaggerated
+    north, east = 2.0 * land.gradient[:, window[0], window[1]]  # slopes are exaggerated
     normals = np.dstack([-east, -north, np.ones(north.shape)])
     normals /= np.linalg.norm(normals, axis=2, keepdims=True)
     shade = LightSource(315, 45).shade_normals(normals)
@@ -193,8 +196,8 @@ def _draw_legend(axes: Any, parts: Mapping[str, Sequence[tuple[str, str]]]) -> N
     )  # fmt: skip
     for text in legend.get_texts():
         text.set_fontweight("bold" if text.get_text() in parts else "normal")
-    axes.add_artist(legend)  # it remains if a caller adds another legend
-    legend.set_clip_box(None)  # lies outside the axes
+    axes.add_artist(legend)  # keeps this legend if a caller adds another one
+    legend.set_clip_box(None)  # the legend is outside the axes
 
 
 def frame_around(land: Landscape, arrival_s: Floats, more_xy_m: Floats | None = None) -> Frame:
@@ -255,7 +258,7 @@ def _draw_scale(axes: Any, frame: Frame) -> None:
 
 
 def _round_step(span: float, most: int) -> float:
-    """Return the smallest of ..., 1, 2, 5, 10, ... with at most ``most`` steps in a span."""
+    """Return the smallest step (..., 1, 2, 5, 10, ...) with at most ``most`` steps in a span."""
     if span <= 0.0:
         return 1.0
     power = 10.0 ** math.floor(math.log10(span / most))

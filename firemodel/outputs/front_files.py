@@ -71,10 +71,10 @@ def fronts_geojson(
 ) -> dict[str, Any]:
     """Return GeoJSON (RFC 7946, WGS84) with the burned area at each time as a MultiPolygon.
 
-    The properties have the names of the US interagency perimeters (WFIGS), with times in ms since
-    1970 UTC. The status of the features is that of a perimeter that is not approved. ``time_zero``
-    is the calendar time of 0 s, if there is one. Raises FireModelError if the times do not increase
-    or the fire has not been advanced to one of them.
+    The names of the properties are those of the US interagency perimeters (WFIGS); calendar times
+    are in ms since 1970 UTC. The features have the status of a perimeter that is not approved.
+    ``time_zero`` is the calendar time of 0 s, if there is one. Raises FireModelError if the times
+    do not increase or the fire has not been advanced to one of them.
     """
     check_increasing(times_s)
     features = []
@@ -119,7 +119,7 @@ def write_fronts(
     """Write the burned area at each time as GeoJSON (RFC 7946; see ``fronts_geojson``).
 
     Two files of the same name are written beside the GeoJSON: a QGIS style (.qml), and KML (.kml)
-    with the calendar times, if there are any.
+    with the calendar times, if ``time_zero`` is given.
 
     Args:
         path: The GeoJSON file to write.

@@ -20,7 +20,7 @@ def fronts_kml(collection: dict[str, Any], name: str, layer: Layer, zero: dateti
     Args:
         collection: The result of ``fronts_geojson``, in order of time.
         name: The incident's name.
-        layer: The layer of times of arrival; its classes give the colours.
+        layer: The layer of arrival times; the classes of the layer define the colours.
         zero: The calendar time of 0 s, if there is one.
 
     Returns:

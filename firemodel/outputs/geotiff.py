@@ -1,4 +1,4 @@
-"""Write rasters as cloud-optimised GeoTIFFs (COG) with a QGIS style beside each."""
+"""Write rasters as cloud-optimised GeoTIFFs (COG), each with a QGIS style file."""
 
 from datetime import datetime
 from pathlib import Path
@@ -37,15 +37,15 @@ def write_raster(path: Path, values: NDArray[Any], landscape: Landscape, layer: 
     Args:
         path: The file to write, ending in .tif, in an existing folder.
         values: (y, x) of the landscape's shape, row 0 in the north. Codes are integers from 0 to
-            65534, written as uint8 if they are all below 255, else as uint16. Other values are not
-            negative and written as float32; where they are NaN or infinite the file has no data
-            (-1).
+            65534, written as uint8 if they are all below 255, else as uint16. Other values must not
+            be negative and are written as float32; NaN and infinity are written as no data (-1).
         landscape: The grid and CRS.
-        layer: Description, unit and classes, for example ``raster_layers.PROBABILITY_LAYER`` or
+        layer: Description, unit and classes, for example ``layer_legends.PROBABILITY_LAYER`` or
             ``arrival_layer(...)``.
 
     Raises:
-        FireModelError: The array has another shape than the landscape, or a file cannot be written.
+        FireModelError: The shape of the array differs from that of the landscape, or a file cannot
+            be written.
     """
     from rasterio.io import MemoryFile
 
@@ -61,7 +61,8 @@ def write_raster(path: Path, values: NDArray[Any], landscape: Landscape, layer: 
         array = np.where(np.isfinite(values), values, NO_VALUE).astype(np.float32)
         # The arithmetic mean of directions has no meaning.
         nodata, overviews = NO_VALUE, "NEAREST" if layer.unit == "degree" else "AVERAGE"
-    # Written in memory first: for a full disk GDAL raises an exception that is not public.
+    # Written in memory first: on a full disk GDAL raises an exception of a class that is not
+    # public.
     with MemoryFile() as memory:
         with memory.open(
             driver="COG",

@@ -92,7 +92,7 @@ def _step_min(span_deg: float) -> float:
 
 
 def _crossing(along: Floats, across: Floats, at: float) -> float:
-    """Return the position at which a line crosses an edge of the frame; NaN if there is none."""
+    """Return the position at which a line crosses an edge of the frame, or NaN."""
     order = np.argsort(along)
     return float(np.interp(at, along[order], across[order], left=math.nan, right=math.nan))
 

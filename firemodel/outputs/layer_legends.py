@@ -41,7 +41,7 @@ class ColourClass(NamedTuple):
 
 
 class FuelGroup(NamedTuple):
-    """Similar fuels, and the colour (#rrggbb) of the first of their codes."""
+    """A group of similar fuels; ``colour`` (#rrggbb) is the colour of the first code."""
 
     name: str
     codes: tuple[int, ...]
@@ -49,7 +49,7 @@ class FuelGroup(NamedTuple):
 
 
 class Layer(NamedTuple):
-    """The meaning of the values of a raster, and the classes in which they are drawn.
+    """The meaning of the values of a raster, and the classes in which the values are drawn.
 
     ``unit`` is spelt as in UDUNITS; it is "1" for a share and "" for codes. The classes of codes
     are single values (``categorical``). Other classes are ranges, and the last one has no upper
@@ -98,7 +98,7 @@ def after_zero(time_zero: datetime | None) -> str:
 def arrival_layer(
     first_s: float, last_s: float, time_zero: datetime | None, what: str = "time of arrival of fire"
 ) -> Layer:
-    """Return the layer of times of arrival, with a class for each hour or another round step.
+    """Return the layer of arrival times, with classes of one hour or of another round step.
 
     Args:
         first_s, last_s: The earliest and the latest time in the raster, in seconds.
@@ -121,7 +121,7 @@ def arrival_layer(
 
 
 def arrival_layer_of(fire: Fire, time_zero: datetime | None) -> Layer:
-    """Return the layer of a fire's times of arrival, until the time to which it has advanced."""
+    """Return the layer of a fire's arrival times, up to the time to which the fire has advanced."""
     first_s = float(fire.arrival_time_s.min())
     return arrival_layer(min(first_s, fire.time_s), fire.time_s, time_zero)
 
@@ -145,7 +145,7 @@ def fuel_layer(codes: NDArray[np.integer]) -> Layer:
     """Return the layer of fuel codes: a hue for each group, darker for higher codes.
 
     Args:
-        codes: Fuel codes of any shape. Those that are not standard are custom fuels.
+        codes: An array of fuel codes. Codes that are not standard are custom fuels.
     """
     classes = [
         ColourClass(

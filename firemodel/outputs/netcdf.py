@@ -29,7 +29,7 @@ from firemodel.spread.fire_scheme import Fire
 if TYPE_CHECKING:
     from netCDF4 import Dataset
 
-MAX_CHUNK = 512  # size of a chunk in each direction
+MAX_CHUNK = 512  # maximum number of cells of a chunk in each direction
 GRID: dict[str, Any] = {"grid_mapping": "crs", "coordinates": "lat lon"}
 
 
@@ -54,7 +54,7 @@ def write_netcdf(
     fireline_intensity (float32, missing where nothing burned), fuel_model, lat and lon; the
     variables over time are state (time, y, x) and burned_area (time), the total area of burned
     cells. The first row is in the north. Without a calendar date the dimension time is named
-    elapsed, because the CF conventions have no time axis without a date. Equal fires give identical
+    elapsed, because a time axis of the CF conventions requires a date. Equal fires give identical
     files.
 
     Args:
@@ -62,7 +62,7 @@ def write_netcdf(
         fire: A fire that has been advanced at least to the last of the times.
         times_s: The times of ``state`` in seconds, increasing.
         name: The title of the file.
-        time_zero: The calendar time of 0 s. Without it, times are elapsed seconds.
+        time_zero: The calendar time of 0 s. Without a calendar time, times are elapsed seconds.
 
     Raises:
         FireModelError: netCDF4 is not installed, the times do not increase, the fire has not been

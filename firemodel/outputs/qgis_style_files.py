@@ -1,4 +1,4 @@
-"""Make QGIS style files (.qml), which QGIS applies when it opens the file of the same name."""
+"""Create QGIS style files (.qml); QGIS applies a style when it opens the file of the same name."""
 
 import math
 from collections.abc import Mapping
@@ -7,7 +7,7 @@ from xml.etree.ElementTree import Element, SubElement, indent, tostring
 from firemodel.outputs.layer_legends import Layer
 
 DOCTYPE = "<!DOCTYPE qgis PUBLIC 'http://mrcc.com/qgis.dtd' 'SYSTEM'>\n"
-VERSION = "3.22.0"  # version of QGIS; newer versions read its styles
+VERSION = "3.22.0"  # version of QGIS in the styles; newer versions can read the styles
 OPACITY = "0.7"  # opacity of a layer, so that the map below remains visible
 OUTLINE = "35,35,35,255"
 
@@ -44,10 +44,10 @@ def raster_qml(layer: Layer) -> str:
 
 
 def fronts_qml(layer: Layer) -> str:
-    """Return the style of the burned areas of ``front_files``, coloured by their key ``time_s``.
+    """Return the style of the burned areas of ``front_files``, coloured by ``time_s``.
 
-    The areas overlap. QGIS draws the latest first, so that the visible part of each area is the
-    area that burned after the previous front.
+    The areas overlap. QGIS draws the latest area first, so that the visible part of each area is
+    the ground that burned after the previous front.
 
     Args:
         layer: A layer of times of arrival in seconds.

@@ -9,7 +9,7 @@ from firemodel.errors import FireModelError
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
-    """Yield a path to write to, which becomes ``path`` when the block ends without an error.
+    """Yield a temporary path, which is renamed to ``path`` if the block ends without an error.
 
     After an error the new file is removed, and a file that existed under ``path`` is unchanged.
 

@@ -27,10 +27,10 @@ class FuelModel:
 
     The dead classes are 1 h, 10 h and 100 h; the live classes are herbaceous and woody. In every
     model the SAV of the 10-h class is 109 1/ft and that of the 100-h class 30 1/ft. The extinction
-    moisture of the dead fuel is a fraction of the oven-dry weight. The herbaceous fuel of a dynamic
-    model becomes dead fuel as it dries (``rothermel.cured_fraction``). ``heat_live_btu_lb`` is the
-    heat content of the live fuel if it differs from that of the dead fuel. The spread rate is
-    multiplied by ``rate_factor``, which the user can adjust.
+    moisture of the dead fuel is a fraction of the oven-dry weight. In a dynamic model, herbaceous
+    fuel is transferred to a dead class as the herbaceous fuel dries (``rothermel.cured_fraction``).
+    ``heat_live_btu_lb`` is the heat content of the live fuel if it differs from that of the dead
+    fuel. The spread rate is multiplied by ``rate_factor``, which the user can adjust.
     """
 
     name: str
@@ -60,8 +60,9 @@ class FuelModel:
         return self.sav_1h, SAV_10H, SAV_100H, self.sav_herb, self.sav_woody
 
 
-# Albini 1976, table 7 (loads in lb/ft², three decimals; Anderson 1982 gives them as tons/acre).
-# The live fuel of FM 7 has 1500 1/ft as in the Forest Service's `behave`; Anderson prints 1550.
+# Albini 1976, table 7 (loads in lb/ft², three decimals; Anderson 1982 gives the loads in
+# tons/acre). The SAV of the live fuel of FM 7 is 1500 1/ft as in the Forest Service's `behave`;
+# Anderson prints 1550.
 _ANDERSON = {
     1: FuelModel("short grass", 0.034, 0, 0, 0, 0, 3500, 1.0, 0.12),
     2: FuelModel("timber grass and understory", 0.092, 0.046, 0.023, 0.023, 0, 3000, 1.0, 0.15),
@@ -100,7 +101,7 @@ def _scott_burgan(row: str) -> tuple[int, FuelModel]:
 
 # Scott & Burgan 2005: code, loads in tons/acre (1 h, 10 h, 100 h, herbaceous, woody), SAV in 1/ft
 # (1 h, herbaceous, woody; 9999 where there is no such fuel), depth in ft, extinction moisture in
-# percent, name. GR6 alone has 9000 Btu/lb.
+# percent, name. The heat content is 9000 Btu/lb for GR6 and 8000 Btu/lb for all other models.
 _SCOTT_BURGAN = """
 101  0.1    0    0  0.3    0 2200 2000 9999 0.4 15 GR1 short, sparse, dry climate grass
 102  0.1    0    0    1    0 2000 1800 9999   1 15 GR2 low load, dry climate grass
@@ -151,7 +152,7 @@ def check_codes(
 ) -> None:
     """Raise FireModelError for the first cell (y, x) with an unknown fuel code.
 
-    The known codes are those of ``fuels`` and the codes of unburnable ground.
+    The known codes are those of ``fuels`` and of ``NON_BURNABLE``.
     """
     unknown = ~np.isin(fuel_model, [*fuels, *NON_BURNABLE])
     if unknown.any():

@@ -15,9 +15,9 @@ HOUR_S, DAY_S = 3600.0, 86400.0
 def equilibrium_moisture_pct(temperature_c: float | Floats, humidity_pct: float | Floats) -> Floats:
     """Return the equilibrium moisture of wood from the air temperature and relative humidity.
 
-    The function is Simard's (1968, FF-X-14), in degrees Fahrenheit as in Cohen & Deeming 1985
-    (PSW-82), eq. 1. The function has three parts, with jumps of up to one percent of moisture
-    between them.
+    The equation is Simard's (1968, FF-X-14), in degrees Fahrenheit as in Cohen & Deeming 1985
+    (PSW-82), eq. 1. The equation has three parts, with jumps of up to one percentage point of
+    moisture between the parts.
     """
     t = np.asarray(temperature_c) * 1.8 + 32.0
     h = np.asarray(humidity_pct)
@@ -29,7 +29,7 @@ def equilibrium_moisture_pct(temperature_c: float | Floats, humidity_pct: float 
 
 
 def rain_moisture_pct(rain_hours: float) -> Floats:
-    """Return the moisture (3,) that each class approaches in rain.
+    """Return the moisture (3,) in percent that each fuel class approaches in rain.
 
     ``rain_hours`` is the number of hours of rain in the last 24 h. The moisture is 35 % for the 1-h
     fuel and (41 + hours/2) % for the 100-h fuel (Cohen & Deeming 1985). The 10-h fuel also tends to
@@ -43,8 +43,8 @@ def after_time_lag(
 ) -> Floats:
     """Return the moisture of fuel classes after ``elapsed_h`` hours.
 
-    After one time lag, the difference from ``tends_to`` has fallen to 1/e (Byram 1963; Fosberg
-    1970).
+    After one time lag, the difference from ``tends_to`` has fallen to 1/e of its initial value
+    (Byram 1963; Fosberg 1970).
     """
     return tends_to + (moisture - tends_to) * np.exp(-elapsed_h / time_lag_h)
 
@@ -66,8 +66,8 @@ def dead_moistures_pct(
 ) -> Floats:
     """Return the moistures (n, 3) of 1-h, 10-h and 100-h fuel from n records of weather.
 
-    The times increase. Each record is used until the next. The effect of rain depends on its
-    duration, not its amount. The moistures at the first time are ``initial_pct``.
+    The times must increase. Each record is in effect until the next. The effect of rain depends on
+    its duration, not its amount. The moistures at the first time are ``initial_pct``.
     """
     equilibrium = equilibrium_moisture_pct(temperature_c, humidity_pct)
     rained_h = rain_hours(at_s, rain_mm)

@@ -1,9 +1,9 @@
 """Compute surface fire spread with Rothermel's model, with one function for each equation.
 
 The model is from Rothermel 1972 (INT-115), with Albini's revisions of 1976, as described by Andrews
-2018 (RMRS-GTR-371). Where these allow alternatives, this module follows the Forest Service's
-`behave`. The equations are in their published units (feet, minutes, pounds, Btu); the functions at
-the end return metres and seconds.
+2018 (RMRS-GTR-371). Where these publications allow alternatives, this module follows the Forest
+Service's `behave`. The equations are in their published units (feet, minutes, pounds, Btu); the
+functions at the end return metres and seconds.
 """
 
 import math
@@ -22,7 +22,7 @@ FT_MIN_PER_M_S = 60.0 / M_PER_FT
 M_S_PER_MPH = 0.44704
 # As in the Forest Service's `behave`; the International Table Btu would give 3.4615.
 KW_M_PER_BTU_FT_S = 3.464140419
-# Upper bounds of the size classes by which net loads are weighted (Albini 1976, p. 15).
+# Limits between the size classes by which net loads are weighted (Albini 1976, p. 15).
 SIZE_CLASS_SAV_1_FT = (1200.0, 192.0, 96.0, 48.0, 16.0)
 # Indices of the dead (1 h, 10 h, 100 h, cured herbaceous) and the live classes of a fuel bed.
 DEAD, LIVE = slice(0, 4), slice(4, 6)
@@ -133,8 +133,8 @@ def cured_fraction(live_herb_moisture: float) -> float:
     """Return the fraction of a dynamic model's herbaceous load that is dead.
 
     ``live_herb_moisture`` is a fraction. The result is 1 below 30 % moisture and 0 above 120 %
-    (Scott & Burgan 2005). Between these moistures it is linear. The numbers are rounded as in
-    `behave`, so that the result at exactly 120 % is 0.001.
+    (Scott & Burgan 2005). Between these moistures the result is linear. The numbers are rounded as
+    in `behave`, so that the result at exactly 120 % is 0.001.
     """
     if live_herb_moisture < 0.30:
         return 1.0
@@ -158,8 +158,8 @@ def size_classes(fuel: FuelModel, moisture: Moisture) -> tuple[Floats, Floats, F
 def live_extinction_moisture(fuel: FuelModel, moisture: Moisture) -> float:
     """Return the extinction moisture M_x of the live fuel (Albini 1976, p. 16; Andrews 2018).
 
-    M_x is a fraction. It decreases as the moisture of the dead fuel increases, and it is at least
-    M_x of the dead fuel.
+    M_x is a fraction. M_x of the live fuel decreases as the moisture of the dead fuel increases,
+    and is at least M_x of the dead fuel.
     """
     loads, savs, moistures = size_classes(fuel, moisture)
     dead = loads[DEAD] * np.exp(-138.0 / savs[DEAD])
@@ -173,10 +173,10 @@ def live_extinction_moisture(fuel: FuelModel, moisture: Moisture) -> float:
 
 
 def net_load_weights(shares: Floats, savs_1_ft: Floats) -> Floats:
-    """Return the weight g_ij of each class: the area share of all classes of its size.
+    """Return the weight g_ij of each class: the sum of the shares in its size class.
 
-    The classes are all dead or all live (Albini 1976, p. 15). ``shares`` are their fractions of the
-    common surface area.
+    The classes are all dead or all live (Albini 1976, p. 15). ``shares`` contains the fraction of
+    the total surface area in each class.
     """
     sizes = (savs_1_ft[:, None] < SIZE_CLASS_SAV_1_FT).sum(axis=1)
     return np.array(
@@ -245,22 +245,22 @@ def wind_factor(bed: FuelBed, wind_ft_min: float | Floats) -> float | Floats:
 
 
 def wind_limit_ft_min(reaction_intensity_btu_ft2_min: float) -> float:
-    """Return the effective wind that limits the spread rate (Rothermel 1972, eq. 87)."""
+    """Return the upper limit of the effective wind in ft/min (Rothermel 1972, eq. 87)."""
     return 0.9 * reaction_intensity_btu_ft2_min
 
 
 def slope_factor(bed: FuelBed, slope_tan: float | Floats) -> float | Floats:
     """Return the slope factor φ_s (Rothermel 1972, eq. 51).
 
-    As in `behave`, the factor is not greater than the wind limit expressed in ft/min. The limit
-    matters only on steep slopes with fuel near its extinction moisture.
+    As in `behave`, the factor is at most the number of ft/min in the wind limit. The limit matters
+    only on steep slopes with fuel near its extinction moisture.
     """
     limit = wind_limit_ft_min(bed.reaction_intensity_btu_ft2_min)
     return np.minimum(bed.slope_k * np.square(slope_tan), limit)
 
 
 def effective_wind_m_s(bed: FuelBed, factor: float | Floats) -> float | Floats:
-    """Return the wind in m/s whose wind factor is a given combined factor (Albini 1976, p. 88)."""
+    """Return the wind in m/s whose wind factor equals ``factor`` (Albini 1976, p. 88)."""
     return np.power(np.asarray(factor) / bed.wind_c, 1.0 / bed.wind_b) / FT_MIN_PER_M_S
 
 
@@ -275,7 +275,7 @@ def length_to_breadth(effective_wind_m_s: float | Floats) -> float | Floats:
 
 
 def eccentricity(length_to_breadth: float | Floats) -> float | Floats:
-    """Return the eccentricity e of an ellipse with this length-to-width ratio."""
+    """Return the eccentricity e of an ellipse from its length-to-width ratio."""
     return np.sqrt(np.square(length_to_breadth) - 1.0) / length_to_breadth
 
 
@@ -305,10 +305,10 @@ def fastest_spread(
 ) -> tuple[Floats, Floats, Floats]:
     """Return the rate, direction and effective wind of the fastest spread (Andrews 2018).
 
-    Wind and slope are added as vectors. All arrays have the same shape (the wind may be a scalar).
-    Directions are in degrees clockwise from north. The rate is along the slope; the rate and the
-    effective wind are in m/s. ``wind_limit`` limits the effective wind to ``wind_limit_ft_min`` and
-    thereby limits the rate.
+    The factors of wind and slope are added as vectors. All arrays have the same shape (the wind may
+    be a scalar). Directions are in degrees clockwise from north. The rate is along the slope; the
+    rate and the effective wind are in m/s. ``wind_limit`` limits the effective wind to
+    ``wind_limit_ft_min`` and thereby limits the rate.
     """
     still = bed.no_wind_rate_ft_min
     by_wind = np.asarray(wind_factor(bed, np.asarray(midflame_wind_m_s) * FT_MIN_PER_M_S))

@@ -22,10 +22,10 @@ Numbers = float | NDArray[np.floating]
 class Weather:
     """The weather from ``at_s`` on.
 
-    The wind is 6.1 m (20 ft) above the vegetation; its direction is the direction from which it
-    blows, in degrees clockwise from north. Moistures are in percent of the oven-dry weight.
-    ``of_fuels`` contains pairs of a fuel code and its moistures (fractions), for fuels with
-    moistures of their own.
+    The wind speed is the speed 6.1 m (20 ft) above the vegetation. The wind direction is the
+    direction from which the wind blows, in degrees clockwise from true north. Moistures are in
+    percent of the oven-dry weight. ``of_fuels`` contains pairs of a fuel code and its moistures
+    (fractions), for fuels with moistures of their own.
     """
 
     at_s: float
@@ -39,7 +39,7 @@ class Weather:
     of_fuels: tuple[tuple[int, Moisture], ...] = field(default=(), kw_only=True)
 
     def moisture_of(self, code: int) -> Moisture:
-        """Return the moistures of a fuel as fractions, from ``of_fuels`` if the fuel is in it."""
+        """Return the moistures of a fuel as fractions; those in ``of_fuels`` take precedence."""
         return dict(self.of_fuels).get(code, self.moisture)
 
     @property
@@ -55,11 +55,11 @@ class Weather:
 
 
 class WeatherSource(NamedTuple):
-    """The file of a stream, for messages about its records.
+    """The file from which a stream was read, for messages about the records in the file.
 
-    ``start`` is the time in the file that is 0 s of the stream, or None if its times are in
-    seconds. ``humidity_pct`` has the humidity of each entry of the stream; it is None if the file
-    has no humidity.
+    ``start`` is the time in the file that is 0 s of the stream, or None if the times in the file
+    are in seconds. ``humidity_pct`` has the humidity of each entry of the stream, or is None if the
+    file contains no humidity.
     """
 
     name: str
@@ -105,7 +105,7 @@ class WeatherStream:
         return self.entries[self.index_at(time_s)]
 
     def blown(self, speed_m_s: float, from_deg: float, at_s: float) -> "WeatherStream":
-        """Return the stream with a new, constant wind from ``at_s`` on, without later entries."""
+        """Return the stream with a new, constant wind from ``at_s`` on and no later entries."""
         entry = replace(
             self.weather_at(at_s),
             at_s=at_s,
@@ -148,7 +148,7 @@ def _check(number: int, entry: Weather) -> None:
 
 
 def wind_20ft_from_10m(wind_10m: float | Floats) -> float | Floats:
-    """Convert wind 10 m above the vegetation to wind 20 ft (6.1 m) above it, in the same unit.
+    """Convert wind at 10 m to wind at 20 ft (6.1 m) above the vegetation, in the same unit.
 
     The ratio is from Andrews 2012 (RMRS-GTR-266), after Turner & Lawson 1978.
     """
@@ -166,8 +166,8 @@ def crown_ratio_from_base(canopy_height_m: Numbers, canopy_base_m: Numbers) -> F
 def unsheltered_factor(depth_ft: Floats) -> Floats:
     """Return the wind adjustment factor of fuel that is not under trees; 0 without fuel.
 
-    The factor is that of the mean wind between the top of the fuel and twice its depth (Andrews
-    2012, after Albini & Baughman 1979, INT-221).
+    The factor gives the mean wind between the top of the fuel and twice the height of the fuel
+    (Andrews 2012, after Albini & Baughman 1979, INT-221).
     """
     some = np.where(depth_ft > 0.0, depth_ft, 1.0)
     return np.where(depth_ft > 0.0, 1.83 / np.log((20.0 + 0.36 * some) / (0.13 * some)), 0.0)
@@ -176,7 +176,7 @@ def unsheltered_factor(depth_ft: Floats) -> Floats:
 def sheltered_factor(crown_fill: Floats, canopy_height_ft: Floats) -> Floats:
     """Return the wind adjustment factor below a canopy (Andrews 2012).
 
-    The factor is after Albini & Baughman 1979.
+    The equation is from Albini & Baughman 1979.
 
     ``crown_fill`` is the fraction of the volume below the tree tops that is filled by crowns.
     """
@@ -193,10 +193,10 @@ def wind_adjustment_factor(
     """Return the ratio of the midflame wind to the wind 20 ft above the vegetation (Andrews 2012).
 
     The fuel depth is in ft; canopy cover and crown ratio are fractions. All arguments are numbers
-    or arrays of one shape. Crowns are assumed to be cones, which fill the share cover times crown
-    ratio / 3 of the volume. Fuel is sheltered if crowns fill at least 5 % of the volume and, as in
-    `behave`, the canopy is at least 6 ft high. See RMRS-GTR-266. Raises FireModelError for a cover
-    or ratio outside 0 to 1.
+    or arrays of one shape. Crowns are assumed to be cones. The cones fill a fraction of
+    ``canopy_cover * crown_ratio / 3`` of the volume below the tree tops. Fuel is sheltered if
+    crowns fill at least 5 % of the volume and, as in `behave`, the canopy is at least 6 ft high.
+    See RMRS-GTR-266. Raises FireModelError for a cover or ratio outside 0 to 1.
     """
     for name, part in (("canopy_cover", canopy_cover), ("crown_ratio", crown_ratio)):
         wrong = ~((np.asarray(part) >= 0.0) & (np.asarray(part) <= 1.0))

@@ -1,28 +1,30 @@
 """Compute arrival times along straight lines, at any angle, from sources to the corners of cells.
 
-Within a cell the slowness of fire is constant, so that the fastest path is a chain of straight
-lines that bend on the edges of cells. In this scheme they bend at corners of cells or, with
-``precise``, also at the middles of edges (``labels``). A source is a node that fire has reached, a
-lit place, or a point on the front when the weather changes. When fire reaches a node, two paths to
-each other node of the same cells are tried: a straight line from the node's source, and a straight
-line from the node itself. The time along a line is the sum of the times in the cells that it
-crosses; a line along an edge has the time of the faster of the two cells (``travel_time``). Nodes
-are processed in order of time (Dijkstra 1959). A node's source is chosen like a parent in "Theta*"
-(Nash et al. 2007); before fire spreads from the node, the nodes beside that source are tried as
-well. Where conditions are uniform, lines may have any length, and arrival times are those of the
-exact ellipse. Every arrival time is the time along a possible path and therefore never too early.
+Within a cell the slowness of fire (time per distance, for each direction) is constant, so that the
+fastest path is a chain of straight lines that bend on the edges of cells. In this scheme paths bend
+at the corners of cells or, with ``precise``, also at the middles of edges. These positions and the
+centres of cells are the nodes (``labels``). A source is the start of a straight line: a node that
+fire has reached, or a point that is not a node (a lit place, a bend, or a place on the front when
+the weather changes). When fire reaches a node, two paths to each other node of the same cells are
+tried: a straight line from the node's source, and a straight line from the node itself. The time
+along a line is the sum of the times in the cells that it crosses; a line along an edge has the time
+of the faster of the two cells (``travel_time``). Nodes are processed in order of time (Dijkstra
+1959). A node's source is chosen like a parent in "Theta*" (Nash et al. 2007); before fire spreads
+from the node, the nodes beside that source are also tried as sources. Where conditions are uniform,
+lines may have any length, and arrival times are those of the exact ellipse. Every arrival time is
+the time along a possible path and therefore never too early.
 
-A path from a near source may also bend once on an edge between the source and the node (``bend``):
-from a point, because there are few nodes near an ignition at which paths could bend, and from a
-node, if fire spreads at different rates in the first and the last cell. This bend is stored as a
-point.
+A path from a near source may also bend once on an edge between the source and the node (``bend``).
+If the source is a point, the path may bend because there are few nodes near an ignition. If the
+source is a node, the path may bend if fire spreads at different rates in the first and the last
+cell. The bend is stored as a point.
 
 When the weather changes, each line along which fire is moving is cut at the position of the fire,
 and that point becomes the source of the remaining line. Only the remaining line has the new spread
-rate, so that the progress of the fire is kept. The cuts on the fastest lines are the tips of the
-front. The front between two neighbouring tips is stored as points (``front_of``), and the source of
-a node may be moved along this part of the front (``slide_on_front``). In this way fire spreads from
-the whole front.
+rate, so that the progress of the fire is kept. The cuts on the fastest line to each node are the
+tips of the front. The front between two neighbouring tips is stored as points (``front_of``), and
+the source of a node may be moved along this part of the front (``slide_on_front``). In this way
+fire spreads from the whole front.
 """
 
 import bisect
@@ -107,7 +109,7 @@ class AnyAngleFire(Fire):
         changes = weather.changes()
         self._ground = ground_of(landscape, changes, wind_limit)
         self._lattice = lattice_of(landscape.shape, precise)
-        self._new_rate_factor: NDArray[np.float32] | None = None  # from the next change on
+        self._new_rate_factor: NDArray[np.float32] | None = None  # used from the next change on
         self._changes_s = [*(entry.at_s for entry in changes[1:]), math.inf]
         self._start(burning, ignitions)
 
@@ -142,7 +144,7 @@ class AnyAngleFire(Fire):
         turn_deg: float = 0.0,
         spread_factor: float | Floats = 1.0,
     ) -> Self:
-        """Return a fire on the same landscape and in the same weather from another state.
+        """Return a fire that starts from another state, with the same landscape and weather.
 
         The other arguments are those of ``perturb`` and apply from the start. Data that depend only
         on landscape and weather are shared with this fire, which saves time and memory.
@@ -170,7 +172,7 @@ class AnyAngleFire(Fire):
     ) -> Self:
         """Return a copy that continues in the weather of another fire on the same landscape.
 
-        The other arguments are those of ``perturb`` and replace earlier ones.
+        The other arguments are those of ``perturb`` and replace those of earlier calls.
         """
         found, entry = self.copy(), bisect.bisect_right(model._changes_s, self.time_s)
         tables = perturbed(model._ground.tables, entry, wind_factor, turn_deg, spread_factor)
@@ -223,7 +225,7 @@ class AnyAngleFire(Fire):
         return found
 
     def _drop_unused_points(self) -> None:
-        """Drop unused points if there may be many. Without this, each change would add points."""
+        """Drop unused points if there may be many. Otherwise each change would add points."""
         if self._used <= 2 * self._used_before + SOME_POINTS:
             return
         at, beside = self._points
@@ -233,7 +235,7 @@ class AnyAngleFire(Fire):
 
     @property
     def _state(self) -> tuple[Points, int, Labels, Ground, Lattice, int]:
-        """The arguments that all kernels have, in the order of their parameters."""
+        """The arguments that all kernels have, in the order of the kernels' parameters."""
         return self._points, self._used, self._labels, self._ground, self._lattice, self._entry
 
     def _light(self, ignition: Ignition) -> None:
@@ -266,8 +268,8 @@ class AnyAngleFire(Fire):
     ) -> None:
         """Change wind and spread rates from now on, as in ``Fire.perturb``.
 
-        ``rate_factor`` (y, x) multiplies the spread rates of cells; None leaves them. It replaces
-        the factors of an earlier call.
+        ``rate_factor`` (y, x) multiplies the spread rates of cells, and replaces the
+        ``rate_factor`` of an earlier call; None changes nothing.
         """
         if rate_factor is not None:
             self._new_rate_factor = rate_factor.astype(np.float32).ravel()
@@ -353,7 +355,7 @@ class AnyAngleFire(Fire):
         )
 
     def _active_paths(self, at_s: float) -> tuple[ActivePaths, Tips]:
-        """Return the lines along which fire is moving at a time, and its tips."""
+        """Return the lines along which fire is moving at a time, and the tips of the front."""
         targets = self._size + self._waits
         paths, tips = empty_paths(self._paths.target.size + 48 * targets), empty_tips(targets)
         self._make_room(targets)

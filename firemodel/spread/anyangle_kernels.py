@@ -29,19 +29,19 @@ MAX_LINE_CELLS = 32  # longest line over ground that is not uniform
 IGNITES = 17  # distance in i and j up to which the centre of a lit cell has paths to nodes
 IGNITION_ROOM = (2 * IGNITES + 1) ** 2
 ADJOINS = 5  # paths from an ignition are stored for nodes within this distance in i and j
-ROOM = 100  # maximum number of entries that a node adds to the heap or to the points
+ROOM = 100  # maximum number of entries that processing a node adds to the heap or to the points
 BETWEEN_CELLS = 3.0  # largest distance between two sources on a front that are joined
-MAX_SLIDES = 12  # largest number of points on a front that a source passes at once
+MAX_SLIDES = 12  # largest number of points on a front past which a source is moved at once
 BEND_CELLS = 8  # longest line from a point to which a bend is added
 NODE_BEND_CELLS = 6  # longest line from a node to which a bend is added
 UNLIKE = 0.2  # relative difference of slowness between two ends of a line that makes a bend likely
 ROUNDING = 1e-12  # relative gain in time that a path must exceed to replace another
 WORTH_A_POINT = 0.002  # relative gain in time that justifies a new source
-WORTH_A_BEND = 0.005  # the same for a bend behind a node
+WORTH_A_BEND = 0.005  # the same for a bend in a line from a node
 
 
 def _within_a_cell(step: int, odd_i: bool, odd_j: bool) -> list[tuple[int, int]]:
-    """Return the offsets (i, j) from a node to the nodes of its cells, those on edges first."""
+    """Return the offsets (i, j) from a node to the nodes of its cells; nodes on edges are first."""
     reach_i, reach_j = 1 if odd_i else 2, 1 if odd_j else 2
     found = []
     for i in range(-reach_i, reach_i + 1):
@@ -69,7 +69,7 @@ def _offsets() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     each = [_within_a_cell(*kind) for kind in kinds]
     table = np.zeros((len(each), 24, 4), dtype=np.int64)
     for number, ((step, odd_i, odd_j), offsets) in enumerate(zip(kinds, each, strict=True)):
-        lattice = Lattice(step, 0, 0, 2 if step == 2 else 4)  # of one column of keys
+        lattice = Lattice(step, 0, 0, 2 if step == 2 else 4)  # a lattice with one column of keys
         i, j = np.array([*offsets, (0, 0)]).T
         down, keys = (i + odd_i) // 2, keys_of(i + odd_i, j + odd_j, lattice)
         differences = np.stack([i, j, down, keys - keys[-1] - lattice.each * down], axis=1)
@@ -96,7 +96,7 @@ def kind_of(i, j, lattice):  # type: ignore[no-untyped-def]
 def _source_of(key, points, labels, ground, lattice):  # type: ignore[no-untyped-def]
     """Return a node's source: its key, position (y, x), time and cell, and a distance.
 
-    Within the distance (in cells), all cells have the same conditions as the source's cell.
+    Within this distance (in cells), all cells have the same conditions as the source's cell.
     """
     source = np.int64(labels.source[key])
     y, x, at_s = place_of(source, points, labels, lattice)
@@ -106,7 +106,7 @@ def _source_of(key, points, labels, ground, lattice):  # type: ignore[no-untyped
 
 @kernel
 def prepare_around(i, j, ground, lattice, entry):  # type: ignore[no-untyped-def]
-    """Compute the slownesses of a node's cells unless they are known."""
+    """Compute the slownesses of a node's cells that are not known yet."""
     for row in range(max((i - 1) >> 1, 0), min((i >> 1) + 1, lattice.rows)):
         for col in range(max((j - 1) >> 1, 0), min((j >> 1) + 1, lattice.cols)):
             prepare(row * lattice.cols + col, ground, entry)
@@ -116,8 +116,9 @@ def prepare_around(i, j, ground, lattice, entry):  # type: ignore[no-untyped-def
 def step_s(i, j, di, dj, ground, lattice):  # type: ignore[no-untyped-def]
     """Return the time from a node to another node of the same cell.
 
-    Along an edge it is the time of the faster of the two cells. The time is infinite if fire does
-    not spread there now, and 0 if it never can. The cells' slowness must be known.
+    Along an edge, the time is that of the faster of the two cells. The time is infinite if fire
+    does not spread there in the present weather, and 0 if the cells cannot burn. The slownesses of
+    the cells must have been computed.
     """
     north, east = -0.5 * di * ground.cell_m, 0.5 * dj * ground.cell_m
     length2 = north * north + east * east
@@ -142,9 +143,9 @@ def burn_until(  # type: ignore[no-untyped-def]
 ):
     """Process nodes of the queue until a time, but stop when the queue or the points are full.
 
-    A faster path to a node may be found after later nodes were processed. The time of a node may
-    then be earlier than that of nodes processed before it. The time of a centre is never earlier
-    than ``clock_s``, the latest time processed so far.
+    A faster path to a node may be found after later nodes were processed. The time of the node may
+    then be earlier than the times of nodes that were processed before. The time of a centre is
+    never earlier than ``clock_s``, the latest time processed so far.
 
     Returns the heap's new size, the number of waiting centres, the number of points in use, and the
     clock.
@@ -206,7 +207,7 @@ def burn_until(  # type: ignore[no-untyped-def]
             target = key + OFFSETS[kind, number, 2] * row_keys + OFFSETS[kind, number, 3]
             centre = number >= EDGES[kind]
             other = np.int64(sources[target])
-            # One condition: the processor cannot predict either of its parts.
+            # A single condition, because the processor cannot predict either of its parts.
             if (best_s[target] <= (clock_s if centre else now)) | (even & (source == other)):
                 continue
             to_y, to_x = 0.5 * to_i, 0.5 * to_j
@@ -228,7 +229,8 @@ def burn_until(  # type: ignore[no-untyped-def]
                     continue
                 if at_s + path_s < best * (1.0 - ROUNDING):
                     best, via = at_s + path_s, key
-                # With middles of edges, another node beside the line offers it to the others.
+                # With middles of edges, targets that are not onwards are tried from other nodes
+                # beside the line.
                 onwards = di * (to_y - from_y) >= 0.0 and dj * (to_x - from_x) >= 0.0
                 if source != other and length <= reachable and (lattice.step == 2 or onwards):
                     limit_s = best * (1.0 + ROUNDING) - from_s  # a straight line wins a tie
@@ -249,9 +251,9 @@ def burn_until(  # type: ignore[no-untyped-def]
                 if other < 0:
                     waiting[waits] = target
                     waits += 1
-        # A node that becomes the source of most nodes ahead also tries the knight's moves (two
-        # steps and one step): with only eight directions, the arrival between two directions of a
-        # narrow ellipse would be late.
+        # From a node that becomes the source of most nodes ahead, the knight's moves (two steps and
+        # one step) are also tried: with only eight directions, arrival times between two directions
+        # of a narrow ellipse would be too late.
         if lattice.step == 1 or far + 1.0 <= reachable:
             continue
         for side in range(8):
@@ -288,7 +290,7 @@ def arrive(to_time_s, waiting, waits, arrival_s, labels, lattice):  # type: igno
 
 @inlined
 def _ends_differ(y, x, to_y, to_x, ground, entry):  # type: ignore[no-untyped-def]
-    """Return True if the first and the last cell of a line have unlike slownesses."""
+    """Return True if the slownesses of the first and the last cell of a line differ clearly."""
     one = cell_at(y + TOUCH * (to_y - y), x + TOUCH * (to_x - x), ground)
     other = cell_at(to_y + TOUCH * (y - to_y), to_x + TOUCH * (x - to_x), ground)
     prepare(one, ground, entry)
@@ -301,7 +303,7 @@ def _ends_differ(y, x, to_y, to_x, ground, entry):  # type: ignore[no-untyped-de
 def bend(  # type: ignore[no-untyped-def]
     y, x, key, rounds, worth, points, used, labels, ground, lattice, entry
 ):
-    """Improve the label of a node near its source: try paths that bend on an edge between them.
+    """Improve the label of a node: try paths that bend on an edge between its source and the node.
 
     ``rounds`` is the number of searches for the place of the bend, each finer than the previous
     search. The bend of a path whose relative gain in time is more than ``worth`` becomes a point.
@@ -354,7 +356,7 @@ def on_front(point, points):  # type: ignore[no-untyped-def]
 def slide_on_front(y, x, key, points, used, labels, ground, lattice, entry):  # type: ignore[no-untyped-def]
     """Improve the label of a node: move its source along the front of the last change of weather.
 
-    Returns the number of points in use; a better place between two points becomes a point.
+    A better place between two points becomes a point. Returns the number of points in use.
     """
     best_s, sources = labels
     n = best_s.size
@@ -422,7 +424,7 @@ def slide(i, j, key, since_s, labels, ground, lattice, entry):  # type: ignore[n
 def ignite(  # type: ignore[no-untyped-def]
     at_s, row, col, queue, size, waits, paths, points, used, labels, ground, lattice, entry
 ):
-    """Light the centre of a cell: set the labels of the nodes around it.
+    """Light the centre of a cell: set the labels of the nodes around the centre.
 
     ``paths`` receives the paths to the nearest nodes. Returns the heap's new size, the number of
     waiting centres and the number of paths.
@@ -456,7 +458,7 @@ def ignite(  # type: ignore[no-untyped-def]
 
 @kernel
 def expect_neighbours(expected_s, arrival_s, points, labels, ground, lattice, entry):  # type: ignore[no-untyped-def]
-    """Lower expected times (y, x) next to burned cells, in cells with no corner reached by fire."""
+    """Lower the expected times (y, x) of burned cells' neighbours whose centres have no label."""
     for row in range(lattice.rows):
         for col in range(lattice.cols):
             if arrival_s[row, col] == np.inf:

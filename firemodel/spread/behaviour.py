@@ -29,7 +29,7 @@ class Behaviour(NamedTuple):
     """
 
     spread_rate_m_s: NDArray[np.float32]  # along the slope
-    toward_deg: NDArray[np.float32]  # direction in which the front moved, from true north
+    toward_deg: NDArray[np.float32]  # direction of movement, clockwise from true north
     intensity_kw_m: NDArray[np.float32]  # Byram's intensity
     flame_length_m: NDArray[np.float32]
 
@@ -38,15 +38,15 @@ def behaviour_of(fire: Fire) -> Behaviour:
     """Return the fire behaviour at the arrival of the front in each cell.
 
     The spread rate is normal to the front. This rate is computed from the cell's ellipse (Rothermel
-    1972; Anderson 1983, INT-305) and the direction from which fire came. In an ignition cell it is
-    the rate of the head. The intensity is Byram's, and the flame length is after Byram 1959.
+    1972; Anderson 1983, INT-305) and the direction from which fire came. In an ignition cell the
+    rate is that of the head. The intensity is Byram's, and the flame length is after Byram 1959.
 
     Args:
         fire: A fire that has been advanced to the time of interest.
 
     Returns:
-        Spread rate (m/s), direction (degrees), fireline intensity (kW/m) and flame length (m), each
-        float32 (y, x). Unburned cells have NaN.
+        Spread rate (m/s), direction (degrees clockwise from true north), fireline intensity (kW/m)
+        and flame length (m), each float32 (y, x). Unburned cells have NaN.
     """
     land, entries = fire.landscape, fire.weather.changes()
     terrain, tables = terrain_of(land), tables_of(land, entries, fire.wind_limit)

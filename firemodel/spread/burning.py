@@ -1,4 +1,4 @@
-"""Make initial fires from a mapped perimeter or from arrival times."""
+"""Create initial fires from a mapped perimeter or from arrival times."""
 
 from collections.abc import Iterable
 
@@ -13,7 +13,7 @@ from firemodel.landscape.rasterise import mask_of
 from firemodel.spread.fire_scheme import Burning, check_shape
 from firemodel.spread.front import front_polygons
 
-APART_CELLS = 0.5  # maximum distance of points on a front
+APART_CELLS = 0.5  # maximum distance between neighbouring points on a front
 EDGE_CELLS = 1e-6  # an outline this close to the edge of the grid is not a front
 
 
@@ -24,7 +24,7 @@ def burning_from_perimeter(
 
     The polygons are in the landscape's CRS.
 
-    Each cell whose centre is inside burns at that time; if a polygon contains no centre, one cell
+    Each cell whose centre is inside burns at ``at_s``; if a polygon contains no centre, one cell
     burns. The front consists of all outlines on the grid, including those of unburned islands, but
     not of boundaries between polygons. Raises FireModelError if no front is on the grid.
     """
@@ -45,7 +45,7 @@ def burning_from_arrival(arrival_s: Floats, landscape: Landscape, at_s: float) -
 
     Unburned cells have the arrival time infinity. Arrival times after ``at_s`` are used only to
     locate the front between two cells (``front.front_polygons``). Raises FireModelError if no cell
-    or every cell has burned by then.
+    or every cell has burned by ``at_s``.
     """
     check_shape(arrival_s, landscape)
     burned = arrival_s <= at_s

@@ -1,15 +1,16 @@
-"""Simulate spread by discrete events in eight directions, with the rules of DEVS-FIRE.
+"""Simulate spread in eight directions with discrete events, by the rules of DEVS-FIRE.
 
 The rules are from Hu, Sun & Ntaimo 2012 (Simulation 88, 259-279) and from the authors' program
-des-fire. A burning cell spreads towards each neighbour at the rate that follows from its own fuel,
-slope and wind, projected onto the map. The remaining distance is stored for each direction, so that
-a change of weather changes the rate but not the progress. The next event is always the earliest
-arrival on the landscape.
+des-fire. Fire spreads from a burning cell towards each neighbour at the rate that follows from the
+fuel, slope and wind of the burning cell, projected onto the map. The remaining distance is stored
+for each direction, so that a change of weather changes the rate but not the progress. The next
+event is always the earliest arrival on the landscape.
 
 Because fire spreads in only eight directions, the burned area is smaller than the ellipse. On
-uniform ground it is an octagon whose corners are on the ellipse. If the wind blows along one of the
-directions, the octagon has 78 % of the ellipse's area at a length-to-width ratio of 1.43 and 60 %
-at 2.21. If the wind blows between two directions, the area is up to 5 percentage points smaller.
+uniform ground the burned area is an octagon whose corners are on the ellipse. If the wind blows
+along one of the directions, the octagon has 78 % of the ellipse's area at a length-to-width ratio
+of 1.43 and 60 % at 2.21. If the wind blows between two directions, the area is up to 5 percentage
+points smaller.
 """
 
 import copy
@@ -42,7 +43,7 @@ from firemodel.spread.front import neighbours_of
 from firemodel.spread.heap import push
 from firemodel.spread.local_spread import beds_of, perturbed, tables_of, terrain_of
 
-# The papers give no value for the threshold; des-fire uses 0.
+# The papers give no value for this threshold of ignition; des-fire uses 0.
 IGNITION_INTENSITY_KW_M = 0.0
 
 
@@ -62,10 +63,11 @@ class Devs8Fire(Fire):
         """Create a fire whose cells ignite if their fireline intensity exceeds a threshold.
 
         The intensity is Byram's, at the head. A cell below the threshold ignites when the weather
-        raises its intensity above the threshold; in des-fire it ignites when fire comes from
-        another neighbour. A burning cell below the threshold stops spreading; in des-fire it goes
-        out. The cells in ``ignitions`` always burn. An initial fire spreads from the centres of its
-        outermost cells. Raises FireModelError for an ignition on ground that cannot burn.
+        raises its intensity above the threshold; in des-fire such a cell ignites when fire arrives
+        from another neighbour. If the intensity of a burning cell falls below the threshold, fire
+        no longer spreads from the cell; in des-fire the cell goes out. The cells in ``ignitions``
+        always burn. An initial fire spreads from the centres of its outermost cells. Raises
+        FireModelError for an ignition on ground that cannot burn.
         """
         if not 0.0 <= ignition_intensity_kw_m < math.inf:
             raise FireModelError(

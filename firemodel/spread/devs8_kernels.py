@@ -11,7 +11,7 @@ from firemodel.compiled import kernel
 from firemodel.spread.heap import drop_first, push
 from firemodel.spread.local_spread import Tables, Terrain, head_of
 
-# An event's key is 9 cell + side: fire reaches the cell's neighbour on that side (north,
+# An event's key is 9 * cell + side: fire reaches the cell's neighbour on that side (north,
 # north-east, east, ...), or, with the side LIT, the cell itself is lit.
 SIDES, LIT = 9, 8
 STEP_ROW = np.array([-1, -1, 0, 1, 1, 1, 0, -1, 0])
@@ -26,7 +26,7 @@ class Ground(NamedTuple):
     cell_m: float
     terrain: Terrain
     tables: Tables
-    slowest_m_s: Floats  # (entries, fuels) a cell ignites and spreads above this rate
+    slowest_m_s: Floats  # (entries, fuels) above this rate a cell ignites, and fire spreads from it
 
 
 class EventHeap(NamedTuple):
@@ -138,7 +138,7 @@ def burn_until(to_time_s, arrival_s, heap, halted, ground, entry):  # type: igno
 
 @kernel
 def change_rates(now, before, halted_before, arrival_s, heap, halted, ground, entry):  # type: ignore[no-untyped-def]
-    """Queue all paths, moving and halted, again with the rates of the next weather entry.
+    """Queue all moving and halted paths again, with the rates of the next weather entry.
 
     The distance already covered is kept. Returns the new sizes of the heap and of the halted paths.
     """

@@ -1,4 +1,4 @@
-"""Find where a fire first reaches the edge of its landscape, beyond which it is not simulated."""
+"""Find where a fire first reaches the edge of the landscape, beyond which fire is not simulated."""
 
 from datetime import timedelta
 from typing import NamedTuple
@@ -27,12 +27,12 @@ class AtEdge(NamedTuple):
 
 
 def reaches_edge(cells: NDArray[np.bool_]) -> bool:
-    """Return True if a mask (y, x) has a cell in the outermost rows and columns."""
+    """Return True if a mask (y, x) has a cell in the outermost rows or columns."""
     return bool(np.concatenate([cells[0], cells[-1], cells[:, 0], cells[:, -1]]).any())
 
 
 def at_edge(fire: Fire) -> AtEdge | None:
-    """Return the first burned cell in the outermost rows and columns, or None if none has burned.
+    """Return the first burned cell of the outermost rows and columns, or None without such a cell.
 
     The computing time is proportional to the number of cells in these rows and columns.
     """

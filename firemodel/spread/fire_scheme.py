@@ -36,10 +36,10 @@ class StartArea(NamedTuple):
 
 
 class Fire(ABC):
-    """One burning fire, whose time in seconds only increases.
+    """A burning fire; its time in seconds only increases.
 
     ``arrival_time_s`` (y, x), float64, is the ignition time of each cell; unburned cells have
-    infinity. The array is internal to the fire, not a copy. Callers must not write to it.
+    infinity. The array is internal to the fire, not a copy. Callers must not write to this array.
     """
 
     landscape: Landscape
@@ -71,7 +71,7 @@ class Fire(ABC):
     def _burn_until(self, to_time_s: float) -> None: ...
 
     def advance(self, to_time_s: float) -> None:
-        """Burn until ``to_time_s``; the cost is proportional to the newly burned area."""
+        """Burn until ``to_time_s``; the computing time is proportional to the newly burned area."""
         if not self.time_s <= to_time_s < np.inf:
             raise FireModelError(
                 f"the fire is at {self.time_s} s and cannot advance to {to_time_s} s; "
@@ -123,18 +123,18 @@ class Fire(ABC):
         """Use another generator for random draws from now on."""
 
     def expected_s(self) -> Floats:
-        """Return the arrival times (y, x) of burned cells, and expected times next to fire.
+        """Return the arrival times (y, x) of burned cells, and expected times beside the fire.
 
         Other cells have infinity. ``front`` is computed from these times.
         """
         return self._expected_s().copy()
 
     def burned(self) -> NDArray[np.bool_]:
-        """Return the mask (y, x) of the cells that have ignited by now."""
+        """Return the mask (y, x) of the cells that have ignited by ``time_s``."""
         return self.arrival_time_s <= self.time_s
 
     def burned_arrival_s(self) -> Floats:
-        """Return the arrival times (y, x) of the cells that have ignited by now, else infinity."""
+        """Return the arrival times (y, x) of the cells ignited by ``time_s``, else infinity."""
         return np.where(self.burned(), self.arrival_time_s, np.inf)
 
     @property
@@ -194,7 +194,7 @@ def with_start(area: Any, start: StartArea | None, time_s: float) -> Any:
 
 
 def check_ignitions(landscape: Landscape, ignitions: Sequence[Ignition], from_s: float) -> None:
-    """Raise FireModelError for the first ignition off the grid, before ``from_s`` or unburnable."""
+    """Raise FireModelError for an ignition off the grid, before ``from_s`` or that cannot burn."""
     rows, cols = landscape.shape
     for row, col, time_s in ignitions:
         if not (0 <= row < rows and 0 <= col < cols):
@@ -211,7 +211,7 @@ def check_ignitions(landscape: Landscape, ignitions: Sequence[Ignition], from_s:
 
 
 def check_burning(burning: Burning, landscape: Landscape) -> None:
-    """Raise FireModelError unless an initial fire fits the landscape and its own ``at_s``."""
+    """Raise FireModelError if an initial fire contradicts the landscape or its own ``at_s``."""
     at_s, arrival_s, front, _ = burning
     if not np.isfinite(at_s):
         raise FireModelError(f"burning: at_s = {at_s} is not a time; give seconds")

@@ -28,8 +28,8 @@ def perimeter(burned: NDArray[np.bool_]) -> NDArray[np.int32]:
     """Return the outer boundary cells (n, 2) of the largest burned region, as (row, col).
 
     The loop is closed and anticlockwise on a north-up map. Each cell is one of the eight neighbours
-    of the cell before it. A branch one cell wide is passed in both directions. The method is Moore
-    tracing, which ends when its first step would be repeated (Jacob's criterion).
+    of the cell before it. A branch one cell wide is passed in both directions. The method is
+    Moore-neighbour tracing, which ends when the first step would be repeated (Jacob's criterion).
     """
     region = np.pad(largest_region(burned), 1)
     if not region.any():
@@ -95,8 +95,9 @@ def multipolygon(area: Any) -> Any:
 def front_polygons(expected_s: Floats, time_s: float, landscape: Landscape) -> Any:
     """Return the burned area at a time as a MultiPolygon, computed from arrival times (y, x).
 
-    The edge is interpolated linearly between the centres of cells. The edge is at most halfway to a
-    cell that fire does not reach, or to the edge of the landscape.
+    The edge of the area is interpolated linearly between the centres of cells. The edge of the area
+    is at most halfway to a cell that fire does not reach; therefore no part of the area is off the
+    landscape.
     """
     from contourpy import FillType, contour_generator
     from shapely.geometry import MultiPolygon, Polygon
@@ -120,7 +121,7 @@ def _ahead(padded_s: Floats, window: tuple[slice, slice], time_s: float) -> Floa
     """Return arrival times minus ``time_s`` in a window and the cells around it.
 
     A cell that fire never reaches has the largest time since arrival among its neighbours, so that
-    the interpolated edge is at most halfway to it.
+    the interpolated edge is at most halfway to this cell.
     """
     wider = slice(window[0].start, window[0].stop + 2), slice(window[1].start, window[1].stop + 2)
     ahead_s = padded_s[wider] - time_s

@@ -13,7 +13,7 @@ Integers = NDArray[np.int64]
 
 
 class FrontRates:
-    """The spread rates of fronts on a landscape, in its weather or in a measured wind."""
+    """The spread rates of fronts on a landscape, in the given weather or in a measured wind."""
 
     def __init__(
         self, landscape: Landscape, weather: WeatherStream, wind_limit: bool = False
@@ -49,7 +49,7 @@ class FrontRates:
         at_s: float,
         wind: tuple[float, float],
     ) -> Floats:
-        """Return speeds as ``at`` does, but in a given wind.
+        """Return speeds as ``speeds_m_s`` does, but in a given wind.
 
         ``wind`` is the speed in m/s at 20 ft and the direction in degrees from which the wind
         blows.
@@ -77,7 +77,7 @@ class FrontRates:
 @compiled
 def _rates(cells, north, east, entry, terrain, tables):  # type: ignore[no-untyped-def]
     found = np.zeros(cells.size)
-    computed = -1  # adjacent places of a front are often in the same cell
+    computed = -1  # neighbouring places of a front are often in the same cell
     a, b_north, b_east, rise_north, rise_east = np.inf, 0.0, 0.0, 0.0, 0.0
     for place in range(cells.size):
         cell = cells[place]

@@ -16,11 +16,11 @@ from firemodel.compiled import kernel
 
 
 class Lattice(NamedTuple):
-    """The numbering of the nodes: cell by cell, so that neighbours are close in memory.
+    """The numbering of the nodes by keys, cell by cell, so that neighbours are close in memory.
 
-    A cell has its north-west corner and its centre; between them, if there are middles of edges,
-    the middles of its north and west edges. The lattice has one row and one column of cells more
-    than the grid.
+    The keys of a cell are those of its north-west corner, of the middles of its north edge and its
+    west edge (only with middles of edges), and of its centre, in this order. The keys include one
+    row and one column of cells beyond the grid.
     """
 
     step: int  # spacing in i and j of the nodes on edges: 2 with corners alone, 1 with middles
@@ -52,7 +52,7 @@ class Queue(NamedTuple):
 
 
 class ActivePaths(NamedTuple):
-    """Lines along which fire was moving when the weather last changed, or from lit cells."""
+    """Lines along which fire was moving at the last change of weather, and lines from lit cells."""
 
     target: NDArray[np.int32]  # (k) key of the node at the end of the line
     at: Floats  # (k, 3) position of the fire: y, x, time
@@ -81,7 +81,7 @@ def lattice_of(shape: tuple[int, int], precise: bool) -> Lattice:
 
 
 def by_cells(values: NDArray[Any], lattice: Lattice) -> NDArray[Any]:
-    """Return the view (y + 1, x + 1, each) of values (keys)."""
+    """Return the view (rows + 1, columns + 1, each) of values (keys)."""
     return values.reshape(lattice.rows + 1, lattice.cols + 1, lattice.each)
 
 
@@ -93,8 +93,8 @@ def at_centres(values: NDArray[Any], lattice: Lattice) -> NDArray[Any]:
 def empty_labels(burnable: NDArray[np.bool_], lattice: Lattice) -> Labels:
     """Return the labels before any fire for the mask (y, x) of the cells that can burn.
 
-    Fire cannot pass a corner at which two unburnable cells touch. Fire never reaches such a corner,
-    or a node that adjoins no burnable cell.
+    Fire cannot pass a corner at which two unburnable cells touch diagonally. Such a corner, and a
+    node that adjoins no burnable cell, are never reached.
     """
     count = (lattice.rows + 1) * (lattice.cols + 1) * lattice.each
     labels = Labels(np.full(count, np.inf), np.full(count, -1, dtype=np.int32))
@@ -157,7 +157,7 @@ def replace_labels(
 def tips_with(tips: Tips, chosen: NDArray[np.bool_], paths: ActivePaths) -> Tips:
     """Return the tips in a mask, and unknown tips at all other nodes to which paths lead.
 
-    The kernels need a tip for each path, also for a path that does not reach its node.
+    The kernels require a tip for each path, even if the path does not reach its node.
     """
     further = np.setdiff1d(paths.target, tips.target[chosen])
     new = empty_tips(further.size)
@@ -263,9 +263,10 @@ def _lowest(front_of, point):  # type: ignore[no-untyped-def]
 
 @kernel
 def join_fronts(beside, front_of):  # type: ignore[no-untyped-def]
-    """Set the number of each point's front: the lowest number of its points.
+    """Set the number of each point's front, which is the lowest number of the front's points.
 
-    ``beside`` (k, 2) is as in ``Points``. ``front_of`` (k) contains each point's own number before.
+    ``beside`` (k, 2) is as in ``Points``. On entry, ``front_of`` (k) contains each point's own
+    number.
     """
     for point in range(front_of.size):
         for side in range(2):

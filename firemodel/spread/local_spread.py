@@ -1,7 +1,8 @@
-"""Compute Rothermel's spread ellipse in every cell: the head's rate and direction, eccentricity.
+"""Compute Rothermel's spread ellipse in every cell: rate and direction of the head, eccentricity.
 
 The equations are those of ``rothermel``, compiled. The terms of each fuel are computed by
-``rothermel.fuel_bed`` once for each weather entry; only wind and slope are computed for each cell.
+``rothermel.fuel_bed`` once for each weather entry; only the effects of wind and slope are computed
+for each cell.
 """
 
 import math
@@ -39,7 +40,7 @@ class Tables(NamedTuple):
     """The inputs of the spread for each weather entry."""
 
     terms: Floats  # (entries, fuels, 6): R0 m/s, B, C for wind in m/s, K, largest φ_s, largest φ
-    wind: Floats  # (entries, 3): speed m/s at 20 ft, unit vector it blows to (grid north, east)
+    wind: Floats  # (entries, 3): m/s at 20 ft, unit vector toward which it blows (grid north, east)
 
 
 def terrain_of(landscape: Landscape) -> Terrain:
@@ -116,10 +117,11 @@ def perturbed(
 ) -> Tables:
     """Return tables with one entry split into two parts and the second part changed.
 
-    All later entries are changed too. In these entries the wind speed is multiplied by
+    All later entries are changed too. In the changed entries the wind speed is multiplied by
     ``wind_factor``, the wind direction is turned clockwise by ``turn_deg``, and the spread rate is
     multiplied by ``spread_factor``, a number or an array (changed entries, fuels). Raises
-    FireModelError for a factor that is not from 0 to ``MAX_FACTOR``, or a turn without a number.
+    FireModelError for a factor that is not from 0 to ``MAX_FACTOR``, or a turn that is not a finite
+    number.
     """
     factors = np.append(spread_factor, wind_factor)
     if not (np.all((factors >= 0.0) & (factors <= MAX_FACTOR)) and math.isfinite(turn_deg)):
@@ -172,9 +174,9 @@ def head_of(cell, entry, terrain, tables):  # type: ignore[no-untyped-def]
 
 @kernel
 def slowness_of(cell, entry, terrain, tables):  # type: ignore[no-untyped-def]
-    """Return A and the vector B (north, east) in s/m, with which fire takes A |v| - B v along v.
+    """Return A and the vector B (north, east) in s/m: the time along a vector v is A |v| - B v.
 
-    v is horizontal; |v| is its length on the sloping plane. In that plane, an ellipse with the
+    v is horizontal; |v| is the length of v on the sloping plane. In that plane, an ellipse with the
     ignition in a focus gives A = 1/(R (1 - e)) and a vector B of length e A towards the fastest
     spread R. The result contains the horizontal projection of B. Where fire does not spread, A is
     infinite and B is 0.

@@ -1,8 +1,8 @@
-"""Simulate random spread by the cellular automaton of the virtual-agents paper (section 3.3).
+"""Simulate random spread with the cellular automaton of the virtual-agents paper (section 3.3).
 
-At each update a burning cell ignites each unburned neighbour with the same probability p_spread.
-The automaton uses the shape of the landscape and its non-burnable cells (the paper has none), but
-no weather.
+At each update a burning cell ignites each unburned neighbour with the same probability p_spread. Of
+the landscape, the automaton uses only the shape and the non-burnable cells (the paper has no such
+cells); the weather has no effect.
 
 The paper leaves these points open:
 
@@ -10,12 +10,13 @@ The paper leaves these points open:
   means ``burning_steps = 1``. With p_spread = 0.01, however, a cell would then ignite 0.04 other
   cells on average, and the fire would die out after one or two updates; the paper's fires burn for
   190 updates. By default a cell therefore burns until all its neighbours have burned.
-- The neighbours of a cell. Here they are the four cells that share a side with it. With p_spread =
-  0.01 and the default burning time, fires of 460 and 2600 cells grow in 190 updates to 830 and 3430
-  cells on average; table 2 has about 800 and 3400. With eight neighbours, these fires would grow to
-  1670 and 5070 cells. With p_spread = 0.025, a fire of 1000 cells grows to 2510 cells; table 2 has
-  about 3050. The other interpretations that were tried (eight neighbours, 25 to 100 burning_steps,
-  an initial shape grown with another probability) are not closer to all three sizes.
+- The neighbours of a cell. Here the neighbours are the four cells that share a side with the cell.
+  With p_spread = 0.01 and the default burning time, fires of 460 and 2600 cells grow in 190 updates
+  to 830 and 3430 cells on average; table 2 of the paper has about 800 and 3400. With eight
+  neighbours, these fires would grow to 1670 and 5070 cells. With p_spread = 0.025, a fire of 1000
+  cells grows to 2510 cells; table 2 has about 3050. The other interpretations that were tried
+  (eight neighbours, 25 to 100 burning_steps, an initial shape grown with another probability) are
+  not closer to all three sizes.
 - The time between updates. 190 updates in 20 minutes are 6.3 s apart. The state does not change
   between two updates.
 """
@@ -164,7 +165,7 @@ class ProbabilisticFire(Fire):
         self._cells, self._lasted = cells[:size], lasted[:size]
 
     def state_at(self, time_s: float) -> NDArray[np.int8]:
-        """Return the states as in ``Fire``; a cell is BURNING until it is marked as burned out."""
+        """Return the states as in ``Fire``; a cell is BURNING until its ``burned_out_s``."""
         self._check_past(time_s)
         state = np.where(self.burned_out_s <= time_s, BURNED, BURNING)
         unburned = np.where(self._can_burn, UNBURNED, CANNOT_BURN)

@@ -23,7 +23,7 @@ def _can_spread(cell, side, arrival_s, can_burn, cols):  # type: ignore[no-untyp
 def update(  # type: ignore[no-untyped-def]
     at_s, spreads, cells, lasted, count, arrival_s, burned_out_s, can_burn, cols, burning_steps
 ):
-    """Spread from the first ``count`` cells, drop burned-out cells, return the number left."""
+    """Spread from the first ``count`` cells, drop burned-out cells, and return the number left."""
     size = count
     for k in range(count):
         for side in range(4):

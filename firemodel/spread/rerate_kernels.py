@@ -1,8 +1,9 @@
 """Restart an any-angle fire when the weather changes.
 
-Each active line is cut at the position of the fire. On the best lines to neighbouring nodes, cuts
-that are close together are joined. Fire then spreads from the whole front (Huygens) and not only
-from single points; otherwise frequent changes of weather would distort the fire.
+Each line along which fire is moving is cut at the position of the fire. The cuts on the best lines
+to neighbouring nodes are the tips; tips that are close together are joined. Fire then spreads from
+the whole front (Huygens) and not only from single points; otherwise frequent changes of weather
+would distort the fire.
 """
 
 import numpy as np
@@ -32,19 +33,19 @@ from firemodel.spread.labels import (
 from firemodel.spread.travel_time import STEP_COL, STEP_ROW, from_segment, travel, travel_s
 
 NEAR_FRONT = 4  # distance in i and j up to which a point of a front has paths to nodes
-WINDOW = 6  # maximum distance in i and j of a node from the segment of the front that ignites it
+WINDOW = 6  # maximum distance in i and j from a node to the segment from which fire reaches it
 SEGMENT_CELLS = 1.5  # largest distance between two neighbouring tips that are joined
-FARTHER = 1.5  # lines go this many times as far as the chord between two tips
+FARTHER = 1.5  # lines extend this many times as far as the chord between two tips
 PIECES = 4  # number of pieces into which the front between two tips is divided
 POINTS_PER_TIP = 2 + 2 * (PIECES - 1)  # maximum; includes one point for the slide of the tip's node
 APPROACH = 0.25  # smallest cosine between the paths from two tips and the line that joins them
-# Steps to four neighbours on edges; with them each pair occurs once.
+# Steps to four neighbours on edges, so that each pair of neighbours occurs once.
 NEXT_I = np.array([0, 1, 1, 1])
 NEXT_J = np.array([1, 0, 1, -1])
 
 
 def paths_from(front_yx: Floats, at_s: float, best_s: Floats, lattice: Lattice) -> ActivePaths:
-    """Return the paths from each point (k, 2) of a front to the unreached nodes around it."""
+    """Return the paths from the points (k, 2) of a front to unreached nodes around each point."""
     keys = np.empty((2 * NEAR_FRONT + 1) ** 2, dtype=np.int64)
     paths = empty_paths(_count_paths_from(front_yx, best_s, lattice, keys))
     _add_paths_from(front_yx, at_s, best_s, lattice, keys, paths)
@@ -94,7 +95,7 @@ def _add_paths_from(front_yx, at_s, best_s, lattice, keys, paths):  # type: igno
 
 @kernel
 def _position_at(y, x, to_i, to_j, time_s, ground, entry):  # type: ignore[no-untyped-def]
-    """Return the position of fire that moved for a time from a position towards a node."""
+    """Return the position of fire that has moved from a position towards a node for a time."""
     to_y, to_x = 0.5 * to_i, 0.5 * to_j
     _, part = travel(y, x, to_y, to_x, time_s, ground, entry)
     return y + part * (to_y - y), x + part * (to_x - x)
@@ -172,7 +173,7 @@ def active_paths(  # type: ignore[no-untyped-def]
 
 @kernel
 def _approach(at, tip, other, i, j, other_i, other_j):  # type: ignore[no-untyped-def]
-    """Return True if fire moves from each tip towards the other: they are on two fronts."""
+    """Return True if fire moves from each tip towards the other, so that they are on two fronts."""
     tip_y, tip_x, other_y, other_x = at[tip, 0], at[tip, 1], at[other, 0], at[other, 1]
     down, right = other_y - tip_y, other_x - tip_x
     near_y, near_x = 0.5 * i - tip_y, 0.5 * j - tip_x
@@ -315,7 +316,7 @@ def _known_tips(paths, tips, marks, best, ground, lattice, entry):  # type: igno
 
 @kernel
 def front_of(at_s, paths, tips, best, points, used, labels, ground, lattice, entry):  # type: ignore[no-untyped-def]
-    """Store the front as points with ``beside``: first the tips, then the places between them.
+    """Store the front as points with ``beside``: first the tips, then the points between tips.
 
     ``labels.source`` of the node of tip k becomes -2 - k. ``best`` (tips) is a work array. Returns
     the number of points in use.

@@ -1,8 +1,8 @@
 """List the spread schemes with name, class and settings, and create fires.
 
-A new scheme needs a module and an entry in ``SCHEMES``. Scenario files, experiments and the command
-line use this table. The module of a scheme is imported only when a fire is created, because it
-imports Numba.
+A new scheme requires a module and an entry in ``SCHEMES``. Scenario files, experiments and the
+command line use this table. The module of a scheme is imported only when a fire is created, because
+the module imports Numba.
 """
 
 from collections.abc import Sequence
@@ -61,7 +61,7 @@ def new_fire(
 
     Raises:
         FireModelError: The cell of an ignition cannot burn, or a setting is out of range.
-        TypeError: The scheme has no setting of that name, or needs one that is not given.
+        TypeError: The scheme has no setting of that name, or requires a setting that is not given.
     """
     import numpy as np
 

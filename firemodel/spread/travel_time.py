@@ -14,9 +14,9 @@ from firemodel.physics.weather import Weather
 from firemodel.spread.local_spread import Tables, Terrain, slowness_of, tables_of, terrain_of
 
 ONE, TWO, FOUR, SIX, SEVEN = (np.uint64(each) for each in (1, 2, 4, 6, 7))
-TOUCH = 1e-9  # smaller shares of a line in a cell mean that it only touches a corner
+TOUCH = 1e-9  # a line with a smaller share in a cell only touches a corner of the cell
 LAST = 1.0 - TOUCH
-# North, north-east, east, ... as steps of (row, col); odd ones are diagonal.
+# North, north-east, east, ... as steps of (row, col); steps with an odd index are diagonal.
 STEP_ROW = np.array([-1, -1, 0, 1, 1, 1, 0, -1])
 STEP_COL = np.array([0, 1, 1, 1, 0, -1, -1, -1])
 
@@ -28,7 +28,7 @@ class Ground(NamedTuple):
     cell_m: float
     terrain: Terrain
     tables: Tables
-    reach: NDArray[np.int16]  # (n) all cells within this distance, in cells, are equal to this cell
+    reach: NDArray[np.int16]  # (n) distance in cells within which all cells equal this cell
     # One record of 32 bytes for each cell, read in one memory access: A, B north, B east in float64
     # (places 0 to 2 of 4; A is NaN if not yet computed and inf where no fire spreads), and the rise
     # towards north and east in float32 (places 6 and 7 of 8).
@@ -66,7 +66,7 @@ def with_tables(ground: Ground, tables: Tables) -> Ground:
 
 
 def with_rate_factor(ground: Ground, rate_factor: NDArray[np.float32]) -> Ground:
-    """Return a ``Ground`` with another factor (n) of each cell's rate; clear the slowness first."""
+    """Return a ``Ground`` with other rate factors (n); slownesses must have been cleared before."""
     terrain = ground.terrain._replace(rate_factor=rate_factor)
     return ground._replace(terrain=terrain, reach=_reach(terrain, ground.cols))
 
@@ -148,7 +148,7 @@ def clear_slowness(ground):  # type: ignore[no-untyped-def]
 
 @inlined
 def prepare(cell, ground, entry):  # type: ignore[no-untyped-def]
-    """Compute the slowness of a cell unless it is known."""
+    """Compute the slowness of a cell unless the slowness is known."""
     if ground.slowness[4 * cell] != ground.slowness[4 * cell]:
         _compute_slowness(cell, ground, entry)
 
@@ -180,7 +180,7 @@ def cell_at(y, x, ground):  # type: ignore[no-untyped-def]
 
 @kernel
 def evenest_cell(y, x, ground):  # type: ignore[no-untyped-def]
-    """Return the cell at or beside a position that has the most equal cells around it."""
+    """Of the cells at a position (y, x), return the cell with the largest ``reach``."""
     rows, found = ground.reach.size // ground.cols, -1
     for row in range(max(math.ceil(y) - 1, 0), min(math.floor(y) + 1, rows)):
         for col in range(max(math.ceil(x) - 1, 0), min(math.floor(x) + 1, ground.cols)):
@@ -208,10 +208,11 @@ def _mirrored(start, end):  # type: ignore[no-untyped-def]
 def _line_s(y, x, to_y, to_x, ground):  # type: ignore[no-untyped-def]
     """Return the time along a whole line as ``travel`` does, in the usual case.
 
-    The result is not finite if the slowness of a cell is not known, if a cell that does not burn
-    is on or beside the line, or if the line has no length or is on an edge. A line through a corner
-    enters one of the two other cells for a distance of 0 or of a rounding error. The loop ends only
-    after the number of cells, so that the processor can work on several cells at once.
+    The result is not finite if the slowness of a cell is not known, if a cell that does not burn is
+    on or beside the line, or if the line has no length or is on an edge. A line through a corner
+    enters one of the two other cells for a distance of 0 or of a rounding error. The number of
+    iterations of the loop is known before the loop begins, so that the processor can work on
+    several cells at once.
     """
     down, right = to_y - y, to_x - x
     north, east = -down * ground.cell_m, right * ground.cell_m
@@ -235,7 +236,7 @@ def _line_s(y, x, to_y, to_x, ground):  # type: ignore[no-untyped-def]
         upto = next_row if by_row else next_col
         time_s += (upto - done) * crossing_s(cell, north, east, length2, ground)
         done = upto
-        # Both sums are formed before the comparison is known.
+        # Both sums are computed before the result of the comparison is known.
         row_after, col_after = next_row + each_row, next_col + each_col
         next_row = row_after if by_row else next_row
         next_col = next_col if by_row else col_after
@@ -245,7 +246,7 @@ def _line_s(y, x, to_y, to_x, ground):  # type: ignore[no-untyped-def]
 
 @inlined
 def travel_s(y, x, to_y, to_x, limit_s, ground, entry):  # type: ignore[no-untyped-def]
-    """Return the time along a line, or ``limit_s`` if fire has not completed it by then.
+    """Return the time along a line, at most ``limit_s``.
 
     See ``travel``.
     """
@@ -260,7 +261,7 @@ def travel_s(y, x, to_y, to_x, limit_s, ground, entry):  # type: ignore[no-untyp
 def _follow(y, x, to_y, to_x, limit_s, ground):  # type: ignore[no-untyped-def]
     """Follow a line as ``travel`` does, but stop at a cell with unknown slowness.
 
-    Returns the time, the fraction of the line that is covered, and that cell, or -1.
+    Returns the time, the fraction of the line that is covered, and that cell or -1.
     """
     down, right = to_y - y, to_x - x
     north, east = -down * ground.cell_m, right * ground.cell_m
@@ -326,8 +327,8 @@ def travel(y, x, to_y, to_x, limit_s, ground, entry):  # type: ignore[no-untyped
 
     Positions are (y, x) in cells. A line along an edge has the time of the faster cell beside it.
     Returns the time and the fraction of the line that is covered. The time is ``limit_s`` if the
-    line is not completed by then, if it crosses a cell that does not burn, or if it passes between
-    two such cells.
+    line is not completed in this time, crosses a cell that does not burn, or passes between two
+    such cells.
     """
     while True:
         time_s, done, unknown = _follow(y, x, to_y, to_x, limit_s, ground)
@@ -343,10 +344,11 @@ def from_segment(y, x, other_y, other_x, to_y, to_x, most_cells, ground, entry):
     The result is the time and the point (y, x).
 
     For the whole path, the slowness of one cell is used: the last cell on the path from the middle
-    of the piece. Let d be the vector along the piece, w the vector from its start to the place, and
-    s the fraction of d. The time A |w - s d| - B (w - s d) has its minimum where its derivative by
-    s is 0. Its unit is s/m times cells. The time is infinite if the ends are more than
-    ``most_cells`` apart, or if fire does not spread in the cell.
+    of the piece. Let d be the vector along the piece, w the vector from the start of the piece to
+    the place, and s the position along the piece as a fraction of d. The time A |w - s d| - B (w -
+    s d) has its minimum where the derivative with respect to s is 0. The unit of the time is s/m
+    times cells. The time is infinite if the ends are more than ``most_cells`` apart, or if fire
+    does not spread in the cell.
     """
     d_north, d_east = y - other_y, other_x - x
     d2 = d_north * d_north + d_east * d_east

@@ -22,7 +22,7 @@ NO_END_S = 1e12  # later than the end of every burn
 def landscape(cells: int, mixed: bool) -> Landscape:
     """Return a square landscape, flat with one fuel or (``mixed``) hilly with patches of 12 fuels.
 
-    Equal arguments give equal landscapes.
+    Equal arguments result in equal landscapes.
     """
     shape = (cells, cells)
     if not mixed:
@@ -39,7 +39,7 @@ def landscape(cells: int, mixed: bool) -> Landscape:
 
 def bench_fire(largest: int, progress: Callable[[str], None]) -> dict[str, Any]:
     """Return cells/s, ms per step and peak memory of each case up to ``largest`` cells per side."""
-    # Compiles the kernels.
+    # Compile the kernels before measuring.
     AnyAngleFire(landscape(50, True), WEATHER, [(25, 25, 0.0)]).advance(NO_END_S)
     sizes = [cells for cells in (200, 1000, 4000) if cells <= largest]
     burns = [_whole_burn(cells, mixed, progress) for cells in sizes for mixed in (False, True)]
@@ -71,7 +71,7 @@ def _whole_burn(cells: int, mixed: bool, progress: Callable[[str], None]) -> dic
 
 
 def _closed_loop(cells: int, mixed: bool, progress: Callable[[str], None]) -> dict[str, Any]:
-    """Measure steps of 10 s during three hours; at their start a tenth of the cells has burned."""
+    """Measure steps of 10 s for three hours, beginning when a tenth of the cells has burned."""
     fire = AnyAngleFire(landscape(cells, mixed), WEATHER, [(cells // 2, cells // 2, 0.0)])
     while np.count_nonzero(fire.burned()) < cells * cells / 10:
         fire.advance(fire.time_s + 600.0)

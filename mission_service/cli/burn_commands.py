@@ -43,7 +43,7 @@ def burn() -> None:
 @OUT
 @JSON
 def status(out: Path, as_json: bool) -> None:
-    """Show the plan, its approvals, the GO/NO-GO checklist and the vehicle."""
+    """Show the plan, the plan's approvals, the GO/NO-GO checklist and the vehicle."""
     from mission_service.guidance.burn.plan_summary import describe_status
     from mission_service.interfaces.control.control_client import ControlClient
 
@@ -85,7 +85,7 @@ def watch(out: Path, by: str, station: str | None, as_json: bool, every_s: float
 @click.option("--yes", is_flag=True, help="Do not prompt.")
 @user_options
 def approve(out: Path, by: str, station: str | None, as_json: bool, hash_: str, yes: bool) -> None:
-    """Show a summary of plan HASH (8 or more of its first digits); ask, then approve it."""
+    """Show a summary of plan HASH (8 or more first digits), and approve the plan if confirmed."""
     from mission_service.errors import RequestError
     from mission_service.guidance.burn.plan_summary import describe_plan
     from mission_service.interfaces.control.control_client import ControlClient
@@ -112,7 +112,7 @@ request.add_command(approve)
 @OVERRIDE
 @JSON
 def preview(config: str, out: Path, overrides: tuple[str, ...], as_json: bool) -> None:
-    """Plan the whole burn in CONFIG; show its lines, loads, spheres, time and expected fire."""
+    """Plan the whole burn in CONFIG; show lines, loads, spheres, duration and expected fire."""
     from mission_service.config.scenario import load_scenario
     from mission_service.guidance.burn.preview import preview as run
 

@@ -69,8 +69,8 @@ def fire_run(
 
     The fronts are GeoJSON and KML. QGIS applies the styles (.qml) beside the files.
 
-    With --members, the GeoTIFFs are the burn probability, arrival times and the flame length. If
-    the command is stopped, repeat it: it simulates only the members missing in DIR/members.
+    With --members, the GeoTIFFs are the burn probability, arrival times and the flame length. After
+    an interruption, repeat the command, which then simulates only members missing in DIR/members.
     """
     from mission_service.config.scenario import load_scenario
     from mission_service.simulation.fire_alone import run_fire
@@ -131,7 +131,7 @@ def fire_sweep(
 ) -> None:
     """Simulate the fire of SCENARIO for all combinations of values; write sweep.csv and fronts.
 
-    If the command is stopped, repeat it: it simulates only the runs missing in DIR/runs.
+    After an interruption, repeat the command, which then simulates only runs missing in DIR/runs.
     """
     from mission_service.simulation.fire_sweep import run_sweep, sweep_of
     from mission_service.simulation.task_pool import tasks_on
@@ -174,9 +174,9 @@ def fire_assimilate(
 ) -> None:
     """Forecast each mapped perimeter of a fire from the earlier ones, and score the forecasts.
 
-    The output also has the scores of two simpler forecasts: persistence (the last perimeter does
-    not change) and the model alone. SCENARIO has landscape and weather; without an ignition the
-    first perimeter starts the fire, at mission time 0 unless time_zero is given.
+    The output also contains the scores of two simpler forecasts: persistence (the last perimeter
+    does not change) and the model alone. SCENARIO defines landscape and weather. Without an
+    ignition, the fire starts from the first perimeter, at mission time 0 unless time_zero is given.
     """
     from mission_service.config.scenario import load_scenario
     from mission_service.simulation.fire_assimilation import assimilate
@@ -229,8 +229,8 @@ def fire_info(
 ) -> None:
     """Describe a landscape or a file of shapes. The exit code is 1 if problems are found.
 
-    FILE is a raster or a file of shapes. For the layers of a landscape, give LAYER=FILE for each of
-    them: fuel, elevation, slope, aspect, canopy_cover, canopy_height, canopy_base.
+    FILE is a raster or a file of shapes. For a landscape of several files, give LAYER=FILE for each
+    layer: fuel, elevation, slope, aspect, canopy_cover, canopy_height, canopy_base.
     """
     from firemodel.landscape.info import in_text
     from mission_service.cli.landscape_summary import describe_files

@@ -1,4 +1,4 @@
-"""Parses the arguments of ``fire info``, and describes the files named in these arguments."""
+"""Parses the arguments of ``fire info``, and describes the files in these arguments."""
 
 from pathlib import Path
 
@@ -11,7 +11,7 @@ HOW = "give one file, or the layers of a landscape, each as LAYER=FILE"
 def describe_files(
     words: tuple[str, ...], crs: str | None, nodata: float | None, units: tuple[str, ...]
 ) -> Description:
-    """Return the description of one file, or of the landscape that LAYER=FILE arguments name.
+    """Return the description of one file, or of the landscape given by LAYER=FILE arguments.
 
     ``units`` are LAYER=UNIT arguments. Raises MissionServiceError for malformed arguments.
     """

@@ -13,7 +13,7 @@ from mission_service.cli.options import JSON, OUT_FOLDER
 from mission_service.cli.output_folder import output_folder
 
 DEFAULT_FORMATS = ("geojson", "kml", "csv", "plan")
-MAX_MISSIONS = 10  # if a log has more missions, they share one line
+MAX_MISSIONS = 10  # more missions are summarised in one line
 
 LOGS = click.argument(
     "logs", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="LOG..."
@@ -29,7 +29,7 @@ def log() -> None:
 @LOGS
 @JSON
 def log_info(logs: tuple[Path, ...], as_json: bool) -> None:
-    """Describe the vehicles, missions and modes in each LOG, and its damaged parts."""
+    """Describe the vehicles, missions, modes and damaged parts of each LOG."""
     from mission_service.replay.flights.flown_vehicle import info_of
     from mission_service.replay.flights.journal_log import open_flight
 

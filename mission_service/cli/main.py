@@ -39,15 +39,15 @@ from mission_service.cli.token_commands import token
 from mission_service.cli.tune_commands import tune
 from mission_service.runtime.clocks import now_text
 
-# Of Python's garbage collector. Its default, 700 new objects, doubles the time that collections
-# take while modules are imported. Full collections remain about as frequent.
+# Thresholds of Python's garbage collector. The first default, 700 new objects, doubles the
+# time of collections while modules are imported. Full collections remain about as frequent.
 COLLECTION_THRESHOLDS = (10_000, 3, 3)
 
 
 class ErrorReportingGroup(click.Group):
-    """A group of commands that prints each error of these packages in one line and exits with 1.
+    """A group of commands that prints each error of these packages in one line.
 
-    The exit code is 2 if an option is wrong, and 130 after Ctrl-C.
+    The exit code is then 1; it is 2 if an option is wrong, and 130 after Ctrl-C.
     """
 
     def invoke(self, ctx: click.Context) -> Any:
@@ -97,7 +97,7 @@ for command in (*GROUPS, mock, token, replay, report, observe):
 def demo(
     scenario: str, out: Path, speedup: float, overrides: tuple[str, ...], **reporting: Any
 ) -> None:
-    """Run the daemon with its map and mock autopilots (UDP on loopback), faster than real time.
+    """Run the daemon with a map and mock autopilots (UDP on loopback), faster than real time.
 
     SCENARIO is a file or the name of a shipped scenario (default: demo).
     """
@@ -257,7 +257,7 @@ def decide_alone(journal: Path, rule: str | None, as_json: bool) -> None:
     """Run only the planners, on the positions and observations in a journal.
 
     If the rule is that of the journal, each decision is compared with the recorded decision, and
-    the exit code is 1 if they differ.
+    the exit code is 1 if any decision differs.
     """
     from mission_service.replay.decisions import decide, in_text, summary_of
 

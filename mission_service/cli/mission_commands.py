@@ -38,9 +38,9 @@ def mission() -> None:
 @click.argument("plan_file", type=click.Path(dir_okay=False, path_type=Path))
 @link_options
 def mission_upload(plan_file: Path, as_json: bool, **link: Any) -> None:
-    """Upload PLAN_FILE and print the autopilot's result. Does not start the flight.
+    """Upload PLAN_FILE and print the result. The flight is not started.
 
-    The fence and the rally points on board remain unless the plan contains others.
+    The fence and the rally points on board remain unless the plan contains a fence or rally points.
     """
     from autopilot_bridge.missions.plan_file import read_any
     from mission_service.cli.mission_transfers import upload

@@ -30,7 +30,7 @@ KINDS: tuple[Kind, ...] = ("fence", "rally", "mission")
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """A link to an autopilot, with the source of the ``signing_key``; ``warn`` prints a warning."""
+    """A link to an autopilot; ``signing_key`` is the key's source, ``warn`` prints a warning."""
 
     link: str
     timeout_s: float
@@ -40,9 +40,9 @@ class Line:
 
 
 def upload(plan: Plan, line: Line) -> dict[str, Any]:
-    """Replace the autopilot's mission; also its fence or rally points if the plan contains any.
+    """Replace the autopilot's mission, and its fence or rally points if the plan contains any.
 
-    Does not start the flight. Raises MissionServiceError, before anything is sent, for items that
+    The flight is not started. Raises MissionServiceError, before anything is sent, for items that
     the autopilot would not fly as planned.
     """
 
@@ -113,7 +113,7 @@ def _run(
 def connected(
     client: NativeClient, line: Line, signing_key: str | None, *others: str | None
 ) -> Iterator[tuple[Connection, dict[str | None, Signing]]]:
-    """Prepare a connection whose frames are signed with ``signing_key``, and each key's signing.
+    """Prepare a connection with frames signed with ``signing_key``, and a ``Signing`` for each key.
 
     The caller opens the connection. On exit, the .tlog and the file of signing timestamps are
     closed.

@@ -89,10 +89,9 @@ class MockOptions:
 def mock(scenario: str | None, **values: Any) -> None:
     """Run mock autopilots in a separate process, until Ctrl-C.
 
-    With SCENARIO, the mocks are its vehicles, on the ground at their homes. Without SCENARIO,
-    --count sets the number of mocks, and their system ids are consecutive. A mock that has a key
-    signs its frames. The key comes from --signing-key, from SCENARIO or from a SETUP_SIGNING
-    message.
+    With SCENARIO, the mocks are the vehicles of the scenario, on the ground at their homes. Without
+    SCENARIO, --count sets the number of mocks, whose system ids are consecutive. A mock with a key
+    signs its frames. The key is from --signing-key, from SCENARIO or from a SETUP_SIGNING message.
     """
     from mission_service.simulation.mock_processes import (
         MockEnvironment,

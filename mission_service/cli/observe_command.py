@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from mission_service.sensors.thermal.frame_cells import FrameCells
     from mission_service.sensors.thermal.thermal_image import ThermalImage
 
-MAX_IMAGES = 100  # of one video
+MAX_IMAGES = 100  # maximum number of images of one video
 
 
 @click.command()
@@ -42,12 +42,12 @@ def observe(
     overrides: tuple[str, ...],
     as_json: bool,
 ) -> None:
-    """Show what FILES contribute to the estimate of a fire; no run is needed.
+    """Show what FILES contribute to the estimate of a fire, without a run.
 
-    Thermal images, also those in videos (.ts) with MISB ST 0601 metadata, are placed on the ground
-    by their position and direction, and registered to the images before. Perimeters, satellite
-    pixels and rasters are read as by the sensor observation_files. DIR/NAME.png shows the image
-    and the observed cells on the map with the error of their place, and the summary contains counts
+    Thermal images, including those in videos (.ts) with MISB ST 0601 metadata, are placed on the
+    ground by their position and direction, and registered to the preceding images. Perimeters,
+    satellite pixels and rasters are read as by the sensor observation_files. DIR/NAME.png shows the
+    image and, on the map, the observed cells with their position error. The summary contains counts
     and errors.
     Files that cannot be used are listed with the reason; the exit code is then 1.
     """
@@ -84,7 +84,7 @@ def _is_video(path: Path) -> bool:
 
 
 def _is_thermal(path: Path) -> bool:
-    """Return whether a file is an image of a camera, and not a georeferenced raster or another."""
+    """Return whether a file is an image of a camera, not a georeferenced raster or other file."""
     from firemodel.errors import FireModelError
     from firemodel.landscape.readers.bands import bands_of
     from mission_service.sensors.files.observation_file import RASTERS
@@ -96,11 +96,11 @@ def _is_thermal(path: Path) -> bool:
     try:
         return bands_of(path)[0].crs is None
     except FireModelError:
-        return True  # its reader has the reason
+        return True  # the reader of images reports the reason
 
 
 class _Camera:
-    """The images of one camera, which are registered to each other."""
+    """A camera whose images are registered to each other."""
 
     def __init__(self, landscape: "Landscape", settings: "ThermalCameraSection") -> None:
         from mission_service.sensors.thermal.frame_registration import FrameRegistration
@@ -111,7 +111,7 @@ class _Camera:
     def observe(
         self, path: Path, picture: Path, image: "ThermalImage | None" = None
     ) -> dict[str, Any]:
-        """Draw an image, and return its summary; ``path`` is its file, or the video with it."""
+        """Draw an image and return its summary; ``path`` is the image file, or its video."""
         from firemodel.errors import FireModelError
         from mission_service.errors import MissionServiceError
         from mission_service.sensors.thermal.draped_image import draped_image
@@ -179,7 +179,7 @@ def _summary(image: "ThermalImage", found: "FrameCells", landscape: "Landscape")
 def _file(
     path: Path, picture: Path, scenario: "Scenario", landscape: "Landscape"
 ) -> dict[str, Any]:
-    """Draw the observations in another file, and return its summary."""
+    """Draw the observations in a file that is no image or video, and return a summary."""
     import numpy as np
 
     from firemodel.assimilation.observation import BURNED, UNBURNED

@@ -42,7 +42,7 @@ class Folder(click.Path):
         super().__init__(file_okay=False, path_type=Path)
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return the path; refuse an empty text, which ``Path`` reads as the working folder."""
+        """Return the path; refuse an empty text, which ``Path`` takes as the working folder."""
         if value == "":
             self.fail("is empty; give a folder, or . for the working folder", param, ctx)
         return super().convert(value, param, ctx)
@@ -81,7 +81,7 @@ def seconds_option(name: str, words: str) -> Callable[[Command], Command]:
 
 @dataclass(frozen=True, kw_only=True)
 class ReportOptions:
-    """The values of ``report_options``, which set how progress and results are shown."""
+    """The values of ``report_options``, which determine the display of progress and results."""
 
     log: str | None
     log_level: str
@@ -95,7 +95,7 @@ class ReportOptions:
     def notice(self) -> Callable[[str], None]:
         """Return the function that shows a line about the start of the run.
 
-        The line is part of the log, if there is one, or of the progress display.
+        The line appears in the log, or without a log in the progress display.
         """
         if self.log is not None:
             return logging.getLogger("mission_service").info
@@ -133,8 +133,8 @@ def report_options(command: Command) -> Command:
 class Cores(NamedTuple):
     """The workers of a command, on a Dask cluster or on this machine.
 
-    ``scheduler`` is the address of the Dask scheduler. Without it, ``workers`` threads or processes
-    run on this machine.
+    ``scheduler`` is the address of the Dask scheduler. Without a scheduler, ``workers`` threads or
+    processes run on this machine.
     """
 
     scheduler: str | None
@@ -142,7 +142,7 @@ class Cores(NamedTuple):
 
 
 def cores_option(workers: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Return a decorator that adds --workers and --scheduler to a command, as its ``cores``.
+    """Return a decorator that adds --workers and --scheduler to a command, as argument ``cores``.
 
     ``workers`` is the noun for the workers on this machine: threads or processes.
     """
@@ -170,7 +170,7 @@ def cores_option(workers: str) -> Callable[[Callable[..., None]], Callable[..., 
 
 
 def echo(result: dict[str, Any], as_json: bool) -> None:
-    """Print a result as JSON, or one line per key on stdout and the ``warnings`` on stderr."""
+    """Print a result as JSON, or as one line for each key, without ``warnings``."""
     if as_json:
         click.echo(json.dumps(result))
     else:
@@ -184,7 +184,7 @@ def echo_warning(text: str) -> None:
 
 
 def report_address(out: Path, address: str) -> None:
-    """Print the address of the map; its token is printed only on a terminal, never to a log."""
+    """Print the address of the map; the token is printed only on a terminal, never to a log."""
     if sys.stderr.isatty():
         click.echo(f"map: {address}", err=True)
     else:

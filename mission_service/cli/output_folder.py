@@ -1,4 +1,4 @@
-"""Creates the folder of a command's results, and checks that it is writable."""
+"""Creates the folder of a command's results, and checks that the folder is writable."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -8,13 +8,13 @@ import click
 
 
 class Interrupted(click.ClickException):
-    """Ctrl-C ended the command."""
+    """The command was ended by Ctrl-C."""
 
     exit_code = 130  # 128 plus the number of SIGINT
 
 
 def output_folder(out: Path) -> Path:
-    """Create the folder ``out`` if it is missing, check that it is writable, and return it.
+    """Return the folder ``out``, created if missing and checked to be writable.
 
     Raises MissionServiceError if the folder cannot be created or written.
     """
@@ -28,7 +28,7 @@ def output_folder(out: Path) -> Path:
     except OSError as error:
         raise MissionServiceError(f"{out}: cannot be created: {error.strerror}") from None
     try:
-        with TemporaryFile(dir=out):  # fails now, not after an hour of simulation
+        with TemporaryFile(dir=out):  # an error occurs now, not after an hour of simulation
             pass
     except OSError as error:
         raise MissionServiceError(f"{out}: cannot be written to: {error.strerror}") from None
@@ -37,7 +37,7 @@ def output_folder(out: Path) -> Path:
 
 @contextmanager
 def results_in(out: Path, after_interrupt: str) -> Iterator[Path]:
-    """Yield the folder ``out``, made by ``output_folder``; remove the folder if it stays empty.
+    """Yield the folder ``out`` of ``output_folder``; a created folder that stays empty is removed.
 
     After Ctrl-C the command raises Interrupted with a line that ends in ``after_interrupt``.
     """

@@ -46,7 +46,7 @@ class ReplayOptions(ReportOptions):
     overrides: tuple[str, ...]
 
     def check(self, words: tuple[str, ...]) -> None:
-        """Raise UsageError for options and arguments that exclude each other."""
+        """Raise UsageError for options and arguments that are mutually exclusive."""
         if self.verify and self.changes:
             raise click.UsageError("give either --verify or --what-if")
         if self.stages and not self.verify:
@@ -104,8 +104,8 @@ def replay(words: tuple[str, ...], **values: Any) -> None:
     """Replay logged flights: the flown paths, and the decisions that a planner would have made.
 
     A LOG is a .tlog, .bin or .ulg file, a journal, or the folder of a run with its journal. A
-    journal contains its scenario. Logs with the same NAME belong to one vehicle. --out is the
-    folder for the report, its pictures and the journal of the replay.
+    journal contains the scenario of the run. Logs with the same NAME belong to one vehicle. --out
+    is the folder for the report, its pictures and the journal of the replay.
 
     --speed 10 shows the flight on the map and over MQTT like a live run, until Ctrl-C, with the
     observations and decisions that the service would have made. The replay accepts pause and seek,
@@ -114,7 +114,7 @@ def replay(words: tuple[str, ...], **values: Any) -> None:
     --verify recomputes a journal; the exit code is 1 if anything differs. The stage "file" checks
     the checksum of each line. The stage "fire" compares the cameras' observations with those in a
     new simulation of the fire. The stage "planner" recomputes the decisions from the recorded
-    observations, and the stage "core" recomputes all commands; both compare bit for bit.
+    observations, and the stage "core" recomputes all commands; both stages compare bit for bit.
 
     --what-if planner=predictive alpha=1.5 --out DIR flies a journal's scenario again with mock
     autopilots and these settings. One page compares both runs.

@@ -33,7 +33,7 @@ def speed_of(text: str) -> "Speed":
 
 
 def played(flight: "Flight", choice: "ScenarioChoice") -> "tuple[Pairing, ServiceSection]":
-    """Return the replay of a flight and the settings of its interfaces.
+    """Return the replay of a flight and the settings of the interfaces.
 
     Without a scenario, the landscape is level ground around the flight. Raises MissionServiceError
     and BridgeError.
@@ -64,8 +64,8 @@ def played(flight: "Flight", choice: "ScenarioChoice") -> "tuple[Pairing, Servic
 def play(flight: "Flight", choice: "ScenarioChoice", speed: str, options: "ReplayOptions") -> None:
     """Play logged flights on the map and over MQTT like a live run, until Ctrl-C.
 
-    The interfaces show the observations and decisions that the service would have made. The
-    interfaces refuse orders.
+    The interfaces show the observations and decisions that the service would have made, and refuse
+    orders.
     """
     import asyncio
     from functools import partial
@@ -96,7 +96,7 @@ def play(flight: "Flight", choice: "ScenarioChoice", speed: str, options: "Repla
 
 
 def _with_map(settings: "ServiceSection", listen: str | None) -> "ServiceSection":
-    """Return the settings with a map at ``listen``, at its configured address or on a free port."""
+    """Return the settings with a map at ``listen``, the configured address or a free port."""
     from pydantic import ValidationError
 
     from mission_service.config.service_section import HttpSection

@@ -1,4 +1,4 @@
-"""Defines ``mission-service report``, which writes one page that compares runs.
+"""Defines ``mission-service report``, which writes a page with a comparison of runs.
 
 Heavy modules are imported only when the command runs.
 """
@@ -34,7 +34,7 @@ def report(
     overrides: tuple[str, ...],
     as_json: bool,
 ) -> None:
-    """Write report.html, its pictures and figures.json to OUT.
+    """Write report.html, the pictures and figures.json to OUT.
 
     A RUN is a journal, the folder of a run, a log, or logs of one flight joined by +. The table has
     a column for each RUN.

@@ -1,7 +1,7 @@
 """Defines ``mission-service request``, which sends operators' requests to a live run.
 
 The table of requests (``core/request_events.py``) defines the commands, arguments and options. The
-table is imported only for a command that needs the table.
+table is imported only for commands that use the table.
 """
 
 import getpass
@@ -15,7 +15,7 @@ import click
 from mission_service.cli.options import JSON
 
 UNITS = {"_m_s": "M/S", "_deg": "DEGREES", "_m": "M", "_s": "SECONDS"}
-# Fields that an operator may omit; ``_completed`` adds them.
+# Fields that an operator may omit; ``_completed`` adds these fields.
 COMPLETED = {("correct", "shape"), ("person", "radius_m")}
 Status = Callable[[], dict[str, Any]]
 
@@ -111,7 +111,7 @@ def print_reply(reply: dict[str, Any], as_json: bool) -> None:
 
 
 class RequestGroup(click.Group):
-    """A group with a command for each request in a table; an added command comes first."""
+    """A group with a command for each request in a table; added commands have precedence."""
 
     def __init__(self, *args: Any, table: Callable[[], dict[str, Any]], **attrs: Any) -> None:
         """Store ``table``, a function that returns the requests by command name."""
@@ -153,7 +153,7 @@ def command_of(kind: Any, name: str) -> click.Command:
 
         _refuse_not_finite(do, given)
         with ControlClient(out) as client:
-            # An abort is sent at once, without asking the run for its stations.
+            # An abort is sent at once, without a request for the stations of the run.
             station = station or ("unknown" if do == "abort" else only_station(client))
             for each in _completed(do, given, lambda: dict(client.ask(do="status")["status"])):
                 print_reply(client.ask(do=do, by=by, station=station, **each), as_json)
@@ -225,7 +225,7 @@ def _type_of(kinds: list[Any]) -> Any:
 
 
 def _completed(do: str, given: dict[str, Any], status: Status) -> list[dict[str, Any]]:
-    """Return the requests that a command sends, each with all its fields."""
+    """Return the requests that a command sends, with the omitted fields completed."""
     fields = {name: value for name, value in given.items() if value is not None}
     if "place" in fields:
         fields["lat_deg"], fields["lon_deg"] = fields.pop("place")
@@ -240,14 +240,14 @@ def _completed(do: str, given: dict[str, Any], status: Status) -> list[dict[str,
             fields["hash"] = proposed_plan(status(), fields["hash"])[1]
         case "go" | "no-go":
             listed, text = status().get("items"), " ".join(fields["item"])
-            # Without a list, the run refuses the request with the reason.
+            # Without a checklist, the run refuses the request and states the reason.
             items = _items(listed, text) if listed else [text]
             return [{**fields, "item": item} for item in items]
     return [fields]
 
 
 def proposed_plan(status: dict[str, Any], digits: str) -> tuple[Any, str]:
-    """Return the proposed plan whose hash begins with ``digits``, and its hash.
+    """Return the proposed plan whose hash begins with ``digits``, and the whole hash.
 
     The hash is computed from the plan in ``status``. Raises RequestError if no plan, or more than
     one plan, has a hash with these digits, or if the computed hash differs from the hash in
@@ -275,7 +275,7 @@ def proposed_plan(status: dict[str, Any], digits: str) -> tuple[Any, str]:
 
 
 def _refuse_not_finite(do: str, fields: dict[str, Any]) -> None:
-    """Raise RequestError for a field with NaN or infinity, which JSON does not have."""
+    """Raise RequestError for a field with NaN or infinity, which JSON cannot represent."""
     from mission_service.errors import RequestError
 
     for name, value in fields.items():

@@ -23,9 +23,10 @@ def satellite_pixels(
 ) -> None:
     """Report the detections of VIIRS or MODIS in FILE (a CSV file of FIRMS) to a run.
 
-    Pixels off the landscape of the run are left out. The fire may burn anywhere in its pixel: a
-    report within the resulting error of the estimated front changes nothing. If the run refuses a
-    report, because it is too old for example, the others are still sent, and the exit code is 1.
+    Pixels outside the landscape of the run are left out. The fire may burn anywhere in a pixel. A
+    report that differs from the estimated front by less than this position error changes nothing.
+    If the run refuses a report, for example because the report is too old, the other reports are
+    still sent, and the exit code is 1.
     """
     from datetime import UTC, datetime
 

@@ -14,12 +14,12 @@ from mission_service.runtime.clocks import clock_us, wall_us
 from mission_service.runtime.link_signing import refusal
 
 OWN = (255, 190)
-TIMING = TransferTiming(retries=3)  # a vehicle whose key differs never answers
+TIMING = TransferTiming(retries=3)  # a vehicle with a different key never answers
 Event = TypeVar("Event", Connected, TransferFinished)
 
 
 def set_up(line: Line, old_key: str | None, system_id: int | None) -> dict[str, Any]:
-    """Set the vehicle's key to the key of ``line``, then read the mission over signed frames.
+    """Set the vehicle's key to the key of ``line``, then read the mission with signed frames.
 
     ``old_key`` is the source of the vehicle's present key. Raises MissionServiceError if the
     vehicle does not answer with signed frames.
@@ -29,7 +29,7 @@ def set_up(line: Line, old_key: str | None, system_id: int | None) -> dict[str, 
 
 
 def turn_off(line: Line, system_id: int | None) -> dict[str, Any]:
-    """Remove the vehicle's key (the key of ``line``), then read the mission in unsigned frames."""
+    """Remove the vehicle's key (the key of ``line``), and read the mission with unsigned frames."""
     return _change(line, line.signing_key, None, system_id)
 
 
@@ -56,7 +56,7 @@ async def _change_and_check(
         system = client.target_system
         assert system is not None
         connection.set_up_signing(OWN, (system, AUTOPILOT), key, wall_us(), signing)
-        client.download(clock_us(), by_file=False)  # the answer shows whether the vehicle signs
+        client.download(clock_us(), by_file=False)  # the signatures of the reply are checked
         connection.flush()
         answer = await _until(client, connection, TransferFinished)
         if answer.result.outcome != "accepted" or connection.receives_signed:

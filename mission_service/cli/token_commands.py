@@ -26,10 +26,10 @@ ROLES = ("look", "observe", "correct", "fly", "approve")
     help="The tokens file to which the token is added (created if missing).",
 )
 def token(name: str, roles: str, station: str, path: Path) -> None:
-    """Create a token for NAME and print it; the file contains only its SHA-256 sum.
+    """Create a token for NAME and print it; the file contains only the token's SHA-256 sum.
 
-    A running service reads the file again as soon as it changes. To revoke a token, remove its
-    lines from the file.
+    A running service reads the file again as soon as the file changes. To revoke a token, remove
+    its lines from the file.
     """
     from mission_service.interfaces.api.access.token_file import added
 

@@ -36,7 +36,7 @@ def virtual_agents(
     out: Path | None,
     as_json: bool,
 ) -> None:
-    """Search the constants of virtual forces with a genetic algorithm (paper, 5.2.6)."""
+    """Search for the constants of virtual forces with a genetic algorithm (paper, 5.2.6)."""
     from mission_service.errors import MissionServiceError
     from mission_service.experiments import tuning
 

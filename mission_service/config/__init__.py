@@ -1,1 +1,1 @@
-"""The scenario file: its schema, defaults and checks."""
+"""The schema, defaults and checks of the scenario file."""

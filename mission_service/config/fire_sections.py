@@ -33,7 +33,7 @@ RASTER_KEYS = (
 
 
 class LandscapeSection(Section):
-    """The landscape of the fire: the grid that ships with matplotlib, level ground, or rasters.
+    """The landscape of the fire: the terrain that ships with matplotlib, level ground, or rasters.
 
     Level ground ("flat") is centred on ``lat_deg``, ``lon_deg`` and has one fuel and the elevation
     ``elevation_m``. Rasters are given as one file per layer, or as one ``file`` with all layers.
@@ -120,10 +120,10 @@ class WeatherEntry(FuelMoisture):
 class WeatherFile(FuelMoisture):
     """A weather file (.raws, .wxs, .wtr, .csv); ``start`` is mission time 0 in its local time.
 
-    A .wtr file has no wind; ``wind`` is the .wnd file (default: the one with the same name). The
-    file may also be an inputs file of FARSITE. The moistures in this table are used if the weather
-    file has no moistures; ``fuel_moistures`` is an .fms file with moistures of single fuels. With
-    ``conditioned``, dead fuels start with these moistures, and then their moistures follow
+    A .wtr file has no wind; ``wind`` is the .wnd file (default: the file with the same name). The
+    weather file may also be an inputs file of FARSITE. The moistures in this table are used if the
+    weather file has no moistures; ``fuel_moistures`` is an .fms file with moistures of single
+    fuels. With ``conditioned``, dead fuels start with these moistures, which then follow
     temperature, humidity and rain.
     """
 
@@ -157,9 +157,9 @@ class FireSection(Section):
     ``perimeter`` is a file with polygons of the area that has burned by ``burning_at_s``.
     ``perimeter_feature`` is the number of the only feature to use, if not all are used. With
     ``repair_perimeter``, closed lines and invalid polygons become valid polygons. ``arrival`` is a
-    raster of arrival times. ``p_spread`` and ``update_s`` apply to the probabilistic scheme. The
-    probabilistic scheme can also start with a fire of ``initial_cells`` cells, which the scheme
-    grows from the ignitions.
+    raster of arrival times. ``p_spread`` and ``update_s`` apply to the probabilistic scheme. A fire
+    of the probabilistic scheme can also start with ``initial_cells`` cells, which are grown from
+    the ignitions.
     """
 
     scheme: SchemeName = "anyangle"
@@ -193,8 +193,8 @@ class FireSection(Section):
 class EnsembleSection(Section):
     """The standard deviations of the errors in a fire's inputs, for ensembles and forecasts.
 
-    ``firemodel/ensemble/uncertainty.py`` has the sources of the defaults. Factors are log-normal
-    with a median of 1. Each error is constant during a fire and independent of the others.
+    ``firemodel/ensemble/uncertainty.py`` states the sources of the defaults. Factors are log-normal
+    with a median of 1. Each error is constant during a fire and independent of the other errors.
     """
 
     wind_log_sd: LogSd = DEFAULT_ERRORS.wind_log_sd
@@ -206,16 +206,16 @@ class EnsembleSection(Section):
 
 
 class ThermalCameraSection(Section):
-    """The use of a thermal camera's images: the common keys of the sensors of such images.
+    """The settings that all sensors of thermal images have in common.
 
-    ``field_of_view_deg`` is the horizontal field of view; without it that of the image's metadata
-    is used. ``distortion`` is k1, k2, p1, p2, k3 (Brown-Conrady, as OpenCV defines them). Pixels of
-    at least ``hot_c`` are burning; pixels up to ``warm_difference_c`` above the background are
-    cool. Images of grey levels require ``hot_level``. The next keys are standard deviations of the
-    camera's position (of each horizontal axis), altitude and direction (of the rotation about each
-    axis of the camera), and of the landscape's elevation. Pixels that are placed by a pose are not
-    used if the standard deviation of their place is above ``max_position_sd_m``. Images older than
-    ``max_age_s`` when they arrive are not used.
+    ``field_of_view_deg`` is the horizontal field of view (default: that in the image's metadata).
+    ``distortion`` is k1, k2, p1, p2, k3 (Brown-Conrady, as defined by OpenCV). Pixels of at least
+    ``hot_c`` are burning; pixels up to ``warm_difference_c`` above the background are cool. Images
+    of grey levels require ``hot_level``. The next keys are standard deviations of the camera's
+    position (of each horizontal axis), altitude and direction (of the rotation about each axis of
+    the camera), and of the landscape's elevation. Pixels that are placed on the ground by the
+    camera's pose are not used if the standard deviation of their place is above
+    ``max_position_sd_m``. Images older than ``max_age_s`` on arrival are not used.
     """
 
     TABLE: ClassVar[str]
@@ -236,9 +236,10 @@ class ThermalCameraSection(Section):
 class ThermalFramesSection(ThermalCameraSection):
     """The images of thermal cameras that arrive in a folder, for the sensor ``thermal_frames``.
 
-    ``kelvin_per_count`` converts 16-bit counts. If a file has no pose, the telemetry of the
-    vehicles is used: ``file_time_sd_s`` is the standard deviation of the times of files, and
-    ``fixed_pitch_deg`` is the pitch of a camera without a gimbal, relative to the airframe.
+    ``kelvin_per_count`` converts 16-bit counts to kelvins. If a file contains no pose, the pose is
+    that of the vehicles' telemetry: ``file_time_sd_s`` is the standard deviation of the times of
+    files, and ``fixed_pitch_deg`` is the pitch of a camera without a gimbal, relative to the
+    airframe.
     """
 
     TABLE = "estimate.thermal_frames"
@@ -252,13 +253,13 @@ class ThermalFramesSection(ThermalCameraSection):
 class ThermalVideoSection(ThermalCameraSection):
     """The video of a thermal camera with MISB ST 0601 metadata, for the sensor ``thermal_video``.
 
-    ``source`` is ``udpin:HOST:PORT`` or a file, which may grow. With ``grey_level_range_c``, grey
-    levels 0 and 255 have these temperatures, and levels between them are linear.
-    ``use_corner_points`` places frames by their corner points also if the metadata contain a pose;
-    ``corner_sd_m`` is the standard deviation of the corner points (of each horizontal axis).
-    Heights above the ellipsoid require ``geoid_m``, the height of mean sea level above the
-    ellipsoid. ``leap_seconds`` are subtracted from time stamps without an offset from UTC in the
-    metadata.
+    ``source`` is ``udpin:HOST:PORT`` or a file, which may still be written. With
+    ``grey_level_range_c``, grey levels 0 and 255 have these temperatures, and the temperatures of
+    other levels are interpolated linearly. With ``use_corner_points``, frames are placed by their
+    corner points even if the metadata contain a pose; ``corner_sd_m`` is the standard deviation of
+    the corner points (of each horizontal axis). Heights above the ellipsoid require ``geoid_m``,
+    the height of mean sea level above the ellipsoid. ``leap_seconds`` are subtracted from time
+    stamps if the metadata state no offset from UTC.
     """
 
     TABLE = "estimate.thermal_video"
@@ -286,9 +287,9 @@ class ThermalVideoSection(ThermalCameraSection):
 class ObservationFilesSection(Section):
     """The files of perimeters, detections and rasters, for the sensor ``observation_files``.
 
-    Times without an offset from UTC are times of the zone ``time_zone``. ``position_sd_m`` is the
-    standard deviation of the place of mapped shapes whose file does not state how they were mapped.
-    Cells of a raster with one of ``burned_values`` have burned, and cells with one of
+    Times without an offset from UTC are local times of ``time_zone``. ``position_sd_m`` is the
+    standard deviation of the position of mapped shapes if their file does not state the method of
+    mapping. Cells of a raster with one of ``burned_values`` have burned, and cells with one of
     ``unburned_values`` are unburned. Observations older than ``max_age_s`` are not used.
     """
 
@@ -341,7 +342,7 @@ class EstimateSection(Section):
 class SimulatedFireSection(Section):
     """The fire that simulated cameras observe: the scenario's fire, changed by these factors.
 
-    Estimate and planners receive the scenario's own weather, without the factors.
+    The estimate and the planners use the weather of the scenario, without these factors.
     ``moisture_factor`` applies to dead fuels.
     """
 
@@ -357,10 +358,10 @@ class SimulatedCameraSection(Section):
     Only the key ``kind`` applies to ``ideal`` cameras. ``gps_sd_m`` and ``gimbal_sd_deg`` are
     standard deviations of the position and of the camera's direction. ``missed`` is the share of
     burned cells that an image shows as unburned, and ``false_alarms`` is the share of unburned
-    cells that an image shows as burned. Smoke covers the ground up to ``smoke_m`` downwind of
-    burning cells; thermal cameras see through it. Cameras that write files for ``thermal_frames``
-    use ``gps_sd_m`` and ``gimbal_sd_deg``; without ``poses_in_files`` the pose of an image is that
-    of the vehicle's telemetry.
+    cells that an image shows as burned. Smoke hides the ground up to ``smoke_m`` downwind of
+    burning cells from ``visible`` cameras, but not from ``thermal`` cameras. Cameras that write
+    files for ``thermal_frames`` use ``gps_sd_m`` and ``gimbal_sd_deg``; without ``poses_in_files``
+    the pose of an image is that of the vehicle's telemetry.
     """
 
     kind: Literal["ideal", "thermal", "visible"] = "ideal"
@@ -373,7 +374,7 @@ class SimulatedCameraSection(Section):
 
 
 class SimulationSection(Section):
-    """The simulated fire and the cameras that observe it; without ``fire`` neither is simulated."""
+    """The simulated fire and the simulated cameras; without ``fire`` neither is simulated."""
 
     fire: SimulatedFireSection | None = None
     camera: SimulatedCameraSection = SimulatedCameraSection()

@@ -1,4 +1,4 @@
-"""Parses the address of an MQTT broker and checks the prefix of its topics."""
+"""Parses the address of an MQTT broker and checks the prefix of topics."""
 
 import re
 from dataclasses import dataclass
@@ -43,7 +43,7 @@ def is_host(text: str) -> bool:
 
 
 def check_prefix(prefix: str, option: str = "--prefix") -> str:
-    """Return a valid prefix of topics; raise MissionServiceError for an invalid prefix."""
+    """Return the prefix of topics unchanged; raise MissionServiceError for an invalid prefix."""
     if re.fullmatch(r"[^/+#$\s\0][^+#\s\0]*(?<!/)", prefix) is None:
         raise MissionServiceError(
             f"{option} {prefix}: write the beginning of a topic, as in uav/east"

@@ -33,13 +33,13 @@ RENAMED_VALUES: Mapping[tuple[str, str], Mapping[str, str]] = {
 
 
 def renamed_keys(data: Mapping[str, Any]) -> Iterator[str]:
-    """Yield the earlier keys and values in a scenario, each in a line that states its successor.
+    """Yield a line for each earlier key or value in a scenario, with the present key or value.
 
     Args:
-        data: The scenario as parsed from TOML.
+        data: The content of the scenario's TOML file.
 
     Yields:
-        ``TABLE.OLD: was renamed in version 0.2; write NEW``, or a like line for a renamed value.
+        ``TABLE.OLD: was renamed in version 0.2; write NEW``, or a similar line for a value.
     """
     for table, names in RENAMED.items():
         found = data.get(table)

@@ -1,8 +1,9 @@
 """Finds the way of flying for a ``planner.rule`` when a scenario is checked.
 
-Ways of flying are plug-ins. ``guidance/registry.py`` lists the ways of flying of this package.
-Other packages register their ways of flying as entry points of ``GROUP``, each with the name of its
-rule. A way of flying is loaded by its address ``module:object``, so this module imports no planner.
+A way of flying is the guidance for one or more planner rules, and is a plug-in.
+``guidance/registry.py`` lists the ways of flying of this package. Other packages register their
+ways of flying as entry points of ``GROUP``, each with the name of its rule. A way of flying is
+loaded by its address ``module:object``, so this module imports no planner.
 """
 
 import re
@@ -45,7 +46,7 @@ class Way(Protocol):
         """Whether the planners use the fronts of the estimated fire (``FrontsEstimated``)."""
 
     def check(self, scenario: Any) -> None:
-        """Raise ValueError if the scenario's vehicles or tables do not suit this way of flying."""
+        """Raise ValueError for vehicles or tables that this way of flying cannot use."""
 
 
 @cache
@@ -94,7 +95,7 @@ def _of_another_package(point: EntryPoint) -> Way:
         raise ValueError(f"{where}: the name of a rule has only lower-case letters, digits and _")
     try:
         way: Way = point.load()
-    except (Exception, SystemExit) as error:  # an import of another package may raise anything
+    except (Exception, SystemExit) as error:  # imports of other packages may raise any exception
         raise ValueError(f"{where}: {type(error).__name__}: {error}") from error
     own = next(iter(own_ways().values()))
     if not isinstance(way, type(own)) or way.rules != (point.name,):

@@ -62,7 +62,8 @@ class Scenario(Section):
     """A complete scenario. Mission time 0 is the start of the fire.
 
     ``time_zero`` is the calendar time of mission time 0, with its UTC offset, for output files.
-    ``only`` names the single vehicle that this process flies, if other processes fly the others.
+    ``only`` names the single vehicle that this process controls, if other processes control the
+    other vehicles.
     """
 
     name: Line
@@ -116,12 +117,12 @@ class Scenario(Section):
 
     @property
     def burn_flown(self) -> BurnSection | None:
-        """The burn, or None if the scenario's rule flies no burn."""
+        """The burn, or None if the scenario's rule is not for burns."""
         return self.burn if self.way.prescribed else None
 
     @property
     def passes_image_files(self) -> bool:
-        """Whether cameras show the simulated fire only by files for ``thermal_frames``."""
+        """Whether images of the simulated fire are only passed as files to ``thermal_frames``."""
         return self.simulation.fire is not None and "thermal_frames" in self.estimate.sensors
 
     @property
@@ -131,7 +132,7 @@ class Scenario(Section):
 
     @property
     def flown(self) -> tuple[VehicleSection, ...]:
-        """The vehicles that this process flies."""
+        """The vehicles that this process controls."""
         if self.only is None:
             return self.vehicles
         return tuple(vehicle for vehicle in self.vehicles if vehicle.name == self.only)
@@ -160,13 +161,13 @@ def _refuse_shared_ports(vehicles: tuple[VehicleSection, ...]) -> None:
 
 
 def _port(link: str) -> str:
-    """Return the port or serial device of a link, without its host."""
+    """Return the port or serial device of a link, without the host."""
     kind, _, rest = link.partition(":")
     return rest.rpartition(":")[0] if kind == "serial" else rest.rpartition(":")[2]
 
 
 def scenario_path(name: str) -> Path:
-    """Return the file of a scenario, given by its path or by the name of a shipped scenario."""
+    """Return the path of a scenario file, given as a path or the name of a shipped scenario."""
     path = Path(name)
     shipped = SHIPPED / f"{name}.toml"
     if path.exists() or not shipped.exists():
@@ -225,7 +226,7 @@ def _of_override(error: ScenarioError, path: Path, overrides: tuple[str, ...]) -
 
 
 def parse_scenario(data: dict[str, Any], path: Path) -> Scenario:
-    """Return the checked scenario in a dictionary; its paths start at the folder of ``path``."""
+    """Check a scenario given as a dictionary; relative paths start at the folder of ``path``."""
     kind = _with_table_of(rule_in(data))
     found: Scenario = _with_paths(_in_layers(_checked(kind, data, path)), path, ())
     return found
@@ -258,7 +259,7 @@ def recorded_scenario(data: dict[str, Any], path: Path, rule: str | None = None)
 
 
 def _with_table_of(rule: str | None) -> type[Scenario]:
-    """Return the scenario model that includes the table of the planner's rule."""
+    """Return the scenario model, including the table of the planner's rule if there is one."""
     try:
         section = None if rule is None else way_named(rule).section
     except ValueError:  # the model's own check reports the invalid rule
@@ -268,9 +269,9 @@ def _with_table_of(rule: str | None) -> type[Scenario]:
 
 @cache
 def _with_table(name: str, section: type[BaseModel]) -> type[Scenario]:
-    """Return the scenario model with a further table.
+    """Return the scenario model with an additional table ``name``.
 
-    Raises ScenarioError if the scenario already has a table of this name.
+    Raises ScenarioError if the scenario model already has a table of this name.
     """
     if name in Scenario.model_fields:
         raise ScenarioError(f"rule {name}: [{name}] is a table of all scenarios; rename the rule")
@@ -280,9 +281,9 @@ def _with_table(name: str, section: type[BaseModel]) -> type[Scenario]:
 
 
 def own_table(scenario: Scenario, section: type[S]) -> S:
-    """Return the table named after the scenario's rule; its defaults if the table is missing.
+    """Return the table with the name of the scenario's rule, or its defaults if it is missing.
 
-    Raises ScenarioError for a missing table whose keys have no defaults.
+    Raises ScenarioError for a missing table with keys that have no defaults.
     """
     found = getattr(scenario, scenario.planner.rule, None)
     try:
@@ -293,7 +294,7 @@ def own_table(scenario: Scenario, section: type[S]) -> S:
 
 
 def _checked(kind: type[BaseModel], data: Any, path: Path, keys: tuple[str, ...] = ()) -> Any:
-    """Return the part of the file at these keys as a checked model. Raises ScenarioError."""
+    """Return ``data``, the value at these keys, as a checked model. Raises ScenarioError."""
     try:
         return kind.model_validate(data)
     except ValidationError as error:
@@ -350,7 +351,9 @@ def with_signing_key(scenario: Scenario, source: str) -> Scenario:
 
 
 def one_of_many(scenario: Scenario, vehicle: str | None, peer_messaging: bool) -> Scenario:
-    """Return the scenario of a process that flies one vehicle, or exchanges messages with others.
+    """Return the scenario of a process for one ``vehicle``, or for all vehicles if it is None.
+
+    With ``peer_messaging``, the process exchanges messages with other processes.
 
     Raises ScenarioError for an unknown vehicle, and for a rule that sends no peer messages.
     """
@@ -367,7 +370,7 @@ def one_of_many(scenario: Scenario, vehicle: str | None, peer_messaging: bool) -
 
 
 def flying(scenario: Scenario) -> Scenario:
-    """Return the scenario if vehicles can fly in it; else raise ScenarioError with the reason."""
+    """Return a scenario with which vehicles can fly; raise ScenarioError for other scenarios."""
     if not scenario.vehicles:
         raise ScenarioError(f"{scenario.name} has no vehicles: add one as [[vehicles]]")
     needs_ignition = scenario.planner.ignition_known and scenario.burn_flown is None
@@ -384,7 +387,7 @@ def _in_words(error: ValidationError, kind: type[BaseModel]) -> str:
     first = error.errors()[0]
     key = ".".join(str(part) for part in first["loc"]) or "scenario"
     value = first.get("input")
-    # The value of a key with such a name, even if misspelt, may be a secret.
+    # The value of a key with one of these names, even if misspelt, may be a secret.
     secret = re.search("key|sign|password|token", key)
     shown = "" if secret or isinstance(value, BaseModel) else got(value)
     others = len(error.errors()) - 1

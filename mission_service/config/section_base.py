@@ -29,7 +29,7 @@ Line = Annotated[str, AfterValidator(_printable)]
 
 
 class Section(BaseModel):
-    """A read-only table of the file, which refuses unknown keys, and true and false as numbers."""
+    """A read-only table of the file; unknown keys, and booleans instead of numbers, are refused."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -45,7 +45,7 @@ class Section(BaseModel):
 
 
 def _boolean_became_number(given: Any, found: Any) -> bool:
-    """Return True if a number was made of a boolean in a value, or in its lists and tables."""
+    """Return whether a boolean was converted to a number, also inside lists and tables."""
     if isinstance(given, bool):
         return isinstance(found, int | float) and not isinstance(found, bool)
     if isinstance(given, list | tuple) and isinstance(found, list | tuple):

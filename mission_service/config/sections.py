@@ -24,9 +24,9 @@ KEY_SOURCE = r"file:.+|env:[A-Za-z_]\w*"
 
 
 class PlannerSection(Section):
-    """The planner; ``rule`` names a way of flying (``rule_lookup.py``).
+    """The planner; ``rule`` selects a way of flying (``rule_lookup.py``).
 
-    Rules that begin with ``team.`` direct all vehicles together on a shared map.
+    Rules that begin with ``team.`` direct all vehicles together, with a shared map.
     """
 
     rule: str = "predictive"
@@ -75,7 +75,8 @@ class FormationSection(Section):
     safety_radius_m: Positive = 30.0
     neighbourhood_m: Positive = 500.0
     range_m: Positive = 2000.0
-    # No "rvo": velocity obstacles set headings, which an autopilot in an orbit does not accept.
+    # "rvo" is not available: velocity obstacles determine headings, and an autopilot that flies an
+    # orbit accepts no headings.
     avoidance: Literal["intent", "none"] = "intent"
     vertical_separation_m: Positive | None = None  # height difference that needs no avoidance
     # Number of altitude layers while most messages are lost; 1: all UAVs keep their altitude.
@@ -86,7 +87,7 @@ class FormationSection(Section):
 
 LatLon = tuple[Latitude, Longitude]
 
-# NWCG PMS 515: the burn boss's checklist for aerial ignition. Any open item is a NO-GO.
+# The burn boss's checklist for aerial ignition (NWCG PMS 515). Any open item is a NO-GO.
 GO_ITEMS = (
     "firing plan approved by the burn boss",
     "two remote pilots, or one as the burn plan allows",
@@ -100,7 +101,7 @@ GO_ITEMS = (
 
 
 class Station(Section):
-    """A place from which operators approve plans; planned fire keeps a margin from it."""
+    """A place from which operators approve plans; planned fire keeps a margin from this place."""
 
     name: Annotated[str, Field(min_length=1, max_length=40, pattern=r"^[\w-]+$")]
     lat_deg: Latitude
@@ -117,23 +118,23 @@ class Circle(Section):
 
 
 class LitLine(Section):
-    """A point or a line that the crew lights, all of it at mission time ``at_s``."""
+    """A point or a whole line that the crew lights at mission time ``at_s``."""
 
     points: Annotated[tuple[LatLon, ...], Field(min_length=1)]
     at_s: NotNegative = 0.0
 
 
 class Dropper(Section):
-    """The output that releases a sphere; the output is set, and reset after ``hold_s``."""
+    """The output that releases a sphere: set to ``release``, then after ``hold_s`` to ``rest``."""
 
     by: Literal["servo", "gripper", "actuator"] = "servo"
     number: Annotated[int, Field(ge=1, le=16)] = 9
-    release: Finite = 1900.0  # servo: PWM in us; actuator: -1 to 1; a gripper has none
+    release: Finite = 1900.0  # servo: PWM in us; actuator: -1 to 1; unused for a gripper
     rest: Finite = 1100.0
     hold_s: Annotated[float, Field(gt=0, le=5)] = 0.2
     # For a sphere of 32 mm and 5 g with a drag coefficient of 0.47.
     terminal_speed_m_s: Positive = 15.0
-    # Delay in link and dropper between the order and the fall of the sphere.
+    # Delay of link and dropper from the order to the release of the sphere.
     delay_s: NotNegative = 0.2
 
     @property
@@ -145,10 +146,10 @@ class Dropper(Section):
 class BurnSection(Section):
     """The prescribed burn of ``rule = "burn"``: unit, ignition pattern and safety limits.
 
-    Corners are (lat, lon). Drops and low paths are excluded where fire is expected within
-    ``time_margin_s`` or nearer than ``distance_margin_m``, until ``residence_s`` after the fire's
-    arrival. Downwind of the fire, the distance margin is increased by the distance that the wind
-    travels in ``wind_margin_s``.
+    Corners are (lat, lon). Drops and low paths are excluded at places that fire is expected to
+    reach within ``time_margin_s``, or to approach to less than ``distance_margin_m``, until
+    ``residence_s`` after the fire's arrival. Downwind of the fire, the distance margin is increased
+    by the distance that the wind travels in ``wind_margin_s``.
     """
 
     unit: Annotated[tuple[LatLon, ...], Field(min_length=3)] | None = None
@@ -209,8 +210,8 @@ class MissionSection(Section):
     """The settings for converting decisions to missions.
 
     With ``approval = "each"`` a mission is sent to its vehicle only after an operator has accepted
-    it. A vehicle without ``altitude_agl_m`` flies ``layer_m`` higher than the vehicle that precedes
-    it in the scenario. The required vertical separation between vehicles is ``separation_m``.
+    the mission. The default height of each vehicle is ``layer_m`` above that of the preceding
+    vehicle in the scenario. The required vertical separation between vehicles is ``separation_m``.
     """
 
     horizon_m: Positive = 2500.0
@@ -223,7 +224,7 @@ class MissionSection(Section):
 
 
 class LinkSection(Section):
-    """The simulated link of ``sim``; its values apply to each datagram in both directions."""
+    """The simulated link of ``sim``; the values apply to each datagram in both directions."""
 
     loss: Share = 0.0
     delay_ms: NotNegative = 20.0
@@ -257,13 +258,13 @@ class VehicleSection(Section):
     camera_fov_deg: Annotated[float, Field(gt=0, lt=170)] = 100.0
     camera_along_deg: Annotated[float, Field(gt=0, lt=170)] | None = None
     camera_rate_hz: Annotated[float, Field(gt=0, le=4)] = 1.0
-    # An image after each distance along a mission's path, and the pitch of the gimbal (-90: down).
+    # Distance between images along a mission's path, and pitch of the gimbal (-90: down).
     camera_trigger_m: Annotated[float, Field(ge=1, le=1000)] | None = None
     gimbal_pitch_deg: Annotated[float, Field(ge=-90, le=0)] | None = None
-    endurance_s: Positive | None = None  # time in the air; the recall is earlier
+    endurance_s: Positive | None = None  # maximum time in the air; the recall is earlier
     endurance_reserve_s: NotNegative = 120.0  # remaining endurance on arrival at home
     autostart: bool = False
-    landing: bool = True  # a PX4 plane's missions end with a landing at home
+    landing: bool = True  # whether missions of a PX4 plane end with a landing at home
     landing_course_deg: Annotated[float, Field(ge=0, le=360)] | None = None
 
     @field_validator("name")

@@ -1,7 +1,7 @@
-"""Defines the table [service]: the daemon's interfaces, its journal and its shutdown.
+"""Defines the table [service]: interfaces, journal and shutdown of the daemon.
 
-The table is in the scenario file, but neither part of the scenario nor in the journal, so a run can
-resume with other ports.
+The table is in the scenario file, but is neither part of the scenario nor in the journal, so that a
+run can resume with other ports.
 """
 
 import ipaddress
@@ -98,18 +98,18 @@ class CotReportsSection(Section):
 
     groups: Names  # team colours
     roles: Names
-    position_sd_m: Annotated[float, Field(gt=0, le=1000)] = 25.0  # of a drawn place, at least
-    # A TAK user is not identified, and a marker may be wrong. Any share above 0 may require a
-    # second report.
+    position_sd_m: Annotated[float, Field(gt=0, le=1000)] = 25.0  # minimum, of a drawn place
+    # A TAK user is not identified, and a marker may be wrong. With any share above 0, a second
+    # report may be required.
     false_alarms_pct: Percent = 5.0
     missed_pct: Percent = 5.0
     max_age_s: Annotated[float, Field(gt=0, le=21_600)] = 3600.0  # older reports are not used
 
 
 class CotSection(Section):
-    """The receiver of Cursor on Target events for TAK, and the reports that it sends.
+    """The TAK server or group that receives Cursor on Target events and sends reports.
 
-    Examples of its URL are ``udp://239.2.3.1:6969``, ``tcp://HOST:8087`` and ``tls://HOST:8089``.
+    Examples of ``url`` are ``udp://239.2.3.1:6969``, ``tcp://HOST:8087`` and ``tls://HOST:8089``.
     """
 
     url: str = "udp://239.2.3.1:6969"
@@ -163,13 +163,13 @@ class JournalSection(Section):
 
 
 class ServiceSection(Section):
-    """The daemon's interfaces, its journal and its shutdown."""
+    """The interfaces, the journal and the shutdown of the daemon."""
 
     http: HttpSection | None = None
     mqtt: MqttSection | None = None
     cot: CotSection | None = None
     journal: JournalSection = JournalSection()
-    # Command to vehicles at an orderly shutdown: none (their missions end in a loiter), a hold at
-    # the present position, or a return home.
+    # The command to vehicles at an orderly shutdown: none (missions end in a loiter), a hold at the
+    # present position, or a return home.
     on_shutdown: Literal["leave", "hold", "return"] = "leave"
     shutdown_s: NotNegative = 5.0  # maximum wait for acknowledgements

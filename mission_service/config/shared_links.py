@@ -8,7 +8,7 @@ from mission_service.errors import ScenarioError
 
 
 def sharing(sections: Sequence[VehicleSection]) -> list[list[VehicleSection]]:
-    """Return the vehicles grouped by link; links are in the order of the scenario's vehicles.
+    """Return the vehicles grouped by link, in the order of the scenario's vehicles.
 
     Raises ScenarioError for vehicles that cannot share their link.
     """
@@ -34,7 +34,7 @@ def _place_of(link: str) -> str:
     address = parse_link(link)
     if isinstance(address, SerialAddress):
         return f"serial:{address.device}"
-    if address.kind in ("udpin", "tcpin"):  # a port is open at all addresses of this machine
+    if address.kind in ("udpin", "tcpin"):  # the port is opened on all addresses of this machine
         return f"{address.kind}:{address.port}"
     return link
 

@@ -1,9 +1,9 @@
 """Compares the airspeed of a plane with the airspeed that its missions command. Pure.
 
-Autopilots accept airspeeds that they do not fly. ArduPlane 4.6 skips a DO_CHANGE_SPEED item with an
-airspeed outside AIRSPEED_MIN to AIRSPEED_MAX and does not report it. PX4 1.17 limits the airspeed
-to the range from FW_AIRSPD_MIN to FW_AIRSPD_MAX. Paths, endurance and separation are planned with
-``airspeed_m_s``.
+Autopilots accept commanded airspeeds that they do not fly. ArduPlane 4.6 skips a DO_CHANGE_SPEED
+item with an airspeed outside the range from AIRSPEED_MIN to AIRSPEED_MAX, without a report. PX4
+1.17 limits the airspeed to the range from FW_AIRSPD_MIN to FW_AIRSPD_MAX. Paths, endurance and
+separation are planned with ``airspeed_m_s``.
 """
 
 from mission_service.commands import AnyCommand, ClearAlarm, RaiseAlarm

@@ -22,7 +22,7 @@ LANDED, THRUST = "landed", "thrust"
 
 
 def reported(vehicle: Vehicle, event: events.VehicleEvent) -> list[AnyCommand]:
-    """Return the announcements and alarms for an autopilot's report; an empty list for others."""
+    """Return the announcements and alarms for an autopilot's report; none for other events."""
     match event:
         case events.AutopilotText():
             return _text(vehicle, event)
@@ -97,7 +97,7 @@ def _uploads(vehicle: Vehicle, at_s: float) -> bool:
 def _alarm(
     vehicle: Vehicle, alarm: str, raised: bool, words: str, severity: Severity
 ) -> list[AnyCommand]:
-    """Raise an alarm and announce it, or clear it."""
+    """Raise and announce an alarm, or clear the alarm."""
     if not raised:
         return [ClearAlarm(vehicle.name, alarm)]
     raised_alarm = RaiseAlarm(vehicle.name, alarm, words, severity)

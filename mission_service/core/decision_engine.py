@@ -1,7 +1,7 @@
 """Updates the vehicles' availability from events, and runs their planners.
 
-The core converts decisions to missions. The command ``decide`` runs the planners alone on a
-journal.
+The core converts decisions to missions. The command ``mission-service decide`` runs the planners
+alone on a journal.
 """
 
 import math
@@ -159,7 +159,7 @@ class DecisionEngine:
             availability.expected_until_s.clear()
             self.planners[event.vehicle].left(at_s)
         elif event.mode == MISSION:  # ordered, even if a pilot selected the mode
-            if (event.mode, event.armed) != before:  # the report differs from the previous report
+            if (event.mode, event.armed) != before:  # not a repeated report
                 availability.recalled &= availability.recalled_on_ground
             availability.held_by_upload, availability.mode_is_ordered = False, True
         else:
@@ -206,7 +206,7 @@ class DecisionEngine:
         availability: VehicleAvailability,
         event: events.GpsFixChanged | events.EstimatorStatusChanged,
     ) -> None:
-        """Record whether positions are reliable; if not, remove the vehicle from its planner."""
+        """Record whether positions are reliable; if not, exclude the vehicle from planning."""
         was_good = availability.position_good
         if isinstance(event, events.GpsFixChanged):
             availability.fix_good = event.good

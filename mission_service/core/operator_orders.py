@@ -90,7 +90,7 @@ class OperatorOrders:
         return [announce(vehicle, words, warning=True)]
 
     def _obstacle(self, vehicle: Vehicle, order: events.Order) -> str:
-        """Return why an order cannot be carried out, even if it is confirmed; "" if it can."""
+        """Return why an order cannot be executed, even if confirmed; "" without an obstacle."""
         availability, on_board = vehicle.availability, self._resumes_mission
         if order == "start" and vehicle.ordered:
             return "a hold is ordered: order resume first"
@@ -99,7 +99,7 @@ class OperatorOrders:
         return ""
 
     def _abort(self, vehicle: Vehicle, event: events.Aborted) -> list[AnyCommand]:
-        """Order a hold; it begins when any mode that the autopilot or pilot selected has ended."""
+        """Order a hold, which begins after any mode that the autopilot or pilot has selected."""
         at_s, mode = event.at_us / 1e6, named_mode(vehicle.availability.mode)
         if self.decision_engine.apply_abort(vehicle.name):
             return self._hold(vehicle, event.by, at_s, "aborted")
@@ -144,7 +144,7 @@ class OperatorOrders:
                 return [announce(vehicle, f"started by {by}"), *self._start(vehicle, at_s)]
 
     def _hold(self, vehicle: Vehicle, by: str, at_s: float, why: str) -> list[AnyCommand]:
-        """Hold until another order; the command is repeated until the autopilot accepts it."""
+        """Hold until another order; the hold is repeated until the autopilot accepts it."""
         vehicle.ordered, vehicle.hold_again_at_s = "hold", at_s + HOLD_AGAIN_S
         vehicle.end_intentions()
         self._cancel_return(vehicle)
@@ -226,7 +226,7 @@ class OperatorOrders:
 
 
 def hold_again(vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
-    """Repeat an unaccepted hold; each repetition waits for the answer to the previous command."""
+    """Repeat a hold that was not accepted, but not before the answer to the previous command."""
     if vehicle.hold_again_at_s is None or at_s < vehicle.hold_again_at_s:
         return []
     since_s, availability = vehicle.hold_under_way_s, vehicle.availability

@@ -82,10 +82,11 @@ def event_of(
     Args:
         request: The request as parsed from JSON.
         at_us: Mission time.
-        scope: The scope that the request is checked against.
+        scope: The scope against which the request is checked.
         may_approve: Whether the user has the role approve. None for an interface that does not
             check users: the role is then assumed for the requests that need it.
-        role: The highest role of the user, which observations contain; empty for such an interface.
+        role: The highest role of the user, which observations contain; empty if users are not
+            checked.
 
     Returns:
         The event.
@@ -174,7 +175,7 @@ def _named(request: dict[str, Any], key: str) -> str:
 
 
 def _is_service(name: str) -> bool:
-    """Return whether a name is the one that the service uses for its own orders."""
+    """Return whether a name is the name that the service uses for its own orders."""
     return name.strip().casefold() == SERVICE
 
 

@@ -1,1 +1,1 @@
-"""Run the papers' experiments: fly planners over fires, each simulated once."""
+"""Run the experiments of the papers: planners fly over fires, each of which is simulated once."""

@@ -17,8 +17,9 @@ AROUND = ((-1, 0), (-1, 1), (0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1))
 def enclosed_s(arrival_s: Floats) -> Floats:
     """Return the time (y, x) at which each cell burns or is cut off from the outside.
 
-    Holes and closed inlets are not part of the front around the fire. The best path out of a cell
-    crosses only sides of cells and stays free of fire for the longest time (Dijkstra).
+    Holes and closed inlets are not part of the front around the fire. A cell is cut off when fire
+    closes its last path to the outside across sides of cells. Dijkstra's algorithm finds for each
+    cell the path that stays free of fire for the longest time.
     """
     rows, cols = arrival_s.shape
     found = np.full((rows + 2, cols + 2), -np.inf)
@@ -41,7 +42,7 @@ def enclosed_s(arrival_s: Floats) -> Floats:
 
 
 class BoundaryFollower:
-    """A vehicle on the front of a growing fire, with its cell and the side outside the fire."""
+    """A vehicle on the front of a growing fire: its cell, and the direction to the outside."""
 
     def __init__(self, fire_s: Floats, at_s: float) -> None:
         """Start at the northernmost cell of the filled fire (``enclosed_s``)."""

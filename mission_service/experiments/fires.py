@@ -1,4 +1,4 @@
-"""Simulate the fires of the papers' experiments once, so that each has a state at any time."""
+"""Simulate the fires of the papers' experiments; each fire is simulated once, to its end."""
 
 from dataclasses import dataclass
 from functools import cached_property

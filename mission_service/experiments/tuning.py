@@ -1,9 +1,10 @@
 """Tune the constants of the virtual forces by a genetic algorithm (section 5.2.6) with DEAP.
 
-DEAP is one small package, while pymoo depends on autograd, cma and others. DEAP uses Python's
-global random generator, which is seeded before the search and restored afterwards. Only breeding
-draws random numbers. Evaluations draw none, and their results are in a fixed order. A run is
-therefore bitwise reproducible with any number of processes, and on any machine of one kind.
+DEAP is used because it is one small package, while pymoo depends on autograd, cma and others. DEAP
+uses Python's global random generator, which is seeded before the search and restored afterwards.
+Only breeding draws random numbers. Evaluations draw none, and their results are in a fixed order. A
+run is therefore bitwise reproducible with any number of processes, and on all machines of the same
+kind.
 """
 
 import random
@@ -144,7 +145,7 @@ def _chunks(many: Sequence[Genes], workers: int) -> list[Sequence[Genes]]:
 
 @contextmanager
 def on_cores(workers: int, seed: int) -> Iterator[Evaluate]:
-    """Yield a function that evaluates in ``workers`` processes, or in this process if it is 1."""
+    """Yield a function that evaluates in ``workers`` processes; 1 means in this process."""
     if workers <= 1:
         yield lambda many: fitnesses(many, seed)
         return
@@ -166,7 +167,7 @@ def on_cores(workers: int, seed: int) -> Iterator[Evaluate]:
 def on_cluster(scheduler: str, seed: int) -> Iterator[Evaluate]:
     """Yield a function that evaluates on the workers of a Dask scheduler (tcp://HOST:8786).
 
-    ``task_pool.on_cluster`` states the requirements of the workers, and the errors.
+    ``task_pool.on_cluster`` describes the requirements on the workers, and the errors.
     """
     with dask_client(scheduler, "tune") as client:
 

@@ -1,7 +1,8 @@
-"""Apply images, reports, ignitions and wind to the best estimate, which is one fire. Pure.
+"""Apply images, reports, ignitions and wind to the best estimate, which is a single fire. Pure.
 
 Applying an input (``Mosaic``, ``LateImage``, ``Ignited``, ``Reported``) takes from milliseconds to
-a second, too long for the event loop. ``after`` therefore works on a copy, and may run in a thread.
+a second, which is too long for the event loop. Therefore, ``after`` works on a copy, and may run in
+a thread.
 """
 
 import copy
@@ -52,8 +53,8 @@ from mission_service.fire.run_ensemble import Lit, RunEnsemble, WeatherSet
 from mission_service.fire.scenario_fire import begun_again, reported_fire
 from mission_service.fire.sightings import Mosaic, Sightings
 
-MIN_INPUT_CHANGE = 0.02  # a smaller change of the inputs is not applied to the fire
-OWN_DRAWS = 2  # the estimate of a random scheme must not predict the simulated fire's draws
+MIN_INPUT_CHANGE = 0.02  # a smaller change of the learned inputs is not applied to the fire
+OWN_DRAWS = 2  # seed, so that a random scheme does not draw the same numbers as the simulated fire
 
 
 class LateImage(NamedTuple):
@@ -72,7 +73,7 @@ class Ignited(NamedTuple):
 
 
 class Reported(NamedTuple):
-    """A report of an operator, and the smoke that was reported before it."""
+    """A report of an operator, and the earlier reports of smoke."""
 
     now_s: float
     event: AnyOperatorEvent
@@ -83,13 +84,13 @@ Input = Mosaic | LateImage | Ignited | Reported
 
 
 class Change(NamedTuple):
-    """The changes that an input has made.
+    """The changes that an input made.
 
     Attributes:
         window: A window around the cells that a report changed, for planners.
-        contradicted: A window of corrections that images have removed, for planners.
+        contradicted: A window around corrections that images have removed, for planners.
         add: Adds the input to the ensemble.
-        note: Why a part of a report changes nothing, for its sender; or empty.
+        note: A text for the sender of a report, part of which changes nothing; or empty.
     """
 
     window: Window | None = None
@@ -105,7 +106,7 @@ class BestFire:
     """The estimated fire, its corrections, and the last sighting of each cell."""
 
     def __init__(self, scenario: Scenario, landscape: Landscape) -> None:
-        """Begin with the fire that the scenario names."""
+        """Begin with the reported fire of the scenario."""
         self.fire = reported_fire(scenario, landscape)
         self.fire.draw_from(np.random.default_rng((scenario.seed, OWN_DRAWS)))
         self._landscape = landscape
@@ -113,7 +114,7 @@ class BestFire:
         self._corrected = CorrectedFire(landscape, self._begin)
         self._unburnable = np.isin(landscape.fuel_model, list(NON_BURNABLE))
         self._sightings = Sightings(landscape.shape)
-        # Cells that planners received as burned in corrections; images may have removed them since.
+        # Cells that planners received as burned; images may have removed these corrections since.
         self._reported = np.zeros(landscape.shape, dtype=bool)
         self._confirmation = Confirmation(landscape.shape)
         self._learned = LearnedInputs(landscape, self.fire.time_s)
@@ -201,7 +202,7 @@ class BestFire:
             self._weather = with_wind(self._weather, event.speed_m_s, event.from_deg, now_s)
             self.fire, weather = found, found.weather
             return Change(add=lambda ensemble: ensemble.add_input(WeatherSet(at_s, weather)))
-        if self._corrected.is_corrected:  # a fire that has begun again, without inputs and images
+        if self._corrected.is_corrected:  # a restarted fire, without learned inputs and images
             found = self._with_sightings(self._with_all_inputs(found))
         self.fire = found
         window = self._reported_change(before)
@@ -212,7 +213,7 @@ class BestFire:
         return Change(window, add=lambda ensemble: ensemble.add_input(seen))
 
     def _with_all_inputs(self, fire: Fire) -> Fire:
-        """Return a fire that has begun in reported weather, with the learned inputs."""
+        """Apply the learned inputs to a fire that was started in the reported weather."""
         return _with_inputs(fire, self._learned.state, self._learned)
 
     def _reported_cells(
@@ -284,7 +285,7 @@ class BestFire:
         )
 
     def _learn(self, mosaic: Mosaic) -> None:
-        """Learn from the distances between the estimated and the observed front."""
+        """Update the learned inputs by the distances of the observed from the estimated front."""
         seen = front_distances(
             self._front_lines(), mosaic.here, mosaic.state, self._landscape.cell_size_m
         )
@@ -304,9 +305,9 @@ class BestFire:
         return window_around(removed, self.fire)
 
     def _rewritten(self, fire: Fire, here: Place, state: NDArray[np.uint8], seen_s: Floats) -> Fire:
-        """Return the fire after sightings in a window; ``fire`` itself if it agrees with them.
+        """Return the fire after sightings in a window; ``fire`` itself if the sightings agree.
 
-        ``state`` and ``seen_s`` (y, x) are those of the window's cells.
+        ``state`` and ``seen_s`` (y, x) are the states of the window's cells and their times.
         """
         cell_m = self._landscape.cell_size_m
         found = with_image(fire.expected_s(), here, state, seen_s, cell_m, self._unburnable)
@@ -325,7 +326,7 @@ class BestFire:
         return rewritten(fire, arrival_s, changed, self._begin)
 
     def _with_sightings(self, fire: Fire, after_s: float = -math.inf) -> Fire:
-        """Return a corrected fire that agrees with all sightings without a later correction.
+        """Return a corrected fire that agrees with all sightings later than the corrections.
 
         Sightings until ``after_s`` are ignored.
         """
@@ -337,7 +338,7 @@ class BestFire:
 
 
 class Folded(NamedTuple):
-    """The result of ``after``: the fire, what changed, and why a report was not used."""
+    """The result of ``after``: the fire, the changes, and why a report was not used."""
 
     best: BestFire
     change: Change
@@ -345,9 +346,10 @@ class Folded(NamedTuple):
 
 
 def after(best: BestFire, each: Input) -> Folded:
-    """Return a fire after an input; the given one is not changed.
+    """Return the fire after an input; ``best`` is not changed.
 
-    A report that raises an exception has no effect, so that no journal can make a restart fail.
+    A report that raises an exception has no effect; otherwise, a journal with such a report would
+    make each restart fail.
     """
     found = best.copy()
     try:
@@ -359,7 +361,7 @@ def after(best: BestFire, each: Input) -> Folded:
 
 
 def _with_inputs(fire: Fire, change: Floats, learned: LearnedInputs) -> Fire:
-    """Return a fire that burns on with learned inputs; ``change`` is that of their state."""
+    """Return a fire that continues with learned inputs, whose state changes by ``change``."""
     found = fire.copy()
     rates = np.exp(learned.fuel_log_rates(change))
     rates = np.broadcast_to(rates, (len(fire.weather_ahead()), rates.size))

@@ -1,4 +1,4 @@
-"""Forecast the estimated fire of a burn, on which its plans are based."""
+"""Forecast the estimated fire of a burn; the plans of the burn are based on this forecast."""
 
 import asyncio
 from collections.abc import Callable
@@ -22,7 +22,7 @@ UNCORRECTED_SD = 0.37
 class EstimatedForecasts:
     """The forecasts of an estimate that includes future arrival times.
 
-    The interface is the same as the interface of ``Forecasts``.
+    The interface is that of ``Forecasts``.
     """
 
     def __init__(

@@ -34,7 +34,7 @@ class Camera:
 def beyond_rectangle(
     south: Any, east: Any, heading_deg: float, half_width: float, half_length: float
 ) -> NDArray[np.bool_]:
-    """Return the mask of the places outside a rectangle around (0, 0) that points to a heading."""
+    """Return the mask of places outside a rectangle around (0, 0), aligned with a heading."""
     cos, sin = math.cos(math.radians(heading_deg)), math.sin(math.radians(heading_deg))
     ahead, right = east * sin - south * cos, east * cos + south * sin
     return np.asarray((np.abs(ahead) > half_length + EDGE) | (np.abs(right) > half_width + EDGE))

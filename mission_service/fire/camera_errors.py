@@ -1,4 +1,4 @@
-"""Simulate errors of cameras: in position, direction and detection, and through smoke.
+"""Simulate the errors of cameras (position, direction, detection) and the effect of smoke.
 
 Equal seeds, vehicles and times give equal errors; the number and the order of the images have no
 effect.
@@ -18,7 +18,7 @@ from mission_service.events import Telemetry
 from mission_service.fire.camera_views import Footprint
 
 STREAM = 3  # random numbers of this module; other modules use other streams of the same seed
-GPS_PERIOD_US = 60_000_000  # the error of a position changes over this time
+GPS_PERIOD_US = 60_000_000  # the error of the position is constant for this time
 SMOKING_S = 1200.0  # time for which a burning cell emits smoke
 CALM_M_S = 0.5  # in a weaker wind, smoke rises and does not cover the ground
 

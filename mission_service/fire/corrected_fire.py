@@ -1,9 +1,9 @@
 """Correct a cellular fire by operators' drawings, erasures, undo and wind reports.
 
-The fire without corrections is simulated in parallel, so that an undo restores it. After each
-correction, the corrected fire is restarted from corrected arrival times at that time. If there are
-more than ``MAX_STEPS`` corrections and erasures, the older half is settled: it becomes part of the
-fire without corrections, is no longer listed and cannot be undone.
+The fire without corrections is simulated in parallel, so that an undo can restore this fire. After
+each correction, the corrected fire is restarted at the time of the correction from corrected
+arrival times. If there are more than ``MAX_STEPS`` corrections and erasures, the older half becomes
+part of the fire without corrections, is no longer listed and cannot be undone.
 """
 
 import copy
@@ -32,8 +32,8 @@ from mission_service.fire.reported_observations import observation_of
 
 AHEAD_S = 3600.0  # before a fit, the fire is forecast this far, for observations ahead of its front
 OBSERVATION_SPACING_CELLS = 1.0
-MAX_STEPS = 256  # the time of a correction grows with the number of observations
-MAX_OBSERVATIONS = 150  # the time of a fit grows with the cube of their number
+MAX_STEPS = 256  # the computing time of a correction grows with the number of observations
+MAX_OBSERVATIONS = 150  # the computing time of a fit grows with the cube of this number
 
 
 class CorrectedFire:
@@ -77,13 +77,13 @@ class CorrectedFire:
         return change(fire)
 
     def apply_report(self, event: AnyOperatorEvent, fire: Fire) -> Fire:
-        """Apply a report and return the fire from now on, which is ``fire`` itself if unchanged.
+        """Apply a report, and return the changed fire, or ``fire`` itself if nothing changes.
 
         Raises FireModelError, and changes nothing, for a report that is invalid or has no effect.
         """
         match event:
             case WindSet():
-                # A restarted fire needs no earlier weather, so the stream stays short in long runs.
+                # A restarted fire needs no earlier weather. The stream stays short in long runs.
                 stream = fire.weather.blown(event.speed_m_s, event.from_deg, fire.time_s)
                 stream = stream.since(fire.time_s)
                 if self._base is None:
@@ -109,7 +109,7 @@ class CorrectedFire:
                 return fire
 
     def _in_weather(self, fire: Fire, stream: WeatherStream) -> Fire:
-        """Return a fire that burns on in other weather."""
+        """Return a fire that continues in other weather."""
         if isinstance(fire, AnyAngleFire):  # a restart would lose progress within the cells
             model = self._begin(None, stream, fire.time_s)
             assert isinstance(model, AnyAngleFire)
@@ -144,8 +144,8 @@ class CorrectedFire:
 def thinned(observations: Floats) -> Floats:
     """Return at most ``MAX_OBSERVATIONS`` evenly chosen rows of observations (n, 4).
 
-    So many observations suffice to correct the fire around them; ``as_drawn`` sets all drawn
-    cells exactly.
+    This number of observations is enough to correct the surrounding fire; ``as_drawn`` sets all
+    drawn cells exactly.
     """
     if len(observations) <= MAX_OBSERVATIONS:
         return observations
@@ -174,9 +174,9 @@ def drawn_at_s(held: Sequence[Held], landscape: Landscape) -> Floats:
 def as_drawn(arrival_s: Floats, held: Sequence[Held], landscape: Landscape) -> Floats:
     """Return arrival times (y, x) in which every drawn cell has exactly the drawn state.
 
-    A fit weighs the observations against each other and against the model, but a drawn cell is
-    certain. Later strokes override earlier strokes. The outline of a burning area burns at its
-    time, and all cells inside have burned by then.
+    A fit weighs the observations against each other and against the model, but a drawn cell counts
+    as certain. Later corrections override earlier ones. The outline of a burning area burns at the
+    time of the correction, and all cells inside have burned by then.
     """
     found = arrival_s.copy()
     for each in held:
@@ -192,7 +192,7 @@ def as_drawn(arrival_s: Floats, held: Sequence[Held], landscape: Landscape) -> F
 
 
 def outline_of(correction: Corrected) -> Corrected:
-    """Return the outline of an area as a line, and any other correction itself."""
+    """Return the outline of an area as a line, and any other correction unchanged."""
     if correction.shape != "polygon":
         return correction
     points = (*correction.points, correction.points[0])

@@ -30,9 +30,9 @@ class Held(NamedTuple):
 class CorrectionLog:
     """The steps in effect and the undone steps, shared by all operators.
 
-    A step is a correction or an erasure. An erasure removes only corrections drawn before it. Undo
-    reverts the last step, and redo restores the step undone last. A new step clears the undone
-    steps. Without a step to undo or to redo, undo and redo have no effect.
+    A step is a correction or an erasure. An erasure removes only earlier corrections. Undo reverts
+    the last step, and redo restores the last undone step. A new step clears the undone steps.
+    Without a step to undo or to redo, undo and redo have no effect.
     """
 
     def __init__(self) -> None:

@@ -29,10 +29,10 @@ Floats = NDArray[np.float64]
 
 LINE_SPACING_M = 2.0  # spacing of the point sources of a line
 OBSERVATION_SPACING_M = 5.0  # spacing of observations along a drawn line or polygon
-PAPER_LENGTH_M = 40.0  # the best value in benchmarks.beachly_lengths
+PAPER_LENGTH_M = 40.0  # correlation length, the best value in benchmarks.beachly_lengths
 OWN_WITHIN_M = 20.0
 CAMERA_EVERY_S = 15.0  # interval of corrections by cameras; each takes 0.1 s to compute
-WHOLE_AFTER = 1.25  # growth of the number of observations that causes a new fit from the start
+WHOLE_AFTER = 1.25  # growth of the number of observations that causes a fit from the start
 
 
 class EstimatedFire:
@@ -45,7 +45,7 @@ class EstimatedFire:
         self._landscape = landscape
         self._entries = list(weather.entries)
         self._sources = np.empty((0, 3))
-        # Spheres of the current line; the plan of its flight already accounts for their fire.
+        # Spheres of the current line. The plan of the flight along this line includes their fire.
         self.held = np.empty((0, 3))
         self._seen = CameraFront(landscape)
         self._looked_s = -math.inf
@@ -174,7 +174,7 @@ class EstimatedFire:
         """Collect the observations from corrections and cameras."""
         drawn = observations_held(self.log.held(), self._landscape, OBSERVATION_SPACING_M)
         seen = self._seen.observations()
-        if len(self.held):  # a camera cannot distinguish the spheres' fires from others nearby
+        if len(self.held):  # a camera cannot distinguish the spheres' fires from other fires
             apart = seen[:, None, :2] - self.held[None, :, :2]
             seen = seen[np.hypot(apart[..., 0], apart[..., 1]).min(axis=1) > OWN_WITHIN_M]
         observations = np.vstack([drawn, seen])
@@ -198,6 +198,6 @@ def _sources(points_m: Floats, at_s: float) -> Floats:
 
 
 def toward(landscape: Landscape, speed_m_s: float, from_deg: float) -> tuple[float, float]:
-    """Return the velocity x, y on the grid, in m/s, of a wind from a true direction."""
+    """Return the velocity (x, y) on the grid in m/s of a wind from a direction (true north: 0)."""
     from_rad = math.radians(landscape.grid_deg(from_deg))
     return -speed_m_s * math.sin(from_rad), -speed_m_s * math.cos(from_rad)

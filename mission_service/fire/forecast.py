@@ -22,11 +22,11 @@ __all__ = ["LONGEST_S", "Arrival", "Forecasts"]
 # Lengths of forecasts; a request is rounded up to one of them.
 LENGTHS_S = (3600.0, 3 * 3600.0, 6 * 3600.0)
 LONGEST_S = LENGTHS_S[-1]
-# Forecasts are longer by this, so that later requests for "now plus three hours" can use them.
+# Forecasts are longer by this, so that they also serve later requests for "now plus three hours".
 FURTHER_S = 1200.0
-PRESENT_S = 10.0  # times up to this far ahead count as now: the estimate lags the clock
+PRESENT_S = 10.0  # times up to this far ahead count as now: the estimate lags behind the clock
 OLD_S = 180.0  # a forecast is computed again at this age in mission time
-FOLLOW_EVERY_S = 5.0  # interval in real time at which waiting inputs are processed
+FOLLOW_EVERY_S = 5.0  # interval in real time at which queued inputs are processed
 REST_S = 10.0  # minimum real time between two forecasts, unless operators changed the fire
 
 Floats = NDArray[np.float64]
@@ -44,7 +44,7 @@ class Arrival(NamedTuple):
 
 
 class _Made(NamedTuple):
-    """A forecast of the ensemble, joined with the estimated fire; None if nothing burns."""
+    """A forecast of the ensemble (None if nothing burns), and the joined arrival times."""
 
     forecast: Forecast | None
     arrival: Arrival
@@ -55,7 +55,7 @@ class Forecasts:
 
     ``version_of()`` changes with each correction of the fire. Forecasts are computed only on
     request. All computation runs in one thread, in which kernels release the GIL; the same thread
-    processes the waiting inputs of the ensemble. Concurrent requests share one computation. One
+    processes the queued inputs of the ensemble. Concurrent requests share one computation. One
     object must not be used in several event loops.
     """
 
@@ -130,9 +130,9 @@ class Forecasts:
         return not old or asyncio.get_running_loop().time() - self._begun_s < REST_S
 
     async def follow(self) -> None:
-        """Let the ensemble process its inputs soon after their arrival, until cancelled.
+        """Process the inputs of the ensemble soon after their arrival, until cancelled.
 
-        Without this coroutine the first forecast has to process all inputs.
+        Without this coroutine, the first forecast has to process all inputs.
         """
         while True:
             await asyncio.sleep(FOLLOW_EVERY_S)

@@ -19,7 +19,7 @@ class IgnitionReports:
     """The predicted landing places of spheres until their drops are confirmed."""
 
     def __init__(self, ignition_delay_s: float) -> None:
-        """Set the time from the drop of a sphere until it burns."""
+        """Set the time from the drop of a sphere until the sphere burns."""
         self._falling: dict[tuple[str, int], tuple[float, float]] = {}
         self._ignition_delay_s = ignition_delay_s
 

@@ -16,18 +16,18 @@ from firemodel.spread.probabilistic import ProbabilisticFire
 from mission_service.requests import MAX_AGE_S
 
 Begin = Callable[[Burning | None, WeatherStream, float], Fire]
-WINDS_APART_S = 60.0  # of the wind reports that are stored for late observations
+WINDS_APART_S = 60.0  # shortest time between the wind reports that are stored for late observations
 EQUAL_S = 1.0  # smaller differences of arrival times are rounding
 
 
 def with_observation(
     fire: Fire, seen: Observation, unburnable: Mask, begin: Begin, weather: WeatherStream
 ) -> Fire:
-    """Return a fire after an observation; ``fire`` itself if it agrees with the observation.
+    """Return a fire after an observation; ``fire`` itself if both agree.
 
     The fire is simulated twice from the time of the observation to the present, with and without
     the observed change. Only arrival times that differ are changed. Elsewhere the fire keeps its
-    progress within the cells, which a restart would lose. The result is at the time of the fire.
+    progress within the cells, which a restart would lose. The result has the time of ``fire``.
 
     Args:
         fire: The fire; it is not changed.
@@ -64,7 +64,7 @@ class _Past:
                 self._model = model
 
     def burned_on(self, arrival_s: Floats, at_s: float) -> Floats:
-        """Return the expected arrival times (y, x) now of a fire with these times at ``at_s``."""
+        """Continue a fire with these arrival times (y, x) from ``at_s`` to the present time."""
         if not (arrival_s <= at_s).any():
             return np.full(arrival_s.shape, np.inf)
         burning = burning_from_arrival(arrival_s, self._fire.landscape, at_s)
@@ -81,14 +81,14 @@ def _burned_on(fire: Fire, known_s: Floats, new_s: Floats, at_s: float, past: _P
 
     Args:
         fire: The fire at the present time.
-        known_s: (y, x) its arrival times until ``at_s``.
+        known_s: (y, x) the arrival times of the fire until ``at_s``.
         new_s: (y, x) these times after the change.
         at_s: The time of the change.
         past: Simulates the fires to the present time.
     """
     arrival_s = fire.expected_s()
     if isinstance(fire, ProbabilisticFire):
-        # Two random fires differ everywhere, so only the ground of the change is burned again.
+        # Two random fires differ everywhere, so only the changed cells are simulated again.
         before, after = known_s <= at_s, new_s <= at_s
         added_s = past.burned_on(np.where(after & ~before, new_s, np.inf), at_s)
         found = np.minimum(arrival_s, added_s)
@@ -102,7 +102,7 @@ def _burned_on(fire: Fire, known_s: Floats, new_s: Floats, at_s: float, past: _P
 def with_wind(past: WeatherStream, speed_m_s: float, from_deg: float, at_s: float) -> WeatherStream:
     """Return the weather of the last hours after a wind report, for late observations.
 
-    Of the reports within ``WINDS_APART_S`` it contains only the last.
+    Of wind reports within ``WINDS_APART_S``, the result contains only the last.
     """
     found = past.blown(speed_m_s, from_deg, at_s).since(at_s - MAX_AGE_S)
     if len(found.entries) > 2 and at_s - found.entries[-2].at_s < WINDS_APART_S:

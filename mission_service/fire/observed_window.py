@@ -18,7 +18,7 @@ from firemodel.assimilation.observation import (
 from firemodel.spread.fire_scheme import Fire
 from mission_service.events import Observed
 
-AROUND_CELLS = 3  # margin of a reported window, which includes the edge of the change
+AROUND_CELLS = 3  # margin of a reported window around the changed cells
 STATE_OF_LETTER = np.full(256, UNSEEN, dtype=np.uint8)
 STATE_OF_LETTER[ord("b")], STATE_OF_LETTER[ord("u")] = BURNED, UNBURNED
 

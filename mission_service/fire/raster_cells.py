@@ -9,10 +9,11 @@ from firemodel.landscape.landscape import Landscape
 from mission_service.events import RasterObserved
 from mission_service.fire.observed_window import states_in
 
-# Cells between the places that are projected exactly. Latitude and longitude are interpolated
-# between them: on cells of 30 m with an error of less than 1 cm, in a hundredth of the time.
+# Distance, in cells, of the places that are projected exactly. Between these places, latitude and
+# longitude are interpolated. With cells of 30 m, the error is less than 1 cm, and the computation
+# takes a hundredth of the time.
 EXACT_EVERY = 16
-EDGE_POINTS = 9  # of each edge of a raster: its edges are curved on the grid
+EDGE_POINTS = 9  # of each edge of a raster, because its edges are curved on the grid
 
 
 def raster_cells(event: RasterObserved, landscape: Landscape) -> tuple[int, int, NDArray[np.uint8]]:
@@ -20,7 +21,7 @@ def raster_cells(event: RasterObserved, landscape: Landscape) -> tuple[int, int,
 
     Each cell of the grid has the state of the raster's cell at its centre. A majority filter is
     applied to the raster if its sensor makes errors of detection. The window is empty if the raster
-    contains no centre of a cell.
+    contains no centre of a grid cell.
     """
     states = despeckled(
         Observation(

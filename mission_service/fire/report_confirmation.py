@@ -1,11 +1,12 @@
 """Find the part of a reported observation that changes the estimate. Pure.
 
 A report that agrees with the estimate within the report's error of position changes nothing. A
-place that is reported in another state changes the estimate at once if the source makes no errors
-of detection, otherwise only after a second report nearby, of another time or source. A report of
-the opposite state at the place cancels the first report. A few places near the estimated fire need
-no second report, because few false alarms lie in this small area. A report of many places, or of
-burned and unburned places, needs a second one, because some of its false alarms lie in this area.
+place whose reported state differs from the estimate changes the estimate at once if the source
+makes no errors of detection. Otherwise, the place changes the estimate only after a second report
+nearby, at another time or by another source. A report of the opposite state at the place cancels
+the first report. A few places near the estimated fire need no second report, because few false
+alarms lie in this small area. A report of many places, or of burned and unburned places, needs a
+second report, because some of its false alarms lie in this area.
 """
 
 import copy
@@ -57,8 +58,8 @@ class Confirmation:
         reach = int(WITHIN_SD * seen.position_sd_m / cell_m)
         state = seen.state.copy()
         state[(state == BURNED) & _near(burned, seen.where, reach)] = UNSEEN
-        # An unburned place agrees if the front may lie on its other side: there the estimate has
-        # unburned ground, and the report does not show that all ground around is unburned.
+        # An unburned place agrees if, within ``reach``, the estimate has unburned ground and the
+        # report does not show that all ground is unburned: the front may lie beyond the place.
         unsure = ~_surrounded(seen.state == UNBURNED, reach)
         state[(state == UNBURNED) & unsure & _near(~burned, seen.where, reach)] = UNSEEN
         differs = (state == BURNED) & ~burned[seen.where]

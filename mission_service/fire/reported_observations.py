@@ -20,15 +20,15 @@ from mission_service.requests import MAX_AGE_S
 
 MAX_CONTRADICTED = 0.5  # share of the cells that images or other reports show
 SHORTLY_S, SEVERAL_CELLS = 120.0, 5
-MANY_TIMES = 20  # a report that shows so many times more cells is not refused for a few cells
+MANY_TIMES = 20  # a report with this many times as many cells is not refused for a few cells
 # Fuel ignites at this temperature in the spread model (Rothermel 1972, Research Paper INT-115,
-# heat of preignition). Hot ground below it may be ash, or heated by the sun or by fire nearby.
+# heat of preignition). Cooler ground may be hot ash, or may be heated by the sun or a fire nearby.
 IGNITION_C = 320.0
-COOL_FALSE_ALARMS = 0.5  # at least; any share requires a second report
+COOL_FALSE_ALARMS = 0.5  # at least, below ``IGNITION_C``; any share requires a second report
 CORRECTION_SD_M = 1.0  # operators' drawings are certain
 SMOKE_S = 600.0  # before and after a report of smoke
 MAX_SMOKE = 100  # reports of smoke that are stored
-TAK, TAK_STATION = "TAK", "cot:"  # the source of all TAK users, the beginning of their stations
+TAK, TAK_STATION = "TAK", "cot:"  # the source of all TAK users, and the beginning of their stations
 STATES = {
     "burned": BURNED,
     "burning": BURNED,
@@ -103,10 +103,10 @@ def sender_of(event: FireObserved | RasterObserved) -> str:
 
 
 def compared_source(event: FireObserved | RasterObserved) -> str:
-    """Return the name of the source as which a report is compared with other sources.
+    """Return the name of the source under which a report is compared with other sources.
 
-    Reports from TAK are one source: TAK does not identify its users, and one sender with several
-    names would otherwise be a majority.
+    All reports from TAK count as one source, because TAK does not identify its users. Otherwise,
+    one sender with several names would be a majority.
     """
     return TAK if event.station.startswith(TAK_STATION) else sender_of(event)
 
@@ -134,7 +134,7 @@ def checked_report(event: FireObserved | RasterObserved, landscape: Landscape) -
 
 
 class Smoke(NamedTuple):
-    """Cells that smoke covered at a time, for a source of images or, if it is "", for reports."""
+    """Cells behind smoke at a time, in images of ``source`` (if not empty) and in all reports."""
 
     at_s: float
     source: str
@@ -155,7 +155,7 @@ def behind_smoke(seen: Observation, smoke: Sequence[Smoke], source: str) -> Obse
     Args:
         seen: The observation.
         smoke: The reports of smoke.
-        source: The source of an image, "" for a report, to which all reports of smoke apply.
+        source: The source of an image, or "" for a report. All smoke applies to a report.
     """
     hidden: Mask = np.zeros(seen.state.shape, dtype=bool)
     for each in smoke:
@@ -204,12 +204,12 @@ def refuse_contradicted(seen: Observation, state: NDArray[np.uint8], seen_s: Flo
 def note_of(
     event: FireObserved | RasterObserved, reported: Observation, waiting: int, changes: bool
 ) -> str:
-    """Return why a part of a report changes nothing, as a line for its sender, or an empty text.
+    """Return a line for the sender on why a part of a report changes nothing, or an empty text.
 
     Args:
         event: The report.
-        reported: Its cells, without those that are behind smoke or were drawn at a later time.
-        waiting: The number of its cells that wait for a second report.
+        reported: The reported cells that are not behind smoke and were not drawn at a later time.
+        waiting: The number of reported cells that require a second report.
         changes: Whether other cells change the estimate.
     """
     if waiting:

@@ -1,8 +1,8 @@
 """Track the fire of a run by an ensemble, which also estimates wind and spread rates.
 
-The ensemble (``firemodel.assimilation.fire_estimate``) needs much computing time. The inputs of the
-ensemble are therefore collected in a list, which a thread processes when a forecast is requested.
-Equal inputs give equal ensembles; their division among the requests has no effect.
+The ensemble (``firemodel.assimilation.fire_estimate``) needs much computing time. Therefore, its
+inputs are collected in a list, which a thread processes when a forecast is requested. Equal inputs
+give equal ensembles, no matter how many inputs are processed at each request.
 """
 
 import math
@@ -80,7 +80,7 @@ class RunEnsemble:
     """
 
     def __init__(self, scenario: Scenario, landscape: Landscape) -> None:
-        """Begin with the initial fire of the scenario; its later ignitions are inputs."""
+        """Begin with the initial fire of the scenario; later ignitions are inputs."""
         self._scenario, self._landscape = scenario, landscape
         self._begun_from: _Mark | None = None  # None for the beginning of the run
         self._mark: _Mark | None = None
@@ -147,7 +147,7 @@ class RunEnsemble:
         return self._inputs[self._count :]
 
     def _end_period_by(self, at_s: float, exclusive: bool = False) -> None:
-        """End the period of the images if it ends before a time or, unless exclusive, at it."""
+        """End the period of the images if its end is before (or, unless exclusive, at) a time."""
         if not self._images:
             return
         end_s = math.ceil(self._images[0].at_s / IMAGES_PERIOD_S) * IMAGES_PERIOD_S
@@ -189,7 +189,7 @@ class RunEnsemble:
         self._mark = _Mark(len(self._inputs), fire.weather, fire.time_s, fire.arrival_time_s.copy())
 
     def replace(self, before: "FireEstimate", after: "FireEstimate", count: int) -> None:
-        """Replace the ensemble ``before`` by ``after``, unless it was replaced already."""
+        """Replace the ensemble ``before`` by ``after``, unless ``before`` was replaced already."""
         if self.processed is before:
             self._processed = after
             self._count += count
@@ -237,7 +237,7 @@ def processed(estimate: "FireEstimate", inputs: Sequence[Input]) -> "FireEstimat
 
 
 def _see(estimate: "FireEstimate", seen: Observation) -> None:
-    """Process a window; the first burned cells that are seen begin the fire."""
+    """Assimilate an observation; the first observed burned cells start the fire."""
     if estimate.begun:
         estimate.assimilate(seen)
         return

@@ -69,14 +69,14 @@ from mission_service.fire.sightings import Mosaic, Sightings
 from mission_service.fire.source_agreement import SourceAgreement
 
 PERIOD_US = 30_000_000  # images are written into the estimate at multiples of this mission time
-# Images older than the last written period by this are inserted at their own time.
+# Images that are older than the last written period by more than this are inserted at their time.
 LATE_US = 10_000_000
 AHEAD_US = 5_000_000
 FRONTS_EVERY_US = 20_000_000
-MAX_REPORTS = 64  # observations that wait for the thread; further ones are refused
-MAX_WAITING = 20  # periods; their images are then written even if the estimate is not read
+MAX_REPORTS = 64  # observations that are queued for the thread; further observations are refused
+MAX_WAITING = 20  # queued periods; of more, images are written even if nothing reads the estimate
 OBSERVATIONS = (FireObserved, RasterObserved)
-OF_FIRE = (Corrected, *OBSERVATIONS, Erased, Undone, Redone, WindSet)  # they change the estimate
+OF_FIRE = (Corrected, *OBSERVATIONS, Erased, Undone, Redone, WindSet)  # these change the estimate
 
 
 log = logging.getLogger(__name__)
@@ -101,7 +101,7 @@ class RunEstimate:
         self.landscape = landscape
         self.in_background = False  # ``next_work`` and ``adopt``, not reads, apply the inputs
         self._best = BestFire(scenario, landscape)
-        self._waiting: deque[Input] = deque()  # if ``_in_work``, a thread applies the first one
+        self._waiting: deque[Input] = deque()  # if ``_in_work``, a thread applies the first input
         self._in_work = False
         self._accepts_reports = scenario.burn_flown is None
         self._ignitions = ignition_reports_of(scenario)
@@ -115,7 +115,7 @@ class RunEstimate:
         self._latest_us = round(scenario.start_s * 1e6)  # of the events so far
         self._written_us = -(2**63)  # end of the last period with images
         self._ahead: Fire | None = None  # a copy at a time after the latest event
-        self._contradicted: tuple[Window, ...] = ()  # not delivered yet
+        self._contradicted: tuple[Window, ...] = ()  # windows not delivered yet
         self._smoke: tuple[Smoke, ...] = ()  # the last reports
         # The report that was checked last, and its cells.
         self._checked: tuple[FireObserved | RasterObserved, Observation] | None = None
@@ -134,22 +134,22 @@ class RunEstimate:
 
     @property
     def is_behind(self) -> bool:
-        """Whether inputs wait to be applied."""
+        """Whether inputs are queued."""
         return bool(self._waiting)
 
     def waits_for(self, report: AnyOperatorEvent) -> bool:
-        """Return whether a report waits to be applied."""
+        """Return whether a report is queued."""
         return any(isinstance(each, Reported) and each.event is report for each in self._waiting)
 
     def end_background(self) -> None:
-        """Let reads apply the waiting inputs from now on; discard the work of a thread."""
+        """Apply queued inputs at reads from now on, and discard the work of a thread."""
         self.in_background = self._in_work = False
 
     def advance(self, at_us: int) -> None:
         """Advance the fire to this mission time; an earlier time has no effect.
 
-        If the time is long after the latest event, only a copy advances, because events of earlier
-        times may follow. Therefore the estimate does not depend on the times at which it is read.
+        If the time is long after the latest event, only a copy is advanced, because earlier events
+        may still arrive. Thus the estimate does not depend on the times at which it is read.
         """
         if not self._catch_up(min(at_us, self._latest_us)):
             return
@@ -159,9 +159,9 @@ class RunEstimate:
             self._ahead.advance(at_us / 1e6)
 
     def _catch_up(self, at_us: int) -> bool:
-        """Apply the waiting inputs, and burn until a time, at most ``_latest_us``.
+        """Apply the queued inputs, and advance the fire to a time, at most ``_latest_us``.
 
-        If inputs wait for a thread (``in_background``), do nothing and return False.
+        If inputs are queued for a thread (``in_background``), do nothing and return False.
         """
         if self._waiting and self.in_background:
             return False
@@ -175,7 +175,7 @@ class RunEstimate:
 
     def _fold_first(self) -> Folded:
         first = self._waiting[0]
-        if isinstance(first, Mosaic):  # without a copy: it cannot be refused
+        if isinstance(first, Mosaic):  # without a copy, because a mosaic cannot be refused
             found = Folded(self._best, self._best.fold(first), None)
         else:
             found = after(self._best, first)
@@ -183,7 +183,7 @@ class RunEstimate:
         return found
 
     def next_work(self) -> Callable[[], Folded] | None:
-        """Return a function that applies the next input, for a thread; None if no input waits.
+        """Return a function that applies the next input, for a thread; None without queued inputs.
 
         The result of the function must be passed to ``adopt`` before the next call.
         """
@@ -216,8 +216,8 @@ class RunEstimate:
         words = " ".join(f"{type(error).__name__}: {error}".split())
         kind, at_s = type(event).__name__, event.at_us / 1e6
         self.defect = (
-            f"{kind} of {event.by or 'an operator'} at {at_s:.3f} s is not used: {words}; this is a "
-            "defect, please report it with the traceback in the log"
+            f"{kind} of {event.by or 'an operator'} at {at_s:.3f} s is not used: {words}; this is "
+            "a defect, please report it with the traceback in the log"
         )
         log.error("%s", self.defect, exc_info=error)
 
@@ -230,8 +230,8 @@ class RunEstimate:
     def view(self, fix: Telemetry) -> Observed | None:
         """Return the part of the estimate that a vehicle's camera would show, if an image is due.
 
-        The result is None off the landscape, while inputs wait, in a run with a simulated fire
-        (which cameras observe), and in a burn (whose guidance has its own estimate).
+        The result is None off the landscape, while inputs are queued, in a run with a simulated
+        fire (which cameras observe), and in a burn (whose guidance has its own estimate).
         """
         if not (self._gives_views and self._views.is_due(fix)):
             return None
@@ -249,16 +249,16 @@ class RunEstimate:
         return None if found is None else msgspec.structs.replace(found, estimated=True)
 
     def fronts(self, fix: Telemetry) -> FrontsEstimated | None:
-        """Return the fronts of the estimate, if planners use them and they are due.
+        """Return the fronts of the estimate, if planners use fronts and an update is due.
 
-        The result is None while inputs wait.
+        The result is None while inputs are queued.
         """
         if not (self._gives_fronts and fix.at_us >= self._fronts_due_us):
             return None
         return self.fronts_at(fix)
 
     def fronts_at(self, fix: Telemetry) -> FrontsEstimated | None:
-        """Return the result of ``fronts``, even if it is not due."""
+        """Return the result of ``fronts``, even if no update is due."""
         self._on_time(fix)
         if not self._catch_up(fix.at_us):
             return None
@@ -271,8 +271,8 @@ class RunEstimate:
     def contradicted(self) -> tuple[Window, ...]:
         """Return the windows around corrections that images have removed.
 
-        Planners need them, because they received these corrections. A window that an event
-        delivers is removed.
+        Planners need these windows, because they received the removed corrections before. A window
+        is left out after an event has delivered it.
         """
         return self._contradicted
 
@@ -281,7 +281,7 @@ class RunEstimate:
         return self._best.corrections.log.status()
 
     def on_event(self, event: AnyEvent) -> None:
-        """Process a camera's image, an ignition, a completed drop or a position's reliability."""
+        """Process an image, an ignition, a completed drop or the reliability of a position."""
         self._on_time(event)
         self._views.on_event(event)
         if isinstance(event, Observed):
@@ -303,8 +303,8 @@ class RunEstimate:
     def _delivered(self, event: Observed) -> None:
         """Remove the window of a delivered event.
 
-        A replay applies inputs as late as possible. Here it applies the inputs that the live run
-        had applied before this event.
+        A replay applies inputs as late as possible. Before this event, it must apply the inputs
+        that the live run had applied.
         """
         if not self.in_background:
             self._fold_all()
@@ -318,7 +318,8 @@ class RunEstimate:
     def check(self, event: AnyEvent) -> None:
         """Raise FireModelError for an operator's report that cannot be used; change nothing.
 
-        While inputs wait for a thread (``in_background``), not all such reports are recognised.
+        While inputs are queued for a thread (``in_background``), not all such reports are
+        recognised.
         """
         if not isinstance(event, OF_FIRE):
             return
@@ -335,7 +336,7 @@ class RunEstimate:
             checked = event, checked_report(event, self.landscape)
         else:
             checked = None
-        # Images of past periods become sightings.
+        # ``_catch_up`` turns the images of past periods into sightings.
         if self._accepts_reports and self._catch_up(self._latest_us):
             self._best.check(event, self._smoke)
         self._checked = checked
@@ -343,7 +344,8 @@ class RunEstimate:
     def apply_report(self, event: AnyEvent) -> Window | None:
         """Apply an operator's report, and return a window around the changed cells or None.
 
-        If a thread applies the inputs (``in_background``), the report waits; the result is None.
+        If a thread applies the inputs (``in_background``), the report is queued, and the result is
+        None.
 
         Raises UnusedReportError for a report that changes nothing, because it cannot be used.
         """
@@ -372,7 +374,7 @@ class RunEstimate:
     def _compare(self, seen: Observation) -> None:
         """Compare the cells of a report with other sources.
 
-        Raises UnusedReportError if its source contradicts the others.
+        Raises UnusedReportError if the source of the report contradicts the others.
         """
         seen = behind_smoke(seen, self._smoke, "")
         self.agreement.add_report(seen)
@@ -391,7 +393,7 @@ class RunEstimate:
         return found
 
     def _on_time(self, event: AnyEvent) -> None:
-        """End the period of the images if an event is later."""
+        """End the period of the images if an event is later than its end."""
         self._latest_us, self._ahead = max(self._latest_us, event.at_us), None
         if self._due_us is not None and self._latest_us >= self._due_us:
             self._end_period(self._due_us)

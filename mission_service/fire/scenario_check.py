@@ -1,4 +1,4 @@
-"""Check all inputs of a scenario without running it."""
+"""Check all inputs of a scenario without a run."""
 
 from typing import Any
 

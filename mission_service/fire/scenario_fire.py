@@ -134,7 +134,7 @@ def cells_lit(points: Sequence[tuple[float, float]], landscape: Landscape) -> li
 
 
 def burning_of(scenario: Scenario, landscape: Landscape) -> Burning | None:
-    """Return the initial fire of a scenario, or None if it begins with ignitions or nothing."""
+    """Return the initial fire of a scenario; None if there are only ignitions, or nothing burns."""
     from firemodel.spread.burning import burning_from_arrival, burning_from_perimeter
 
     section = scenario.fire
@@ -233,7 +233,7 @@ def _ignored_in(section: WeatherFile) -> list[str]:
 
 
 def fire_of(scenario: Scenario, landscape: Landscape, weather: WeatherStream | None = None) -> Fire:
-    """Return the fire of a scenario at its start, in its own weather unless another is given.
+    """Return the fire of a scenario at its start, in ``weather`` or else the scenario's weather.
 
     Raises ScenarioError if nothing burns.
     """
@@ -244,7 +244,7 @@ def fire_of(scenario: Scenario, landscape: Landscape, weather: WeatherStream | N
 def reported_fire(
     scenario: Scenario, landscape: Landscape, weather: WeatherStream | None = None
 ) -> Fire:
-    """Return the fire of ``fire_of``, or a fire without burning cells if none is reported."""
+    """Return the same fire as ``fire_of``, or a fire without burning cells if none is reported."""
     ignitions = ignitions_of(scenario, landscape)
     burning = burning_of(scenario, landscape)
     return _fire(scenario, landscape, weather or weather_of(scenario), ignitions, burning)
@@ -278,7 +278,7 @@ def begun_again(
 ) -> Fire:
     """Return the fire of a scenario, restarted at ``at_s`` and with later ignitions.
 
-    ``burning`` is its state at that time, or None if nothing has burned.
+    ``burning`` is the state of the fire at that time, or None if nothing has burned.
     """
     later = [each for each in ignitions_of(scenario, landscape) if each[2] > at_s]
     found = _fire(scenario, landscape, weather, later, burning)
@@ -332,7 +332,7 @@ def estimate_errors(scenario: Scenario) -> Uncertainty:
 
 
 def fire_position(scenario: Scenario, landscape: Landscape) -> tuple[float, float]:
-    """Return the reported position (x, y) of the fire, which is its ignition or a point inside it.
+    """Return the reported position (x, y) of the fire: its ignition, or a point inside the fire.
 
     In a burn, the position of the firing boss is returned instead.
     """

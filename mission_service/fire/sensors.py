@@ -1,6 +1,6 @@
-"""Sensors: sources of observations of the fire, found by entry points.
+"""Sensors are sources of observations of the fire, and are found by entry points.
 
-A scenario names its sensors in ``estimate.sensors``: those of this service
+The key ``estimate.sensors`` of a scenario names sensors of this service
 (``mission_service.sensors``) and of other packages. The service's own simulated cameras
 (``simulated_cameras``) have the same method ``observe``.
 """
@@ -22,7 +22,7 @@ from mission_service.errors import ScenarioError
 from mission_service.events import AnyEvent, FireObserved, Observed, Telemetry
 
 GROUP = "mission_service.sensors"
-STATION = "sensor"  # of the reports of sensors
+STATION = "sensor"  # in the reports of sensors
 MAX_IMAGES = 12  # of each sensor, for interfaces
 
 Scale = tuple[tuple[float, str], ...]  # values and their colours (#rrggbb), in ascending order
@@ -30,7 +30,7 @@ Bounds = tuple[float, float, float, float]  # top, left, bottom and right; rows 
 
 
 class SensorImage(NamedTuple):
-    """An image on the ground, for maps; neither the estimate nor the journal uses it.
+    """A georeferenced image for maps; neither the estimate nor the journal uses it.
 
     Positions are rows and columns of the landscape's grid. ``colours`` returns red, green, blue and
     opacity (n, 4) of positions (n, 2); positions that the image does not show are transparent. The
@@ -54,28 +54,28 @@ class SensorImage(NamedTuple):
 class Sensor(Protocol):
     """A source of observations of the fire.
 
-    The methods of a sensor are called on the event loop and must return at once. A sensor that
-    waits for files or sockets waits in a thread; ``observe`` returns an observation that has
-    arrived. A sensor may have these attributes, too:
+    The methods of a sensor are called on the event loop and must return at once. A sensor must wait
+    for files or sockets in a thread; ``observe`` then returns an observation that has arrived. A
+    sensor may also have these attributes:
 
     - ``problem``: a text that is shown as an alarm unless it is empty.
-    - ``report(at_us)``: a method that returns a report at places, or None. It is called several
+    - ``report(at_us)``: a method that returns a report on places, or None, and is called several
       times a second, also without a vehicle. The estimate weighs the report like the request
-      ``observe``. Its ``at_us`` must be the argument.
+      ``observe``. The field ``at_us`` of the report must equal the argument.
     - ``skip(names)``: a method that receives, after a restart, the names of the events that the
       run has already used (``Observed.file``, ``FireObserved.file``).
     - ``images``: the latest images for the map (``SensorImage``), the newest one last. The method
-      ``colours`` of an image is called in other threads, when a client requests its picture. Of a
-      sensor at most ``MAX_IMAGES`` are shown.
-    - ``close()``: a method that ends the sensor's threads. It is called at the end of a live run.
+      ``colours`` of an image is called in other threads, when a client requests its picture. At
+      most ``MAX_IMAGES`` images of a sensor are shown.
+    - ``close()``: a method that ends the sensor's threads, called at the end of a live run.
     """
 
     def observe(self, fix: Telemetry) -> Observed | None:
         """Return a new observation, or None.
 
         The method is called with each position of a vehicle, before the position is processed. The
-        window of the observation lies on the landscape's grid. The time of the observation is that
-        of the position or earlier, and the vehicle is the same.
+        window of the observation lies on the landscape's grid. The observation must have the
+        vehicle of the position, and the same or an earlier time.
         """
 
     def on_event(self, event: AnyEvent) -> None:
@@ -86,7 +86,7 @@ MakeSensor = Callable[[Scenario, Landscape], Sensor]
 
 
 class Sensors:
-    """The sensors of a run. A sensor that fails is not used again; ``failed`` has the reason."""
+    """The sensors of a run. A sensor that fails is not used again; ``failed`` gives the reason."""
 
     def __init__(self, sensors: Mapping[str, Sensor], shape: tuple[int, int]) -> None:
         """Set the sensors by name, and the shape (rows, columns) of the landscape's grid."""
@@ -134,7 +134,7 @@ class Sensors:
         return found
 
     def skip(self, names: frozenset[str]) -> None:
-        """Pass the names of the events that the run has used before a restart to the sensors."""
+        """Pass to the sensors the names of the events that the run used before a restart."""
         for name, sensor in list(self._sensors.items()):
             try:
                 getattr(sensor, "skip", lambda names: None)(names)
@@ -149,9 +149,9 @@ class Sensors:
                 getattr(sensor, "close", lambda: None)()
 
     def use_mission_time(self, zero: datetime) -> None:
-        """Take the time from the mission, which begins at ``zero``, in sensors that use the time.
+        """Set the mission time, which begins at ``zero``, in sensors that use the time.
 
-        A simulation calls this method, because its time is not that of the clock.
+        A simulation calls this method, because the time of a simulation is not that of the clock.
         """
         for sensor in self._sensors.values():
             use = getattr(sensor, "use_mission_time", None)

@@ -56,7 +56,7 @@ class Sightings:
         self.position_sd_m = max(self.position_sd_m, seen.position_sd_m)
 
     def _add_cells(self, here: Place, state: NDArray[np.uint8], seen_s: Floats) -> None:
-        """Add the states (y, x) of a window; of two sightings of a cell the later remains."""
+        """Add the states (y, x) of a window; the later of two sightings of a cell is kept."""
         new = (state != UNSEEN) & (self.seen_s[here] <= seen_s)
         self.state[here][new] = state[new]
         self.seen_s[here][new] = seen_s[new]

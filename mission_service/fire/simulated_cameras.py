@@ -1,7 +1,7 @@
-"""Observe the simulated fire by the cameras of vehicles. No other module reads that fire.
+"""Observe the simulated fire with the cameras of vehicles. No other module reads this fire.
 
-In a simulation and in a live run the fire advances with the clock; a replay advances it by the
-events of a journal.
+In a simulation and in a live run, the fire advances with the clock; in a replay, the fire advances
+with the events of a journal.
 """
 
 import msgspec
@@ -20,11 +20,11 @@ from mission_service.fire.simulated_fire import SimulatedFire, simulated_fire_of
 class SimulatedCameras:
     """The cameras of all vehicles, which observe a simulated fire.
 
-    Ignitions that are reported, and spheres that have landed, light the simulated fire.
+    Reported ignitions, and spheres that have landed, ignite the simulated fire.
     """
 
     def __init__(self, scenario: Scenario, fire: SimulatedFire) -> None:
-        """Set the simulated fire; only evaluations after a run may read it elsewhere."""
+        """Set the simulated fire. Outside this class, only evaluations after a run may read it."""
         self.fire = fire
         self._errors = CameraErrors(scenario)
         self._views = CameraViews(scenario)

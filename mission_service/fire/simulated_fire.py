@@ -1,7 +1,7 @@
 """Simulate the true fire of a simulation.
 
 Only the simulated cameras read this fire (``simulated_cameras``). The estimate, the planners and
-the map receive their observations, never this fire itself.
+the map receive the observations of these cameras, never the fire itself.
 """
 
 from collections.abc import Sequence
@@ -29,7 +29,7 @@ class SimulatedFire:
             self.fire.advance(at_s)
 
     def light(self, points: Sequence[tuple[float, float]], at_s: float) -> None:
-        """Light the burnable cells of a point or line (lat, lon) at ``at_s`` or, if past, now."""
+        """Light the burnable cells of a point or line (lat, lon) at ``at_s``, or now if later."""
         for row, col in cells_lit(points, self.landscape):
             self.fire.light(row, col, max(at_s, self.fire.time_s))
 

@@ -1,8 +1,9 @@
-"""Compare the observations of several sources, and find those that contradict the others. Pure.
+"""Compare the observations of sources, and find sources that contradict the others. Pure.
 
 Sources are cameras, and the people and detectors that report observations. A burned cell stays
-burned. If one source sees a cell as burned and another sees it as unburned at a later time, one of
-them is wrong. This rule holds for any fire and needs no model of its spread.
+burned. If a cell is burned in an observation of one source, and unburned in a later observation of
+another source, one of the two sources is wrong. This rule holds for any fire and requires no model
+of fire spread.
 """
 
 import math
@@ -22,8 +23,8 @@ CONTRADICTORY = 0.1  # sources contradict each other if they differ in more than
 BESIDE_CELLS = 3  # only burned cells this near to unburned cells are compared
 WITHIN_SD = 2.0  # cells within this many standard deviations of a front are not compared
 MAX_STATED = 0.2  # stated shares of missed and false cells are tolerated up to this value
-MAX_REPORTERS = 8  # sources of reports that are compared, the last ones
-MAX_COMPARED = 20_000  # of more cells, only each second or third row and column is compared
+MAX_REPORTERS = 8  # latest sources of reports, which are compared
+MAX_COMPARED = 20_000  # of more cells, only every second, third, ... row and column is compared
 
 
 class Comparison(NamedTuple):
@@ -60,10 +61,10 @@ class Seen(NamedTuple):
     """The last sightings of a source."""
 
     last: Sightings
-    burned_since_s: Floats  # (y, x) of cells last seen as burned, the first sighting as burned
+    burned_since_s: Floats  # (y, x) first sighting as burned, of cells last seen as burned
 
     def include(self, image: Observation) -> None:
-        """Add an image; of two sightings of a cell the later remains."""
+        """Add an image; the later of two sightings of a cell is kept."""
         state = self.last.state[image.where]  # a view, which the next line changes
         before = state == BURNED
         self.last.add(image)
@@ -164,12 +165,12 @@ class SourceAgreement:
 def _compared(image: Observation, seen: Seen, reach: int) -> tuple[int, int]:
     """Return the numbers of cells in which an image and another source agree and contradict.
 
-    Burned cells within ``reach`` cells of ground that the same source saw as unburned, and unburned
-    cells so near to burned ground, are no contradiction.
+    Cells within ``reach`` cells of the front between burned and unburned cells of the same source
+    do not count as contradictions.
     """
     recent = np.abs(seen.last.seen_s[image.where] - image.at_s) <= REMEMBERED_S
     other = np.where(recent, seen.last.state[image.where], UNSEEN)
-    # Only the surroundings of cells that both saw, one of them as burned, are compared.
+    # Only the surroundings of cells are compared that both sources observed, one of them as burned.
     both = (image.state != UNSEEN) & (other != UNSEEN)
     margin = max(reach, BESIDE_CELLS)
     part = _widened_window(bounds_of(both & ((image.state == BURNED) | (other == BURNED))), margin)

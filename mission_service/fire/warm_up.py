@@ -11,7 +11,8 @@ from mission_service.fire.scenario_fire import landscape_of
 LAT_DEG, LON_DEG = 36.0, -84.0
 CELLS, CELL_SIZE_M = 40, 30.0
 GROWS_S = 900.0
-# Radii of the burned area in successive images. After several images unused points are dropped.
+# Radii of the burned area in successive images. After several images, the fire drops its unused
+# points; the number of images is large enough for this.
 CORRECTED_TO_CELLS = 12 * (10.0, 5.0)
 
 

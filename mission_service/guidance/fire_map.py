@@ -2,8 +2,8 @@
 
 The map has 360 whole-degree bearings, clockwise from north, around a centre (the ignition cell or
 the fire's centre). For each bearing the map stores the outer cell (the front at the last view), the
-inner cell (the front at an earlier view), and the times of both views. Observations are the map's
-only input; it does not read the simulated fire.
+inner cell (the front at an earlier view), and the times of both views. Observations are the only
+input; the map does not read the simulated fire.
 
 Distances are in cells and times in seconds of mission time.
 """
@@ -20,7 +20,7 @@ from firemodel.compiled import compiled
 BEARINGS = 360
 
 LARGEST_GAP_CELLS = 3.0  # maximum distance between neighbours on the front
-# A front cell is on an island if burned ground lies farther outwards than this on its bearing.
+# A front cell is on an island if burned ground on its bearing is farther out by more than this.
 ISLAND_CELLS = 1.0
 
 _RADIANS = np.deg2rad(np.arange(BEARINGS))
@@ -44,7 +44,7 @@ def polar(
 def _grid_around(
     shape: tuple[int, int], centre_row: float, centre_col: float
 ) -> tuple[NDArray[np.int64], Floats, NDArray[np.int64]]:
-    """Return arrays (y, x) of each cell's bearing, distance, and half the angle that it spans.
+    """Return arrays (y, x): bearing and distance of each cell, and half the angle of its span.
 
     Angles are in whole degrees and distances in cells. A cell near the centre spans many bearings.
     Maps with the same centre share these arrays.
@@ -75,8 +75,8 @@ class FireMap:
     """A fire map that stores the observed outer and inner cell on each bearing.
 
     ``baseline_s`` is the minimum time between the two visits from which a spread rate is computed.
-    If it is 0, the map works as in the paper: whenever a new cell is seen on a bearing, the outer
-    cell becomes the inner cell, whatever the age of its view.
+    If ``baseline_s`` is 0, the map works as in the paper: whenever a new front cell is seen on a
+    bearing, the previous outer cell becomes the inner cell, whatever the age of the previous view.
     """
 
     def __init__(
@@ -119,7 +119,7 @@ class FireMap:
     def add_window(
         self, row: int, col: int, window: NDArray[np.uint8], at_s: float
     ) -> NDArray[np.bool_]:
-        """Update the map from one camera window; return which bearings are in view (360)."""
+        """Update the map from one camera window; return a mask (360) of the bearings in view."""
         region = np.s_[row : row + window.shape[0], col : col + window.shape[1]]
         seen, in_view = _seen(window, *(each[region] for each in self._grid), self.burned)
         self._visit(seen, in_view, at_s)
@@ -166,11 +166,11 @@ class FireMap:
 def taken_back(
     row: int, col: int, window: NDArray[np.uint8], centre: tuple[float, float], burned: Floats
 ) -> tuple[NDArray[np.bool_], Floats]:
-    """Return the bearings that a window shows to be less burned, and the ground still burned.
+    """Return the bearings on which a window shows less burned ground, and the reduced distances.
 
     ``burned`` (360) is the distance in cells from ``centre`` (row, col) to the outermost burned
     ground on each bearing. The first result is true where the window shows this ground to be
-    unburned. The second result is ``burned`` after moving those bearings inwards.
+    unburned. The second result is ``burned`` with reduced distances on those bearings.
     """
 
     def unburned_at(out: Floats, north: Floats, east: Floats) -> NDArray[np.bool_]:
@@ -216,7 +216,7 @@ def fill_circular(values: Floats) -> Floats:
 
 @compiled
 def _seen(window, bearings, distances, spans, burned):  # type: ignore[no-untyped-def]
-    """Return the front's distance on each bearing and whether it is in view; update ``burned``."""
+    """Return the front's distance and visibility on each bearing; update ``burned``."""
     front = front_in_window(window)
     seen = np.full(BEARINGS, -np.inf)
     spanned = np.full(BEARINGS, -np.inf)  # like ``seen``, for all bearings that a cell spans
@@ -232,8 +232,8 @@ def _seen(window, bearings, distances, spans, burned):  # type: ignore[no-untype
                     spanned[place] = max(spanned[place], distance)
             if front[row, col]:
                 seen[bearing] = max(seen[bearing], distance)
-    # On a flank that runs outwards, a bearing's own cell is nearer than a neighbouring front cell.
-    # Such a cell is not on an island.
+    # On a flank that runs outwards, the front cell of a bearing may be nearer than a front cell of
+    # a neighbouring bearing that spans this bearing too. The nearer cell is not on an island.
     flank = (seen > -np.inf) & (seen < burned - ISLAND_CELLS)
     seen = np.where(flank, spanned, seen)
     in_view = (seen > -np.inf) & (seen >= burned - ISLAND_CELLS)
@@ -254,7 +254,7 @@ def _rate(outer, outer_at_s, inner, inner_at_s):  # type: ignore[no-untyped-def]
 
 @compiled
 def _fill_gaps(seen, in_view):  # type: ignore[no-untyped-def]
-    """Fill the bearings between two neighbouring front cells by the line between these cells."""
+    """Interpolate the distances on the bearings between two neighbouring front cells."""
     seen_at = np.flatnonzero(in_view)
     for place in range(seen_at.size if seen_at.size > 1 else 0):
         start, end = seen_at[place], seen_at[(place + 1) % seen_at.size]

@@ -1,8 +1,8 @@
-"""The interfaces of planners, which decide for vehicles, and of the guidance, which commands them.
+"""The interfaces of planners, which make decisions, and of the guidance, which commands vehicles.
 
-A planner decides for one vehicle. Vehicles that share a plan are members of a team, and each member
-is also a planner. Planners are pure: they use no clock, network or random numbers. A position is
-the row and column in the landscape's grid, as floats; row 0 is in the north.
+A planner makes the decisions for one vehicle. Vehicles that share a plan are members of a team;
+each member is a planner too. Planners are pure: they use no clock, network or random numbers. A
+position is the row and column in the landscape's grid, as floats; row 0 is in the north.
 """
 
 from abc import ABC, abstractmethod
@@ -44,10 +44,10 @@ class Ground:
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """A decision on the flying direction at one cell of the front.
+    """A decision on the direction of flight along the front, made at one cell of the front.
 
-    ``importance_back`` is the value of turning back, and ``importance_front`` is the value of
-    keeping the direction. Both values are in the planner's unit (Islam & Hu: eqs. 5 and 6).
+    ``importance_back`` is the value of a reversal, and ``importance_front`` is the value of keeping
+    the direction. Both values are in the planner's unit (Islam & Hu: eqs. 5 and 6).
     """
 
     clockwise: bool
@@ -76,7 +76,7 @@ class Steered(Protocol):
         """Set the vehicle's position; return the decision made there, or None."""
 
     def left(self, at_s: float) -> None:
-        """Remove a vehicle that is lost, recalled or on the ground."""
+        """Exclude the vehicle from planning, because it is lost, recalled or on the ground."""
 
 
 @runtime_checkable
@@ -125,9 +125,9 @@ def decided(name: str, planner: Planner, decision: Decision) -> DirectionDecisio
 class Compared(NamedTuple):
     """The importance of each cell of the front, as seen from the vehicle's position, for display.
 
-    ``rows``, ``cols`` and ``values`` are float arrays (n), which begin at the vehicle and go
-    backwards. ``back`` is the sum of ``values`` over the window behind the vehicle, and ``front``
-    is the sum over the window ahead.
+    ``rows``, ``cols`` and ``values`` are float arrays (n), which begin at the vehicle and continue
+    along the front behind the vehicle. ``back`` is the sum of ``values`` over the window behind the
+    vehicle, and ``front`` is the sum over the window ahead.
     """
 
     rows: Floats
@@ -184,12 +184,12 @@ class Guidance(ABC):
         """Return the commands for a vehicle that flies and has endurance left."""
 
     def way_home(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand] | None:
-        """Return the commands to fly home at the end of the endurance; None for a plain return."""
+        """Return commands to fly home at the end of the endurance; None if ``Return`` suffices."""
         return None
 
     @abstractmethod
     def first_path(self, vehicle: Vehicle, fix: PositionFix) -> Floats | None:
-        """Return the first mission's path, (n, 2) x, y in metres; None if there is none yet."""
+        """Return the first mission's path, (n, 2) x, y in metres; None if no path is known yet."""
 
     @abstractmethod
     def items(self, vehicle: Vehicle, path_m: Floats, fix: PositionFix) -> tuple[MissionItem, ...]:
@@ -202,13 +202,13 @@ class Guidance(ABC):
     def further_commands(
         self, event: AnyEvent, leaving: list[AnyCommand], vehicles: Mapping[str, Vehicle]
     ) -> list[AnyCommand]:
-        """Return further commands after an event, given the commands ``leaving`` that it caused."""
+        """Return further commands after an event that has caused the commands ``leaving``."""
         return []
 
     # For operators and interfaces -----------------------------------------------------------------
 
     def status(self) -> dict[str, Any]:
-        """Return the state for interfaces; ``complete``: the run may end without loss."""
+        """Return the state for interfaces; ``complete``: nothing is lost if the run ends now."""
         return {"complete": True}
 
     def preview(self, vehicle: Vehicle, fix: PositionFix) -> tuple[MissionItem, ...] | None:
@@ -243,7 +243,7 @@ class Lock(Protocol):
         """Update the lock's state from the commands of the core."""
 
     def refuses(self, drop: Drop, at_us: int) -> str | None:
-        """Return the reason why a drop must not be ordered now, or None if it may be ordered."""
+        """Return the reason why a drop must not be ordered now, or None if the drop is allowed."""
 
     def may_drop(self, items: Iterable[MissionItem]) -> bool:
         """Return whether any item of a mission could switch an output."""

@@ -27,11 +27,11 @@ def way_of(scenario: Scenario) -> WayOfFlying:
 
 
 def way_for(rule: str) -> WayOfFlying:
-    """Return the way of flying that has the given rule. Raises ValueError if none has it."""
+    """Return the way of flying that has the given rule. Raises ValueError for an unknown rule."""
     return cast(WayOfFlying, way_named(rule))
 
 
 def lock_of(scenario: Scenario, landscape: "Landscape") -> "Lock | None":
-    """Return the lock of a scenario, or None if its tables do not need one."""
+    """Return the lock of a scenario, or None if the scenario's tables need no lock."""
     locks = (way.lock(scenario, landscape) for way in (*WAYS, way_of(scenario)))
     return next((lock for lock in locks if lock is not None), None)

@@ -14,20 +14,20 @@ Booleans = NDArray[np.bool_]
 Vertex = tuple[float, float]
 
 CLEAR_M = 1.0  # distance between paths and corners if the area is wide enough
-ROUNDING = 1e-9  # the largest distance from a line at which a place counts as on it
+ROUNDING = 1e-9  # the largest distance from a line at which a place counts as on the line
 
 
 class VisibilityGraph:
     """The visibility graph of an area's corners, for shortest paths inside the area.
 
-    Whether a corner is visible from another one is computed when a search first needs it.
+    The visibility between two corners is computed when a search first needs the result.
 
     Args:
         area: The area; paths are in its units.
         clear: The distance between paths and corners if the area is wide enough.
-        only_tangents: Whether only those lines count that touch outlines as tangents. A search then
-            takes a fraction of the time, but may find no path through a passage narrower than
-            twice the distance ``clear``.
+        only_tangents: Whether the graph contains only tangents to the outlines. A search then takes
+            a fraction of the time, but may find no path through a passage narrower than twice the
+            distance ``clear``.
     """
 
     def __init__(
@@ -51,7 +51,7 @@ class VisibilityGraph:
     ) -> list[Vertex] | None:
         """Return the points of the shortest path from ``begin`` to ``end``.
 
-        None if there is no path, or only a path longer than ``max_length``.
+        The result is None if there is no path, or only a path longer than ``max_length``.
         """
         if self.is_straight_clear(begin, end):
             return [begin, end] if math.dist(begin, end) <= max_length else None
@@ -60,7 +60,7 @@ class VisibilityGraph:
         bends = self._bends_inside()
         corners = bends[:, 0]
         ahead = np.hypot(*(corners - np.asarray(end)).T)
-        # Lengths from begin over the corners so far (A*), and on to the end.
+        # A*: ``best`` holds the lengths from ``begin``, and ``ahead`` the distances to ``end``.
         near = np.hypot(*(corners - np.asarray(begin)).T) + ahead <= max_length
         best, before = self._visible_from(begin, bends, near), np.full(len(corners), -1)
         to_end = self._visible_from(end, bends, near)
@@ -94,17 +94,17 @@ class VisibilityGraph:
         return [*back, begin][::-1]
 
     def _bends_inside(self) -> Floats:
-        """Return the bends (n, 3, 2) of paths that keep clear of the outlines."""
+        """Return the possible bends (n, 3, 2) of paths that keep clear of the outlines."""
         if self._bends is None:
             inner: BaseGeometry = self.area.buffer(-self._clear, join_style="mitre")
-            # Reduces the corners of circles; visibility is tested in the area itself.
+            # Circles get fewer corners; the visibility is tested in the area itself.
             inner = (self.area if inner.is_empty else inner).simplify(self._clear / 2.0)
             self._bends = _bends(inner)
             self._lengths = np.full((len(self._bends), len(self._bends)), np.nan)
         return self._bends
 
     def _between(self, corner: int, others: Integers) -> Floats:
-        """Return the distances from a corner to others; infinity to hidden corners."""
+        """Return the distances from a corner to others; infinity for hidden corners."""
         assert self._bends is not None
         unknown = others[np.isnan(self._lengths[corner, others])]
         if len(unknown):
@@ -119,16 +119,16 @@ class VisibilityGraph:
         return lengths
 
     def _visible_from(self, place: Vertex, bends: Floats, useful: Booleans) -> Floats:
-        """Return the distances from the end of a path to bends as ``_visible``."""
+        """Return the distances from either end of a path to bends, in the form of ``_visible``."""
         if self._only_tangents:
-            # Such a place may be nearer to an outline than the bends are.
+            # An end of a path may be nearer to an outline than the bends are.
             useful = useful & _is_tangent(bends, np.asarray(place), 2.0 * self._clear)
         return self._visible(place, bends, useful)
 
     def _visible(self, place: Vertex, bends: Floats, useful: Booleans) -> Floats:
         """Return the distances from a place to bends (n, 3, 2).
 
-        Infinity to bends that are hidden, or not among the useful ones (n).
+        The distance is infinite for a bend that is hidden, or for which ``useful`` (n) is False.
         """
         corners = bends[useful, 0]
         ends = np.empty((len(corners), 2, 2))
@@ -140,9 +140,9 @@ class VisibilityGraph:
 
 
 def _bends(area: BaseGeometry) -> Floats:
-    """Return the corners that point into the area; shortest paths bend only at these.
+    """Return the corners that point into the area; shortest paths bend only at these corners.
 
-    The array (n, 3, 2) holds each corner, and the corners before and after it.
+    The array (n, 3, 2) holds each corner, the preceding corner and the following corner.
     """
     found = [np.empty((0, 3, 2))]
     # ``normalize`` orients outlines clockwise and holes anticlockwise.
@@ -155,10 +155,10 @@ def _bends(area: BaseGeometry) -> Floats:
 
 
 def _is_tangent(bend: Floats, place: Floats, slack: float) -> Booleans:
-    """Return whether the line from a place to a bend (..., 3, 2) touches it as a tangent.
+    """Return whether the line from a place to a bend (..., 3, 2) is a tangent at the bend.
 
-    Both sides of the bend are then on one side of the line. A place that is up to ``slack`` beside
-    the straight line along a side counts, too.
+    Both sides of the bend are then on one side of the line. The line also counts as a tangent if
+    the place is within ``slack`` of the straight line along a side of the bend.
     """
     line = bend[..., 0, :] - place
     sides = bend[..., 1:, :] - bend[..., :1, :]

@@ -1,6 +1,6 @@
-"""The interface of a way of flying; each folder defines its own in ``way.py``.
+"""The interface of a way of flying; each folder of ``guidance`` defines one in ``way.py``.
 
-Every scenario is checked with this module, so it is fast to import: flight code is imported only
+Every check of a scenario imports this module. To keep the import fast, flight code is imported only
 when it is called.
 """
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 def later(address: str) -> Callable[..., Any]:
-    """Return a function that imports the function at ``module:name`` when called, and calls it."""
+    """Return a function that, when called, imports and calls the function at ``module:name``."""
     return lambda *given: resolve_name(address)(*given)
 
 

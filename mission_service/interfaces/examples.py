@@ -1,4 +1,4 @@
-"""Provides examples for the HTTP and MQTT descriptions; tests validate them with the schemas."""
+"""Provides examples for the HTTP and MQTT descriptions; tests validate each with its schema."""
 
 from typing import Any
 

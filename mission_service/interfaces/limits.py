@@ -17,7 +17,7 @@ class RateLimiter:
         self._left: OrderedDict[str, tuple[float, float]] = OrderedDict()
 
     def consume(self, client: str, now_s: float) -> float:
-        """Take one request from the client's bucket and return 0, or return the seconds to wait."""
+        """Take one token from the client's bucket and return 0, or return the seconds to wait."""
         left, at_s = self._left.get(client, (self._burst, now_s))
         left = min(self._burst, left + (now_s - at_s) * self._rate_s)
         if left < 1.0:

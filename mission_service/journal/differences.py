@@ -14,7 +14,7 @@ ABSENT = "(absent)"
 
 
 def difference_of(entry: Entry, expected: Sequence[AnyCommand]) -> str | None:
-    """Return the difference between a line and ``expected``, the replay's next commands."""
+    """Return the difference between a line and the replay's next commands ``expected``, or None."""
     place = f"line {entry.line}"
     if entry.is_event:
         return f"{place}: the replay issues {cut(expected[0])} before it" if expected else None
@@ -42,7 +42,7 @@ def compare(journal: object, replay: object) -> str:
 def fields_that_differ(
     journal: object, replay: object, most: int = MAX_FIELDS
 ) -> list[dict[str, Any]]:
-    """Return the first fields, also nested ones, in which two commands differ, with both values."""
+    """Return the first differing fields of two commands, also nested ones, with both values."""
     recorded, replayed = msgspec.to_builtins(journal), msgspec.to_builtins(replay)
     return list(islice(_fields(recorded["type"], recorded, replayed), most))
 

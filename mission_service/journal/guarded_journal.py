@@ -1,9 +1,9 @@
-"""Guards a journal on a disk that may fail; during a failure only aborts are handled.
+"""Writes a journal to a disk that may fail; during a failure only aborts are handled.
 
-While the disk fails, the service answers operators' requests with an error and does not handle
+During a disk failure, the service answers operators' requests with an error and does not handle
 events of vehicles. The vehicles fly the missions on board, which end in a loiter. Commands already
-issued, and aborts with their commands, are buffered in memory and written first when the disk works
-again, so that the journal can be replayed.
+issued, and aborts with their commands, are buffered in memory. The buffered lines are written first
+after the failure, so that the journal can be replayed.
 """
 
 import errno
@@ -12,7 +12,7 @@ from mission_service.commands import AnyCommand
 from mission_service.events import Aborted, AnyEvent
 from mission_service.journal.journal_file import Journal, command_body, event_body
 
-MAX_WAITING = 20_000  # lines (10 MB); with more lines waiting, aborts are refused too
+MAX_WAITING = 20_000  # buffered lines (10 MB); above this number, aborts are refused too
 
 
 class GuardedJournal:
@@ -29,8 +29,8 @@ class GuardedJournal:
     def write_event(self, event: AnyEvent, body: bytes | None = None) -> bool:
         """Journal an event before it is handled, and return whether it may be handled.
 
-        ``body`` is its ``event_body``, if the caller has computed it. Raises RefusedEventError for
-        an event that could not be read back.
+        ``body`` is the event's ``event_body``, if the caller has computed it. Raises
+        RefusedEventError for an event that could not be read back.
         """
         self._urgent = isinstance(event, Aborted) and len(self._waiting) < MAX_WAITING
         self._before_waiting = len(self._waiting)
@@ -46,7 +46,7 @@ class GuardedJournal:
         return self._urgent
 
     def write_commands(self, commands: list[AnyCommand]) -> bool:
-        """Journal the last event's commands and return whether they may be carried out."""
+        """Journal the last event's commands and return whether they may be executed."""
         if not self.trouble:
             try:
                 self.journal.write_commands(commands)
@@ -57,7 +57,7 @@ class GuardedJournal:
         return self._urgent
 
     def remove_last(self) -> None:
-        """Remove the last event, which is refused and has had no effect, from the journal."""
+        """Remove the last event, which was refused and had no effect, from the journal."""
         if self.trouble:  # the event is an abort, and its line is waiting
             del self._waiting[self._before_waiting :]
             return
@@ -67,7 +67,7 @@ class GuardedJournal:
             self._failed(error)
 
     def retry(self) -> bool:
-        """Try to write the waiting lines, and return whether the journal works again."""
+        """Try to write the buffered lines, and return whether this succeeded."""
         try:
             self.journal.write_lines(self._waiting, to_disk=True)
         except OSError as error:

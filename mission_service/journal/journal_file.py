@@ -1,14 +1,14 @@
-"""Writes and reads a journal of JSON Lines, with each event before the commands it causes.
+"""Writes and reads a journal of JSON Lines, with each event before the commands that it causes.
 
 The first line is the header (versions, seed, scenario, landscape). Each further line contains one
 event or one command; a last line marks the regular end of the run. Every line ends in a checksum
-that depends on all lines between it and the header, so that a changed, lost, added or moved line is
+that depends on all earlier lines after the header, so that a changed, lost, added or moved line is
 detected. The checksum of the header covers only the header.
 
-An event is written before it is handled. Each line that is written can be read back. A line is
-decoded before it is written, and refused if the result differs (msgspec writes NaN as null) or a
-value exceeds the limits of its type. Only the owner of a journal and its states can read these
-files. A symbolic link in their place is refused.
+An event is written before the event is handled. Each line that is written can be read back: a line
+is decoded before it is written, and refused if the result differs (msgspec writes NaN as null) or a
+value exceeds the limits of its type. Only the owner can read the files of a journal and of its
+states. A symbolic link in place of such a file is refused.
 """
 
 import contextlib
@@ -66,9 +66,9 @@ class Rest:
 class Journal:
     """The writer of a journal. If ``durable`` (live flight), lines are not buffered in the process.
 
-    If lines cannot be written completely, they are removed and OSError is raised; the journal is
-    then unchanged, and writing may be tried again. With ``rest``, the journal of an interrupted run
-    is continued after this position; its header remains.
+    If lines cannot be written completely, the partial lines are removed and OSError is raised; the
+    journal is then unchanged, and writing may be tried again. With ``rest``, the journal of an
+    interrupted run is continued after this position and keeps its header.
     """
 
     def __init__(
@@ -96,10 +96,10 @@ class Journal:
 
         Args:
             event: The event.
-            body: Its ``event_body``, if the caller has computed it.
+            body: The event's ``event_body``, if the caller has computed it.
 
         Raises:
-            RefusedEventError: The event could not be read back equal.
+            RefusedEventError: The event as read back would differ from the event.
             OSError: The event could not be written.
         """
         body = event_body(event) if body is None else body
@@ -111,7 +111,7 @@ class Journal:
             self.write_lines([command_body(command) for command in commands])
 
     def write_lines(self, bodies: list[bytes], to_disk: bool = False) -> None:
-        """Append either all or none of these lines, given without their checksums."""
+        """Append either all or none of these lines, which are given without checksums."""
         crc, lines = self.rest.crc, []
         for body in bodies:
             line, crc = _line(body, crc)
@@ -119,7 +119,7 @@ class Journal:
         self._put(lines, crc, to_disk)
 
     def remove_last(self, before: Rest) -> None:
-        """Remove all lines after a position; the caller must not have applied them."""
+        """Remove all lines after a position; these lines must not have been applied."""
         unwritten = max(len(self._waiting) - (self.rest.at_byte - before.at_byte), 0)
         del self._waiting[unwritten:]
         self.rest = before
@@ -144,8 +144,8 @@ class Journal:
     def begin_segment(self) -> Path:
         """Rename this file to a closed segment, begin the next file, and return the closed file.
 
-        After an OSError the journal is unchanged. The caller has to flush the folder to the disk,
-        so that the new names are permanent.
+        After an OSError the journal is unchanged. The new names are permanent only after the caller
+        has flushed the folder to the disk.
         """
         number = self.rest.segment + 1
         position = {
@@ -224,14 +224,14 @@ def _refuse_live(path: Path) -> None:
 
 def _write(file: int, data: bytes | bytearray) -> None:
     done = 0
-    with memoryview(data) as view:  # released on errors too, so that the data can be cleared
+    with memoryview(data) as view:  # also released on errors, so that the data can be cleared
         while done < len(view):
             with view[done:] as rest:
                 done += os.write(file, rest)
 
 
 def begins_journal(path: Path) -> bool:
-    """Return whether a file begins like a journal; False also for a file that cannot be read."""
+    """Return whether a file begins like a journal; False for a file that cannot be read."""
     try:
         with path.open("rb") as file:
             return file.read(len(_HEADER)) == _HEADER
@@ -269,12 +269,12 @@ def _readable(content: AnyEvent | AnyCommand, decode: Callable[[bytes], object])
 
 
 def next_path(path: Path) -> Path:
-    """Return the file in which the next segment of the journal at ``path`` is prepared."""
+    """Return the path of the file in which the next segment of a journal is prepared."""
     return path.with_name(f"{path.name}.next")
 
 
 def segment_path(path: Path, number: int) -> Path:
-    """Return the file of a closed segment of the journal at ``path``."""
+    """Return the path of a closed segment of the journal at ``path``."""
     return path.with_name(f"{path.stem}-{number:06d}{path.suffix}")
 
 
@@ -285,7 +285,7 @@ def _line(body: bytes, crc: int) -> tuple[bytes, int]:
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """One line of a journal: an event or a command, and whether its checksum matches.
+    """One line of a journal: an event or a command, and whether the line's checksum matches.
 
     ``sure`` is False after a skipped line: the commands of a replay may then differ from the
     recorded commands.
@@ -300,7 +300,7 @@ class Entry:
 
 @dataclass(frozen=True, slots=True)
 class Unreadable:
-    """A line that is altered, or neither an event nor a command; ``why`` is the reason."""
+    """A line that was altered, or is neither an event nor a command; ``why`` is the reason."""
 
     line: int
     why: str
@@ -309,8 +309,8 @@ class Unreadable:
 class SegmentReader:
     """A reader of one segment; ``cut_at_line`` is the number of an incomplete last line.
 
-    After the last line, ``rest`` is the position to continue from, and ``ended`` is set if the run
-    ended regularly.
+    After the last line was read, ``rest`` is the position from which writing can continue, and
+    ``ended`` is set if the run ended regularly.
     """
 
     def __init__(self, path: Path) -> None:
@@ -349,7 +349,7 @@ class SegmentReader:
         for number, body, intact in self.lines(place):
             if not intact:
                 why = "was altered: its checksum does not match"
-                if number == altered + 1:  # the checksum of the line before may be lost
+                if number == altered + 1:  # the checksum of the preceding line may be lost
                     why = (
                         f"was altered or cannot be checked: its checksum depends on line {altered}"
                     )

@@ -1,7 +1,8 @@
-"""Handles files that only their owner can read: mode 0600, folders 0700, no symbolic links.
+"""Handles files that only their owner can read: file mode 0600, folder mode 0700, no links.
 
-Through a symbolic link in place of a journal or a state, another user could make the service write
-to any file of the service's user. Symbolic links are therefore refused and never followed.
+Through a symbolic link in place of a journal or a state, another user could make the service
+overwrite any file of the user who runs the service. Symbolic links are therefore refused and never
+followed.
 """
 
 import errno
@@ -49,7 +50,7 @@ def sync(path: Path) -> None:
 
 @contextmanager
 def private() -> Iterator[None]:
-    """Set the umask to 077 within the context: new files are readable by their owner only."""
+    """Set the umask to 077 within the context: only the owner can read new files."""
     before = os.umask(0o077)
     try:
         yield

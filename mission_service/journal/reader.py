@@ -1,4 +1,4 @@
-"""Reads a journal: its segments as one stream, its scenario, and its initial state."""
+"""Reads the segments of a journal as one stream, the scenario, and the initial state."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -25,8 +25,8 @@ SKIPPED = b'{"event":{"type":"LinesSkipped"'
 class JournalReader:
     """The journal of a run, from its oldest segment on. Raises JournalError if unreadable.
 
-    If its first segments were deleted, core and fire are those of the state that was saved at the
-    beginning of the oldest existing segment.
+    If the first segments were deleted, the initial core and fire are those of the state that was
+    saved at the beginning of the oldest existing segment.
     """
 
     def __init__(self, path: Path, alone: bool = False, rule: str | None = None) -> None:
@@ -54,18 +54,18 @@ class JournalReader:
 
     @property
     def rule(self) -> str | None:
-        """The rule that was flown."""
+        """The planner rule of the recorded run."""
         return rule_in(self.readers[0].header["scenario"])
 
     @cached_property
     def scenario(self) -> Scenario:
-        """The scenario that was flown, with another rule only if its package is not installed."""
+        """The recorded scenario, with another rule only if the rule's package is not installed."""
         instead = None if self.rule in rules() else self._instead
         return recorded_scenario(self.readers[0].header["scenario"], self.path, instead)
 
     @cached_property
     def landscape(self) -> Landscape:
-        """The landscape. Raises JournalError if it differs from the journal's."""
+        """The landscape. Raises JournalError if it differs from that of the recorded run."""
         found, recorded = landscape_of(self.scenario), self.readers[0].header["landscape_sha256"]
         if found.digest() != recorded:
             raise JournalError(
@@ -83,7 +83,10 @@ class JournalReader:
             yield found
 
     def _entries(self) -> Iterator[tuple[SegmentReader, Entry]]:
-        """Yield entries without the lines that restarts skipped; later entries are not ``sure``."""
+        """Yield entries without the lines that restarts skipped.
+
+        Entries between a skipped line and the next ``LinesSkipped`` are not ``sure``.
+        """
         sure = True
         for reader, number, body, intact in self._lines():
             if (reader.segment, number) in self.skipped:
@@ -135,7 +138,7 @@ class JournalReader:
         return killed or self.damaged or self.last.cut_at_line is not None
 
     def place(self, reader: SegmentReader, entry: Entry) -> str:
-        """Return the number of a line as text, with its segment if the journal has several."""
+        """Return the number of a line as text, with the segment if the journal has several."""
         line = f"line {entry.line}"
         return line if len(self.readers) == 1 else f"{reader.path.name}, {line}"
 
@@ -147,7 +150,7 @@ class JournalReader:
         return core
 
     def cameras(self) -> SimulatedCameras | None:
-        """Return the cameras of the simulated fire in their initial state; None without one."""
+        """Return the cameras of the simulated fire in their initial state; None without a fire."""
         if self.segment == 1:
             return cameras_of(self.scenario, self.landscape)
         cameras: SimulatedCameras | None = self._state()["cameras"]

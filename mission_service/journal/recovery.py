@@ -1,14 +1,14 @@
 """Resumes a run after a kill: loads the newest state and applies the rest of the journal to it.
 
 No command is executed again. The outcome of transfers and orders in progress at the kill is
-unknown. The event ``Resumed``, which follows the last event, ends all of them.
+unknown. The event ``Resumed``, which follows the last event, ends these transfers and orders.
 
 A line that cannot be read or handled ends a restart with an error that names the line. With
-``--skip-unreadable`` it is skipped, and ``LinesSkipped`` records that, so that later restarts and
-replays skip it too. Between the skipped line and ``LinesSkipped`` the core's state may differ from
-the live run's, so the recorded commands are applied. If the last event of a journal cannot be
-handled, it is always skipped, because the run was killed before it could remove the event from the
-journal.
+``--skip-unreadable`` the line is skipped. The event ``LinesSkipped`` records the skipped line, so
+that later restarts and replays also skip it. Between the skipped line and ``LinesSkipped`` the
+core's state may differ from that of the live run, so the recorded commands are applied. If the last
+event of a journal cannot be handled, the event is always skipped, because the run was killed before
+the event could be removed from the journal.
 """
 
 from collections.abc import Callable, Iterator
@@ -45,7 +45,7 @@ class _Turn:
     reader: SegmentReader
     line: int
     event: AnyEvent
-    after_gap: bool  # an event before it may be missing
+    after_gap: bool  # the preceding event may be missing
     commands: list[tuple[SegmentReader, Entry] | None] = field(default_factory=list)
     is_last: bool = False
 
@@ -56,7 +56,7 @@ class _Turn:
         return list(found)  # type: ignore[arg-type]
 
     def gives(self, commands: list[AnyCommand]) -> bool:
-        """Return whether ``commands`` equal the recorded commands, as far as these are readable."""
+        """Return whether ``commands`` equal the recorded commands, ignoring unreadable ones."""
         return len(commands) == len(self.commands) and all(
             each is None or each[1].content == command
             for each, command in zip(self.commands, commands, strict=True)
@@ -66,9 +66,10 @@ class _Turn:
 class InterruptedRun:
     """The journal of an interrupted run that is to be resumed.
 
-    ``objects`` is the newest usable state; if it is None, the journal is applied from its first
-    line. ``unusable`` lists why newer states are not used. ``skipped`` are the reasons for skipped
-    lines by (segment, line), and ``newly_skipped`` those that the journal does not record yet.
+    ``objects`` is the newest usable state, or None if the journal is applied from its first line.
+    ``unusable`` lists the reasons why newer states are not used. ``skipped`` contains the reason
+    for each skipped line by (segment, line), and ``newly_skipped`` the reasons that the journal
+    does not record yet.
     """
 
     def __init__(
@@ -112,7 +113,7 @@ class InterruptedRun:
             )
 
     def rest(self) -> Rest:
-        """Return the position to continue from. Raises JournalError for a damaged line."""
+        """Return the position from which to continue. Raises JournalError for a damaged line."""
         unreadable: dict[Line, str] = {}
         for reader, entry in self._chain.trusted(self._place):
             if isinstance(entry, Unreadable):
@@ -132,16 +133,16 @@ class InterruptedRun:
     def turns(
         self, handle: Callable[[AnyEvent], list[AnyCommand]]
     ) -> Iterator[tuple[AnyEvent, list[AnyCommand]]]:
-        """Yield each event with the commands that ``handle`` (of the core) returns.
+        """Yield each event with the commands that ``handle`` (a method of the core) returns.
 
-        After a skipped line, and up to the ``LinesSkipped`` that records it, the readable commands
-        of the journal are yielded instead: the live run has executed them.
+        After a skipped line, and up to the ``LinesSkipped`` that records the line, the readable
+        commands of the journal are yielded instead, because the live run has executed them.
 
         Raises JournalError if the core's commands differ from the journal's, and UnhandledLineError
-        if ``handle`` fails (``skip_line`` can then skip the line). Afterwards ``last_us`` is the
-        latest mission time, and ``missing`` are commands of the last event that the journal lacks.
-        The missing commands were not executed, because commands are journalled before they are
-        executed.
+        if ``handle`` raises an exception (``skip_line`` can then skip the line). After the last
+        event ``last_us`` is the latest mission time, and ``missing`` are commands of the last event
+        that the journal lacks. The missing commands were not executed, because commands are
+        journalled before they are executed.
         """
         sure, self.missing = True, ()
         for turn in self._turns():
@@ -177,10 +178,10 @@ class InterruptedRun:
         )
 
     def skip_line(self, problem: UnhandledLineError) -> None:
-        """Skip the line that cannot be handled; the caller restarts from the state.
+        """Skip the line that cannot be handled; the caller then begins again from the state.
 
-        Raises ``problem`` unless skipping is permitted, or the line is the last event and has no
-        commands.
+        Raises ``problem`` unless skipping is permitted, or the line is the last event and the
+        journal contains no command after it.
         """
         assert self._at is not None
         cut_off = self._at.is_last and not self._at.commands
@@ -236,10 +237,10 @@ class InterruptedRun:
 def unfinished(
     path: Path, shared: Known, scenario: Scenario, skip_unreadable: bool = False
 ) -> InterruptedRun | None:
-    """Return the journal at ``path`` if it is that of an interrupted live run of this scenario.
+    """Return the interrupted live run of this scenario whose journal is at ``path``, or None.
 
-    Raises MissionServiceError for a symbolic link in its place, and JournalError if its first line
-    is damaged.
+    Raises MissionServiceError for a symbolic link in place of the journal, and JournalError if the
+    first line of the journal is damaged.
     """
     refuse_links(path.parent, path.stem)
     complete(path)
@@ -262,10 +263,10 @@ def unfinished(
 
 
 def rename_old(path: Path) -> Path | None:
-    """Rename the journal at ``path`` to make room for a new journal, and return the new path.
+    """Rename the journal at ``path``, so that a new journal can begin, and return the new path.
 
-    Journals are deleted only because of ``keep_mb``. However, a file without a complete header
-    contains no entry and is deleted; closed segments without a current segment are renamed too.
+    A file without a complete header contains no entry and is deleted. Other journals are deleted
+    only because of ``keep_mb``. Closed segments without a current segment are renamed too.
     """
     refuse_links(path.parent, path.stem)
     complete(path)
@@ -275,7 +276,7 @@ def rename_old(path: Path) -> Path | None:
         path.unlink()
     if not path.exists() and not closed_segments(path):
         for state in states(path):
-            state.unlink()  # the state has no journal
+            state.unlink()  # there is no journal for this state
         return None
     number = 1
     while (to := path.with_name(f"{path.stem}-{number}{path.suffix}")).exists() or closed_segments(
@@ -293,7 +294,7 @@ def resumed(last_us: int, down_s: float) -> Resumed:
 
 
 def _header_cut(path: Path) -> bool:
-    """Return whether the run was killed before its header was complete."""
+    """Return whether the run was killed before the header of the journal was complete."""
     with path.open("rb") as file:
         return not file.readline().endswith(b"\n")
 

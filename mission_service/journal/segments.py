@@ -1,9 +1,11 @@
 """Manages the files of one journal: closed segments, the segment being written, and states.
 
+A state is a snapshot of the service (``snapshot.py``).
+
 journal.jsonl            the segment being written
 journal-000001.jsonl     a closed segment; the oldest has the smallest number
 journal-000002.state     the state at the beginning of segment 2 (segment 1 has none)
-journal.state            the newest state; journal.earlier.state is the previous one
+journal.state            the newest state; journal.earlier.state is the previous state
 """
 
 import re
@@ -21,7 +23,7 @@ from mission_service.journal.journal_file import (
 )
 from mission_service.journal.private_files import sync
 
-NEVER_DELETED = 2  # number of segments: the segment being written, and the segment before
+NEVER_DELETED = 2  # number of segments: the segment being written, and the preceding segment
 
 
 def closed_segments(path: Path) -> dict[int, Path]:
@@ -43,12 +45,12 @@ def begin_state(path: Path, number: int) -> Path:
 
 
 def newest_state(path: Path) -> Path:
-    """Return the path of the state written last."""
+    """Return the path of the newest state."""
     return path.with_suffix(".state")
 
 
 def earlier_state(path: Path) -> Path:
-    """Return the path of the state that was the newest before."""
+    """Return the path of the previous state."""
     return path.with_suffix(".earlier.state")
 
 
@@ -68,7 +70,7 @@ def synced(path: Path) -> None:
 
 
 def complete(path: Path) -> None:
-    """Complete a change of segments that a kill interrupted, and remove incomplete files."""
+    """Complete a change of segments after a kill interrupted it, and remove incomplete files."""
     new = next_path(path)
     if new.exists():
         if path.exists():
@@ -96,8 +98,9 @@ def move(path: Path, to: Path) -> None:
 def trim(path: Path, keep_bytes: int) -> list[Path]:
     """Delete the oldest segments while the total size exceeds ``keep_bytes``, and return them.
 
-    A segment that lacks the state at its beginning is deleted too if it would be the oldest,
-    because it could not be replayed. The state is missing if the run was killed before writing it.
+    A segment that would become the oldest is also deleted if the state at its beginning is missing,
+    because the segment could then not be replayed. The state is missing if the run was killed
+    before the state was written.
     """
     closed, deleted = closed_segments(path), list[Path]()
     size = sum(each.stat().st_size for each in (path, *closed.values(), *states(path)))
@@ -115,8 +118,8 @@ def trim(path: Path, keep_bytes: int) -> list[Path]:
 class Chain:
     """The segments of a journal, read in order as one file.
 
-    Raises JournalError if a segment cannot be read, is missing, or does not continue the segment
-    before it.
+    Raises JournalError if a segment cannot be read, is missing, or does not continue the preceding
+    segment.
     """
 
     def __init__(self, path: Path) -> None:
@@ -151,7 +154,7 @@ class Chain:
             yield reader, reader.entry(number, body, intact)
 
     def lines(self, place: Rest) -> Iterator[tuple[SegmentReader, int, bytes, bool]]:
-        """Yield the segment, number and body of each line, and whether its checksum matches."""
+        """Yield the segment, number and body of each line, and whether the checksum matches."""
         for reader, begin in self._places(place):
             for line in reader.lines(begin):
                 yield reader, *line

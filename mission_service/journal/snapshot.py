@@ -1,11 +1,11 @@
 """Stores the state of a service in a file, so that a restart need not replay the whole journal.
 
 The first line is JSON (``Header``), with the state's position in the journal. The rest is one
-compressed pickle of all objects, which preserves references between them. Objects that a restart
-builds from the scenario (landscape, scenario) are stored by name only. A state is read only by the
-code that wrote it, with the same versions of its libraries; otherwise a restart replays the
-journal, which takes longer. Because unpickling executes code, a file that other users could have
-written is refused.
+compressed pickle of all objects, which preserves references between the objects. Objects that are
+created from the scenario in a restart (landscape, scenario) are stored by name only. A state is
+read only by the code that wrote the state, with the same versions of libraries; otherwise a restart
+replays the journal, which takes longer. Because unpickling executes code, a file that other users
+could have written is refused.
 """
 
 import hashlib
@@ -39,7 +39,7 @@ COMPUTES_WITH = ("msgspec", "numba", "numpy", "pydantic", "pymavlink", "pyproj",
 
 
 class Header(msgspec.Struct, frozen=True):
-    """The header of a state; ``parts`` are the lengths of the pickle and its buffers."""
+    """The header of a state; ``parts`` are the lengths of the pickle and of each buffer."""
 
     format: int
     code: str
@@ -100,7 +100,7 @@ def digest_of(scenario: Scenario) -> str:
 
 @cache
 def code_digest() -> str:
-    """Return the digest of the packages' source, the interpreter and the numerical libraries."""
+    """Return the digest of the packages' source and the versions of interpreter and libraries."""
     digest = hashlib.sha256()
     root = Path(__file__).parents[2]
     for package in OURS:
@@ -119,7 +119,7 @@ class Frozen:
     """Pickled objects, which do not change when the original objects change."""
 
     def __init__(self, objects: dict[str, Any], shared: Known) -> None:
-        """Pickle the objects, in about the time of a copy; ``write`` may run in a thread."""
+        """Pickle the objects in about the time of a copy; ``write`` may then run in a thread."""
         pickled, buffers = _pickled(objects, shared)
         self.parts = [pickled, *(bytes(each.raw()) for each in buffers)]
         self.shared = shared
@@ -199,9 +199,9 @@ def _view(
 
 
 def write(path: Path, frozen: Frozen, rest: Rest) -> None:
-    """Write the state at a position in the journal; the file is replaced only by a complete one.
+    """Write the state at a position in the journal; only a complete file replaces the old file.
 
-    Raises OSError; the previous file is then unchanged.
+    Raises OSError; the old file is then unchanged.
     """
     packing = zlib.compressobj(level=1)
     packed = b"".join([*(packing.compress(part) for part in frozen.parts), packing.flush()])
@@ -271,12 +271,12 @@ def read(path: Path, shared: Known) -> dict[str, Any]:
 
 
 def copied(objects: dict[str, Any], shared: Known) -> dict[str, Any]:
-    """Return deep copies of objects, with references between them and to the ``shared`` objects."""
+    """Return deep copies of objects, which refer to each other and to the ``shared`` objects."""
     pickled, buffers = _pickled(objects, shared)
     return _unpickled(pickled, [bytearray(each.raw()) for each in buffers], shared)
 
 
 def restore(frozen: Frozen) -> dict[str, Any]:
-    """Return the objects of a ``Frozen``, equal to those that ``read`` returns from its file."""
+    """Return the objects of a ``Frozen``, equal to those that ``read`` returns after ``write``."""
     pickled, *buffers = frozen.parts
     return _unpickled(pickled, [bytearray(each) for each in buffers], frozen.shared)

@@ -112,7 +112,7 @@ async def serve(
     _warm_up(scenario, landscape, notice)
     announcements = _Announcements()
     async with contextlib.AsyncExitStack() as stack:
-        # Ports and socket first: if one is in use, the journal of an earlier run stays unchanged.
+        # Open ports and control socket first: if one is in use, an earlier journal stays unchanged.
         listening = stack.enter_context(claimed(run.out / NAME))
         run_interfaces = interfaces_of(
             run.settings, run.out, scenario.name, stack, address, run.logs
@@ -210,7 +210,7 @@ class _Announcements:
         self._early: list[tuple[str, str]] = []
 
     def show(self, vehicle: str, text: str) -> None:
-        """Announce a text about a vehicle, or buffer it."""
+        """Announce a text about a vehicle, or buffer the text."""
         if self.engine is None:
             self._early.append((vehicle, text))
         else:
@@ -231,7 +231,7 @@ async def _engine_of(
     announcements: _Announcements,
     stack: contextlib.AsyncExitStack,
 ) -> Engine:
-    """Return the engine of a new or resumed run; ``stack`` closes its journal."""
+    """Return the engine of a new or resumed run; ``stack`` closes the journal."""
     references = Known(run.scenario, landscape)
     refuse_links(run.out)
     interrupted = None
@@ -329,7 +329,7 @@ def _journal_of(
 def _load_for_corrections() -> None:
     """Import and compile the modules that the first corrections and images of the fire use.
 
-    Without this, the first of them would hold the event loop for the time of the imports.
+    Otherwise the imports would block the event loop at the first correction or image.
     """
     modules = (
         "scipy.ndimage",
@@ -378,10 +378,10 @@ async def _resume(
 
 
 def replay(interrupted: InterruptedRun, service: Engine) -> None:
-    """Apply the journal to the core and all other projections; no command is executed.
+    """Apply the journal to the core and to all other state of the run; execute no command.
 
-    If a line cannot be applied but may be skipped, the method starts again without the line. Raises
-    JournalError.
+    If a line cannot be applied but may be skipped, the function starts again without the line.
+    Raises JournalError.
     """
     initial = Frozen(service.snapshot_fields(), service.shared_references)
     while True:
@@ -422,7 +422,7 @@ def _check_links(context: RunContext, link_monitor: LinkMonitor, now_us: int) ->
 
 
 async def _stop_ordered(context: RunContext) -> None:
-    """Send the order of the setting ``on_shutdown`` to the vehicles and wait for their answers.
+    """Send the order of the setting ``on_shutdown`` to the vehicles, and wait for the replies.
 
     A vehicle stays in a mode that its autopilot or pilot selected (see
     ``DecisionEngine.apply_order``).

@@ -1,7 +1,7 @@
 """Applies the inputs of the estimate in a thread, so that the event loop is not blocked.
 
 Inputs are applied one after the other. Each input is journalled before it is applied. If the run is
-killed between these two steps, it applies the input when it resumes.
+killed between these two steps, the resumed run applies the input.
 """
 
 import asyncio
@@ -13,11 +13,11 @@ from mission_service.events import AnyOperatorEvent
 from mission_service.runtime.engine import Engine
 from mission_service.runtime.request_handler import ReportOutcome
 
-LOOK_EVERY_S = 0.1  # for images; a report is applied at once
+LOOK_EVERY_S = 0.1  # interval of the check for images; a report is applied at once
 
 
 class EstimateWorker:
-    """The task that applies the inputs of the estimate, and the reports whose senders wait."""
+    """The task that applies the inputs of the estimate, and returns outcomes of reports."""
 
     def __init__(self, service: Engine, now_us: Callable[[], int], flush: Callable[[], None]):
         """Set the clock of the links, and the function that sends the resulting frames."""
@@ -26,7 +26,7 @@ class EstimateWorker:
         self._bell = asyncio.Event()
 
     async def fold_inputs(self) -> None:
-        """Apply inputs until cancelled; the next read applies the inputs that then still wait."""
+        """Apply inputs until cancelled; afterwards, reads apply the remaining inputs."""
         estimate = self._service.estimate
         estimate.in_background = True
         try:
@@ -62,11 +62,11 @@ class EstimateWorker:
         outcome = self._outcomes.pop(id(report), None)
         if outcome is not None:
             outcome.set_result(ReportOutcome(unused, found.change.note))
-        elif unused is not None:  # over MQTT, which does not wait
+        elif unused is not None:  # a report over MQTT does not wait for the outcome
             self._service.announce("service", f"the report of {report.by} is not used: {unused}")
 
     def outcome(self, report: AnyOperatorEvent) -> Awaitable[ReportOutcome] | None:
-        """Return an awaitable for the outcome of a submitted report; None if it does not wait."""
+        """Return an awaitable for a submitted report's outcome; None if none is pending."""
         if not self._service.estimate.waits_for(report):
             return None
         found = self._outcomes.setdefault(id(report), asyncio.get_running_loop().create_future())

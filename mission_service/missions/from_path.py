@@ -38,13 +38,13 @@ def no_least(points_m: Floats) -> Floats:
 def flyable(path_m: Floats, turn_radius_m: float, min_leg_m: float, tolerance_m: float) -> Floats:
     """Return a path (m, 2) with fewer and longer legs than ``path_m`` (n, 2); x, y in metres.
 
-    The path is simplified to ``tolerance_m``. A point is omitted if its leg is shorter than
-    ``min_leg_m``, or too short for a fly-by turn at that corner (turn radius times the tangent of
-    half the turn angle). The last point is always kept.
+    The path is simplified to ``tolerance_m``. A point is omitted if the leg to the point is shorter
+    than ``min_leg_m``, or too short for a fly-by turn at the point (turn radius times the tangent
+    of half the turn angle). The last point is always kept.
     """
     if len(path_m) < 3:
         return path_m
-    # Rounded to a micrometre, because GEOS divides by zero for points that are closer.
+    # Points are rounded to a micrometre, because GEOS divides by zero for points that are closer.
     line = shapely.simplify(shapely.LineString(np.round(path_m, 6)), tolerance_m)
     points = shapely.get_coordinates(line)
     points[0], points[-1] = path_m[0], path_m[-1]
@@ -102,7 +102,8 @@ def _end_of_images(
 ) -> list[MissionItem]:
     """Return the items that stop the camera where the last leg (n, 2) reaches the loiter.
 
-    Items after an endless loiter are not executed. On a short leg, the camera stops before it.
+    Items after an unlimited loiter are not executed. If the last leg is short, the camera stops
+    before this leg.
     """
     stop = [camera_trigger(0.0)]
     leg = points_m[-1] - points_m[-2] if len(points_m) > 1 else np.zeros(2)
@@ -124,12 +125,12 @@ def mission_along(
     min_at: LeastAltitude = no_least,
     start_m: tuple[float, float] | None = None,
 ) -> tuple[MissionItem, ...]:
-    """Return the items that fly a path (x, y in metres), with an unlimited loiter at its end.
+    """Return the mission along a path (x, y in metres), with an unlimited loiter at its end.
 
-    Each mission first sets the speed (after a takeoff), because autopilots reset it when the mode
-    changes. If the vehicle has ``camera_trigger_m``, its camera takes images up to the end of the
-    path. ``landing`` follows the loiter, for autopilots that require it; ``start_m`` is the
-    position of a vehicle in the air.
+    Each mission first sets the speed (after a takeoff), because autopilots reset the speed when the
+    mode changes. If the vehicle has ``camera_trigger_m``, its camera takes images up to the end of
+    the path. ``landing`` follows the loiter, for autopilots that require a landing. ``start_m`` is
+    the position of a vehicle in the air.
     """
     points = flyable(path_m, vehicle.turn_radius_m, vehicle.min_leg_m, landscape.cell_size_m / 2)
     altitudes = leg_altitudes_m(

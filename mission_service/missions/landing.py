@@ -1,7 +1,7 @@
 """Plans the landing that PX4 requires at the end of every mission of a fixed-wing vehicle.
 
 With PX4's default for planes (MIS_TKO_LAND_REQ = 2) a mission without a landing is rejected. The
-landing follows the unlimited loiter, so it is flown only if an operator selects its items.
+landing follows the unlimited loiter, so the landing is flown only if an operator selects its items.
 """
 
 import math
@@ -40,7 +40,7 @@ class Landing:
         self._landscape = landscape
         self._weather = weather_of(scenario) if needs_landing(section) else None
         self._items: tuple[MissionItem, ...] = ()
-        self._wind_from_deg = math.nan  # the wind that the items are planned for
+        self._wind_from_deg = math.nan  # wind direction for which the items are planned
         self.items_at(scenario.start_s)
 
     def items_at(self, at_s: float) -> tuple[MissionItem, ...]:
@@ -59,9 +59,10 @@ def landing_of(
 ) -> tuple[MissionItem, ...]:
     """Return DO_LAND_START, a loiter down to the approach height, and a landing at home.
 
-    The course is ``landing_course_deg`` if it is set. Otherwise it is the course closest to the
-    wind that leaves a terrain clearance of ``CLEARANCE_M`` under approach and loiter. Altitudes are
-    above home, as required for touchdown. Raises ScenarioError if no approach is clear.
+    The course is ``landing_course_deg`` if this is set. Otherwise the course is as close to the
+    wind direction as a terrain clearance of ``CLEARANCE_M`` under approach and loiter permits.
+    Altitudes are above home, as required for touchdown. Raises ScenarioError if no approach is
+    clear.
     """
     home_m = np.array(landscape.xy_of_lat_lon(section.home_lat_deg, section.home_lon_deg))
     given = section.landing_course_deg
@@ -89,7 +90,7 @@ def _glide_m(height_m: float) -> float:
 
 
 def _centre(home_m: Floats, course_deg: float, height_m: float, radius_m: float) -> Floats:
-    """Return the centre of a clockwise loiter whose exit on the course is the glide's upper end."""
+    """Return the centre of a clockwise loiter that the vehicle leaves at the top of the glide."""
     ahead = _forward(course_deg)
     right = np.array([ahead[1], -ahead[0]])
     return np.asarray(home_m - _glide_m(height_m) * ahead + radius_m * right)
@@ -103,7 +104,7 @@ def _is_clear(
     section: VehicleSection,
     landscape: Landscape,
 ) -> bool:
-    """Return whether the loiter and the glide from it are clear of the terrain."""
+    """Return whether the loiter and the glide are clear of the terrain."""
     if landscape.elevation_m is None:
         return True
     home_altitude_m = float(landscape.elevation_at(*home_m))

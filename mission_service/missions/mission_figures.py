@@ -23,7 +23,7 @@ class Figures(msgspec.Struct):
     highest_amsl_m: float
     farthest_from_home_m: float
     outside_landscape: bool
-    problems: list[str]  # reasons why the vehicle's autopilot would reject it
+    problems: list[str]  # reasons why the vehicle's autopilot would reject the mission
 
 
 def figures_of(

@@ -1,4 +1,4 @@
-"""Computes the hash of a mission, by which an operator accepts it."""
+"""Computes the hash by which an operator accepts a mission."""
 
 import hashlib
 from collections.abc import Iterable

@@ -1,4 +1,4 @@
-"""Plans circles over terrain: their positions and altitudes, and the missions that fly them."""
+"""Plans circles over terrain: positions, altitudes, and the missions with these circles."""
 
 import math
 from dataclasses import dataclass
@@ -37,8 +37,8 @@ class Circle:
 def highest_ground_m(landscape: Landscape, start: Place, end: Place, within_m: float) -> float:
     """Return the highest ground within a distance of the line between two places.
 
-    Beyond the grid the elevation of its edge counts. Raises FireModelError if the landscape has no
-    elevation.
+    Outside the grid the elevation of the grid's edge counts. Raises FireModelError if the landscape
+    has no elevation.
     """
     highest_m = max(float(landscape.elevation_at(*place)) for place in (start, end))
     elevation_m = landscape.elevation_m
@@ -68,7 +68,7 @@ def highest_ground_m(landscape: Landscape, start: Place, end: Place, within_m: f
 def altitude_amsl_m(
     landscape: Landscape, circle: Circle, altitude_agl_m: float, from_m: Place
 ) -> float:
-    """Return the altitude that clears all terrain within the circle and on the leg to it."""
+    """Return the altitude that clears all terrain within a circle and on the leg to the circle."""
     reach_m = WIDER * abs(circle.radius_m)
     ground_m = highest_ground_m(landscape, circle.centre_m, circle.centre_m, reach_m)
     if math.dist(from_m, circle.centre_m) > reach_m:
@@ -86,7 +86,7 @@ def orbit_of(vehicle: str, landscape: Landscape, circle: Circle, altitude_m: flo
 def loiter_mission(
     landscape: Landscape, circle: Circle, altitude_m: float, landing: tuple[MissionItem, ...]
 ) -> tuple[MissionItem, ...]:
-    """Return the mission of an unlimited circle, followed by ``landing``."""
+    """Return the mission with an unlimited loiter on a circle, followed by ``landing``."""
     lat_deg, lon_deg = landscape.lat_lon_of(*circle.centre_m)
     place = (float(lat_deg), float(lon_deg))
     return (loiter_unlimited(*place, altitude_m, circle.radius_m), *landing)
@@ -95,7 +95,7 @@ def loiter_mission(
 def first_mission(
     landscape: Landscape, circle: Circle, section: VehicleSection, landing: tuple[MissionItem, ...]
 ) -> tuple[MissionItem, ...]:
-    """Return the mission that takes off, climbs clear of the terrain, and flies the circle."""
+    """Return the mission with a takeoff, a climb clear of the terrain, and a loiter on a circle."""
     home_m = landscape.xy_of_lat_lon(section.home_lat_deg, section.home_lon_deg)
     altitude_m = altitude_amsl_m(landscape, circle, section.altitude_agl_m, home_m)
     ground_m = highest_ground_m(landscape, home_m, circle.centre_m, CORRIDOR_M)
@@ -123,7 +123,7 @@ def waiting_place(
 
 
 def pushed_out(place_m: Place, centre_m: Place, reach_m: float) -> Place:
-    """Return a position at least ``reach_m`` from the centre, on the same side of it."""
+    """Return a position at least ``reach_m`` from the centre, in the direction of ``place_m``."""
     away_m = math.dist(place_m, centre_m)
     if away_m >= reach_m:
         return place_m

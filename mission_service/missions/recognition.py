@@ -8,7 +8,7 @@ from autopilot_bridge.stacks.stacks import Stack
 from mission_service.commands import AnyCommand, UploadMission
 from mission_service.events import AnyEvent, MissionReadBack, UploadFinished
 
-MAX_HELD = 4  # stored missions of a vehicle while the mission on board is uncertain
+MAX_HELD = 4  # maximum number of stored missions per vehicle while the mission is uncertain
 
 Items = tuple[MissionItem, ...]
 
@@ -21,7 +21,7 @@ def as_uploaded(items: Items, stack: Stack | None) -> Items:
 
 
 class MissionsHeld:
-    """The missions that each vehicle may have on board, oldest first, found from the events."""
+    """The missions that each vehicle may have on board, oldest first, derived from events."""
 
     def __init__(self) -> None:
         self._may_hold: dict[str, list[UploadMission]] = {}

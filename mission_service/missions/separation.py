@@ -32,7 +32,7 @@ NAV_LOITER_UNLIM = 17
 
 @dataclass(frozen=True, slots=True)
 class Track:
-    """Samples (n, 2) of a mission's track with the lowest and highest altitude at each."""
+    """Samples (n, 2) of a mission's track, with the lowest and highest altitude at each sample."""
 
     points_m: Floats
     lowest_m: Floats
@@ -50,7 +50,7 @@ def track_of(
     radius_m: float,
     start_m: tuple[float, float] | None = None,
 ) -> Track:
-    """Return the track of a mission, up to its unlimited loiter and once around it.
+    """Return the track of a mission, up to and including one lap of its unlimited loiter.
 
     From ``start_m`` to the first point the track has that point's altitude.
     """
@@ -121,7 +121,7 @@ def heights_below(points_m: Floats, tracks: list[Track]) -> Floats:
 
 
 def comes_too_low(track: Track, others: list[Track], separation_m: float) -> bool:
-    """Return whether a mission is nearer than ``separation_m`` to the tracks below it."""
+    """Return whether a mission is less than ``separation_m`` above the tracks below."""
     return bool(np.any(track.lowest_m < heights_below(track.points_m, others) + separation_m))
 
 
@@ -145,7 +145,10 @@ def is_near(
 
 
 def gives_way(own: PositionFix, other: PositionFix, own_comes_later: bool) -> bool:
-    """Return whether ``own`` gives way: the rear vehicle, or the later one if neither is behind."""
+    """Return whether ``own`` gives way to ``other``.
+
+    The vehicle behind gives way. If neither vehicle is behind, ``own_comes_later`` decides.
+    """
     east_m, north_m = other.x_m - own.x_m, other.y_m - own.y_m
     towards = own.east_m_s * east_m + own.north_m_s * north_m > 0.0
     comes = other.east_m_s * east_m + other.north_m_s * north_m < 0.0

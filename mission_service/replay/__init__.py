@@ -1,1 +1,1 @@
-"""Verification of journals, other planners on them, and flown logs."""
+"""Verification of journals, decisions of other planners on journals, and logged flights."""

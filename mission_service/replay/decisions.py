@@ -1,4 +1,4 @@
-"""Runs only the planners on a journal's positions and observations; missions are not planned.
+"""Runs only the planners on a journal's positions and observations, without planning missions.
 
 With the journal's own rule, the decisions must equal the recorded decisions. With another rule, the
 decisions are made by that rule at the recorded positions.

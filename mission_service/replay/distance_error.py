@@ -16,7 +16,7 @@ SAMPLES_PER_CELL = 2
 
 
 class TrueShape:
-    """The distance of the burned area on each bearing, from arrival times (y, x) in s."""
+    """The distance from the centre to the front on each bearing, from arrival times (y, x) in s."""
 
     def __init__(self, arrival_s: Floats, centre: tuple[int, int]) -> None:
         reach = int(np.hypot(*arrival_s.shape)) * SAMPLES_PER_CELL
@@ -27,7 +27,7 @@ class TrueShape:
         inside &= cols < arrival_s.shape[1]
         along = np.full(rows.shape, np.inf)
         along[inside] = arrival_s[rows[inside], cols[inside]]
-        # Time at which ground at this or a larger distance first burned; it rises with distance.
+        # Time at which ground at this or a larger distance first burned, rising with distance.
         self._reached_s = np.minimum.accumulate(along[:, ::-1], axis=1)[:, ::-1]
 
     def distances_at(self, at_s: float) -> Floats:
@@ -39,7 +39,7 @@ class TrueShape:
 
 @compiled
 def _reached(reached_s, at_s):  # type: ignore[no-untyped-def]
-    """Return the number of samples on each bearing burned by ``at_s``; each row is sorted."""
+    """Return the number of samples on each bearing that burned by ``at_s``; rows are sorted."""
     found = np.empty(reached_s.shape[0], dtype=np.int64)
     for bearing in range(found.size):
         found[bearing] = np.searchsorted(reached_s[bearing], at_s, side="right")

@@ -1,4 +1,4 @@
-"""Burns the fires of a journal again and compares every recorded camera observation and front.
+"""Recomputes every recorded observation and front of a journal by simulating the fires again.
 
 On the machine that recorded the journal, all cells are equal. On another machine the last digits of
 floats may differ, and therefore also cells at the edge of the fire or of a camera's footprint.
@@ -35,7 +35,7 @@ Source = SimulatedCameras | RunEstimate  # sources of images
 
 
 def fire_stage(recorded: JournalReader) -> Stage:
-    """Recompute every observation from the position that follows it in the journal."""
+    """Recompute every observation from the position that follows the observation."""
     comparison = _Comparison(recorded)
     for reader, entry in recorded.readable():
         comparison.read_entry(reader, entry)
@@ -44,7 +44,7 @@ def fire_stage(recorded: JournalReader) -> Stage:
 
 
 class _Comparison:
-    """A comparison of recorded observations with those of the simulated fire, entry by entry."""
+    """A comparison of recorded observations with recomputed observations, entry by entry."""
 
     def __init__(self, recorded: JournalReader) -> None:
         self._recorded = recorded
@@ -53,14 +53,15 @@ class _Comparison:
         self._counts = dict.fromkeys(kinds, 0)
         self._without_position = 0
         self._unsure = 0  # observations between a skipped line and the restart
-        # Waits for its position; with its line number as text.
+        # An observation whose position has not been read yet, with its line number as text.
         self._pending: tuple[str, Observed] | None = None
-        self._fronts: tuple[str, FrontsEstimated] | None = None  # likewise
+        # Fronts whose position has not been read yet.
+        self._fronts: tuple[str, FrontsEstimated] | None = None
         self._difference: str | None = None  # the first difference
         self._details: list[dict[str, Any]] = []
 
     def read_entry(self, reader: SegmentReader, entry: Entry) -> None:
-        """Store an observation; compare it with the fire when its position follows."""
+        """Process an entry: store an observation, or compare it when its position is read."""
         content = entry.content
         if not entry.sure:  # the fire of the live run may have differed
             self._without_position += self._pending is not None
@@ -107,7 +108,7 @@ class _Comparison:
                 fire.on_command(entry.content)  # type: ignore[arg-type]
 
     def stage(self) -> Stage:
-        """Return the result; call it after the last entry."""
+        """Return the result after the last entry."""
         without = self._without_position + (self._pending is not None)
         counts = self._counts
         exact = not counts["within tolerance"] and not counts["beyond tolerance"]
@@ -118,7 +119,7 @@ class _Comparison:
         return Stage("fire", counts, self._difference, self._details, "; ".join(note))
 
     def _source(self, image: Observed) -> Source | None:
-        """Return the fire in an image: the estimate or the simulated fire, or None."""
+        """Return the fire that an image shows: the estimate, or the simulated fire (or None)."""
         return self._estimate if image.estimated else self._cameras
 
     def _compare(self, place: str, recorded: Observed, fix: Telemetry) -> None:
@@ -162,7 +163,7 @@ class _Comparison:
 def _cells(
     recorded: Observed, again: Observed | None, fix: Telemetry, source: Source
 ) -> Iterator[dict[str, Any]]:
-    """Yield the cells in which two observations differ, and whether the tolerance allows it."""
+    """Yield each cell that differs, and whether the difference is beyond the tolerance."""
     before, after = _letters(recorded), _letters(again)
     at_s = recorded.at_us / 1e6
     edge: set[Cell] | None = None
@@ -209,7 +210,7 @@ def _letters(observed: Observed | None) -> dict[Cell, str]:
 
 
 def _edge(fix: Telemetry, source: Source) -> set[Cell]:
-    """Return the cells inside a slightly larger footprint and outside a slightly smaller one."""
+    """Return the cells within ``EDGE_WITHIN_CELLS`` of the edge of the camera's footprint."""
     wide, narrow = (
         _letters(source.seen_from(fix, wider)) for wider in (EDGE_WITHIN_CELLS, -EDGE_WITHIN_CELLS)
     )

@@ -6,10 +6,10 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Stage:
-    """A stage's result. ``difference`` describes the first difference, ``details`` its fields.
+    """A stage's result. ``difference`` describes the first difference in words.
 
-    For an observation, ``details`` contains cells. ``counts`` are the numbers of compared items by
-    kind; ``note`` is additional information.
+    ``details`` are the fields in which the entries differ; for an observation, the cells.
+    ``counts`` are the numbers of compared items by kind; ``note`` is additional information.
     """
 
     name: str
@@ -18,4 +18,4 @@ class Stage:
     details: list[dict[str, Any]] = field(default_factory=list)
     note: str = ""
     left_out: bool = False
-    killed_at_line: int | None = None  # number of the line that the kill of the run prevented
+    killed_at_line: int | None = None  # number of the line that was not written after a kill

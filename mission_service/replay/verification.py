@@ -2,8 +2,8 @@
 
 The stage "file" checks the checksum of every line. The stage "fire" compares the cameras'
 observations with those in a new simulation of the fire. The stage "planner" recomputes the
-decisions from the recorded observations, and the stage "core" recomputes all commands; both compare
-bit for bit.
+decisions from the recorded observations, and the stage "core" recomputes all commands; both stages
+compare bit for bit.
 
 A journal is verified from its first line, or from the state at the beginning of its oldest existing
 segment. A single closed segment is verified from the state at its beginning.
@@ -30,7 +30,7 @@ from mission_service.replay.replay_stage import Stage
 class Verification:
     """The results of all stages. ``from_segment`` is 1 if the journal is complete.
 
-    ``cut_at_line`` is the incomplete last line, up to which the journal is verified, or None.
+    ``cut_at_line`` is the number of an incomplete last line, which is not verified, or None.
     """
 
     stages: tuple[Stage, ...]
@@ -72,10 +72,10 @@ class Verification:
 
 
 def verify(path: Path, alone: bool = False, stages: Sequence[str] = ()) -> Verification:
-    """Verify a journal, or with ``alone`` only the segment at ``path``, in these or all stages.
+    """Verify a journal, or with ``alone`` only the segment at ``path``, by default in all stages.
 
-    Raises JournalError if the journal cannot be read or belongs to another landscape, or if its
-    beginning was deleted and the state saved at that position cannot be used.
+    Raises JournalError if the journal cannot be read or belongs to another landscape. The error is
+    also raised if the first segments were deleted and the state that replaces them is not usable.
     """
     recorded = JournalReader(path, alone)
     names = [name for name in STAGES if name in (stages or STAGES)]
@@ -106,7 +106,7 @@ def _fields(stage: Stage) -> dict[str, Any]:
 
 
 def in_text(found: Verification) -> str:
-    """Return the results as text: one line per stage, with its difference, if any."""
+    """Return the results as text: one line for each stage, followed by any difference."""
     lines = []
     for each in found.stages:
         counts = ", ".join(f"{count} {kind}" for kind, count in each.counts.items())
@@ -138,7 +138,7 @@ def _result_of(stage: Callable[[JournalReader], Stage], recorded: JournalReader)
 
 
 def file_stage(recorded: JournalReader) -> Stage:
-    """Check the checksum of every line, which depends on all lines before it."""
+    """Check the checksum of every line; a checksum depends on all earlier lines."""
     counts = {"lines": len(recorded.readers), "altered": 0}  # the reader has checked the headers
     difference = None
     try:

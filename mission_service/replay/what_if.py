@@ -46,7 +46,7 @@ CREW_EVENTS = (ChecklistAnswered, OperatorHeartbeat)
 
 @dataclass
 class PastRun:
-    """The part of a journal that the second run needs."""
+    """The contents of a journal that the second run needs."""
 
     scenario: Scenario
     state_view: StateView
@@ -55,7 +55,7 @@ class PastRun:
 
     @property
     def record(self) -> RunStatistics:
-        """The figures of the run."""
+        """The statistics of the run."""
         return self.state_view.statistics
 
     def apply(self, event: AnyEvent, commands: list[AnyCommand]) -> None:
@@ -69,7 +69,7 @@ class PastRun:
 
 
 def past_run(journal: JournalReader) -> PastRun:
-    """Read a whole journal. Raises JournalError if it is damaged or lacks its beginning."""
+    """Read a whole journal. Raises JournalError if the journal is damaged or incomplete."""
     if journal.segment != 1:
         raise JournalError(
             f"{journal.path}: its beginning, which contains operators' requests, was deleted"
@@ -174,7 +174,7 @@ class Script:
 def with_settings(journal: JournalReader, words: Sequence[str]) -> tuple[Scenario, dict[str, Any]]:
     """Return the journal's scenario with ``KEY=VALUE`` settings of [planner], and these settings.
 
-    An argument may contain several settings. Raises ScenarioError for an unknown setting.
+    Each of ``words`` may contain several settings. Raises ScenarioError for an unknown setting.
     """
     data = msgspec.to_builtins(journal.readers[0].header["scenario"])
     keys = list[str]()

@@ -1,8 +1,9 @@
 """Converts reports of cameras and gimbals to events for the sensors. Pure.
 
-Only runs with sensors have these events. The direction of the camera is computed at each ATTITUDE
-of the vehicle, and reported if it has changed by ``CHANGED_DEG`` or after ``EVERY_US``. The error
-of a direction between two reports is therefore at most ``CHANGED_DEG``.
+These events occur only in runs with sensors. The direction of the camera is computed at each
+ATTITUDE message of the vehicle. The direction is reported ``MIN_INTERVAL_US`` after the last report
+if it has changed by ``CHANGED_DEG``, and ``EVERY_US`` after the last report in any case. The error
+of a reported direction therefore exceeds ``CHANGED_DEG`` for at most ``MIN_INTERVAL_US``.
 """
 
 from autopilot_bridge.vehicle import camera_telemetry as camera
@@ -17,14 +18,14 @@ from mission_service.events import (
 
 CHANGED_DEG, EVERY_US = 0.5, 1_000_000
 MIN_INTERVAL_US = 200_000
-GIMBAL_LASTS_US = 1_000_000  # PX4 also uses the report of a gimbal for one second
+GIMBAL_LASTS_US = 1_000_000  # PX4 also uses a gimbal's report for one second
 FIELD_OF_VIEW_CHANGED_DEG = 0.05
 
 Angles = tuple[float, float, float]
 
 
 class CameraReports:
-    """The camera of one vehicle; the link's clock gives the age of a gimbal's report."""
+    """The camera of one vehicle; the age of a gimbal's report is measured by the link's clock."""
 
     def __init__(self, name: str, hot_c: float) -> None:
         """Set the vehicle's name and the minimum temperature of hot points."""
@@ -37,11 +38,11 @@ class CameraReports:
         self._field_of_view_deg: float | None = None
 
     def on_gimbal(self, event: camera.GimbalAttitude) -> None:
-        """Store the direction of the gimbal, which the next ATTITUDE or image uses."""
+        """Store the direction of the gimbal for the next ATTITUDE message or image."""
         self._gimbal = event
 
     def on_attitude(self, event: Attitude, mission_us: int) -> CameraDirection | None:
-        """Return the direction of the camera at a mission time if it is due, or None."""
+        """Return the direction of the camera at a mission time, or None if no report is due."""
         self._heading_deg = event.yaw_deg
         airframe = (event.yaw_deg, event.pitch_deg, event.roll_deg)
         gimbal = self._gimbal_angles(event.at_us)
@@ -53,10 +54,11 @@ class CameraReports:
         return now
 
     def on_image(self, event: camera.ImageCaptured, mission_us: int) -> ImageCaptured:
-        """Return the image with the direction of the camera, as far as it is known.
+        """Return the image with the direction of the camera, if the direction is known.
 
-        An autopilot reports its own attitude, or on PX4 that of its gimbal. A report of a gimbal is
-        therefore used instead.
+        With an image, an autopilot reports the attitude of the airframe, or on PX4 that of the
+        gimbal. If the gimbal has reported its direction, that direction replaces the attitude of
+        the airframe.
         """
         angles, gimbal = event.angles, not event.of_vehicle
         if event.of_vehicle and (found := self._gimbal_angles(event.at_us)) is not None:
@@ -86,7 +88,10 @@ class CameraReports:
         return CameraFieldOfView(mission_us, self._name, now_deg, vertical_deg)
 
     def on_hottest(self, event: camera.HottestPoint, mission_us: int) -> HotPointSeen | None:
-        """Return the hottest point of an image if it is hot, at most once a second, or None."""
+        """Return an image's hottest point if it reaches the minimum temperature, or None.
+
+        A point is returned at most once a second.
+        """
         if event.max_c < self._hot_c or 0 <= mission_us - self._hot_point_us < EVERY_US:
             return None
         self._hot_point_us = mission_us
@@ -102,7 +107,7 @@ class CameraReports:
         return TargetTracked(mission_us, self._name, *place)
 
     def _gimbal_angles(self, now_us: int) -> Angles | None:
-        """Return the direction of the gimbal with its yaw from north, or None if it is unknown."""
+        """Return the direction of the gimbal, with the yaw from north, or None if unknown."""
         gimbal = self._gimbal
         if gimbal is None or now_us - gimbal.at_us > GIMBAL_LASTS_US:
             return None
@@ -115,7 +120,7 @@ class CameraReports:
 
 
 def _differs(before: CameraDirection, now: CameraDirection) -> bool:
-    """Return whether a direction is to be reported."""
+    """Return whether the direction ``now`` is to be reported after the direction ``before``."""
     passed_us = now.at_us - before.at_us
     if not 0 <= passed_us < EVERY_US or now.gimbal != before.gimbal:
         return True

@@ -1,19 +1,21 @@
 """Runs the engine, which applies each event, in simulation and in live flight.
 
-The engine journals the event, applies it to the core and to all other projections, journals the
-commands and executes them. At each position a simulated camera, if there is one, takes an image.
+A projection is a state that is computed from the events, such as that of the core. The engine
+journals each event, applies the event to all projections, journals the resulting commands and
+executes the commands. At each position a simulated camera, if there is one, takes an image.
 
 **No event in the journal can make a restart fail.** Requests of operators are rare and may have any
 content. The engine first applies each request to a copy of all projections (core, state view,
-interlock, missions), as a restart does, and journals it only if none of them raises an exception.
-The copy takes milliseconds, or tens of milliseconds with the maps of a formation. The estimated
-fire is not copied, because a change of it takes too long: the request is applied to the estimate
-after the journal line is written (in a live run in a thread, ``estimate_worker``). A request that
-raises an exception there changes nothing in the estimate, in the run and after a restart. Events of
-vehicles are too frequent for a copy. Their types limit their values (``events.py``), and the
-journal refuses other values. An event of a vehicle that still raises an exception is a defect. The
-engine removes it from the journal and executes none of its commands. The run then ends with an
-error of one line, because memory and journal differ. A restart resumes the run.
+interlock, missions), as in a restart, and journals the request only if no projection raises an
+exception. The copy takes milliseconds, or tens of milliseconds with the maps of a formation. The
+estimated fire is not copied, because changing a fire takes too long: a request is applied to the
+estimate after the journal line is written (in a live run by a thread, ``estimate_worker``). If the
+request raises an exception in the estimate, the estimate remains unchanged, in the run and after a
+restart. Events of vehicles are too frequent for a copy. The types of these events limit their
+values (``events.py``), and the journal refuses other values. An event of a vehicle that still
+raises an exception is a defect. The engine removes the event from the journal and executes none of
+its commands. The run then ends with an error of one line, because the state in memory differs from
+the journal. A restart resumes the run.
 """
 
 import copy
@@ -91,7 +93,7 @@ SNAPSHOT_FIELDS = (
     "_acknowledged",
     "_sensor_files",
 )
-# The fields that are copied to try a request.
+# A request is tried on a copy of the fields ``TRIED``.
 NOT_TRIED = ("cameras", "estimate", "_sensor_files")
 TRIED = tuple(name for name in SNAPSHOT_FIELDS if name not in NOT_TRIED)
 
@@ -107,7 +109,7 @@ def no_broadcast(message: AnyMessage) -> None:
 
 
 class Engine:
-    """The engine, which joins core, journal, fire and the vehicles' gateways."""
+    """The engine, which connects core, journal, fire and the vehicles' gateways."""
 
     def __init__(
         self,
@@ -120,7 +122,7 @@ class Engine:
         gateways: dict[str, Gateway],
         broadcast: Callable[[AnyMessage], None] = no_broadcast,
     ) -> None:
-        """Join the parts; ``broadcast`` sends messages to other processes.
+        """Connect the parts; ``broadcast`` sends messages to other processes.
 
         ``cameras`` is None without a simulated fire.
         """
@@ -133,9 +135,9 @@ class Engine:
         self.state_view = state_view
         self.recording = GuardedJournal(journal)
         self._missions = MissionsHeld()
-        # Corrected windows that a vehicle's planner has not received yet, in their order.
+        # Corrected windows that a vehicle's planner has not received yet, oldest first.
         self._undelivered: dict[str, tuple[Window, ...]] = {}
-        self._estimate_due_us = 0  # of the next check of the estimate
+        self._estimate_due_us = 0  # mission time of the next check of the estimate
         self._down_since_us = 0
         self._host_time_due_us = self._sensors_due_us = -(2**63)
         self._gateways = gateways
@@ -148,7 +150,7 @@ class Engine:
 
     @property
     def statistics(self) -> RunStatistics:
-        """The figures of the run."""
+        """The statistics of the run, such as tracks and numbers of decisions."""
         return self.state_view.statistics
 
     @cached_property
@@ -157,7 +159,7 @@ class Engine:
         return Known(self._scenario, self.estimate.landscape)
 
     def handle_events(self, events: Iterable[VehicleEvent], now_us: int) -> None:
-        """Handle the events of a gateway; ``now_us`` is the link's clock."""
+        """Handle the events of a gateway; ``now_us`` is the time of the link's clock."""
         self.clock_read(now_us)
         for event in events:
             if not isinstance(event, Telemetry):
@@ -175,7 +177,7 @@ class Engine:
         self.check_estimate(now_us)
 
     def take_reports(self, at_us: int, now_us: int) -> None:
-        """Handle new reports of the sensors at a mission time; announce those that are refused."""
+        """Handle new reports of the sensors at a mission time, and announce refused reports."""
         if self.recording.trouble:
             return
         for report in self.sensors.reports(at_us):
@@ -186,15 +188,16 @@ class Engine:
                 self.announce("service", text)
 
     def check_estimate(self, now_us: int) -> None:
-        """Once a minute, deliver corrections that images have removed, and check the edge.
+        """Once a minute, check whether images have removed corrections, and the landscape's edge.
 
-        ``FireReachedEdge`` is journalled once, when the estimated fire has reached the edge.
+        Planners receive the windows around removed corrections. ``FireReachedEdge`` is journalled
+        once, when the estimated fire has reached the edge of the landscape.
         """
         self._show_sensors(now_us)
         at_us = self.statistics.at_us
         if at_us < self._estimate_due_us or self.recording.trouble:
             return
-        if self.estimate.in_background and self.estimate.is_behind:  # a replay is not
+        if self.estimate.in_background and self.estimate.is_behind:  # never in a replay
             return
         self._estimate_due_us = at_us + ESTIMATE_CHECK_EVERY_US
         self.estimate.advance(at_us)
@@ -210,13 +213,13 @@ class Engine:
             self._handle(FireReachedEdge(at_us, SERVICE, "", arrived_us, *place), now_us)
 
     def _show_sensors(self, now_us: int) -> None:
-        """Show the problems of sensors every few seconds, also in a run without telemetry."""
+        """Show the problems of sensors every few seconds, even in a run without telemetry."""
         if now_us >= self._sensors_due_us:
             self._sensors_due_us = now_us + SHOW_SENSORS_EVERY_US
             self.state_view.show_sensors(self.sensors.problems(), self.sensors.failed)
 
     def _show_estimate_alarms(self) -> None:
-        """Show an alarm for each source that contradicts others, and for a defect."""
+        """Show an alarm for each source that contradicts others, and for a defective estimate."""
         texts = self.estimate.agreement.contradictions()
         self.state_view.show_alarms("observer", texts, "severe")
         defects = {"defect": self.estimate.defect} if self.estimate.defect else {}
@@ -249,7 +252,7 @@ class Engine:
             fire.advance(at_us)
 
     def clock_read(self, now_us: int) -> None:
-        """In a burn, handle the host's monotonic time about once a second."""
+        """In a burn, handle a ``HostTime`` event for each vehicle about once a second."""
         if self._interlock is None or now_us < self._host_time_due_us:
             return
         self._host_time_due_us = now_us + HOST_TIME_EVERY_US
@@ -264,11 +267,11 @@ class Engine:
     def submit(self, event: AnyOperatorEvent, now_us: int) -> None:
         """Handle an operator's event, and flush it to the disk before returning.
 
-        In a live run a report about the fire is only journalled; a thread applies it afterwards.
+        In a live run a report about the fire is only journalled; a thread applies the report later.
 
         Raises NotRecordedError if the journal cannot be written, FireModelError for an impossible
         correction of the fire, and RefusedEventError for an event that a projection cannot handle.
-        The state is then unchanged. An abort is always executed.
+        After such an error the state is unchanged. An abort is always executed.
         """
         self.clock_read(now_us)
         self._try(event, now_us)
@@ -278,7 +281,7 @@ class Engine:
             raise NotRecordedError(f"not recorded: {reason}; the request was not executed")
         try:
             window = self.estimate.apply_report(event)
-        except UnusedReportError as error:  # its line remains: others may depend on its time
+        except UnusedReportError as error:  # the line stays: later lines may depend on its time
             self._process(event, now_us)
             self._show_estimate_alarms()
             raise self.unused(event, error.reason) from error
@@ -294,7 +297,7 @@ class Engine:
     def adopt(self, found: Folded) -> AnyOperatorEvent | None:
         """Adopt the result of a thread that applied an input; return the input if it is a report.
 
-        ``deliver_next`` delivers the change to the vehicles' planners.
+        ``deliver_next`` then delivers the change to the vehicles' planners.
         """
         report = self.estimate.adopt(found)
         if report is not None:
@@ -310,7 +313,7 @@ class Engine:
         return _defect(event, error, self._scenario.planner.rule)
 
     def _try(self, event: AnyOperatorEvent, now_us: int) -> None:
-        """Apply a request to a copy of the state. Raises RefusedEventError if this fails."""
+        """Apply a request to a copy of the state. Raises RefusedEventError on any exception."""
         trial = copy.copy(self)
         try:
             fields = {name: getattr(self, name) for name in TRIED}
@@ -354,8 +357,9 @@ class Engine:
         now_us: int,
         skipped: LinesSkipped | None = None,
     ) -> None:
-        """Continue after the history: journal its ``missing`` last commands and handle ``event``.
+        """Continue a run after the events of its journal were applied, and handle ``event``.
 
+        ``missing`` are the last commands, which the journal lacks and which are written now.
         ``skipped`` records the lines of the journal that were not applied.
         """
         self.sensors.skip(self._sensor_files.names())
@@ -365,7 +369,7 @@ class Engine:
         self._restart(event, now_us)
 
     def _restart(self, event: Resumed, now_us: int) -> None:
-        """Handle a restart, and read back each vehicle's mission as soon as it is connected."""
+        """Handle a restart, and read back the mission of each vehicle once it is connected."""
         self._handle(event, now_us)
         self._deliver(event.at_us, now_us)
         for name, gateway in self._gateways.items():
@@ -381,7 +385,7 @@ class Engine:
         return not self.recording.trouble
 
     def snapshot_fields(self) -> dict[str, Any]:
-        """Return the fields of a snapshot. Together with the scenario they are the whole state."""
+        """Return the fields of a snapshot; these fields and the scenario are the whole state."""
         return {name: getattr(self, name) for name in SNAPSHOT_FIELDS}
 
     def restore(self, fields: dict[str, Any]) -> None:
@@ -390,7 +394,7 @@ class Engine:
             setattr(self, name, value)
 
     def announce(self, about: str, text: str, level: Level = "warning") -> None:
-        """Show the operators a line that the journal does not contain."""
+        """Show the operators an announcement that is not journalled."""
         self.state_view.announce(about, text, level)
 
     def _queue(self, window: Window | None) -> None:
@@ -412,7 +416,8 @@ class Engine:
     def deliver_next(self, now_us: int) -> bool:
         """Deliver one change to one vehicle's planner; return False if no change was pending.
 
-        A planner may take a third of the time for which the event loop may be blocked.
+        More changes in one call could block the event loop for too long, because a planner may take
+        a third of the permitted time.
         """
         name = next(iter(self._undelivered), None)
         return name is not None and self._deliver_to(name, self.statistics.at_us, now_us)
@@ -434,7 +439,7 @@ class Engine:
         return {} if self._interlock is None else self._interlock.status()
 
     def _handle(self, event: AnyEvent, now_us: int) -> bool:
-        """Journal and apply an event; if it cannot be journalled, return False instead."""
+        """Journal and apply an event; return False if the event cannot be journalled."""
         body = self._unrecorded.line_of(event, self.state_view)
         if body is None or not self._written(event, body):
             return False
@@ -454,7 +459,7 @@ class Engine:
             commands = self._apply(event)
             self._apply_event_to_fire(event)
             may_act = self.recording.write_commands(commands)
-        except OSError:  # a simulation cannot write its journal
+        except OSError:  # the journal of a simulation cannot be written
             raise
         except Exception as error:
             self.recording.remove_last()

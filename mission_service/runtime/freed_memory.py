@@ -2,8 +2,8 @@
 
 glibc maps each large block of memory separately and unmaps the block when it is freed. When the
 first such block is freed, glibc by default raises the threshold of a large block to the size of
-that block. glibc then allocates later blocks of this size in its heaps. The blocks are not released
-there as long as other blocks lie behind them. States, forecasts and corrections allocate and free
+that block. glibc then allocates later blocks of this size in its heaps. In a heap, a freed block is
+not released while blocks behind it are in use. States, forecasts and corrections allocate and free
 arrays of a few hundred KiB to a few MiB every few seconds, in several threads with separate heaps.
 ``benchmarks.weeks`` measures the memory.
 """
@@ -18,7 +18,7 @@ _TRIM_THRESHOLD, _MMAP_THRESHOLD, _ARENA_MAX = -1, -3, -8
 
 
 def give_back_freed() -> bool:
-    """Make glibc return large freed blocks to the system, and return False without glibc."""
+    """Make glibc release large freed blocks to the system; return False if this is impossible."""
     if platform.libc_ver()[0] != "glibc":
         return False
     mallopt = ctypes.CDLL(None).mallopt

@@ -1,4 +1,4 @@
-"""Translates a vehicle client's events for the core, and the core's commands. Sans-IO."""
+"""Translates a client's events for the core, and the core's commands for the client. Sans-IO."""
 
 from collections import deque
 from collections.abc import Callable, Iterator
@@ -61,7 +61,7 @@ Recognise = Callable[[tuple[MissionItem, ...], Stack], int]
 
 GOOD_FIXES = ("3d", "dgps", "rtk float", "rtk fixed", "static", "ppp")
 
-# Texts below this severity, and repetitions of a text within this time, are dropped.
+# Texts of a lower severity, and repetitions of a text within this time, are discarded.
 MIN_SEVERITY = mavlink.MAV_SEVERITY_INFO
 TEXT_AGAIN_AFTER_US = 10_000_000
 MAX_TEXTS_KEPT = 32
@@ -70,11 +70,11 @@ StatusChanged = (
     SystemStateChanged | LandedStateChanged | FenceStatusChanged | EstimatorStatusChanged
 )
 
-# If a vehicle's clock lags behind mission time by BEHIND_US for BEHIND_FOR_US, its time is set to
-# mission time.
+# If a vehicle's clock lags behind mission time by BEHIND_US for BEHIND_FOR_US, that clock's time is
+# set to mission time.
 BEHIND_US = 1_000_000
 BEHIND_FOR_US = 5_000_000
-MAX_IMAGE_DELAY_US = 10_000_000  # from an image to its report
+MAX_IMAGE_DELAY_US = 10_000_000  # maximum delay from an image to its report
 BETWEEN_POSITIONS_US = 1_000_000  # mission time is that of the last position
 
 
@@ -100,10 +100,10 @@ class MissionClock:
     """Mission time, from the autopilots' clocks or from the wall clock.
 
     In a simulation that runs faster than real time, the autopilots' clocks synchronise fire and
-    flight. The first autopilot begins at ``start_us``. An autopilot that connects later, is
-    restarted or has a slower clock joins at the present mission time, because a team ignores a
-    vehicle whose time lags behind. With the wall clock, mission time is the time since the service
-    began.
+    flight. The first autopilot begins at ``start_us``. The clock of an autopilot that connects
+    later, is restarted or has a slower clock is set to the present mission time, because a team
+    ignores a vehicle whose time lags behind. With the wall clock, mission time is ``start_us`` plus
+    the time since the service began.
     """
 
     def __init__(self, start_us: int, wall: bool) -> None:
@@ -116,7 +116,7 @@ class MissionClock:
         self._began_us: int | None = None
 
     def go_on(self, mission_us: int, wall_us: int) -> None:
-        """Set the mission time at the machine's time ``wall_us``, before a vehicle is connected."""
+        """Set the mission time at the machine's time ``wall_us``; only before vehicles connect."""
         self.now_us = self.latest_us = self._start_us = mission_us
         self._began_us = wall_us if self.wall else None
 
@@ -134,9 +134,9 @@ class MissionClock:
         self.latest_us = max(self.latest_us, mission_us)
 
     def others_passed(self, mission_us: int, wall_us: int) -> None:
-        """Advance to another process's mission time; vehicles that lag behind join at that time.
+        """Advance to another process's mission time; vehicles that lag behind are set to that time.
 
-        A small lag of a vehicle remains, because all events of a process share one time.
+        A small lag of a vehicle remains, because all events of a process have one common time.
         """
         self.latest_us = max(self.latest_us, mission_us)
         self.wall_passed(wall_us)
@@ -145,7 +145,7 @@ class MissionClock:
 
 
 class Gateway:
-    """The translator of one client's events, which also executes commands for its vehicle."""
+    """The translator of one client's events and of the commands for the client's vehicle."""
 
     def __init__(
         self,
@@ -156,10 +156,10 @@ class Gateway:
         return_height_m: float | None = None,
         camera: CameraReports | None = None,
     ) -> None:
-        """Join vehicle and client; without a ``dropper``, every drop is refused.
+        """Connect vehicle and client; without a ``dropper``, every drop is refused.
 
-        The return height (``return_height_m`` above home) is set on the vehicle when it is
-        connected. Without ``camera``, the reports of cameras are not used.
+        When the vehicle connects, its return height is set to ``return_height_m`` above home.
+        Without ``camera``, the reports of cameras are not used.
         """
         self.name = name
         self.client = client
@@ -170,7 +170,7 @@ class Gateway:
         self._drops: dict[int, Drop] = {}  # unfinished drops by the number that the client assigned
         self._queued: deque[VehicleEvent] = deque()  # events that the gateway itself creates
         self._battery_pct: dict[int, float] = {}
-        # Last event of each kind that is sent only on a change.
+        # The last event of each type that is yielded only after a change.
         self._last: dict[type, VehicleEvent] = {}
         self._status: dict[type, StatusChanged] = {}  # the newest event of each kind
         self._airspeed, self._thrust = MeanAirspeed(), ThrustMonitor()
@@ -182,8 +182,8 @@ class Gateway:
         self._recognise: Recognise | None = None
         self._reading: int | None = None  # number of the download, as assigned by the client
         self._mode: tuple[int, bool, str] | None = None
-        self._mode_reported = False  # since the start, or since ``read_back``
-        # Kind and text; an empty text ends the alarm.
+        self._mode_reported = False  # since the start or the last ``read_back``
+        # The kind and the text of each alarm; an empty text ends the alarm.
         self.link_alarms: deque[tuple[str, str]] = deque()
         self._connected = False  # whether the connection was reported
         self._lost = False
@@ -209,7 +209,7 @@ class Gateway:
             self._reading = self.client.download(now_us)
 
     def events(self, now_us: int) -> Iterator[VehicleEvent]:
-        """Yield the events since the last call, translated for the core, in mission time."""
+        """Yield the events since the last call, translated for the core, with mission times."""
         self._clock.wall_passed(now_us)
         while True:
             while self._queued:
@@ -222,7 +222,7 @@ class Gateway:
                 yield translated
 
     def execute(self, command: AnyCommand, now_us: int) -> None:
-        """Execute one command; ``events`` yields its outcome."""
+        """Execute one command; ``events`` yields the outcome."""
         match command:
             case UploadMission():
                 items = as_uploaded(command.items, self.client.stack)
@@ -318,7 +318,7 @@ class Gateway:
     def _seen(
         self, camera: CameraReports, event: bridge.Attitude | CameraEvent, link_us: int
     ) -> VehicleEvent | None:
-        """Return the event of a camera's report or of the airframe's attitude."""
+        """Return the event for a camera's report or for the airframe's attitude."""
         now_us = self._clock.now_us
         match event:
             case bridge.Attitude():
@@ -432,7 +432,7 @@ class Gateway:
         return AutopilotText(now_us, self.name, event.severity, text)
 
     def _status_changed(self, event: bridge.StatusEvent, now_us: int) -> StatusChanged:
-        """Store a state for ``read_back``, because the client reports it only on change."""
+        """Store a state for ``read_back``, because the client reports a state only on a change."""
         status: StatusChanged
         match event:
             case bridge.SystemState():
@@ -454,7 +454,8 @@ class Gateway:
             return None
         return event
 
-    # ``_translate`` handles events that need the link's clock; the core does not use the others.
+    # ``_translate`` handles the events that need the link's clock. The core does not use the events
+    # that neither this table nor ``_translate`` contains.
     _TRANSLATIONS: ClassVar[dict[type[bridge.ClientEvent], Callable[..., VehicleEvent | None]]] = {
         bridge.SameSystemId: _link_alarm,
         bridge.RemoteChanged: _link_alarm,

@@ -1,7 +1,8 @@
 """Writes states periodically, divides the journal into segments and deletes old segments.
 
-This module also handles a full disk. A state is pickled on the event loop between two events; a
-thread compresses and writes it.
+A state is a snapshot of the service (``journal/snapshot.py``). A state is pickled on the event loop
+between two events; a thread then compresses and writes the state. This module also handles a full
+disk.
 """
 
 import asyncio
@@ -50,7 +51,7 @@ class JournalRetention:
             await asyncio.sleep(LOOK_EVERY_S)
 
     async def look(self) -> None:
-        """Begin a segment or write a state, if one is due."""
+        """Begin a segment or write a state, if either is due."""
         journal, settings = self._service.recording.journal, self._settings
         rest, now_us = journal.rest, clock_us()
         if rest.at_byte >= settings.rotate_mb * 1e6:
@@ -69,7 +70,7 @@ class JournalRetention:
         await self._write(lambda frozen: _write_newest(path, frozen, rest), rest)
 
     async def begin_segment(self) -> None:
-        """Close the journal's file, begin the next, and write the state at its beginning."""
+        """Close the journal's segment, begin the next one, and write the state at this point."""
         journal = self._service.recording.journal
         frozen = Frozen(self._service.snapshot_fields(), self._shared_references)
         try:

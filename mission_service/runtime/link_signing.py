@@ -9,7 +9,7 @@ from autopilot_bridge.links.signing import Counts, Key, Signing, Timestamps, key
 from mission_service.errors import MissionServiceError
 from mission_service.runtime.redaction import hide
 
-COMMAND_LINK_ID = 255  # link id of CLI commands; a service that runs at the same time uses others
+COMMAND_LINK_ID = 255  # link id of CLI commands; a service that runs meanwhile uses other ids
 # Fewer refused frames may be transmission errors or frames of another station.
 REPORT_FROM_FRAMES = 10
 LEAD_REPORTED_S = 60.0
@@ -24,7 +24,7 @@ WORDS = {  # description and remedy for each verdict on a frame
 
 
 def timestamps_file() -> Path:
-    """Return the path of the file with the last timestamp used; creates its folder."""
+    """Return the path of the file with the last timestamp used; creates the file's folder."""
     state = os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state"
     folder = Path(state) / "mission-service"
     try:
@@ -38,7 +38,7 @@ def timestamps_file() -> Path:
 def signings(
     sources: Iterable[str | None], wall_us: Callable[[], int], warn: Callable[[str], None]
 ) -> Iterator[dict[str | None, Signing]]:
-    """Provide the signing for each source of a key; all share one file of timestamps.
+    """Provide a ``Signing`` for each source of a key; all of them use one file of timestamps.
 
     Raises BridgeError for a key that cannot be read.
     """
@@ -59,7 +59,7 @@ def signings(
 
 
 def refusal(counts: Counts, link: str, from_frames: int = 1) -> str | None:
-    """Return a line about the main cause of refusal; None below ``from_frames`` frames."""
+    """Return a line about the most frequent cause of refusal; None below ``from_frames``."""
     verdict = max(WORDS, key=lambda verdict: getattr(counts, verdict))
     frames = getattr(counts, verdict)
     if frames < from_frames:

@@ -1,4 +1,4 @@
-"""Averages the airspeed in VFR_HUD, which arrives twice a second. Pure."""
+"""Averages the airspeed of VFR_HUD messages, which arrive twice a second. Pure."""
 
 import math
 
@@ -18,7 +18,7 @@ class MeanAirspeed:
         self._reported_m_s = math.nan
 
     def new_report(self, speed: Speed, name: str, now_us: int) -> AirspeedMeasured | None:
-        """Return the mean over ``AVERAGED_OVER_US`` that ends at ``now_us``, if it has changed."""
+        """Return the mean over the last ``AVERAGED_OVER_US`` if complete and changed, or None."""
         if speed.airspeed_m_s is None:
             return None
         if not self._airspeeds_m_s:

@@ -1,4 +1,4 @@
-"""Stores the contribution of each source of observations to a run, and derives its state. Pure.
+"""Stores what each source of observations contributes to a run, and derives its state. Pure.
 
 A source is the camera of a vehicle, a sensor of the scenario, a detector that sends reports under
 its own name, or a person. Windows of the estimate and corrections are not observations.
@@ -24,20 +24,21 @@ from mission_service.fire.reported_observations import STATES, TAK, TAK_STATION,
 from mission_service.fire.sensors import STATION as SENSORS
 from mission_service.runtime.published_states import SourceKind, SourceState, SourceStatus
 
-# A source is late if its last observation is older than this number of usual intervals and than
-# this time, and silent after the larger numbers. Without a usual interval it is neither.
+# A source is late if its last observation is older than both LATE_INTERVALS usual intervals and
+# LATE_S, and silent if the observation is older than both SILENT limits. A source without a usual
+# interval is neither late nor silent.
 LATE_INTERVALS, LATE_S = 3.0, 60.0
 SILENT_INTERVALS, SILENT_S = 10.0, 300.0
 MIN_INTERVALS, MAX_INTERVALS = 2, 15  # the usual interval is the median of the last intervals
-MAX_REPORTERS = 32  # detectors and persons; the one with the oldest observation is removed
+MAX_REPORTERS = 32  # detectors and persons; a new one then replaces that with the oldest report
 FOOTPRINT_EVERY_S = 10.0  # shortest interval between two stored footprints of a source
-MAX_DIGESTS = 1000  # of the latest reports of persons
-MAX_FOOTPRINTS, MAX_FOOTPRINT_CELLS = 64, 1_000_000  # of all sources together
+MAX_DIGESTS = 1000  # stored digests of the latest reports of persons
+MAX_FOOTPRINTS, MAX_FOOTPRINT_CELLS = 64, 1_000_000  # limits for all sources together
 DISTRUSTED = "its observations contradict those of others and are not used"
 
 
 class Footprint(NamedTuple):
-    """A stored observation. ``number`` grows with each observation of the run."""
+    """A stored observation. ``number`` is its number in the run, from 1."""
 
     number: int
     source: str
@@ -50,7 +51,7 @@ class Footprint(NamedTuple):
 
     @property
     def cells(self) -> int:
-        """The number of cells of the window; the number of places of a report."""
+        """The number of cells of a window, or the number of places of a report."""
         event = self.event
         if isinstance(event, FireObserved):
             return len(event.points)
@@ -59,7 +60,7 @@ class Footprint(NamedTuple):
 
 @dataclass
 class Contribution:
-    """The observations of one source. ``since_us`` is the time from which it is listed."""
+    """The observations of one source, which is listed from the mission time ``since_us``."""
 
     kind: SourceKind
     since_us: int
@@ -98,13 +99,13 @@ class ObservationSources:
     """The contribution of each source, and the latest footprints of all sources."""
 
     def __init__(self, landscape: Landscape, sensors: Collection[str], at_us: int) -> None:
-        """Begin at ``at_us`` with the sensors of the scenario, which have sent nothing yet."""
+        """Begin at ``at_us`` with the sensors of the scenario, without any observation."""
         self._landscape, self._sensors = landscape, frozenset(sensors)
         self.contributions = {name: Contribution("sensor", at_us) for name in sensors}
         self.footprints: deque[Footprint] = deque()
-        self._digests: dict[bytes, None] = {}  # of the latest reports of persons, in order
+        self._digests: dict[bytes, None] = {}  # the latest reports of persons, oldest first
         self._stored_cells = 0
-        self._number = 0  # of observations
+        self._number = 0  # number of observations
 
     def apply(self, event: AnyEvent) -> None:
         """Process an event of the run."""
@@ -124,7 +125,7 @@ class ObservationSources:
             self._add(event, event.source or event.vehicle, kind)
 
     def has_report(self, digest: bytes) -> bool:
-        """Return whether a person has sent a report with this digest; a restart keeps it."""
+        """Return whether a person has sent a report with this digest, also before a restart."""
         return digest in self._digests
 
     def _store_digest(self, event: FireObserved) -> None:
@@ -147,7 +148,7 @@ class ObservationSources:
             self._store(Footprint(self._number, source, event))
 
     def _make_room(self, kind: SourceKind) -> None:
-        """Remove the reporter with the oldest observation if a new one exceeds the limit."""
+        """Remove the reporter with the oldest report if a new reporter would exceed the limit."""
         reporters = {
             name: each.last_us or 0
             for name, each in self.contributions.items()
@@ -157,14 +158,17 @@ class ObservationSources:
             del self.contributions[min(reporters, key=lambda name: (reporters[name], name))]
 
     def _store(self, footprint: Footprint) -> None:
-        """Store a footprint, and remove the oldest ones above the limits."""
+        """Store a footprint, and remove the oldest footprints above the limits."""
         self.footprints.append(footprint)
         self._stored_cells += footprint.cells
         while len(self.footprints) > MAX_FOOTPRINTS or self._stored_cells > MAX_FOOTPRINT_CELLS:
             self._stored_cells -= self.footprints.popleft().cells
 
     def _cells_seen(self, event: Observed | FireObserved) -> tuple[int, int]:
-        """Return the numbers of burned and unburned cells; of a report, by its length or area."""
+        """Return the numbers of burned and unburned cells of an observation.
+
+        For a report the numbers follow from the length of the line or the area of the polygon.
+        """
         if isinstance(event, Observed):
             return (
                 sum(row.count("b") for row in event.cells),
@@ -177,7 +181,7 @@ class ObservationSources:
         if event.shape != "points":
             drawn = drawn_shape(event, self._landscape)
             size = drawn.length / cell_m if event.shape == "line" else drawn.area / cell_m**2
-            cells = max(round(size), 1) if math.isfinite(size) else 0  # else off the projection
+            cells = max(round(size), 1) if math.isfinite(size) else 0  # 0 outside the projection
         return (0, cells) if state == UNBURNED else (cells, 0)
 
     def states(
@@ -209,15 +213,15 @@ class ObservationSources:
 
 
 def report_digest(station: str, state: str, shape: str, points: tuple[Place, ...]) -> bytes:
-    """Return a digest of the places (lat_deg, lon_deg) that a station reports in a state."""
+    """Return a digest of a report: station, state, shape and places (lat_deg, lon_deg)."""
     return hashlib.sha256(msgspec.json.encode((station, state, shape, points))).digest()
 
 
 def status_of(source: Contribution, now_us: int) -> tuple[SourceStatus, str]:
     """Return the state of a source at a mission time, and the reason if it is late or silent.
 
-    A person is never late. A sensor without any observation waits, and is silent after
-    ``SILENT_S``.
+    A person is never late. A sensor without any observation is ``waiting``, and after ``SILENT_S``
+    ``silent``.
     """
     if source.last_us is None:
         if (now_us - source.since_us) / 1e6 <= SILENT_S:
@@ -264,13 +268,13 @@ def _time_us(event: Observed | FireObserved) -> int:
 
 
 def _window_of(event: RasterObserved, landscape: Landscape) -> Observed:
-    """Return the cells that a raster shows of the landscape, as an observation."""
+    """Return the landscape's cells that a raster covers, as an observation."""
     top, left, state = raster_cells(event, landscape)
     cells = in_letters(LETTERS[state]) if state.size else ()
     return Observed(event.seen_at_us, "", top, left, cells, position_sd_m=event.position_sd_m)
 
 
 def _is_of(name: str, source: str) -> bool:
-    """Return whether the estimate's name of a sender (``compared_source``) is that of a source."""
+    """Return whether the estimate's name of a sender (``compared_source``) refers to a source."""
     is_tak_user = name == TAK and f" at {TAK_STATION}" in source
     return is_tak_user or name == source or name.endswith(f" of {source}")

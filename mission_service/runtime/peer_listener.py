@@ -8,7 +8,7 @@ from mission_service.runtime.gateway import MissionClock
 
 
 class PeerListener:
-    """The receiver that passes the messages of ``peer_exchange`` to the engine of this process."""
+    """The listener that passes messages from ``peer_exchange`` to the engine of this process."""
 
     def __init__(self, service: Engine, clock: MissionClock, clock_us: Callable[[], int]) -> None:
         self._service = service

@@ -37,11 +37,11 @@ def checked_speed(speed: Speed) -> Speed:
 
 
 class PlayHead:
-    """A play head that advances on the log's clock ``speed`` times as fast as the machine's.
+    """A play head that advances on the log's clock at ``speed`` times real time.
 
     The position of the play head is the time up to which all entries were played. ``due_us``
     returns the time up to which entries are due, and ``reached`` sets the position, so that the
-    play head waits for a slow machine. ``now_us`` is the machine's clock.
+    play head never runs ahead of a slow machine. ``now_us`` is the time of the machine's clock.
     """
 
     def __init__(self, begin_us: int, end_us: int, speed: Speed = 1.0) -> None:
@@ -98,5 +98,5 @@ class PlayHead:
         self.speed = checked_speed(speed)
 
     def seek(self, to_us: int) -> None:
-        """Set the time up to which all entries are due at once."""
+        """Move to a log time: all entries up to that time are due at once."""
         self.seek_to_us = min(max(to_us, self.begin_us), self.end_us)

@@ -47,7 +47,7 @@ def announced_text(line: Announcement) -> str:
 
 
 class LiveReport:
-    """A report of all announcements, and of the status every two minutes of mission time."""
+    """A printer of all announcements and, every two minutes of mission time, of the status."""
 
     def __init__(self, quiet: bool) -> None:
         self._console = Console(stderr=quiet, highlight=False, soft_wrap=True)

@@ -1,4 +1,4 @@
-"""Defines the states that interfaces publish, as flat JSON with units in its keys."""
+"""Defines the states that interfaces publish, as flat JSON with units in the keys."""
 
 import math
 from typing import Literal
@@ -27,7 +27,8 @@ class TelemetryState(msgspec.Struct, tag="telemetry/1", tag_field="schema"):
 class OrbitState(msgspec.Struct):
     """The ordered circle around a virtual agent, anticlockwise with a negative radius.
 
-    The camera covers a ring along the circle, ``view_width_m`` wide from the vehicle's height.
+    The camera covers a ring along the circle. At the planned height the ring is ``view_width_m``
+    wide.
     """
 
     lat_deg: float
@@ -174,7 +175,7 @@ class DropState(msgspec.Struct, tag="drop/1", tag_field="schema"):
 
 
 def item_state(item: MissionItem) -> ItemState:
-    """Return an item in a form that does not depend on MAVLink frames."""
+    """Return a mission item as a state, with the position in degrees."""
     lat_deg, lon_deg = place_of(item) or (None, None)
     params = tuple(
         0.0 if math.isnan(value) else value

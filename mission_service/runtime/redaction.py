@@ -13,7 +13,7 @@ _secrets: set[str] = set()
 
 
 def hide(secret: str | bytes) -> None:
-    """Register a secret, such as a token, a password or a key; bytes are hidden as hexadecimal."""
+    """Register a secret, such as a token, a password or a key; bytes become hexadecimal text."""
     text = secret.hex() if isinstance(secret, bytes) else secret
     if len(text) >= MIN_SECRET:
         _secrets.add(text)

@@ -26,13 +26,13 @@ OWN_ERRORS = (MissionServiceError, FireModelError, BridgeError)
 
 
 class ReportOutcome(NamedTuple):
-    """What the estimate has done with a report."""
+    """The result of applying a report to the estimate."""
 
-    unused: Exception | None  # why it was refused
-    note: str  # why a part of it changes nothing; or empty
+    unused: Exception | None  # why the report was refused
+    note: str  # why a part of the report has no effect; or empty
 
 
-# Returns an awaitable for the outcome of a report, or None if the report does not wait.
+# Returns an awaitable for the outcome of a report, or None if the outcome is known at once.
 Outcome = Callable[[AnyOperatorEvent], Awaitable[ReportOutcome] | None]
 
 
@@ -50,9 +50,9 @@ class RequestHandler:
     ) -> None:
         """Set the functions that handle events; ``submit`` returns the resulting announcements.
 
-        ``scope`` contains the data for checking requests. ``burned_ha`` returns the burned area if
-        corrections change it; replies to corrections then contain the old and the new area.
-        ``outcome`` waits for reports in a live run.
+        ``scope`` contains the data for checking requests. ``burned_ha`` returns the burned area,
+        and is given if corrections change this area; replies to corrections then contain the area
+        before and after. In a live run ``outcome`` waits until a report has been applied.
         """
         self._submit = submit
         self._status = status
@@ -65,10 +65,12 @@ class RequestHandler:
         """Handle one request and return the reply; no content of a request raises an exception.
 
         ``may_approve`` states whether the user has the role approve (``request_events.event_of``).
-        ``confirm`` in the reply means that the order was not executed, because it would end a mode
-        that the autopilot or the pilot selected. The same request with ``confirmed`` is executed.
+        ``confirm`` in the reply means that the order was not executed, because the order would end
+        a mode that the autopilot or the pilot selected. The same request with ``confirmed`` is
+        executed.
 
-        In a live run the reply does not wait until the estimate uses a report (``ask_or_wait``).
+        In a live run the reply to a report is returned before the report is applied to the estimate
+        (unlike in ``ask_or_wait``).
         """
         found = self._submitted(request, may_approve)
         return found if isinstance(found, dict) else self._reply(found)
@@ -76,7 +78,7 @@ class RequestHandler:
     def ask_or_wait(
         self, request: Any, may_approve: bool | None = None, role: str = ""
     ) -> Answer | Awaitable[Answer]:
-        """Handle one request as ``ask``; the reply to a report waits until the estimate uses it.
+        """Handle one request like ``ask``, but reply to a report after the report is applied.
 
         ``role`` is the highest role of the user, if the interface identifies users.
         """
@@ -104,7 +106,7 @@ class RequestHandler:
     def _submitted(
         self, request: Any, may_approve: bool | None, role: str = ""
     ) -> "_Submitted | Answer":
-        """Submit the event of a request; return the reply instead if there is no event."""
+        """Submit the event of a request; if the request results in no event, return the reply."""
         if isinstance(request, dict) and request.get("do") == STATUS:
             return {"ok": True, "status": self._status()}
         try:
@@ -133,7 +135,7 @@ class RequestHandler:
         return answer
 
     def answer(self, line: bytes) -> Answer | Awaitable[Answer]:
-        """Return the reply to one line of JSON, as ``ask_or_wait``."""
+        """Return the reply to one line of JSON, like ``ask_or_wait``."""
         try:
             request = msgspec.json.decode(line)
         except (msgspec.DecodeError, RecursionError) as error:
@@ -142,7 +144,7 @@ class RequestHandler:
 
 
 class _Submitted(NamedTuple):
-    """An event that was journalled, the burned area before it, and its announcements."""
+    """A journalled event, the burned area before the event, and the resulting announcements."""
 
     do: str
     event: AnyOperatorEvent

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 class RunContext:
-    """One run for interfaces: its scenario, its states and the handler of operators' requests."""
+    """The scenario, the states and the request handler of a run, for interfaces."""
 
     def __init__(
         self,
@@ -57,7 +57,7 @@ class RunContext:
 
     @property
     def core(self) -> Core:
-        """The core."""
+        """The core, which makes the decisions of the run."""
         return self.service.core
 
     @property
@@ -92,7 +92,7 @@ class RunContext:
             await self._bell.wait()
 
     def fire(self) -> dict[str, Any]:
-        """Return the figures of the fire."""
+        """Return the burned area, the wind and the corrections of the fire (``StateView.fire``)."""
         return self.state_view.fire(self.estimate.fire.burned_ha, self.estimate.corrections())
 
     @property
@@ -101,7 +101,7 @@ class RunContext:
         return self.core.guidance.estimated_fire
 
     def weather(self) -> Weather:
-        """Return the present weather: that of the scenario, or as operators have set it."""
+        """Return the present weather, from the scenario or as set by operators."""
         at_s, of_burn = self.clock.now_us / 1e6, self.estimated_fire
         return (
             self.estimate.fire.weather.weather_at(at_s)
@@ -112,14 +112,14 @@ class RunContext:
     def preview(self, vehicle: str) -> Items | None:
         """Return the mission that the service would send to the vehicle now, without sending it.
 
-        Returns None before the vehicle's first position, and if its rule makes no missions.
+        Returns None before the vehicle's first position, and for a rule without missions.
         """
         state = self.core.vehicles[vehicle]
         fix = state.availability.fix
         return None if fix is None else self.core.guidance.preview(state, fix)
 
     def figures(self, vehicle: str, items: Items) -> Figures:
-        """Return the figures of a mission that starts at the vehicle's present position."""
+        """Return the figures, such as the length, of a mission from the vehicle's position."""
         state = self.core.vehicles[vehicle]
         fix = state.availability.fix if state.availability.airborne else None
         start_m = None if fix is None else (fix.x_m, fix.y_m)

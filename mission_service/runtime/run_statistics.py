@@ -32,8 +32,8 @@ from mission_service.runtime.sortie import Sortie
 from mission_service.runtime.track import Track
 from mission_service.vehicles.availability import AIRBORNE_M
 
-MAX_REVERSALS = 5_000  # latest positions stored for each vehicle; the journal has all positions
-# Distinct reasons of missions (they may name users); further reasons count as OTHER.
+MAX_REVERSALS = 5_000  # latest reversals stored for each vehicle; the journal contains all
+# Distinct reasons of missions, which may contain names of users; further reasons count as OTHER.
 MAX_REASONS = 100
 OTHER = "other"
 RECEIVED_WITHIN_US = 2_000_000  # older positions are not used for the closest pair
@@ -41,7 +41,7 @@ RECEIVED_WITHIN_US = 2_000_000  # older positions are not used for the closest p
 
 @dataclass
 class VehicleStatistics:
-    """One vehicle's run. A track point is (at_us, lat_deg, lon_deg, altitude_amsl_m)."""
+    """One vehicle's statistics. A track point is (at_us, lat_deg, lon_deg, altitude_amsl_m)."""
 
     track: Track = field(default_factory=Track)
     reversals: deque[tuple[int, float, float]] = field(  # at_us, lat_deg, lon_deg
@@ -69,7 +69,7 @@ class ClosestPair:
 
 
 class RunStatistics:
-    """The figures of a run, computed from its events and commands."""
+    """The statistics of a run, computed from its events and commands."""
 
     def __init__(self, names: tuple[str, ...], start_us: int, sources: ObservationSources) -> None:
         self.vehicles = {name: VehicleStatistics() for name in names}
@@ -120,7 +120,7 @@ class RunStatistics:
                 pass
 
     def _compare(self, fix: Telemetry) -> None:
-        """Update the closest pair; other vehicles' positions are extrapolated linearly."""
+        """Update the closest pair; positions of other vehicles are extrapolated by velocity."""
         self._in_air.pop(fix.vehicle, None)
         if fix.altitude_relative_m < AIRBORNE_M:
             return

@@ -32,7 +32,7 @@ GAP_US = 5_000_000  # a longer gap between positions counts as no flight
 
 @dataclass
 class Sortie:
-    """The figures of one vehicle, computed from its events and commands in their order."""
+    """The statistics of one vehicle, computed from its events and commands in order."""
 
     sent: int = 0
     accepted: int = 0
@@ -49,7 +49,7 @@ class Sortie:
     announcements: Counter[str] = field(default_factory=Counter)
     _mode: str = ""
     _in_air: bool = False
-    _unflown: bool = False  # the accepted mission has no reached item yet
+    _unflown: bool = False  # no item of the accepted mission has been reached yet
     _fix: Telemetry | None = None
 
     def on_event(self, event: VehicleEvent) -> None:
@@ -87,7 +87,7 @@ class Sortie:
                 pass
 
     def figures(self) -> dict[str, Any]:
-        """Return the figures as plain data for the JSON summary."""
+        """Return the statistics as plain data for the JSON summary."""
         return {
             "missions": {"sent": self.sent, "accepted": self.accepted, "flown": self.flown},
             "takeoffs": self.takeoffs,

@@ -1,9 +1,9 @@
-"""Derives the states that interfaces show from the events and commands of a run. Pure.
+"""Derives, from the events and commands of a run, the states that interfaces show. Pure.
 
-HTTP, MQTT, metrics and feeds read this state view and keep no state of their own. Each part has a
-key (``vehicle/hawk``, ``fire``, ...) and the version at which it last changed, so that a slow
-reader misses intermediate states but never the current state. States are flat JSON with units in
-their keys. The figures of the run (``statistics``) are part of it.
+HTTP, MQTT, metrics and feeds read this state view and store no state. Each part of the view has a
+key (``vehicle/hawk``, ``fire``, ...) and the version of its last change, so that a slow reader
+misses intermediate states but never the current state. States are flat JSON with units in their
+keys. The state view also contains the statistics of the run.
 """
 
 import math
@@ -77,7 +77,7 @@ from mission_service.runtime.run_statistics import RunStatistics
 FIRE_EVERY_US = 30_000_000
 SOURCES_EVERY_US = 5_000_000
 LOW_BATTERY_PCT, GOOD_BATTERY_PCT = 25.0, 30.0
-OF_FIRE = ("edge", "input")  # prefixes of the alarms about the fire, which a restart keeps
+OF_FIRE = ("edge", "input")  # prefixes of alarms about the fire, which persist after a restart
 # Prefixes of the alarms that follow from the flight; all others concern the service itself.
 OF_FLIGHT = (
     *("link", "silent", "position", "battery", "mission", "order", "abort", "near"),
@@ -103,7 +103,7 @@ def _of_flight(alarm: str) -> bool:
 
 
 class StateView(Notices):
-    """The states of a run. ``apply`` processes an event; ``version`` grows with each change."""
+    """The states of a run. ``apply`` processes an event; ``version`` increases with each change."""
 
     def __init__(
         self, scenario: Scenario, landscape: Landscape, at_us: int, warnings: Sequence[str] = ()
@@ -128,7 +128,7 @@ class StateView(Notices):
         self.telemetry: dict[str, TelemetryState] = {}
         self.plan: IgnitionPlan | None = None
         self.plan_hash = ""
-        self.fire_version = 1  # grows when operators change the fire
+        self.fire_version = 1  # increases when operators change the fire
         self.wind_set: WindSet | None = None
         self.reached_edge: FireReachedEdge | None = None
         self.telemetry_count = 0  # includes positions that could not be journalled
@@ -178,7 +178,7 @@ class StateView(Notices):
             self._touch("fire")
 
     def _check_sources(self) -> None:
-        """Every few seconds, note whether a source has sent observations or changed its state."""
+        """Every few seconds, mark the sources as changed if an observation or a state is new."""
         if self.at_us < self._sources_due_us:
             return
         self._sources_due_us = self.at_us + SOURCES_EVERY_US
@@ -195,16 +195,16 @@ class StateView(Notices):
         self._failed_sensors = tuple(failed)
 
     def fire_changed(self) -> None:
-        """Note that an operator has changed the fire."""
+        """Mark the fire as changed by an operator."""
         self.fire_version += 1
         self._touch("fire")
 
     def replay_changed(self) -> None:
-        """Note that the position or the speed of the replay has changed."""
+        """Mark the replay as changed after a change of its position or speed."""
         self._touch("replay")
 
     def take_the_place_of(self, before: "StateView") -> None:
-        """Replace the view of another time, so that all states count as changed for readers.
+        """Replace the view ``before``, and mark all states as changed, so that all are read again.
 
         The announcements of this view count as already forwarded.
         """
@@ -218,7 +218,7 @@ class StateView(Notices):
         self.announcement_id = self.last_id_before_restart = self.version
 
     def _asked(self, event: AnyOperatorEvent, not_ordered: set[str]) -> None:
-        """Process a request; the orders to vehicles ``not_ordered`` are not carried out."""
+        """Process a request; orders to the vehicles ``not_ordered`` were refused or are pending."""
         if isinstance(event, OperatorHeartbeat):
             return
         self._touch("burn")
@@ -487,7 +487,7 @@ class StateView(Notices):
         return {name: text for (kind, _, name), text in split if kind == prefix}
 
     def fire(self, area_ha: float, corrections: list[dict[str, Any]]) -> dict[str, Any]:
-        """Return the figures of the fire; interfaces request its shape separately."""
+        """Return area, wind and corrections of the fire; its shape is requested separately."""
         wind = self.wind_set
         return {
             "schema": "fire/1",

@@ -16,7 +16,7 @@ LAG_OF_BEATS = 15  # the usual scrape interval of Prometheus
 
 
 def notify_systemd(state: str) -> bool:
-    """Send lines such as READY=1, and return whether they were sent. Raises no exception."""
+    """Send lines such as READY=1, and return whether the lines were sent. Raises no exception."""
     address = os.environ.get("NOTIFY_SOCKET", "")
     if not address.startswith(("/", "@")):
         return False
@@ -49,7 +49,7 @@ def status_of(context: RunContext) -> str:
 
 
 async def pulse(context: RunContext, notify: Callable[[str], bool] = notify_systemd) -> None:
-    """Notify systemd from the event loop until cancelled; systemd then detects a blocked loop."""
+    """Notify systemd from the event loop until cancelled; a blocked loop is thereby detected."""
     loop = asyncio.get_running_loop()
     lags_s = deque([0.0], maxlen=LAG_OF_BEATS)
     context.gauges["event_loop_lag_seconds"] = lambda: max(lags_s)

@@ -1,4 +1,4 @@
-"""Detects a failed engine in VFR_HUD: the vehicle sinks at full throttle and loses airspeed. Pure.
+"""Detects a failed engine from VFR_HUD: a loss of height and airspeed at full throttle. Pure.
 
 Neither PX4 1.17 nor ArduPlane 4.6 reports a failed engine: both continue their mission at full
 throttle, sink, and lose airspeed. A plane that levels off or descends fast gains airspeed.
@@ -29,7 +29,7 @@ class ThrustMonitor:
         self._otherwise_since_us: int | None = None  # time since which the status differs
 
     def new_report(self, speed: Speed, name: str, now_us: int) -> ThrustStatusChanged | None:
-        """Return the new status of a vehicle, if a VFR_HUD at ``now_us`` has changed it."""
+        """Return the new status of a vehicle if a VFR_HUD message changes the status, or None."""
         _add(self._climbs, speed.climb_m_s, now_us, CLIMB_OVER_US)
         climb_m_s = _mean(self._climbs)
         full_throttle = speed.throttle_percent >= FULL_THROTTLE_PERCENT
@@ -67,5 +67,5 @@ def _add(values: deque[tuple[int, float]], value: float, now_us: int, over_us: i
 
 
 def _mean(values: deque[tuple[int, float]]) -> float:
-    """Return the mean of values with their times; NaN if there are none."""
+    """Return the mean of (time, value) pairs; NaN without pairs."""
     return math.fsum(value for _, value in values) / len(values) if values else math.nan

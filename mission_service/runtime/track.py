@@ -1,4 +1,4 @@
-"""Stores a vehicle's track in bounded memory: when it is full, every second point is removed."""
+"""Stores a vehicle's track in bounded memory; a full track is thinned to every second point."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any, overload
@@ -12,7 +12,7 @@ Point = tuple[int, float, float, float]
 
 
 class Track(Sequence[Point]):
-    """The points (at_us, lat_deg, lon_deg, altitude_amsl_m), at first 1 s apart, later more."""
+    """The points (at_us, lat_deg, lon_deg, altitude_amsl_m), at least 1 s apart."""
 
     def __init__(self) -> None:
         self._points = np.empty((64, 4))  # float64 is exact for 285 years in microseconds
@@ -21,7 +21,7 @@ class Track(Sequence[Point]):
         self._latest_us = 0  # time of the last point
 
     def append_point(self, point: Point) -> None:
-        """Add the current position if the interval since the last point has passed."""
+        """Add the current position if the interval between points has passed."""
         if self._count and point[0] - self._latest_us < self._every_us:
             return
         if self._count == MAX_POINTS:

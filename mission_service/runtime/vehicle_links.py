@@ -1,7 +1,7 @@
-"""Opens the links of a live run, each once, with a client for each of its vehicles.
+"""Opens each link of a live run once, with a client for each vehicle on the link.
 
-Vehicles on the same link share it and have different system ids. Each vehicle is bound to the
-remote address at which it was found (``autopilot_bridge/vehicle/remote_binding.py``).
+Vehicles on the same link have different system ids. Each vehicle is bound to the remote address at
+which the vehicle was found (``autopilot_bridge/vehicle/remote_binding.py``).
 """
 
 import asyncio
@@ -83,7 +83,7 @@ async def open_links(
     tlog_path: Path | None,
     report: Report,
 ) -> dict[str, Link]:
-    """Open the links of all vehicles that this process controls; ``stack`` closes them.
+    """Open the links of all vehicles that this process controls; ``stack`` closes the links.
 
     Raises ScenarioError for vehicles that cannot share their link, and BridgeError for a link or a
     key that cannot be used.
@@ -134,7 +134,7 @@ def _clients_of(
     signing: Signing | None,
     link_id: int,
 ) -> tuple[Sequence[VehicleClient], Connection | MavsdkClient]:
-    """Return the clients of the vehicles on one link, and the connection, which is not open yet."""
+    """Return the clients of the vehicles on one link, and their connection, not yet open."""
     first = sections[0]
     if first.backend == "mavsdk":
         fastest_m_s = max_speed_m_s(first, scenario)
@@ -172,7 +172,7 @@ def alarms(links: dict[str, Link]) -> list[tuple[str, str, str]]:
 
 
 class LinkMonitor:
-    """A monitor that reports vehicles without a heartbeat once, some seconds after the start."""
+    """A monitor that once, some seconds after the start, reports vehicles without a heartbeat."""
 
     def __init__(self, links: dict[str, Link], now_us: int) -> None:
         self._unreported = dict(links)

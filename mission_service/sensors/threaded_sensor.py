@@ -8,7 +8,7 @@ class ThreadedSensor(ABC):
     """A sensor with a thread, which ``start`` starts and ``close`` ends."""
 
     def __init__(self) -> None:
-        self._error: Exception | None = None  # which has ended the thread
+        self._error: Exception | None = None  # that ended the thread
         self._closed = threading.Event()
         self._thread: threading.Thread | None = None
 
@@ -17,7 +17,7 @@ class ThreadedSensor(ABC):
         """Process input in the thread until ``_closed`` is set; set ``_error`` after an error."""
 
     def start(self) -> None:
-        """Start the thread, if it does not run. Raises the exception that has ended it."""
+        """Start the thread if it does not run. Raises the exception that ended the thread."""
         if self._error is not None:
             raise self._error
         if self._thread is None:
@@ -26,5 +26,5 @@ class ThreadedSensor(ABC):
             self._thread.start()
 
     def close(self) -> None:
-        """End the thread, after the input that it processes."""
+        """End the thread after the input that is being processed."""
         self._closed.set()

@@ -1,8 +1,9 @@
 """Watches a folder, for sensors whose input arrives as files.
 
-A thread lists the folder and passes each new file to ``process_file`` when it no longer grows. A
-file that is not used is named in ``problem`` with the reason, which the service shows as an alarm
-until the file is replaced or removed. While the folder cannot be read, ``problem`` has the reason.
+A thread lists the folder and passes each new file to ``process_file`` when the file no longer
+grows. ``problem`` names a file that is not used, and gives the reason. The service shows this text
+as an alarm until the file is replaced or removed. While the folder cannot be read, ``problem``
+gives the reason.
 """
 
 import os
@@ -21,7 +22,7 @@ from mission_service.sensors.threaded_sensor import ThreadedSensor
 
 SCAN_EVERY_S = 0.25
 MAX_SHARE = 0.05  # of the thread's time, for listing a folder of many files
-MAX_AT_ONCE = 100  # files; of more files that are new at once, only the newest are used
+MAX_AT_ONCE = 100  # files; if more files are new at once, only the newest are used
 
 RETRIED_FOR_S = 3.0  # for a file whose use requires data that arrive later
 
@@ -29,7 +30,7 @@ Change = tuple[int, int]  # time of the last change in ns, and size in bytes
 
 
 class IncompleteError(MissionServiceError):
-    """A file whose use requires data that may arrive later; the message is what is missing."""
+    """A file that requires data that may arrive later; the message states what is missing."""
 
 
 class WatchedFolder(ThreadedSensor):
@@ -40,9 +41,9 @@ class WatchedFolder(ThreadedSensor):
 
         Args:
             key: The key of the scenario that names the folder.
-            folder: Its value.
+            folder: The value of the key.
             suffixes: The suffixes of the files to use, in lower case.
-            noun: A file as it is called in ``problem``, with its article.
+            noun: The word for a file in ``problem``, with its article, for example "an image".
 
         Raises:
             ScenarioError: The folder is not given or does not exist.
@@ -57,31 +58,31 @@ class WatchedFolder(ThreadedSensor):
         self._problems: dict[str, str] = {}  # why files are not used, by name
         self._growing: dict[str, Change] = {}
         self._read: dict[str, Change] = {}
-        self.used_parts: frozenset[str] = frozenset()  # before a restart; see ``sensor_files``
+        self.used_parts: frozenset[str] = frozenset()  # events before a restart (``sensor_files``)
         self._used_files: frozenset[str] = frozenset()
         self._incomplete_since: dict[str, datetime] = {}
         self._listing_s = 0.0  # time that the last listing of the folder took
 
     @abstractmethod
     def process_file(self, path: Path, now: datetime) -> None:
-        """Read a new file; in the thread. An exception is the reason why it is not used.
+        """Read a new file, in the thread. An exception states why the file is not used.
 
-        After an IncompleteError the file is read again, for up to ``RETRIED_FOR_S``.
+        After an IncompleteError, the file is read again for up to ``RETRIED_FOR_S``.
         """
 
     def skip(self, names: frozenset[str]) -> None:
-        """Set the names of the events that the run has made from files before a restart."""
+        """Set the names of the events that the run made from files before a restart."""
         self.used_parts, self._used_files = names, whole_files(names)
 
     def event_name_of(self, name: str) -> str:
-        """Return the name of a file that was read, for events (``sensor_files``)."""
+        """Return the name by which events refer to a file that was read (``sensor_files``)."""
         changed_ns, size = self._read[name]
         return f"{name} {changed_ns} {size}"
 
     @property
     def problem(self) -> str:
-        """Why the folder cannot be read, or why files in it are not used; or empty."""
-        texts = list(self._problems.values())  # a copy; the thread changes it
+        """The reason why the folder, or a file in it, is not used; otherwise empty."""
+        texts = list(self._problems.values())  # a copy, because the thread changes the dictionary
         if self._folder_problem or not texts:
             return self._folder_problem
         others = f" (and {len(texts) - 1} others)" if texts[1:] else ""
@@ -94,8 +95,8 @@ class WatchedFolder(ThreadedSensor):
     def scan(self, now: datetime) -> None:
         """Use the files that are new and have not grown since the last scan.
 
-        Of more than ``MAX_AT_ONCE`` such files the oldest are refused unread, so that a backlog
-        does not delay new observations.
+        If there are more than ``MAX_AT_ONCE`` such files, the oldest are refused without being
+        read, so that a backlog does not delay new observations.
         """
         try:
             files = self._files()
@@ -129,7 +130,7 @@ class WatchedFolder(ThreadedSensor):
             self.refuse(name, str(error))
         except (MissionServiceError, FireModelError) as error:
             self.refuse(name, str(error))
-        except Exception as error:  # one file must not end the watch
+        except Exception as error:  # one file must not end the thread
             self.refuse(name, f"{name}: {type(error).__name__}: {error}")
         self._incomplete_since.pop(name, None)
 
@@ -142,12 +143,12 @@ class WatchedFolder(ThreadedSensor):
             self._error = error
 
     def _files(self) -> dict[str, Change]:
-        """Return the last changes of the files with the suffixes in the folder, by name."""
+        """Return the last change of each file in the folder with one of the suffixes, by name."""
         found = {}
         begun_s = time.monotonic()
         with os.scandir(self._folder) as entries:
             for entry in entries:
-                with suppress(OSError):  # it has been removed, or is a link to itself
+                with suppress(OSError):  # the entry was removed, or is a link to itself
                     named = entry.name.lower().endswith(self._suffixes)
                     if named and not entry.name.startswith(".") and entry.is_file():
                         state = entry.stat()

@@ -1,7 +1,7 @@
-"""Runs the reading of one untrusted file in a separate process, because a file may crash it.
+"""Reads one untrusted file in a separate process, because a damaged file may crash the reader.
 
-GDAL and GEOS cannot be interrupted, and have crashed on invalid input. A process of its own limits
-memory and time, and its end does not affect the service.
+GDAL and GEOS cannot be interrupted, and have crashed on invalid input. The memory and the time of
+the separate process are limited, and a crash of this process does not affect the service.
 """
 
 import os
@@ -30,14 +30,14 @@ def command_of(module: str) -> tuple[str, ...]:
 
 
 def end_of(code: int) -> str:
-    """Return the signal (for example SIGSEGV) or the exit status of an ended process."""
+    """Return the signal (for example SIGSEGV) or the exit status with which a process ended."""
     return signal.Signals(-code).name if code < 0 else f"status {code}"
 
 
 def output_of(module: str, data: bytes) -> bytes:
-    """Return what a module prints that receives data on its standard input.
+    """Run a module with ``data`` on its standard input, and return its standard output.
 
-    Raises OSError if the process does not end regularly within ``WITHIN_S``.
+    Raises OSError if the process does not end normally within ``WITHIN_S``.
     """
     try:
         done = subprocess.run(

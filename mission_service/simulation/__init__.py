@@ -1,1 +1,1 @@
-"""Simulation in virtual time, mock autopilots in separate processes, and the demo."""
+"""Simulations in virtual time, mock autopilots in separate processes, and the demo."""

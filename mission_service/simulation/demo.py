@@ -1,4 +1,4 @@
-"""Runs the demo: mock autopilots in child processes, connected by UDP to the daemon."""
+"""Runs the demo: a daemon and mock autopilots in child processes, connected by UDP."""
 
 import asyncio
 import contextlib
@@ -79,7 +79,7 @@ def _mock_process(
 
 
 def vehicle_of(scenario: Scenario, name: str | None) -> VehicleSection:
-    """Return the vehicle of this name, or the first vehicle for None; raises ScenarioError."""
+    """Return the vehicle with this name, or the first vehicle for None; raises ScenarioError."""
     if name is None:
         return scenario.vehicles[0]
     for section in scenario.vehicles:

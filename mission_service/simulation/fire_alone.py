@@ -35,8 +35,8 @@ def run_fire(
 ) -> dict[str, Any]:
     """Write the rasters, fronts, map and summary to a folder, and return the summary.
 
-    ``warn`` is called with each warning as soon as its cause is known. If ``netcdf`` is True,
-    fire.nc is also written, with the state at the times of the fronts.
+    ``warn`` is called with each warning as soon as the cause is found. If ``netcdf`` is True,
+    fire.nc is also written, with the state of the fire at the times of the fronts.
 
     Raises ScenarioError if no fire starts before the scenario's end, for more than ``MAX_FRONTS``
     fronts, or for a folder that cannot be written to.
@@ -62,7 +62,7 @@ def run_fire(
     with writing(folder):
         remove_parts(folder)
         path = folder / "fire.nc"
-        path.unlink(missing_ok=True)  # files of an earlier run
+        path.unlink(missing_ok=True)  # the file of an earlier run
         if netcdf:
             write_netcdf(path, fire, times_s, scenario.name, scenario.time_zero)
         return _write(scenario, fire, folder, times_s, lines)
@@ -96,7 +96,7 @@ def check_times(scenario: Scenario) -> None:
 
 
 def _times_s(start_s: float, end_s: float, every_s: float) -> list[float]:
-    """Return the times of the written fronts: every ``every_s`` after the start, and the end."""
+    """Return the times of the fronts to write: each ``every_s`` after the start, and the end."""
     count = max(math.ceil((end_s - start_s) / every_s - 1e-9), 1)
     if count > MAX_FRONTS:
         raise ScenarioError(

@@ -1,4 +1,4 @@
-"""Forecasts each mapped perimeter of a fire from the earlier ones, and scores the forecasts."""
+"""Forecasts each mapped perimeter of a fire from earlier perimeters, and scores the forecasts."""
 
 import json
 from collections.abc import Callable, Iterator, Sequence
@@ -42,12 +42,12 @@ from mission_service.simulation.forecast_picture import draw_forecast
 from mission_service.simulation.result_files import check_command, whole_files
 
 GROWN = 1.1  # minimum ratio of the areas of two perimeters of a growing fire
-AHEAD_H = (1, 3, 6)  # forecasts from the last perimeter
+AHEAD_H = (1, 3, 6)  # hours of the forecasts from the last perimeter
 MAX_PICTURES = 40
 
 
 class Step(NamedTuple):
-    """One forecast from a perimeter to the next, with the next perimeter as observed."""
+    """One forecast from a perimeter to the next perimeter, and both perimeters as observed."""
 
     before: Observation
     after: Observation
@@ -65,8 +65,8 @@ def assimilate(
 ) -> dict[str, Any]:
     """Process the perimeters of a file or folder one by one, and return scores of all forecasts.
 
-    Each forecast uses only perimeters that are not later than its start. The fire starts at the
-    scenario's ignition if it has one, otherwise with the first perimeter.
+    Each forecast uses only perimeters that are not later than the start of the forecast. The fire
+    starts at the scenario's ignition, or without an ignition from the first perimeter.
 
     Args:
         scenario: The scenario: landscape, weather, [ensemble], [estimate].
@@ -76,7 +76,7 @@ def assimilate(
         warn: A function that is called with each warning.
 
     Raises:
-        ScenarioError: The scenario has another spread scheme, or its ignitions have no date.
+        ScenarioError: The spread scheme is not ``anyangle``, or the ignitions have no date.
         FireModelError: No perimeter can be used.
     """
     if scenario.fire.scheme != "anyangle":
@@ -143,7 +143,7 @@ def assimilate(
 def _warnings(
     scenario: Scenario, perimeters: Sequence[Perimeter], zero: datetime, weather: WeatherStream
 ) -> list[str]:
-    """Return warnings about inputs that are not used, and about dates that differ."""
+    """Return warnings about inputs that are not used, and about dates that are inconsistent."""
     lines = [
         f"{scenario.name}: fire.{key} is not used; the fire begins with the ignition or the first "
         "perimeter"
@@ -162,7 +162,7 @@ def _warnings(
 def _observations(
     scenario: Scenario, landscape: Landscape, perimeters: Sequence[Perimeter], zero: datetime
 ) -> Iterator[Observation]:
-    """Yield the perimeters at their mission times, and before them the ignition if there is one."""
+    """Yield any ignition and then the perimeters, each with its mission time."""
     if scenario.ignition and scenario.time_zero is None:
         raise ScenarioError(
             f"{scenario.name}: without time_zero (the date of mission time 0) the ignition has no "
@@ -181,7 +181,7 @@ def _observations(
 
 
 def _inside(area: BaseGeometry, landscape: Landscape) -> BaseGeometry:
-    """Return the part of an area that lies on the landscape; the fires are compared there."""
+    """Return the part of an area that is on the landscape, where the fires are compared."""
     box = box_of(landscape)
     if box.covers(area):
         return area
@@ -201,7 +201,7 @@ def _steps(
     warnings: list[str],
     warn: Callable[[str], None],
 ) -> Iterator[Step]:
-    """Forecast and process all observations, without observations that do not fit the fire."""
+    """Forecast and assimilate the observations, except those that contradict the fire."""
     before: Observation | None = None
     for after in observed:
         step = None
@@ -230,7 +230,7 @@ def _scores(step: Step, landscape: Landscape, zero: datetime) -> dict[str, Any]:
     cell_ha = landscape.cell_size_m**2 / 1e4
 
     def distance(mask: Mask) -> float:
-        # Outline along the sides of cells.
+        # The outline follows the sides of cells.
         area = front_polygons(np.where(mask, 0.0, 1.0), 0.5, landscape)
         return round(mean_distance_m(area, after.area), 1)
 
@@ -259,7 +259,7 @@ def _rounded(value: float | None) -> float | None:
 
 
 def _all_means(intervals: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """Return the means of the scores over all intervals and over some of them."""
+    """Return the means of the scores over all intervals, and over three subsets of them."""
     growing = [each for each in intervals if each["iou_persistence"] < 1.0 / GROWN]
     standing = [each for each in intervals if each["iou_persistence"] >= 1.0 / GROWN]
     return {
@@ -271,7 +271,7 @@ def _all_means(intervals: Sequence[dict[str, Any]]) -> dict[str, Any]:
 
 
 def _means(intervals: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """Return the number of intervals and the mean of each score over them."""
+    """Return the number of intervals and the mean of each score over the intervals."""
     names = ("iou_", "new_area_csi_", "mean_distance_m_", "coverage_")
     found: dict[str, Any] = {"intervals": len(intervals)}
     for key in intervals[0] if intervals else ():

@@ -63,7 +63,7 @@ MEMBER_AT_EDGE = f"the fire of one or more members reached the edge of the lands
 class Job:
     """The data for simulating members.
 
-    Each worker receives this data and prepares the start once.
+    Each worker receives these data once and computes the start state once.
     """
 
     landscape: Landscape
@@ -79,7 +79,7 @@ class Job:
 
     @cached_property
     def start_state(self) -> Start:
-        """The common state at the start; each member then adds its moved ignitions."""
+        """The start state that all members have in common, without the ignitions."""
         fire = new_fire(
             self.scheme,
             self.landscape,
@@ -93,12 +93,12 @@ class Job:
 
     @cached_property
     def draws(self) -> list[Draw]:
-        """The draws of all members."""
+        """The random errors of all members."""
         return latin_draws(self.uncertainty, self.seed, self.count, self.start_state.fuels)
 
 
 def job_of(scenario: Scenario, count: int) -> Job:
-    """Return the job of the members of a scenario's fire.
+    """Return the job that simulates ``count`` members of a scenario's fire.
 
     Raises ScenarioError or FireModelError for a fire that cannot burn.
     """
@@ -135,15 +135,15 @@ def run_members(
     repeated with the same scenario, only the missing members are simulated.
 
     Args:
-        scenario: The scenario; its table [ensemble] has the distributions.
+        scenario: The scenario; its table [ensemble] defines the distributions of the errors.
         folder: An existing folder.
         count: The number of members.
-        run: Runs the tasks, see ``task_pool``.
+        run: A function that runs tasks (``task_pool``).
         warn: A function that is called with each warning about the inputs.
 
     Raises:
         ScenarioError: No fire starts before the scenario's end, or a file cannot be written.
-        MissionServiceError: The folder has members of other settings, or the cluster failed.
+        MissionServiceError: The folder contains members with other settings, or the cluster failed.
     """
     check_command(folder, "fire run --members")
     job = job_of(scenario, count)
@@ -186,7 +186,7 @@ def _read(folder: Path, count: int, shape: tuple[int, ...]) -> Iterator[Window]:
 
 
 def _fits(window: Window, shape: tuple[int, ...]) -> bool:
-    """Return True if a window lies within a landscape of this shape."""
+    """Return whether a window lies within a landscape of this shape."""
     rows, cols = window.after_s.shape
     inside = min(window.top, window.left) >= 0
     inside = inside and window.top + rows <= shape[0] and window.left + cols <= shape[1]

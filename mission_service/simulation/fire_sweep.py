@@ -1,4 +1,4 @@
-"""Simulates the fire of a scenario for all combinations of values that some keys may have."""
+"""Simulates the fire of a scenario for all combinations of given values of some keys."""
 
 import csv
 import json
@@ -53,7 +53,7 @@ SUFFIX = ".geojson"
 
 @dataclass(frozen=True)
 class Sweep:
-    """The runs of a sweep: a scenario with overrides, and the values of each run."""
+    """The runs of a sweep: a scenario with overrides, and the values of the keys in each run."""
 
     scenario: str  # a file or the name of a shipped scenario, as for ``load_scenario``
     overrides: tuple[str, ...]
@@ -73,7 +73,7 @@ class Sweep:
             raise
 
     def label(self, number: int) -> str:
-        """Return a text with the keys and values of a run."""
+        """Return the keys and values of a run as text."""
         pairs = zip(self.keys, self.values[number], strict=True)
         return ", ".join(f"{key}={value}" for key, value in pairs)
 
@@ -81,7 +81,7 @@ class Sweep:
 def sweep_of(scenario: str, overrides: tuple[str, ...], varied: Sequence[str]) -> Sweep:
     """Return the sweep over all combinations of ``KEY=VALUES``; the last key varies fastest.
 
-    Raises OptionError for text in another form, a key that appears twice, or too many runs.
+    Raises OptionError for malformed text, a key that appears twice, or too many runs.
     """
     values = {}
     for text in varied:
@@ -117,7 +117,7 @@ def _values_in(text: str, given: str) -> tuple[str, ...]:
 
 
 def _entries(text: str, given: str) -> tuple[str, ...]:
-    """Return the entries of a list, which commas separate outside of quotes and brackets."""
+    """Return the entries of a list, separated by commas outside of quotes and brackets."""
     found, depth, quote = [""], 0, ""
     for each in given:
         if quote:
@@ -138,20 +138,20 @@ def _entries(text: str, given: str) -> tuple[str, ...]:
 def run_sweep(sweep: Sweep, folder: Path, run: Run, warn: Callable[[str], None]) -> dict[str, Any]:
     """Simulate the runs that are missing in a folder, write the tables, and return a summary.
 
-    Each run is stored in a file in the folder ``runs``: the front at the end, with the results. If
-    the command is stopped and repeated with the same scenario and values, only the missing runs are
-    simulated. The inputs of all runs are checked before the first run.
+    Each run is stored as one file in the folder ``runs``, with the front at the end of the run and
+    the results. If the command is stopped and repeated with the same scenario and values, only the
+    missing runs are simulated. The inputs of all runs are checked before the first run.
 
     Args:
-        sweep: The scenario and the values of its keys.
+        sweep: The scenario and the values of the keys in each run.
         folder: An existing folder.
-        run: Runs the tasks, see ``task_pool``.
+        run: A function that runs tasks (``task_pool``).
         warn: A function that is called once with each warning about the inputs.
 
     Raises:
         ScenarioError: A run's scenario is invalid, or a file cannot be written.
         OptionError: A key has no effect on the fire, or a value is invalid.
-        MissionServiceError: The folder has runs of other settings, or the cluster failed.
+        MissionServiceError: The folder contains runs with other settings, or the cluster failed.
     """
     check_command(folder, "fire sweep")
     scenarios = [sweep.load(number) for number in range(len(sweep.values))]
@@ -201,7 +201,7 @@ def _check_effects(sweep: Sweep, scenarios: list[Scenario]) -> None:
 
 
 def _checked(sweep: Sweep, scenarios: list[Scenario]) -> Iterator[str]:
-    """Check the inputs of all runs and yield their warnings, some of them several times."""
+    """Check the inputs of all runs and yield all warnings; equal warnings are repeated."""
     for number, scenario in enumerate(scenarios):
         try:
             check_times(scenario)
@@ -254,7 +254,7 @@ def _write(folder: Path, features: list[dict[str, Any]]) -> None:
     (folder / "fronts.geojson").write_text(json.dumps(collection) + "\n", encoding="utf-8")
     hidden = {"IncidentName", "FeatureCategory", "MapMethod", "FeatureStatus", "PolygonDateTime"}
     names = [name for name in features[0]["properties"] if name not in hidden]
-    names.sort(key=lambda name: name != "run")  # makes ``run`` the first column
+    names.sort(key=lambda name: name != "run")  # ``run`` is the first column
     with (folder / "sweep.csv").open("w", encoding="utf-8", newline="") as file:
         table = csv.DictWriter(file, names, extrasaction="ignore", lineterminator="\n")
         table.writeheader()

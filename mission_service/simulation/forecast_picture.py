@@ -1,4 +1,4 @@
-"""Draws a forecast from one mapped perimeter to the next on the base map of all fire maps."""
+"""Draws a forecast from one mapped perimeter to the next, on the base map of all fire maps."""
 
 from datetime import datetime
 from pathlib import Path
@@ -29,7 +29,7 @@ BEFORE, AFTER, FREE = "#404040", "#08306b", "#7a0177"
 def draw_forecast(
     path: Path, landscape: Landscape, step: "Step", name: str, time_zero: datetime | None
 ) -> None:
-    """Draw the probability bands of a forecast, the perimeters before and after, the model alone.
+    """Draw a forecast's probability bands, both perimeters, and the area of the model alone.
 
     Raises OSError if the file cannot be written.
     """

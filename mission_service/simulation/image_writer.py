@@ -1,4 +1,4 @@
-"""Write the images of a simulated thermal camera into the folder that ``thermal_frames`` watches.
+"""Writes the images of a simulated thermal camera to the folder that ``thermal_frames`` watches.
 
 These files are the only connection between the simulated fire and the estimate.
 """
@@ -23,7 +23,7 @@ from mission_service.sensors.thermal.thermal_image import SUFFIXES
 from mission_service.simulation.thermal_images import rendered, write_frame
 
 WIDTH, HEIGHT = 160, 128  # pixels
-# Mission time 0 in the files of a simulation; any fixed time gives equal files in equal runs.
+# Mission time 0 in the files of a simulation, constant so that equal runs write equal files.
 SIMULATED_ZERO = datetime(2026, 1, 1, tzinfo=UTC)
 
 
@@ -37,7 +37,7 @@ class ImageWriter:
         fire: SimulatedFire,
         times_of: Callable[[CapturedImage], tuple[int, datetime]],
     ) -> None:
-        """Set the fire and the times; ``times_of`` returns mission time in µs and the file's time.
+        """Set the fire; ``times_of`` returns an image's mission time in µs and time in the file.
 
         Raises ScenarioError for a missing folder, and if no mission would trigger the camera.
         """
@@ -55,7 +55,7 @@ class ImageWriter:
         self._lens = Lens(WIDTH, HEIGHT, focal_px, scenario.estimate.thermal_frames.distortion)
 
     def write(self, image: CapturedImage) -> None:
-        """Write a captured image; a camera that is not above the landscape writes none."""
+        """Write a captured image, unless the camera is not above the landscape."""
         at_us, taken = self._times_of(image)
         self._fire.advance(at_us)
         rng = np.random.default_rng((*self._seed, image.number))
@@ -74,7 +74,7 @@ class ImageWriter:
 
 
 def folder_of(scenario: Scenario) -> Path:
-    """Return the watched folder. Raises ScenarioError if it does not exist."""
+    """Return the watched folder. Raises ScenarioError if the folder does not exist."""
     folder = scenario.estimate.thermal_frames.folder
     if folder is None or not Path(folder).is_dir():
         raise ScenarioError(f"{scenario.name}: estimate.thermal_frames.folder: create the folder")
@@ -82,7 +82,7 @@ def folder_of(scenario: Scenario) -> Path:
 
 
 def check_is_empty(folder: Path) -> None:
-    """Raise ScenarioError if a folder contains images, which would be taken for new ones."""
+    """Raise ScenarioError for a folder with images, which would be processed as new images."""
     if any(each.name.lower().endswith(SUFFIXES) for each in folder.iterdir()):
         raise ScenarioError(f"{folder}: contains images; remove them or give an empty folder")
 
@@ -97,7 +97,7 @@ def _pose_of(image: CapturedImage, land: Landscape) -> CameraPose:
 def _with_errors(
     pose: CameraPose, errors: SimulatedCameraSection, rng: np.random.Generator
 ) -> CameraPose:
-    """Return a pose as the camera measures it."""
+    """Return a pose with the random errors of its measurement."""
     steps = (
         *rng.normal(0.0, errors.gps_sd_m, 3),
         *rng.normal(0.0, errors.gimbal_sd_deg, 3),

@@ -46,7 +46,7 @@ class MockEnvironment:
     parameters: dict[str, float] = field(default_factory=dict)
 
     def mock(self, stack: str, kind: str, system_id: int, home: tuple[float, ...]) -> MockAutopilot:
-        """Make a mock. Raises MissionServiceError for an underground home or a bad parameter."""
+        """Make a mock. Raises MissionServiceError for an invalid home or an unknown parameter."""
         lat_deg, lon_deg, altitude_m = home
         ground_m = self.terrain_amsl_m
         if ground_m is not None and altitude_m < ground_m:
@@ -89,7 +89,7 @@ def read_home(text: str) -> tuple[float, ...]:
 
 
 def read_wind(text: str) -> Wind:
-    """Parse FROM_DEG,SPEED_M_S, the direction from which the wind comes and its speed."""
+    """Parse FROM_DEG,SPEED_M_S: the direction from which the wind blows, and the wind speed."""
     from_deg, speed_m_s = _numbers(f"--wind {text}", text, "FROM_DEG,SPEED_M_S", (360.0, 60.0))
     return Wind(from_deg, speed_m_s)
 
@@ -126,7 +126,7 @@ def _numbers(
 def by_hand(
     stack: str, kind: str, system_id: int, home: str, count: int, around: MockEnvironment
 ) -> MockGroup:
-    """Make ``count`` mocks with consecutive system ids and homes 0.001° of longitude apart."""
+    """Make ``count`` mocks with consecutive system ids; homes are 0.001° of longitude apart."""
     if system_id + count > 251:
         last = system_id + count - 1
         raise MissionServiceError(f"system ids {system_id} to {last}: 250 is the highest")
@@ -139,7 +139,7 @@ def by_hand(
 
 @dataclass(frozen=True)
 class MocksOnLink:
-    """The mocks on one link; ``signing_key`` is the source of their key."""
+    """The mocks on one link; ``signing_key`` is the source of the mocks' key."""
 
     fleet: MockGroup
     link: str
@@ -149,10 +149,10 @@ class MocksOnLink:
 def from_scenario(
     name: str, vehicle: str | None, link: str | None, around: MockEnvironment
 ) -> list[MocksOnLink]:
-    """Make mocks of a scenario's vehicles, standing at their homes.
+    """Make mocks for a scenario's vehicles, on the ground at their homes.
 
     Without ``link``, each mock connects to the link of its vehicle. Without ``vehicle``, a mock is
-    made of the first vehicle, or of each vehicle if ``link`` is missing too.
+    made for the first vehicle, or for each vehicle if ``link`` is also None.
     """
     scenario = flying(load_scenario(name))
     landscape = landscape_of(scenario)
@@ -227,10 +227,10 @@ def run(
     echo: Callable[[str], None],
     until_eof: bool = False,
 ) -> None:
-    """Fly until SIGINT or SIGTERM; print one line per mock when its link is open.
+    """Run mocks until SIGINT or SIGTERM; print one line for each mock when its link is open.
 
-    With ``until_eof`` the run also ends when standard input, a pipe, is closed, so that it ends
-    even if the parent process is killed. A mock signs with the key that it is given, or with the
+    With ``until_eof`` the run also ends when standard input, a pipe, is closed, so that the run
+    ends even if the parent process is killed. A mock signs with its ``signing_key``, or with the
     key from a SETUP_SIGNING message.
     """
     timestamps = Timestamps(wall_us)

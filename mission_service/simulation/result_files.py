@@ -1,7 +1,8 @@
 """Stores the results of many runs in a folder, so that a stopped command can be resumed.
 
-Each result is one file, which is written completely or not at all. The file ``recipe.json`` has the
-inputs of the computation (the recipe); a folder is used again only for the same recipe.
+Each result is one file, which is written completely or not at all. The file ``recipe.json``
+contains the inputs of the computation (the recipe); a folder is used again only for the same
+recipe.
 """
 
 import hashlib
@@ -23,7 +24,7 @@ from mission_service.errors import MissionServiceError, ScenarioError
 
 RECIPE = "recipe.json"
 PART = ".part-"  # the beginning of the names of temporary folders
-# A result of each command, by which its folder is recognised.
+# A result of each command, which identifies the folder of the command's results.
 COMMANDS = {
     "fire run": "arrival_time_s.tif",
     "fire run --members": "members",
@@ -31,7 +32,7 @@ COMMANDS = {
     "fire assimilate": "assimilation.json",
 }
 Recipe = dict[str, Any]
-# Exceptions of json and NumPy for a damaged file.
+# The exceptions that json and NumPy raise for a damaged file.
 DAMAGE: tuple[type[Exception], ...] = (
     *(ValueError, LookupError, TypeError, EOFError, BadZipFile, NotImplementedError),
     *(MemoryError, OverflowError, SyntaxError, TokenError),
@@ -70,9 +71,9 @@ def _paths_in(data: Any) -> Iterator[Path]:
 
 @contextmanager
 def whole_files(folder: Path) -> Iterator[Path]:
-    """Yield a temporary folder; its files move to ``folder`` if no exception is raised.
+    """Yield a temporary folder, whose files are moved to ``folder`` if no exception is raised.
 
-    The temporary folders that killed processes left in ``folder`` are removed.
+    Temporary folders of killed processes in ``folder`` are removed.
     """
     for left in folder.glob(f"{PART}*"):
         shutil.rmtree(left, ignore_errors=True)
@@ -83,7 +84,7 @@ def whole_files(folder: Path) -> Iterator[Path]:
 
 
 def check_command(folder: Path, command: str) -> None:
-    """Raise ScenarioError for a folder with the results of another of ``COMMANDS``."""
+    """Raise ScenarioError for a folder with the results of another command (``COMMANDS``)."""
     for other, result in COMMANDS.items():
         if other != command and (folder / result).exists():
             raise ScenarioError(
@@ -98,7 +99,7 @@ def results_folder(folder: Path, recipe: Recipe) -> Path:
     """
     folder.mkdir(exist_ok=True)
     path, recipe = folder / RECIPE, json.loads(json.dumps(recipe))
-    # The folder has no results yet.
+    # Without results, the recipe is written.
     if not any(each.name[0].isdigit() for each in folder.iterdir()):
         write_whole(path, json.dumps(recipe, indent=1) + "\n")
         return folder
@@ -146,7 +147,7 @@ def reading(path: Path) -> Iterator[None]:
 
 
 def numbered(folder: Path, number: int, suffix: str) -> Path:
-    """Return the file of the result with a number."""
+    """Return the path of the file of the result with this number."""
     return folder / f"{number:06d}{suffix}"
 
 
@@ -170,12 +171,13 @@ def complete(
         folder: The folder of the results.
         count: The number of all results.
         suffix: The suffix of the results' files.
-        compute: Takes numbers of results, and returns these results in the same order.
-        save: Writes a result to a file.
-        progress: Is called after each new result with the number of results in the folder.
+        compute: A function that returns the results with the given numbers, in the same order.
+        save: A function that writes a result to a file.
+        progress: A function that is called after each new result with the number of results in the
+            folder.
 
     Returns:
-        The number of the results that were missing.
+        The number of results that were missing.
     """
     absent = missing(folder, count, suffix)
     present = count - len(absent)

@@ -1,4 +1,4 @@
-"""Flies a scenario in virtual time, with mock autopilots, MAVLink frames and an event heap."""
+"""Simulates a scenario in virtual time, with mock autopilots, MAVLink frames and an event heap."""
 
 import contextlib
 import heapq
@@ -51,7 +51,7 @@ from mission_service.simulation.image_writer import (
 )
 
 PROGRESS_EVERY_US = 60_000_000
-CLOCK_SENSORS = ("observation_files", "thermal_video")  # they use the time of the host's clock
+CLOCK_SENSORS = ("observation_files", "thermal_video")  # sensors that use the host's clock
 
 Crew = Callable[[int, Core], list[AnyOperatorEvent]]
 
@@ -68,7 +68,7 @@ def memory_link(section: LinkSection, seed: int) -> MemoryLink:
 
 
 def mock_of(section: VehicleSection, landscape: Landscape) -> MockAutopilot:
-    """Return the mock autopilot of a vehicle, standing at its home."""
+    """Return the mock autopilot of a vehicle on the ground at its home."""
     return MockAutopilot(
         stack_named(section.stack, section.kind),
         LocalFrame(*home_of(section, landscape)),
@@ -78,7 +78,7 @@ def mock_of(section: VehicleSection, landscape: Landscape) -> MockAutopilot:
 
 
 class SimulatedVehicle:
-    """One simulated vehicle: a client and a mock autopilot, joined by two memory links."""
+    """One simulated vehicle: a client and a mock autopilot, connected by two memory links."""
 
     def __init__(
         self, section: VehicleSection, scenario: Scenario, landscape: Landscape, clock: MissionClock
@@ -125,7 +125,7 @@ class SimulatedVehicle:
             self._up.send(datagram, now_us)
 
     def _advance_mock(self, arrived: list[bytes], now_us: int) -> None:
-        """Handle the mock's datagrams and timer, in the wind that drives the fire."""
+        """Handle the mock's datagrams and timer, with the wind of the simulated fire."""
         if self._weather is not None:
             self._blow(self._weather.weather_at(self._clock.now_us / 1e6))
         for datagram in arrived:
@@ -143,7 +143,7 @@ class SimulatedVehicle:
 
 
 class Simulation:
-    """The vehicles, the service and the fire of a scenario; can be run step by step."""
+    """A simulation of a scenario's vehicles, service and fire, which can be run step by step."""
 
     def __init__(
         self,
@@ -180,7 +180,7 @@ class Simulation:
         self._heap = [(0, index) for index in range(len(self.rigs))]
 
     def _fit_cameras(self, scenario: Scenario, landscape: Landscape) -> SimulatedFire | None:
-        """Give the vehicles cameras that write files, and return the fire that they show."""
+        """Fit the vehicles with cameras that write files; return the fire that the images show."""
         fire = simulated_fire_of(scenario, landscape)
         assert fire is not None
         check_is_empty(folder_of(scenario))
@@ -202,16 +202,16 @@ class Simulation:
 
     @property
     def link_us(self) -> int:
-        """The time of the next step on the links' clock (µs); mission time may lag behind it."""
+        """The time of the next step on the links' clock (µs); mission time may lag behind."""
         return self._heap[0][0]
 
     def step(self) -> None:
-        """Handle the next timer of a vehicle, then the events of the crew."""
+        """Handle the next timer of a vehicle, then the due events of the crew."""
         now_us, index = heapq.heappop(self._heap)
         self.rigs[index].handle_due(now_us, self.service)
         if self._crew is not None:
             for event in self._crew(self.clock.now_us, self.core):
-                # The fire refuses the event, as in a live run.
+                # The estimate may refuse the event, as in a live run.
                 with contextlib.suppress(FireModelError):
                     self.service.submit(event, now_us)
         heapq.heappush(self._heap, (max(self.rigs[index].next_timer(), now_us), index))
@@ -221,7 +221,7 @@ class Simulation:
 
 
 def clock_sensors_in(scenario: Scenario) -> list[str]:
-    """Return the names of the sensors that read their input at the time of the host's clock.
+    """Return the names of the sensors that use the time of the host's clock.
 
     The journals of two simulations with such a sensor would differ.
     """
@@ -245,16 +245,16 @@ def simulate(
     crew: Crew | None = None,
     until_s: float | None = None,
 ) -> tuple[RunStatistics, Fire]:
-    """Fly a scenario to its end (or ``until_s``) in virtual time and write a journal.
+    """Simulate a scenario until its end (or ``until_s``) in virtual time, and write a journal.
 
-    A scenario without [simulation.fire] receives this table with its defaults, because only a
-    simulated fire can be observed here.
+    If the scenario has no table [simulation.fire], a table with the defaults is added, because only
+    a simulated fire can be observed in a simulation.
 
-    ``created`` (wall-clock time as text) is only written into the journal's header. ``progress`` is
-    called about once per minute of mission time. ``crew`` returns the operators' events that are
-    due at a mission time.
+    ``created`` (wall-clock time as text) is only written to the journal's header. ``progress`` is
+    called about once a minute of mission time. ``crew`` returns the operators' events that are due
+    at a mission time.
 
-    Raises ScenarioError for a sensor that uses the time of the clock.
+    Raises ScenarioError for a sensor that uses the time of the host's clock.
     """
     _check_sensors(scenario)
     scenario = _with_simulated_fire(scenario)

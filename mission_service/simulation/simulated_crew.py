@@ -1,4 +1,4 @@
-"""Simulates a crew that answers GO, stays present and approves each plan; not for live runs."""
+"""Simulates a crew that answers GO, is always present and approves each plan; not for live runs."""
 
 from collections.abc import Sequence
 
@@ -10,9 +10,9 @@ NAME = "simulated crew"
 
 
 class SimulatedCrew:
-    """A crew that approves a plan ``thinks_s`` after its proposal.
+    """A crew that approves each plan ``thinks_s`` after the plan is proposed.
 
-    ``script`` contains further events, in order of time.
+    ``script`` contains further events of operators, in order of time.
     """
 
     def __init__(

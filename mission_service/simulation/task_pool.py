@@ -18,7 +18,7 @@ Run = Callable[[Callable[[Any, Any], Any], Sequence[Any], Any], Iterator[Any]]
 
 @contextmanager
 def on_threads(workers: int) -> Iterator[Run]:
-    """Yield a function that runs tasks in threads of this process; kernels release the GIL."""
+    """Yield a function that runs tasks in threads of this process; the kernels release the GIL."""
     pool = ThreadPoolExecutor(workers, thread_name_prefix="fires")
     try:
         yield lambda work, items, job: iter(pool.map(partial(_done, work=work, job=job), items))
@@ -34,16 +34,16 @@ def _done(item: Any, work: Callable[[Any, Any], Any], job: Any) -> Any:
 def on_cluster(scheduler: str, command: str) -> Iterator[Run]:
     """Yield a function that runs tasks on the workers of a Dask scheduler (tcp://HOST:8786).
 
-    Each worker needs this package. If a worker is lost, the others repeat its tasks. Error messages
-    begin with ``command``. Raises MissionServiceError if Dask is not installed, or if there is no
-    scheduler or no worker.
+    This package must be installed on each worker. If a worker is lost, its tasks are repeated on
+    other workers. Error messages begin with ``command``. Raises MissionServiceError if Dask is not
+    installed, or if there is no scheduler or no worker.
     """
     with dask_client(scheduler, command) as client:
 
         def run(work: Callable[[Any, Any], Any], items: Sequence[Any], job: Any) -> Iterator[Any]:
             import distributed
 
-            # The job is sent to each worker once. hash=False: equal jobs may be sent twice.
+            # The job is sent to each worker once. With hash=False, a later equal job is sent again.
             shared = client.scatter(job, broadcast=True, hash=False)
             futures = client.map(_done, items, work=work, job=shared, pure=False)
             try:
@@ -65,7 +65,7 @@ def on_cluster(scheduler: str, command: str) -> Iterator[Run]:
 
 @contextmanager
 def dask_client(scheduler: str, command: str) -> Iterator[Any]:
-    """Yield a client of a Dask scheduler that has workers; errors as for ``on_cluster``."""
+    """Yield a client of a Dask scheduler with workers. Raises the same errors as ``on_cluster``."""
     try:
         import distributed
     except ImportError:
@@ -77,7 +77,7 @@ def dask_client(scheduler: str, command: str) -> Iterator[Any]:
                 f"{command}: {scheduler}: no certificates; set distributed.comm.tls in Dask's "
                 "configuration"
             )
-    # The client raises these errors as well.
+    # Errors that the client logs are also raised as exceptions.
     logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
     client_of: Any = distributed.Client
     try:

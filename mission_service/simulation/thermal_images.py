@@ -1,4 +1,4 @@
-"""Render the images of a thermal camera above a fire, and write them like radiometric cameras.
+"""Renders the images of a thermal camera above a fire, and writes files like radiometric cameras.
 
 Simulated cameras, tests and benchmarks use these images.
 """
@@ -37,10 +37,11 @@ def write_frame(
     taken: datetime,
     lens: Lens = LENS,
 ) -> None:
-    """Write an image (y, x) as TIFF with EXIF and XMP, as radiometric cameras do.
+    """Write an image (y, x) as a TIFF file with EXIF and XMP, like a radiometric camera.
 
     Floats are temperatures in °C, 16-bit integers are counts and 8-bit integers are grey levels.
-    Without ``pose`` the file contains only its time, like files of cameras without a GPS receiver.
+    Without ``pose`` the file's metadata contain only the time, like files of cameras without a GPS
+    receiver.
     """
     from PIL import Image
 
@@ -54,7 +55,7 @@ def write_frame(
         yaw_deg = float(landscape.true_deg(pose.yaw_deg))
         exif[XMP_TAG] = XMP.format(yaw_deg, pose.pitch_deg, pose.roll_deg, lens.focal_px).encode()
     exif.get_ifd(GPS_IFD).update(gps)
-    exif[GPS_IFD] = 0  # Pillow writes the folders of tags whose key is present
+    exif[GPS_IFD] = 0  # Pillow writes only the groups of tags whose key is present
     image = Image.fromarray(values.astype(np.float32) if values.dtype == np.float64 else values)
     image.save(path, format="TIFF", exif=exif)
 
@@ -90,14 +91,14 @@ def rendered(
     rng: np.random.Generator,
     lens: Lens = LENS,
 ) -> Floats:
-    """Return the temperatures (y, x) that a camera sees of a fire; the sky is 25 °C cold.
+    """Return the temperatures (y, x) in °C of a thermal image of a fire; the sky is at -25 °C.
 
     Ground burns at 600 °C for 90 s after the fire's arrival, and then cools from 120 °C with a time
-    constant of one hour. Unburned ground has 25 °C with a noise of 2 °C.
+    constant of one hour. Unburned ground is at 25 °C. The noise has a standard deviation of 2 °C.
 
     Args:
         landscape: The landscape.
-        arrival_s: The fire's arrival times (y, x) in s; infinite where it does not burn.
+        arrival_s: The fire's arrival times (y, x) in s; infinite in cells that do not burn.
         at_s: The time of the image in s.
         pose: The camera's true pose.
         rng: The generator of the noise.

@@ -108,7 +108,7 @@ class MissionApprovals:
         return bool((apart_m > max_m).any())
 
     def accepted(self, vehicle: Vehicle, named: str) -> UploadMission | None:
-        """Return the proposed mission with this hash, to be sent; None if there is none."""
+        """Return the proposed mission with this hash, to be sent; None without such a proposal."""
         proposal = self._take_proposal(vehicle, named)
         if proposal is None:
             return None
@@ -117,7 +117,7 @@ class MissionApprovals:
         return proposal.command
 
     def refused(self, vehicle: Vehicle, named: str, by: str) -> bool:
-        """Refuse the proposed mission with this hash and similar ones; False if there is none."""
+        """Refuse the mission proposed with this hash, and similar ones; False if there is none."""
         proposal = self._take_proposal(vehicle, named)
         if proposal is None:
             return False

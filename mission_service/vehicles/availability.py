@@ -21,9 +21,9 @@ from mission_service.position_fix import PositionFix
 AIRBORNE_M = 15.0
 GOING_HOME = ("return", "land")  # modes, as the bridge names them
 MISSION = "mission"
-# The modes, by the bridge's names, that each command of the service causes. The autopilot or the
-# pilot selected any other mode. During an upload ArduPilot is commanded to hold, and PX4 holds if
-# it rejects the new mission.
+# The modes, by the bridge's names, that each command of the service causes. Any other mode was
+# selected by the autopilot or the pilot. During an upload ArduPilot is commanded to hold, and PX4
+# holds if it rejects the new mission.
 LEADS_TO: dict[type[AnyCommand], tuple[str, ...]] = {
     StartMission: (MISSION, "guided", "takeoff", "ready"),
     UploadMission: (MISSION, "hold"),
@@ -83,7 +83,7 @@ class VehicleAvailability:
 
     @property
     def taken_over(self) -> bool:
-        """Whether autopilot or pilot selected the mode, which only operators may then change."""
+        """Whether the autopilot or pilot selected the mode; only operators may then change it."""
         return self.armed and not self.mode_is_ordered
 
     @property
@@ -123,8 +123,8 @@ class VehicleAvailability:
     def on_service_restart(self, ended_s: float) -> None:
         """Reset the link after a restart of the service, which had ended at ``ended_s``.
 
-        If the vehicle had accepted an order to hold or return and had not reported the mode at
-        ``ended_s``, this mode counts as ordered when it is the next mode that the vehicle reports.
+        If the vehicle had accepted an order to hold or return, but had not reported the ordered
+        mode by ``ended_s``, the next report counts as ordered if it contains this mode.
         """
         self.online = False
         expected = (mode for kind, mode in LASTING.items() if self.is_expected(kind, ended_s))

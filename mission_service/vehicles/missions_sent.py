@@ -31,7 +31,7 @@ class MissionsSent:
     ) -> UploadMission:
         """Return the upload of a mission along a path (n, 2), and record it as pending.
 
-        A mission that ``keeps_apart`` separates two vehicles and needs no approval.
+        If ``keeps_apart``, the mission separates two vehicles and needs no approval.
         """
         mission_id = self._next_id
         self._next_id += 1

@@ -1,4 +1,4 @@
-"""Handles state of a vehicle that is unconfirmed after a restart until its mission is read back."""
+"""Handles vehicle state that is unconfirmed after a restart, until the mission is read back."""
 
 from typing import Literal
 

@@ -39,7 +39,7 @@ STALE_S = 5.0  # an older position is not used
 
 @dataclass(slots=True, eq=False)
 class Flown:
-    """A vehicle's planned track and the vehicle that it gives way to."""
+    """A vehicle's planned track, and the vehicle to which this vehicle gives way."""
 
     section: VehicleSection
     availability: VehicleAvailability
@@ -121,11 +121,11 @@ class TrafficManager:
     # Giving way -------------------------------------------------------------------------------
 
     def gave_way_to(self, name: str) -> str | None:
-        """Return the vehicle that a vehicle waits for, if any."""
+        """Return the vehicle for which a vehicle waits, if any."""
         return self._all[name].gave_way_to
 
     def give_way_to(self, name: str) -> str | None:
-        """Return the vehicle that a vehicle must give way to now, if any, and record it."""
+        """Return and record the vehicle to which a vehicle must give way now, if any."""
         own = self._all[name]
         fix = own.availability.fix
         assert fix is not None
@@ -168,7 +168,7 @@ class TrafficManager:
         return unable or gives_way(fix, other_fix, other_name in self._earlier[name])
 
     def _are_in_layers(self, own: Flown, other: Flown) -> bool:
-        """Return whether two vehicles are in different layers and have reached them."""
+        """Return whether two vehicles have different layers and have reached their layers."""
         fix, other_fix = own.availability.fix, other.availability.fix
         both = own.availability.flies and other.availability.flies
         if fix is None or other_fix is None or not both:
@@ -179,7 +179,7 @@ class TrafficManager:
         return other in self._below[own.section.name] and above_m >= self._separation_m / 2.0
 
     def may_turn_back(self, name: str) -> bool:
-        """Return whether no other vehicle nearby is now giving way to a vehicle."""
+        """Return whether a vehicle may turn back: no vehicle nearby is moving out of its way."""
         fix = self._all[name].availability.fix
         for other in self._all.values():
             other_fix = other.availability.fix
@@ -216,7 +216,7 @@ class TrafficManager:
 
 
 def _reported_fixes(own: Flown, other: Flown) -> tuple[PositionFix, PositionFix] | None:
-    """Return two vehicles' positions; None unless a recent position shows the other in the air."""
+    """Return two vehicles' positions; None unless ``other`` is airborne with a recent position."""
     fix, other_fix = own.availability.fix, other.availability.fix
     if fix is None or other_fix is None or not other.availability.airborne:
         return None

@@ -81,7 +81,7 @@ class Vehicle:
     section: VehicleSection
     availability: VehicleAvailability
     home_m: tuple[float, float]
-    landing: Landing  # the landing of its missions
+    landing: Landing  # the landing of the vehicle's missions
     atomic_upload: bool = False
     deployed: bool = False
     started: bool = False
@@ -101,7 +101,7 @@ class Vehicle:
     )
     refusal: Refusal | None = None
     airspeed_m_s: float | None = None  # mean of measured airspeeds
-    # Time since which it differs from the commanded airspeed.
+    # Time since which the measured airspeed differs from the commanded airspeed.
     airspeed_differs_since_s: float | None = None
     airspeed_alarm: bool = False
     text_at_s: float | None = None  # time of the last text that raised an alarm

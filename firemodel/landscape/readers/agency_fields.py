@@ -9,7 +9,7 @@ PREFIXES = ("", "poly_", "attr_")
 
 
 def attribute(attributes: Mapping[str, Any], names: Sequence[str]) -> Any:
-    """Return the first attribute with one of these names, in any spelling, or None."""
+    """Return the first attribute with one of these names, or None; see ``CUT`` and ``PREFIXES``."""
     lower = {key.lower(): value for key, value in attributes.items()}
     for name in names:
         for prefix in PREFIXES:

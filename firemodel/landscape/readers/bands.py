@@ -23,13 +23,13 @@ from firemodel.landscape.landscape import (
 )
 from firemodel.landscape.readers.formats import OFFLINE, raster_driver
 
-MAX_CELLS = 250_000_000  # limit of a raster; a fire on so many cells needs about 15 GB
-LCP_NODATA = -9999.0  # fixed by the format; its header contains no nodata value
+MAX_CELLS = 250_000_000  # limit of a raster; a fire on so many cells needs about 15 GB of memory
+LCP_NODATA = -9999.0  # fixed by the .lcp format, whose header contains no nodata value
 
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """The position of a raster's cells; ``west_m`` and ``north_m`` are its north-west corner."""
+    """The grid of a raster; ``west_m`` and ``north_m`` are the x and y of its north-west corner."""
 
     crs: str
     shape: tuple[int, int]
@@ -38,7 +38,7 @@ class Grid:
     cell_size_m: float
 
     def difference(self, other: "Grid") -> str:
-        """Return the difference of another grid as text; empty if it is below 1/1000 of a cell."""
+        """Return the difference of another grid as text, which is empty below 1/1000 of a cell."""
         if not same_crs(self.crs, other.crs):
             return f"CRS {crs_label(other.crs)} differs from the CRS {crs_label(self.crs)}"
         if self.shape != other.shape:
@@ -82,7 +82,7 @@ class Band:
 
 
 def check_file(path: Path) -> None:
-    """Raise FireModelError if there is no such file."""
+    """Raise FireModelError if a path is not the path of a file."""
     if not path.is_file():
         folder = path.is_dir()
         raise FireModelError(f"{path}: {'is a folder; give a file' if folder else 'no such file'}")
@@ -97,7 +97,7 @@ def bands_of(path: Path) -> tuple[Band, ...]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", NotGeoreferencedWarning)  # ``grid_problems`` reports it
         with _opened(path, raster_driver(path)) as file:
-            crs = file.crs.to_string() if file.crs else None  # slow, because it searches for a code
+            crs = file.crs.to_string() if file.crs else None  # slow: searches for an EPSG code
             return tuple(
                 Band(
                     path,
@@ -122,7 +122,7 @@ def bands_of(path: Path) -> tuple[Band, ...]:
 
 @contextmanager
 def _opened(path: Path, driver: str) -> Iterator[Any]:
-    """Open a raster file without network access. Raises FireModelError if GDAL cannot read it."""
+    """Open a raster without network access. Raises FireModelError if GDAL cannot read the file."""
     import rasterio
     from rasterio.errors import RasterioError
 
@@ -161,7 +161,7 @@ def band_of(source: Path | tuple[Path, int]) -> Band:
 
 
 def values_of(band: Band) -> NDArray[Any]:
-    """Return a band's values (y, x) in its type.
+    """Return a band's values (y, x) in the data type of the band.
 
     Raises FireModelError if the file is damaged or has more than ``MAX_CELLS`` cells.
     """
@@ -201,7 +201,7 @@ def missing_in(band: Band, values: NDArray[Any], nodata: float | None = None) ->
 
 
 def _fits(value: float, values: NDArray[Any]) -> bool:
-    """Return True if the array's type can hold a value; a float type may round it."""
+    """Return True if the array's type can hold a value; a float type may round the value."""
     if np.issubdtype(values.dtype, np.floating):
         return abs(value) <= float(np.finfo(values.dtype).max)
     kind = np.iinfo(values.dtype)

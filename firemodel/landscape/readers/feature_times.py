@@ -1,4 +1,4 @@
-"""Find the time of each feature of a file in its attributes."""
+"""Find the time of each feature of a file in the attributes of the feature."""
 
 import math
 import re
@@ -12,12 +12,12 @@ import numpy as np
 Record = dict[str, Any]
 
 # Fields with the time of a perimeter, in the order of preference; the fields of one row have the
-# same meaning. Upper and lower case are equal. Shapefiles truncate names to ten bytes.
+# same meaning. Case is ignored. Shapefiles truncate names to ten bytes.
 FIELDS = (
     ("PolygonDateTime", "poly_PolygonDateTime"),  # WFIGS, and its views with a prefix
     ("perimeterdatetime", "perDatTime"),  # GeoMAC
     ("poly_DateCurrent", "DateCurrent"),  # FIRIS, CAL FIRE (NIFC); elsewhere: last change
-    ("timestamp", "when", "begin"),  # KML; GDAL returns the begin of a TimeSpan as a field
+    ("timestamp", "when", "begin"),  # KML; GDAL returns the beginning of a TimeSpan as a field
     ("datetime", "date_time"),
     ("time",),
 )
@@ -26,7 +26,7 @@ CUT = 10  # maximum length of a field name in a Shapefile
 
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 YEARS = range(1900, 2201)
-MIN_EPOCH_S, MIN_EPOCH_MS = 1e8, 1e11  # 1973; a smaller number is not a time in s or ms
+MIN_EPOCH_S, MIN_EPOCH_MS = 1e8, 1e11  # March 1973; smaller numbers are not times in s or ms
 NUMBER = re.compile(r"[+-]?\d+(\.\d*)?")
 DAY = re.compile(r"\d{4}-\d\d-\d\d")
 MIDNIGHT = re.compile(r"\d{4}-\d\d-\d\d[T ]00:00(:00(\.0+)?)?")
@@ -34,7 +34,7 @@ US_TIMES = ("%m/%d/%Y %I:%M:%S %p", "%m/%d/%Y %I:%M %p")  # formats in GeoMAC's 
 
 
 class TimeColumn(NamedTuple):
-    """The times of a file's features, unparsed."""
+    """The times of a file's features, as in the file."""
 
     field: str  # the name of the field in the file, for messages
     values: list[Any]  # one for each feature; None if there is no time
@@ -43,8 +43,8 @@ class TimeColumn(NamedTuple):
 def time_column(records: Sequence[Record]) -> TimeColumn | None:
     """Return the field with the times of features, from the attributes of each feature.
 
-    The field is the first of ``FIELDS`` that has a value in any feature, or FIRIS' pair of date and
-    time. Returns None if there is no such field.
+    The field is the first of ``FIELDS`` that has a value in any feature, or the two fields of FIRIS
+    with the date and the time of day. Returns None if there is no such field.
     """
     names = {key.lower(): key for record in records for key in record}
     day, clock = names.get(FIRIS_DATE.lower()), names.get(FIRIS_TIME.lower())
@@ -61,7 +61,7 @@ def time_column(records: Sequence[Record]) -> TimeColumn | None:
 
 
 def is_firis(column: TimeColumn) -> bool:
-    """Return True for FIRIS' pair of date and time."""
+    """Return True if the times are from the two fields of FIRIS."""
     return column.field.startswith(FIRIS_DATE)
 
 
@@ -89,7 +89,7 @@ def _is_missing(value: Any) -> bool:
 
 
 def _without_midnight(values: list[Any]) -> list[Any]:
-    """Return dates if all times are 00:00 without offset, to which GDAL converts dates of KML."""
+    """Return dates if all times are 00:00 without offset: GDAL returns KML dates in this form."""
     given = [value for value in values if value is not None]
     if not all(isinstance(value, str) and MIDNIGHT.fullmatch(value) for value in given):
         return values
@@ -102,7 +102,7 @@ def time_in(value: Any, zone: tzinfo) -> datetime | date:
     Args:
         value: A text in ISO 8601 or with slashes (2019/10/31 19:37:11+00, 10/31/2019 7:37:11 PM),
             a number (seconds or milliseconds since 1970 UTC, also as text), or numpy.datetime64.
-        zone: The zone of times without offset.
+        zone: The time zone of times without a UTC offset.
 
     Raises:
         ValueError: The value is not a time from 1900 to 2200.

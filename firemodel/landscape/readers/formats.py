@@ -1,8 +1,8 @@
 """Detect a file's format by its content before GDAL opens the file.
 
-GDAL also detects formats by content. Some formats (VRT, OGR-VRT, GDALG, web services) contain names
-of files and URLs, which GDAL opens regardless of the file's extension. Therefore only the few
-formats that this module checks are accepted.
+GDAL also detects formats by content. Files of some formats (VRT, OGR-VRT, GDALG, web services)
+contain file names and URLs, which GDAL opens regardless of the extension of the file. Therefore
+only the few formats that this module checks are accepted.
 """
 
 import json
@@ -20,15 +20,15 @@ from firemodel.errors import FireModelError
 TIFF = (b"II*\x00", b"MM\x00*", b"II+\x00", b"MM\x00+")
 GRID = (b"ncols", b"nrows", b"xllcorner", b"yllcorner", b"xllcenter", b"yllcenter", b"cellsize")
 IMAGINE = b"EHFA_HEADER_TAG"
-LCP_FLAGS = (20, 21)  # an .lcp begins with two of these numbers
+LCP_FLAGS = (20, 21)  # an .lcp file begins with two of these numbers
 SHAPEFILE = struct.pack(">i", 9994)
 SQLITE = b"SQLite format 3\x00"
-GEOPACKAGE = (b"GP10", b"GP11", b"GPKG")  # the application id in the header of the database
+GEOPACKAGE = (b"GP10", b"GP11", b"GPKG")  # application ids in the header of the database
 GEOJSON = (
     *("FeatureCollection", "Feature", "GeometryCollection", "Point", "MultiPoint", "LineString"),
     *("MultiLineString", "Polygon", "MultiPolygon"),
 )
-# The files that a zipped Shapefile or a KMZ may contain, including files that programs add.
+# The files that a zipped Shapefile or a KMZ may contain, including files that GIS programs add.
 IN_ARCHIVES = (
     *(".shp", ".shx", ".dbf", ".prj", ".cpg", ".sbn", ".sbx", ".qix", ".qpj", ".qmd", ".shp.xml"),
     *(".txt", ".kml", ".png", ".jpg", ".jpeg", ".gif"),
@@ -44,7 +44,7 @@ OFFLINE = {  # GDAL's options against network access, in case an accepted file c
 
 
 def raster_driver(path: Path) -> str:
-    """Return GDAL's name for a raster's format. Raises FireModelError if it is not accepted."""
+    """Return the GDAL driver for a raster. Raises FireModelError if the format is not accepted."""
     start = _start(path)
     if start.startswith(TIFF):
         return "GTiff"
@@ -105,7 +105,7 @@ def _check_geojson(path: Path) -> None:
         crs = part.get("crs")
         if isinstance(crs, dict) and crs.get("type") not in ("name", "EPSG", None):
             raise _crs_error(path, crs)
-    if "crs" in content:  # if this is invalid, GDAL would assume longitude and latitude
+    if "crs" in content:  # with an invalid crs, GDAL would assume longitude and latitude
         try:
             CRS.from_user_input(content["crs"]["properties"]["name"])
         except (TypeError, KeyError, CRSError):
@@ -142,7 +142,7 @@ def _check_kml(path: Path, file: Any, name: str) -> None:
 
 
 def _check_geopackage(path: Path, start: bytes) -> None:
-    """Reject other SQLite databases. GDAL opens a file with these ids as GeoPackage."""
+    """Reject SQLite databases that are not GeoPackages; GDAL checks the same application ids."""
     if start[68:72] not in GEOPACKAGE:
         raise FireModelError(
             f"{path}: cannot be read as shapes (it is an SQLite database, but not a GeoPackage); "

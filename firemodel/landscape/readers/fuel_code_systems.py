@@ -1,8 +1,8 @@
 """Recognise fuel codes of systems other than those of Anderson and Scott & Burgan.
 
 Some systems use the same numbers for other fuels: code 1 is spruce-lichen woodland in the Canadian
-system, but short grass in Anderson's. Such a raster can be recognised by its other codes, or by the
-lookup table of Cell2Fire in the same folder.
+system, but short grass in Anderson's. A raster with codes of another system can be recognised by
+its other codes, or by the lookup table of Cell2Fire in the same folder.
 """
 
 import csv
@@ -47,7 +47,7 @@ ADVICE = (
 
 
 def renamed_code(path: Path, codes: Collection[int], fuels: Mapping[int, FuelModel]) -> str:
-    """Return a text about the first code that means another fuel in a table beside the raster.
+    """Return a text about the first code that means another fuel in a table in the raster's folder.
 
     ``codes`` are the codes in the raster, ``fuels`` the fuel models of this run. The text is empty
     if no table contradicts the models.
@@ -64,7 +64,7 @@ def renamed_code(path: Path, codes: Collection[int], fuels: Mapping[int, FuelMod
 
 
 def advice_on(codes: Collection[int], fuels: Mapping[int, FuelModel]) -> str:
-    """Return the remedy for unknown codes, with the system of the codes if it is recognised."""
+    """Return the remedy for unknown codes, with the name of their system if it is recognised."""
     judged = {*codes} - {*NON_BURNABLE, NO_FUEL}
     unknown = judged - {*fuels}
     for system, known in SYSTEMS.items():

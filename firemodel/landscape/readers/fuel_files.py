@@ -17,7 +17,7 @@ from firemodel.physics.rothermel import M_PER_FT, Moisture
 CM_PER_FT = 100.0 * M_PER_FT
 LB_FT2_PER_TONNE_HA = 0.1 / 4.88242764  # kg/m² in a tonne/ha, kg/m² in a lb/ft²
 J_KG_PER_BTU_LB = 2326.0
-# Factors from the units of a .fmd to lb/ft² (load), 1/ft (SAV), ft (depth) and Btu/lb (heat).
+# Factors from the units of a .fmd file to lb/ft² (load), 1/ft (SAV), ft (depth) and Btu/lb (heat).
 FMD_UNITS = {
     "ENGLISH": (LB_FT2_PER_TON_ACRE, 1.0, 1.0, 1.0),
     "METRIC": (LB_FT2_PER_TONNE_HA, CM_PER_FT, 1.0 / CM_PER_FT, 1.0 / J_KG_PER_BTU_LB),
@@ -190,7 +190,7 @@ def rows_of(path: Path) -> Iterator[tuple[int, list[str]]]:
 
 
 def text_of(path: Path) -> str:
-    """Return the text of a file. Raises FireModelError if it cannot be read as UTF-8."""
+    """Return the text of a file. Raises FireModelError if the file cannot be read as UTF-8."""
     try:
         return path.read_text(encoding="utf-8-sig")
     except OSError as error:

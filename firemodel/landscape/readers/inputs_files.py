@@ -21,7 +21,7 @@ HEADER = re.compile(r"\s*[a-z]*[\s-]*inputs[\s-]*file", re.IGNORECASE)
 START, END = "FARSITE_START_TIME", "FARSITE_END_TIME"
 MOISTURES = "FUEL_MOISTURES_DATA"
 RAWS, WTR, WND = "RAWS", "WEATHER_DATA", "WIND_DATA"
-# Keys whose value is the name of a file, and the key for the rows in that file.
+# Keys whose value is the name of a file, and the key of the rows that this file contains.
 FILES = {
     "RAWS_FILE": RAWS,
     "WEATHER_FILE": WTR,
@@ -81,7 +81,7 @@ class Inputs:
     def table(self, key: str) -> tuple[Path, NumberedRows]:
         """Return the rows of a key and the file that they are in.
 
-        Raises FireModelError if there are no rows, or if their file is missing.
+        Raises FireModelError if there are no rows, or if the file with the rows is missing.
         """
         if self.rows.get(key):
             return self.path, self.rows[key]
@@ -92,7 +92,7 @@ class Inputs:
         raise FireModelError(f"{self.path}: has no {key}; add this key with its rows")
 
     def file_of(self, key: str) -> Path | None:
-        """Return the file that has the rows of a key; None if they are in the inputs file."""
+        """Return the file that has the rows of a key; None if the inputs file has the rows."""
         if self.rows.get(key):
             return None
         found = [value for name, value in self.values.items() if FILES.get(name) == key]

@@ -1,4 +1,4 @@
-"""Find the names and units of layers in files, and check and convert their values."""
+"""Find the names and units of layers in files, and check and convert the values of layers."""
 
 import re
 from collections.abc import Collection, Iterator, Mapping
@@ -123,7 +123,7 @@ def unit_problems(layers: Collection[str], units: Mapping[str, str]) -> Iterator
 def unit_of(layer: str, band: Band, given: Mapping[str, str]) -> str:
     """Return the unit of a layer: the given unit, the file's, or that in ``USUAL_UNITS``.
 
-    Raises FireModelError if no unit is found, or if it is not one of ``UNITS``.
+    Raises FireModelError if no unit is found, or if the unit is not one of ``UNITS``.
     """
     choices = UNITS[layer]
     if not choices:
@@ -158,7 +158,7 @@ def level_ground(
 ) -> tuple[NDArray[Any], Mask]:
     """Return an aspect (y, x) with -1 on level ground, and the cells that are still missing.
 
-    Missing cells are level ground if their slope (rise over run) is at most ``LEVEL_TAN``.
+    A missing cell is level ground if its slope (rise over run) is at most ``LEVEL_TAN``.
     """
     level = missing & (slope_tan <= LEVEL_TAN)
     return np.where(level, np.int16(-1), values), missing & ~level
@@ -258,8 +258,8 @@ def to_gradient(
 ) -> NDArray[np.float32]:
     """Compute the rise per metre (2, y, x) towards north and east from slope and aspect (y, x).
 
-    Aspect is the direction in which the ground falls, clockwise from north; as in LANDFIRE, -1 is
-    level ground.
+    Aspect is the direction in which the ground falls, in degrees clockwise from north; as in
+    LANDFIRE, -1 means level ground.
     """
     gradient = np.empty((2, *slope_tan.shape), dtype=np.float32)
     falls = np.deg2rad(aspect_deg)

@@ -58,10 +58,11 @@ def read_perimeters(
     00:00 if the dates of all features differ. Closed lines and invalid polygons are repaired.
 
     Args:
-        path: The file or the folder. Files of other kinds in the folder, and its subfolders, are
+        path: The file or the folder. Subfolders, and files of other kinds in the folder, are
             ignored.
-        landscape: The perimeters are projected to its CRS; each must touch its grid.
-        zone: The zone of dates and of times without offset.
+        landscape: The landscape. The perimeters are projected to the CRS of the landscape, and each
+            perimeter must touch the grid of the landscape.
+        zone: The time zone of dates and of times without a UTC offset.
 
     Returns:
         The perimeters in the order of time; features of equal time are united. In addition, a line
@@ -69,7 +70,7 @@ def read_perimeters(
 
     Raises:
         FireModelError: A file cannot be read, has no CRS or no field with times; no feature can be
-            used; or features of one date have no time of day. The message is one line.
+            used; or features of the same date have no time of day. The message is one line.
     """
     warnings: list[str] = []
     found: list[Mapped] = []
@@ -157,7 +158,7 @@ def _time(path: Path, number: int, field: str, value: Any, zone: tzinfo) -> date
 def _area(
     path: Path, number: int, shape: BaseGeometry, crs: str, landscape: Landscape
 ) -> tuple[BaseGeometry, list[str]]:
-    """Return a feature's area in the landscape's CRS, and lines of text about changes to it.
+    """Return a feature's area in the landscape's CRS, and lines of text about changes of the area.
 
     Raises FireModelError if the feature has no area on the landscape.
     """
@@ -180,9 +181,9 @@ def _area(
 def _with_times(
     path: Path, found: list[Mapped], zone: tzinfo, warnings: list[str]
 ) -> list[tuple[datetime, Mapped]]:
-    """Return each feature with its time, which is 00:00 if it has only a date.
+    """Return each feature with its time, which is 00:00 for a feature with only a date.
 
-    Raises FireModelError if two features have one date and one of them has no time of day.
+    Raises FireModelError if two features have the same date and one of them has no time of day.
     """
     dates = [each for each in found if not isinstance(each.at, datetime)]
     if dates:

@@ -36,13 +36,13 @@ from firemodel.landscape.readers.layers import (
 )
 from firemodel.physics.fuels import FUEL_MODELS, FuelModel
 
-Source = Path | tuple[Path, int]  # a file of one band, or a file and its band, from 1
+Source = Path | tuple[Path, int]  # a file of one band, or a file and a band number from 1
 Sources = Path | Mapping[str, Source]
 
 MAX_ARRIVAL_S = 10 * 365.25 * 86400.0
 MAX_SPREAD_M_S = 30.0  # faster than any fire
 MIN_COMPARED = 100  # number of cells; fewer may correlate with the elevation by chance
-MIN_CORRELATION = 0.999  # with a higher correlation, arrival and elevation are one raster
+MIN_CORRELATION = 0.999  # above this, the values are assumed to be the elevation
 SECONDS = {"seconds": 1.0, "minutes": 60.0, "hours": 3600.0, "days": 86400.0}
 
 
@@ -63,21 +63,21 @@ def read_landscape(
     the elevation.
 
     Args:
-        files: One file whose bands name their layers (an .lcp, or a GeoTIFF with band
-            descriptions). Otherwise a mapping from each layer to its file, or to (file, band from
-            1). The layers are fuel, elevation, slope, aspect, canopy_cover, canopy_height and
-            canopy_base.
-        units: The units of layers (``layers.UNITS``), instead of those in the files. If a layer has
-            no unit in either place, elevation is in metres, aspect is in degrees clockwise from
-            north, and slope and canopy are rejected.
+        files: One file whose band descriptions name the layers (an .lcp or a GeoTIFF). Otherwise a
+            mapping from each layer to its file, or to (file, band from 1). The layers are fuel,
+            elevation, slope, aspect, canopy_cover, canopy_height and canopy_base.
+        units: The units of layers (``layers.UNITS``), instead of those in the files. If neither
+            ``units`` nor the file contains the unit of a layer, elevation is in metres, aspect is
+            in degrees clockwise from north, and slope and canopy are rejected.
         missing: With "refuse", cells without a value in a layer are rejected. With "unburnable",
-            they become bare ground (99) without slope and trees, and a missing elevation becomes
-            that of the nearest cell; a slope of more than 89.9 degrees is then a missing value. In
-            both cases, a cell without an aspect is level ground if its slope is at most 5 degrees.
+            these cells become bare ground (99) without slope and trees, and a missing elevation
+            becomes that of the nearest cell; a slope of more than 89.9 degrees is then a missing
+            value. In both cases, a cell without an aspect is level ground if its slope is at most 5
+            degrees.
         crs: The CRS of files that have none.
         nodata: A value that means no data, in addition to those that the files declare.
         fuel_codes: Codes in the file, and the codes that replace them. Code 0 is replaced by 99
-            (bare ground) if it is not given here.
+            (bare ground) unless ``fuel_codes`` contains code 0.
         custom_fuels: Fuel models by code, in addition to or instead of the standard models.
 
     Returns:
@@ -207,7 +207,7 @@ def read_arrival(
     """Read the arrival times (y, x) of a fire in seconds; unburned cells have infinity.
 
     The raster must lie on the landscape's grid; cells without a value are unburned. ``unit`` is the
-    unit of its values; ``crs`` and ``nodata`` are as in ``read_landscape``.
+    unit of the raster's values; ``crs`` and ``nodata`` are as in ``read_landscape``.
 
     Raises FireModelError, whose message names file, cell and value.
     """

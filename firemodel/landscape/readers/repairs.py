@@ -1,4 +1,4 @@
-"""Make valid polygons of self-intersecting polygons and of closed lines."""
+"""Convert self-intersecting polygons and closed lines to valid polygons."""
 
 from functools import reduce
 
@@ -13,10 +13,10 @@ WGS84 = Geod(ellps="WGS84")
 def repaired(shape: BaseGeometry) -> BaseGeometry:
     """Return a valid polygon for closed lines or an invalid polygon, else the shape itself.
 
-    The area of several closed lines consists of the points inside an odd number of them, so that a
-    line inside another line is the edge of an island. A self-intersecting polygon keeps the areas
-    of all its loops. Parts without area are removed. A shape with a coordinate that is not finite
-    is returned unchanged.
+    The area of several closed lines consists of the points inside an odd number of these lines, so
+    that a line inside another line is the edge of an island. The result for a self-intersecting
+    polygon contains the areas of all its loops. Parts without area are removed. A shape with a
+    coordinate that is not finite is returned unchanged.
     """
     if not np.isfinite(shapely.get_coordinates(shape)).all():
         return shape

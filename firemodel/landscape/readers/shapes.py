@@ -38,9 +38,10 @@ def read_shapes(
 
     Args:
         path: The file.
-        landscape: The geometries are projected to its CRS; each must touch its grid.
+        landscape: The landscape. The geometries are projected to the CRS of the landscape, and each
+            geometry must touch the grid of the landscape.
         crs: The CRS of a file that has none.
-        repair: True to make valid polygons of closed lines and invalid polygons (``repairs``).
+        repair: True to convert closed lines and invalid polygons to valid polygons (``repairs``).
         feature: The number of the feature to read, from 1; by default all features are read.
 
     Returns:
@@ -67,7 +68,7 @@ def read_shapes(
 def _selected(
     path: Path, shapes: list[BaseGeometry], feature: int | None
 ) -> list[tuple[int, BaseGeometry]]:
-    """Return the number and geometry of one feature or of all; FireModelError if it is missing."""
+    """Return the number and geometry of one or all features. Raises FireModelError if missing."""
     found = [
         (number, shape) for number, shape in enumerate(shapes, start=1) if feature in (None, number)
     ]
@@ -107,7 +108,7 @@ def repair_note(
 
 
 def features_of(path: Path) -> tuple[list[BaseGeometry], str | None]:
-    """Read the geometries of all layers of a file, unchanged, and their CRS.
+    """Read the geometries of all layers of a file, unchanged, and the CRS of the file.
 
     A feature without geometry yields an empty geometry. Raises FireModelError if the file cannot be
     read as shapes.
@@ -195,8 +196,8 @@ def _layers(path: Path, source: Path | bytes, **options: Any) -> list[Any]:
 def _raw(source: Path | bytes, **options: Any) -> Any:
     """Return the result of ``pyogrio.raw.read``, also for a .dbf with invalid UTF-8.
 
-    Field names in a Shapefile are truncated to ten bytes, possibly within a character of UTF-8. The
-    texts are then read as Latin-1, in which every byte is a character.
+    Field names in a Shapefile are truncated to ten bytes, possibly within a character of UTF-8. In
+    this case the texts are read as Latin-1, in which every byte is a character.
     """
     import pyogrio
 
@@ -245,13 +246,13 @@ def crs_problems(path: Path, found: str | None, given: str | None) -> Iterator[s
 
 
 def no_crs(path: Path) -> str:
-    """Return a line of text about a file without CRS."""
+    """Return the text of the error for a file without a CRS."""
     lost = "has no .prj file" if path.suffix.lower() == ".shp" else "has no CRS"
     return f"{path}: {lost}; add its projection"
 
 
 def shape_problems(path: Path, number: int, shape: BaseGeometry, crs: str | None) -> Iterator[str]:
-    """Yield the problems of one feature's geometry, apart from its place, one line each."""
+    """Yield the problems of a feature's geometry, except those of its position, one line each."""
     where = f"{path}: feature {number}"
     if shape.is_empty:
         yield f"{where} is empty; delete or draw it"
@@ -298,7 +299,7 @@ def place_problems(
 
 
 def box_of(landscape: Landscape) -> BaseGeometry:
-    """Return the landscape's outline in its CRS."""
+    """Return the landscape's outline in the CRS of the landscape."""
     rows, cols = landscape.shape
     west_m, north_m, cell_m = landscape.west_m, landscape.north_m, landscape.cell_size_m
     return shapely.box(west_m, north_m - rows * cell_m, west_m + cols * cell_m, north_m)

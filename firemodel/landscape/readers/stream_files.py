@@ -1,10 +1,10 @@
-"""Compute hourly records from FARSITE's daily weather (.wtr) and its wind (.wnd).
+"""Compute hourly records from the daily weather (.wtr) and the wind (.wnd) of FARSITE.
 
-A .wtr has the minimum and the maximum temperature of each day with their hours, and the humidities
-at these hours. Between two such hours temperature and humidity follow a half cosine (Beck & Trevitt
-1989, as in FARSITE). The day before the first day is assumed to be equal to the first day, and the
-day after the last day to the last day. A .wnd contains winds; each wind is used until the time of
-the next wind.
+A .wtr file contains the minimum and the maximum temperature of each day with their hours, and the
+humidities at these hours. Between two such hours temperature and humidity follow a half cosine
+(Beck & Trevitt 1989, as in FARSITE). The day before the first day is assumed to be equal to the
+first day, and the day after the last day to the last day. A .wnd file contains winds; each wind is
+used until the time of the next wind.
 """
 
 import math
@@ -67,23 +67,23 @@ def units_in(path: Path, rows: NumberedRows, default: str = "ENGLISH") -> tuple[
 def daily_records(
     wtr: tuple[Path, NumberedRows], wnd: tuple[Path, NumberedRows], year: int, units: Sequence[str]
 ) -> tuple[str, list[tuple[int, list[str]]]]:
-    """Compute hourly records of the weather from the rows of a .wtr and of a .wnd.
+    """Compute hourly records of the weather from the rows of a .wtr file and of a .wnd file.
 
     Args:
         wtr: The .wtr file and its rows.
         wnd: The .wnd file and its rows.
         year: The year of the first row; the files do not contain the year.
-        units: Two words, ENGLISH or METRIC: the units of the .wtr and the units of the .wnd. A word
-            is used only if that file has no line with its units.
+        units: Two words, ENGLISH or METRIC: the units of the .wtr and of the .wnd file. A word is
+            used only if the file itself has no line with units.
 
     Returns:
         The units of both files, and a record for each full hour and for each change of the wind. A
-        record consists of the number of the .wnd line with its wind, and a list of texts: the time,
-        then the value of each of ``COLUMNS``.
+        record consists of the line number of its wind in the .wnd file, and a list of texts: the
+        time, then the value of each of ``COLUMNS``.
 
     Raises:
         FireModelError: A row cannot be used, the units of the files differ, or no wind of the .wnd
-            lies in the days of the .wtr.
+            file is on a day of the .wtr file.
     """
     unit, days = units_in(*wtr, units[0])
     wind_unit, wind_rows = units_in(*wnd, units[1])
@@ -169,7 +169,7 @@ def _rain(where: str, fields: list[str], day: datetime, rain_in: float) -> Rain:
 
 
 def winds_in(path: Path, rows: NumberedRows, year: int) -> list[tuple[datetime, int, str, str]]:
-    """Return the time, the line, the speed and the direction of each wind in a .wnd.
+    """Return the time, the line, the speed and the direction of each wind in a .wnd file.
 
     ``year`` is the year of the first row. Raises FireModelError for a row that cannot be used and
     for a file without rows; the message names file and line.
@@ -206,7 +206,7 @@ def _between(extremes: list[Extreme], at: datetime) -> tuple[float, float]:
 
 
 def wind_file_of(path: Path) -> Path:
-    """Return the .wnd of the same name as a .wtr. Raises FireModelError if there is none."""
+    """Return the .wnd file named like a .wtr file. Raises FireModelError if there is none."""
     found = [
         each for each in (path.with_suffix(".wnd"), path.with_suffix(".WND")) if each.is_file()
     ]

@@ -70,29 +70,31 @@ def read_weather(
 ) -> WeatherStream:
     """Read a .raws, .wxs, .wtr or .csv file; each record is used from its time until the next.
 
-    .raws and .wxs have times without a UTC offset; their RAWS_UNITS line is ENGLISH or METRIC.
-    ENGLISH means °F, inches and wind in mph 20 ft above the vegetation; METRIC means °C, mm and
-    wind in km/h at 10 m.
+    A .raws or .wxs file has times without a UTC offset, and a RAWS_UNITS line with ENGLISH or
+    METRIC. ENGLISH means °F, inches and wind in mph 20 ft above the vegetation; METRIC means °C, mm
+    and wind in km/h at 10 m.
 
-    .wtr has the extremes of each day, from which hourly records are computed (``stream_files``); a
-    .wnd file has the wind. An inputs file of FARSITE or FlamMap (``inputs_files``) has the rows of
-    such files, or their names. Its moistures and its start are used if ``fuel_moistures`` and
-    ``start`` are not given.
+    A .wtr file has the extremes of each day, from which hourly records are computed
+    (``stream_files``); a .wnd file has the wind. An inputs file of FARSITE or FlamMap
+    (``inputs_files``) has the rows of such files, or the names of such files. The moistures and the
+    start in an inputs file are used if ``fuel_moistures`` and ``start`` are not given.
 
-    CSV has one header line that names the columns, in any order. The time is ``time`` (ISO 8601),
-    or ``at_s`` if ``start`` is not given. The wind speed is ``wind_speed_`` (at 20 ft) or
-    ``wind_10m_``, followed by ``m_s``, ``mph`` or ``kmh``. The wind direction is ``wind_from_deg``
-    or ``wind_toward_deg``, clockwise from north. The other ``COLUMNS`` are optional. The rain of a
+    A CSV file has one header line with the names of the columns, in any order. The column of the
+    time is ``time`` (ISO 8601), or ``at_s`` if ``start`` is not given. The name of the column of
+    the wind speed is ``wind_speed_`` (at 20 ft) or ``wind_10m_`` (at 10 m), followed by ``m_s``,
+    ``mph`` or ``kmh``. The column of the wind direction is ``wind_from_deg`` or
+    ``wind_toward_deg``, clockwise from north. The other ``COLUMNS`` are optional. The rain of a
     record falls between the time of this record and the time of the next.
 
     Args:
         path: The file.
-        start: The time of the stream's 0 s, by default the time of the first record or the start
-            in an inputs file. This time must lie within the file; records that end before it are
-            ignored. It must have no UTC offset, unless the file is .csv.
+        start: The time of the stream's 0 s, by default the time of the first record or the start in
+            an inputs file. The start must be within the times of the file; records that end before
+            the start are ignored. The start must not have a UTC offset, unless the file is a .csv
+            file.
         moisture: Fuel moistures (fractions) of the classes that have no column in the file.
-        conditioned: True if the dead moistures begin with ``moisture`` at the file's first record
-            and then follow temperature, humidity and rain (``physics/moisture.py``).
+        conditioned: True to compute the dead moistures from temperature, humidity and rain
+            (``physics/moisture.py``), beginning with ``moisture`` at the first record of the file.
         wind: The .wnd file of a .wtr file, by default the one with the same name.
         fuel_moistures: Moistures (fractions) of single fuel codes, instead of ``moisture``; code 0
             means all other codes (``inputs_files.read_fuel_moistures``).

@@ -44,12 +44,12 @@ CELL2FIRE = {
     "TMP": "temperature_c",
     "RH": "humidity_pct",
 }
-# Formats of times in the column datetime of Cell2Fire's tables, in addition to ISO 8601.
+# Formats of the times in the column ``datetime`` of Cell2Fire's tables, in addition to ISO 8601.
 DATES = ("%m/%d/%Y %H:%M", "%d/%m/%Y %H:%M", "%m/%d/%y %H:%M", "%d/%m/%y %H:%M")
 
 
 class Records(NamedTuple):
-    """The content of a weather file; at least one record."""
+    """The content of a weather file, with at least one record."""
 
     rows: Rows
     start: datetime | None
@@ -59,9 +59,9 @@ class Records(NamedTuple):
 def records_in(path: Path, wind: Path | None, start: datetime | None) -> Records:
     """Return the records of a weather file, which is recognised by its suffix or its first line.
 
-    ``wind`` is the .wnd of a .wtr. Files without a year have the year of ``start``. If ``start`` is
-    None, the start in an inputs file is returned. Raises FireModelError if the file cannot be used
-    or has no records.
+    ``wind`` is the .wnd file of a .wtr file. The times in files without a year get the year of
+    ``start``. If ``start`` is None, the start in an inputs file is returned. Raises FireModelError
+    if the file cannot be used or has no records.
     """
     suffix = path.suffix.lower()
     if wind is not None and suffix != ".wtr":
@@ -212,7 +212,7 @@ def _cell2fire(names: list[str]) -> dict[str, str]:
 
 
 def _check_order(path: Path, rows: Rows) -> None:
-    """Raise FireModelError if the times in the column datetime decrease or are not times.
+    """Raise FireModelError if a value in the column datetime is not a time, or the times decrease.
 
     Some files contain only the date, so that consecutive times may be equal.
     """

@@ -1,12 +1,13 @@
 """Measure how participants' corrections improve a simulated fire (Beachly et al., section VII).
 
 The front error of section VII.B is computed every minute: the mean distance from the true front
-inside the unit to the closest point of the simulated front. Each minute uses only the observations
-made by then. The result has two means over time, both from the start of the first segment on: one
-mean up to the end of the second segment, as in the paper, and one mean over all minutes.
+inside the unit to the closest point of the simulated front. The error of a minute uses only the
+observations made until then. Participants watch the fire in several short segments. The result has
+two means over time, both from the start of the first segment: one mean up to the end of the second
+segment, as in the paper, and one mean over all minutes.
 
 The error that remains after corrections hardly depends on the error of the uncorrected model. The
-relative reduction therefore depends on the error of the uncorrected model. On fires 0 to 19 with a
+relative reduction therefore grows with the error of the uncorrected model. On fires 0 to 19 with a
 smaller model error (17.8 m uncorrected, segments from minute 12 on), the reduction was 34 % by the
 paper's method and 54 % by the Gaussian process. The model error was then increased to about the
 paper's 24.8 m. Fires 100 to 119 were not used for that choice.
@@ -56,7 +57,7 @@ class Case(NamedTuple):
     fronts: list[Floats]  # true fronts at these times, (n, 2) each
     model: Simulation
     grid: Landscape  # the model is evaluated on this grid
-    points: Floats  # (rows * cols, 2) centres of its cells
+    points: Floats  # (rows * cols, 2) centres of the grid's cells
     before_s: Floats  # (rows, cols) arrival time of cells burned at the beginning, else infinity
     apart_m: float = APART_M  # spacing of points on fronts
     max_m: float = FARTHEST_M  # upper limit of a front's error
@@ -131,7 +132,7 @@ def arrival_s(case: Case, observations: Floats, method: Method | None) -> Floats
 
 
 def errors_m(case: Case, observations: Floats, method: Method | None) -> Floats:
-    """Return the front error in metres at each time, using the observations made by then."""
+    """Return the front error in metres at each time, using the observations made until then."""
     found = np.empty(case.at_s.size)
     used, expected_s = -1, np.empty(0)
     for number, at_s in enumerate(case.at_s):

@@ -4,7 +4,7 @@ In the model, ellipses grow from all points of the first mapped perimeter. The m
 and one constant wind, as recorded for that perimeter. Without corrections the model does not match
 the later perimeters, because the terrain is steep and the fuel varies. Participants mark points on
 each perimeter with random errors. The front error is measured at the following perimeter, before
-participants mark points on it.
+participants mark points on that perimeter.
 """
 
 from collections.abc import Callable
@@ -42,7 +42,7 @@ CRS = "EPSG:32611"
 FUEL = 102  # the most frequent fuel model
 PERIMETERS = 7  # number of perimeters from the first afternoon and evening, while the fire grew
 SOURCE_M, POINT_M, CELL_M, BEYOND_M, MAX_M = 100.0, 30.0, 60.0, 3000.0, 2000.0
-PLACE_SD_M = 50.0  # more than in the paper: the fire is 25 times as wide as its unit
+PLACE_SD_M = 50.0  # larger than in the paper: the fire is 25 times as wide as the paper's unit
 PAPER_LENGTH_M = 500.0
 FIELDS = ("YYYYMMDD", "24_HHMMSS", "type", "windspeed", "winddirec", "1hr", "10hr", "100hr")
 LIVE = ("herb", "woody")
@@ -92,7 +92,7 @@ def read_perimeters(path: Path) -> list[Perimeter]:
 
 
 def case_of(perimeters: list[Perimeter]) -> Case:
-    """Return the case whose model starts at the first perimeter; the others are the truth."""
+    """Return the case with a model from the first perimeter; later perimeters are the truth."""
     bounds = shapely.total_bounds([one.area for one in perimeters])
     box = tuple(float(bound) for bound in bounds)
     grid = grid_around((box[0], box[1], box[2], box[3]), BEYOND_M, CELL_M, CRS)

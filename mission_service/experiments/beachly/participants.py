@@ -58,8 +58,8 @@ def inside(points: Floats, box: Box) -> NDArray[np.bool_]:
 def front_error_m(true_front: Floats, found_front: Floats, max_m: float = FARTHEST_M) -> float:
     """Return the mean distance from the true front to the closest point of the found front.
 
-    The error is defined as in section VII.B, with each distance limited to ``max_m``. If there is
-    no found front, the result is ``max_m``; if there is no true front, it is NaN.
+    The error is defined as in section VII.B, with each distance limited to ``max_m``. Without a
+    found front, the result is ``max_m``; without a true front, the result is NaN.
     """
     if not true_front.size:
         return float("nan")
@@ -81,9 +81,10 @@ def random_observations(
     """Return about ``count`` observations (n, 4) of one participant in order of time.
 
     In each segment the camera shows a part of the front. Most observations are ``burning`` and lie
-    on the true front. The others are ``burned`` behind the front or ``unburned`` ahead of it, at
-    places where the uncorrected simulation is wrong. The observations are therefore the same for
-    every method. All positions have the participant's constant offset and a random error.
+    on the true front. The others are ``burned`` behind the front or ``unburned`` ahead of the
+    front, at places where the uncorrected simulation is wrong. These places do not depend on the
+    method of correction, so the observations are the same for every method. All positions have the
+    participant's constant offset and a random error.
     """
     row, col = np.indices(arrival_s.shape)
     x_m, y_m = landscape.xy_of(row, col)

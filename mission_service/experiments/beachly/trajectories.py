@@ -37,7 +37,7 @@ STARTS_S = 240.0  # time of takeoff, after the ignition of the backing fire
 ENDS_S = 1100.0
 SECOND_FRONT_S = 15.0  # from the first drop to the report of the second front, in scenario 4
 LOW_SHARE = 0.9  # share of the safe height up to which a vehicle counts as low
-# (m north of the edge, time of ignition in s)
+# Lines lit in scenario 2: (m north of the southern edge, time of ignition in s).
 BULGE = ((6.0, 20.0), (12.0, 55.0), (18.0, 90.0), (24.0, 125.0), (30.0, 160.0), (36.0, 195.0))
 
 
@@ -97,7 +97,7 @@ def second_front(corners: tuple[Place, ...]) -> tuple[Place, Place]:
 
 
 def scenario_of(number: int) -> Scenario:
-    """Return the shipped burn scenario with the fires of one of the paper's scenarios."""
+    """Return the scenario ``burn`` with the initial fires of one of the paper's scenarios."""
     base = load_scenario("burn", (f"duration_s={ENDS_S}", f"deploy_at_s={STARTS_S}"))
     assert base.burn is not None
     assert base.burn.unit is not None
@@ -108,7 +108,7 @@ def scenario_of(number: int) -> Scenario:
 
 
 class RecordingCrew:
-    """A simulated crew that records the flight; in scenario 4 it reports the second front."""
+    """A simulated crew that records the flight, and reports the second front in scenario 4."""
 
     def __init__(self, flown: Flown, scenario: Scenario) -> None:
         assert scenario.burn is not None

@@ -1,9 +1,9 @@
-"""Draw random fires, and models with wrong settings, for the study of Beachly's section VII.
+"""Generate random fires, and models with wrong settings, for the study of Beachly's section VII.
 
 The truth is a fire of the cellular model, with patches of different fuels, random moistures and
 varying wind. The model to be corrected has the true ignitions, but one fuel, one wind and one
-moisture everywhere. Coordinates are in metres, in the CRS of the landscape. The unit is a square;
-fire also burns beyond it, where it is not evaluated.
+moisture everywhere. Coordinates are in metres, in the CRS of the landscape. The unit is a square.
+Fire also burns outside the unit, but only the fire inside is evaluated.
 """
 
 import math
@@ -30,12 +30,12 @@ MINUTE_S = 60.0
 END_S = 80.0 * MINUTE_S
 LIT_SPACING_M = 5.0
 FUELS = (1, 2, 3, 5, 6, 8, 9, 101, 102, 104, 121, 122, 161, 183, 186, 188)
-GUST_S = 240.0  # interval of the wind's entries
-# Standard deviations of the model's wrong settings (for speed and rate, of the logarithm). With
-# them the error without corrections is about the paper's 24.8 m.
+GUST_S = 240.0  # interval between entries of the weather
+# Standard deviations of the errors in the model's settings (for speed and rate, of the logarithm).
+# With these values the front error without corrections is about the paper's 24.8 m.
 WRONG_SPEED, WRONG_DEG, WRONG_RATE = 0.5, 45.0, 0.7
 MIN_BURNED, MAX_EARLY, MAX_BURNED = 0.55, 0.35, 0.97  # shares of the unit, see ``random_burn``
-MAX_UNEVEN = 4.0  # ratio of the spread rates of the fastest and the slowest fuel
+MAX_UNEVEN = 4.0  # maximum ratio of the spread rates of the fastest and the slowest fuel
 EARLY_S = 15.0 * MINUTE_S
 
 
@@ -62,8 +62,8 @@ def unit_box() -> tuple[float, float, float, float]:
 def random_burn(seed: int) -> Burn:
     """Return the burn that belongs to a seed.
 
-    Fires are drawn until one of them is small after 15 minutes and has burned most but not all of
-    the unit after 80 minutes. The result is the same on every machine.
+    Random fires are simulated until one is found that is small after 15 minutes and has burned most
+    but not all of the unit after 80 minutes. The result is the same on every machine.
     """
     rng = np.random.default_rng(seed)
     inner = slice(round(MARGIN_M / CELL_M), CELLS - round(MARGIN_M / CELL_M))

@@ -1,8 +1,8 @@
-"""Simulate the ideal flight of a team around the growing ring of a fire, as Bent does.
+"""Simulate the ideal flight of a team along the front of a growing fire, as Bent does.
 
-Each vehicle flies from cell to cell at its speed, turns on the spot and observes the cell that it
-is in. At each cell that a vehicle reaches, the rule takes one decision. When the ring grows, cells,
-vehicles and regions move.
+The front is a ring of cells. Each vehicle flies from cell to cell at its speed, turns on the spot
+and observes its present cell. At each cell that a vehicle reaches, the rule makes one decision.
+When the ring grows, cells, vehicles and regions are moved to the new ring.
 """
 
 import math
@@ -26,8 +26,8 @@ LAYER_M = 30.0
 class TeamFlight:
     """The results of a flight; costs are evaluated at each step of the ring.
 
-    The cost is Bent's (3.3): the mean of the importance (3.2) of all cells, with spread rates in
-    m/s.
+    The cost is defined as in Bent's thesis (3.3): the mean importance (3.2) of all cells, with
+    spread rates in m/s.
     """
 
     at_s: Floats
@@ -52,10 +52,10 @@ def linear_importance(spread_rate_m_s: Floats, age_s: Floats) -> Floats:
 def exponential_importance(spread_rate_m_s: Floats, age_s: Floats) -> Floats:
     """Return Bent's exponential importance (3.2), with the spread rate in m/s in the exponent.
 
-    The tables of the thesis fit no other unit. Its linear cost of 64 is near the importance at an
-    age of 5 minutes and 0.2 m/s (300 * 0.2 = 60). Its exponential cost of 3,000 is explained by
-    fast parts with 0.5 m/s (300 ** 1.5 = 5,200). If rates were in m/min, a linear cost of 64 would
-    mean ages of 5 s, and the exponential cost would be 5 ** 13 = 10 ** 9.
+    The tables of the thesis fit no other unit. The linear cost of 64 in the thesis is near the
+    importance at an age of 5 minutes and 0.2 m/s (300 * 0.2 = 60). The exponential cost of 3,000 is
+    explained by fast parts of the front with 0.5 m/s (300 ** 1.5 = 5,200). If rates were in m/min,
+    a linear cost of 64 would mean ages of 5 s, and the exponential cost would be 5 ** 13 = 10 ** 9.
     """
     importance: Floats = age_s ** (1.0 + spread_rate_m_s)
     return importance
@@ -104,8 +104,8 @@ def fly_team(
     ``joining`` contain (time in s, member). Each change takes effect at the first step of the ring
     at or after its time. A vehicle joins at the cell with the oldest visit. ``rule.decide``
     receives the same ``FrontRing`` during a step and the same ``ActiveFleet`` until the team
-    changes. The rule must copy arrays that it stores, because they are modified in place. A turn
-    back takes ``turn_s``.
+    changes. The rule must copy arrays that it stores, because they are modified in place. A
+    reversal takes ``turn_s``.
     """
     team = _Team(rule, speed_m_s, cell_m, turn_s)
     first = history[0]
@@ -161,12 +161,12 @@ class _Team:
         """Replace the ring."""
         self._at_s = step.at_s
         self.ring = FrontRing(step.step_m, step.spread_rate_m_s, visited_at_s)
-        # Lists, because access to single items of arrays is slow.
+        # Lists are used, because access to single items of arrays is slow.
         self._places = [(float(row), float(col)) for row, col in step.cells.tolist()]
         self._step_m: list[float] = step.step_m.tolist()
 
     def grow(self, step: RingStep) -> None:
-        """Replace the ring by the next ring, whose cells inherit visits; move all goals to it."""
+        """Replace the ring by the next one, whose cells inherit visits; move all goals there."""
         self.on(step, self.ring.visited_at_s[step.came_from])
         self._fleet.cell[:] = step.place_of[self._fleet.cell]
         for vehicle in self._vehicles:
@@ -179,7 +179,7 @@ class _Team:
         self._rule.on_ring_changed(step.place_of)
 
     def join(self, member: int, cell: int) -> None:
-        """Add a vehicle at a cell, where it takes its first decision."""
+        """Add a vehicle at a cell; its first decision is made at this cell."""
         at = (self._at_s, *self._places[cell])
         track = self.tracks.setdefault(member, [])
         joined = _Vehicle(member, self._speed_m_s, cell, at[1:], at, self._at_s, track)
@@ -202,7 +202,7 @@ class _Team:
         )
 
     def fly_until(self, end_s: float) -> None:
-        """Fly from cell to cell until a time.
+        """Fly all vehicles from cell to cell until ``end_s``.
 
         If two vehicles arrive at the same time, the member with the lower number decides first.
         """

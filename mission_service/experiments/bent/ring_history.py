@@ -1,8 +1,8 @@
 """Represent the true front of a fire as a growing ring of cells, as in Bent's experiments.
 
-The ring of each time step lists its cells in clockwise order. The ring also lists, for each of its
-cells, the cell of the previous ring whose last visit this cell inherits. A new front cell inherits
-the age of the front cell behind it, because importance measures unseen growth.
+The ring of each time step is a list of cells in clockwise order. Each cell inherits the time of the
+last visit from one cell of the previous ring. A new front cell inherits this time from the front
+cell behind the new cell, because importance measures unseen growth.
 """
 
 from collections.abc import Iterator
@@ -22,22 +22,22 @@ Integers = NDArray[np.int64]
 
 EVERY_S = 20.0
 TANGENT_CELLS = 3
-DIRECTIONS = 72  # directions in which a maximum rate of spread is searched
+DIRECTIONS = 72  # number of directions in which the maximum rate of spread is searched
 
-# The rate of spread that weighs a cell: the speed of the front along its normal, or the maximum
-# over all directions, which Bent's thesis uses (2.3).
+# The rate of spread in the importance of a cell: the speed of the front along its normal, or the
+# maximum over all directions, as in Bent's thesis (2.3).
 Spread = Literal["outward", "maximum"]
 
 
 @dataclass(frozen=True)
 class RingStep:
-    """The front from ``at_s`` until the next step; arrays are over its n cells, clockwise."""
+    """The front from ``at_s`` until the next step; its n cells are in clockwise order."""
 
     at_s: float
     cells: Integers  # (n, 2) row, column; no cell twice
     step_m: Floats  # (n) distance from each cell to the next one
-    spread_rate_m_s: Floats  # (n) rate of spread that weighs each cell
-    came_from: Integers  # (n) index of the cell in the previous ring whose visit each cell inherits
+    spread_rate_m_s: Floats  # (n) rate of spread in the importance of each cell
+    came_from: Integers  # (n) index of the cell in the previous ring whose visit is inherited
     place_of: Integers  # (m) new index of each cell of the previous ring, in order around the ring
 
 
@@ -101,7 +101,7 @@ def facing(cells: Integers) -> tuple[Floats, Floats]:
 
 
 def in_order(places: Integers, count: int) -> Integers:
-    """Return places on a ring of ``count`` cells, made monotonic and limited to one lap."""
+    """Return places on a ring of ``count`` cells, changed to be monotonic within one lap."""
     onward = (np.diff(places, append=places[:1]) + count // 2) % count - count // 2
     lifted = places[0] + np.concatenate([[0], np.cumsum(onward[:-1])])
     rising = np.minimum(np.maximum.accumulate(lifted), places[0] + count - 1)

@@ -27,7 +27,7 @@ from mission_service.experiments.bent.scenarios import (
 
 PROGRESS_EVERY = 20
 PROCESSES = 2
-# The thesis states no speed; its vehicles move like the firefighters of its section 2.3. With
+# The thesis states no speed; the vehicles in it move like the firefighters of section 2.3. With
 # maximum rates of spread this speed results in costs near the thesis's averages of 64 and 3,000.
 SPEED_M_S = 3.3
 
@@ -77,7 +77,7 @@ def run(
 ) -> dict[str, Any]:
     """Fly all cases and return the result; if ``out`` is given, draw figures in that folder.
 
-    ``spread`` is the rate of spread that weighs a cell.
+    ``spread`` selects the rate of spread in the importance of a cell.
     """
     burn = uneven()
     history = ring_history(burn, spread=spread)

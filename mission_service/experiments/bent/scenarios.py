@@ -1,4 +1,4 @@
-"""Define the fire of Bent's experiments, and its cases: planners, negotiations, team sizes."""
+"""Define the fire and the cases of Bent's experiments: planners, negotiations, team sizes."""
 
 from dataclasses import dataclass
 from itertools import product
@@ -59,7 +59,7 @@ class Case(NamedTuple):
 
 @dataclass(frozen=True)
 class Run:
-    """The result of a case, with the cost every 20 s from deployment on."""
+    """The result of a case, with the cost every 20 s from deployment."""
 
     case: Case
     cost: Floats

@@ -1,4 +1,4 @@
-"""Write tables 5.1 to 5.4 of Bent's thesis with its results and those of this experiment."""
+"""Write tables 5.1 to 5.4 of Bent's thesis, with the results of the thesis and of this program."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -16,8 +16,8 @@ PLANNER_NAMES = {
 }
 # Negotiation on importance has an empty name, because the thesis omits this name.
 NEGOTIATION_NAMES = {None: "", "importance": "", "centre": " - COI", "arrival": " - First There"}
-# Tables 5.1 and 5.2: lowest cost, lowest standard deviation; one for each number of vehicles, then
-# the average.
+# Tables 5.1 and 5.2: the combinations with the lowest cost and with the lowest standard deviation,
+# for each number of vehicles, and for the average.
 THESIS_BEST = {
     "linear": (
         ("Circling", "Circling"),
@@ -77,8 +77,9 @@ def best(costs: Averages, which: int) -> str:
 def agreement(runs: Sequence[Row]) -> tuple[int, int, float, float]:
     """Compare the best combinations with those of the thesis, in all cells of tables 5.1 and 5.2.
 
-    Returns the number of cells with the same combination, the number of cells, the number that a
-    random choice would give, and the mean share by which the thesis's combination is worse here.
+    Returns the number of cells with the same combination, the number of all cells, the number of
+    equal combinations expected from random choices, and the mean share by which the thesis's
+    combination is worse here.
     """
     same, shares, chance = 0, [], 0.0
     for importance, rows in THESIS_BEST.items():

@@ -1,6 +1,6 @@
 """Draw the figures of Islam & Hu, section VI, from the flights of this experiment.
 
-The axes of maps are in cells.
+The unit of the map axes is one cell.
 """
 
 from pathlib import Path
@@ -110,7 +110,7 @@ def draw_errors(path: Path, burn: Burn, flights: dict[str, Flight]) -> None:
         xlabel="time since ignition (h)",
         ylabel="maximum distance error (cells)",
         xlim=(burn.deploy_s / HOUR_S, burn.end_s / HOUR_S),
-        # The rule ``islam_hu`` may lose a part of the fire, and its error then exceeds this limit.
+        # The rule ``islam_hu`` may lose track of a part of the fire, with an error off the plot.
         ylim=(0.0, 1.3 * max_error),
     )
     axes.set_title(f"{burn.name}, {burn.scheme}; thick lines: mean so far", fontsize=10)
@@ -121,9 +121,9 @@ def draw_errors(path: Path, burn: Burn, flights: dict[str, Flight]) -> None:
 def draw_importance(path: Path, burn: Burn, flight: Flight) -> None:
     """Draw fig. 10: the importance of cells behind and ahead at two decisions (damped rule).
 
-    Both decisions are later than ``changes_s``. On the left is the decision with the lowest ratio
-    of the importance behind to the importance ahead. On the right is the first turn or, without a
-    turn, the decision with the highest ratio.
+    Both decisions are later than ``changes_s``. The left panels show the decision with the lowest
+    ratio of the importance behind to the importance ahead. The right panels show the first reversal
+    or, without a reversal, the decision with the highest ratio.
     """
     later = flight.windows[flight.windows[:, 0] >= changes_s(burn)]
     share = later[:, 1] / np.maximum(later[:, 2], 1e-9)

@@ -33,9 +33,9 @@ class Flight:
     """The results of a flight.
 
     ``track`` (n, 3) contains the time in s, the row and the column of each step, and ``reversals``
-    (k, 3) contains the time, the row and the column of each turn. ``windows`` (d, 3) contains the
-    time of each decision, and the importance behind and ahead. The errors, in cells, are evaluated
-    at each step from the end of the first lap on; ``at_s`` has the times of these steps.
+    (k, 3) contains the time, the row and the column of each reversal. ``windows`` (d, 3) contains
+    the time of each decision, and the importance behind and ahead. The errors, in cells, are
+    evaluated at each step after the end of the first lap; ``at_s`` has the times of these steps.
     """
 
     track: Floats
@@ -67,12 +67,12 @@ def fly(
     measured: MeasuredWind | None = None,
     before: Callable[[float, int, int], None] | None = None,
 ) -> Flight:
-    """Fly a planner from deployment to the fire's end, and evaluate the error at each new cell.
+    """Simulate a flight from deployment to the fire's end; evaluate the error at each new cell.
 
     If ``hull`` is True, the error of the estimate's convex hull is evaluated, as in the paper;
-    otherwise the error of the estimate itself is evaluated. ``measured`` gives the planner the wind
-    at each step; with None the planner receives no wind. ``before`` is called at each step before
-    the decision, with the time, the row and the column.
+    otherwise the error of the estimate itself is evaluated. The planner receives the wind from
+    ``measured`` at each step; with None it receives no wind. ``before`` is called at each step
+    before the decision, with the time, the row and the column.
     """
     truth = TrueShape(burn.arrival_s, burn.ignition)
     cell_s = burn.landscape.cell_size_m / burn.speed_m_s

@@ -1,4 +1,4 @@
-"""Fly the predictive planner in the experiments.
+"""Simulate flights with the predictive planner.
 
 The planner receives the landscape, the initial moistures and a measured wind. The wind has errors
 of 0.8 m/s and 8 degrees, correlated over two minutes (``measured_wind``). The planner receives
@@ -36,9 +36,10 @@ def predictive_planner(burn: Burn, *, modelled: bool = True) -> PredictivePlanne
 
 
 def fly_predictive(burn: Burn, seed: int = SEED, model: Burn | None = None) -> Flight:
-    """Fly the predictive planner with a measured wind; errors are those of its estimated front.
+    """Simulate a flight with the predictive planner and a measured wind.
 
-    ``model`` is the fire whose landscape and weather the planner receives, if it is not ``burn``.
+    The errors are those of the planner's estimated front. ``model`` is the fire whose landscape and
+    weather the planner receives; None means ``burn``.
     """
     given = burn if model is None else model
     measured = MeasuredWind(given.weather, seed)

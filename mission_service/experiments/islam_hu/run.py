@@ -28,7 +28,7 @@ def run(
     names: tuple[str, ...] = tuple(ISLAM_HU),
     progress: Callable[[str], None] = lambda text: None,
 ) -> dict[str, Any]:
-    """Fly all planners over all fires on two cores; if ``out`` is given, draw figures there.
+    """Simulate all planners on all fires, on two cores; if ``out`` is given, draw figures there.
 
     Cells are 30 m wide. ``alpha_sweep`` has the reversals of the damped rule for several alphas.
     ``attention`` has, for the damped rule with alpha 1, the reversals and the share of time north
@@ -46,7 +46,7 @@ def run(
 
 
 def on_one_fire(name: str, scheme: SchemeName, out: Path | None) -> dict[str, list[dict[str, Any]]]:
-    """Fly all flights over one fire."""
+    """Simulate all flights over one fire."""
     burn = islam_hu_burn(name, scheme)
     which = {"scenario": name, "scheme": scheme}
     flights = {planner: fly(burn, make(burn)) for planner, make in PLANNERS.items()}

@@ -53,10 +53,10 @@ class FireScenario:
 
 ISLAM_HU_END_S = 6 * HOUR_S
 # The fires are, in order, those of figs. 9, 11 and 14a; 13a and 14b; 13b; 13c; 12a; 12b. The paper
-# does not state its weather: these values were tuned until the error of circling and the behaviour
-# of the damped rule were as in the paper. In "wind-turns" the later wind is stronger; with equal
-# winds the rule hardly turned in the south. "slow-even" is tall grass in a light wind; without
-# wind, no real vehicle would be slow enough for the fire.
+# does not state the weather: these values were tuned until the error of circling and the behaviour
+# of the damped rule were as in the paper. In "wind-turns" the later wind is stronger; with winds of
+# equal speed the damped rule made few reversals in the south. "slow-even" is tall grass in a light
+# wind; without wind, no real vehicle would be slow enough for the fire.
 ISLAM_HU: dict[str, FireScenario] = {
     "slow-then-fast": FireScenario(
         of_one_fuel(BRUSH), (wind(0.0, 4.0, 45.0), wind(3 * HOUR_S, 11.0, 45.0)), (35, 165), 4.2
@@ -91,7 +91,7 @@ def islam_hu_burn(name: str, scheme: SchemeName) -> Burn:
 
 def islam_hu_planner(burn: Burn, rule: Rule, alpha: float = 1.0) -> PerimeterPlanner:
     """Return the planner of Islam & Hu for a known ignition, with the defaults of scenarios."""
-    # The experiment does not fly these paths.
+    # This experiment does not use the planner's paths.
     path = PathSettings(horizon_cells=80.0, lookahead_cells=5.0)
     speed_cells_s = burn.speed_m_s / burn.landscape.cell_size_m
     settings = perimeter_settings(PlannerSection(rule=rule, alpha=alpha), speed_cells_s, path)

@@ -20,10 +20,10 @@ Footprint = tuple[float, float, float, float, float]
 def changed_cells(
     grid: MapGrid, footprint: Footprint, arrival_s: Floats, at_s: float, fire: NDArray[np.bool_]
 ) -> tuple[Cells, Cells]:
-    """Return the cells in a footprint that burn but are not on the map, and those only on the map.
+    """Return a footprint's cells that burn only in the true fire, and those only on the map.
 
-    ``arrival_s`` (y, x) are the arrival times of the true fire; cells that never burn have
-    infinity. Burned cells count as burning. ``fire`` (y, x) is the map. Returns two arrays of cell
+    ``arrival_s`` (y, x) holds the arrival times of the true fire, and infinity for cells that never
+    burn. Burned cells count as burning. ``fire`` (y, x) is the map. Returns two arrays of cell
     numbers in ascending order.
     """
     cells = cells_in_view(grid, footprint)

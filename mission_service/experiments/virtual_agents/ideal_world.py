@@ -1,4 +1,4 @@
-"""Simulate a formation in an ideal world: equations of fixed wings and a radio, no autopilots.
+"""Simulate a formation in an ideal world: equations of motion and a radio, no autopilots.
 
 Agents receive inputs only from their cameras and the radio. The six metrics of the paper (section
 6.2) are computed from the true fire and the true positions.
@@ -105,7 +105,7 @@ class Radio:
         self._in_transit.append((at_s + self._rules.delay_s, message, receivers))
 
     def arrived(self, at_s: float) -> Iterator[tuple[int, AnyMessage]]:
-        """Yield each receiver with a message that reaches it now."""
+        """Yield the receiver and the message for each message that arrives now."""
         while self._in_transit and self._in_transit[0][0] <= at_s + 1e-9:
             _, message, receivers = self._in_transit.popleft()
             for receiver in receivers:
@@ -116,8 +116,8 @@ class Safety:
     """The counts of conflicts and collisions between pairs of UAVs (section 5.3.3).
 
     A conflict or a collision is counted when it begins. In a conflict, the velocity with which one
-    UAV follows its virtual agent is inside the reciprocal velocity obstacle of the other UAV. In a
-    collision, the distance between the two UAVs is less than twice the safety radius.
+    UAV would follow its virtual agent is inside the reciprocal velocity obstacle of the other UAV.
+    In a collision, the distance between the two UAVs is less than twice the safety radius.
     """
 
     def __init__(self, uavs: int, settings: Settings) -> None:
@@ -130,7 +130,7 @@ class Safety:
 
     def look(self, at_s: float, places_m: Floats, velocities_m_s: Floats, desired_m_s: Floats,
         heights_m: Floats) -> None:  # fmt: skip
-        """Count the conflicts and collisions that begin now; an array row is a vehicle."""
+        """Count the conflicts and collisions that begin now; arrays have one row per vehicle."""
         conflicts, collisions, closest_m = count_meetings(
             at_s, places_m, velocities_m_s, desired_m_s, heights_m,
             2.0 * self._settings.safety_radius_m, self._settings.neighbourhood_m,
@@ -144,7 +144,7 @@ class Safety:
 class FormationWorld:
     """The fire, the vehicles, their agents and the radio.
 
-    ``tick`` advances all of them by a quarter of a second.
+    ``tick`` advances the whole world by a quarter of a second.
     """
 
     def __init__(
@@ -154,7 +154,7 @@ class FormationWorld:
 
         Cells that burn at the start have arrival times of 0 or less. The UAVs are in the air, in
         queues of eight, and fly towards the centre of the map. Cells have the paper's size. All
-        maps contain the cells that burn at 0 s, as if the ground base had sent them.
+        maps contain the cells that burn at 0 s, as if the ground base had sent these cells.
         """
         self.grid = world_grid(arrival_s.shape)
         self.arrival_s = arrival_s

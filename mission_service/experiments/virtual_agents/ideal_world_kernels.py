@@ -8,11 +8,11 @@ from firemodel.compiled import kernel
 from mission_service.experiments.virtual_agents.rvo_kernels import meets_after_s
 from mission_service.guidance.formation.loiter_kernels import heading_step, wanted_heading_rad
 
-# The paper's velocity obstacles have no time limit. With such obstacles, vehicles that circle near
-# each other have a conflict at every turn, which makes a hundred conflicts for each collision. The
-# paper reports two conflicts for each collision.
+# The paper's velocity obstacles have no time limit. Without a limit, vehicles that circle near each
+# other would have a conflict at every turn, and a hundred conflicts for each collision. The paper
+# reports two conflicts for each collision.
 CONFLICT_WITHIN_S = 5.0
-REPEATED_AFTER_S = 2.0  # a later conflict of one pair counts again after this time
+REPEATED_AFTER_S = 2.0  # a pair has a new conflict only after this time without a conflict
 
 
 @kernel

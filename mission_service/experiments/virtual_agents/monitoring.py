@@ -19,7 +19,7 @@ Cells = NDArray[np.int64]
 Floats = NDArray[np.float64]
 
 NEAR, FAR = 1.0, 0.2  # priorities near fire and farther away (section 3.4)
-SEEN_WITHIN_S = 60.0  # a cell is covered for this time after a UAV has seen it
+SEEN_WITHIN_S = 60.0  # a cell counts as covered for this time after a UAV has seen the cell
 
 
 class MonitoringArea:
@@ -89,7 +89,7 @@ class MonitoringArea:
 
         The efficiency is the sum of the priorities in the union of the footprints, divided by the
         sum of the priorities over all footprints. In the divisor a cell in two footprints counts
-        twice. The result is 1 if no footprint contains a priority.
+        twice. The result is 1 if no footprint contains a cell with a priority.
         """
         union = total = 0.0
         self._view += 1
@@ -152,7 +152,7 @@ def _seen(cells, priorities, seen_s, since_s):  # type: ignore[no-untyped-def]
 
 @kernel
 def _in_view(cells, priorities, views, view):  # type: ignore[no-untyped-def]
-    """Return the sum of the priorities in a view's uncounted cells, and in all its cells.
+    """Return the sums of the priorities: of a view's uncounted cells, and of all cells in the view.
 
     A cell has been counted if ``views`` contains the number ``view`` at that cell.
     """

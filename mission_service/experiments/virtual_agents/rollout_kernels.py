@@ -1,4 +1,4 @@
-"""Roll out the motion of a team's virtual agents under the paper's forces, compiled.
+"""Roll out the motion of a team's virtual agents under the paper's forces, in compiled code.
 
 The fire is static. Tuning needs tens of thousands of roll-outs. The flight uses the same kernels.
 """
@@ -12,7 +12,7 @@ def unroll(  # type: ignore[no-untyped-def]
     agents, before, steps, step_s, ties_rad, centre_x_m, centre_y_m, augmentation, area, danger,
     west_m, north_m, cell_m, constants, spacing_m, max_m_s,
 ):  # fmt: skip
-    """Move ``agents`` (2, n) by ``steps`` steps, in each of which all decide at once (eq. 12).
+    """Move ``agents`` (2, n) by ``steps`` steps; in a step all agents move at once (eq. 12).
 
     Positions are x and y in metres; ``before`` (2, n) is a work array. Every agent receives the
     positions of all others. Returns how many steps, summed over the agents, lead to positions where

@@ -46,10 +46,10 @@ def run(
 
 
 def fly_experiment(experiment: Experiment, seed: int) -> tuple[Flight, float]:
-    """Return one flight of 20 minutes, and the best coverage found for the fire at its end.
+    """Return one flight of 20 minutes, and the best static coverage found for the final fire.
 
-    If the flight reaches complete coverage, there is no search for a better placement, and the
-    second result is the flight's coverage.
+    If the flight reaches complete coverage, no better placement is searched for, and the second
+    result is the flight's coverage.
     """
     rules = Rules(
         avoidance="intent" if experiment.avoids else "none", synchronises=experiment.synchronises

@@ -1,9 +1,10 @@
 """Avoid other vehicles by reciprocal velocity obstacles (5.3.3; van den Berg et al. 2008).
 
 Consider a vehicle A with velocity v_A and another vehicle B with velocity v_B. A velocity v' is
-inside the reciprocal obstacle of B for A if 2 v' - v_A is inside B's velocity obstacle. That is the
-case if motion with 2 v' - v_A - v_B relative to B leads into the combined radius. Velocities are
-over the ground. ``peers`` (n, COLUMNS) is as returned by ``PeerTable.rows``.
+inside the reciprocal velocity obstacle of B for A if 2 v' - v_A is inside B's velocity obstacle,
+which means: a motion relative to B with the velocity 2 v' - v_A - v_B comes nearer to B than the
+combined radius. Velocities are over the ground. ``peers`` (n, COLUMNS) is the result of
+``PeerTable.rows``.
 """
 
 import math
@@ -18,10 +19,10 @@ YAW_STEP_RAD = math.radians(2.0)
 
 @kernel
 def meets_after_s(away_x_m, away_y_m, rel_x_m_s, rel_y_m_s, radius_m):  # type: ignore[no-untyped-def]
-    """Return the time until a point moving with ``rel`` enters a circle, infinity if never.
+    """Return the time until a point that moves with ``rel`` enters a circle; infinity if never.
 
-    The circle has the radius ``radius_m`` around the place ``away``. If the point is inside the
-    circle, the time is 0 if the point approaches the place, and else infinity.
+    The circle has the radius ``radius_m`` and the centre ``away``. For a point inside the circle,
+    the time is 0 if the point approaches the centre, otherwise infinity.
     """
     nearing = away_x_m * rel_x_m_s + away_y_m * rel_y_m_s
     if nearing <= 0.0:
@@ -71,11 +72,11 @@ def clear_heading_rad(  # type: ignore[no-untyped-def]
     x_m, y_m, velocity_x, velocity_y, desired_rad, airspeed_m_s, wind_x_m_s, wind_y_m_s,
     peers, radius_m, neighbourhood_m,
 ):  # fmt: skip
-    """Return the heading nearest to the desired heading whose velocity is outside all cones.
+    """Return the heading nearest to the desired heading that is outside all velocity obstacles.
 
-    If every velocity is inside a cone, the heading with the latest meeting is returned. The second
-    result is True if the desired heading was in conflict. ``radius_m`` is the combined radius (2
-    r_s).
+    If every heading is inside an obstacle, the heading with the latest meeting is returned. The
+    second result is True if the desired heading was in conflict. ``radius_m`` is the combined
+    radius (2 r_s).
     """
     best_rad, best_s = desired_rad, -1.0
     for number in range(2 * int(math.pi / YAW_STEP_RAD) + 1):

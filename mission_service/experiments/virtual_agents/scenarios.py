@@ -1,7 +1,7 @@
 """Grow the fires of the "Virtual agents" paper (table 2) by its automaton, each from one cell.
 
 The paper does not describe the growth of a fire to its initial size. Here the same automaton with
-the same p_spread produces the initial fire, so that its shape is consistent. With the printed
+the same p_spread produces the initial fire, so that the shape is consistent. With the printed
 p_spread = 0.025, a fire of 1000 cells grows to 2480 cells (five seeds) instead of about 3050.
 Experiments 3 and 3_1 use 0.033, which reproduces the paper's sizes.
 """

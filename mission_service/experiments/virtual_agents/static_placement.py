@@ -1,9 +1,9 @@
 """Search offline for the best positions of n discs around a static fire.
 
 These positions are a reference for the positions of virtual agents. One disc at a time moves to the
-allowed cell where the covered weight grows most, computed exactly from sums along rows. The search
-runs from many starts, and then from the best result with some discs moved at random. Finally, discs
-are shifted by parts of a cell.
+allowed cell with the largest increase of the covered weight, which is computed exactly from sums
+along rows. The search runs from many starts, and then from the best result with some discs moved at
+random. Finally, discs are shifted by parts of a cell.
 """
 
 import math
@@ -25,7 +25,7 @@ STARTS, KICKS = 8, 40
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """The float (row, col) of each disc (n, 2), and the share of all weights that discs cover."""
+    """The row and column (n, 2) of each disc's centre, and the share of the weights covered."""
 
     places: Floats
     coverage: float
@@ -62,7 +62,7 @@ def covered(weights, counts, places, radius):  # type: ignore[no-untyped-def]
 
 @kernel
 def best_cell(weights, counts, allowed, radius, sums):  # type: ignore[no-untyped-def]
-    """Return the allowed cell where a disc adds most weight to the covered weight, and this gain.
+    """Return the allowed cell where a disc adds most to the covered weight, and the increase.
 
     ``sums`` (rows, cols + 1) is a work array for sums along rows.
     """
@@ -87,7 +87,7 @@ def best_cell(weights, counts, allowed, radius, sums):  # type: ignore[no-untype
 
 @kernel
 def settle(weights, counts, allowed, places, order, radius, sums):  # type: ignore[no-untyped-def]
-    """Move discs in turn to the best cell until no move gains; return the covered weight.
+    """Move each disc in turn to its best cell until no move helps; return the covered weight.
 
     ``places`` (n, 2) is changed; a disc with a negative row is not placed yet.
     """

@@ -1,8 +1,8 @@
 """Generate small random fires for tuning the virtual agents' constants (section 5.2.6).
 
-Maps have 50 x 50 and 100 x 100 cells. The paper gives no cell size. Cells are 50 m here, so that 50
-of them (2.5 km) contain a fire, 350 m around it and room for the approach. Fires have the areas of
-table 2 and do not grow; agents approach from one side in a line.
+Maps have 50 x 50 and 100 x 100 cells. The paper gives no cell size. Here a cell is 50 m wide, so
+that 50 cells (2.5 km) are enough for a fire, 350 m around the fire, and the approach. Fires have
+the areas of table 2 and do not grow; agents approach from one side in a line.
 """
 
 import math

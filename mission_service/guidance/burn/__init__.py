@@ -1,1 +1,1 @@
-"""The guidance of prescribed burns, and the approval of their plans. Pure; see ARCHITECTURE.md."""
+"""The guidance of prescribed burns, and the approval of ignition plans. Pure."""

@@ -20,7 +20,7 @@ Floats = NDArray[np.float64]
 
 MAX_PROGRESS_M = 30.0  # maximum progress in one update
 HIGH_SHARE = 0.9  # a vehicle above this share of the safe height counts as at the safe height
-# For the fire of a vehicle's own spheres: the upper limit of the time margin, the spacing of
+# For fire from the vehicle's own spheres: the upper limit of the time margin, the spacing of
 # samples along a leg, and the number of points on the circle around a sample.
 OWN_SOON_S, OWN_SAMPLES_M, OWN_RING_POINTS = 10.0, 5.0, 24
 
@@ -52,11 +52,11 @@ class PathProgress:
 
     @property
     def after_s(self) -> float:
-        """Return the time since the path's start that is planned for the present progress."""
+        """Return the planned time at the present progress, in seconds since the path's start."""
         return float(np.interp(self.progress_m, self._along_m, self._after_s))
 
     def update(self, position_m: Floats) -> float:
-        """Set the vehicle's position (3,); return its distance from the path in metres."""
+        """Update the progress from a position (3,); return the distance off the path in metres."""
         first = max(int(np.searchsorted(self._along_m, self.progress_m, side="right")) - 1, 0)
         last = int(np.searchsorted(self._along_m, self.progress_m + MAX_PROGRESS_M))
         min_distance_m, progress_m = np.inf, self.progress_m
@@ -90,11 +90,11 @@ class PathProgress:
 
 @dataclass(slots=True)
 class ApprovedPlan:
-    """An approved plan and its progress."""
+    """An approved plan, and the vehicle's progress along the plan's path."""
 
     plan: IgnitionPlan
     progress: PathProgress  # progress along the path in x, y and height above the ground
-    targets_m: Floats  # (m, 2) targets of its drops
+    targets_m: Floats  # (m, 2) targets of the plan's drops
     next_drop: int = 0
     sent: bool = False
 
@@ -113,15 +113,15 @@ def _xy(points: Sequence[PathPoint | PlannedDrop], landscape: Landscape) -> Floa
 
 
 def first_danger_s(path: Floats, air: FlightConstraints, own_sources: Floats) -> float | None:
-    """Return the start of the first leg that comes too near to fire, in mission time, or None.
+    """Return the mission time at which the first leg begins that is too near to fire, or None.
 
-    The columns of ``path`` (n, 4) are x, y, height and mission time. The rules are the rules of
-    planning, except that ``HIGH_SHARE`` of the safe height suffices, because no vehicle holds its
-    height exactly. The result is None if the whole path is safe.
+    The columns of ``path`` (n, 4) are x, y, height and mission time. The check applies the rules of
+    planning, except that ``HIGH_SHARE`` of the safe height counts as the safe height, because no
+    vehicle holds its height exactly. The result is None if the whole path is safe.
 
     ``own_sources`` (m, 3) holds the spheres that the vehicle has dropped on this path. The plan
-    ensures that the vehicle leaves these spheres in time. The fire of a sphere is therefore too
-    near only if it is within reach, or will be within a few seconds.
+    ensures that the vehicle flies away from these spheres in time. Fire from such a sphere is
+    therefore too near only if the fire is within reach, or will be within a few seconds.
     """
     safe_m = air.settings.safe_height_m
     places = [
@@ -140,10 +140,10 @@ def first_danger_s(path: Floats, air: FlightConstraints, own_sources: Floats) ->
 
 
 def _own_margin_s(leg: Leg, air: FlightConstraints, own_sources: Floats) -> float:
-    """Return the smallest time by which a leg is ahead of the fire of the vehicle's own spheres.
+    """Return the smallest time margin of a leg to fire from the vehicle's own spheres.
 
-    The fire of a sphere within reach is tested from its ignition on. The fire of a sphere farther
-    away is tested from the time at which it comes within reach.
+    For a sphere within reach, the margin ends at the ignition of the sphere. For a sphere farther
+    away, the margin ends when the fire comes within reach.
     """
     begin, end = np.array(leg[0]), np.array(leg[1])
     count = max(math.ceil(math.dist(begin[:2], end[:2]) / OWN_SAMPLES_M), 1) + 1

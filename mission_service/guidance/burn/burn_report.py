@@ -31,7 +31,10 @@ def slider_times_s(burn: WholeBurn, count: int = TIMES) -> Floats:
 
 
 def ignition_raster(burn: WholeBurn, area: BaseGeometry) -> tuple[Floats, Floats, Floats]:
-    """Return a raster of ignition times: x (cols,), y (rows,) from south to north, times (y, x)."""
+    """Return a raster of ignition times: x (cols,), y (rows,), and times (rows, cols).
+
+    Row 0 is in the south.
+    """
     west, south, east, north = area.bounds
     border_m = 0.1 * max(east - west, north - south)
     wide_m, high_m = east - west + 2 * border_m, north - south + 2 * border_m
@@ -47,7 +50,7 @@ def ignition_raster(burn: WholeBurn, area: BaseGeometry) -> tuple[Floats, Floats
 def burned_areas(
     burn: WholeBurn, area: BaseGeometry, times_s: Floats, simplified_m: float = 1.0
 ) -> list[BaseGeometry]:
-    """Return the burned area at each time as polygons with holes; each is empty before the fire."""
+    """Return the burned area (polygons with holes) at each time; empty before the first fire."""
     x, y, ignition_s = ignition_raster(burn, area)
     never = float(np.max(times_s)) + 1e6
     lines = contourpy.contour_generator(

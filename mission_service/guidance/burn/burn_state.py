@@ -32,15 +32,15 @@ from mission_service.ignition_plan import IgnitionPlan, PlannedDrop
 from mission_service.position_fix import PositionFix
 from mission_service.vehicles.vehicle_state import Vehicle
 
-# Plans have these additions to their margins, because a flight deviates from its plan. Flights are
-# monitored without these additions.
+# Planning adds these values to the margins, because a flight deviates from its plan. The checks in
+# flight use the margins without these additions.
 SLACK_S, SLACK_M = 20.0, 3.0
 AROUND_M = 12.0  # radius around home and vehicle in which fire is also monitored
 NO_FIRE_S = 86400.0  # time margin of a path that no fire approaches
 
 
 class BurnState:
-    """The state of a burn, which applies operators' input and plans the next line.
+    """The state of a burn, with methods that apply operators' input and plan the next line.
 
     Heights are above the ground.
     """
@@ -67,8 +67,8 @@ class BurnState:
     def unit_reported(self, event: PersonReported | BurnUnitSet) -> None:
         """Apply a changed unit or a reported person.
 
-        Raises MissionServiceError if the changed unit is invalid, or if the person that has left
-        was not reported before.
+        Raises MissionServiceError if the changed unit is invalid, or if an operator reports the
+        departure of a person who was not reported before.
         """
         if isinstance(event, BurnUnitSet):
             unit = burn_unit_of(self.burn, self.landscape, corners=event.points)
@@ -88,7 +88,7 @@ class BurnState:
         self._air = None
 
     def set_spacings(self, event: PlanRequested) -> str | None:
-        """Change the spacings of lines and of drops; return why they are rejected, or None."""
+        """Change the spacings of lines and drops; return why the change is rejected, or None."""
         line_m = event.line_spacing_m or self.burn.line_spacing_m
         drop_m = event.drop_spacing_m or self.burn.drop_spacing_m
         min_spacing_m = self.burn.speed_m_s * 60.0 / self.burn.max_drops_per_min
@@ -105,7 +105,7 @@ class BurnState:
     # Outputs ----------------------------------------------------------------------------------
 
     def wind_from(self, at_s: float) -> WindFrom:
-        """Return the estimated wind: its speed in m/s, and the direction (deg) it blows from."""
+        """Return the estimated wind: speed in m/s, and direction (deg) from which it blows."""
         weather = self.fire.weather_at(at_s)
         return weather.wind_speed_m_s, weather.wind_from_deg
 
@@ -130,7 +130,7 @@ class BurnState:
         return round(float(lat_deg), 7), round(float(lon_deg), 7)
 
     def map_shapes(self) -> dict[str, Any]:
-        """Return the unit's areas (rings of lat, lon) and the circles around people, to display."""
+        """Return the unit's areas (rings of lat, lon) and the circles around people for display."""
         unit = self.unit
         return {
             "unit": self._rings(unit.area),
@@ -149,7 +149,7 @@ class BurnState:
         ]
 
     def situation(self, vehicle: Vehicle, fix: PositionFix, at_s: float) -> Situation:
-        """Return the situation in which a plan for a vehicle begins at ``at_s``."""
+        """Return the situation at the start of a vehicle's plan, which begins at ``at_s``."""
         place_m = (fix.x_m, fix.y_m)
         if not vehicle.availability.airborne:
             return self.situation_from(place_m, 0.0, 0.0, vehicle.home_m, at_s)
@@ -179,7 +179,7 @@ class BurnState:
         )
 
     def air(self, vehicle: Vehicle, fix: PositionFix, at_s: float) -> FlightConstraints:
-        """Return the constraints that apply to a flight in the presently estimated fire."""
+        """Return the constraints on a flight, from the present estimate of the fire."""
         if self._air is None or self._air[0] != self.fire.version:
             air = constraints_of(self.situation(vehicle, fix, at_s), self.burn)
             # Plans cover the unit only; flights are monitored from takeoff at home.
@@ -192,7 +192,7 @@ class BurnState:
     def next_plan(
         self, vehicle: Vehicle, fix: PositionFix, begin_s: float
     ) -> tuple[LinePlan, IgnitionPlan] | NoPlan:
-        """Plan the next line; return it as a ``LinePlan``, and as an ``IgnitionPlan`` to approve.
+        """Plan the next line; return a ``LinePlan`` and the ``IgnitionPlan`` for its approval.
 
         Returns a ``NoPlan`` if no line can be planned.
         """

@@ -39,7 +39,7 @@ class ExclusionCircle(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class BurnUnit:
-    """A burn unit, in the landscape's metres; flights stay inside ``fence`` if it is given."""
+    """A burn unit, in the landscape's metres; flights stay inside ``fence`` unless it is None."""
 
     area: BaseGeometry  # Polygon or MultiPolygon, whose holes are not burned
     no_drop: BaseGeometry
@@ -49,7 +49,7 @@ class BurnUnit:
 
     @cached_property
     def droppable(self) -> BaseGeometry:
-        """Return the area where spheres may fall, without any point that ``may_drop`` excludes."""
+        """Return the area where spheres may fall; ``may_drop`` accepts every point of this area."""
         left = self.area.difference(_grown(self.area.boundary, self.edge_m + CLEAR_M))
         left = left.difference(_grown(self.no_drop, self.edge_m + CLEAR_M))
         return self._without_people(left if self.fence is None else left.intersection(self.fence))
@@ -72,9 +72,9 @@ class BurnUnit:
         return only_areas(area)
 
     def may_drop(self, places_m: Floats) -> NDArray[np.bool_]:
-        """Return whether a sphere may fall on each place (n, 2).
+        """Return for each place (n, 2) whether a sphere may fall there.
 
-        The test computes exact distances, not polygonal buffers.
+        The test uses exact distances instead of polygonal buffers.
         """
         points = shapely.points(np.asarray(places_m, np.float64).reshape(-1, 2))
         good = shapely.covers(self.area, points)
@@ -106,7 +106,7 @@ class BurnUnit:
 
 
 def _grown(shape: BaseGeometry, by_m: float) -> BaseGeometry:
-    """Return a polygonal buffer that contains the exact buffer, because it encloses the true arcs.
+    """Return a polygonal buffer that circumscribes the exact buffer.
 
     If the shape is empty or the distance is not positive, the shape is returned unchanged.
     """

@@ -1,13 +1,13 @@
 """Guides the vehicle of a burn: lines are proposed, approved and flown one by one, with drops.
 
-The phases follow each other in this way:
+The transitions between phases are:
 
 planning --> proposed --approval--> approved --vehicle flies the mission--> flying
 flying --end of the path--> planning; --invalid plan--> climbing --safe height--> planning
 
-In the phase waiting (after an abort, a rejection or manual control, and at the end) the next plan
-needs a request. Missions contain no drops: the guidance orders each drop when it is due, if all its
-conditions are met.
+In the phase "waiting" (after an abort, a rejection or manual control, and at the end) an operator
+must request the next plan. Missions contain no drops: the guidance orders each drop when the drop
+is due, if all conditions for a drop are met.
 """
 
 import math
@@ -82,7 +82,7 @@ Floats = NDArray[np.float64]
 Phase = Literal["waiting", "planning", "proposed", "approved", "flying", "climbing"]
 
 CHECK_EVERY_S, CHECK_PROPOSED_EVERY_S = 1.0, 5.0
-BEGINS_ON_GROUND_S, BEGINS_IN_AIR_S = 30.0, 15.0  # from the proposal to the planned start
+BEGINS_ON_GROUND_S, BEGINS_IN_AIR_S = 30.0, 15.0  # proposal to planned start
 OFF_PATH_M = 12.0
 AT_END_M = 3.0
 WIND_COUNT = 3  # successive measurements that must differ from the planned wind
@@ -194,7 +194,7 @@ class BurnFlight(Guidance):
             case WindMeasured() if vehicle.availability.airborne:
                 return self._wind_measured(event)
             case Observed():
-                self.state.fire.apply(event)  # a check each second follows
+                self.state.fire.apply(event)  # the periodic check of the plan follows
         return []
 
     # Fire, unit and wind ----------------------------------------------------------------------
@@ -207,7 +207,7 @@ class BurnFlight(Guidance):
         return self._changed(event.at_us / 1e6)
 
     def _wind_measured(self, event: WindMeasured) -> list[AnyCommand]:
-        """Adopt the mean of ``WIND_COUNT`` successive winds that differ from the planned wind."""
+        """Adopt the mean of ``WIND_COUNT`` successive measurements that differ from the plan."""
         plan, wind = self.approvals.plan, (event.speed_m_s, event.from_deg)
         if plan is None:
             return []
@@ -220,14 +220,14 @@ class BurnFlight(Guidance):
         return self._changed(event.at_us / 1e6)
 
     def _changed(self, at_s: float) -> list[AnyCommand]:
-        """Check the plan after the fire, unit or wind has changed; withdraw it if it is invalid."""
+        """Check the plan after the fire, unit or wind has changed; withdraw an invalid plan."""
         return self._stop_if(self._why_invalid(at_s))
 
     def _stop_if(self, why: str | None) -> list[AnyCommand]:
         return [] if why is None else self._stop(why)
 
     def _why_invalid(self, at_s: float) -> str | None:
-        """Return why the present plan is no longer valid; None if it is valid or there is none."""
+        """Return why the present plan is invalid; None if the plan is valid or there is no plan."""
         plan, flown = self.approvals.plan, self._flown if self.phase == "flying" else None
         if plan is None:
             return None
@@ -238,7 +238,7 @@ class BurnFlight(Guidance):
     def announcements(
         self, vehicle: Vehicle, at_s: float, decision: Decision | None
     ) -> list[AnyCommand]:
-        """Check the approval and the plan, or plan the next line, at each position."""
+        """Check the approval and the plan, or plan the next line; called for each position fix."""
         fix = vehicle.availability.fix
         if fix is None:
             return []
@@ -265,7 +265,7 @@ class BurnFlight(Guidance):
         return self.approvals.expiry_reason(at_us) or expired
 
     def _check(self, at_s: float) -> str | None:
-        """Check the plan if this is due; return why it is invalid, or None."""
+        """Check the plan if a check is due; return why the plan is invalid, or None."""
         every_s = CHECK_PROPOSED_EVERY_S if self.phase == "proposed" else CHECK_EVERY_S
         if at_s - self._checked_at_s < every_s:
             return None
@@ -376,7 +376,7 @@ class BurnFlight(Guidance):
         return flown.progress.points_m[:, :2]
 
     def items(self, vehicle: Vehicle, path_m: Floats, fix: PositionFix) -> tuple[MissionItem, ...]:
-        """Return the mission for the approved plan, which contains its path but no drops."""
+        """Return the mission of the approved plan, with the plan's path but without drops."""
         assert self._flown is not None
         self._flown.sent = True
         plan, on_ground = self._flown.plan, not vehicle.availability.airborne
@@ -384,11 +384,11 @@ class BurnFlight(Guidance):
         return mission_items(path, plan.speed_m_s, vehicle.section, self.state.burn, on_ground)
 
     def in_mission(self, name: str) -> bool:
-        """Return whether the vehicle is in the mode in which it flies its mission."""
+        """Return whether the vehicle is in its mission mode."""
         return self._mode == "mission"
 
     def lead(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand]:
-        """Return commands to send the approved mission, to drop, or to climb to the safe height."""
+        """Return commands to send the plan's mission, to drop, or to climb to the safe height."""
         if not self._fix_good:
             return []
         if self.phase == "flying" and self._flown is not None:
@@ -417,7 +417,7 @@ class BurnFlight(Guidance):
         return commands
 
     def _release(self, vehicle: Vehicle, flown: ApprovedPlan, fix: PositionFix) -> list[AnyCommand]:
-        """Return warnings about drops that are skipped now, and the order for a drop, if due."""
+        """Return a warning for each drop that is skipped now, and the command for a due drop."""
         commands: list[AnyCommand] = []
         for due in due_drops(self.state, flown, fix):
             why_not = due.why_not or self._why_no_drop()
@@ -481,7 +481,7 @@ class BurnFlight(Guidance):
         self.state.fire.let_go()
 
     def _stop(self, why: str, then: Phase = "planning", always: bool = False) -> list[AnyCommand]:
-        """Withdraw the plan; an airborne vehicle that flies it climbs to the safe height and holds.
+        """Withdraw the plan; a vehicle in flight on the plan climbs to the safe height and holds.
 
         If ``always``, an airborne vehicle climbs and holds even without a plan. The phase ``then``
         begins when the climb has ended, or at once if no climb is needed.
@@ -491,7 +491,7 @@ class BurnFlight(Guidance):
         if vehicle is None or not vehicle.availability.airborne or not (flew or always):
             self.phase = then
             if vehicle is not None and not vehicle.availability.airborne:
-                # The hold prevents a takeoff with a mission that may be on board.
+                # This reset prevents a takeoff with the mission that may be on board.
                 vehicle.deployed = vehicle.started = False
                 vehicle.drop_upload()
                 vehicle.flown_line = vehicle.start_again_at_s = None
@@ -506,7 +506,7 @@ class BurnFlight(Guidance):
         return commands
 
     def _climb(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand]:
-        """Return a climb straight up to the safe height, unless the vehicle is flown manually."""
+        """Return a vertical climb to the safe height, unless the vehicle is flown manually."""
         if self._safe_climb.is_high(fix) and (self._safe_climb.ordered or self.phase != "climbing"):
             if self.phase == "climbing":
                 vehicle.holding, self.phase = True, self._after_climb

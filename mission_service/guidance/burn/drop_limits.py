@@ -1,7 +1,7 @@
 """Checks a drop's place for the interlock: near its target, in the unit, far from people.
 
 This module is part of the interlock, and shares no code with the controller that orders drops.
-Missing information is a reason to refuse.
+A drop is refused if information is missing.
 """
 
 import math
@@ -28,7 +28,7 @@ Circle = tuple[float, float, float]  # lat_deg, lon_deg, radius_m
 
 
 def planned_drop(plan: IgnitionPlan, drop: Drop) -> PlannedDrop:
-    """Return the plan's entry for an ordered drop, which has the same number."""
+    """Return the planned drop that has the number of an ordered drop."""
     return next(planned for planned in plan.drops if planned.number == drop.number)
 
 

@@ -10,7 +10,7 @@ from typing import Literal, NamedTuple
 GRAVITY_M_S2 = 9.80665
 STEP_S = 0.05
 SLOW_M_S = 0.5  # at a lower speed the course is undefined
-NEAR_S = 1.0  # from farther away, the vehicle may still pass the target on another leg
+NEAR_S = 1.0  # a target more than this flight time away may still be passed on another leg
 
 ReleaseDecision = Literal["release", "wait", "missed"]
 
@@ -40,15 +40,15 @@ def impact_point(
     """Predict the impact point of a sphere whose drop is ordered now.
 
     The sphere leaves the vehicle ``delay_s`` after the order, with the vehicle's velocity.
-    Afterwards two accelerations act on the sphere: gravity g, and a drag g (v/vt)^2 against its
-    motion relative to the wind (east, north). Here v is the speed of this motion, and vt is the
-    sphere's terminal speed. This law holds for spheres at Reynolds numbers of 1e4 to 2e5, where the
-    drag coefficient is almost constant. If the release is on or below the ground, the result is the
-    point of release.
+    Afterwards two accelerations act on the sphere: gravity g, and a drag g (v/vt)^2 opposite to the
+    sphere's velocity relative to the air. Here v is the airspeed of the sphere, and vt is its
+    terminal speed. The air moves with ``wind_m_s`` (east, north). This drag law holds for spheres
+    at Reynolds numbers of 1e4 to 2e5, where the drag coefficient is almost constant. If the release
+    point is on or below the ground, the result is the release point.
     """
     drag_per_m = GRAVITY_M_S2 / terminal_speed_m_s**2
     east, north = vehicle.east_m_s - wind_m_s[0], vehicle.north_m_s - wind_m_s[1]
-    velocity = (east, north, vehicle.climb_m_s)  # velocity relative to the wind
+    velocity = (east, north, vehicle.climb_m_s)  # velocity relative to the air
     x = vehicle.x_m + delay_s * vehicle.east_m_s
     y = vehicle.y_m + delay_s * vehicle.north_m_s
     z = vehicle.height_m + delay_s * vehicle.climb_m_s
@@ -74,9 +74,9 @@ Vector = tuple[float, float, float]
 
 
 def _fall_step(velocity: Vector, drag_per_m: float, step_s: float) -> tuple[Vector, Vector]:
-    """Return the displacement in a step, and the velocity after it (fourth-order Runge-Kutta).
+    """Return the displacement in a step, and the velocity at its end (fourth-order Runge-Kutta).
 
-    Displacement and velocity are relative to the wind.
+    Displacement and velocity are relative to the air.
     """
     half_s = step_s / 2.0
     first = _acceleration(velocity, drag_per_m)
@@ -122,9 +122,10 @@ def release_decision(
     target, within half a telemetry step (``step_s``). At that time the decision is ``release``, or
     ``missed`` if the impact point is farther than ``max_miss_m`` from the target.
 
-    The decision is also ``wait`` in two other cases. A vehicle farther from the target than
-    ``max_miss_m`` plus ``NEAR_S`` of flight may still pass the target on another leg. A vehicle too
-    slow to have a course waits while the impact point is farther than ``max_miss_m``.
+    The decision is also ``wait`` in two other cases. If the impact point is farther from the target
+    than ``max_miss_m`` plus the distance flown in ``NEAR_S``, the vehicle may still pass the target
+    on another leg. A vehicle that is too slow to have a course must wait while the impact point is
+    farther than ``max_miss_m`` from the target.
     """
     east, north = target_m[0] - impact.x_m, target_m[1] - impact.y_m
     off_m = math.hypot(east, north)

@@ -37,7 +37,7 @@ class DueDrop(NamedTuple):
 
 
 def due_drops(state: BurnState, flown: ApprovedPlan, fix: PositionFix) -> Iterator[DueDrop]:
-    """Yield the drops of a plan that have become due, in the plan's order, and each only once."""
+    """Yield each drop of a plan once, when the drop has become due, in the order of the plan."""
     drops, until_s = flown.plan.drops, flown.progress.after_s + RELEASES_BEFORE_S
     if flown.next_drop == len(drops) or until_s < drops[flown.next_drop].after_s:
         return

@@ -1,7 +1,7 @@
-"""The independent interlock on drops, which keeps its own state of the burn and refuses drops.
+"""The independent interlock, which keeps its own state of the burn and refuses unsafe drops.
 
 The interlock shares neither state nor decisions with the controller that orders drops, so that a
-fault in the controller cannot release the interlock. Missing information is a reason to refuse.
+fault in the controller cannot release the interlock. A drop is refused if information is missing.
 Pure.
 """
 
@@ -90,7 +90,7 @@ class _Plan:
     attended_us: int = 0  # time of the last input that shows an approver's presence
     attended_host_us: int | None = None
     why_not: str = "it has no approval"
-    over: bool = False  # withdrawn or rejected: it can be approved only after a new proposal
+    over: bool = False  # withdrawn or rejected; approved only after a new proposal
 
 
 class Interlock:
@@ -98,9 +98,9 @@ class Interlock:
 
     The interlock must receive all events and commands in order. An approval is accepted only if the
     plan was proposed, the station is in the scenario, and the GO/NO-GO checklist is complete. The
-    approval remains valid while its operator, or another operator with the role approve, gives
-    input at the station of the approval. Time limits apply both to mission time and to the host's
-    clock. A NO-GO ends the approval.
+    approval remains valid while input arrives from its operator, or from another operator with the
+    role approve, at the station of the approval. Time limits apply both to mission time and to the
+    host's clock. A NO-GO ends the approval.
 
     An abort, a restart of service or autopilot, a return home, and a landing also end the approval,
     and reset every item of the GO/NO-GO checklist. Drops are then refused until all items are GO
@@ -132,7 +132,7 @@ class Interlock:
     # Inputs --------------------------------------------------------------------------------------
 
     def apply(self, event: AnyEvent) -> None:
-        """Update the state from an event; call this before ``on_commands`` with its commands."""
+        """Update the state from an event; call ``on_commands`` for the same event afterwards."""
         self._at_us = max(self._at_us, event.at_us)
         if isinstance(event, OperatorEvent):
             self._on_operator(event)
@@ -209,7 +209,7 @@ class Interlock:
                 vehicle.used = max(0, vehicle.used - 1)
 
     def _forget(self, name: str, linked: bool = False) -> None:
-        """Reset a vehicle's state, except the spheres used, until the vehicle reports it again."""
+        """Discard the state that a vehicle has reported; keep the number of spheres used."""
         self._vehicles[name] = _Vehicle(linked, used=self._vehicles[name].used)
 
     def _mode_changed(self, vehicle: _Vehicle, event: ModeChanged) -> None:
@@ -245,7 +245,7 @@ class Interlock:
             entry.attended_us, entry.attended_host_us = event.at_us, self._host_us
 
     def _end(self, plan_hash: str, why: str) -> None:
-        """End a plan, so that it cannot be approved any more."""
+        """End a plan, so that the plan can no longer be approved."""
         if plan_hash in self._plans:
             entry = self._plans[plan_hash]
             entry.approved, entry.why_not, entry.over = None, why, True
@@ -306,7 +306,7 @@ class Interlock:
         }
 
     def refuses(self, drop: Drop, at_us: int) -> str | None:
-        """Return why a drop must not be sent at ``at_us``, or None if it is allowed."""
+        """Return why a drop must not be sent at ``at_us``, or None if the drop is allowed."""
         name, entry = f"plan {drop.plan_hash[:12]}", self._plans.get(drop.plan_hash)
         if entry is None:
             return f"{name} was never proposed"

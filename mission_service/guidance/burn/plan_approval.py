@@ -39,9 +39,9 @@ class PlanApproval:
 
 
 class ApprovalTracker:
-    """The tracker of one plan at a time, and of the crew's approval of it.
+    """The tracker of one plan at a time and of the crew's approval.
 
-    A time limit has passed as soon as either mission time or the host's clock has passed it.
+    A time limit applies both in mission time and on the host's clock; the earlier expiry counts.
     """
 
     def __init__(self, burn: BurnSection) -> None:
@@ -63,7 +63,7 @@ class ApprovalTracker:
     def on_operator_input(self, event: OperatorEvent) -> None:
         """Record that an approver is present, if an approver made this input.
 
-        The input must be from the station of the approval.
+        Only input from the station of the approval counts.
         """
         approval = self.approval
         if approval is None or isinstance(event, Resumed) or event.station != approval.station:
@@ -72,7 +72,7 @@ class ApprovalTracker:
             self._approver_us, self._approver_host_us = event.at_us, self._host_us
 
     def propose(self, plan: IgnitionPlan) -> str:
-        """Propose a plan, which replaces any earlier plan; return its hash."""
+        """Propose a plan, which replaces any earlier plan; return the hash of the new plan."""
         self._enter(PlanPhase.PROPOSED)
         self.plan, self.plan_hash, self.approval = plan, plan_hash(plan), None
         self._proposed_host_us = self._host_us
@@ -105,7 +105,7 @@ class ApprovalTracker:
         return at_us > self.plan.valid_until_us or host_us > valid_for_us
 
     def expiry_reason(self, at_us: int) -> str | None:
-        """Return why the approval has expired; None if it is valid or there is none."""
+        """Return why the approval has expired; None if it is valid, or if there is no approval."""
         approval = self.approval
         if approval is None or self.plan is None:
             return None

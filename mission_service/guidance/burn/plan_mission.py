@@ -1,4 +1,4 @@
-"""Creates the missions of a multirotor along an ignition plan's path; they contain no drops."""
+"""Creates multirotor missions along an ignition plan's path; the missions contain no drops."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -17,9 +17,9 @@ from mission_service.ignition_plan import PathPoint
 
 Floats = NDArray[np.float64]
 
-# Commands that affect only the flight. Any other command may switch an output, for example those
-# for servos, relays, grippers, winches, sprayers, cameras, parachutes, auxiliary functions and
-# scripts.
+# Mission commands that affect only the flight. Any other command may switch an output, for example
+# a command for servos, relays, grippers, winches, sprayers, cameras, parachutes, auxiliary
+# functions or scripts.
 FLIES_ONLY = frozenset(
     (
         mavlink.MAV_CMD_NAV_WAYPOINT,
@@ -34,7 +34,7 @@ FLIES_ONLY = frozenset(
     )
 )
 ACCEPTANCE_M = 2.0  # acceptance radius of waypoints; ArduCopter uses its own (WPNAV_RADIUS)
-BAND = 0.2  # a leg is flown at its height above the ground, or higher by up to this share of it
+BAND = 0.2  # the height above the ground may exceed a leg's height by up to this share
 SAMPLES_A_CELL = 4
 SAME_PLACE_M = 0.05
 
@@ -51,12 +51,12 @@ def mission_items(
     burn: BurnSection,
     from_ground: bool,
 ) -> tuple[MissionItem, ...]:
-    """Return the mission that flies a path, climbs to the safe height at its end, and holds there.
+    """Return a mission along a path, which ends with a climb to the safe height and a hold.
 
     Each leg is flown straight. PX4 passes corners within ``ACCEPTANCE_M``, ArduCopter within its
     own radius. ``from_ground`` adds a takeoff to the safe height at home, where the path begins.
-    ArduCopter climbs and sinks at the rates in the scenario's burn. PX4 uses its parameters
-    MPC_Z_V_AUTO_UP and _DN (3 and 1.5 m/s), which a mission cannot change.
+    ArduCopter climbs and descends at the rates in ``burn``. PX4 uses its parameters MPC_Z_V_AUTO_UP
+    and MPC_Z_V_AUTO_DN (3 and 1.5 m/s), which a mission cannot change.
     """
     first, last = path[0], path[-1]
     items = []
@@ -113,10 +113,10 @@ def plan_points(
     """Convert a path (n, 4) of x, y, height_m and after_s to points with altitudes.
 
     Between two points the altitude changes linearly. The height above the ground stays between the
-    leg's height and a share ``BAND`` more. Therefore a leg over uneven ground is cut into the
-    fewest possible parts, at most ``SAMPLES_A_CELL`` per cell. ``above_map_m`` is the autopilot's
-    altitude minus the landscape's, as measured on the ground. Raises FireModelError if the
-    landscape has no elevation.
+    leg's height and 1 + ``BAND`` times this height. For this purpose a leg over uneven ground is
+    divided into the fewest possible parts, at most ``SAMPLES_A_CELL`` per cell. ``above_map_m`` is
+    the autopilot's altitude minus the landscape's altitude, as measured on the ground. Raises
+    FireModelError if the landscape has no elevation.
     """
     ground_m = _ground(path[:1], landscape)[0]
     altitude_m = _middle(ground_m, path[0, 2])
@@ -159,8 +159,8 @@ def _middle(ground_m: float, height_m: float) -> float:
 def _in_channel(lowest_m: Floats, highest_m: Floats, begin_m: float) -> list[tuple[int, float]]:
     """Return the corners (sample, altitude) of a line that stays between two altitude profiles.
 
-    The line begins at ``begin_m``, and each part is as long as one slope allows. If no slope leads
-    to the next sample, the next corner is midway between the two altitudes at that sample.
+    The line begins at ``begin_m``. Each part has a constant slope, and is as long as possible. If
+    no slope leads to the next sample, the next corner is midway between the two profiles there.
     """
     corners: list[tuple[int, float]] = []
     at, altitude_m = 0, begin_m

@@ -1,4 +1,4 @@
-"""Describes plans and the state of a burn to crews, in figures and text. Pure."""
+"""Describes plans and the state of a burn for crews, in figures and text. Pure."""
 
 from typing import Any
 
@@ -14,7 +14,7 @@ def in_feet(metres: float) -> int:
 
 
 def describe_plan(plan: IgnitionPlan, name: str) -> list[str]:
-    """Describe a plan to its approver, in lines with one topic each."""
+    """Describe a plan for its approver, in lines with one topic each."""
     skipped = f"; {len(plan.skipped)} places skipped as unsafe" if plan.skipped else ""
     altitudes_m = [point.altitude_amsl_m for point in plan.path] or [float("nan")]
     low_m, high_m, margin_m = min(altitudes_m), max(altitudes_m), plan.distance_margin_m
@@ -37,9 +37,9 @@ def describe_plan(plan: IgnitionPlan, name: str) -> list[str]:
 
 
 def describe_status(status: dict[str, Any]) -> list[str]:
-    """Describe the state of a burn in a control socket's reply, in lines with one topic each.
+    """Describe the state of a burn in a reply of the control socket, in lines with one topic each.
 
-    Raises RequestError for the state of another run.
+    Raises RequestError if the run is not a burn.
     """
     if "plans" not in status:
         raise RequestError("this run is not a burn")

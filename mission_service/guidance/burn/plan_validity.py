@@ -25,10 +25,11 @@ ROUNDED_S = 1e-6
 def plan_problem(
     plan: LinePlan, situation: Situation, settings: BurnSection, flown_s: float = 0.0
 ) -> str:
-    """Return why the rest of a plan after ``flown_s`` must not be flown; "" if it is valid.
+    """Return why the rest of a plan after ``flown_s`` must not be flown; "" if the rest is valid.
 
     The rest of the plan begins at ``situation.at_s``, in the situation's wind and unit. The
-    situation's fire must not contain the drops of this plan; they are added at their times.
+    situation's fire must not contain the drops of this plan, because this function adds each drop
+    at its time.
     """
     air = constraints_of(situation, settings)
     begin_s = situation.at_s - flown_s
@@ -48,7 +49,7 @@ def plan_problem(
         problem = _airspace_problem(air, rest, places[0])
         if problem:
             return f"{problem} {after_s:.0f} s after the start"
-        # Use the larger of two margins: the whole leg's, as in planning, and its remaining part's.
+        # Use the larger margin: of the whole leg, as in planning, or of the remaining part.
         margin_s = max(
             min(air.margin_s(part), own.margin_s(part)) for part in dict.fromkeys((leg, rest))
         )
@@ -113,11 +114,12 @@ def _load_problem(
 SAME_PLACE_M = 0.05
 MIN_DRIFT_M = 0.2  # smaller drifts are ignored
 CALM_M_S = 1.0  # the direction of a weaker wind is ignored
-WindFrom = tuple[float, float]  # speed in m/s; direction it blows from, degrees from true north
+# Speed in m/s, and direction from which the wind blows, in degrees clockwise from true north.
+WindFrom = tuple[float, float]
 
 
 def wind_differs(plan: IgnitionPlan, wind: WindFrom, burn: BurnSection) -> str | None:
-    """Describe the difference of a wind from the planned wind; None if it is small."""
+    """Describe how a wind differs from the planned wind; None if the difference is small."""
     speed_m_s, from_deg = wind
     turned_deg = abs((from_deg - plan.wind_from_deg + 180.0) % 360.0 - 180.0)
     faster = abs(speed_m_s - plan.wind_speed_m_s) > burn.wind_changes_m_s
@@ -140,9 +142,9 @@ def mean_wind(winds: Sequence[WindFrom]) -> WindFrom:
 def drift_compensated(plan: LinePlan, situation: Situation, burn: BurnSection) -> LinePlan:
     """Return the plan with its path moved upwind by the drift of a falling sphere.
 
-    The sphere falls from the drop height. Points above the path's start are not moved. If the
-    moved path is invalid, for example outside the unit or too near to fire, the plan is returned
-    unchanged; its spheres then miss their targets or are skipped.
+    The drift is computed for a fall from the drop height. Points vertically above the path's start
+    are not moved. If the moved path is invalid, for example outside the unit or too near to fire,
+    the plan is returned unchanged; its spheres then miss their targets or are skipped.
     """
     speed_m_s, toward_rad, dropper = situation.wind_m_s, situation.toward_rad, burn.dropper
     wind = (float(speed_m_s * np.cos(toward_rad)), float(speed_m_s * np.sin(toward_rad)))

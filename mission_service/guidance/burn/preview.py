@@ -16,7 +16,7 @@ from mission_service.guidance.burn.whole_burn import whole_burn
 
 
 def situation_of(scenario: Scenario, burn: BurnSection, landscape: Landscape) -> Situation:
-    """Return the situation before the first line, with the vehicle at home and crew fires lit."""
+    """Return the situation before the first line: vehicle at home, and the crew's fires lit."""
     home = scenario.vehicles[0]
     state = BurnState(burn, landscape, weather_of(scenario), home)
     home_m = landscape.xy_of_lat_lon(home.home_lat_deg, home.home_lon_deg)
@@ -25,7 +25,7 @@ def situation_of(scenario: Scenario, burn: BurnSection, landscape: Landscape) ->
 
 
 def preview(scenario: Scenario, out: Path) -> dict[str, Any]:
-    """Simulate all lines of a scenario's burn; write burn.json and burn.png, return the totals.
+    """Simulate all lines of a scenario's burn; write burn.json and burn.png; return the totals.
 
     The burn begins at deployment, and approvals take no time. Raises MissionServiceError if the
     scenario has no burn or an invalid unit.

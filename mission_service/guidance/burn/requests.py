@@ -27,7 +27,7 @@ Spacing = Annotated[
 
 
 class BurnRequest(Request, frozen=True):
-    """A request about a burn; by default it needs the role that approves drops."""
+    """A request about a burn; the default role is ``approve``."""
 
     role: ClassVar[Role] = "approve"
     path = "/burn/{do}"
@@ -46,7 +46,7 @@ class Plan(BurnRequest, frozen=True):
 
 
 class HashRequest(BurnRequest, frozen=True):
-    """A request about the proposed plan with a hash."""
+    """A request about the proposed plan that has a given hash."""
 
     example: ClassVar = {"hash": HASH}
 
@@ -54,14 +54,14 @@ class HashRequest(BurnRequest, frozen=True):
 
 
 class Approve(HashRequest, frozen=True):
-    """Approve exactly the plan of this hash."""
+    """Approve exactly the plan with this hash."""
 
     makes = events.Approved
     over_mqtt = False
 
 
 class Reject(HashRequest, frozen=True):
-    """Reject the plan of this hash: it is not flown."""
+    """Reject the plan with this hash: the plan is not flown."""
 
     makes = events.Rejected
 

@@ -1,4 +1,4 @@
-"""Commands a climb straight up to the safe height, repeatedly until the climb is complete."""
+"""Commands a vertical climb to the safe height, repeatedly until the climb is complete."""
 
 import math
 
@@ -7,7 +7,7 @@ from mission_service.guidance.burn.approved_plan import HIGH_SHARE
 from mission_service.guidance.burn.burn_state import BurnState
 from mission_service.position_fix import PositionFix
 
-# The interval of climb commands, and their altitude as a share of the safe height.
+# The interval between climb commands, and the commanded height as a share of the safe height.
 REPEAT_CLIMB_S, CLIMB_SHARE = 5.0, 1.05
 
 
@@ -32,7 +32,7 @@ class SafeClimb:
         return self._state.height_m(fix) >= HIGH_SHARE * self._state.burn.safe_height_m
 
     def order(self, name: str, fix: PositionFix) -> list[AnyCommand]:
-        """Return the command to climb, if it is due."""
+        """Return the climb command if one is due, or else an empty list."""
         if fix.at_s - self._ordered_at_s < REPEAT_CLIMB_S:
             return []
         self._ordered_at_s = fix.at_s

@@ -10,7 +10,7 @@ from mission_service.guidance.way_of_flying import WayOfFlying, later
 
 
 def _check(scenario: Scenario) -> None:
-    """Raise ValueError unless the scenario has a burn and one vehicle that can ignite its lines."""
+    """Raise ValueError unless the scenario has a burn and one vehicle that can ignite lines."""
     burn, vehicles = scenario.burn, scenario.vehicles
     if burn is None:
         raise ValueError('rule = "burn" needs a table [burn]')

@@ -1,4 +1,4 @@
-"""Simulates a burn from start to end, with all lines in order, loads, times, and the fire."""
+"""Simulates a burn from start to end: the lines in order, the loads, the times, and the fire."""
 
 import math
 from collections.abc import Sequence
@@ -28,7 +28,7 @@ WAIT_S, MAX_WAITS = 60.0, 60  # duration and maximum number of waits for fire ne
 
 @dataclass(frozen=True)
 class Assumptions:
-    """The settings and the wind on which the figures depend."""
+    """The settings and the wind on which the results of the simulation depend."""
 
     ignition_delay_s: float
     spheres_a_load: int
@@ -44,7 +44,7 @@ class Assumptions:
     pause_s: float  # time between the end of a line and the start of the next
     time_margin_s: float
     distance_margin_m: float
-    wind_m_s: float  # constant for lines and margins; in the simulation the wind may change
+    wind_m_s: float  # constant for lines and margins; the wind of the fire may change
     toward_rad: float
 
 
@@ -52,8 +52,8 @@ class Assumptions:
 class BurnLine:
     """A line, or the part of a line that one load of spheres ignites."""
 
-    number: int  # number from 1
-    load: int  # number from 1
+    number: int  # from 1
+    load: int  # number of the load, from 1
     plan: LinePlan
 
     @property
@@ -92,8 +92,8 @@ def whole_burn(situation: Situation, settings: BurnSection, pause_s: float = 0.0
     """Plan all lines from a situation until none is left, each ``pause_s`` after the previous one.
 
     If the spheres or the battery do not suffice for the rest of a line, the vehicle reloads before
-    it flies this rest, unless its load and battery are still full. For a reload it returns home at
-    the safe height, spends ``reload_s`` on the ground, and takes off at home.
+    the rest is flown, unless its load and battery are still full. For a reload the vehicle returns
+    home at the safe height, spends ``reload_s`` on the ground, and takes off at home.
     """
     now, base = situation, situation.fire
     lit = np.empty((0, 3))

@@ -1,9 +1,9 @@
-"""The agent of one UAV in the formation: its maps, its virtual agent, and its intended orbit.
+"""The agent of one UAV in the formation: the maps, the virtual agent, and the intended orbit.
 
-Every UAV has one agent, whose inputs are the views of the UAV's camera and the messages received.
-``step`` is called at each position of the UAV. The result of ``step`` is an ``Intention``, which is
-an orbit and an airspeed. Orbit and airspeed are flown by a simulation's kinematics, by an orbit
-command to the autopilot, or by a loiter item.
+Each UAV has one agent. The inputs of an agent are the views of the UAV's camera and the received
+messages. ``step`` is called for each position of the UAV, and returns an ``Intention``, which is an
+orbit and an airspeed. An ideal simulation computes the motion on this orbit. In flight, the orbit
+is sent to the autopilot as an orbit command, or as a loiter item of a mission.
 """
 
 import math
@@ -55,7 +55,8 @@ COOL_FOR_S = 20.0  # time at the higher altitude after heat was last detected
 class OwnState:
     """The state of the agent's own UAV.
 
-    The velocity is over the ground; the wind is a velocity towards x (east) and y (north).
+    The velocity is over the ground. The wind is the velocity of the air. Both have the components x
+    (east) and y (north).
     """
 
     at_us: int
@@ -74,9 +75,10 @@ class OwnState:
 class Intention:
     """The orbit and the airspeed that a UAV intends to fly.
 
-    The sign of the radius is that of MAVLink. ``climb_m`` is the climb above the normal altitude to
-    avoid heat. ``settled`` is true after ``SETTLED_FOR_S`` on the orbit. During a return home the
-    virtual agent's position is NaN.
+    The radius has the sign of MAVLink (negative: anticlockwise). ``climb_m`` is the height above
+    the normal altitude, to avoid heat or to fly in an altitude layer. ``settled`` is true if the
+    UAV has been on the same orbit for ``SETTLED_FOR_S``. During a return home the virtual agent's
+    position is NaN.
     """
 
     orbit_x_m: float
@@ -104,10 +106,10 @@ class Agent:
         synchronises: bool = True,
         team: Sequence[str] = (),
     ) -> None:
-        """Create an agent; ``fire`` holds the cells that burn on all UAVs' maps at ``at_us``.
+        """Create an agent; ``fire`` holds the cells that burn on the maps of all UAVs at ``at_us``.
 
-        ``team`` lists all UAVs, lowest altitude layer first, for flight while most messages are
-        lost. Raises MissionServiceError if a cell is not on the grid.
+        ``team`` lists all UAVs in the order of their altitude layers, lowest first. The layers are
+        used while many messages are lost. Raises MissionServiceError if a cell is not on the grid.
         """
         self.name = name
         self.settings = settings
@@ -125,7 +127,7 @@ class Agent:
         self.synchronises = synchronises
         self.agent_m: tuple[float, float] | None = None
         self.home_m: tuple[float, float] | None = None  # set during the return home
-        # The rules for good links, and for lossy links.
+        # The avoidance rules for good links, and for lossy links.
         self._rules = avoidance_rules(settings), layered_rules(settings)
         self._key = priority_key(name)
         self._mover = AgentMover(settings, grid, self._key)
@@ -151,9 +153,9 @@ class Agent:
         self.maps.set(fire, NO_CELLS)
 
     def wait_for(self, names: Collection[str]) -> None:
-        """Stay at the first place until a message of each of these other UAVs is received.
+        """Keep the virtual agent in place until each of these other UAVs has sent a message.
 
-        The agent waits at most for ``MAX_WAIT_US`` from its first step on.
+        The agent waits for at most ``MAX_WAIT_US`` after its first step.
         """
         self._awaited = set(names) - {self.name}
 
@@ -174,7 +176,7 @@ class Agent:
                 self.maps.set(*self.map.on_message(message))
 
     def add_view(self, burning: Cells, unburned: Cells, at_us: int) -> None:
-        """Apply a camera view, given as the numbers of its burning and of its unburned cells."""
+        """Apply a camera view, given as the numbers of the burning and of the unburned cells."""
         self.maps.set(*self.map.add_view(burning, unburned, at_us))
 
     # Outputs ----------------------------------------------------------------------------------
@@ -199,11 +201,11 @@ class Agent:
         self._outbox.append(Leaving(at_us, self.name, why))
 
     def go_home(self, x_m: float, y_m: float) -> None:
-        """Intend a circle around the home (x, y) from now on, without a virtual agent."""
+        """Intend an orbit around home (x, y) from now on, without a virtual agent."""
         self.home_m, self.agent_m = (x_m, y_m), None
 
     def come_back(self) -> None:
-        """End ``go_home``: the virtual agent starts again from the UAV."""
+        """End ``go_home``: the virtual agent starts again near the UAV."""
         self.home_m = None
 
     # The virtual agent ------------------------------------------------------------------------
@@ -280,7 +282,7 @@ class Agent:
         return IntendedOrbit(*centre_m, radius_m, airspeed_m_s)
 
     def _climb(self, own: OwnState) -> float:
-        """Return the climb in metres, which grows in heat and decreases later (section 5.3.3)."""
+        """Return the height above the normal altitude: for heat (section 5.3.3) and for layers."""
         step_m = self.settings.airframe.climb_m_s * self._step_s
         if own.hot:
             self._cool_at_us = own.at_us + round(COOL_FOR_S * 1e6)

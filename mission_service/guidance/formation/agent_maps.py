@@ -1,8 +1,10 @@
 """The local maps of one UAV: fire, augmented fire, area of virtual agents (sections 3.4 and 5.1).
 
-The maps except the fire count the burning cells within reach of each cell. A cell that begins to
-burn adds one to all counts in a disc around it, and a cell that is cleared subtracts one.
-Therefore updates are incremental. Kernels test a cell by ``augmentation[row, col] > 0``.
+The augmented fire ("augmentation") is the ground that is too near to fire for a virtual agent. Each
+map except the fire map counts, for each cell, the fire cells up to some distance. A cell that
+begins to burn adds one to all counts in a disc around the cell, and a cell that ceases to burn
+subtracts one. The updates are therefore incremental. Kernels test a cell by
+``augmentation[row, col] > 0``.
 """
 
 import math
@@ -20,14 +22,14 @@ Counts = NDArray[Any]  # uint16, or int32 if a disc has 2**16 cells or more
 
 
 class AgentMaps:
-    """The fire on a UAV's map, and the areas derived from it; arrays are (y, x), with row 0 north.
+    """The fire map of a UAV, and the maps derived from the fire; arrays are (y, x), row 0 north.
 
-    ``fire`` is true for burning and burned cells. The other maps count, for each cell, the cells of
-    fire around it, up to a distance between the centres of the cells. This distance is
+    ``fire`` is true for burning and burned cells. The other maps count, for each cell, the fire
+    cells up to a distance, measured between the centres of the cells. This distance is
     ``augmentation_m`` for ``augmentation``, ``agent_area_m`` for ``area``, and ``monitoring_m`` for
     ``monitored``, which the rule in ``coverage`` uses. The paper's augmentation map is
-    ``augmentation > 0``, and its virtual agent area is ``(area > 0) & ~fire``. ``sums`` (3,) holds
-    the number of cells of fire, the sum of their rows, and the sum of their columns.
+    ``augmentation > 0``, and the paper's virtual agent area is ``(area > 0) & ~fire``. ``sums``
+    (3,) holds the number of fire cells, the sum of their rows, and the sum of their columns.
     """
 
     def __init__(
@@ -98,7 +100,7 @@ def check_cells(cells: Cells, shape: tuple[int, int]) -> None:
 
 @kernel
 def add_discs(cells, burns, fire, half_widths, counts):  # type: ignore[no-untyped-def]
-    """Add to ``counts`` the discs of those unique cells that the next ``stamp`` will change.
+    """Add to ``counts`` the discs around those unique cells that the next ``stamp`` will change.
 
     If the cells cease to burn, the discs are subtracted.
     """
@@ -129,7 +131,7 @@ def stamp(cells, burns, fire, near, near_counts, far, far_counts, sums):  # type
 def _add_disc(row, col, sign, half_widths, counts):  # type: ignore[no-untyped-def]
     """Add ``sign`` to the counts in a disc.
 
-    Unsigned indices avoid a test, which makes this kernel 6 times as fast.
+    Unsigned indices need no test for negative values; this kernel is 6 times as fast with them.
     """
     rows, cols = counts.shape
     k = half_widths.size // 2

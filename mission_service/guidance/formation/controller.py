@@ -1,12 +1,14 @@
-"""Guides a formation by orbits that follow the virtual agents, and by loiters at settled agents.
+"""Guides a formation by orbit commands and loiter missions around the virtual agents.
 
 The first mission of a vehicle leads to a loiter near the fire, where the vehicle stays if anything
 fails. During this flight the vehicle's agent takes control, and orbit commands to the autopilot
-follow the virtual agent. When the agent has settled, its circle becomes the loiter of the mission,
-and the vehicle flies the mission. When the agent moves again, orbit commands resume.
+follow the virtual agent. The vehicle has settled when its orbit has not moved for some time. A
+mission that ends in a loiter on this orbit is then uploaded and started. When the virtual agent
+moves again, orbit commands resume.
 
-The mission on board is renewed at intervals, so that it ends in a circle nearby. The rate of
-commands is limited: there is one pending command at a time, and a minimum interval for each kind.
+The mission on board is renewed at intervals, so that the mission ends in a circle near the vehicle.
+The rate of commands is limited: there is one pending command at a time, and a minimum interval for
+each kind of command.
 """
 
 import math
@@ -67,7 +69,7 @@ from mission_service.vehicles.vehicle_state import Vehicle, announce
 Floats = NDArray[np.float64]
 
 ORBIT_EVERY_S, ORBIT_MOVES_M = 2.0, 20.0
-# Near other vehicles, the commanded orbit must match the orbit that the agent has checked and sent.
+# Limits near other vehicles: the commanded orbit must match the orbit that the agent has checked.
 NEAR_EVERY_S, NEAR_MOVES_M = 0.75, 8.0
 RADIUS_CHANGES_M, ALTITUDE_CHANGES_M = 1.0, 5.0
 CHECK_GROUND_EVERY_S = 10.0
@@ -108,7 +110,7 @@ class FormationFlight(Guidance):
     def on_operator(self, event: AnyOperatorEvent) -> list[AnyCommand]:
         """Discard pending orders after a restart of the service; orbits are commanded again.
 
-        Settings are refused.
+        A change of settings is refused.
         """
         if isinstance(event, SettingsChanged):
             words = f"{REJECTED} the rule formation has no such settings: no setting was changed"
@@ -154,14 +156,14 @@ class FormationFlight(Guidance):
         return [*commands, *self.formation.outgoing()]
 
     def _is_manual(self, vehicle: Vehicle, state: OrderState) -> bool:
-        """Return whether a vehicle is airborne without control by its agent or its mission."""
+        """Return whether a vehicle is airborne, controlled by neither its agent nor its mission."""
         availability = vehicle.availability
         if not availability.airborne or availability.fix is None:
             return False
         return bool(vehicle.ordered) or availability.recalled or not state.guided
 
     def _receive(self, vehicle: Vehicle, message: AnyMessage) -> list[AnyCommand]:
-        """Apply a peer's message; return a warning if it is the sender's first rejected message."""
+        """Apply a peer's message; return one warning per sender about rejected messages."""
         try:
             self.formation.deliver(vehicle.name, message)
         except MissionServiceError as error:
@@ -209,15 +211,15 @@ class FormationFlight(Guidance):
         self.formation.end_tracking(vehicle.name, event.at_us)
 
     def in_mission(self, name: str) -> bool:
-        """Return whether the vehicle's mode shows that it flies its mission."""
+        """Return whether the vehicle is in its mission mode."""
         return self._states[name].mode == "mission"
 
     # Missions ---------------------------------------------------------------------------------
 
     def first_path(self, vehicle: Vehicle, fix: PositionFix) -> Floats:
-        """Return the path to the fire's edge.
+        """Return the path to a waiting place near the fire.
 
-        For an airborne vehicle the path leads to the nearest place that is clear of fire.
+        For an airborne vehicle this is the nearest place that is clear of fire.
         """
         section, centre_m = vehicle.section, self.formation.centre_m
         if vehicle.availability.airborne:
@@ -250,7 +252,7 @@ class FormationFlight(Guidance):
         return [self._missions.upload(vehicle, path_m, items, fix, "fly to the fire")]
 
     def _renew(self, vehicle: Vehicle, state: OrderState, fix: PositionFix) -> list[AnyCommand]:
-        """Return the upload of a mission that ends in the present circle, if this is due."""
+        """Return the upload of a mission that ends in the present circle, if an upload is due."""
         circle = state.circle
         if circle is None or circle == state.loiter or vehicle.awaits_mission:
             return []
@@ -275,7 +277,7 @@ class FormationFlight(Guidance):
     # Orders -----------------------------------------------------------------------------------
 
     def lead(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand]:
-        """Return the commands to follow the agent; none before the mission's climb is complete."""
+        """Return commands that follow the agent; none before the mission's climb is complete."""
         state = self._states[vehicle.name]
         if not vehicle.started and not vehicle.awaits_mission and vehicle.flown_line is None:
             return self._resend_first(vehicle, fix)
@@ -325,7 +327,7 @@ class FormationFlight(Guidance):
         return self.lead(vehicle, fix) if fix.at_s < state.goes_home_until_s else None
 
     def _takes_over(self, vehicle: Vehicle, state: OrderState, fix: PositionFix) -> bool:
-        """Return whether the agent takes control: the vehicle is clear of its home and terrain."""
+        """Return whether the agent takes control: when the vehicle is clear of home and terrain."""
         place_m: Place = (fix.x_m, fix.y_m)
         if math.dist(place_m, vehicle.home_m) < TAKEOFF_CLEAR_M:
             return False

@@ -1,18 +1,18 @@
-"""The coverage rule, by which each virtual agent maximises the coverage that it adds.
+"""The coverage rule: each virtual agent moves to the place where it adds most to the coverage.
 
-This rule replaces the paper's forces. An agent's gain is the weight in its circle that no other
-agent covers. A gain of one agent is also a gain in the total weight covered, so the agents come to
-rest. In measurements, the total was then at most 3 % below that of the best placement
-(``experiments/virtual_agents/static_placement.py``). With the paper's forces, agents stop where the
-forces cancel, between the fire's centre and a neighbour.
+This rule replaces the paper's forces. Each cell near fire has a weight: 5 inside the augmented fire
+(priority 1 in the paper), and 1 within d_mon (priority 0.2). An agent covers the cells in a circle.
+The gain of an agent at a place is the total weight of the cells in the circle that no other agent
+covers. A move that increases the gain of one agent also increases the total weight covered by all
+agents; therefore the agents come to rest. In measurements, this total was then at most 3 % below
+the total of the best placement (``experiments/virtual_agents/static_placement.py``). With the
+paper's forces, agents stop where the forces cancel, between the fire's centre and a neighbour.
 
-An agent compares all places of a lattice in its area, by their gain minus the cost of the path to
-them around the augmented fire. An agent moves only for a gain of ``WORTH``, or if fire reaches its
-place. Therefore a loiter item can fly the orbit of a settled agent. Among places without a gain, an
-agent prefers places far from other agents.
-
-Weights are in fifths: 5 for a cell within the augmentation (priority 1), and 1 for a cell within
-d_mon (priority 0.2).
+An agent compares all places of a lattice in its area by the gain at the place, minus the cost of
+the path around the augmented fire to the place. An agent moves only if the gain increases by at
+least ``WORTH``, or if fire reaches its place. The agent therefore rests for long enough that its
+orbit can become a loiter item. Among places without a gain, an agent prefers places far from other
+agents.
 """
 
 import math
@@ -35,15 +35,15 @@ from mission_service.guidance.formation.virtual_forces_kernels import (
 
 Floats = NDArray[np.float64]
 
-# Minimum gain of a move at first (0.5 % of the coverage of four agents), and after LATER_S at a
-# place.
+# Minimum increase of the gain for a move: at first (0.5 % of the coverage of four agents), and
+# after LATER_S at a place.
 WORTH, WORTH_LATER, LATER_S = 80.0, 10.0, 120.0
 COST_PER_M = 0.03  # cost of a metre of path
 CROWD_M = 150.0  # agents closer than this have the additional cost ``coverage_kernels.CROWD``
 LATTICE_M = 60.0
 MARGIN_M = 10.0  # a place this close to the augmented fire has a cost, since the fire grows
 ARRIVED_M = 0.5
-STILL_M = 5.0  # an agent that moved farther since the last decision is in transit
+STILL_M = 5.0  # an agent whose goal has moved farther since the last decision is in transit
 DECIDE_EVERY_S = 2.0
 
 
@@ -63,7 +63,7 @@ class Goal:
 
 
 class _Workspace(NamedTuple):
-    """The circle of coverage and the kernels' work arrays, which all agents share."""
+    """The coverage circle and the kernels' work arrays, which all agents share."""
 
     half_widths: NDArray[np.int64]
     sums: NDArray[np.int32]  # (rows, cols + 1)
@@ -99,11 +99,11 @@ def next_goal(
     grid: MapGrid,
     settings: Settings,
 ) -> Goal | None:
-    """Return the goal of the agent at (x, y); None if forces must move the agent.
+    """Return the goal of the agent at (x, y); None if the paper's forces must move the agent.
 
-    Forces must move an agent outside the map. ``goal`` is the previous result (None at first).
-    ``others_m`` (n, 2) holds x and y of the other agents' goals, or of their positions if they have
-    no goal. ``AgentMover`` calls this function every few seconds.
+    The result is None for an agent outside the map, or if no goal is found. ``goal`` is the
+    previous result (None at first). ``others_m`` (n, 2) holds x and y of each other agent's goal,
+    or of its position if it has no goal. ``AgentMover`` calls this function every few seconds.
     """
     cell_m = grid.cell_m
     row, col = grid.row_col_of(x_m, y_m)
@@ -154,14 +154,14 @@ def velocity(
 
 
 class AgentMover:
-    """The mover of one virtual agent.
+    """The motion of one virtual agent, as decided by the coverage rule or by the paper's forces.
 
-    The coverage rule moves the agent on the map, and the paper's forces move it outside. If
-    ``placement`` in the settings is "forces", only the paper's forces move the agent.
+    The coverage rule applies on the map, and the paper's forces apply outside the map. If
+    ``placement`` in the settings is "forces", only the paper's forces apply.
     """
 
     def __init__(self, settings: Settings, grid: MapGrid, key: int) -> None:
-        """Create the mover of the agent whose UAV has this key (``peer_table.priority_key``)."""
+        """Create the mover of an agent; ``key`` is ``peer_table.priority_key`` of its UAV."""
         self.settings, self.grid = settings, grid
         self.goal: Goal | None = None
         self._constants = constants_array(settings.constants)
@@ -193,7 +193,7 @@ class AgentMover:
         centre = maps.centre_row_col
         if centre is None:
             return 0.0, 0.0
-        if self._due_s is None:  # so that agents decide at different times
+        if self._due_s is None:  # the offset lets agents decide at different times
             self._due_s = at_s + DECIDE_EVERY_S * self._tie_rad / (2.0 * math.pi)
         if settings.placement == "coverage" and (
             at_s >= self._due_s or (self.goal and self._is_at_via(x_m, y_m, self.goal))
@@ -215,7 +215,7 @@ class AgentMover:
         """Return x and y (n, 2) of the goals to which this agent gives way.
 
         If several agents have chosen the same place at the same time, the agent with the lowest key
-        keeps it.
+        keeps the place.
         """
         if self.goal is None:
             return others[:, :2]
@@ -229,7 +229,7 @@ class AgentMover:
         before_m, self._others_m = self._others_m, others_m
         goal = self._next(at_s, x_m, y_m, others_m, maps)
         if self.goal and goal and goal.since_s == at_s and self._is_at(x_m, y_m, self.goal):
-            # Distances (others before, others now).
+            # Distances between earlier (first axis) and present (second axis) goals of the others.
             away_m = np.hypot(*(others_m[:, None] - before_m).T)
             still_m = others_m[(away_m < STILL_M).any(axis=0)]
             without = self._next(at_s, x_m, y_m, still_m, maps)

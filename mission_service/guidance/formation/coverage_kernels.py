@@ -1,4 +1,4 @@
-"""Compiled parts of ``coverage``: the weight that a circle adds, and paths around the fire.
+"""Compiled parts of ``coverage``: the weight inside a circle, and paths around the fire.
 
 Lengths are in cells. A place is a row and a column, as floats, with whole numbers at the centres of
 cells. A box is (top, bottom, left, right) and excludes row ``bottom`` and column ``right``. The
@@ -16,17 +16,17 @@ from firemodel.compiled import kernel
 
 NEAR, FAR = 5, 1  # weights of cells in fifths (section 3.4)
 RINGS = 8  # radius, in strides, of the search for the first free node
-PER_CELL = 4  # samples of a straight line
+PER_CELL = 4  # samples of a straight line, per cell
 NO_PATH = math.inf
 CROSSING = 9.0  # additional length of a path for each cell inside the augmentation
-# Maximum cost of an agent closer than the spacing, and the additional cost if closer than CROWD_M.
+# Maximum cost of another agent within the spacing, and additional maximum cost within CROWD_M.
 NEIGHBOUR, CROWD = 800.0, 5000.0
 TOUCHING = 50.0  # cost of a place within the margin of the augmented fire
 
 
 @kernel
 def extent(fire):  # type: ignore[no-untyped-def]
-    """Return the smallest box around all fire; an empty box without fire."""
+    """Return the smallest box that contains all fire; the box is empty without fire."""
     rows, cols = fire.shape
     top, bottom, left, right = rows, 0, cols, 0
     for r in range(rows):
@@ -58,7 +58,7 @@ def wider(box, by, shape):  # type: ignore[no-untyped-def]
 
 @kernel
 def sum_left_over(fire, augmentation, monitored, others_row, others_col, radius, box, sums):  # type: ignore[no-untyped-def]
-    """Fill ``sums`` (rows, cols + 1) in the box with uncovered weights, summed along each row."""
+    """Fill ``sums`` (rows, cols + 1) in the box: cumulative uncovered weights along each row."""
     top, bottom, left, right = box
     for r in range(top, bottom):
         for c in range(left, right):
@@ -121,7 +121,7 @@ def crowding(row, col, others_row, others_col, spacing, neighbour, crowd_at, cro
 
 @kernel
 def is_free(row, col, augmentation, margin):  # type: ignore[no-untyped-def]
-    """Return whether a cell is on the map, and at least ``margin`` outside the augmentation."""
+    """Return whether a cell is on the map, at least ``margin`` cells outside the augmentation."""
     rows, cols = augmentation.shape
     if not (0 <= row < rows and 0 <= col < cols) or augmentation[row, col] != 0:
         return False
@@ -142,7 +142,8 @@ def leg(row, col, to_row, to_col, augmentation, crossing):  # type: ignore[no-un
     """Return the length of the straight line between two places.
 
     The part of the line inside the augmentation counts ``1 + crossing`` times. If ``crossing`` is
-    ``NO_PATH``, the result is ``NO_PATH`` for a line that is not outside the augmentation.
+    ``NO_PATH``, the result is ``NO_PATH`` for a line that enters the augmentation or leaves the
+    map.
     """
     steps = math.ceil(PER_CELL * max(abs(to_row - row), abs(to_col - col)))
     inside = 0
@@ -164,12 +165,12 @@ def find_paths(  # type: ignore[no-untyped-def]
 ):
     """Fill ``distances`` with the length of the path from (row, col) to each node in the box.
 
-    The length is ``NO_PATH`` without a path; see ``leg`` for ``crossing``. A path begins at a first
-    node. First nodes are the nodes next to the place to which a straight leg exists. If the place
-    is in the augmentation, and crossings are not allowed, they are the free nodes next to it.
-    ``previous`` is filled with the preceding node on the path, or -1 for a first node. ``queue``
-    and ``queued`` are work arrays with an entry for each node. Returns whether there is a first
-    node.
+    The length is ``NO_PATH`` without a path; see ``leg`` for ``crossing``. A path begins with a
+    straight leg from (row, col) to a first node. The first nodes are the nearest nodes to which
+    such a leg exists. If (row, col) is inside the augmentation, and crossings are not allowed, the
+    first nodes are the nearest free nodes. ``previous`` is filled with the preceding node on the
+    path, or -1 for a first node. ``queue`` and ``queued`` are work arrays with an entry for each
+    node. Returns whether there is a first node.
     """
     wide = (augmentation.shape[1] - 1) // stride + 1
     i_top, i_end = (box[0] + stride - 1) // stride, (box[1] - 1) // stride + 1
@@ -223,7 +224,7 @@ def find_paths(  # type: ignore[no-untyped-def]
 
 @kernel
 def node_next_to(row, col, stride, box, wide, distances):  # type: ignore[no-untyped-def]
-    """Return the neighbouring node on the shortest path to a cell, and the path's length.
+    """Return the last node on the shortest path to a cell, and the length of this path.
 
     The node is -1 if no path leads to the cell.
     """
@@ -240,10 +241,10 @@ def node_next_to(row, col, stride, box, wide, distances):  # type: ignore[no-unt
 
 @kernel
 def first_leg(row, col, augmentation, box, stride, crossing, distances, previous, found):  # type: ignore[no-untyped-def]
-    """Set ``found[2:]`` to the farthest node on the path to ``found[:2]`` by a straight leg.
+    """Set ``found[2:]`` to the last node of the path that one straight leg can reach.
 
-    The leg is as short as the path. ``find_paths`` must be called first. Returns whether a path
-    exists.
+    The path leads to the place ``found[:2]``. The straight leg must be as short as the path to the
+    node. ``find_paths`` must be called first. Returns whether a path exists.
     """
     wide = (augmentation.shape[1] - 1) // stride + 1
     goal_row, goal_col = math.floor(found[0] + 0.5), math.floor(found[1] + 0.5)
@@ -267,8 +268,8 @@ def find_goal(  # type: ignore[no-untyped-def]
 ):  # fmt: skip
     """Fill ``found`` (4) with the goal and the via point of ``coverage.next_goal``, in cells.
 
-    A path leads around the augmentation, or across it if there is no other path. Returns whether
-    there is a goal.
+    The path to the goal leads around the augmentation, or across the augmentation if there is no
+    other path. Returns whether there is a goal.
     """
     burning = extent(fire)
     box = wider(burning, monitored_reach, fire.shape)
@@ -276,7 +277,7 @@ def find_goal(  # type: ignore[no-untyped-def]
     scene = (
         augmentation, margin, half_widths, box, sums, others_row, others_col, spacing, crowd_at
     )  # fmt: skip
-    # The present goal, unless fire has reached it, and the best place near it.
+    # The present goal, unless fire has reached this goal, and the best place near the goal.
     found[0], found[1] = goal_row, goal_col
     r, c = math.floor(goal_row + 0.5), math.floor(goal_col + 0.5)
     threshold, best = -math.inf, -math.inf
@@ -287,7 +288,7 @@ def find_goal(  # type: ignore[no-untyped-def]
         best = value(near_row, near_col, scene) - path_cost * distance
         if best > threshold:
             found[0], found[1] = near_row, near_col
-    # The best node of the lattice, and the best place near it.
+    # The best node of the lattice, and the best place near this node.
     field = wider(burning, area_reach, fire.shape)
     on_lattice, node_row, node_col = -math.inf, -1, -1
     for r in range((field[0] + stride - 1) // stride * stride, field[1], stride):
@@ -332,7 +333,7 @@ def value(row, col, scene):  # type: ignore[no-untyped-def]
 
 @kernel
 def climb(row, col, step, area, scene):  # type: ignore[no-untyped-def]
-    """Return the best cell of the area near a cell, found by ascents with decreasing steps."""
+    """Return the best cell of the area near a cell, by hill climbing with decreasing steps."""
     augmentation = scene[0]
     best = value(row, col, scene)
     while step > 1:

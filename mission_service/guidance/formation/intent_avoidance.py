@@ -1,14 +1,16 @@
-"""Avoids other vehicles: each sends its intended orbit, and adopts orbits with a clear path.
+"""Avoids collisions: each vehicle sends its intended orbit, and adopts orbits with a clear path.
 
-The vehicles in the paper use only velocities. Here each vehicle sends the orbit to which it flies
-(``State.orbit_*``), and flies it by eqs. 14 and 15, so that the others can predict its path.
+In the paper, vehicles avoid each other by their velocities only. Here each vehicle sends the orbit
+to which it flies (``State.orbit_*``), and flies to this orbit by eqs. 14 and 15, so that the other
+vehicles can predict its path.
 
-A vehicle keeps its orbit, which was clear of all others when adopted, until another orbit is clear
-over the horizon. The new orbit is the desired orbit or, if its path is not clear, the best of some
-detours, waiting circles and orbits at different airspeeds. Each orbit was therefore checked against
-all orbits adopted before it. Conflicts could arise only if two vehicles adopted orbits at the same
-time, so nearby vehicles take turns. If no orbit is clear over the horizon, the vehicle flies the
-orbit that is clear for longest.
+An orbit is clear if the predicted path to the orbit and around it keeps the minimum distances from
+the predicted paths of all other vehicles. A vehicle keeps its adopted orbit until another orbit is
+clear over the whole horizon. The new orbit is the desired orbit or, if the desired orbit is not
+clear, the best of some detours, waiting circles and orbits at different airspeeds. Each adopted
+orbit has therefore been checked against all orbits that were adopted earlier. Conflicts could arise
+only if two vehicles adopted orbits at the same time, so nearby vehicles take turns. If no orbit is
+clear over the whole horizon, the vehicle flies the orbit that is clear for longest.
 """
 
 from dataclasses import dataclass, replace
@@ -38,7 +40,7 @@ class IntendedOrbit(NamedTuple):
 
 
 class OwnMotion(NamedTuple):
-    """The present motion of the vehicle that decides."""
+    """The present motion of this vehicle."""
 
     key: int  # peer_table.priority_key(name)
     x_m: float
@@ -52,7 +54,7 @@ class OwnMotion(NamedTuple):
 
 
 class AdoptedOrbit(NamedTuple):
-    """The adopted orbit, and the result of the last decision about it."""
+    """The adopted orbit, and the result of the vehicle's last decision."""
 
     orbit: IntendedOrbit
     in_conflict: bool = False  # another vehicle prevents the desired orbit
@@ -67,7 +69,7 @@ class AvoidanceRules:
     airframe: Airframe
     apart_m: float  # a smaller distance is a collision: 2 r_s
     margin_m: float = 15.0  # additional distance between paths
-    margin_m_s: float = 5.0  # additional distance for each second that a peer's state is late
+    margin_m_s: float = 5.0  # additional distance for each second by which a peer's state is late
     horizon_s: float = 40.0
     every_s: float = 0.5  # time between decisions
     turn_s: float = (
@@ -96,12 +98,12 @@ def avoidance_rules(settings: Settings) -> AvoidanceRules:
 
 
 def layer_m(settings: Settings) -> float:
-    """Return the height of an altitude layer while most messages are lost."""
+    """Return the height of an altitude layer, used while many messages are lost."""
     return 2.0 * settings.safety_radius_m + LAYER_MARGIN_M
 
 
 def layered_rules(settings: Settings) -> AvoidanceRules:
-    """Return the avoidance rules while most messages are lost: layers are apart."""
+    """Return the avoidance rules while many messages are lost: layers count as separated."""
     separation_m = min(settings.vertical_separation_m, layer_m(settings) - 0.5 * LAYER_MARGIN_M)
     return replace(avoidance_rules(settings), layers_m=separation_m)
 
@@ -115,7 +117,7 @@ def choose_orbit(
     rules: AvoidanceRules,
     listens: bool = False,
 ) -> AdoptedOrbit:
-    """Return the orbit to fly at this position; a new decision is made every ``every_s``.
+    """Return the orbit to fly now; a new decision is made every ``every_s``.
 
     ``peers`` (n, COLUMNS) is the result of ``PeerTable.rows``. See ``decide_orbit`` for
     ``listens``.

@@ -1,7 +1,7 @@
 """Compiled parts of ``intent_avoidance``: predicted paths, their conflicts, and detours.
 
-A path has one row for each second from now. An orbit is an array (4) with x, y, signed radius and
-airspeed.
+A path is an array with one row (x, y) for each second from now. An orbit is an array (4) with x, y,
+signed radius and airspeed. Vehicles take turns to adopt orbits; a turn lasts for one slot.
 """
 
 import math
@@ -35,9 +35,9 @@ LATE_M = 45.0  # maximum additional margin for a late state
 HASTE_S = 8.0  # a path that is clear for a shorter time is changed at once, out of turn
 SMALL_M = 40.0  # minimum radius of waiting circles
 WORTH_M = 40.0  # minimum saving in cost for a change from one clear orbit to another
-NOTES = 6  # number of values noted for each predicted peer
+NOTES = 6  # number of values in ``notes`` for each peer with a predicted path
 
-# Indices of ``own`` and of a peer's notes.
+# Indices of ``own``, and of a row of ``notes`` (box around the path, minimum distances).
 OWN_KEY, OWN_X, OWN_Y, OWN_ALTITUDE, OWN_PLANNED, HEADING, OWN_AIRSPEED, WIND_X, WIND_Y = range(9)
 WEST, EAST, SOUTH, NORTH, APART, HELD_APART = range(6)
 
@@ -62,7 +62,10 @@ def rank(key, slot):  # type: ignore[no-untyped-def]
 
 @kernel
 def in_another_layer(own, peer, layers_m):  # type: ignore[no-untyped-def]
-    """Return whether a peer stays above or below this vehicle while both reach their altitudes."""
+    """Return whether a peer stays in another altitude layer than this vehicle.
+
+    All altitudes from the present to the planned altitude of each vehicle count.
+    """
     low_m = min(own[OWN_ALTITUDE], own[OWN_PLANNED])
     high_m = max(own[OWN_ALTITUDE], own[OWN_PLANNED])
     peer_low_m, peer_high_m = min(peer[ALTITUDE], peer[PLANNED]), max(peer[ALTITUDE], peer[PLANNED])
@@ -119,7 +122,7 @@ def is_own_turn(at_s, own, peers, turn_s, layers_m, bank_rad, path):  # type: ig
 
 @kernel
 def _box(path, more_m):  # type: ignore[no-untyped-def]
-    """Return the west, east, south and north edges of a box around a path, ``more_m`` wider."""
+    """Return the west, east, south and north edges of the box around a path, plus ``more_m``."""
     west, east, south, north = np.inf, -np.inf, np.inf, -np.inf
     for row in range(path.shape[0]):
         west, east = min(west, path[row, 0]), max(east, path[row, 0])
@@ -233,7 +236,7 @@ def _ahead(own, orbit, frame, path):  # type: ignore[no-untyped-def]
 
 @kernel
 def _clear_s(own, orbit, frame, path, paths, notes, count, apart_at):  # type: ignore[no-untyped-def]
-    """Return the time for which the path to an orbit is clear; 0 if others cannot predict it."""
+    """Return the time for which the path to an orbit is clear; 0 if the path is unpredictable."""
     if apart_at == APART and at_fork(
         own[OWN_X], own[OWN_Y], own[HEADING], own[OWN_AIRSPEED], orbit[0], orbit[1], orbit[2],
         own[WIND_X], own[WIND_Y],
@@ -326,11 +329,11 @@ def _differs(orbit, other):  # type: ignore[no-untyped-def]
 def decide_orbit(  # type: ignore[no-untyped-def]
     at_s, own, desired, held, listens, peers, rule, frame, path, paths, notes, adopted
 ):
-    """Decide on the orbit to fly; fill ``adopted`` if it differs from the present orbit.
+    """Decide on the orbit to fly; fill ``adopted`` if this orbit differs from the present orbit.
 
-    A vehicle that ``listens`` does not know all vehicles yet, and keeps its orbit unless its path
-    is clear only for ``HASTE_S``. Returns whether a different orbit is adopted, whether a conflict
-    prevents the desired orbit, and for how long the orbit to fly is free of conflicts.
+    A vehicle that ``listens`` has not yet received the states of all vehicles, and keeps its orbit
+    unless the path is clear for at most ``HASTE_S``. Returns whether a different orbit is adopted,
+    whether a conflict prevents the desired orbit, and for how long the orbit to fly is clear.
     """
     near_m = rule[0] + rule[1] + LATE_M
     nowhere = (np.inf, -np.inf, np.inf, -np.inf)

@@ -1,6 +1,6 @@
 """Measures the share of the other UAVs' states that is received.
 
-While most messages are lost, each UAV flies in an altitude layer of its own (``Agent``).
+While many messages are lost, each UAV flies in an altitude layer of its own (``Agent``).
 """
 
 import math
@@ -9,12 +9,12 @@ from mission_service.peer_messages import State
 
 WINDOW_S = 20.0  # older messages count less
 MIN_SENT = 10.0  # the share is unknown until this many states have been sent
-MAX_GAP = 120  # a longer gap is not a loss: the sender was out of range, or restarted
+MAX_GAP = 120  # a longer gap does not count as a loss: the sender was out of range, or restarted
 LOSSY, GOOD = 0.6, 0.8  # shares at which links become lossy, and good again
 
 
 class LinkQuality:
-    """The share of received states; ``lossy`` is true while most states are lost."""
+    """The share of received states; ``lossy`` is true while many states are lost."""
 
     def __init__(self) -> None:
         self.lossy = False
@@ -23,7 +23,7 @@ class LinkQuality:
         self._at_us = 0
 
     def store(self, state: State) -> None:
-        """Count a received state, and the states that its sender has sent since the last one."""
+        """Count a received state, and all states sent by its sender since the previous one."""
         gap = state.number - self._last.get(state.sender, state.number)
         if gap < 0 and gap > -MAX_GAP:
             return  # the messages have arrived in another order

@@ -1,16 +1,18 @@
-"""Computes loitering around a virtual agent: control law, one step, and path (eqs. 14 and 15).
+"""Computes a loiter around a virtual agent: control law, motion in one step, predicted path.
 
 The kernels work on scalars. Positions are in metres with x east and y north; angles are in radians,
 anticlockwise from east. A radius is signed as in MAVLink: a negative radius means an anticlockwise
 orbit, as in the paper.
 
-The law controls the course over the ground; in wind the heading includes the drift angle. The law
-uses the position at the end of the step, so that the circle flown has the commanded radius.
+The control law (eqs. 14 and 15) sets the course over the ground; in wind, heading and course differ
+by the drift angle. The law uses the position at the end of the step, so that the circle flown has
+the commanded radius.
 
 Eq. 14 (turn right until the agent is on the left) is omitted, because eq. 15 leads to the same
-orbit. With eq. 14 a vehicle whose agent is inside its turning circle would turn right for ever.
-Instead, a vehicle that must reverse its course turns in the direction of the orbit. Therefore the
-vehicle does not alternate between left and right, and others can predict its path.
+orbit. With eq. 14 a vehicle would turn right without end if the agent were inside its turning
+circle. Instead, a vehicle that must reverse its course turns in the direction of the orbit. The
+vehicle therefore does not alternate between left and right, and other vehicles can predict its
+path.
 """
 
 import math
@@ -50,10 +52,12 @@ def _aim(  # type: ignore[no-untyped-def]
 ):  # fmt: skip
     """Return the desired heading at the end of a step, as a unit vector.
 
-    The heading follows from eq. 15, corrected: the desired course is the polar angle seen from the
-    agent plus 2 atan(d / r). Far away from the agent, the course points at it; on the orbit, along
-    the orbit; and near the agent, outwards. The course is computed without angles: with q = d / r,
-    the cosine of 2 atan(q) is (1 - q²) / (1 + q²), and the sine is 2 q / (1 + q²).
+    The heading follows from a corrected form of eq. 15: the desired course is the polar angle of
+    the vehicle, as seen from the agent, plus 2 atan(d / r). Here d is the distance from the agent,
+    and r is the radius of the orbit. Far from the agent the course points towards the agent, on the
+    orbit it points along the orbit, and near the agent it points outwards. The course is computed
+    without angles: with q = d / r, the cosine of 2 atan(q) is (1 - q²) / (1 + q²), and the sine is
+    2 q / (1 + q²).
     """
     sense = sense_of(radius_m)
     radius_m = abs(radius_m)
@@ -142,7 +146,7 @@ def wanted_heading_rad(  # type: ignore[no-untyped-def]
 def at_fork(  # type: ignore[no-untyped-def]
     x_m, y_m, heading_rad, airspeed_m_s, orbit_x_m, orbit_y_m, radius_m, wind_x_m_s, wind_y_m_s
 ):
-    """Return whether a small difference could reverse the direction of the turn to an orbit."""
+    """Return whether a small error in the state could reverse the turn towards an orbit."""
     head_x, head_y = math.cos(heading_rad), math.sin(heading_rad)
     aim_x, aim_y = _aim(
         x_m, y_m, head_x, head_y, airspeed_m_s, orbit_x_m, orbit_y_m, radius_m,
@@ -181,10 +185,10 @@ def predict_path(  # type: ignore[no-untyped-def]
     x_m, y_m, heading_rad, airspeed_m_s, orbit_x_m, orbit_y_m, radius_m, desired_m_s,
     wind_x_m_s, wind_y_m_s, bank_rad, first_s, step_s, path_m,
 ):  # fmt: skip
-    """Fill ``path_m`` (n, 2) with the x and y of a vehicle on its way to and around an orbit.
+    """Fill ``path_m`` (n, 2) with the positions of a vehicle on the way to an orbit and around it.
 
-    Row i is the position ``first_s + i * step_s`` after the vehicle's state. If ``first_s`` is the
-    age of this state, row 0 is the present position.
+    Row i is the position ``first_s + i * step_s`` after the time of the given state. If ``first_s``
+    is the age of the state, row 0 is the present position.
     """
     head_x, head_y = math.cos(heading_rad), math.sin(heading_rad)
     parts = math.ceil(first_s / step_s)

@@ -1,8 +1,8 @@
 """Estimates the orbits of UAVs under manual control, so that the formation can avoid them.
 
-Such a UAV (held, recalled or flown by a pilot) has no virtual agent and does not avoid the others.
-The state of such a UAV is sent with the orbit that its motion suggests, so that the others avoid
-it.
+Such a UAV (held, recalled or flown by a pilot) has no virtual agent and does not avoid other UAVs.
+The state of such a UAV is sent with an orbit estimated from its motion, so that other UAVs avoid
+this UAV.
 """
 
 import math

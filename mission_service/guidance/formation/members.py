@@ -1,4 +1,4 @@
-"""The agents of a formation in flight in one process: one for each vehicle, with its own map.
+"""The agents of a formation that one process runs: one agent, with its own map, per vehicle.
 
 Events are the inputs of the agents. An agent's messages reach the other agents without delay, in
 the order in which the scenario lists the vehicles.
@@ -33,11 +33,11 @@ from mission_service.position_fix import PositionFix
 Cells = NDArray[np.int64]
 BURNING = ord("b")
 ASPECT_RATIO = 0.75  # height-to-width ratio of images, if the angle along the track is unknown
-HOT_FOR_S = 1.5  # heat lasts this long after the last view of fire straight below
+HOT_FOR_S = 1.5  # heat is assumed for this time after the last view of fire straight below
 
 
 def settings_of(scenario: Scenario, section: VehicleSection) -> Settings:
-    """Return the settings of table 1, replaced by those that the scenario gives for a vehicle."""
+    """Return a vehicle's settings: the scenario's values, or else those of the paper's table 1."""
     shared = scenario.formation
     camera = camera_of(section)
     if camera.along_rad is None:
@@ -60,7 +60,7 @@ def settings_of(scenario: Scenario, section: VehicleSection) -> Settings:
 
 
 def first_fire(scenario: Scenario, landscape: Landscape) -> Cells:
-    """Return the numbers, in rising order, of the burning cells on all agents' maps at the start.
+    """Return the numbers, in ascending order, of the cells that burn on all maps at the start.
 
     These cells are the initial fire if the scenario defines one, or else the cell where the fire
     was reported.
@@ -89,7 +89,7 @@ class FormationMember:
     def observe(self, observed: Observed) -> None:
         """Update the agent's map from a camera window; fire straight below counts as heat.
 
-        The view replaces the outside temperature, which autopilots do not report.
+        The view takes the place of the outside temperature, which autopilots do not report.
         """
         self.correct(observed)
         below = observed.cells[len(observed.cells) // 2][len(observed.cells[0]) // 2]
@@ -159,7 +159,7 @@ class Formation:
                 member.agent.wait_for(set(team) - set(self.members))
 
     def burns(self, cells: Cells) -> None:
-        """Extend ``reach_m``, the largest distance from ``centre_m`` to fire, to burning cells."""
+        """Extend ``reach_m``, the largest distance of fire from ``centre_m``, to burning cells."""
         if cells.size:
             rows, cols = np.divmod(cells, self.cols)
             off = np.hypot(rows - self._centre_row_col[0], cols - self._centre_row_col[1])
@@ -173,7 +173,7 @@ class Formation:
         )
 
     def step_agent(self, name: str, fix: PositionFix) -> Intention:
-        """Advance a vehicle's agent, and send the agent's messages; return its intention."""
+        """Advance a vehicle's agent, and send its messages; return the agent's intention."""
         member = self.members[name]
         member.fix, member.flies, member.manual_control = fix, True, False
         velocity_m_s = self.on_grid(fix.east_m_s, fix.north_m_s)
@@ -190,7 +190,7 @@ class Formation:
         return intention
 
     def track_manual(self, name: str, fix: PositionFix) -> None:
-        """Send the others the state of a vehicle under manual control, at most twice a second."""
+        """Send the state of a vehicle under manual control to others, at most twice a second."""
         member = self.members[name]
         velocity_m_s = self.on_grid(fix.east_m_s, fix.north_m_s)
         if not member.manual_control:
@@ -223,7 +223,7 @@ class Formation:
         )
 
     def leave(self, name: str, at_s: float) -> None:
-        """Remove a vehicle that is lost, on the ground, or returning home by itself."""
+        """Remove a vehicle that is lost, on the ground, or in its autopilot's return mode."""
         member, at_us = self.members[name], round(at_s * 1e6)
         member.agent.leave(at_us, "left")
         self._publish(member, at_us)

@@ -1,10 +1,10 @@
 """Synchronises phases on orbits: a vehicle ahead of the others flies slower (section 5.3.2).
 
-Unlike in the paper, all vehicles within radio range are included, not only the neighbours.
-Otherwise a ring of vehicles that each follow their neighbours could settle with phases spread over
-a full turn. If the phases are spread so evenly that they have no mean, all vehicles follow the
-vehicle with the lowest key. A vehicle off its orbit is not included. Angles are in radians,
-anticlockwise.
+The mean phase includes all vehicles within radio range; in the paper it includes only the
+neighbours. With the paper's mean, a ring of vehicles that each follow their neighbours could settle
+with phases spread over a full turn. If the phases are spread so evenly that they have no mean, all
+vehicles follow the vehicle with the lowest key. A vehicle off its orbit is not included. Angles are
+in radians, anticlockwise.
 """
 
 import math
@@ -26,7 +26,7 @@ from mission_service.guidance.formation.peer_table import (
 MIN_SHARE, CRUISE_SHARE, MAX_SHARE = 0.4, 0.7, 1.0  # shares of the maximum thrust (eq. 16)
 STEEPNESS = 2.3  # steepness of the thrust, per radian (eq. 17)
 ON_ORBIT = 0.25  # maximum distance from an orbit, as a share of its radius
-NO_MEAN = 0.3  # minimum length of the mean unit vector for phases with a mean
+NO_MEAN = 0.3  # phases have no mean if the length of their mean unit vector is smaller
 WIND_MARGIN_M_S = 2.0  # minimum of airspeed minus wind speed
 
 
@@ -45,7 +45,7 @@ def thrust_share(ahead_rad):  # type: ignore[no-untyped-def]
 
 @kernel
 def airspeed_of_share_m_s(share, min_m_s, max_m_s, wind_m_s):  # type: ignore[no-untyped-def]
-    """Return the airspeed that replaces a share of the maximum thrust.
+    """Return the airspeed that corresponds to a share of the maximum thrust.
 
     A share of 0.4 gives the minimum airspeed, 0.7 the cruise airspeed (see ``Airframe``), and 1 the
     maximum. The airspeed exceeds the wind speed if the maximum airspeed allows this.
@@ -74,9 +74,9 @@ def ahead_of_others_rad(  # type: ignore[no-untyped-def]
     """Return the angle by which a vehicle is ahead of the mean phase of the others (eq. 18).
 
     The mean is circular, over the vehicles in range that are on an orbit of this radius. ``peers``
-    (n, COLUMNS) is the result of ``PeerTable.rows``; old states are advanced on their circles. The
-    angle is positive if the vehicle is ahead, whichever way it turns. The angle is 0 without other
-    vehicles, or if the vehicle is not on its orbit.
+    (n, COLUMNS) is the result of ``PeerTable.rows``; each peer is advanced along its orbit by the
+    age of its state. The angle is positive if the vehicle is ahead, for both directions of flight.
+    The angle is 0 without other vehicles, or if the vehicle is not on its orbit.
     """
     if not is_on_orbit(x_m, y_m, orbit_x_m, orbit_y_m, radius_m):
         return 0.0

@@ -1,4 +1,4 @@
-"""The state of a vehicle of a formation, and of the orders sent to it."""
+"""The state of one vehicle of a formation, and of the orders sent to the vehicle."""
 
 import math
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ SETTLED_FOR_S = 20.0
 
 @dataclass
 class OrderState:
-    """The state of one vehicle, and the orders sent to it."""
+    """The state of one vehicle, and of the orders sent to the vehicle."""
 
     guided: bool = False  # whether the vehicle flies its mission or commanded orbits
     taken_over: bool = False
@@ -32,7 +32,7 @@ class OrderState:
     loiter: Circle | None = None  # final circle of the mission on board
 
     def has_settled(self, at_s: float) -> bool:
-        """Return whether the agent has been settled for long enough to use a loiter item."""
+        """Return whether the orbit has been at rest for long enough to use a loiter item."""
         return self.settled_since_s is not None and at_s - self.settled_since_s >= SETTLED_FOR_S
 
     def start_due(self, at_s: float) -> bool:

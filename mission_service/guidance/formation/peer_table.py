@@ -1,4 +1,4 @@
-"""Stores the last received state and goal of each other UAV, as numbers for the kernels."""
+"""Stores the last received state and goal of each other UAV, in arrays for the kernels."""
 
 import zlib
 
@@ -11,16 +11,16 @@ Floats = NDArray[np.float64]
 
 # Columns of a row.
 X, Y, ALTITUDE, VX, VY = range(5)
-ORBIT_X, ORBIT_Y, RADIUS, AIRSPEED, PLANNED, AGE_S, KEY = range(5, 12)  # PLANNED: altitude
+ORBIT_X, ORBIT_Y, RADIUS, AIRSPEED, PLANNED, AGE_S, KEY = range(5, 12)  # PLANNED: planned altitude
 COLUMNS = 12
 
-LOST_AFTER_S = 10.0  # the phases of a UAV with an older state are unknown
-GOAL_LOST_AFTER_S = 30.0  # later the other agents take over the area of a silent UAV's agent
-AVOIDED_FOR_S = 120.0  # a silent UAV may continue on its last orbit for much longer
+LOST_AFTER_S = 10.0  # the phase of a UAV with an older state is unknown
+GOAL_LOST_AFTER_S = 30.0  # afterwards other agents take over the area of a silent UAV's agent
+AVOIDED_FOR_S = 120.0  # time for which a silent UAV is avoided; its last orbit may last longer
 
 
 def priority_key(name: str) -> int:
-    """Return the number for a UAV's priority, computed from its name in every process."""
+    """Return the priority key of a UAV, computed from its name and equal in all processes."""
     return zlib.crc32(name.encode())
 
 
@@ -30,7 +30,7 @@ def recent(rows: Floats) -> Floats:
 
 
 class PeerTable:
-    """The table of other UAVs, with a row for each UAV that has sent a state.
+    """The table of the other UAVs, with a row for each UAV that has sent a state or a goal.
 
     ``rows`` omits the UAVs that have left, or have sent no state in the last ``AVOIDED_FOR_S``.
     """
@@ -79,7 +79,7 @@ class PeerTable:
     def goals(self, at_us: int) -> Floats:
         """Return x, y and the sender's key (n, 3) of goals not older than ``GOAL_LOST_AFTER_S``.
 
-        The goal of a virtual agent that forces move is its position.
+        If forces move a virtual agent, the agent's position counts as its goal.
         """
         known = self._goals[: len(self._row_of)]
         return known[known[:, 3] > at_us - GOAL_LOST_AFTER_S * 1e6, :3]

@@ -68,7 +68,7 @@ class Settings:
     vertical_separation_m: float = (
         NEVER_M  # no avoidance between altitudes that differ by this or more
     )
-    lossy_layers: int = 8  # number of altitude layers while most messages are lost
+    lossy_layers: int = 8  # number of altitude layers while many messages are lost
     placement: Literal["coverage", "forces"] = (
         "coverage"  # rule of ``coverage.py``, or "forces", the rule of the paper
     )

@@ -1,20 +1,21 @@
 """A fire map with a copy on each UAV; the copies converge despite lost messages.
 
 Every cell has a version, the time of its observation. A later version replaces an earlier version;
-between equal versions, burning replaces unburned. A cell is therefore one number, ``2 * seen_at_us
-+ burning``, or 0 if unknown. A merge takes the larger number, so order, repetition and sender do
-not matter.
+between equal versions, burning replaces unburned. A cell is therefore stored as one number, its
+stamp: ``2 * seen_at_us + burning``, or 0 if unknown. A merge takes the larger stamp, so the order,
+repetition and sender of messages do not matter.
 
 A UAV sends each view once, as a ``FireUpdate``, which may be lost. Therefore every UAV regularly
-sends a checksum of each tile of the map (``Digest``), which is the sum of the hashes of the tile's
-cells. If the receiver's checksum of a tile differs, the receiver tests whether the difference is
-the hash of one or two of its own cells. If so, the sender lacks these cells, and the receiver sends
-them (``Difference``). If not, the receiver may itself lack cells, and sends its own digest of the
-tile as a request. If no UAV can derive the missing cells from that digest, one UAV sends the whole
-tile, and the others send the cells that are newer on their maps.
+sends a ``Digest`` with a checksum of each tile of the map. The checksum is the sum of the hashes of
+the tile's cells. If the receiver's checksum of a tile differs, the receiver tests whether the
+difference is the sum of the hashes of one or two of its own cells. If so, the sender lacks these
+cells, and the receiver sends the cells (``Difference``). Otherwise the receiver itself may lack
+cells, and sends its own digest of the tile as a request. If no UAV can derive the missing cells
+from that digest, one UAV sends the whole tile, and the others send the cells that are newer on
+their maps.
 
-Replies are delayed by a pseudo-random number of slots, and omit cells that others have sent in the
-meantime. The size and the rate of messages are bounded.
+Replies are delayed by a pseudo-random number of slots (``SLOT_US``), and omit cells that other UAVs
+have sent in the meantime. The size and the rate of messages are bounded.
 """
 
 import zlib
@@ -39,7 +40,7 @@ from mission_service.peer_messages import Difference, Digest, FireUpdate
 Cells = NDArray[np.int64]
 MapMessage = FireUpdate | Digest | Difference
 
-# Interval for up to TEAM UAVs; larger teams send at the same total rate.
+# Interval between digests for up to TEAM UAVs; larger teams send at the same total rate.
 DIGEST_EVERY_US = 4_000_000
 TEAM = 8
 PEER_FOR_US = 120_000_000  # a UAV counts as present for this time after its last message
@@ -53,7 +54,7 @@ NONE: Cells = np.empty(0, dtype=np.int64)
 
 
 class SharedMap:
-    """The copy of the map on the UAV ``name``; ``fire`` (y, x) is true where it burns or burned."""
+    """The map of the UAV ``name``; ``fire`` (y, x) is true for burning and burned cells."""
 
     def __init__(self, name: str, shape: tuple[int, int]) -> None:
         self.name = name
@@ -79,7 +80,7 @@ class SharedMap:
         self._theirs: Cells = np.empty(tiles, dtype=np.int64)
 
     def set_initial(self, cells_burning: Cells, at_us: int) -> None:
-        """Set the fire that all UAVs have on their maps before the mission; it is not sent."""
+        """Set the fire that all UAVs have on their maps before the mission, without sending it."""
         self.add_view(cells_burning, NONE, at_us)
         self._unsent.clear()
 

@@ -51,7 +51,7 @@ def _first_off_map(cells, size):  # type: ignore[no-untyped-def]
 
 @kernel
 def record_view(cells, burns, at_us, stamps, fire, sums, changed):  # type: ignore[no-untyped-def]
-    """Set cells to burning or not, as a camera shows them, with the newest stamps.
+    """Set cells to burning or not burning, from a camera view, with the newest stamps.
 
     Fills ``changed`` with the changed cells; returns their number and -1. If a cell is off the map,
     nothing changes, and the result is 0 and the index of this cell.
@@ -77,7 +77,7 @@ def merge(cells, new, stamps, fire, sums, changed):  # type: ignore[no-untyped-d
     """Merge received stamps into the map; the later stamp of each cell wins.
 
     Fills ``changed`` from the front with cells that have begun to burn, and from the back with
-    cells that have ceased to burn. Returns the two numbers of cells and -1. If a cell is off the
+    cells that have ceased to burn. Returns the numbers of these cells, and -1. If a cell is off the
     map, nothing changes, and the third result is the index of this cell.
     """
     cols = fire.shape[1]
@@ -136,9 +136,9 @@ def differing_tiles(listed, first, end, sums, theirs, found):  # type: ignore[no
     """Find the tiles whose checksum at a sender differs from the checksum on this map.
 
     ``listed`` (n, 2) holds tiles and their checksums at the sender. All other tiles from ``first``
-    to ``end`` (excluded) have the checksum 0 there. Fills ``theirs`` (tiles) with the sender's
-    checksums, and ``found`` with the differing tiles. Returns their number, or -1 if a tile is off
-    the map.
+    to ``end`` (excluded) have the checksum 0 at the sender. Fills ``theirs`` (tiles) with the
+    sender's checksums, and ``found`` with the differing tiles. Returns the number of differing
+    tiles, or -1 if a tile is off the map.
     """
     if not 0 <= first <= end <= sums.size:
         return -1
@@ -165,7 +165,7 @@ def corner(tile, cols):  # type: ignore[no-untyped-def]
 
 @kernel
 def known_cells(tile, stamps, found):  # type: ignore[no-untyped-def]
-    """Fill ``found`` with the known cells of a tile in rising order; return their number."""
+    """Fill ``found`` with the known cells of a tile in ascending order; return their number."""
     rows, cols = stamps.shape
     top, left = corner(tile, cols)
     count = 0
@@ -179,11 +179,11 @@ def known_cells(tile, stamps, found):  # type: ignore[no-untyped-def]
 
 @kernel
 def missing_cells(tile, checksum, stamps, sums, found, shares):  # type: ignore[no-untyped-def]
-    """Find the cells of a tile that another UAV lacks, from its checksum of the tile.
+    """Find the cells of a tile that another UAV lacks, from that UAV's checksum of the tile.
 
-    The result is all known cells if the checksum is 0, or else one or two cells whose checksum is
-    the difference. Fills ``found``; returns the number of cells, or 0 if there are no such cells.
-    ``shares`` is a work array.
+    The result is all known cells if the checksum is 0, or else one or two cells whose hashes add up
+    to the difference of the checksums. Fills ``found``; returns the number of cells, or 0 if there
+    are no such cells. ``shares`` is a work array.
     """
     cols = stamps.shape[1]
     count = known_cells(tile, stamps, found)
@@ -208,9 +208,9 @@ def missing_cells(tile, checksum, stamps, sums, found, shares):  # type: ignore[
 def newer_cells(tile, cells, sent, stamps, theirs, found):  # type: ignore[no-untyped-def]
     """Find the known cells of a tile that are newer on this map than in a received message.
 
-    The message contains ``cells`` with the stamps ``sent``; all cells that it lacks count as older.
-    ``theirs`` is a work array (TILE * TILE) of zeros. Fills ``found`` in rising order; returns the
-    number of cells.
+    The message contains ``cells`` with the stamps ``sent``; all cells that are not in the message
+    count as older. ``theirs`` is a work array (TILE * TILE) of zeros. Fills ``found`` in ascending
+    order; returns the number of cells.
     """
     rows, cols = stamps.shape
     top, left = corner(tile, cols)

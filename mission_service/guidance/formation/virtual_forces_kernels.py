@@ -8,13 +8,12 @@ paper is incomplete, these rules apply:
   of the two agents, is used instead. The force is repulsive, as the text states.
 - For two agents at the same place, or for an agent at the fire's centre, the paper's direction is
   undefined. The direction is then ``tie_rad``, which must differ between vehicles.
-- The escape (eq. 13) replaces the weak force. The escape leads anticlockwise around the fire, which
-is the
-  direction in which UAVs loiter.
+- In a local minimum, the escape force (eq. 13) replaces the sum of the other forces. The escape
+  leads anticlockwise around the fire, the direction in which UAVs loiter.
 
-``constants`` is the result of ``constants_array``. A map is an array (rows, cols) with row 0 north,
-which is nonzero where the map is set. ``west_m`` and ``north_m`` are the coordinates of the map's
-north-west corner. Outside its edges a map is not set.
+``constants`` is the result of ``constants_array``. A map is an array (rows, cols) with row 0 in the
+north. A cell is set if its value is not 0; cells outside the map are not set. ``west_m`` and
+``north_m`` are the coordinates of the map's north-west corner.
 """
 
 import math
@@ -36,16 +35,16 @@ def constants_array(constants: Constants) -> NDArray[np.float64]:
 
 
 def tie_rad(number: int) -> float:
-    """Return a direction for a vehicle's number, which is that many times the golden angle.
+    """Return a direction for a vehicle's number: the number times the golden angle.
 
-    The directions of different vehicles differ.
+    Different vehicles have different directions.
     """
     return number * 2.399963229728653 % (2.0 * math.pi)
 
 
 @kernel
 def is_set(bitmap, x_m, y_m, west_m, north_m, cell_m):  # type: ignore[no-untyped-def]
-    """Return whether a map is set at a place."""
+    """Return whether the cell of a map at a place is set."""
     row = math.floor((north_m - y_m) / cell_m)
     col = math.floor((x_m - west_m) / cell_m)
     rows, cols = bitmap.shape
@@ -54,9 +53,9 @@ def is_set(bitmap, x_m, y_m, west_m, north_m, cell_m):  # type: ignore[no-untype
 
 @kernel
 def unit_vector(from_x_m, from_y_m, to_x_m, to_y_m, tie_rad):  # type: ignore[no-untyped-def]
-    """Return the unit vector to a place, and the distance to it.
+    """Return the unit vector from one place to another, and the distance between the places.
 
-    At the place itself, the vector has the direction ``tie_rad``, and the distance is 0.
+    If both places are the same, the vector has the direction ``tie_rad``, and the distance is 0.
     """
     east, north = to_x_m - from_x_m, to_y_m - from_y_m
     distance_m = math.hypot(east, north)
@@ -92,7 +91,7 @@ def formation(x_m, y_m, others_x_m, others_y_m, spacing_m, constants, tie_rad): 
 
 @kernel
 def in_local_minimum(force, formation_force, constants):  # type: ignore[no-untyped-def]
-    """Return whether the forces cancel despite strong repulsion from others (section 5.2.5)."""
+    """Return whether the forces cancel despite strong repulsion by agents (section 5.2.5)."""
     return force < constants[T1] and formation_force > constants[T2]
 
 

@@ -32,7 +32,7 @@ def waits_at(
 def mission_to_place(
     scenario: Scenario, section: VehicleSection, landscape: Landscape
 ) -> tuple[MissionItem, ...]:
-    """Return a vehicle's first mission, from the ground to its place at the fire's edge."""
+    """Return a vehicle's first mission, from the ground to the place at the fire's edge."""
     home_m = landscape.xy_of_lat_lon(section.home_lat_deg, section.home_lon_deg)
     place_m = waits_at(scenario, Formation(scenario, landscape), section, home_m)
     landing = Landing(scenario, section, landscape).items_at(scenario.first_flight_s)

@@ -14,11 +14,11 @@ STEP_US = 250_000
 
 
 def warm_up(scenario: Scenario, landscape: Landscape) -> None:
-    """Run three agents for some steps at a small fire, where all fire updates are lost.
+    """Run three agents for some steps near a small fire; all fire updates are lost.
 
-    Every kernel of an agent is called, so that it is compiled or loaded from the disk cache. The
-    compiler distinguishes arrays with one row from arrays with several rows. Therefore each agent
-    first runs without messages, and then receives the messages of the two others.
+    The steps call every kernel of an agent, so that each kernel is compiled or loaded from the disk
+    cache. The compiler distinguishes arrays with one row from arrays with several rows. Therefore
+    each agent first runs without messages, and then receives the messages of the other two.
     """
     grid = MapGrid(64, 64, 10.0, 0.0, 640.0)
     fire = np.array([32 * 64 + 32])

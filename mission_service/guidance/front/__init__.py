@@ -1,1 +1,1 @@
-"""The guidance of vehicles that fly along a fire front, each with its own planner."""
+"""The guidance of vehicles along a fire front, with a separate planner for each vehicle."""

@@ -1,7 +1,7 @@
 """The importance of front cells and of the two planning windows (Islam & Hu, section III).
 
-A ring is an array with one value for each cell of the perimeter. Index 0 is the cell of the UAS.
-The index grows against the flying direction and ends at the cell ahead of the UAS (section III.B).
+A ring is an array with one value for each cell of the perimeter. Index 0 is the vehicle's cell. The
+index grows against the flying direction and ends at the cell ahead of the vehicle (section III.B).
 """
 
 import numpy as np
@@ -11,7 +11,7 @@ Floats = NDArray[np.float64]
 
 
 def adjusted_spread_rate(spread_rate: Floats, alpha: float) -> Floats:
-    """Return the spread rates after scaling their heterogeneity by ``alpha`` >= 0 (eq. 7)."""
+    """Return the spread rates with their heterogeneity scaled by ``alpha`` >= 0 (eq. 7)."""
     if not spread_rate.size:  # the front is within one cell
         return spread_rate
     lowest = spread_rate.min()
@@ -29,7 +29,8 @@ def cell_importance(spread_rate: Floats, since_visit_s: Floats, to_cell_s: Float
 def time_to_cells_s(step_m: Floats, speed_m_s: float) -> Floats:
     """Return the flight time to each cell of a ring (eq. 3).
 
-    The vehicle flies backwards to the cells in the back half, and forwards to the others.
+    The vehicle flies against the flying direction to the cells in the first half of the ring, and
+    in the flying direction to the other cells.
     ``step_m[i]`` is the distance from cell i to cell i + 1; the last step closes the ring.
     """
     behind_m = np.concatenate([[0.0], np.cumsum(step_m)])

@@ -1,4 +1,4 @@
-"""Guides vehicles along a front by rolling missions, each renewed when its path is outdated."""
+"""Guides vehicles along a front with missions, each renewed when its path is outdated."""
 
 from collections.abc import Mapping
 
@@ -44,7 +44,7 @@ Floats = NDArray[np.float64]
 
 
 class FrontFlight(Guidance):
-    """The guidance along a front, which commands each vehicle by its planner.
+    """The guidance along a front, which commands each vehicle as the vehicle's planner decides.
 
     ``planners`` maps each vehicle's name to its planner.
     """
@@ -72,7 +72,7 @@ class FrontFlight(Guidance):
         )
 
     def on_vehicle(self, vehicle: Vehicle, event: VehicleEvent) -> list[AnyCommand]:
-        """Record a correction, or a sensor's observation; missions may then be renewed."""
+        """Request a check of the mission after a correction or a sensor's observation."""
         if isinstance(event, Observed) and event.corrects:
             self._renewal.corrected(vehicle, event.at_us / 1e6)
         elif isinstance(event, Observed) and event.source:
@@ -104,7 +104,7 @@ class FrontFlight(Guidance):
     def announcements(
         self, vehicle: Vehicle, at_s: float, decision: Decision | None
     ) -> list[AnyCommand]:
-        """Return announcements of a new phase, a decision, and advice on the size of a team."""
+        """Return announcements of a new phase, of a decision, and of advice on the team's size."""
         planner = self.planners[vehicle.name]
         commands: list[AnyCommand] = []
         if vehicle.availability.airborne and planner.phase != self._phase[vehicle.name]:
@@ -133,7 +133,7 @@ class FrontFlight(Guidance):
     def further_commands(
         self, event: AnyEvent, leaving: list[AnyCommand], vehicles: Mapping[str, Vehicle]
     ) -> list[AnyCommand]:
-        """Record the missions sent; report parts of the front that lose or regain monitoring."""
+        """Record the missions sent; report parts of the front when monitoring ends or resumes."""
         for command in leaving:
             if isinstance(command, UploadMission):
                 self.traffic.on_mission(command.vehicle, command.items)
@@ -230,11 +230,11 @@ class FrontFlight(Guidance):
 
 
 def _takes_off(vehicle: Vehicle) -> bool:
-    """Return whether the vehicle is still in its takeoff, which a new mission would abort.
+    """Return whether the vehicle is still taking off; a new mission would abort the takeoff.
 
-    A new mission ends the takeoff at any height. ArduPlane then climbs at 1 to 4 m/s instead of 10;
-    a PX4 plane sinks to the ground if this happens shortly after takeoff (observed in flight). The
-    takeoff has ended when the next mission item is current.
+    A new mission ends the takeoff at any height. ArduPlane then climbs at 1 to 4 m/s instead of
+    10 m/s. A PX4 plane sinks to the ground if the mission arrives shortly after the plane has left
+    the ground (observed in flight). The takeoff has ended when the next mission item is current.
     """
     return vehicle.takes_off and vehicle.mode == "mission"
 

@@ -1,4 +1,4 @@
-"""The first lap around a fire, at whose end the map is rebuilt around the fire's centre."""
+"""The first lap around a fire, after which the map is rebuilt around the fire's centre."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,22 +12,24 @@ from mission_service.guidance.fire_map import BEARINGS, FireMap
 from mission_service.guidance.front.front_path import centre_of_area, turned_deg
 
 ROUND_AGAIN_DEG = 360.0
-MAX_SEEN = 10_000  # windows stored in a lap: 20 minutes of views by four cameras, about 4 MB
+# Maximum number of views stored in a lap: 20 minutes of views from four cameras, about 4 MB.
+MAX_SEEN = 10_000
 
-CameraView = tuple[int, int, NDArray[np.uint8], float]  # a camera's window: row, col, codes, at_s
+# A camera window: the row and column of its first cell, the codes of its cells, the time in s.
+CameraView = tuple[int, int, NDArray[np.uint8], float]
 
 
 @dataclass(slots=True)
 class LapProgress:
-    """The degrees that a vehicle has flown around the map's centre, in its flying direction."""
+    """The angle that a vehicle has flown around the map's centre in the flying direction."""
 
     bearing_deg: float | None = None  # bearing of the vehicle at the last update
-    swept_deg: float = 0.0
+    swept_deg: float = 0.0  # angle flown so far
 
     def update(self, bearing_deg: float, clockwise: bool, counts: bool) -> bool:
         """Set the bearing; return whether the lap is complete.
 
-        The angle since the last bearing is added to the lap only if ``counts`` is True.
+        The angle from the last bearing is added to the lap only if ``counts`` is True.
         """
         if counts and self.bearing_deg is not None:
             self.swept_deg += turned_deg(self.bearing_deg, bearing_deg, clockwise)
@@ -41,7 +43,7 @@ def view_of(observed: Observed) -> CameraView:
 
 
 def append_view(seen: list[CameraView], one: CameraView) -> None:
-    """Add a view to a lap's views; if there are ``MAX_SEEN``, first delete every second view."""
+    """Add a view to a lap's views; at ``MAX_SEEN`` views, first delete every second view."""
     if len(seen) >= MAX_SEEN:
         del seen[1::2]
     seen.append(one)
@@ -50,9 +52,10 @@ def append_view(seen: list[CameraView], one: CameraView) -> None:
 def recentred_map(
     fire_map: FireMap, seen: Sequence[CameraView]
 ) -> tuple[FireMap, NDArray[np.bool_]]:
-    """Return a map of the same views around the fire's centre of area, for an unknown ignition.
+    """Return a map around the fire's centre of area, rebuilt from the views of the lap.
 
-    The second result is the mask of the bearings (360) that the last view showed.
+    Planners use this map if the ignition point is unknown. The second result is the mask (360) of
+    the bearings on which the last view shows the front.
     """
     outer, _ = fire_map.filled_outer()
     centre = centre_of_area(outer, fire_map.centre_row, fire_map.centre_col)

@@ -1,18 +1,19 @@
 """Estimates the fire front on 360 bearings, and advances the estimate where the front is unseen.
 
-Each bearing has the distance of the front, the time of the last view, and a factor: the measured
-rate of spread divided by the fire model's rate under the wind that the vehicle measures. Where the
-front is in view, the estimate is set to the observation. Out of view, the estimate advances at the
-model's rate times the factor.
+For each bearing, the estimate consists of the distance of the front, the time of the last view, and
+a factor: the measured rate of spread divided by the fire model's rate under the wind that the
+vehicle measures. Where the front is in view, the estimate is set to the observation. Out of view,
+the estimate advances at the model's rate times the factor.
 
 A Kalman filter estimates the factors of 72 sectors. Each sector's factor is correlated with the
-factors of its neighbours and, less strongly, with the factors of all other sectors. The filter
-assumes that the advance between two views is the factor times the modelled advance, plus the noise
-of a front that moves in whole cells. Therefore a view changes the estimate little a few seconds
-after another view, and much after half an hour.
+factors of the neighbouring sectors and, less strongly, with the factors of all other sectors. The
+filter assumes that the advance between two views is the factor times the modelled advance, plus
+noise, because an observed front moves in whole cells. Therefore a view changes the factors little
+if the previous view was a few seconds ago, and much if the previous view was half an hour ago.
 
-Without a landscape, or before a wind is measured, the model is an even spread; the factor then
-represents the measured rate of spread. The simulated fire is not an input.
+Without a landscape, or before a wind is measured, the modelled rate of spread is the same
+everywhere, and the factors represent the measured rate of spread. The simulated fire is not an
+input.
 
 Distances are in cells from the centre, and times in seconds of mission time.
 """
@@ -51,28 +52,28 @@ Booleans = NDArray[np.bool_]
 
 SECTORS = BEARINGS // PER_SECTOR
 LONGEST_STEP_S = 60.0
-EVEN_CELLS_S = 0.01  # rate of spread without a model; the factor multiplies it
+EVEN_CELLS_S = 0.01  # rate of spread without a model, before multiplication by the factor
 
 # The wind is averaged over the longer time, or over the shorter time if the two means differ by
-# more than the noise (m/s, plus a share of the speed).
+# more than the noise. The noise is a constant (in m/s) plus a share of the wind speed.
 SHORT_WIND_S, LONG_WIND_S = 90.0, 900.0
 WIND_NOISE_M_S, WIND_NOISE = 0.8, 0.08
 UNSEEN_ALIKE_DEG = 60.0
 
 
 class FactorPrior(NamedTuple):
-    """The distribution of the factors before the first view, and their changes.
+    """The distribution of the factors before the first view, and the drift of the factors.
 
     ``common`` and ``local`` are the standard deviations of the part of the factor that all sectors
-    share, and of each sector's own part. ``drift`` is the standard deviation of both parts' random
-    walk in an hour.
+    share, and of each sector's own part. ``drift`` is the standard deviation of a factor's change
+    in one hour; both parts change by a random walk.
     """
 
     common: float
     local: float
     alike_deg: float  # correlation length of the sectors' own parts
     drift: float
-    unlike: float  # relative error of an advance for reasons other than the factor
+    unlike: float  # relative error of an advance due to causes other than the factor
     min_factor: float
     max_factor: float
 
@@ -80,8 +81,7 @@ class FactorPrior(NamedTuple):
 MODELLED = FactorPrior(0.25, 0.25, 20.0, 0.15, 0.15, 0.3, 2.5)
 UNMODELLED = FactorPrior(1.0, 1.0, 20.0, 0.15, 0.15, 0.05, 10.0)  # the rate of spread is unknown
 # The prior for a model that may be wrong, chosen on the fires 200 to 229 of
-# ``benchmarks.random_fires --wrong``; a smaller error of advances or a shorter correlation length
-# is worse.
+# ``benchmarks.random_fires --wrong``; a smaller ``unlike`` or ``alike_deg`` gives larger errors.
 CAUTIOUS = FactorPrior(0.8, 0.4, 40.0, 0.5, 0.4, 0.05, 10.0)
 
 
@@ -90,7 +90,7 @@ class FrontModel:
     """The fire model on board, for rates of spread on a landscape under a given wind.
 
     If ``averaged`` is True, the estimate uses the geometric mean of the modelled rate and of
-    ``EVEN_CELLS_S``, so that the model's contrasts have half their size.
+    ``EVEN_CELLS_S``. This mean halves the differences between the logarithms of modelled rates.
     """
 
     rates: FrontRates
@@ -101,9 +101,9 @@ class FrontModel:
 
 
 def cautious(model: FrontModel) -> FrontModel:
-    """Return a model that depends less on wind and slope, and not on the map of fuels.
+    """Return a model that depends less on wind and slope, and not on the fuel map.
 
-    All burnable ground has the fuel that is most frequent in the landscape.
+    In this model, all burnable ground has the most frequent fuel of the landscape.
     """
     fuel = model.landscape.fuel_model
     burnable = ~np.isin(fuel, list(NON_BURNABLE))
@@ -142,8 +142,8 @@ class FrontEstimate:
         self.front = front.copy()
         self.speed_cells_s = np.zeros(BEARINGS)  # estimated speed outwards
         self.seen_at_s = np.full(BEARINGS, -np.inf)
-        self.burned = np.zeros(BEARINGS)  # outermost ground seen burned
-        self.wind_m_s: Floats | None = None  # wind towards north and east
+        self.burned = np.zeros(BEARINGS)  # distance of the outermost ground seen burned
+        self.wind_m_s: Floats | None = None  # components towards north and east
         self._short_wind = self._long_wind = np.zeros(2)
         self._wind_at_s = -np.inf
         self._reset_factors()
@@ -157,7 +157,7 @@ class FrontEstimate:
 
     @property
     def modelled(self) -> bool:
-        """Whether the fire model advances the front; otherwise only measured rates advance it."""
+        """Whether the fire model advances the front, instead of measured rates alone."""
         return self.model is not None and self.wind_m_s is not None
 
     @property
@@ -166,6 +166,7 @@ class FrontEstimate:
 
     def _reset_factors(self) -> None:
         """Set the factors and their covariance to the values before the first view."""
+        # The anchor is the front in the view with which later views are compared.
         self._anchor = self.front.copy()
         self._anchor_at_s = np.full(BEARINGS, self.at_s)
         self._anchor_fuel = self._fuel_at(self.front)
@@ -189,7 +190,7 @@ class FrontEstimate:
     def reset_around(
         self, centre: tuple[float, float], front: Floats, at_s: float
     ) -> "FrontEstimate":
-        """Return a new estimate, around the given centre, with this model and wind but no views."""
+        """Return an estimate around another centre, with the same model and wind, without views."""
         renewed = FrontEstimate(self._shape, centre, self.model, front, at_s)
         renewed.wind_m_s = self.wind_m_s
         renewed._short_wind, renewed._long_wind = self._short_wind, self._long_wind
@@ -200,9 +201,9 @@ class FrontEstimate:
     def add_wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
         """Add a measured wind to the mean over a quarter of an hour.
 
-        The wind is measured at 20 ft and blows from ``from_deg``, clockwise from true north. If the
-        wind shifts by more than gusts and errors explain, the mean follows within one or two
-        minutes.
+        The wind speed is at 20 ft above the vegetation. ``from_deg`` is the direction from which
+        the wind blows, clockwise from true north. If the wind shifts by more than gusts and errors
+        explain, the mean follows within one or two minutes.
         """
         toward = math.radians(from_deg + 180.0)
         new = speed_m_s * np.array([math.cos(toward), math.sin(toward)])
@@ -246,11 +247,11 @@ class FrontEstimate:
         return found
 
     def slant(self) -> Floats:
-        """Return the speed along each bearing (360) divided by the speed across the front."""
+        """Return the speed along each bearing (360) divided by the speed normal to the front."""
         return self._stretch[:BEARINGS]
 
     def unseen_advance(self) -> Floats:
-        """Return the advance in cells since each bearing's last view, with a factor of 1."""
+        """Return the advance in cells since the last view of each bearing, with a factor of 1."""
         return self._unseen
 
     def _model_speed(self) -> Floats:
@@ -273,18 +274,18 @@ class FrontEstimate:
         return self._unit
 
     def add_window(self, row: int, col: int, window: NDArray[np.uint8], at_s: float) -> Booleans:
-        """Update the front from one camera window; return which bearings show it (360).
+        """Update the front from one camera window; return which bearings (360) show the front.
 
         ``window`` (y, x) holds the codes of ``fire_map``; ``row`` and ``col`` are the grid cell of
-        its first element.
+        the window's first element.
         """
         self.advance(at_s)
         in_view, burned_to = self._front_in(row, col, window)
         before = self.front.copy()
         self._predicted_fuel = self._fuel_at(before)
         new = in_view & np.isinf(self.seen_at_s)
-        # A front may be anywhere in its cell: set it half-way from the cell's centre to the
-        # prediction.
+        # The front may be anywhere in a cell, so the estimate is half-way between the cell's
+        # centre and the prediction.
         off = np.clip(self.front - burned_to, -0.5, 0.5)
         self.front[in_view] = (burned_to + np.where(new, 0.0, 0.5 * off))[in_view]
         self._bound(window, in_view)
@@ -313,7 +314,7 @@ class FrontEstimate:
         self._anchor_fuel[moved] = self._fuel_at(self.front)[moved]
 
     def _front_in(self, row: int, col: int, window: NDArray[np.uint8]) -> tuple[Booleans, Floats]:
-        """Update the bounds from a window; return which bearings show the front, and its place."""
+        """Update the bounds from a window; return which bearings show the front and where."""
         bounds = (self._burned_to, self._unburned_from)
         centre, in_view = (self.centre_row, self.centre_col), np.empty(BEARINGS, np.bool_)
         bounds_in_window(window, row, col, *centre, NORTH, EAST, *bounds)
@@ -321,7 +322,7 @@ class FrontEstimate:
         return in_view, self._burned_to
 
     def _bound(self, window: NDArray[np.uint8], in_view: Booleans) -> None:
-        """Move the front outwards from burned ground and inwards from unburned ground in view."""
+        """Move the front to enclose the burned ground in view and exclude the unburned ground."""
         bounds = (self._burned_to, self._unburned_from)
         bound_front(window, in_view, *bounds, self.burned, self.front)
 
@@ -329,8 +330,8 @@ class FrontEstimate:
         """Scale the unseen parts of the front after other parts have been seen for the first time.
 
         ``new`` holds the bearings seen for the first time, and ``before`` the front before this
-        view. An unseen bearing is scaled like the nearest new bearing, but the change decreases
-        with the distance from that bearing.
+        view. The distance on an unseen bearing is scaled like that on the nearest new bearing, but
+        less with increasing angle between the two bearings.
         """
         unseen = np.isinf(self.seen_at_s)
         unseen[new] = False

@@ -1,7 +1,8 @@
 """Compiled inner loops of ``front_estimate``; lengths are in cells and times in seconds.
 
 An array has 360 elements, one per whole-degree bearing, or 72 elements, one per sector of five
-degrees.
+degrees. The slant of the front on a bearing is the change of the front's distance per cell at right
+angles to the bearing; the slant of a circle around the centre is 0.
 """
 
 import math
@@ -12,37 +13,37 @@ from firemodel.compiled import compiled
 
 UNBURNED, BURNED = 1, 2  # codes as in fire_map
 SAMPLES_PER_CELL = 2  # samples along a bearing, as for the distance error
-TANGENT_CELLS = 3.5  # length of the front on each side over which its slant is computed
-HOLLOW = 0.5  # difference between the slants on both sides above which a front is hollow
-LEAP_CELLS = 2.0  # a larger step outwards to the next bearing leads to another part of the front
-PLACES = 9  # maximum number of places for each bearing at which the rate of spread is computed
-BEHIND_CELLS = 0.7  # distance behind the front of the cell from which fire spreads
-STEEPEST = 4.0  # limit of the slant, with which the speed along a bearing grows
-WITHIN_CELLS = 1.5  # maximum distance between burned and unburned ground around the front
+TANGENT_CELLS = 3.5  # length on each side of a bearing over which the slant is computed
+HOLLOW = 0.5  # the front is hollow where the slants on both sides differ by more than this
+LEAP_CELLS = 2.0  # a larger step outwards to the next bearing leaps to another part of the front
+PLACES = 9  # maximum number of places per bearing where the rate of spread is computed
+BEHIND_CELLS = 0.7  # distance from the front back to the cell from which the fire spreads
+STEEPEST = 4.0  # limit of the slant; the speed along a bearing grows with the slant
+WITHIN_CELLS = 1.5  # maximum distance from burned to unburned ground across a front in view
 BEYOND_CELLS = 2.0  # minimum distance of an unseen front from the ground in view
 
 PER_SECTOR = 5
-# A view is compared with an earlier view once the front has advanced this far since, or this long
-# after the earlier view.
+# A view is compared with an earlier view if the front has advanced at least this far between the
+# two views, or if at least this time has passed.
 BASELINE_CELLS, BASELINE_S = 2.0, 1800.0
 CELL_VARIANCE = 1.0 / 12.0  # variance of a position with a resolution of one cell
-# Relative error of an advance before the first view, when the wind is unknown.
+# Relative error of the advance from the ignition to the first view, when the wind is unknown.
 UNLIKE_AT_FIRST = 1.0
-AT_IGNITION_CELLS = 1.0
-SURPRISE = 3.0  # standard deviations
+AT_IGNITION_CELLS = 1.0  # maximum distance of the front from the centre at the ignition
+SURPRISE = 3.0  # larger differences, in standard deviations, have a smaller weight
 
 
 @compiled
 def front_normals(  # type: ignore[no-untyped-def]
     front, centre_row, centre_col, shape, bearing, rows, cols, north, east, stretch, max_advance
 ):
-    """Compute the front's normals and the cells behind it, into arrays of ``PLACES`` * 360.
+    """Compute the front's normals and the cells behind the front, in arrays of ``PLACES`` * 360.
 
     The arrays begin with one place for each bearing. Two more places follow for each bearing on
-    which the front is hollow, with the slants to either side. Three more places follow on the flank
-    wherever the front leaps outwards from one bearing to the next. ``stretch`` is the speed along
-    the bearing divided by the speed across the front, and ``max_advance`` limits the advance along
-    the bearing. Returns the number of places.
+    which the front is hollow, one with the slant on each side. Wherever the front leaps outwards
+    from one bearing to the next, three more places follow on the flank between these bearings.
+    ``stretch`` is the speed along the bearing divided by the speed normal to the front, and
+    ``max_advance`` limits the advance along the bearing. Returns the number of places.
     """
     n, count = front.size, front.size
     degree = math.pi / 180.0
@@ -90,9 +91,9 @@ def front_normals(  # type: ignore[no-untyped-def]
 
 @compiled
 def speed_along_bearings(bearing, rate, stretch, max_advance, step_s, unit):  # type: ignore[no-untyped-def]
-    """Compute the front's speed along each bearing; in a hollow the fire of the faster side counts.
+    """Compute the front's speed along each bearing; in a hollow the faster side sets the speed.
 
-    The method is Godunov's scheme, which treats the front as a Hamilton-Jacobi equation.
+    The method is Godunov's scheme for the Hamilton-Jacobi equation of the front.
     """
     for place in range(rate.size):
         speed = min(rate[place] * stretch[place], max_advance[place] / step_s)
@@ -102,7 +103,7 @@ def speed_along_bearings(bearing, rate, stretch, max_advance, step_s, unit):  # 
 
 @compiled
 def interpolate_sectors(factor, found):  # type: ignore[no-untyped-def]
-    """Interpolate a value for each bearing, linearly between the middles of the sectors."""
+    """Interpolate ``factor`` to the bearings, linearly between the middles of the sectors."""
     sectors = factor.size
     for i in range(found.size):
         at = (i + 0.5) / PER_SECTOR - 0.5
@@ -115,9 +116,9 @@ def interpolate_sectors(factor, found):  # type: ignore[no-untyped-def]
 def advance_front(  # type: ignore[no-untyped-def]
     unit, factors, step_s, edge, speed, front, modelled, unseen
 ):
-    """Advance the front by the speed ``unit`` times the factor, at most to the ``edge``.
+    """Advance the front at the speed ``unit`` times the factor, at most to ``edge``.
 
-    ``speed`` receives the speed. ``modelled`` and ``unseen`` advance with a factor of 1.
+    The product is written to ``speed``. ``modelled`` and ``unseen`` advance with a factor of 1.
     """
     for i in range(front.size):
         speed[i] = unit[i] * factors[i]
@@ -140,10 +141,11 @@ def values_at_front(values, front, centre_row, centre_col, north, east, found): 
 def mixed_front(  # type: ignore[no-untyped-def]
     modelled, cautious, last_seen, shares, model_share, burned, mixture, front
 ):
-    """Compute the cautious mixture, and the front with a share of the estimate by the model.
+    """Compute the mixture, and the front as a mean of the model's estimate and the mixture.
 
-    ``shares`` are those of the model, the cautious estimate and the front as last seen (NaN: never)
-    in the mixture. The front is not behind ground seen burned.
+    ``shares`` holds the shares in the mixture of the model's estimate, of the cautious estimate,
+    and of ``last_seen``, the front as last seen (NaN where the front has never been seen). The
+    front is at most half a cell inside ground seen burned.
     """
     for i in range(front.size):
         seen = modelled[i] if math.isnan(last_seen[i]) else last_seen[i]
@@ -154,7 +156,7 @@ def mixed_front(  # type: ignore[no-untyped-def]
 
 @compiled
 def bearings_in_view(burned_to, unburned_from, burned, in_view):  # type: ignore[no-untyped-def]
-    """Update the outermost ground seen burned; compute which bearings show the front."""
+    """Update ``burned``, the outermost ground seen burned, and which bearings show the front."""
     for i in range(burned.size):
         burned[i] = max(burned[i], burned_to[i])
         near = unburned_from[i] <= burned_to[i] + WITHIN_CELLS
@@ -163,7 +165,7 @@ def bearings_in_view(burned_to, unburned_from, burned, in_view):  # type: ignore
 
 @compiled
 def bound_front(window, in_view, burned_to, unburned_from, burned, front):  # type: ignore[no-untyped-def]
-    """Move the front outwards from burned ground and inwards from unburned ground in view."""
+    """Move the front to enclose the burned ground in view and exclude the unburned ground."""
     shows_burned = shows_unburned = False
     for code in window.flat:
         shows_burned = shows_burned or code == BURNED
@@ -185,9 +187,9 @@ def bounds_in_window(  # type: ignore[no-untyped-def]
 ):
     """Compute the bounds of the front on each bearing from a window of cells (y, x).
 
-    ``burned_to`` is the distance of the outermost sample on burned ground (-1 if the window has
-    none). ``unburned_from`` is the distance of the first sample on unburned ground beyond it (inf
-    if there is none).
+    ``burned_to`` is the distance of the outermost sample on burned ground (-1 if there is none).
+    ``unburned_from`` is the distance of the first sample on unburned ground beyond ``burned_to``
+    (inf if there is none).
     """
     rows, cols = window.shape
     down, right = top + (rows - 1) / 2.0 - centre_row, left + (cols - 1) / 2.0 - centre_col
@@ -216,10 +218,11 @@ def bounds_in_window(  # type: ignore[no-untyped-def]
 def update_factors(  # type: ignore[no-untyped-def]
     due, front, anchor, modelled, stretch, unlike, min_factor, max_factor, factor, covariance
 ):
-    """Update the sectors' factors by a Kalman filter from the bearings that are due.
+    """Update the sectors' factors with a Kalman filter, from the bearings in the mask ``due``.
 
-    The filter assumes: observed advance since the anchor = factor x modelled advance + noise.
-    ``unlike`` is the relative error of an advance for reasons other than the factor.
+    ``anchor`` is the front in the earlier view with which the present view is compared. The filter
+    assumes: observed advance since the anchor = factor x modelled advance + noise. ``unlike`` is
+    the relative error of an advance due to causes other than the factor.
     """
     n = factor.size
     column = np.empty(n)
@@ -239,8 +242,8 @@ def update_factors(  # type: ignore[no-untyped-def]
         variance = 2.0 * CELL_VARIANCE * slant * slant + noise * noise
         scale = variance + predicted * predicted * covariance[sector, sector]
         off = advance - predicted * factor[sector]
-        # A larger difference than variance and noise explain shows another part of the front, not
-        # a different rate.
+        # If the variance and the noise do not explain a difference, the view shows another part of
+        # the front, not a different rate.
         scale *= max(1.0, off * off / (scale * SURPRISE * SURPRISE))
         for i in range(n):
             column[i] = covariance[i, sector]

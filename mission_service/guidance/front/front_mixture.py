@@ -1,11 +1,12 @@
 """Mixes two estimates of the front, weighted by their errors in predicting the views so far.
 
-The first estimate follows the fire model. Where the fuel map or the wind is wrong, the first
-estimate is far off between two views. The second estimate is ``cautious``: it follows measured
-rates more than the model. The second estimate is mixed with small shares of the first estimate and
-of the front as last seen; the largest error of this mixture is smaller than the largest error of
-each part. The result is the first estimate if its errors are clearly smaller than those of the
-mixture, and otherwise the mixture. Errors are measured where the front comes into view again.
+The first estimate (the model's estimate) follows the fire model. Where the fuel map or the wind is
+wrong, the model's estimate has large errors between two views. The second estimate is
+``cautious``: it follows measured rates more than the model. The mixture contains the cautious
+estimate and small shares of the model's estimate and of the front as last seen; the largest error
+of the mixture is smaller than the largest error of each part. The result is the model's estimate if
+this estimate's errors are clearly smaller than those of the mixture, and otherwise the mixture.
+Errors are measured where the front comes into view again.
 
 The constants were chosen on the fires 200 to 229 of ``benchmarks.random_fires --wrong``. Without a
 model there is only one estimate.
@@ -20,17 +21,17 @@ from mission_service.guidance.front.front_estimate_kernels import mixed_front
 
 Floats = NDArray[np.float64]
 
-# Shares of the estimate by the model, of the cautious estimate, and of the front as last seen.
+# Shares in the mixture: the model's estimate, the cautious estimate, the front as last seen.
 SHARES = (0.15, 0.75, 0.10)
-CLEARLY = 0.5  # ratio of mean square errors (model / mixture) where both have equal weight
-SHARPNESS = 4.0
-AGAIN_S = 120.0  # a bearing counts if it has been out of view for this time
-KEPT = 0.9975  # factor of the weights of earlier bearings at each new bearing
-FIRST_SQUARES = 20.0  # sum of the mixture's square errors in cells before the first prediction
+CLEARLY = 0.5  # ratio of mean square errors (model / mixture) at which both have equal weight
+SHARPNESS = 4.0  # exponent of this ratio in ``model_share``
+AGAIN_S = 120.0  # errors are measured on bearings that have been out of view for longer
+KEPT = 0.9975  # factor by which each new error reduces the weights of earlier errors
+FIRST_SQUARES = 20.0  # initial sum of the mixture's square errors, in square cells
 
 
 class FrontMixture:
-    """The mixed front, with the interface of ``FrontEstimate``; arrays are (360)."""
+    """The mixed front, with the interface of ``FrontEstimate``; arrays have 360 elements."""
 
     def __init__(
         self,
@@ -54,12 +55,12 @@ class FrontMixture:
 
     @property
     def model_share(self) -> float:
-        """The share of the estimate by the model, from 0 to 1; the rest is the mixture."""
+        """The share of the model's estimate in the result, from 0 to 1; the rest is the mixture."""
         ratio = float(self._squares[0] / (CLEARLY * max(self._squares[1], 1e-9)))
         return float(1.0 / (1.0 + min(ratio, 1e3) ** SHARPNESS))
 
     def _mixed(self) -> tuple[Floats, Floats]:
-        """Return the mixture that is used if the model is not clearly better, and the front."""
+        """Return the mixture, and the front as a mean of the model's estimate and the mixture."""
         modelled = self.modelled
         if self._cautious is None:
             return modelled.front, modelled.front
@@ -71,7 +72,7 @@ class FrontMixture:
     def reset_around(
         self, centre: tuple[float, float], front: Floats, at_s: float
     ) -> "FrontMixture":
-        """Return a mixture around another centre that keeps models and wind, but no views."""
+        """Return a mixture around another centre, with the same models and wind, without views."""
         found = object.__new__(FrontMixture)
         found.modelled = self.modelled.reset_around(centre, front, at_s)
         own = self._cautious

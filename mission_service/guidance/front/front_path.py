@@ -1,6 +1,6 @@
 """Computes a vehicle's position on a front, the bearings in its view, and the path to fly.
 
-The functions use only the on-board map, and all planners share them. Positions are rows and columns
+All planners use these functions, which need only the on-board map. Positions are rows and columns
 of the landscape's grid, as floats. ``clockwise`` is the flying direction around the fire.
 """
 
@@ -54,7 +54,7 @@ def turned_deg(from_deg: float, to_deg: float, clockwise: bool) -> float:
 
 
 def foremost_in_view(in_view: Booleans, bearing: int, clockwise: bool) -> int:
-    """Return the farthest bearing ahead up to which the view of the front has no wide gap."""
+    """Return the farthest bearing ahead up to which the front is in view without a wide gap."""
     found: int = _foremost(in_view, int(bearing), 1 if clockwise else -1)
     return found
 
@@ -115,8 +115,8 @@ def path_along(
 ) -> Floats:
     """Return the path to fly along the front ahead: an array (n, 2) with row and column.
 
-    ``front`` is in cells on 360 bearings. The path never crosses ground seen burned: at such ground
-    it leads outwards until the front is in view again.
+    ``front`` is in cells on 360 bearings. The path never crosses ground seen burned: where
+    ``front`` is inside such ground, the path follows the outer edge of the ground.
     """
     step = 1 if clockwise else -1
     front = circular_mean(np.maximum(front, fire_map.burned + 0.5), smoothing_deg)

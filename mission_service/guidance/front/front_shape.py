@@ -1,4 +1,4 @@
-"""Computes the fire's shape from the on-board map: closed gaps, the perimeter cells, and the hull.
+"""Computes the fire's shape from the on-board map: closes gaps, finds perimeter cells and the hull.
 
 The methods are from Islam & Hu, sections IV.B and VI.E. Positions are in cells north and east of
 the map's centre.
@@ -13,22 +13,22 @@ from mission_service.guidance.fire_map import BEARINGS, EAST, NORTH
 Floats = NDArray[np.float64]
 
 # The paper scans "as long as the angle keeps increasing". Because cells form a staircase, this scan
-# ends only when the angle is this much below the largest angle.
+# ends only when the angle is this far below the largest angle so far.
 STAIRCASE_DEG = 4.0
 SCAN_DEG = 150
 
 
 def close_gap(outer: Floats, foremost: int, clockwise: bool) -> Floats:
-    """Draw a straight line from the end of the front in view to the older front ahead (scan).
+    """Join the end of the front in view to the older front ahead by a straight line (scan).
 
     Args:
         outer: The distance of the front in cells on each bearing (360), without NaN.
-        foremost: The bearing of the last fresh front cell in the flying direction.
+        foremost: The last bearing in the flying direction on which the front is in view.
         clockwise: Whether the vehicle flies clockwise.
 
     Returns:
-        A copy of ``outer`` in which no bearing between the foremost cell and the best cell of the
-        scan lies inside the straight line between these two cells.
+        A copy of ``outer`` in which the front from the foremost cell to the cell with the largest
+        angle in the scan is nowhere inside the straight line between these two cells.
     """
     joined: Floats = _close_gap(outer, int(foremost), 1 if clockwise else -1)
     return joined
@@ -38,7 +38,7 @@ def close_gap(outer: Floats, foremost: int, clockwise: bool) -> Floats:
 def _close_gap(outer, foremost, step):  # type: ignore[no-untyped-def]
     start_north = outer[foremost] * NORTH[foremost]
     start_east = outer[foremost] * EAST[foremost]
-    # Angle between the directions to the centre and to the cell, positive outwards.
+    # The angle is between the directions to the centre and to the scanned cell, positive outwards.
     inward = foremost + 180.0
     highest, best = -np.inf, 0
     for ahead in range(SCAN_DEG - 1):
@@ -69,10 +69,10 @@ def _close_gap(outer, foremost, step):  # type: ignore[no-untyped-def]
 def ring_of_cells(
     outer: Floats, start: int, clockwise: bool
 ) -> tuple[Floats, Floats, NDArray[np.int64]]:
-    """Return the closed ring of perimeter cells, from the vehicle's bearing backwards.
+    """Return the closed ring of perimeter cells, from ``start`` against the flying direction.
 
-    The three arrays hold each cell's distance north and east of the centre, in whole cells, and its
-    bearing. Successive cells are neighbours, with or without a common side.
+    The three arrays hold each cell's distances north and east of the centre, in whole cells, and
+    each cell's bearing. Successive cells share a side or a corner.
     """
     cells: tuple[Floats, Floats, NDArray[np.int64]] = _ring_of_cells(
         outer, int(start), -1 if clockwise else 1
@@ -112,7 +112,7 @@ def steps_between(north: Floats, east: Floats) -> Floats:
 
 
 def hull_of(shape: Floats) -> Floats:
-    """Return the convex hull of a shape; both are distances on 360 bearings (section VI.E)."""
+    """Return the convex hull of a shape; hull and shape are distances on 360 bearings (VI.E)."""
     distance: Floats = _hull_of(shape)
     return distance
 

@@ -1,23 +1,23 @@
 """The planner of Islam & Hu: the vehicle turns back if the front behind it is more important.
 
-By listing 1 the vehicle first circles once to fill the on-board map. Then, at every new cell, the
-planner reconstructs the fire's shape, compares the importance of the two halves of the perimeter,
-and turns the vehicle back or keeps its direction.
+As in listing 1, the vehicle first flies one lap to fill the on-board map. Then, at every new cell,
+the planner reconstructs the fire's shape, compares the importance of the two halves of the
+perimeter (the back window and the front window), and turns the vehicle back or keeps the direction.
 
 The planner has three rules. ``islam_hu`` is the rule in the paper. A vehicle with this rule
 oscillates if the spread is very uneven, for two reasons: each turn makes the other window more
-important, and spread rates are computed from two views only seconds apart. ``islam_hu_damped`` has
-three differences:
+important, and spread rates are computed from two views only seconds apart. ``islam_hu_damped``
+differs in three points:
 
 - Spread rates are computed from views at least ``baseline_s`` apart and averaged over neighbouring
   bearings, so that a difference of one cell does not become a high rate.
-- The vehicle turns only if the importance of the back window exceeds that of the front window by
-  the share ``reversal_margin``, and by ``min_gain_cells`` of unseen spread for each cell of the
-  window, which is the resolution of the map.
-- After a turn the vehicle keeps its direction for ``dwell_s``, the time in which it turns around
-  and begins to see other cells.
+- The vehicle turns back only if the importance of the back window exceeds that of the front window
+  by the share ``reversal_margin``, and by ``min_gain_cells`` of unseen spread (the resolution of
+  the map) for each cell of the window.
+- After a turn the vehicle keeps the direction for ``dwell_s``: the time to turn around and to bring
+  other cells into view.
 
-With ``circling`` the vehicle never turns; this rule is the baseline of section VI.E.
+With ``circling`` the vehicle never turns back; this rule is the baseline of section VI.E.
 """
 
 from dataclasses import dataclass, replace
@@ -151,8 +151,8 @@ class PerimeterPlanner(LapPlanner):
     def path(self, row: float, col: float) -> Floats:
         """Return the path to fly along the front ahead: an array (n, 2) with row and column.
 
-        The path follows the visible front and, beyond it, the reconstructed front. During the
-        initial circle it extends the visible front by a straight line.
+        The path follows the visible front and, beyond the view, the reconstructed front. During the
+        initial circle, a straight line extends the visible front.
         """
         front_by = reconstructed_front if self.phase == "monitor" else extrapolated_front
         front = front_by(self.map, self._in_view, row, col, self.clockwise)
@@ -162,7 +162,7 @@ class PerimeterPlanner(LapPlanner):
 def perimeter_settings(
     planner: PlannerSection, speed_cells_s: float, path: PathSettings
 ) -> PerimeterSettings:
-    """Return the planner settings that a scenario contains."""
+    """Return the planner's settings from a scenario."""
     return PerimeterSettings(
         rule=cast(Rule, planner.rule),
         alpha=planner.alpha,

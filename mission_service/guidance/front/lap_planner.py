@@ -16,10 +16,10 @@ from mission_service.guidance.protocol import Decision, Phase
 
 
 class LapPlanner(ABC):
-    """A planner that flies one lap around the fire, and then decides in each new cell."""
+    """A planner that decides in each new cell, after a first lap around the fire."""
 
     def __init__(self, fire_map: FireMap, clockwise: bool, ignition_known: bool) -> None:
-        """Begin the approach; if the ignition is not known, the map is recentred after the lap."""
+        """Begin the approach; the map is recentred after the lap if the ignition is unknown."""
         self.phase: Phase = "approach"
         self.clockwise = clockwise
         self.reversals = 0
@@ -36,7 +36,7 @@ class LapPlanner(ABC):
         return
 
     def at(self, row: float, col: float, at_s: float) -> Decision | None:
-        """Set the vehicle's position; return a decision if it is in a new cell of the grid."""
+        """Set the vehicle's position; return a decision in each new cell of the grid."""
         bearing, circling = bearing_deg(self.map, row, col), self.phase == "initial circle"
         if self._lap.update(bearing, self.clockwise, counts=circling):
             self._finish_initial_circle()
@@ -49,7 +49,7 @@ class LapPlanner(ABC):
 
     @abstractmethod
     def _decide(self, row: float, col: float, at_s: float) -> Decision:
-        """Return the decision in a new cell, and make the turn that it contains."""
+        """Return the decision in a new cell; for a turn back, also reverse the flying direction."""
 
     def _survey(self, view: CameraView) -> None:
         """Update the map from a camera window; the first view of the fire begins the lap."""
@@ -60,14 +60,14 @@ class LapPlanner(ABC):
             append_view(self._observations, view)
 
     def _finish_initial_circle(self) -> None:
-        """End the first lap (listing 2); the fire's centre replaces an unknown ignition point."""
+        """End the first lap (Islam & Hu, listing 2); recentre the map for an unknown ignition."""
         self.phase = "monitor"
         if not self._ignition_known:
             self._recentre()
             self._observations.clear()
 
     def _recentre(self) -> None:
-        """Apply all views of the lap to a map around the fire's centre."""
+        """Rebuild the map around the fire's centre from all views of the lap."""
         self.map, self._in_view = recentred_map(self.map, self._observations)
 
     def _turn_back(self, at_s: float) -> None:

@@ -15,8 +15,8 @@ from mission_service.position_fix import PositionFix
 from mission_service.vehicles.traffic import TrafficManager
 from mission_service.vehicles.vehicle_state import Vehicle
 
-COMPARED_SHARE = 0.25  # share of the horizon over which a new path is compared with the flown one
-LEFT_SHARE = 0.4  # share of the horizon; a mission with less path left is extended
+COMPARED_SHARE = 0.25  # share of the horizon over which new and flown paths are compared
+LEFT_SHARE = 0.4  # share of the horizon; a mission with a shorter path left is renewed
 CHECK_EVERY_S = 2.0
 CLOSE_BELOW = "another vehicle flies close below"
 TURN_BACK = "turn back"
@@ -28,8 +28,8 @@ class Renewal:
     def __init__(self, settings: MissionSection, traffic: TrafficManager) -> None:
         self._settings = settings
         self._traffic = traffic
-        self._observed: set[str] = set()  # vehicles whose missions do not wait for the interval
-        self._corrected: set[str] = set()  # vehicles whose complete path is to be compared
+        self._observed: set[str] = set()  # vehicles that do not wait for the interval
+        self._corrected: set[str] = set()  # vehicles with a complete path to compare
 
     def corrected(self, vehicle: Vehicle, at_s: float) -> None:
         """Request an immediate check of the mission after an operator has corrected the fire."""
@@ -64,7 +64,11 @@ class Renewal:
         return vehicle.due or "fly to the fire"
 
     def is_open(self, vehicle: Vehicle, fix: PositionFix) -> bool:
-        """Return whether a renewal has a reason, or ``min_upload_interval_s`` has passed."""
+        """Return whether the mission may be renewed now.
+
+        The mission may be renewed for a reason in ``Vehicle.due``, after an observation by a
+        sensor, or when ``min_upload_interval_s`` has passed.
+        """
         since_s = fix.at_s - vehicle.uploaded_at_s
         if vehicle.name in self._observed:
             self._observed.remove(vehicle.name)
@@ -72,7 +76,7 @@ class Renewal:
         return bool(vehicle.due) or since_s >= self._settings.min_upload_interval_s
 
     def why(self, vehicle: Vehicle, path_m: NDArray[np.float64], fix: PositionFix) -> str | None:
-        """Return the reason to replace the mission by a mission along ``path_m``, or None.
+        """Return the reason to replace the mission with a mission along ``path_m``, or None.
 
         ``path_m`` (n, 2; x, y in metres) is the path of a mission that would start now.
         """

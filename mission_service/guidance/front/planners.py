@@ -1,4 +1,4 @@
-"""Computes the inputs of all planners along a front from the scenario."""
+"""Computes, from the scenario, the inputs that all planners for fronts use."""
 
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario
@@ -7,13 +7,13 @@ from mission_service.fire.scenario_fire import fire_position
 from mission_service.guidance.front.front_path import PathSettings
 from mission_service.guidance.protocol import Ground
 
-TURN_BACK_RAD = 6.3  # length in radii of a turn back: half a circle, and back onto the line
+TURN_BACK_RAD = 6.3  # length of a turn back in turn radii: half a circle and a return to the line
 
 
 def ground_of(scenario: Scenario, landscape: Landscape) -> Ground:
-    """Return a scenario's grid, the cell of its reported fire, and the ignition time."""
+    """Return the grid, the cell of the reported fire, and the ignition time of a scenario."""
     row, col = landscape.row_col_of(*fire_position(scenario, landscape))
-    # The ignition is a cell, so the centre of bearings is rounded to a cell.
+    # The fire ignites in one cell, so the centre of the map's bearings is rounded to a cell.
     centre = (float(round(float(row))), float(round(float(col))))
     burns_from_s = scenario.ignition[0].at_s if scenario.ignition else scenario.fire.burning_at_s
     return Ground(landscape, centre, burns_from_s)
@@ -25,6 +25,6 @@ def turn_back_s(section: VehicleSection) -> float:
 
 
 def path_settings(scenario: Scenario, cell_m: float) -> PathSettings:
-    """Return the length of a path, and the distance to its start, in cells."""
+    """Return the length of a path, and how far ahead of the vehicle the path starts, in cells."""
     mission = scenario.mission
     return PathSettings(mission.horizon_m / cell_m, mission.lookahead_m / cell_m)

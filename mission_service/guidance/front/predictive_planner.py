@@ -1,11 +1,12 @@
-"""The predictive planner, which guides one vehicle where the estimated front is most uncertain.
+"""The predictive planner, which guides one vehicle to the least certain parts of the front.
 
-``front_estimate`` advances each part of the front from its last view, and ``front_mixture`` reduces
-the effect of a wrong fire model. The expected error of a part grows at the part's speed times the
-standard deviation of its factor. At every new cell of the grid, ``sweeps`` rolls out plans of
-sweeps and circles on the estimated front. Some plans keep the direction, and some turn back now.
-The cost of a plan measures the error. The vehicle turns if the best plan that turns back costs
-clearly less than the best plan that keeps the direction.
+``front_estimate`` predicts the advance of each part of the front since the part's last view, and
+``front_mixture`` reduces the effect of a wrong fire model. The expected error of a part grows at
+the part's speed times the standard deviation of its factor (the measured rate of spread divided by
+the modelled rate). At every new cell of the grid, ``sweeps`` rolls out (simulates) plans of sweeps
+and laps on the estimated front. Some plans keep the direction, and some turn back now. The cost of
+a plan measures the error. The vehicle turns back if the best plan that turns back costs clearly
+less than the best plan that keeps the direction.
 
 The roll-outs include the time of turns and the effect of the measured wind on the vehicle. A
 landscape and a wind improve the prediction but are not required.
@@ -46,11 +47,11 @@ from mission_service.guidance.protocol import Compared, Decision, Ground
 Floats = NDArray[np.float64]
 
 HORIZON_LAPS = 2.0
-REST_LAPS = 0.03  # minimum interval between turns
+REST_LAPS = 0.03  # minimum interval between turns, in laps
 # Share of the cost that a turn must save. With 0.25, turns increased the error on random fires.
 MIN_GAIN = 0.5
-TURN_BACK = 7.0 / 3.0 * math.pi  # shortest path to the opposite course, in turn radii
-LEFT_CELLS = 0.5  # error across a front in view
+TURN_BACK = 7.0 / 3.0 * math.pi  # length of the shortest path to the opposite course, in turn radii
+LEFT_CELLS = 0.5  # error of a front in view, normal to the front
 RECENTRED_BASELINE_S = 300.0
 
 
@@ -101,7 +102,7 @@ class PredictivePlanner(LapPlanner):
 
     @property
     def estimate(self) -> FrontEstimate:
-        """The estimate by the fire model, with its factors and wind."""
+        """The model's estimate, with its factors and wind."""
         return self.fronts.modelled
 
     def observe(self, observed: Observed) -> None:
@@ -120,11 +121,11 @@ class PredictivePlanner(LapPlanner):
         self.fronts.correct_window(*seen)
 
     def wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
-        """Add a wind measured in the air; ``from_deg`` is clockwise from true north."""
+        """Add a measured wind that blows from ``from_deg``, clockwise from true north."""
         self.fronts.add_wind(speed_m_s * self.settings.wind_20ft_share, from_deg, at_s)
 
     def _recentre(self) -> None:
-        """Apply all views of the lap to a map and an estimate around the fire's centre."""
+        """Rebuild the map and the estimate around the fire's centre from all views of the lap."""
         super()._recentre()
         centre = (self.map.centre_row, self.map.centre_col)
         outer, _ = self.map.filled_outer()
@@ -154,9 +155,9 @@ class PredictivePlanner(LapPlanner):
         return Decision(self.clockwise, turns, on, back, round(length))
 
     def compared(self, row: float, col: float, at_s: float) -> Compared:
-        """Return the front's expected error, in cells, and position on each of 360 bearings."""
+        """Return the expected error (in cells) and the position of the front on 360 bearings."""
         first, step = round(bearing_deg(self.map, row, col)), -1 if self.clockwise else 1
-        # Bearings from the vehicle backwards.
+        # Bearings from the vehicle's bearing on, against the flying direction.
         places = (first + step * np.arange(BEARINGS)) % BEARINGS
         estimate = self.estimate
         values = self._error(estimate.factor_sd())[places]
@@ -173,7 +174,7 @@ class PredictivePlanner(LapPlanner):
         return LEFT_CELLS * self.estimate.slant() + factor_sd * self.estimate.unseen_advance()
 
     def _fill_ring(self) -> float:
-        """Fill the ring from the estimate; return its length in cells."""
+        """Fill the ring from the estimate; return the ring's length in cells."""
         estimate, settings = self.estimate, self.settings
         factor_sd = estimate.factor_sd()
         left = LEFT_CELLS * estimate.slant()
@@ -203,7 +204,7 @@ class PredictivePlanner(LapPlanner):
         visible front, extended by a straight line.
         """
         settings = self.settings.path
-        # Not smoothed, so that the tip of a narrow fire comes into view.
+        # The path is not smoothed, so that the tip of a narrow fire comes into view.
         if self.phase == "monitor":
             front = self.fronts.front
             return path_along(front, self.estimate, row, col, self.clockwise, settings, 0)
@@ -222,7 +223,7 @@ def predictive_planner(
         speed_cells_s=section.airspeed_m_s / cell_m,
         turn_radius_cells=section.turn_radius_m / cell_m,
         flies_in_wind=True,
-        wind_20ft_share=1.0,  # the factors of spread compensate for a wrong share
+        wind_20ft_share=1.0,  # the estimate's factors compensate for a wrong share
         path=path_settings(scenario, cell_m),
     )
     return PredictivePlanner(

@@ -1,11 +1,11 @@
-"""Rolls out one vehicle's sweeps and circles on a coarse ring, to decide on its direction.
+"""Rolls out (simulates) a vehicle's sweeps and laps on a coarse ring, to decide the direction.
 
 A plan is a sequence of legs with turns between them. Legs are measured in nodes of the ring, and
-the last leg does not end. The cost of a plan is the cube of the expected error, integrated over
-time and summed over the ring. The cost approximates the largest error, but also distinguishes
-between plans with the same largest error. The error of a node out of view grows linearly, so a
-roll-out computes only the visits. The time of a roll-out is proportional to the number of nodes
-plus the number of steps.
+the last leg has no end. The cost of a plan is the cube of the expected error, integrated over time
+and summed over the ring. The cost approximates the largest error, but also distinguishes between
+plans with the same largest error. The error of a node out of view grows linearly, so a roll-out
+computes errors only at visits. The computing time of a roll-out is proportional to the number of
+nodes plus the number of steps.
 
 Lengths are in cells, times in seconds, and speeds in cells per second.
 """
@@ -22,7 +22,7 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 NODES = 72
-NEVER = 1 << 40
+NEVER = 1 << 40  # number of nodes in a leg without end
 MIN_GROWTH_CELLS_S = 1e-6
 SLOWEST = 0.2  # minimum ground speed, as a share of the airspeed
 
@@ -40,7 +40,7 @@ class CoarseRing(NamedTuple):
 def _plans() -> Integers:
     """Return the legs (m, 3) of all plans.
 
-    The plans are: fly on; fly out, back, and on; fly out and back.
+    The plans are: fly on; fly out, turn back, turn again and fly on; fly out, turn back and fly on.
     """
     legs = [(NEVER, 0, 0)]
     for out in (2, 5, 9, 14, 20, 28, 38, 50, 62):
@@ -54,11 +54,11 @@ PLANS = _plans()
 
 @compiled
 def flight_times(north, east, length, speed, wind):  # type: ignore[no-untyped-def]
-    """Return the flight times of a straight step in its direction and in the opposite direction.
+    """Return the flight times along a straight step, forwards and in the opposite direction.
 
-    ``north`` and ``east`` are its components and ``length`` is its length, each a number or an
-    array of any shape; ``speed`` is the airspeed, and ``wind`` holds the speeds towards north and
-    east at which the wind carries the vehicle.
+    ``north`` and ``east`` are the components of the step and ``length`` is the length of the step,
+    each a number or an array of any shape. ``speed`` is the airspeed, and ``wind`` holds the speeds
+    towards north and east at which the wind carries the vehicle.
     """
     tail = (wind[0] * north + wind[1] * east) / length
     cross = (wind[0] * east - wind[1] * north) / length
@@ -71,7 +71,7 @@ def flight_times(north, east, length, speed, wind):  # type: ignore[no-untyped-d
 def fill_ring(front, error, growth, left, speed, wind, node_of, ring):  # type: ignore[no-untyped-def]
     """Divide a front (cells on 360 bearings) into the nodes of a ring, and fill in the ring.
 
-    ``error``, ``growth`` and ``left`` have a value per bearing; each node gets the maximum of its
+    ``error``, ``growth`` and ``left`` have a value per bearing; each node gets the maximum over its
     bearings. ``wind`` holds the speeds towards north and east at which the wind carries the
     vehicle, and ``speed`` is the vehicle's airspeed. ``node_of`` (360) is filled with the node of
     each bearing. Returns the length of the front.

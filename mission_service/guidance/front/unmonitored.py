@@ -1,4 +1,7 @@
-"""Reports the part of the front that is no longer monitored when a vehicle leaves. Pure."""
+"""Reports the part of the front that is no longer monitored when a vehicle leaves.
+
+The module is pure: it uses no clock, network or random numbers.
+"""
 
 from collections.abc import Mapping
 
@@ -26,7 +29,7 @@ def front_map_of(planner: Steered) -> FireMap | None:
 def nearest_bearings(own_deg: float, others_deg: list[float]) -> NDArray[np.int64]:
     """Return the whole-degree bearings to which none of ``others_deg`` is nearer than ``own_deg``.
 
-    The bearings are in clockwise order, and include at least ``own_deg``, rounded.
+    The bearings are in clockwise order. If there are none, the result is ``own_deg``, rounded.
     """
     bearings = np.arange(BEARINGS)
 
@@ -69,7 +72,7 @@ def observes_front(event: AnyEvent) -> bool:
 
 
 class FrontMonitor:
-    """The record of the vehicles that monitor a front, and of the alarm when none does."""
+    """A record of the vehicles that monitor a front, and of the alarm when no vehicle does."""
 
     def __init__(self, planners: Mapping[str, Steered], cell_m: float) -> None:
         self._planners = planners

@@ -16,14 +16,14 @@ FIRE_CELLS, OFF_CELLS, VIEW_CELLS = 6, 8, 6
 LAP_STEPS, LAPS = 48, 1.6
 STEP_S = 20.0
 FRONTS_EVERY = 8  # steps between new fronts
-ENOUGH = 2  # number of vehicles that together call every kernel
+ENOUGH = 2  # number of vehicles with which every kernel is called
 
 
 def warm_up(planners_of: Planners, scenario: Scenario, landscape: Landscape) -> None:
     """Run temporary planners for more than one lap around a circular fire.
 
-    The circle is at the position of the scenario's fire. Each kernel of the rule is called at least
-    once, which compiles the kernel or loads it from the disk cache.
+    The circular fire is at the position of the scenario's fire. Each kernel of the rule is called
+    at least once, which compiles the kernel or loads it from the disk cache.
     """
     heights_below(np.zeros((1, 2)), [Track(np.zeros((1, 2)), np.zeros(1), np.zeros(1))])
     few = scenario.model_copy(update={"vehicles": scenario.vehicles[:ENOUGH]})
@@ -49,7 +49,7 @@ def warm_up(planners_of: Planners, scenario: Scenario, landscape: Landscape) -> 
             if isinstance(planner, ReadsFronts) and step % FRONTS_EVERY == 0:
                 planner.on_fronts(_two_fronts(name, at_s, middle_row, middle_col, reach))
             planner.observe(Observed(round(at_s * 1e6), name, top, left, cells))
-            if step == 0:  # a single cell, for which numba compiles kernels again
+            if step == 0:  # a window of one cell, for which Numba compiles kernels again
                 planner.observe(Observed(round(at_s * 1e6), name, top, left, (cells[0][0],)))
             planner.at(row, col, at_s)
             planner.shape(row, col)
@@ -57,7 +57,7 @@ def warm_up(planners_of: Planners, scenario: Scenario, landscape: Landscape) -> 
 
 
 def _two_fronts(name: str, at_s: float, row: int, col: int, radius: int) -> FrontsEstimated:
-    """Return an event with a round front and a small one beside it."""
+    """Return an event with a round front and, beside it, a round front of half the size."""
     fronts = []
     for centre, size in ((col, float(radius)), (col + 4 * radius, radius / 2.0)):
         angle = np.linspace(0.0, math.tau, round(math.tau * size), endpoint=False)

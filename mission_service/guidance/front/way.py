@@ -24,7 +24,7 @@ Maker = Callable[["Scenario", "VehicleSection", "Ground"], "Planner"]
 Planners = Callable[["Scenario", "Landscape"], "Mapping[str, Planner]"]
 
 FOLDER = __package__
-# For each rule, the address of the function that makes the planner of one vehicle.
+# For each rule, the function (module:name) that makes the planner of one vehicle.
 PLANNERS = {
     "islam_hu_damped": "islam_hu_planner:islam_hu_planner",
     "islam_hu": "islam_hu_planner:islam_hu_planner",
@@ -38,9 +38,9 @@ def front_way(rule: str, planner: Maker, section: type[BaseModel] | None = None)
 
     Args:
         rule: The value of ``planner.rule``, which is also the name of the entry point.
-        planner: Makes the planner of one vehicle.
-        section: The model of the scenario's table that has the rule's name. ``planner`` reads this
-            table by ``config.scenario.own_table(scenario, section)``.
+        planner: The function that makes the planner of one vehicle.
+        section: The model of the scenario's table that has the rule's name. The function
+            ``planner`` reads this table with ``config.scenario.own_table(scenario, section)``.
 
     Returns:
         The object to which an entry point in the group ``mission_service.planners`` refers.
@@ -53,7 +53,7 @@ def along_front(
 ) -> WayOfFlying:
     """Return a way of flying along a front.
 
-    ``planners`` makes the planners of all vehicles, by vehicle name.
+    The function ``planners`` returns the planners of all vehicles, by vehicle name.
     """
     return WayOfFlying(
         rules,
@@ -72,7 +72,7 @@ def _each_alone(maker: Maker, scenario: "Scenario", landscape: "Landscape") -> "
 
 
 def _checked(maker: Maker, scenario: "Scenario", landscape: "Landscape") -> "dict[str, Planner]":
-    """Return the planners of another package. Raises PlannerError if one lacks methods."""
+    """Return the planners of another package. Raises PlannerError if a planner lacks methods."""
     from mission_service.guidance.protocol import Planner, Steered
 
     with faults_of(scenario.planner.rule):

@@ -1,1 +1,1 @@
-"""The guidance of teams: several vehicles that divide a fire front among them."""
+"""The guidance of teams: several vehicles that divide a fire front among themselves."""

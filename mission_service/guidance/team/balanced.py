@@ -1,12 +1,13 @@
-"""The team rule that divides the front at the minimum mean cost (``team.balanced``).
+"""The team rule ``team.balanced``, which searches for plans with the lowest mean cost.
 
-The rule searches twice. It computes the costs of the long-term patterns of ``patterns`` from the
-rates of spread: all vehicles lap, all lap and return on a fast arc, or some sweep the arc. With
-``lookahead`` the rule simulates the next turns of each vehicle, so that the team reaches the
-cheapest pattern with even gaps and visits the cells that have not been seen for long.
+The cost of a plan is the importance of all cells, averaged over time. The rule makes two searches.
+The first search computes the costs of the long-term patterns of ``patterns`` from the rates of
+spread: all vehicles lap, all lap and return on a fast arc, or some sweep the arc. The second search
+(``lookahead``) simulates the next turns of each vehicle, so that the team reaches the cheapest
+pattern with even gaps and visits the cells that have not been seen for long.
 
-Each decision tries only a few plans, and keeps the present pattern and plan unless another is
-better by a margin.
+Each decision tries only a few plans, and keeps the present pattern and plan unless another pattern
+or plan is better by a margin.
 """
 
 from typing import Literal
@@ -46,14 +47,15 @@ NODES = 256  # maximum number of nodes of the ring for roll-outs
 BACKS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)  # cells to fly back before the next turn
 SHIFTS = (-8, -4, -2, -1, 1, 2, 4, 8)  # cells by which a turn is delayed
 # Length of the first part of a roll-out (in laps, or in periods of a pattern with an arc), and the
-# weight of one more lap after it. A larger weight equalises gaps sooner, but too large a weight
-# defers every gain.
+# additional weight of the lap or period that follows. A larger weight equalises gaps sooner, but
+# too large a weight defers every gain.
 AHEAD_LAPS, LATE_TIMES = 0.5, 3.0
 AHEAD_ON_ARCS, LATE_ON_ARCS = 1.0, 1.0
 # Share of the cost that another plan must save, in laps and on an arc.
 MARGIN, MARGIN_ON_ARCS = 4e-3, 1e-3
-PATTERN_MARGIN = 0.03  # share of the settled cost that another pattern must save
-# Searches in the time of one lap, and the minimum time between two searches.
+# Share of the settled cost (the cost with even spacing) that another pattern must save.
+PATTERN_MARGIN = 0.03
+# Number of searches in the time of one lap, and the minimum time between two searches.
 PATTERN_SEARCHES, PLAN_SEARCHES = 8, 60  # for a better pattern, for a better plan of a vehicle
 SEARCH_S = 2.0
 
@@ -75,9 +77,9 @@ class Balanced:
         self._next_pattern_s = -np.inf
         self.rollouts = 0
         self.turns = 0
-        # For each vehicle (k): its member number, the cells to fly before each turn, its next cell,
-        # the time of arrival there, its direction, the last search, whether it sweeps, and its
-        # returns on the arc in this lap.
+        # For each vehicle (k): the member number, the cells to fly before each turn, the next cell,
+        # the time of arrival there, the direction, the time of the last search, whether the vehicle
+        # sweeps, and the number of returns on the arc in this lap.
         self._members: list[int] = []
         self._legs = np.empty((0, LEGS), np.int64)
         self._goal = np.empty(0, np.int64)
@@ -88,7 +90,7 @@ class Balanced:
         self._returned = np.empty(0, np.int64)
 
     def decide(self, ring: FrontRing, fleet: ActiveFleet, which: int, at_s: float) -> bool:
-        """Search this vehicle's plans; return whether it flies clockwise next."""
+        """Search this vehicle's plans; return whether the vehicle flies clockwise next."""
         if ring is not self._ring:
             self._update_ring(ring, fleet)
         members: list[int] = fleet.member.tolist()
@@ -152,7 +154,7 @@ class Balanced:
         return cells / power, power
 
     def _choose_pattern(self, fleet: ActiveFleet) -> None:
-        """Replace the pattern, and the plans of all vehicles, if another is better by a margin."""
+        """Replace the pattern and all plans if another pattern is better by a margin."""
         team = fleet.member.size, float(fleet.speed_m_s.mean()), self._turn_s
         present = in_nodes(self._pattern, self._stride)
         cost = settled_cost(present, self._nodes, *team)
@@ -169,7 +171,7 @@ class Balanced:
             self._plan_all()
 
     def _plan_all(self) -> None:
-        """Set the plan of each vehicle to the pattern, from its next cell on."""
+        """Set the plan of each vehicle to the pattern, from the vehicle's next cell on."""
         size = self._size()
         middle = self._pattern.first + self._pattern.length // 2
         away = (self._goal - middle) % size
@@ -183,9 +185,10 @@ class Balanced:
             self._space_on_arc()
 
     def _space_on_arc(self) -> None:
-        """Delay the vehicles that serve the arc on their first visit, so that gaps become even.
+        """On the first visit, delay the vehicles that serve the arc, so that gaps become even.
 
-        A delay consists of whole returns, and of a return beyond the end of the arc.
+        A delay consists of whole returns on the arc, and of one flight beyond the end of the arc
+        and back.
         """
         length, returns = self._pattern.length, self._pattern.returns
         serving = np.flatnonzero([self._serves(v) for v in range(len(self._members))])
@@ -209,7 +212,7 @@ class Balanced:
         return pattern.length > 0 and bool(self._sweeps[vehicle]) == (pattern.sweeping > 0)
 
     def _plan(self, vehicle: int) -> None:
-        """Set the plan of one vehicle to the pattern, from its next cell on."""
+        """Set the plan of one vehicle to the pattern, from the vehicle's next cell on."""
         if not self._serves(vehicle):
             self._legs[vehicle] = NEVER
             if self._heading[vehicle] < 0:
@@ -245,7 +248,7 @@ class Balanced:
         self._plan_all()
 
     def _improve(self, fleet: ActiveFleet, which: int, at_s: float) -> None:
-        """Try other plans for one vehicle; keep the best one."""
+        """Try other plans for one vehicle; keep the best plan."""
         assert self._ring is not None
         unreported = self._due_s < at_s - SEARCH_S
         if unreported.any():  # the positions of these vehicles are dead reckoned
@@ -276,7 +279,7 @@ class Balanced:
         self.rollouts += improve(nodes, start, self._legs, span, self._room, which, moves, margin)
 
     def _advance(self, which: int, ring: FrontRing, fleet: ActiveFleet, at_s: float) -> bool:
-        """Advance the plan by one cell, with a turn if it is due."""
+        """Advance the plan by one cell, with a turn if one is due; return the direction."""
         legs, heading = self._legs[which], self._heading[which]
         while legs[0] == 0:
             self._heading[which] *= -1

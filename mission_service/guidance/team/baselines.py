@@ -19,14 +19,14 @@ class Circling:
 class Bumper:
     """The rule by which neighbours start in opposite directions, and turn back when they meet.
 
-    Vehicles never pass each other. When the ring grows, two vehicles may come into one cell, or
-    swap their order by one cell. Therefore the number of cells between two neighbours may be 0 or
-    negative.
+    Vehicles never fly past each other. When the ring grows, however, two vehicles may be moved to
+    the same cell, or past each other by one cell. Therefore the number of cells between two
+    neighbours may be 0 or negative.
     """
 
     def __init__(self) -> None:
-        # The directions last decided: when two vehicles meet, one turns now, and its neighbour at
-        # the neighbour's next cell.
+        # The directions last decided. When two vehicles meet, the first vehicle turns at once, and
+        # the second vehicle at that vehicle's next decision.
         self._clockwise: dict[int, bool] = {}
         self._around: list[int] = []  # members in their constant order around the ring
         self._cells_on: dict[int, int] = {}  # cells from each member to the next one clockwise
@@ -46,7 +46,7 @@ class Bumper:
         member = members[which]
         clockwise, place = self._clockwise[member], self._around.index(member)
         behind, after = self._around[place - 1], self._around[(place + 1) % len(members)]
-        # Both counts are updated in either direction, so that no lap is lost.
+        # The gaps on both sides are updated at each decision, so that no lap is missed.
         since, until = (self._gap(rear, cell_of, ring.step_m.size) for rear in (behind, member))
         met, gap = (after, until) if clockwise else (behind, since)
         if gap <= 1 and self._clockwise[met] is not clockwise:
@@ -57,7 +57,8 @@ class Bumper:
     def _gap(self, rear: int, cell_of: dict[int, int], around: int) -> int:
         """Return the number of cells from ``rear`` to the next vehicle.
 
-        The number is known up to whole laps; the number nearest to the last result is returned.
+        The vehicles' cells give this number only up to whole laps; the candidate nearest to the
+        last result is returned.
         """
         front = self._around[(self._around.index(rear) + 1) % len(self._around)]
         gap = (cell_of[front] - cell_of[rear]) % around

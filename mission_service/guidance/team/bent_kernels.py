@@ -2,8 +2,7 @@
 
 A region is ``range(begin, end)`` of lifted cells (see ``regions``) on a ring of n cells. The arrays
 (n) over the ring are ``rate`` (spread rate in m/s), ``visited`` (time of the last view in s) and
-``step`` (metres to the next cell clockwise). All kernels are in one file, because Numba caches
-compiled code until the function's file changes.
+``step`` (metres to the next cell clockwise).
 """
 
 from firemodel.compiled import compiled
@@ -44,7 +43,7 @@ def best_path(  # type: ignore[no-untyped-def]
 ):
     """Return the lifted end of the path whose cells have the highest mean importance (4.1.4).
 
-    The importance of each cell is computed for the time of its visit. Among paths with the same
+    The importance of each cell is computed for the time of the visit. Among paths with the same
     mean, the path to ``target`` is preferred, then the path with the nearest end, then the path in
     the clockwise direction.
     """
@@ -119,7 +118,7 @@ def max_centred(  # type: ignore[no-untyped-def]
         return 0, 0
     best_first, best_last = 0, 0
     best_off = abs(moment / worth - (begin + end - 1) / 2.0)
-    # Sums over the cells that remain: the whole first chunk is removed, then added cell by cell.
+    # Sums over the remaining cells: all ``max_first`` cells are removed, then added one by one.
     worth_first, moment_first = worth, moment
     for cell in range(begin, begin + max_first):
         place = cell % n

@@ -1,4 +1,4 @@
-"""The input of Bent's planners (a vehicle's region of the ring) and their result (its course)."""
+"""The input of Bent's planners (a vehicle's region) and the result (the vehicle's course)."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,8 +11,8 @@ from mission_service.guidance.team.front_ring import FrontRing
 class Region:
     """One vehicle's part of the ring: the lifted cells in ``range(begin, end)`` (see ``regions``).
 
-    ``own_cell`` is the vehicle's cell, in ``range(begin, begin + n)`` for a ring of n cells. If it
-    is ``end`` or more, the vehicle is outside the region.
+    ``own_cell`` is the vehicle's cell, in ``range(begin, begin + n)`` for a ring of n cells. If
+    ``own_cell`` is ``end`` or more, the vehicle is outside the region.
     """
 
     ring: FrontRing
@@ -36,7 +36,7 @@ CourseRule = Callable[[Region, Course], Course]
 
 
 def lifted(cell: int, begin: int, cells: int) -> int:
-    """Return the lifted cell in ``range(begin, begin + cells)`` that equals a cell of the ring."""
+    """Return the lifted cell in ``range(begin, begin + cells)`` for a cell of the ring."""
     return begin + (cell - begin) % cells
 
 
@@ -46,10 +46,10 @@ def course_to(region: Region, target: int) -> Course:
 
 
 def is_finished(region: Region, course: Course) -> bool:
-    """Return whether a course has no target, or its target is passed or outside the region.
+    """Return whether a course has no target, or a target that is passed or outside the region.
 
-    A vehicle can be beyond its target without a visit, because the ring has grown, or because the
-    vehicle has skipped cells in flight.
+    A vehicle can pass its target without a visit if the ring has grown, or if the vehicle has
+    skipped cells in flight.
     """
     target = course.target
     if target is None or not region.begin <= target < region.end:

@@ -47,6 +47,6 @@ def bent_rule(planner: str, negotiation: str | None, importance: str) -> TeamRul
 
 
 def bent(scenario: Scenario) -> TeamRule:
-    """Return Bent's team rule that a scenario selects."""
+    """Return the rule from Bent's thesis that a scenario selects."""
     planner = scenario.planner
     return bent_rule(planner.rule.removeprefix("team."), planner.negotiation, planner.importance)

@@ -17,7 +17,7 @@ def back_and_forth(region: Region, course: Course) -> Course:
 
 
 def highest_dynamic(region: Region, course: Course) -> Course:
-    """Return the course to the cell with the highest importance, chosen again each time (4.1.2)."""
+    """Return the course to the most important cell, chosen again at each decision (4.1.2)."""
     ring, cells = region.ring, (region.begin, region.end, region.own_cell)
     target = highest(
         ring.spread_rate_m_s, ring.visited_at_s, *cells, region.at_s, region.exponential
@@ -26,16 +26,16 @@ def highest_dynamic(region: Region, course: Course) -> Course:
 
 
 def highest_static(region: Region, course: Course) -> Course:
-    """Return the course to the cell with the highest importance, kept until arrival (4.1.3)."""
+    """Return the course to the most important cell, kept until arrival (4.1.3)."""
     return highest_dynamic(region, course) if is_finished(region, course) else course
 
 
 def predictive(region: Region, course: Course) -> Course:
     """Return the course along the path whose cells have the highest mean importance (4.1.4).
 
-    The importance of a cell is computed for the time of its visit. This time follows from the
-    flight time to the cell, whereas the thesis assumes one time step for each cell ("+ 1, + 2"). As
-    in the pseudocode, the previous target is kept unless another path is better.
+    The importance of a cell is computed for the time of the visit. Here this time follows from the
+    flight time to the cell; the thesis assumes one time step for each cell ("+ 1, + 2"). As in the
+    pseudocode, the previous target is kept unless another path is better.
     """
     ring, cells = region.ring, (region.begin, region.end, region.own_cell)
     target = best_path(

@@ -1,4 +1,4 @@
-"""Bent's team rule: each vehicle has a region and a planner, and negotiates at intervals."""
+"""Bent's team rule: each vehicle has a region and a planner; negotiations move the borders."""
 
 from mission_service.guidance.team.bent_region import (
     Course,
@@ -54,7 +54,7 @@ class RegionTeam:
         return self._regions
 
     def decide(self, ring: FrontRing, fleet: ActiveFleet, which: int, at_s: float) -> bool:
-        """Return the direction chosen by the vehicle's planner, or the way back into its region."""
+        """Return whether the vehicle flies clockwise, as planned or back into its region."""
         regions = self._now(ring, fleet, at_s)
         member = int(fleet.member[which])
         begin, end = served(regions, self._index[member])
@@ -73,8 +73,8 @@ class RegionTeam:
         return course.clockwise
 
     def on_ring_changed(self, place_of: Integers) -> None:
-        """Record the new ring; the next decision moves borders and targets to it."""
-        # Only the next decision, or the next growth, gives the size of the new ring.
+        """Record the new ring, to which the next decision moves borders and targets."""
+        # The size of the new ring is known only at the next decision or the next change.
         self._growths.append(place_of)
 
     def _now(self, ring: FrontRing, fleet: ActiveFleet, at_s: float) -> Regions:

@@ -22,7 +22,10 @@ class ReportedPosition:
 def dead_reckoned_fleet(
     reports: Sequence[ReportedPosition], ring: FrontRing, at_s: float, lost_after_s: float
 ) -> ActiveFleet:
-    """Return the fleet at ``at_s``, without vehicles with reports older than ``lost_after_s``."""
+    """Return the fleet at ``at_s``.
+
+    A vehicle is left out if the last report from the vehicle is older than ``lost_after_s``.
+    """
     recent = sorted(
         (one for one in reports if at_s - one.at_s <= lost_after_s), key=lambda one: one.member
     )

@@ -1,7 +1,7 @@
 """The front as a ring, and the interface of team rules.
 
-A ring is a closed, clockwise sequence of cells. In Bent's experiments they are cells of a simulated
-fire; in flight they are the 360 bearings of an on-board map.
+A ring is a closed, clockwise sequence of cells. In Bent's experiments, the cells are those of a
+simulated fire; in flight, the cells are the 360 bearings of an on-board map.
 """
 
 from dataclasses import dataclass

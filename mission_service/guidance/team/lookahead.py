@@ -1,10 +1,10 @@
-"""Computes the cost of all vehicles' plans by roll-outs on a ring, in compiled code.
+"""Computes the cost of all vehicles' plans by roll-outs (simulations) on a ring, in compiled code.
 
 A plan is a sequence of legs. Each leg is the number of cells that the vehicle flies before it
-turns, and the last two legs are repeated without end. So a lap is one infinite leg, a sweep is two
+turns, and the last two legs are repeated without end. A lap is one infinite leg, a sweep is two
 equal legs, and a lap that passes an arc three times is a long leg and a short leg. Each visit
-changes only one node. Therefore the time of a roll-out is proportional to the number of nodes plus
-the number of steps of the vehicles.
+changes only one node. Therefore the computing time of a roll-out is proportional to the number of
+nodes plus the number of steps of the vehicles.
 """
 
 from typing import NamedTuple
@@ -36,7 +36,7 @@ class StartState(NamedTuple):
     """The vehicles at the beginning of a roll-out; each array has a value per vehicle (k)."""
 
     node: Integers  # next node of each vehicle
-    arrival_s: Floats  # time of arrival there
+    arrival_s: Floats  # time of arrival at this node
     heading: Integers  # 1: clockwise, -1: anticlockwise
     speed_m_s: Floats
     turn_s: float  # duration of a turn back
@@ -49,12 +49,15 @@ class Workspace(NamedTuple):
     node: Integers  # (k)
     arrival_s: Floats  # (k)
     heading: Integers  # (k)
-    leg: Integers  # (k)
-    left: Integers  # (k)
+    leg: Integers  # (k), the index of the present leg
+    left: Integers  # (k), the number of nodes left in this leg
 
 
 class Horizon(NamedTuple):
-    """The length of a roll-out, and the weight of its last part, which stands for later times."""
+    """The length of a roll-out, and the additional weight ``late_times`` of the last part.
+
+    The last part begins at ``late_from_s`` and represents all later times.
+    """
 
     end_s: float
     late_from_s: float
@@ -62,10 +65,10 @@ class Horizon(NamedTuple):
 
 
 class Moves(NamedTuple):
-    """The changes to a plan that ``improve`` tries, in cells, and its work arrays."""
+    """The changes to a plan that ``improve`` tries, in cells, and work arrays for ``improve``."""
 
-    backs: Integers
-    shifts: Integers
+    backs: Integers  # lengths of a flight back
+    shifts: Integers  # delays of a turn
     kept: Integers  # (LEGS)
     best: Integers  # (LEGS)
 
@@ -73,7 +76,7 @@ class Moves(NamedTuple):
 def workspace_for(nodes: int, vehicles: int) -> Workspace:
     """Return work arrays for roll-outs of this size.
 
-    The arrays are zero, because they are part of a recorded state.
+    The arrays are filled with zeros, because recorded states contain these arrays.
     """
     return Workspace(
         np.zeros(nodes),
@@ -105,7 +108,7 @@ def _standing(nodes, visited_s, at_s):  # type: ignore[no-untyped-def]
 
 @kernel
 def _fly(nodes, start, legs, room, until_s):  # type: ignore[no-untyped-def]
-    """Fly all vehicles until ``until_s``; return the importance of the visited nodes.
+    """Simulate all vehicles until ``until_s``; return the importance of the visited nodes.
 
     For each visit the importance is integrated over the time since the node's previous visit.
     """
@@ -208,8 +211,8 @@ def _shift_turn(plan, kept, turn, shift):  # type: ignore[no-untyped-def]
 def _leave_out_turns(plan, kept):  # type: ignore[no-untyped-def]
     """Remove the next two turns; return whether this is possible.
 
-    The removal is not possible if a plan has no two turns, or if the vehicle would end up behind
-    its start.
+    The removal is not possible if the plan has fewer than two turns, or if the vehicle would end up
+    behind its start.
     """
     if kept[0] >= NEVER or kept[1] >= NEVER or (kept[2] < NEVER and kept[0] + kept[2] < kept[1]):
         return False
@@ -223,10 +226,10 @@ def _leave_out_turns(plan, kept):  # type: ignore[no-untyped-def]
 def improve(nodes, start, legs, span, room, vehicle, moves, margin):  # type: ignore[no-untyped-def]
     """Replace the plan of one vehicle if another plan is cheaper by the share ``margin``.
 
-    The function tries to fly back now for each number of cells in ``moves.backs``, to delay each of
-    the next three turns by each number of cells in ``moves.shifts``, and to omit the next two
-    turns. ``legs`` (k, LEGS) holds the plans; only the row of ``vehicle`` is changed. Returns the
-    number of roll-outs.
+    The other plans fly back now for a number of cells in ``moves.backs``, delay one of the next
+    three turns by a number of cells in ``moves.shifts``, or omit the next two turns. ``legs``
+    (k, LEGS) holds the plans; only the row of ``vehicle`` is changed. Returns the number of
+    roll-outs.
     """
     kept, best, plan = moves.kept, moves.best, legs[vehicle]
     for leg in range(LEGS):

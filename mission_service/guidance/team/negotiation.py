@@ -1,4 +1,4 @@
-"""Negotiations between neighbours about the borders of their regions (Bent, 4.2 and 6.1)."""
+"""Computes the cells that a vehicle gives to its neighbours in a negotiation (Bent, 4.2, 6.1)."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,10 +10,10 @@ from mission_service.guidance.team.front_ring import FrontRing
 
 @dataclass(frozen=True, slots=True)
 class Party:
-    """One side of a negotiation; cells are lifted (see ``regions``).
+    """A vehicle in a negotiation; cells are lifted (see ``regions``).
 
-    A vehicle keeps its present cell, its next cell and its target, as far as they are in its
-    region. ``reserved`` holds the first and the last of these cells.
+    A vehicle keeps those of its present cell, its next cell and its target that are in its region.
+    ``reserved`` holds the first and the last of these cells.
     """
 
     begin: int
@@ -40,7 +40,7 @@ Negotiation = Callable[[FrontRing, Party, Party, Party, float, bool], tuple[int,
 
 
 def reserved_cells(begin: int, end: int, cells: tuple[int, ...]) -> tuple[int, int]:
-    """Return the first and the last of ``cells`` in a region, or twice its middle if none is."""
+    """Return the first and the last of ``cells`` in a region, or the middle cell twice if none."""
     inside = [cell for cell in cells if begin <= cell < end] or [(begin + end) // 2]
     return min(inside), max(inside)
 
@@ -57,7 +57,7 @@ def offers(own: float, left: float, right: float, alone: bool) -> tuple[float, f
         return more_left / 4.0, more_right / 4.0
     if more_left == 0.0 or more_right == 0.0:
         return more_left / 2.0, more_right / 2.0
-    # This vehicle keeps as much as the neighbour that now has more.
+    # This vehicle keeps as much importance as the neighbour that now has more than the other.
     less, more = sorted((more_left, more_right))
     scale = less / (2.0 * less + more)
     return scale * more_left, scale * more_right
@@ -66,7 +66,7 @@ def offers(own: float, left: float, right: float, alone: bool) -> tuple[float, f
 def on_importance(
     ring: FrontRing, left: Party, own: Party, right: Party, at_s: float, exponential: bool
 ) -> tuple[int, int]:
-    """Return the number of cells at each end whose total importance is within the offer (4.2.1)."""
+    """Return how many cells at each end have a total importance within the offer (4.2.1)."""
     rate, visited = ring.spread_rate_m_s, ring.visited_at_s
 
     def worth(part: Party) -> float:
@@ -83,13 +83,13 @@ def on_importance(
 def on_centre(
     ring: FrontRing, left: Party, own: Party, right: Party, at_s: float, exponential: bool
 ) -> tuple[int, int]:
-    """Return the numbers of cells, within the offers, that best centre the remaining cells (4.2.2).
+    """Return how many cells to give, within the offers, to best centre the remaining cells (4.2.2).
 
-    The pseudocode is inconsistent with the text of the thesis. The pseudocode compares signed
-    differences, never refills an emptied chunk, and tries the first chunk alone only if there is no
-    second chunk. This function follows the thesis: it tries every combination and chooses the
-    combination with the smallest distance between the centre of importance and the middle of the
-    region.
+    The pseudocode is inconsistent with the text of the thesis. For the offered cells at the two
+    ends (the chunks), the pseudocode compares signed differences, never refills an emptied chunk,
+    and tries the first chunk alone only if there is no second chunk. This function follows the
+    text: it tries every combination of numbers of cells, and chooses the combination with the
+    smallest distance between the centre of importance and the middle of the region.
     """
     first, last = on_importance(ring, left, own, right, at_s, exponential)
     if not first and not last:
@@ -103,7 +103,7 @@ def on_centre(
 def on_arrival(
     ring: FrontRing, left: Party, own: Party, right: Party, at_s: float, exponential: bool
 ) -> tuple[int, int]:
-    """Return the numbers of cells that the neighbours would reach first (6.1; Ahmadi & Stone).
+    """Return how many cells each neighbour would reach before this vehicle (6.1; Ahmadi & Stone).
 
     Each neighbour is assumed to fly to these cells at once. All vehicles have the same speed, so
     the nearer vehicle arrives first. Distances are in cells, because steps are nearly equal.

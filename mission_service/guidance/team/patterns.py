@@ -1,10 +1,10 @@
-"""The long-term patterns of a team on a ring, and their costs with even spacing.
+"""The long-term patterns of a team on a ring, and the costs of patterns with even spacing.
 
-There are three kinds of patterns: all vehicles circle in single file; all circle and fly back and
-forth on an arc of fast spread in each lap; or some sweep the arc while the others circle. On an
-even front circling is best: with the same number of passes, sweeping makes the mean age of a cell
-4/3 times as high. A sweep reduces the cost only if the arc spreads several times as fast as the
-rest.
+There are three kinds of patterns: all vehicles lap in single file; all vehicles lap, and fly back
+and forth on an arc of fast spread in each lap; or some vehicles sweep the arc while the others lap.
+If the spread is the same everywhere, laps are best: with the same number of passes, sweeps make the
+mean age of a cell 4/3 times as high. A sweep reduces the cost only if the front spreads several
+times as fast on the arc as elsewhere.
 """
 
 from typing import NamedTuple
@@ -14,16 +14,17 @@ import numpy as np
 from firemodel.compiled import kernel
 from mission_service.guidance.team.lookahead import LEGS, Integers, Nodes
 
-MAX_RETURNS = 4  # a plan of LEGS legs has room for two laps with so many returns
+MAX_RETURNS = 4  # a plan of LEGS legs has room for two laps with this number of returns
 ARC_SHARES = 2.0 ** np.arange(-7.5, -0.9, 0.5)  # lengths of the first arcs to try, in laps
-STEPS = (8, 4, 2, 1)  # nodes by which the ends of an arc are then moved
+STEPS = (8, 4, 2, 1)  # numbers of nodes by which the ends of an arc are then moved
 
 
 class Pattern(NamedTuple):
-    """An arc of the ring, and the vehicles that serve it; places are cells, or nodes in a search.
+    """An arc of the ring, and how vehicles serve the arc; places are cells, or nodes in a search.
 
-    The arc reaches from ``first`` to ``first + length``, both included. If no vehicle sweeps the
-    arc, all vehicles fly back and forth on it ``returns`` times in each lap.
+    The arc reaches from ``first`` to ``first + length``, both included. ``sweeping`` is the number
+    of vehicles that sweep the arc. If no vehicle sweeps the arc, all vehicles fly back and forth on
+    the arc ``returns`` times in each lap.
     """
 
     first: int
@@ -38,7 +39,7 @@ class Pattern(NamedTuple):
 
 
 class Choice(NamedTuple):
-    """A pattern and its settled cost."""
+    """A pattern, and its cost with even spacing (the settled cost)."""
 
     pattern: Pattern
     cost: float
@@ -49,11 +50,11 @@ LAPS = Pattern(0, 0, 0, 0)
 
 @kernel
 def _both(scale, power, gap_s, other_gap_s):  # type: ignore[no-untyped-def]
-    """Return a node's importance, summed over one gap of regular visits, with other visits between.
+    """Return a node's importance, integrated over one gap of regular visits, with other visits.
 
-    The other visits are ``other_gap_s`` apart and independent of the first ones. The age exceeds t
-    with the probability (1 - t / gap) (1 - t / other gap). The integral of this probability over
-    the derivative of the importance is a polynomial.
+    The other visits are ``other_gap_s`` apart and independent of the regular visits. The age
+    exceeds t with the probability (1 - t / gap) (1 - t / other gap). The integral of this
+    probability times the derivative of the importance has a closed form.
     """
     until_s = min(gap_s, other_gap_s)
     if until_s <= 0.0:
@@ -74,7 +75,7 @@ def _alone(scale, power, gap_s):  # type: ignore[no-untyped-def]
 
 @kernel
 def _visit_s(visit, along_s, arc_s, turn_s):  # type: ignore[no-untyped-def]
-    """Return the time of a visit in a lap with returns, from the begin of the arc on."""
+    """Return the time of a visit in a lap with returns, since the arrival at the arc."""
     back = visit % 2
     return visit // 2 * 2.0 * (arc_s + turn_s) + (
         2.0 * arc_s + turn_s - along_s if back else along_s
@@ -99,11 +100,11 @@ def settled_cost(pattern, nodes, vehicles, speed_m_s, turn_s):  # type: ignore[n
     """Return the mean over time of all nodes' importance, for a pattern with even spacing.
 
     Args:
-        pattern: the pattern, in nodes.
-        nodes: the ring.
-        vehicles: number of vehicles.
-        speed_m_s: their mean speed.
-        turn_s: duration of a turn back.
+        pattern: The pattern, in nodes.
+        nodes: The ring.
+        vehicles: The number of vehicles.
+        speed_m_s: The mean speed of the vehicles.
+        turn_s: The duration of a turn back.
     """
     size = nodes.step_m.size
     arc_s = 0.0
@@ -166,7 +167,7 @@ def best_pattern(nodes: Nodes, vehicles: int, speed_m_s: float, turn_s: float) -
 
 
 def _with_ends_moved(best: Choice, step: int, size: int, choice):  # type: ignore[no-untyped-def]
-    """Move the ends of an arc by ``step`` nodes while the cost falls."""
+    """Move the ends of an arc by ``step`` nodes as long as the cost falls."""
     while True:
         first, length, *kind = best.pattern
         moved = [
@@ -181,7 +182,7 @@ def _with_ends_moved(best: Choice, step: int, size: int, choice):  # type: ignor
 
 
 class PlanState(NamedTuple):
-    """A vehicle that serves an arc: its next cell, its heading, and its returns in this lap."""
+    """The next cell, heading and number of returns in this lap of a vehicle that serves an arc."""
 
     cell: int
     heading: int  # 1: clockwise, -1: anticlockwise
@@ -216,8 +217,8 @@ def plan_on_arc(pattern: Pattern, state: PlanState, size: int) -> Integers:
 def even_delays(ends: Integers, period: int) -> Integers:
     """Return the delays that space vehicles evenly in the period of a pattern, all in cells.
 
-    ``ends`` (k) are the cells that each vehicle flies before it turns at the end of the arc. The
-    vehicles keep their order, and one of them is not delayed.
+    ``ends`` (k) is the number of cells that each vehicle flies before the turn at the end of the
+    arc. The vehicles keep their order, and one vehicle is not delayed.
     """
     place = ends % period
     rank = np.argsort(np.argsort(place, kind="stable"), kind="stable")
@@ -241,7 +242,7 @@ def in_cells(pattern: Pattern, stride: int) -> Pattern:
 def on_new_ring(pattern: Pattern, onward: Integers, size: int) -> Pattern:
     """Return the pattern after its cells have moved to a new ring of ``size`` cells.
 
-    ``onward`` (n) has the new place of each old cell, rising around the ring.
+    ``onward`` (n) holds the new place of each old cell, in ascending order around the ring.
     """
     first, length, *kind = pattern
     if not length:

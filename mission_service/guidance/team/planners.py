@@ -12,7 +12,7 @@ from mission_service.guidance.team.way import FOLDER, RULES
 
 
 def members_of(scenario: Scenario, landscape: Landscape) -> dict[str, Planner]:
-    """Return the planners of a scenario's vehicles, by name; they are members of one team."""
+    """Return the planners of a scenario's vehicles, by name; the planners form one team."""
     planner, ground = scenario.planner, ground_of(scenario, landscape)
     settings = TeamSettings(
         cell_m=landscape.cell_size_m,

@@ -1,17 +1,19 @@
 """Contiguous regions of the ring, one for each vehicle, and a protocol that moves their borders.
 
-The vehicles left (counter-clockwise) and right of a border each store a state of this border,
-called a side, which has a place and a version. A side moves the border only by giving cells away,
-and only in its turn: the left side after even versions, the right side after odd versions. A side
-that offers version v + 1 serves the offered cells until it receives version v + 1 or a later
-version. The other side owns the cells as soon as it receives the offer, and has the next turn.
+Each border has a vehicle on the left (anticlockwise) and a vehicle on the right. Both vehicles
+store a state of the border, called a side, which consists of a place and a version. A vehicle moves
+a border only by giving cells away, and only in its turn: the left vehicle after even versions, the
+right vehicle after odd versions. A vehicle that offers version v + 1 continues to serve the offered
+cells until a message with version v + 1 or a later version arrives from the other vehicle. The
+other vehicle owns the cells as soon as the offer arrives, and has the next turn.
 
 A message consists of a place and a version. Messages may be lost, duplicated or late, so a receiver
 applies only newer versions, and no version number is used twice. The served cells always cover the
 ring. Each cell has exactly one owner according to the newer side of every border (``ledger``).
 
-Places are *lifted*: the count of cells continues around the ring. A region is therefore
-``range(begin, end)``, modulo the number of cells, and may be empty or the whole ring.
+Places are *lifted*: the numbers of places continue to rise or fall beyond one lap of the ring, and
+a place modulo the number of cells is a cell. A region is therefore ``range(begin, end)``, and may
+be empty or the whole ring.
 """
 
 from collections.abc import Sequence
@@ -25,7 +27,7 @@ from mission_service.guidance.team.front_ring import Integers
 
 
 class Side(NamedTuple):
-    """The state of a border that one of its two vehicles stores.
+    """The state of a border, as stored by the vehicle on one side of the border.
 
     ``place`` is the first cell to the right of the border.
     """
@@ -36,7 +38,7 @@ class Side(NamedTuple):
 
 
 class Border(NamedTuple):
-    """A border, with the states that its two vehicles store."""
+    """A border: the states stored by the vehicle on the left and by the vehicle on the right."""
 
     left: Side
     right: Side
@@ -47,7 +49,7 @@ class Border(NamedTuple):
 
 
 class BorderMessage(NamedTuple):
-    """The message that one side of a border sends to the other; it is valid in one epoch only."""
+    """A message about a border between its two vehicles, valid in one epoch only."""
 
     epoch: int
     place: int
@@ -71,8 +73,8 @@ class Regions:
 def equal_regions(members: Sequence[int], cells_of: Sequence[int], cells: int) -> Regions:
     """Return regions of equal size, in the vehicles' order along the ring.
 
-    Bent starts with such regions (section 4.2). The first region begins at the cell of the first
-    vehicle. The positions of the other vehicles only set the order of the regions.
+    Bent's method starts with such regions (section 4.2). The first region begins at the cell of the
+    first vehicle. The positions of the other vehicles determine only the order of the regions.
     """
     order = sorted(range(len(members)), key=lambda which: (cells_of[which], members[which]))
     begins = [cells_of[order[0]] + number * cells // len(order) for number in range(len(order))]
@@ -82,9 +84,10 @@ def equal_regions(members: Sequence[int], cells_of: Sequence[int], cells: int) -
 
 
 def served(regions: Regions, index: int) -> tuple[int, int]:
-    """Return the start and the end (lifted, excluded) of the cells that a vehicle serves.
+    """Return the start and the end of the cells that a vehicle serves.
 
-    The cells follow from the vehicle's own sides of its two borders.
+    Start and end are lifted; the end is excluded. Both follow from the states of the vehicle's two
+    borders that the vehicle itself stores.
     """
     after = (index + 1) % len(regions.borders)
     end = regions.borders[after].left.place + (0 if after else regions.cells)
@@ -106,7 +109,7 @@ def retained(regions: Regions, index: int) -> tuple[int, int]:
 
 
 def ledger(regions: Regions) -> tuple[int, ...]:
-    """Return the lifted start of each region, by the newer side of its border."""
+    """Return the lifted start of each region, according to the newer side of its first border."""
     return tuple(
         (right if right.version > left.version else left).place for left, right in regions.borders
     )
@@ -122,15 +125,15 @@ def owners(regions: Regions) -> Integers:
 
 
 def has_turn(border: Border, *, left: bool) -> bool:
-    """Return whether one side of a border may offer cells now."""
+    """Return whether the left or the right vehicle of a border may offer cells now."""
     side = border.left if left else border.right
     return side.offered is None and (side.version % 2 == 0) == left
 
 
 def offering(border: Border, place: int, *, left: bool) -> Border:
-    """Return a border with an offer by one side to move it to ``place``.
+    """Return a border after the left or the right vehicle has offered to move it to ``place``.
 
-    Raises ValueError if the side may not offer now, or if it would gain cells.
+    Raises ValueError if the vehicle may not offer cells now, or if the vehicle would gain cells.
     """
     side = border.left if left else border.right
     if not has_turn(border, left=left) or (place > side.place if left else place < side.place):
@@ -139,7 +142,7 @@ def offering(border: Border, place: int, *, left: bool) -> Border:
 
 
 def message_of(regions: Regions, index: int, *, left: bool) -> BorderMessage:
-    """Return the message of one side of a border: its offer, or else its state."""
+    """Return the message from the left or the right vehicle of a border: an offer or a state."""
     side = regions.borders[index].left if left else regions.borders[index].right
     if side.offered is not None:
         return BorderMessage(regions.epoch, side.offered, side.version + 1)
@@ -147,7 +150,7 @@ def message_of(regions: Regions, index: int, *, left: bool) -> BorderMessage:
 
 
 def with_message(regions: Regions, index: int, message: BorderMessage, *, left: bool) -> Regions:
-    """Return the regions after one side of a border has received the other side's message."""
+    """Return the regions after the left or the right vehicle of a border has got a message."""
     border = regions.borders[index]
     side = border.left if left else border.right
     if message.epoch != regions.epoch or message.version <= side.version:
@@ -163,7 +166,7 @@ def with_border(regions: Regions, index: int, border: Border) -> Regions:
 
 
 def with_border_moved(regions: Regions, index: int, place: int, *, left: bool) -> Regions:
-    """Return the regions after one side has moved a border and all messages have arrived."""
+    """Return the regions after one vehicle has moved a border and all messages have arrived."""
     if not has_turn(regions.borders[index], left=left):
         other = regions.borders[index].right if left else regions.borders[index].left
         regions = _given(regions, index, other.place, left=not left)
@@ -178,7 +181,7 @@ def _given(regions: Regions, index: int, place: int, *, left: bool) -> Regions:
 
 
 def on_new_ring(regions: Regions, place_of: Integers, cells: int) -> Regions:
-    """Return the regions on a new ring of ``cells`` cells, where borders move with their cells."""
+    """Return the regions on a new ring of ``cells`` cells; borders move with their cells."""
     first, before = int(place_of[0]), place_of.size
 
     def new(place: int | None) -> int | None:
@@ -215,7 +218,7 @@ def without_member(regions: Regions, member: int) -> Regions:
 
 
 def with_member(regions: Regions, member: int, cells_of: Sequence[int], cell: int) -> Regions:
-    """Return the regions after a vehicle has joined at ``cell``, whose region is halved.
+    """Return the regions after a vehicle has joined, and the region at ``cell`` has been halved.
 
     ``cells_of`` holds the cells of the other vehicles, clockwise. The owner of the halved region
     keeps the half that contains the owner's cell, and the new vehicle receives the other half. All

@@ -1,13 +1,13 @@
-"""A team in flight: one on-board map for all vehicles, and a rule that directs each of them.
+"""A team in flight: one on-board map for all vehicles, and a rule that directs each vehicle.
 
 All cameras update the same map. The front is a ring of the map's 360 bearings. Whenever a vehicle
-reaches a new bearing, the rule decides its direction. In the first lap every second vehicle flies
-in the opposite direction. This lap ends when the map is complete or a vehicle has flown around the
-fire.
+reaches a new bearing, the rule decides the vehicle's direction. In the first lap, every second
+vehicle flies in the opposite direction. This lap ends when the map is complete or a vehicle has
+flown around the fire.
 
 The fleet given to the rule does not contain vehicles that have left (lost, recalled, or on the
-ground), so the others close the gap at their next decision. A vehicle returns to the fleet when it
-flies and has the front in view.
+ground), so the other vehicles close the gap at their next decisions. A vehicle that has left
+returns to the fleet when the vehicle flies and has the front in view.
 """
 
 from collections.abc import Mapping
@@ -38,7 +38,7 @@ from mission_service.guidance.team.front_ring import ActiveFleet, FrontRing, Tea
 
 Floats = NDArray[np.float64]
 
-FRESH_S = 2.0  # positions are reported several times a second
+FRESH_S = 2.0  # newer reports need no dead reckoning (several reports arrive in a second)
 LOST_AFTER_S = 30.0
 CARRIED_BACK = 30  # maximum drift of a vehicle in cells during a turn back
 
@@ -116,7 +116,7 @@ class Team:
 
     @property
     def flying(self) -> int:
-        """The number of vehicles that fly along the front, by their last reports."""
+        """The number of vehicles that fly along the front, according to the last reports."""
         return sum(member.flies for member in self._members.values())
 
     def fleet(self, ring: FrontRing, at_s: float) -> ActiveFleet:
@@ -147,7 +147,7 @@ class TeamMember:
         self.flies = False  # whether the vehicle is in the air and has had the front in view
         self.reported_at_s = -np.inf
         self.bearing = 0  # the last cell of the ring that the vehicle reached
-        # On the first lap successive members fly in opposite directions: half a lap is sufficient.
+        # In the first lap successive members fly in opposite directions: half a lap is sufficient.
         self.clockwise = team.settings.clockwise_first == (number % 2 == 0)
         self.reversals = 0
         self._team = team
@@ -192,7 +192,7 @@ class TeamMember:
         self._lap.bearing_deg = None
 
     def at(self, row: float, col: float, at_s: float) -> Decision | None:
-        """Set the vehicle's position; return a decision if it has reached a new cell.
+        """Set the vehicle's position; return a decision in each new cell of the ring.
 
         The rule decides at every cell passed, but not during a turn back. After a turn the rule
         next decides at the first cell beyond the cell of the turn.
@@ -222,7 +222,7 @@ class TeamMember:
         return self._decide(passed, step, at_s)
 
     def _decide(self, passed: int, step: int, at_s: float) -> Decision:
-        """Apply the rule at each cell passed, until it turns the vehicle; return the decision."""
+        """Apply the rule at each cell passed, until a turn back; return the decision."""
         ring = self._team.ring()
         turn = False
         for _ in range(passed):

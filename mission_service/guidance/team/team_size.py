@@ -1,8 +1,10 @@
-"""Computes how many vehicles a front needs, and how many of them lap or sweep; gives advice.
+"""Computes how many vehicles a front needs, and how many of these lap or sweep; gives advice.
 
 On a ring of length L, n vehicles with speed v that lap with even spacing see every point at
-intervals of L/(n v). If k vehicles sweep an arc of length l, they see its ends at intervals of
-2 l/(k v). The unseen advance of the front at a point is the interval times the rate of spread.
+intervals of L/(n v). If k vehicles sweep an arc of length l, the vehicles see each end of the arc
+at intervals of 2 l/(k v). The age of a point is the time since the last view; the largest age is
+the interval between views. The unseen advance of the front at a point is the interval times the
+rate of spread.
 """
 
 import math
@@ -14,7 +16,7 @@ import numpy as np
 from mission_service.guidance.team.front_ring import Floats, FrontRing
 
 ADVISE_EVERY_S = 300.0
-PARTS = 64  # number of parts of the ring; arcs begin and end at their borders
+PARTS = 64  # number of parts of the ring; an arc begins and ends at borders of parts
 
 
 class Split(NamedTuple):
@@ -27,14 +29,14 @@ class Split(NamedTuple):
 
 
 def vehicles_for_age(length_m: float, speed_m_s: float, max_revisit_s: float) -> int:
-    """Return how many vehicles must lap to keep the age at most T: n >= L / (v T)."""
+    """Return how many vehicles must lap to keep the age within T: n >= L / (v T)."""
     return _at_least(length_m / (speed_m_s * max_revisit_s))
 
 
 def vehicles_for_advance(
     spread_rate_m_s: float, length_m: float, speed_m_s: float, advance_m: float
 ) -> int:
-    """Return how many vehicles must lap to keep the unseen advance at most ``advance_m``.
+    """Return how many vehicles must lap to keep the unseen advance within ``advance_m``.
 
     The number is n >= R L / (v D), with the advance D and the largest rate of spread R.
     """
@@ -102,7 +104,7 @@ def team_size_advice(
 ) -> tuple[bool, str]:
     """Return whether a team is too small for the targets, and advice as text.
 
-    ``speed_m_s`` (k) holds the vehicles' speeds, of which the mean is used. Without targets the
+    The advice is for the mean of the vehicles' speeds ``speed_m_s`` (k). Without targets the
     text describes only the team's present performance.
     """
     vehicles, mean_m_s = speed_m_s.size, float(np.mean(speed_m_s))
@@ -151,7 +153,7 @@ class TeamSizeAdviser:
         )
 
     def advise(self, ring: FrontRing, speed_m_s: Floats, at_s: float) -> tuple[bool, str] | None:
-        """Return whether there are too few vehicles, and advice as text; None without a change."""
+        """Return whether there are too few vehicles, and advice as text, or None if unchanged."""
         self._next_s = at_s + ADVISE_EVERY_S
         too_few, text = team_size_advice(ring, speed_m_s, self._targets)
         last, self._last_advice = self._last_advice, (speed_m_s.size, too_few)

@@ -84,7 +84,7 @@ class ApiContext:
         return found
 
     async def handle(self, user: User, request: dict[str, Any]) -> dict[str, Any]:
-        """Handle a request of ``user``; return the reply. Raises ApiError if it is refused."""
+        """Handle a request of ``user``; return the reply. Raises ApiError for a refused request."""
         request = {**request, **self._requesting_operator(user, request)}
         may_approve = user.may("approve") if self.tokens.named else None
         role = user.highest_role if self.tokens.named else ""
@@ -100,7 +100,7 @@ class ApiContext:
     def _requesting_operator(self, user: User, request: dict[str, Any]) -> dict[str, Any]:
         """Return the name and the station that a request contains.
 
-        Raises ApiError 403 if they differ from those of a personal token.
+        Raises ApiError 403 if the name or the station differs from that of a personal token.
         """
         by = request.get("by", user.name)
         if self.tokens.named and by != user.name:

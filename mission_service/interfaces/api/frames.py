@@ -28,7 +28,7 @@ class Frames:
     def frames(self, since: int) -> bytes:
         """Return the events for all states that changed since a version, in the order of versions.
 
-        A client that reconnects continues from its last ``id`` and misses no state.
+        A client that reconnects continues from the last received ``id`` and misses no state.
         """
         changed = self._context.state_view.changed
         new = sorted((version, key) for key, version in changed.items() if version > since)

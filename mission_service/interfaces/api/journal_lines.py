@@ -1,4 +1,4 @@
-"""Reads lines of a growing journal without reading it from its beginning."""
+"""Reads lines of a growing journal without reading the journal from the beginning."""
 
 import os
 import threading
@@ -20,8 +20,8 @@ class JournalLines:
     def after(self, file: BinaryIO, line: int, limit: int, max_bytes: int) -> tuple[bytes, int]:
         """Return the complete lines after number ``line``, and the number of the last of them.
 
-        The header is line 1. Returns at most ``limit`` lines, and no further line after the total
-        exceeds ``max_bytes``.
+        The header is line 1. The result has at most ``limit`` lines, and ends with the line with
+        which the total size exceeds ``max_bytes``.
         """
         with self._lock:
             index = self._index_of(file)

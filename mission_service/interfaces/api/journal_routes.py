@@ -65,7 +65,7 @@ def add(routes: APIRouter, api: ApiContext) -> None:
 def _opened(api: ApiContext, segment: int | None) -> tuple[int, BinaryIO]:
     """Return the number and the open file of a segment, by default the newest. Raises ApiError 404.
 
-    The function never awaits, so the journal cannot begin a new segment meanwhile.
+    The function does not await, so no new segment can begin meanwhile.
     """
     newest = api.context.service.recording.journal.rest.segment
     number = newest if segment is None else segment

@@ -1,4 +1,4 @@
-"""Opens the daemon's HTTP interface; its port and files are checked before the run begins."""
+"""Opens the daemon's HTTP interface, and checks the port and files before the run begins."""
 
 import contextlib
 import socket

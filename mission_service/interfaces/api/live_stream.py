@@ -2,8 +2,8 @@
 
 A client receives the newest state of each item, but not every intermediate state. For each client
 the service stores only the last version sent, so slow clients need no more memory than fast
-clients. While a connection is blocked, nothing is encoded for it. Afterwards the client receives
-the states that are then the newest.
+clients. While a connection is blocked, nothing is encoded for this client. Afterwards the client
+receives the states that are the newest at that time.
 """
 
 import asyncio

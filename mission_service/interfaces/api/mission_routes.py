@@ -23,7 +23,7 @@ from mission_service.runtime.run_context import RunContext
 def items_of(mission: Mission) -> Items:
     """Return the items of a mission exactly as they were sent.
 
-    Raises ApiError 409 if the mission's state does not determine them exactly.
+    Raises ApiError 409 if the mission's state does not determine the items exactly.
     """
     items = tuple(
         MissionItem(
@@ -63,7 +63,7 @@ def preview_of(context: RunContext, name: str) -> Preview:
 
 
 def plan_file(items: Items, context: RunContext, name: str) -> bytes:
-    """Return the items as a QGroundControl .plan file."""
+    """Return mission items as the content of a QGroundControl .plan file."""
     section = context.core.vehicles[name].section
     home = home_of(section, context.landscape)
     with tempfile.TemporaryDirectory() as folder:

@@ -29,8 +29,8 @@ class RequestResult(msgspec.Struct):
     """The result of a request: mission time, event type and the resulting announcements.
 
     For a correction of the fire (correct, erase, undo, redo), the result also contains the areas
-    burned before and after the correction. In a burn these areas are missing, because a correction
-    changes the estimated fire there.
+    burned before and after the correction. In a burn, these areas are missing, because a correction
+    changes the burn's own estimate of the fire.
     """
 
     ok: bool
@@ -65,7 +65,7 @@ class LandscapeExtent(msgspec.Struct):
 
 
 class FullState(msgspec.Struct):
-    """The complete state; ``/live?since=version`` streams the changes after it."""
+    """The complete state; ``/live?since=version`` streams the later changes."""
 
     version: int
     status: StatusState

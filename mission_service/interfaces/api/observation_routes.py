@@ -1,4 +1,4 @@
-"""Defines the route for uploaded rasters of detectors; ``requests.py`` defines the others."""
+"""Defines the route for uploaded rasters of detectors; ``requests.py`` defines other reports."""
 
 from typing import Annotated, Any
 
@@ -54,7 +54,7 @@ def add(routes: APIRouter, api: ApiContext) -> None:
             found = await read_in_process(RasterJob(data, file_name, outline))
         assert isinstance(found, RasterDone)
         keys = {key: value for key, value in given.items() if value is not None}
-        # The time in which the file was read adds to the age of the observation.
+        # The time that it took to read the file adds to the age of the observation.
         waited_s = max(api.context.clock.now_us - received_us, 0) / 1e6
         keys["age_s"] = waited_s if age_s is None else age_s if age_s < 0.0 else age_s + waited_s
         return answer(await api.handle(request.state.user, {**found.request, **keys}))

@@ -53,7 +53,7 @@ class RequiredRole:
         self.role = role
 
     async def __call__(self, request: Request) -> None:
-        # The guard has carried out an abort, with any valid token.
+        # The guard has already carried out an abort, for which any valid token is sufficient.
         if self.role is None or hasattr(request.state, "aborted"):
             return
         user = request.state.user
@@ -66,7 +66,7 @@ class RequiredRole:
 async def refuse_unknown_query(request: Request) -> None:
     """Raise ApiError 422 for a parameter in the query string that the route does not have.
 
-    An abort, which the guard has carried out by now, is accepted with any parameter.
+    The guard has already carried out an abort, so an abort is accepted with any parameter.
     """
     if hasattr(request.state, "aborted"):
         return

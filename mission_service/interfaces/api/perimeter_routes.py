@@ -19,7 +19,7 @@ _decode = msgspec.json.Decoder(Done | RasterDone | Failed).decode
 
 
 async def read_in_process(job: Job | RasterJob) -> Done | RasterDone:
-    """Return an uploaded perimeter and the resulting corrections, or an uploaded raster.
+    """Read an upload; return a perimeter and the resulting corrections, or a raster.
 
     Raises ApiError 422 if the file is unusable, or if the process that reads it crashes or is slow.
     """

@@ -99,7 +99,7 @@ def _no_password() -> str:
 async def serving(
     app: ASGIApp, listening: socket.socket, stopping: asyncio.Event, tls: ssl.SSLContext | None
 ) -> AsyncIterator[None]:
-    """Serve ``app`` within this context; at its end, first set ``stopping`` to end all streams."""
+    """Serve ``app`` within this context; at the end, set ``stopping`` first to end all streams."""
     config = uvicorn.Config(
         app,
         http=Connection,
@@ -135,7 +135,7 @@ def _shut(client: socket.socket) -> None:
 
 
 class _Server(uvicorn.Server):
-    """A uvicorn server on a given socket, without signal handlers and with slower ticks."""
+    """A uvicorn server on a given socket, without signal handlers and with a slower main loop."""
 
     def __init__(
         self, config: uvicorn.Config, listening: socket.socket, tls: ssl.SSLContext | None
@@ -213,8 +213,8 @@ class _Server(uvicorn.Server):
 class Connection(H11Protocol):
     """One connection, with a time limit for headers.
 
-    ``scope["state"]`` has two functions: ``cut`` closes the connection, ``proven`` marks it as one
-    with a valid token.
+    ``scope["state"]`` has two functions: ``cut`` closes the connection, and ``proven`` marks the
+    connection as one with a valid token.
     """
 
     def __init__(

@@ -1,6 +1,6 @@
 """Serves the control socket of a live run, ``OUT/control.sock``: a reply for each line of JSON.
 
-Only the user that runs the service may open it (mode 0600). The reply to an invalid request
+Only the user that runs the service may open the socket (mode 0600). The reply to an invalid request
 contains the error; the request has no effect. The service accepts an abort from every client, with
 any content, even if the limit of clients is reached.
 """
@@ -20,7 +20,7 @@ from mission_service.runtime.request_handler import Answer, RequestHandler, wron
 
 MAX_LINE_BYTES = 64 * 1024
 MAX_CLIENTS = 16
-MAX_WAITING = 64  # further clients may only abort; beyond this number the oldest is closed
+MAX_WAITING = 64  # clients above the limit may only abort; of more, the oldest is closed
 IDLE_S = 60.0
 LATE_CLIENT_S = 2.0
 MAX_QUEUED = 100  # queued lines at which reading pauses
@@ -30,9 +30,9 @@ LONGEST_PATH_BYTES = 107  # limit for Unix-domain sockets on Linux
 
 @contextlib.contextmanager
 def claimed(path: Path) -> Iterator[socket.socket]:
-    """Open the listening socket at ``path`` and remove it when the context ends.
+    """Open the listening socket at ``path``, and remove it when the context ends.
 
-    Replaces the socket of a killed run. Raises ControlError if another run uses the socket, if
+    The socket of a killed run is replaced. Raises ControlError if another run uses the socket, if
     ``path`` is another type of file, or if the socket cannot be created.
     """
     _refuse_long(path)
@@ -119,7 +119,7 @@ class _Clients:
 
 
 class _Client(asyncio.Protocol):
-    """One client, whose complete lines are carried out even if it has disconnected meanwhile.
+    """One client; its complete lines are carried out even if the client disconnects meanwhile.
 
     An abort is carried out as soon as it is read, before earlier lines, and needs no newline. Each
     iteration of the event loop handles one other line. Replies are sent in the order of the lines.
@@ -133,7 +133,7 @@ class _Client(asyncio.Protocol):
         # Lines to handle, and finished replies to later lines.
         self._queued: deque[bytes | Answer | Awaitable[Answer]] = deque()
         self._read_s = 0.0
-        self._after_abort = False  # the newline of the abort has not arrived
+        self._after_abort = False  # the newline after an abort has not arrived
         self._scheduled = self._unread = self._ended = self._disconnected = False
         self._task: asyncio.Task[None] | None = None  # of the line that is handled
 
@@ -217,7 +217,7 @@ class _Client(asyncio.Protocol):
             self._loop.call_soon(self._handle_line)
 
     def _handle_line(self) -> None:
-        """Handle one line; its reply, and the next line, may have to wait for a thread."""
+        """Handle one line; the reply and the next line may have to wait for a thread."""
         first = self._queued.popleft() if self._queued else None
         answer = self._answer(first) if isinstance(first, bytes) else first
         if answer is None or isinstance(answer, dict):

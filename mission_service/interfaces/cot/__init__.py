@@ -1,1 +1,1 @@
-"""Cursor on Target: vehicles and the fire's front on other maps."""
+"""Cursor on Target: sends vehicles and the fire's front to other maps, and receives reports."""

@@ -1,8 +1,8 @@
 """Exchanges Cursor on Target events by UDP (also multicast), TCP or TLS (table ``[service.cot]``).
 
 The run never waits for a receiver. Each round sends the current state and drops events that cannot
-be sent. Events that arrive on the connection are reports of people (``report_receiver.py``), or are
-dropped without ``[service.cot.reports]``.
+be sent. Events that arrive on the connection are processed as reports of people
+(``report_receiver.py``), or are dropped without ``[service.cot.reports]``.
 """
 
 import asyncio
@@ -46,7 +46,7 @@ class CotTransport(Protocol):
 class Datagrams:
     """A UDP transport: one event per datagram, without acknowledgement.
 
-    With a ``receiver`` it also receives the events of a multicast group.
+    With a ``receiver``, the transport also receives the events of a multicast group.
     """
 
     def __init__(
@@ -103,7 +103,7 @@ def joined_group(address: tuple[Any, ...], family: int) -> socket.socket:
 
 
 class Stream:
-    """A TCP or TLS connection to a TAK server; events of the server go to the ``receiver``."""
+    """A TCP or TLS connection to a TAK server; ``receiver`` processes the events of the server."""
 
     def __init__(
         self,
@@ -158,7 +158,7 @@ def cot_interface(
 
 
 class CotSender:
-    """The sender of one run's events, and the owner of the receiver of reports."""
+    """The sender of one run's events, which also makes the receiver of reports."""
 
     def __init__(
         self, context: "RunContext", settings: CotSection, site: str, tls: ssl.SSLContext | None

@@ -1,12 +1,13 @@
-"""Cuts the bytes of a TAK server into Cursor on Target events. Sans-IO.
+"""Splits the bytes of a TAK server into Cursor on Target events. Sans-IO.
 
-A server sends one XML event after the other; each one ends with ``</event>`` (TAK protocol version
-0, "Traditional Protocol"). A server sends the binary version 1 only to clients that request it.
+A server sends one XML event after the other; each event ends with ``</event>`` (TAK protocol
+version 0, "Traditional Protocol"). A server sends the binary version 1 only to clients that request
+it.
 """
 
 import re
 
-MAX_EVENT_BYTES = 64 * 1024  # a shape of 1000 places needs about 55 kB, and 20 ms to be read
+MAX_EVENT_BYTES = 64 * 1024  # a shape of 1000 places has about 55 kB, and is read in 20 ms
 _END = b"</event>"
 _BEGIN = re.compile(rb"<event[\s>]")
 
@@ -16,11 +17,11 @@ class EventFramer:
 
     def __init__(self) -> None:
         self._buffer = bytearray()
-        self._skips = False  # the rest of an event that is too long
+        self._skips = False  # the rest of an event that is too long is skipped
         self.too_long = 0
 
     def receive(self, data: bytes) -> list[bytes]:
-        """Return the events that these bytes complete, without XML headers."""
+        """Add received bytes; return the events that are now complete, without XML headers."""
         searched = max(len(self._buffer) - len(_END) + 1, 0)
         self._buffer += data
         events = []
@@ -34,11 +35,11 @@ class EventFramer:
         if len(self._buffer) > MAX_EVENT_BYTES:
             self.too_long += not self._skips
             self._skips = True
-            del self._buffer[: -len(_END) + 1]  # an end that has arrived in part
+            del self._buffer[: -len(_END) + 1]  # keep a possible part of an end
         return [event_in(each) for each in events]
 
 
 def event_in(data: bytes) -> bytes:
-    """Return the bytes from the last begin of an event; without a begin, all bytes."""
+    """Return the bytes from the last ``<event`` on, or all bytes if there is none."""
     begins = [found.start() for found in _BEGIN.finditer(data)]
     return data[begins[-1] :] if begins else data

@@ -1,8 +1,8 @@
 """Finds the reports of people about the fire among received Cursor on Target events. Pure.
 
-The title of a marker or shape is the convention: it must be one of the words in ``STATES``, alone
-or with a number ("burned", "Burned 3"). All other events are no reports: most markers of an
-incident do not state where the fire is.
+By convention, the title of a marker or shape that reports fire is one of the words in ``STATES``,
+alone or with a number ("burned", "Burned 3"). All other events are not reports, because most
+markers of an incident do not state where the fire is.
 """
 
 import re
@@ -32,7 +32,7 @@ _TITLE = re.compile(rf"({'|'.join(STATES)})[ ._-]{{0,3}}[0-9]{{0,6}}", re.ASCII 
 
 
 class FireReport(NamedTuple):
-    """A marker or shape that states where the fire is. ``digest`` is that of ``report_digest``."""
+    """A marker or shape that states where the fire is. ``report_digest`` returns ``digest``."""
 
     uid: str
     title: str
@@ -46,7 +46,7 @@ class FireReport(NamedTuple):
 
     @property
     def station(self) -> str:
-        """The station of the creator in requests: its uid, because callsigns are not unique."""
+        """The station in requests: the creator's uid, because callsigns are not unique."""
         return station_of(self.creator)
 
 

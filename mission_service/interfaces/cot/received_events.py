@@ -6,8 +6,8 @@ The parts of events are those that ATAK, WinTAK and iTAK send:
 - markers (``a-…``, ``b-m-p-…``) and drawn shapes: ``u-d-f`` (lines and polygons), ``u-d-r``
   (rectangles), ``u-d-c-c`` (circles), ``u-d-f-m`` (telestrations: the text of an event for each
   stroke);
-- ``creator`` or ``link`` with the relation ``p-p``: the user that made a marker or shape, and when.
-  A shape contains no group: that of its creator applies.
+- ``creator`` or ``link`` with the relation ``p-p``: the user that made a marker or shape, and the
+  time of creation. A shape contains no group; the group of its creator applies.
 
 ``time`` is the time at which an event was sent. A client sends an unchanged shape again with a new
 time.
@@ -32,7 +32,7 @@ MAX_TEXT = 200  # longer identifiers and titles are refused
 ELLIPSE_CORNERS = 36
 MAX_RADIUS_M = 100_000.0
 MAX_STROKES = 20
-_WINTAK_TIME = re.compile(r"(T\d\d:\d\d:\d\d):(\d{1,6}Z?)$")  # a colon instead of a point
+_WINTAK_TIME = re.compile(r"(T\d\d:\d\d:\d\d):(\d{1,6}Z?)$")  # a colon instead of a decimal point
 LINES, CIRCLE, STROKES = ("u-d-f", "u-d-r"), "u-d-c-c", "u-d-f-m"
 
 LatLon = tuple[float, float]  # degrees
@@ -43,7 +43,7 @@ class CotEventError(MissionServiceError):
 
 
 class Creator(NamedTuple):
-    """The user that made a marker or a shape, and the time, if the event contains it."""
+    """The user that made a marker or a shape, and the time of creation, if it is known."""
 
     uid: str
     callsign: str
@@ -70,15 +70,15 @@ class CotEvent(NamedTuple):
 
     @property
     def is_user(self) -> bool:
-        """Whether this is the position of a user."""
+        """Whether the event is the position of a user."""
         return self.kind.startswith("a-") and self.group != ""
 
 
 def parse_event(data: bytes) -> CotEvent | None:
     """Return the event in an XML text or in a datagram of TAK protocol version 1.
 
-    Returns None for a datagram that only announces the versions that a client supports. Raises
-    CotEventError.
+    Returns None for a datagram that only announces the protocol versions of a client. Raises
+    CotEventError for other data that are not a readable event.
     """
     if len(data) > MAX_EVENT_BYTES:
         raise CotEventError(f"an event has more than {MAX_EVENT_BYTES} bytes")
@@ -116,8 +116,8 @@ class Drawing(NamedTuple):
 def drawings_in(event: CotEvent) -> list[Drawing]:
     """Return the shapes of an event: one, or each stroke of a telestration as a line.
 
-    A line that ends at its first place is a polygon. A circle with several rings is the largest
-    one. Raises CotEventError for other drawings, and for places that are not on the Earth.
+    A line that ends at its first place is a polygon. Of the rings of a circle, only the largest is
+    used. Raises CotEventError for other drawings, and for places that are not on the Earth.
     """
     detail = _child(event.root, "detail")
     if event.kind == CIRCLE:
@@ -162,7 +162,7 @@ def _from_xml(data: bytes) -> Element:
 
 def _from_protobuf(data: bytes) -> Element | None:
     """Return the XML event with the same content as a message of TAK protocol version 1."""
-    import takproto  # needs 0.1 s, and only a mesh network sends it
+    import takproto  # takes 0.1 s; only mesh networks send protobuf
     from google.protobuf.message import DecodeError
 
     try:
@@ -238,7 +238,7 @@ def _place_of(event: CotEvent) -> LatLon:
 
 
 def _in_degrees(lat: str | float = "", lon: str | float = "") -> LatLon:
-    """Return a place. Raises CotEventError if it is not on the Earth."""
+    """Return a place in degrees. Raises CotEventError if it is not on the Earth."""
     try:
         lat_deg, lon_deg = float(lat), float(lon)
     except ValueError:

@@ -1,8 +1,8 @@
 """Decides which received events become observations of the fire. Sans-IO.
 
 A report passes if its creator belongs to an accepted group and has an accepted role, if it is new,
-and if its time is plausible. Clients send markers and shapes again and again: an unchanged one is
-used once, a changed one is a new observation.
+and if its time is plausible. Clients send markers and shapes repeatedly. An unchanged marker or
+shape is used once; a changed one is a new observation.
 """
 
 from collections import OrderedDict
@@ -95,7 +95,7 @@ class ReportFilter:
         self._of_all = RateLimiter(TOTAL_RATE_S, TOTAL_BURST)
 
     def receive(self, event: CotEvent, now_s: float, unix_us: int) -> list[Verdict]:
-        """Process an event; return the reports that it makes ready, accepted or refused.
+        """Process an event; return the reports that are now accepted or refused.
 
         ``now_s`` is a monotonic clock, ``unix_us`` the wall clock. Raises CotEventError for a
         report that cannot be used.
@@ -132,7 +132,7 @@ class ReportFilter:
     def refuse(self, report: FireReport, problem: str, retry_s: float) -> list[Verdict]:
         """Store a refusal, and return it unless this version of the report was refused before.
 
-        From ``retry_s`` on, by the monotonic clock, the report is tried again if it arrives.
+        If the report arrives at ``retry_s`` (monotonic clock) or later, it is tried again.
         """
         before = self._refused.get(_key(report))
         _store(self._refused, _key(report), _Refusal(report.digest, retry_s), MAX_SEEN)
@@ -160,8 +160,8 @@ class ReportFilter:
         user = self._users[report.creator.uid]
         seen_us = report.sent_unix_us
         if report.state == "unburned" and before is None:
-            # A client may send an old drawing with a new time. Ground that was unburned when it was
-            # drawn may have burned since. Burned ground stays burned.
+            # A client may send an old drawing with a new time. Ground that was unburned at the time
+            # of drawing may have burned since. Burned ground stays burned.
             created_us = report.creator.created_unix_us
             seen_us = seen_us if created_us is None else min(seen_us, created_us)
         age_s = (unix_us - seen_us) / 1e6

@@ -1,7 +1,7 @@
 """Submits the reports in received Cursor on Target events to the run.
 
-A report becomes the same request as one over HTTP or MQTT. TAK does not identify its users, so a
-request has no role and can never approve.
+A report is converted to the same request as a report over HTTP or MQTT. TAK does not identify its
+users, so the request has no role and can never approve.
 """
 
 import asyncio
@@ -23,14 +23,14 @@ if TYPE_CHECKING:
     from mission_service.runtime.run_context import RunContext
 
 ABOUT = "cot"  # the source of announcements
-EVENTS_A_SECOND, EVENTS_AT_ONCE = 500.0, 1000.0  # then the connection is read more slowly
+EVENTS_A_SECOND, EVENTS_AT_ONCE = 500.0, 1000.0  # above this, the connection is read more slowly
 LINES_A_SECOND, LINES_AT_ONCE = 0.1, 20.0
 ALL = ""
 MAX_BAD_EVENTS = 1000
 
 
 class ReportReceiver:
-    """The receiver of one run; it survives the loss of connections."""
+    """The receiver of one run, which is kept when a connection is lost."""
 
     def __init__(self, context: "RunContext", settings: CotReportsSection, site: str) -> None:
         self._context = context
@@ -43,7 +43,7 @@ class ReportReceiver:
         self._bad_events: set[str] = set()  # beginnings of the texts that were announced
 
     async def receive(self, data: bytes) -> None:
-        """Process one event; wait first if too many events arrive."""
+        """Process one event, after a pause if too many events arrive."""
         wait_s = self._events.consume(ALL, clock_us() / 1e6)
         await asyncio.sleep(wait_s)  # other tasks run between two events
         if wait_s:
@@ -63,7 +63,7 @@ class ReportReceiver:
         self._handle(self._filter.handle_timer(now_s), now_s)
 
     def on_unreadable(self, text: str) -> None:
-        """Announce the reason why an event is not used, once for each text before a colon."""
+        """Announce why an event is not used, once for each different text before the colon."""
         kind = text.partition(":")[0]
         if kind not in self._bad_events and len(self._bad_events) < MAX_BAD_EVENTS:
             self._bad_events.add(kind)
@@ -77,7 +77,7 @@ class ReportReceiver:
                 self._announce(f"{name_of(verdict.report)}: {verdict.problem}", now_s)
 
     def _submit(self, accepted: Accepted, now_s: float) -> None:
-        """Submit a request; the run announces further lines about its event."""
+        """Submit a request; the run makes further announcements about the resulting event."""
         answer = self._context.request_handler.ask(accepted.request, may_approve=False)
         if answer["ok"]:
             self._filter.add_accepted(accepted.report)

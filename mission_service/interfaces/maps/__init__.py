@@ -1,1 +1,1 @@
-"""The fire in formats for maps: forecasts, fronts, overlays, terrain, perimeters in and out."""
+"""The fire in formats for maps: forecasts, fronts, overlays, terrain; imports and exports."""

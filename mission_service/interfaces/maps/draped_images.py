@@ -56,7 +56,7 @@ class ImagePictures:
         self._made: OrderedDict[tuple[str, int], bytes] = OrderedDict()
 
     def png(self, source: str, image: SensorImage) -> bytes:
-        """Return the overlay of a sensor's image; numbers of images are not used twice."""
+        """Return the overlay of a sensor's image; each image of a sensor has a different number."""
         key = source, image.number
         found = self._made.get(key)
         if found is None:
@@ -67,7 +67,7 @@ class ImagePictures:
 
 
 def image_png(image: SensorImage, landscape: Landscape) -> bytes:
-    """Return an image as a PNG in its ``overlay_of``; ground that it does not show is clear."""
+    """Return an image as a PNG for the box of ``overlay_of``; unseen ground is transparent."""
     from PIL import Image
 
     box, width, height = overlay_of(image, landscape)
@@ -99,7 +99,7 @@ def overlay_of(image: SensorImage, landscape: Landscape) -> tuple[Box, int, int]
 
 
 def described(source: str, image: SensorImage, landscape: Landscape) -> MapImage:
-    """Return the place of a sensor's image on the map, its errors and the legend."""
+    """Return a sensor's image for the map: its place, the error of the place, and the legend."""
     box, width, height = overlay_of(image, landscape)
     west, south, east, north = bounds_deg(box)
     lat_deg, lon_deg = landscape.lat_lon_of(*landscape.xy_of(*image.centre))

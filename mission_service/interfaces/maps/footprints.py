@@ -1,4 +1,4 @@
-"""Encodes the latest observations as GeoJSON (RFC 7946): what each source has seen, and where."""
+"""Encodes the latest observations as GeoJSON (RFC 7946): the ground that each source has seen."""
 
 from collections.abc import Iterable
 from typing import Any
@@ -19,9 +19,9 @@ from mission_service.runtime.observation_sources import Footprint
 def footprints_geojson(footprints: Iterable[Footprint], landscape: Landscape) -> dict[str, Any]:
     """Return a FeatureCollection of footprints.
 
-    An image has a Feature with the ``part`` ``seen``, the cells that it shows, and one with the
-    part ``burned`` if it shows burned cells. A report has one Feature with the part ``reported``,
-    in the shape in which it was sent.
+    The property ``part`` of a Feature is ``seen`` for the cells that an image shows, ``burned`` for
+    the burned cells in an image, if there are any, and ``reported`` for a report. A report keeps
+    the shape in which it was sent.
     """
     found = [
         {
@@ -76,7 +76,7 @@ def _drawn(report: FireObserved) -> dict[str, Any]:
 def _area_of(cells: Mask, top: int, left: int, landscape: Landscape) -> BaseGeometry:
     """Return the area of the cells of a mask (y, x) whose north-west cell is (``top``, ``left``).
 
-    The result is in the landscape's CRS. It is empty for a mask without cells.
+    The result is in the landscape's CRS, and is empty for a mask without cells.
     """
     from rasterio import Affine
     from rasterio.features import shapes

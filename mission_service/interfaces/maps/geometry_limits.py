@@ -1,8 +1,8 @@
-"""Limits shapes on which GEOS, which cannot be interrupted, would compute for hours.
+"""Limits the complexity of shapes: GEOS cannot be interrupted, and could compute for hours.
 
 The computing time of GEOS grows with the number of pairs of segments that are near each other. The
-validation of a comb with 50,000 long teeth takes 48 s, and the repair of a scribble with 300 points
-takes 3 s.
+validation of a comb-shaped polygon with 50,000 long teeth takes 48 s, and the repair of a scribble
+with 300 points takes 3 s.
 """
 
 from collections.abc import Sequence
@@ -12,7 +12,7 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 MAX_PAIRS = 3_000_000  # pairs in one file; real perimeters have about four for each vertex
-# Pairs in one invalid shape, and more for each vertex.
+# Pairs in one invalid shape, and additional pairs for each of its vertices.
 MAX_PAIRS_REPAIRED, MORE_A_VERTEX = 5_000, 10
 AT_ONCE = 16  # segments per query, to limit the pairs that one query returns
 

@@ -63,7 +63,7 @@ def cell_mercator_m(landscape: Landscape) -> float:
 def grid_positions(
     landscape: Landscape, box: Box, width: int, height: int
 ) -> tuple[Floats, Floats]:
-    """Return the float rows and columns, each (height, width), of pixels in a landscape's grid.
+    """Return the positions of pixels in a landscape's grid: float rows, columns (height, width).
 
     The positions are the centres of the pixels of ``box``; the first row is the northernmost.
     """

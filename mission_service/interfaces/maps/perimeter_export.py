@@ -38,7 +38,7 @@ def perimeter_geojson(
         name: The value of IncidentName.
         written_unix_ms: The current time.
         prescribed: Whether the fire is a prescribed burn.
-        time_zero: The date and time of mission time 0; without it PolygonDateTime is None.
+        time_zero: The date and time of mission time 0; if None, PolygonDateTime is None.
     """
     area = burned_area(arrival_s, landscape, at_s, start_area)
     at_unix_ms = None if time_zero is None else round((time_zero.timestamp() + at_s) * 1000)

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def forecasts_of(context: "RunContext") -> "Forecasts | EstimatedForecasts":
-    """Return the forecasts of the run's fire or, in a burn, of the estimated fire."""
+    """Return the forecasts of the run's estimate or, in a burn, of the burn's estimated fire."""
     if context.estimated_fire is not None:
         from mission_service.fire.burn_forecast import EstimatedForecasts
 

@@ -51,9 +51,9 @@ class TerrainTiles:
     def tile(self, z: int, x: int, y: int) -> bytes | None:
         """Return a PNG (256 x 256), or None outside the landscape or the range of zoom levels.
 
-        Elevation is 256 R + G + B / 256 - 32768 m. Beyond the landscape a tile continues the
-        heights of its edge. These heights are smoothed more with increasing distance, so that the
-        hillshade shows no ridges there.
+        Elevation is 256 R + G + B / 256 - 32768 m. Beyond the landscape, a tile continues the
+        heights at the landscape's edge. These heights are smoothed more with increasing distance,
+        so that the hillshade shows no ridges there.
         """
         if not (self._halved and self._minzoom <= z <= self._maxzoom and self._meets(z, x, y)):
             return None
@@ -148,7 +148,7 @@ def blurred(
 def between(
     heights: Heights, row: NDArray[np.float64], col: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return heights at float rows and columns (bilinear); off the grid, heights of its edge."""
+    """Return heights at float rows and columns (bilinear); off the grid, heights at the edge."""
     rows, cols = heights.shape
     row, col = np.clip(row, 0.0, rows - 1.0), np.clip(col, 0.0, cols - 1.0)
     top = np.minimum(row.astype(np.int32), max(rows - 2, 0))
@@ -169,6 +169,6 @@ def terrarium_png(heights: NDArray[np.floating]) -> bytes:
     value = np.rint((heights + TERRARIUM_ZERO_M) * 256.0).astype(np.uint32)
     pixels = np.stack([value >> 16, value >> 8 & 255, value & 255], axis=-1).astype(np.uint8)
     file = io.BytesIO()
-    # The lowest bits are noise, so that a search for long matches would only cost time.
+    # The lowest bits are noise, so a search for long matches would cost time without effect.
     Image.fromarray(pixels).save(file, "PNG", compress_type=zlib.Z_HUFFMAN_ONLY)
     return file.getvalue()

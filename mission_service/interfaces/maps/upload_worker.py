@@ -1,7 +1,8 @@
 """Reads one uploaded file in a separate process, because a file may crash the process.
 
 GEOS cannot be interrupted, holds the GIL while it runs, and has crashed on invalid input, so the
-service's process never passes uploaded geometry to it. GDAL also reads uploaded rasters only here.
+service's process never passes uploaded geometry to GEOS. Uploaded rasters, too, are read with GDAL
+only in the worker.
 The worker reads a ``Job`` or ``RasterJob`` from stdin and writes ``Done``, ``RasterDone`` or
 ``Failed`` to stdout.
 """
@@ -68,7 +69,7 @@ class Failed(msgspec.Struct, tag="failed"):
 def corrections_of(perimeter: Perimeter, extent: BaseGeometry) -> list[dict[str, Any]]:
     """Return a correction request for each outline: burning now, or unburned for an island.
 
-    Only the part in ``extent``, the landscape (lon, lat), has corrections. Later corrections
+    Corrections cover only the part in ``extent``, the landscape (lon, lat). Later corrections
     override earlier corrections, so each polygon is followed by its islands, and a polygon in an
     island comes after that island. Raises FireModelError for more than ``MAX_RINGS`` polygons.
     """

@@ -1,7 +1,7 @@
 """Reads shapes and their attributes from the bytes of an uploaded, untrusted file.
 
-This module parses GeoJSON and KML and does not pass them to GDAL, which would also follow
-references to other files. Only a few members of an archive are read, and their paths are ignored.
+This module parses GeoJSON and KML without GDAL, because GDAL would also follow references to other
+files. Only a few members of an archive are read, and their paths are ignored.
 """
 
 import io
@@ -46,7 +46,7 @@ class Drawn(NamedTuple):
 def features_in(data: bytes, name: str) -> list[Drawn]:
     """Return all features in a GeoJSON, KML, KMZ or zipped Shapefile, whose format is detected.
 
-    The shapes may be empty, invalid, or no polygons. ``name`` is for messages. Raises
+    The shapes may be empty, invalid, or other than polygons. ``name`` is for messages. Raises
     FireModelError with one line for a file that is too large or cannot be read.
     """
     if len(data) > LARGEST_BYTES:

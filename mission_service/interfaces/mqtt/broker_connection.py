@@ -1,8 +1,8 @@
 """Keeps the connection of a process to an MQTT broker.
 
-After a lost connection the client reconnects, at intervals that grow to ``MAX_WAIT_S``. Every wait
-for the broker has a time limit. The users of the connection keep no queue that grows while the
-broker is unreachable.
+After the loss of a connection, the client reconnects, at intervals that grow to ``MAX_WAIT_S``.
+Every wait for the broker has a time limit. The modules that use the connection keep no queue that
+grows while the broker is unreachable.
 """
 
 import asyncio
@@ -162,7 +162,8 @@ def cause_of(error: aiomqtt.MqttError | OSError, logged: str) -> str:
 class LastClientError(logging.Handler):
     """A logging handler that stores the last error of a client.
 
-    Without it the cause is lost: the exceptions of aiomqtt only report a missing response.
+    Without this handler, the cause is lost: the exceptions of aiomqtt only report a missing
+    response.
     """
 
     def __init__(self) -> None:
@@ -177,7 +178,7 @@ class LastClientError(logging.Handler):
 
 
 async def together(*coroutines: Coroutine[Any, Any, None]) -> None:
-    """Run coroutines until one ends, cancel the others, and raise the exception of the first."""
+    """Run coroutines until one ends, cancel the others, and raise the exception of that one."""
     tasks = {asyncio.create_task(coroutine) for coroutine in coroutines}
     try:
         ended, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)

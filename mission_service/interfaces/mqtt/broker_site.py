@@ -33,8 +33,8 @@ class Site:
 def site_in(settings: MqttSection, scenario_name: str) -> Site:
     """Return the configured site.
 
-    Reads the password and the certificates from files or environment variables. Raises
-    MissionServiceError.
+    The password and the certificates are read from files or environment variables. Raises
+    MissionServiceError for invalid settings.
     """
     prefix = check_prefix(settings.prefix, f"{TABLE} prefix")
     topic = site_topic(prefix, site_of(scenario_name))

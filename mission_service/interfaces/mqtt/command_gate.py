@@ -1,8 +1,8 @@
 """Validates MQTT commands before the service handles them. Pure: times are arguments.
 
 The broker controls which user may publish to which topic, so every command has a separate topic.
-The service cannot identify the sender, and therefore refuses every request that permits drops. The
-service accepts an abort with any content.
+The service cannot identify the sender of a command, and therefore refuses every request that
+permits drops. The service accepts an abort with any content.
 """
 
 import hashlib
@@ -23,7 +23,7 @@ MAX_BYTES = 64 * 1024
 MAX_NAME = 40
 OLD_US = 30_000_000
 REMEMBERED_S = 600.0
-A_SECOND, AT_ONCE = 10.0, 30.0  # rate limit and burst of commands; above them no reply is sent
+A_SECOND, AT_ONCE = 10.0, 30.0  # rate limit and burst; commands above the limits get no reply
 MAX_REMEMBERED = int(REMEMBERED_S * A_SECOND + AT_ONCE)
 ABORTS_APART_S = 0.2  # an abort within this time after another counts as a repetition
 TAKEN = tuple(name for name, kind in ALL_REQUESTS.items() if kind.over_mqtt)

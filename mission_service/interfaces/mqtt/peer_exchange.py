@@ -1,8 +1,9 @@
 """Exchanges MQTT messages between the UAVs of a formation that several processes control.
 
 Sending never waits for a broker. Each process puts its messages in a short queue, in which a newer
-state replaces an older state. Maps recover from lost messages by their digests. Without a broker
-all vehicles circle at their positions, because a moving vehicle could not detect conflicts.
+state replaces an older state. By comparing digests, vehicles find cells of their maps that were
+lost with a message. Without a broker, all vehicles loiter in place, because a moving vehicle could
+not detect conflicts.
 """
 
 import asyncio
@@ -88,8 +89,8 @@ def encoded(message: AnyMessage) -> tuple[str, bytes]:
 def decoded(vehicle: str, payload: bytes, latest_us: int) -> AnyMessage:
     """Decode a message of ``vehicle`` with a mission time of at most ``latest_us``.
 
-    Raises UnfitError for a message that this vehicle cannot have sent. The position of the cells is
-    checked later, by the map.
+    Raises UnfitError for a message that this vehicle cannot have sent. The positions of cells are
+    checked later, when they are added to the map.
     """
     try:
         message: AnyMessage = _decode(payload)
@@ -178,7 +179,7 @@ class PeerExchange:
         )
 
     async def _use(self, client: aiomqtt.Client, listener: "PeerListener") -> None:
-        """Exchange messages until the connection is lost, and raise the error that ended it."""
+        """Exchange messages until the connection is lost, then raise the error of the loss."""
         await client.subscribe(self.channel.topic("+", "+"), qos=0)
         listener.announce(f"connected to other processes over {self.channel.broker}", False)
         self.connected, self._loss_reported = True, False
@@ -215,16 +216,16 @@ class PeerExchange:
                 self.sent[kind] += 1
 
     async def _find_contact(self, client: aiomqtt.Client, listener: "PeerListener") -> None:
-        """Report the link after the time that all processes need to reconnect to the broker."""
+        """Report that the link is up when all processes have had time to reconnect."""
         await asyncio.sleep(MAX_WAIT_S + 0.5)
         self._in_contact = True
         listener.on_link(True)
         await asyncio.Event().wait()
 
     async def _send_time(self, client: aiomqtt.Client, listener: "PeerListener") -> None:
-        """Publish mission time at intervals, and soon after a process reports a time far behind.
+        """Publish mission time at intervals, and soon after a process reports a much earlier time.
 
-        The mission time of the formation is the latest of all processes.
+        The mission time of the formation is the latest mission time of all processes.
         """
         topic = self.channel.topic(min(self._own), TIME)
         while True:

@@ -1,7 +1,8 @@
 """Selects the states to publish over MQTT: the newest for each key of the state view. Pure.
 
-No message waits in a queue: the schedule stores only the version that was last sent for each key.
-Memory therefore does not grow without a broker, and a new connection receives the current states.
+There is no queue of messages; the schedule stores only the version that was last sent for each key.
+Therefore, memory does not grow without a broker, and the current states are sent over each new
+connection.
 """
 
 from collections.abc import Iterator
@@ -35,8 +36,8 @@ class Publication(NamedTuple):
 class PublishSchedule:
     """A schedule of publications by a monotonic clock.
 
-    States have QoS 0, because each new connection sends all of them again. Announcements have
-    QoS 1, because no newer message replaces them.
+    States have QoS 0, because all of them are sent again over each new connection. Announcements
+    have QoS 1, because no newer message replaces them.
     """
 
     def __init__(self, telemetry_hz: float) -> None:

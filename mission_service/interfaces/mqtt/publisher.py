@@ -53,7 +53,7 @@ BROKER_ALARM, COMMANDS_ALARM = "broker", "broker/commands"
 def mqtt_interface(
     settings: MqttSection, scenario_name: str
 ) -> Callable[["RunContext"], Coroutine[Any, Any, None]]:
-    """Return the coroutine that publishes and subscribes until cancelled.
+    """Return the coroutine function that publishes and subscribes until cancelled.
 
     Raises MissionServiceError for invalid settings.
     """
@@ -111,7 +111,7 @@ class Publisher:
         )
 
     async def _use(self, client: aiomqtt.Client) -> None:
-        """Publish and handle commands until the connection is lost, then raise its error."""
+        """Publish and handle commands until the connection is lost, then raise the error."""
         try:
             await self._exchange(client)
         except Exception:

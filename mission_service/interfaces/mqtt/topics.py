@@ -28,7 +28,7 @@ class Topic(NamedTuple):
     """A topic; ``{}`` stands for the name of a vehicle or command."""
 
     path: str
-    carries: type[msgspec.Struct] | str  # the Struct of its messages, or the name of a schema
+    carries: type[msgspec.Struct] | str  # the Struct of the messages, or the name of a schema
     qos: int
     retained: bool
     when: str  # time of publication, for docs/mqtt.md
@@ -38,7 +38,7 @@ class Topic(NamedTuple):
 
     @property
     def schema(self) -> str:
-        """The name and version of the schema of its messages."""
+        """The name and version of the schema of the topic's messages."""
         if isinstance(self.carries, str):
             return self.carries
         return str(self.carries.__struct_config__.tag)
@@ -101,7 +101,7 @@ REPLAY = Topic(
     build=lambda context, name: context.replay and context.replay(),
 )
 EVENT = Topic("event", Announcement, 1, False, "each announcement")
-COMMAND = Topic("cmd/{}", "command/1", 1, False, "sent by clients; the reply is on")
+COMMAND = Topic("cmd/{}", "command/1", 1, False, "sent by clients; the reply follows on `cmd/NAME/reply`")
 REPLY = Topic("cmd/{}/reply", Reply, 1, False, "each command received, once")
 TOPICS = (STATUS, TELEMETRY, VEHICLE, MISSION, FRONT, ALARM, REPLAY, EVENT, COMMAND, REPLY)
 PARTS = {topic.part: topic for topic in TOPICS if topic.part}

@@ -1,1 +1,1 @@
-"""Analysis of flown flights from logs and journals, and open-loop replay of them by the core."""
+"""Analysis of logged flights (logs and journals), and their open-loop replay by the core."""

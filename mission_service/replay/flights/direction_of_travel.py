@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
-# A reversal is a flight back through at least this angle, first around a fire, second around the
-# middle of a track. The second angle is larger, because a track may contain loiters at any
-# position.
+# A reversal is a flight back through at least FIRE_DEG around a fire, or TRACK_DEG around a track's
+# middle. TRACK_DEG is larger, because a track may contain loiters at any position.
 FIRE_DEG, TRACK_DEG = 30.0, 60.0
 LEAP_DEG = 90.0  # a larger angle between two points means a flight across the middle
 
@@ -24,10 +23,10 @@ class Turn(NamedTuple):
 
 
 def turns(east_m: Floats, north_m: Floats, min_deg: float, near_m: float) -> list[Turn]:
-    """Return the directions of travel around a middle; positions (n,) are in metres from it.
+    """Return the directions of travel around a middle; positions (n,) are in m from the middle.
 
     A reversal is found when the vehicle has flown back by ``min_deg``, and is dated to the point
-    farthest along the old direction. Points nearer to the middle than ``near_m`` are ignored,
+    farthest along the previous direction. Points nearer to the middle than ``near_m`` are ignored,
     because their bearing is uncertain. Movements of less than ``min_deg`` are not found.
     """
     used = np.flatnonzero(np.hypot(east_m, north_m) >= near_m)
@@ -60,7 +59,7 @@ def differing(
     decided: Sequence[tuple[int, bool | None]],
     end_us: int,
 ) -> list[Span]:
-    """Return the spans in which two directions differ; None (unknown) differs from neither.
+    """Return the spans in which two directions differ; an unknown direction (None) never differs.
 
     Each direction (time, clockwise) is valid until the time of the next direction.
     """

@@ -14,7 +14,7 @@ GRIPPER = 0  # output number of the gripper; servos have numbers from 1
 
 
 class Planned(NamedTuple):
-    """A drop in a mission, at the position of the navigation item before it."""
+    """A drop in a mission, at the position of the preceding navigation item."""
 
     lat_deg: float
     lon_deg: float
@@ -41,7 +41,7 @@ class Compared(NamedTuple):
 
 
 def planned_in(items: Items) -> list[Planned]:
-    """Return the drops of a mission, in the order of its items."""
+    """Return the drops of a mission, in the order of the mission items."""
     found: list[Planned] = []
     place: tuple[float, float] | None = None
     for item in items:

@@ -1,4 +1,4 @@
-"""Caches the entries of a stream in a file, from which they can be read again."""
+"""Caches the entries of a stream in a file, so that they can be read again."""
 
 import pickle
 from collections.abc import Iterator
@@ -21,9 +21,9 @@ class EntryCache(Generic[Entry]):
         self._reread: tuple[int, list[Entry]] = (-1, [])  # number and content of a block
 
     def get(self, number: int) -> Entry | None:
-        """Return the entry with an index, or None after the end.
+        """Return the entry with an index, or None after the end of the stream.
 
-        The index must not exceed the largest index so far by more than one.
+        The index must not exceed the largest index of earlier calls by more than one.
         """
         block, place = divmod(number, BLOCK)
         if block < len(self._begins):

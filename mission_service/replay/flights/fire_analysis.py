@@ -1,6 +1,6 @@
-"""Analyses the fire in a journal, and how it was observed, by replaying the run.
+"""Analyses the fire in a journal and the observation of the fire, by replaying the run.
 
-A new core processes the events, so that the planners' estimates at each time are available, and the
+A new core processes the events, so that the planners' estimates at each time are available. The
 fire is simulated again.
 """
 
@@ -43,7 +43,7 @@ VISIT_S = 30.0  # observations with shorter gaps belong to the same visit
 
 @dataclass(slots=True)
 class Upload:
-    """A mission that was sent, with its reason, its outcome and the outcome's time."""
+    """A mission that was sent, with its reason, its outcome and the time of the outcome."""
 
     vehicle: str
     at_us: int
@@ -55,7 +55,7 @@ class Upload:
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """How well the front was observed at a time, as shares of 360 bearings and as ages."""
+    """The observation of the front at a time: shares of 360 bearings, and times since observed."""
 
     at_us: int
     area_ha: float
@@ -81,7 +81,7 @@ class FireAnalysis:
     revisits_s: list[float] = field(default_factory=list)
     directions: dict[str, list[tuple[int, bool | None]]] = field(default_factory=dict)
     uploads: list[Upload] = field(default_factory=list)
-    # Warnings about the scenario, then about the edge.
+    # Warnings about the scenario, then about fire at the edge of the landscape.
     warnings: list[str] = field(default_factory=list)
     reached_edge_us: int | None = None  # mission time of the event ``FireReachedEdge``
 
@@ -151,7 +151,7 @@ class _Analyser:
                 each.on_command(command)
 
     def _fire_at(self, at_us: int) -> Fire:
-        """Return the fire for the evaluation: the simulated fire or, without it, the estimate."""
+        """Return the fire to evaluate: the simulated fire, or the estimate if there is none."""
         if self._cameras is not None:
             self._cameras.advance(at_us)
             return self._cameras.fire.fire
@@ -181,7 +181,7 @@ class _Analyser:
                 self._analysis.uploads.append(sent)
 
     def _note_observation(self, observed: Observed) -> None:
-        """Record the bearings of the front in view; an observation after a gap is a new visit."""
+        """Record the bearings on which the front is in view; after a gap, these are new visits."""
         assert self._map is not None
         window, at_s = states_in(without_speckles(observed).cells), observed.at_us / 1e6
         if observed.corrects:
@@ -193,7 +193,7 @@ class _Analyser:
         self._seen_s[in_view] = at_s
 
     def _note_direction(self, name: str, at_us: int) -> None:
-        """Record the direction that the vehicle's planner has chosen, whenever it changes."""
+        """Record each change of the direction that the vehicle's planner has chosen."""
         planner: Any = self._core.decision_engine.planners[name]
         phase = getattr(planner, "phase", "approach")
         flies = self._core.decision_engine.availability[name].flies
@@ -223,7 +223,7 @@ class _Analyser:
                 self._estimates.append((at_us, name, shape.copy()))
 
     def _compare(self, fire: Fire) -> None:
-        """Compute the mean and maximum distance in m of the planners' fronts from the fire's."""
+        """Compute the mean and maximum distance in m of planners' fronts from the fire front."""
         analysis = self._analysis
         analysis.area_ha = fire.burned_ha
         analysis.arrival_s = fire.burned_arrival_s()

@@ -28,8 +28,8 @@ class VehicleLog(NamedTuple):
     event: LogEvent
 
 
-# The kinds of entries that remain valid until the next entry of their kind. A part of a flight
-# begins with the last earlier entry of each of these kinds.
+# The kinds of entries that remain valid until the next entry of the same kind (lasting entries). A
+# part of a flight begins with the last earlier entry of each of these kinds.
 LASTING: tuple[tuple[tuple[type, ...], str], ...] = (
     ((Connected,), "stack"),
     ((LinkLost, LinkRestored), "link"),
@@ -40,7 +40,7 @@ LASTING: tuple[tuple[tuple[type, ...], str], ...] = (
 
 
 class Flight(NamedTuple):
-    """Logs that are analysed together; ``names`` contains the given name of each log's vehicle.
+    """Logs that are analysed together, each with the given name of its vehicle in ``names``.
 
     Only the part between ``from_s`` and ``to_s``, in seconds since the logs begin, is used.
     """
@@ -72,11 +72,11 @@ class Flight(NamedTuple):
 
     @property
     def paths_text(self) -> str:
-        """The paths of all its logs, as text."""
+        """The paths of all logs, as text."""
         return ", ".join(str(log.path) for log in self.logs)
 
     def played(self) -> Iterator[VehicleLog]:
-        """Yield the lasting entries from before the part, then its entries in order of time.
+        """Yield the lasting entries from before the part, then the part's entries in time order.
 
         If a vehicle has two logs (one recorded on the link and one on board), each kind of event is
         read from the log in which it occurs first.
@@ -118,7 +118,7 @@ class Flight(NamedTuple):
 
 
 def _replace(lasting: dict[tuple[str, str], VehicleLog], entry: VehicleLog, at_us: int) -> None:
-    """Replace the lasting entry of this kind, and move it to the end of all lasting entries."""
+    """Replace the lasting entry of the same kind; the new entry becomes the last in order."""
     kind = next((word for kinds, word in LASTING if isinstance(entry.event, kinds)), None)
     if kind is None:
         return
@@ -135,7 +135,7 @@ def flight_of(words: Sequence[str]) -> Flight:
     """
     given = [_split(word) for word in words]
     logs = tuple(open_flight(path) for _, path in given)
-    # A single log keeps its clock; the search for its date could read the whole file.
+    # A single log keeps its clock, because a search for the date could read the whole file.
     dated = [len(logs) == 1 or log.unix_offset_us() is not None for log in logs]
     if any(dated) and not all(dated):
         path = logs[dated.index(False)].path
@@ -156,7 +156,7 @@ def _split(word: str) -> tuple[str | None, Path]:
 
 
 class Survey(NamedTuple):
-    """The vehicles and times of a flight, on its clock; the whole flight begins at ``zero_us``."""
+    """The vehicles and times of a flight; the whole flight begins at ``zero_us`` on its clock."""
 
     flown: dict[str, Flown]
     zero_us: int

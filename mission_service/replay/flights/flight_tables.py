@@ -101,7 +101,7 @@ class Rows:
         self._pulses: dict[int, tuple[int, ...]] = {}
 
     def of(self, system_id: int, event: LogEvent) -> Iterator[tuple[str, Row]]:
-        """Yield the tables and rows for an event; none if the event's time is impossible."""
+        """Yield the tables and rows for an event; none if the event's time is out of range."""
         at_us = event.at_us
         if not 0 <= at_us < LATEST_US:
             return
@@ -111,7 +111,7 @@ class Rows:
             yield table, (self._log, system_id, at_us, unix_us, *own)
 
     def _own(self, system_id: int, event: LogEvent) -> Iterator[tuple[str, Row]]:
-        """Yield the tables for an event, with the values of the columns that no other table has."""
+        """Yield the tables for an event, with the values of the table's own columns (``OWN``)."""
         table = SAME_FIELDS.get(type(event))
         if table is not None:
             yield table, tuple(getattr(event, column) for column in OWN[table])

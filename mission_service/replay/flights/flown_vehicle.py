@@ -1,4 +1,4 @@
-"""Computes figures of the flights in logs."""
+"""Computes the figures of logged flights, such as distances, speeds and times of missions."""
 
 import math
 from collections.abc import Callable
@@ -27,7 +27,7 @@ from mission_service.replay.flights.drop_comparison import planned_in
 from mission_service.replay.flights.utc_time import utc
 from mission_service.runtime.track import Track
 
-MOVES_M_S = 1.0  # a slower vehicle is taken as standing, with drifting positions
+MOVES_M_S = 1.0  # a slower vehicle counts as stationary, with drifting positions
 SETTLES_US = 3_000_000
 FIRST_AUXILIARY, STEP_US = 5, 300  # servos 1 to 4 control the flight
 
@@ -41,7 +41,7 @@ class Flown:
         self.stack: Stack | None = None
         self.track = Track()
         self.missions: list[tuple[int, Items]] = []
-        # Times of replacements by missions whose items are not in the log.
+        # Times at which a mission was replaced by one whose items are not in the log.
         self.replaced_us: list[int] = []
         self.home: tuple[float, float, float] | None = None
         self.offset_us = offset_us or 0
@@ -52,7 +52,7 @@ class Flown:
         self._fix_us: int | None = None
         self.longest_gap_s = 0.0
         self.flown_m = self._max_m_s = 0.0
-        self.highest_m: float | None = None  # height above its first position
+        self.highest_m: float | None = None  # maximum height above the start
         self.modes: list[tuple[int, str, bool]] = []  # at_us, name, armed
         self.turned_back_us: list[int] = []  # times of jumps to an earlier item of the same mission
         self._current: int | None = None
@@ -97,7 +97,7 @@ class Flown:
                 pass
 
     def _begin_mission(self, at_us: int) -> None:
-        """Begin a new mission; remove a jump shortly before, which led to the first item."""
+        """Begin a new mission; a jump to an earlier item shortly before is part of this change."""
         self._current = None
         if self.turned_back_us and at_us - self.turned_back_us[-1] <= SETTLES_US:
             self.turned_back_us.pop()
@@ -135,7 +135,7 @@ class Flown:
         return round((at_us - (self._begin_us or 0)) / 1e6, 3)
 
     def figures(self) -> dict[str, Any]:
-        """Return the figures; times are in seconds since the log's first entry of this vehicle."""
+        """Return the figures; times are in seconds since the vehicle's first entry in the log."""
         begin_us = self._begin_us or 0
         stack = self.stack
         return {
@@ -198,7 +198,7 @@ def flown_in(
 
 
 def info_of(log: Log) -> dict[str, Any]:
-    """Return the figures of a log, with its damaged parts."""
+    """Return the figures of a log, and its damaged parts."""
     flown = flown_in(log)
     return {
         "log": str(log.path),

@@ -1,4 +1,4 @@
-"""Reads a journal as a log: its vehicles' events become log entries in mission time."""
+"""Reads a journal as a log: events of vehicles become log entries with mission times."""
 
 import math
 from collections.abc import Iterator
@@ -42,13 +42,13 @@ ANY_RULE = "circling"  # a rule for reading the log's own data, which do not dep
 
 
 class JournalLog(Log):
-    """A journal's vehicles, numbered from 1 in the order of its scenario.
+    """A journal as a log, whose vehicles are numbered from 1 in the order of the scenario.
 
-    System ids are not used, because vehicles on separate links may have equal ids.
+    The numbers replace system ids, because vehicles on separate links may have equal ids.
     """
 
     def __init__(self, path: Path) -> None:
-        """Open the journal at ``path``. Raises JournalError if it or its header is missing."""
+        """Open the journal at ``path``. Raises JournalError if the file or header is missing."""
         super().__init__(path)
         self._chain = Chain(path)
         header = self._chain.readers[0].header
@@ -58,7 +58,7 @@ class JournalLog(Log):
         self._numbers = {name: number for number, name in self.names.items()}
 
     def scenario(self, rule: str | None = None) -> Scenario:
-        """Return the scenario, with another rule if given."""
+        """Return the recorded scenario, with another rule if one is given."""
         return recorded_scenario(self._recorded, self.path, rule)
 
     @cached_property
@@ -74,7 +74,7 @@ class JournalLog(Log):
     def entries(self) -> Iterator[Entry]:
         """Yield the vehicles' events as log entries; an accepted upload becomes a loaded mission.
 
-        The journal of a replay yields no missions, because no vehicle received them.
+        The journal of an open-loop replay yields no missions, because no vehicle received any.
         """
         sent: dict[tuple[str, int], Items] = {}
         at_us = 0
@@ -100,7 +100,7 @@ class JournalLog(Log):
                 yield Entry(self._numbers[content.vehicle], event)
 
     def contents(self) -> Iterator[AnyEvent | AnyCommand]:
-        """Yield events and commands in order; damaged lines are only listed in ``damage``."""
+        """Yield events and commands in order; damaged lines are instead listed in ``damage``."""
         self.messages, self.damage = 0, []
         for reader in self._chain.readers:
             at_byte = reader.begin.at_byte

@@ -1,4 +1,4 @@
-"""Provides the client of a logged vehicle, whose flight no command changes."""
+"""Provides the client of a logged vehicle; commands cannot change the logged flight."""
 
 from collections import deque
 
@@ -11,8 +11,8 @@ from autopilot_bridge.vehicle.client_events import ClientEvent
 from autopilot_bridge.vehicle.orders import Dropper
 from autopilot_bridge.vehicle.transfer_states import StartItem
 
-# The log events that the core uses as input. Mission progress is left out, because it refers to the
-# mission that was flown and not to the missions that the core would have sent.
+# The log events that the core uses as input. Mission progress is left out, because the logged
+# progress refers to the mission that was flown, not to the missions that the core would have sent.
 INPUT_EVENTS = (
     bridge.Connected
     | bridge.LinkLost
@@ -31,7 +31,7 @@ INPUT_EVENTS = (
 class LoggedVehicle:
     """A client that acknowledges every command at once, so that the core can continue.
 
-    Only drops are refused, because the logged vehicle did not release them.
+    Only drops are refused, because the logged vehicle did not make them.
     """
 
     def __init__(self) -> None:

@@ -1,4 +1,4 @@
-"""Writes logs as one MCAP file for Foxglove. Equal logs give equal bytes."""
+"""Writes logs as one MCAP file for Foxglove. Equal logs result in identical bytes."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -11,12 +11,12 @@ from mission_service.replay.flights.flight_tables import Rows
 from mission_service.replay.flights.flown_vehicle import file_of
 from mission_service.replay.flights.foxglove import SCHEMAS, Message, messages_of
 
-# Fixed: the default contains the version of mcap, which would change the bytes.
+# A constant, because the default text contains the version of mcap and would change the bytes.
 LIBRARY = "mission-service"
 
 
 def write_mcap(path: Path, logs: Sequence[Log], names: Mapping[tuple[int, int], str]) -> None:
-    """Write all logs, with UTC times if all logs have UTC, else with the times of their clocks.
+    """Write all logs, with UTC times if all logs contain UTC, else with the times of the logs.
 
     ``names`` contains the vehicles' names by the log's index and the system id.
     """

@@ -1,8 +1,8 @@
 """Replays a logged flight in an open loop: the core's commands do not change the flight.
 
-The log's vehicles replace the vehicles on links (``logged_vehicle.py``). The simulated camera, the
-core, the journal and the state view are the same as in a live run. The replay of a flight therefore
-writes a journal that can be verified, and the interfaces show it like a run.
+Clients of the logged vehicles (``logged_vehicle.py``) replace the clients on links. The simulated
+camera, the core, the journal and the state view are the same as in a live run. The replay of a
+flight therefore writes a journal that can be verified, and interfaces show the replay like a run.
 """
 
 import heapq
@@ -54,7 +54,7 @@ def entries_of(pairing: Pairing) -> Iterator[FlightEntry]:
 
 
 class OpenLoopReplay:
-    """The service that replays a flight, with the vehicles of its logs."""
+    """The service that replays a flight with the logged vehicles."""
 
     def __init__(
         self,

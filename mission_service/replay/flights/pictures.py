@@ -22,7 +22,7 @@ from mission_service.runtime.run_outputs import VEHICLE_COLOURS
 Floats = NDArray[np.float64]
 Places = Callable[[Any, Any], tuple[Any, Any]]  # converts lat, lon to km on the axes
 
-MAX_MISSIONS = 6  # with more missions no mission is drawn, because they would hide the map
+MAX_MISSIONS = 6  # more missions would hide the map, and none is drawn
 GAP_US = 10_000_000
 MAX_LABELS = 8  # with more reversals, their positions have no labels
 DIFFERS = "#d500f9"
@@ -33,7 +33,7 @@ MODE_COLOURS = (
 
 
 def png(figure: Figure) -> bytes:
-    """Return a figure as the bytes of a PNG file; equal figures give equal bytes."""
+    """Return a figure as the bytes of a PNG file; equal figures result in equal bytes."""
     data = io.BytesIO()
     figure.savefig(data, format="png", metadata={"Software": None})
     return data.getvalue()
@@ -55,7 +55,7 @@ def coloured(run: RunAnalysis) -> list[tuple[str, VehicleAnalysis]]:
 
 
 def draw_map(run: RunAnalysis) -> Figure:
-    """Draw the fire, tracks, missions, reversals, drops and flight against the plan's direction."""
+    """Draw the fire, tracks, missions, reversals, drops, and flight against the planner."""
     figure, axes, places = _ground(run)
     handles: list[Any] = []
     for colour, vehicle in coloured(run):
@@ -72,7 +72,7 @@ def draw_map(run: RunAnalysis) -> Figure:
 
 
 def _ground(run: RunAnalysis) -> tuple[Figure, Any, Places]:
-    """Return a figure, its axes in km with any fire drawn, and the transform from lat, lon."""
+    """Return a figure, its axes in km with the fire, if any, and the transform from lat, lon."""
     points = np.concatenate([each.track[:, 1:3] for each in run.vehicles.values()])
     if run.fire is not None:
         land = run.fire.landscape
@@ -292,7 +292,7 @@ def _title(run: RunAnalysis, vehicle: VehicleAnalysis) -> str:
 
 
 def draw_knowledge(runs: Sequence[RunAnalysis]) -> Figure | None:
-    """Draw how the front was observed and the error of its estimate; return None without a fire."""
+    """Draw observation and estimation errors of the front; return None without a fire."""
     drawn = [run for run in runs if run.fire is not None and run.fire.samples]
     if not drawn:
         return None

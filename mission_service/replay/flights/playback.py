@@ -1,9 +1,9 @@
 """Plays a flight with pause and seek, and stores states from which a seek can start.
 
 A seek computes a second replay from the nearest earlier state, while the interfaces still show the
-first replay. When the second replay has reached the requested time, it replaces the first. The work
-is divided into short turns, so that it does not block the event loop. Pure: the caller passes the
-time.
+first replay. When the second replay has reached the requested time, the second replay replaces the
+first. The computation is divided into short turns and therefore does not block the event loop.
+Pure: the caller passes the time.
 """
 
 from collections.abc import Callable
@@ -26,7 +26,7 @@ MAX_STATES_BYTES = 200_000_000
 
 
 class _SavedState(NamedTuple):
-    """A state: index of the next entry, time of the last entry, position in the journal."""
+    """A saved state: index of the next entry, time of the last entry, position in the journal."""
 
     number: int
     at_us: int
@@ -55,7 +55,7 @@ class Playback:
         self.pairing = pairing
         self.head = head
         self.jumps = 0
-        self.complete = False  # whether the flight has been played to its end
+        self.complete = False  # whether the whole flight has been played
         self._journal = journal
         self._shared_references = Known(pairing.scenario, pairing.landscape)
         self._cache: EntryCache[FlightEntry] = EntryCache(entries_of(pairing))
@@ -64,7 +64,7 @@ class Playback:
         self._shown = _Progress(replay, 0, head.begin_us, journal.rest)
         self._every_us = max(STATE_EVERY_US, (head.end_us - head.begin_us) // MAX_STATES)
         self._states = [self._state_of(self._shown)]
-        # States are too large: seeks begin at the first entry.
+        # If states are too large, only the first is saved, and seeks begin at the first entry.
         if 4 * self._states[0].size > MAX_STATES_BYTES:
             self._every_us = 1 << 62
         self._work = self._shown  # the replay that a seek computes
@@ -134,7 +134,7 @@ class Playback:
         self._seeks_us = None
 
     def _nearest(self, to_us: int) -> _Progress:
-        """Return where a seek starts: one of the two replays, or a replay from a saved state."""
+        """Return the start of a seek: one of the two replays, or a replay from a saved state."""
         saved = max(
             (each for each in self._states if each.at_us <= to_us),
             key=lambda each: each.number,
@@ -148,7 +148,7 @@ class Playback:
         return _Progress(replay, saved.number, saved.at_us, saved.rest)
 
     def _play(self, progress: _Progress, until_us: int, is_over: Callable[[], bool]) -> bool:
-        """Play up to a time; return whether that time was reached before the end of the turn."""
+        """Play up to a time; return whether it was reached before ``is_over`` returned True."""
         self._journal.rest = progress.rest
         try:
             while True:
@@ -171,7 +171,7 @@ class Playback:
         return self.pairing.mission.log_us(entry.at_us)
 
     def _save(self, progress: _Progress) -> None:
-        """Save a state if the last state is old enough; number and total size are limited."""
+        """Save a state if the last saved state is old enough, within a limit of the total size."""
         if progress.at_us < self._states[-1].at_us + self._every_us:
             return
         self._states.append(self._state_of(progress))

@@ -1,4 +1,4 @@
-"""Plays a logged flight to all interfaces of a live run: the map, MQTT, metrics."""
+"""Plays a logged flight on all interfaces of a live run: the map, MQTT, metrics."""
 
 import asyncio
 import contextlib
@@ -58,7 +58,7 @@ class ReplayRequestHandler(RequestHandler):
     """A request handler that accepts only requests for the play head."""
 
     def __init__(self, player: Playback, now_us: Callable[[], int]) -> None:
-        """Control the playback ``player``; ``now_us`` is the machine's clock."""
+        """Control the playback ``player``; ``now_us`` returns the time of the machine's clock."""
         scope = RequestScope(accepted=(REPLAY,))
         super().__init__(lambda event: [], self._state, lambda: player.state().at_us, scope)
         self._player = player
@@ -119,12 +119,12 @@ async def serve_flight(
     progress: Progress = unshown,
     address: Callable[[str], None] = lambda address: None,
 ) -> tuple[RunStatistics, Fire]:
-    """Play until SIGINT or SIGTERM, or with ``until_end`` to the end of the flight.
+    """Play until SIGINT or SIGTERM, or with ``until_end`` until the end of the flight.
 
     ``progress`` is called five times a second; ``address`` receives the map's URL.
     """
     pairing, scenario = run.pairing, run.pairing.scenario
-    # A replay publishes to other topics, so that clients do not confuse it with a live flight.
+    # A replay publishes to other topics, so that clients can distinguish it from a live flight.
     site, settings = f"{scenario.name}-replay", run.settings.model_copy(update={"cot": None})
     async with contextlib.AsyncExitStack() as stack:
         listening = stack.enter_context(claimed(run.out / NAME))
@@ -160,7 +160,7 @@ async def serve_flight(
 async def _play(
     run: ReplayRun, player: Playback, context: RunContext, stop: asyncio.Event, progress: Progress
 ) -> None:
-    """Play turn by turn until ``stop`` is set, or with ``until_end`` to the end."""
+    """Play turn by turn until ``stop`` is set, or with ``until_end`` until the end."""
     shown_us, before = 0, player.state()
     while not stop.is_set():
         begun_us = clock_us()
@@ -202,6 +202,6 @@ def _context_of(run: ReplayRun, settings: ServiceSection, player: Playback) -> R
 
 
 def _update(context: RunContext, player: Playback) -> None:
-    """Set the interfaces' context to the replay that is shown and to its time."""
+    """Set the interfaces' context to the replay that is shown, and its clock to the play head."""
     context.service = player.replay.service
     context.clock.now_us = player.pairing.mission.of(player.head.at_us)

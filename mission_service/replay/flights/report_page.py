@@ -1,4 +1,4 @@
-"""Writes the report on runs as one page with embedded pictures, and its figures as files."""
+"""Writes the report on runs as one page with embedded pictures, and all figures as files."""
 
 import base64
 import json
@@ -13,7 +13,7 @@ from mission_service.replay.flights.run_analysis import RunAnalysis, VehicleAnal
 from mission_service.replay.flights.run_figures import figures_of, table
 from mission_service.replay.flights.utc_time import utc
 
-LONG_US = 30_000_000  # a shorter flight against the planner's direction belongs to a reversal
+LONG_US = 30_000_000  # a shorter flight against the planner's direction is part of a reversal
 FEW_MISSIONS = 8  # up to this number, missions count as main events
 MAX_EVENTS = 400  # maximum number of lines; the page states the number of omitted lines
 
@@ -28,7 +28,7 @@ class ReportLine(NamedTuple):
 
 
 def write_report(out: Path, runs: Sequence[RunAnalysis]) -> list[str]:
-    """Write report.html, its pictures and figures.json to ``out``; returns the files' names."""
+    """Write report.html, the pictures and figures.json to ``out``; returns the files' names."""
     figures = [figures_of(run) for run in runs]
     images: dict[str, bytes] = {}
     for name, drawn in _drawn(runs):  # one figure at a time, because each takes megabytes

@@ -1,4 +1,4 @@
-"""Analyses one run: its flight, and its fire if it has one."""
+"""Analyses one run: the flight, and the fire if there is one."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -56,7 +56,7 @@ class VehicleAnalysis:
     terrain_amsl_m: Floats | None = None  # terrain under the track; NaN off the landscape
     directions: list[tuple[int, bool]] = field(default_factory=list)  # (time, is clockwise)
     turned_back: list[TurnedBack] = field(default_factory=list)
-    # Directions that its planner decided.
+    # Directions that the vehicle's planner chose; None is unknown.
     decided: list[tuple[int, bool | None]] = field(default_factory=list)
     differs: list[Span] = field(default_factory=list)
     drops: list[Compared] = field(default_factory=list)
@@ -107,7 +107,7 @@ def run_analysis(
     journal: JournalLog | None = None,
     mission: Mission | None = None,
 ) -> RunAnalysis:
-    """Analyse a flight, and the fire in its own journal or in its open-loop replay's journal."""
+    """Analyse a flight, and the fire in its journal or in the journal of its open-loop replay."""
     fire = None if journal is None else fire_analysis(journal)
     mission = mission or Mission(found.zero_us, found.zero_us)
     times_us = (found.zero_us, found.begin_us, found.end_us, found.offset_us)
@@ -152,7 +152,7 @@ def _vehicle(flown: Flown, run: RunAnalysis) -> VehicleAnalysis:
 def _merged(
     by_mission: list[TurnedBack], by_track: list[TurnedBack], run: RunAnalysis
 ) -> list[TurnedBack]:
-    """Return all reversals by time, without reversals of the track soon after one of a mission."""
+    """Return all reversals by time; one in the track soon after one in the mission is left out."""
     found = list(by_track)
     for turn in by_mission:
         after = [each for each in found if 0 <= each.at_us - turn.at_us <= FOLLOWS_US]

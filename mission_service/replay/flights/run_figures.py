@@ -49,7 +49,7 @@ def _of_two(of: dict[str, Any], one: str, other: str) -> str | None:
 
 
 def figures_of(run: RunAnalysis) -> dict[str, Any]:
-    """Return all figures of a run. Times are in s since the flight began; None means unknown."""
+    """Return all figures of a run; times are in s since the flight began, None is unknown."""
     return {
         "name": run.name,
         "logs": run.logs,
@@ -125,7 +125,7 @@ def above_terrain_m(vehicle: VehicleAnalysis) -> Any:
 
 
 def _lowest(heights_m: Any) -> float | None:
-    """Return the minimum between the first and the last time at half the maximum height."""
+    """Return the minimum height between the first and last point above half the maximum height."""
     if heights_m is None or not np.isfinite(heights_m).any():
         return None
     # On the ground, errors of the landscape may place the terrain above the vehicle.
@@ -135,7 +135,7 @@ def _lowest(heights_m: Any) -> float | None:
 
 
 def _missions(fire: FireAnalysis | None, name: str) -> dict[str, Any]:
-    """Return the numbers of sent and accepted missions, and their times.
+    """Return the numbers of sent and accepted missions, and the times from upload to acceptance.
 
     The values are None in an open-loop replay.
     """
@@ -157,7 +157,7 @@ def _missions(fire: FireAnalysis | None, name: str) -> dict[str, Any]:
 
 
 def _drops(fire: FireAnalysis | None, vehicle: VehicleAnalysis) -> dict[str, Any]:
-    """Count the drops of a burn by its plans, and of other flights by missions and outputs."""
+    """Count the drops: in a burn from its plans, in other flights from missions and outputs."""
     record = None if fire is None else fire.record.vehicles[vehicle.name]
     if record is not None and record.plans:
         flown = {drop.plan_hash for drop in record.drops}

@@ -1,4 +1,4 @@
-"""Pairs a flight with a scenario, which gives vehicles, mission time and landscape."""
+"""Pairs a flight with a scenario, which defines vehicles, mission time and landscape."""
 
 import math
 from datetime import timedelta
@@ -17,7 +17,7 @@ from mission_service.replay.flights.flown_vehicle import Flown, file_of
 from mission_service.replay.flights.journal_log import JournalLog
 from mission_service.replay.flights.utc_time import EPOCH, unix_us
 
-# The landscape that is made for a flight without a scenario; AROUND_M is the margin around the
+# The landscape that is generated for a flight without a scenario; AROUND_M is the margin around the
 # tracks.
 AROUND_M = 2000.0
 CELL_M, MAX_CELLS = 30.0, 600
@@ -78,7 +78,7 @@ class Pairing(NamedTuple):
 
 
 def pair(flight: Flight, found: Survey, scenario: Scenario, at_s: float | None = None) -> Pairing:
-    """Pair a flight with a scenario. Raises FlightError if they do not match."""
+    """Pair a flight with a scenario. Raises FlightError if the two do not match."""
     mission = mission_time(flight, found, scenario, at_s)
     flown = flying(scenario_for(scenario, found, mission))
     landscape = landscape_of(flown)
@@ -106,9 +106,9 @@ def mission_time(
 ) -> Mission:
     """Return the mission time at which a flight begins.
 
-    This time is ``at_s`` if given, else computed from UTC if log and scenario have it, else the
-    time at which the scenario's vehicles take off. The times of journals are mission times. Raises
-    FlightError for a flight outside the time of the scenario.
+    This time is ``at_s`` if given, else computed from UTC if both log and scenario contain UTC
+    times, else the time at which the scenario's vehicles take off. The times of journals are
+    mission times. Raises FlightError for a flight outside the time of the scenario.
     """
     begin_us, zero = found.zero_us, scenario.time_zero
     if at_s is not None:
@@ -128,11 +128,11 @@ def mission_time(
 
 
 def scenario_for(scenario: Scenario, survey: Survey, mission: Mission) -> Scenario:
-    """Return the scenario with the logged vehicles, with their stacks and homes.
+    """Return the scenario with the logged vehicles, including their stacks and homes.
 
-    A logged vehicle uses the section of the same name, else of the same system id, else the next
-    unused section; further vehicles copy the first section. Missions need no acceptance, and no
-    vehicle is recalled.
+    The settings of a logged vehicle are those of the section with the same name, else with the same
+    system id, else of the next unused section, else of the first section. Missions need no
+    acceptance, and no vehicle is recalled.
     """
     if not scenario.vehicles:
         raise FlightError(f"{scenario.name} has no vehicles: add one as [[vehicles]]")
@@ -188,9 +188,9 @@ def check_place(survey: Survey, landscape: Landscape, name: str) -> None:
 def fireless_scenario(survey: Survey, name: str) -> Scenario:
     """Return a scenario with level ground around all tracks, for a flight without a scenario.
 
-    Mission time 0 is the start of the flight. The required ignition, in a corner, and the
-    deployment of vehicles are set to a month after the flight, so that no fire burns and no planner
-    decides.
+    Mission time 0 is the start of the flight. A scenario requires an ignition: the ignition, in a
+    corner, and the deployment of vehicles are set to a month after the flight, so that no fire
+    burns and no planner makes decisions.
 
     Raises FlightError if the logs have no positions, or positions too near to a pole for a map.
     """

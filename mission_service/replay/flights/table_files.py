@@ -22,7 +22,7 @@ class TableFile(Protocol):
 
 
 class CsvFile:
-    """A table as CSV, in which unknown values are empty and UTC has milliseconds."""
+    """A table as CSV, in which unknown values are empty and UTC times have milliseconds."""
 
     def __init__(self, path: Path, columns: Columns) -> None:
         self._file = path.open("w", newline="", encoding="utf-8")
@@ -43,7 +43,7 @@ class CsvFile:
 
 
 class ParquetFile:
-    """A table as Parquet, in which unknown values are null and UTC is in microseconds."""
+    """A table as Parquet, in which unknown values are null and UTC times are in microseconds."""
 
     def __init__(self, path: Path, columns: Columns) -> None:
         import pyarrow
@@ -88,7 +88,7 @@ WRITERS: dict[str, type[CsvFile] | type[ParquetFile]] = {"csv": CsvFile, "parque
 
 
 class TableFiles:
-    """The files of all tables that have rows, one in each format."""
+    """The files of all tables that have rows, one file for each format."""
 
     def __init__(self, out: Path, formats: list[str]) -> None:
         self._out = out

@@ -1,4 +1,4 @@
-"""Converts UTC times."""
+"""Converts UTC times between microseconds since 1970, text and datetime."""
 
 from datetime import UTC, datetime, timedelta
 

@@ -1,8 +1,8 @@
 """Writes each line of a replay's journal only once, although the replay can seek backwards.
 
-A replay accepts no orders, so the same log always yields the same lines. After a seek backwards,
-lines are counted but not written until the journal's end is reached. The journal contains the
-flight up to the latest time played, and can be verified.
+A replay accepts no orders, so the same log always results in the same lines. After a seek
+backwards, lines are counted but not written until the replay reaches the journal's end. The journal
+contains the flight up to the latest time played, and can be verified.
 """
 
 from collections.abc import Iterable
@@ -16,7 +16,7 @@ REPLAY = "replay"  # key of the logs' names in the header of a replay's journal
 
 
 class WriteOnceJournal(Journal):
-    """A journal in which ``remove_last`` may move only the position."""
+    """A journal in which ``remove_last`` may move the position without removing lines."""
 
     def __init__(self, path: Path, header: dict[str, Any], logs: tuple[str, ...]) -> None:
         super().__init__(path, {**header, REPLAY: list(logs)}, durable=False)
@@ -33,7 +33,7 @@ class WriteOnceJournal(Journal):
         self.rest = before
 
     def finish(self, complete: bool) -> None:
-        """Close the journal; with ``complete``, mark the regular end of the run."""
+        """Close the journal; ``complete`` marks the regular end of the run in the journal."""
         self.rest = self._farthest
         if complete:
             self.end()

@@ -16,7 +16,7 @@ class HealthMonitor:
         self._checked_us: int | None = None
 
     def check_delay(self, now_us: int) -> None:
-        """Check the delay since the last call; ``now_us`` is the machine's clock."""
+        """Check the delay of this call; ``now_us`` is the time of the machine's clock."""
         if self._checked_us is not None:
             late_us = now_us - self._checked_us - self._every_us
             if late_us >= LATE_US:

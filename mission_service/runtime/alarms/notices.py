@@ -1,4 +1,4 @@
-"""The alarms and the announcements of a run, and the versions of its states. Pure."""
+"""The alarms and announcements of a run, and the versions of the states that are shown. Pure."""
 
 from collections import deque
 from collections.abc import Mapping
@@ -12,7 +12,7 @@ MAX_CLEARED = 50
 
 
 class Notices:
-    """The alarms and the announcements of a run; ``version`` grows with each change."""
+    """The alarms and the announcements of a run; ``version`` increases with each change."""
 
     def __init__(self, at_us: int, statistics: RunStatistics) -> None:
         self.at_us = at_us
@@ -24,7 +24,7 @@ class Notices:
         self.announcements: deque[Announcement] = deque(maxlen=MAX_ANNOUNCEMENTS)
         self.announcement_id = 0
         self.announcement_count = 0
-        self.last_id_before_restart = 0  # the last announcement from before a restart
+        self.last_id_before_restart = 0  # id of the last announcement before the last restart
 
     def alarm(self, key: str, text: str, severity: Severity = "warning", vehicle: str = "") -> None:
         """Raise an alarm, or update its text."""
@@ -38,7 +38,7 @@ class Notices:
         self._touch("alarms")
 
     def show_alarms(self, prefix: str, texts: Mapping[str, str], severity: Severity) -> None:
-        """Raise ``prefix/NAME`` for each name with a text, and clear all others of the prefix."""
+        """Raise an alarm ``prefix/NAME`` for each text; clear the other alarms with this prefix."""
         for key in [key for key in self.alarms if key.startswith(f"{prefix}/")]:
             if key.partition("/")[2] not in texts:
                 self.clear_alarm(key)
@@ -54,7 +54,7 @@ class Notices:
             self._touch("alarms")
 
     def clear_all_but(self, *prefixes: str) -> None:
-        """Clear all other alarms; their sources raise them again if the cause persists."""
+        """Clear all alarms without these prefixes; alarms whose cause persists are raised again."""
         for key in [key for key in self.alarms if key.partition("/")[0] not in prefixes]:
             self.clear_alarm(key)
 
@@ -73,7 +73,7 @@ class Notices:
         self.announce("fire", text, "warning")
 
     def announcements_after(self, line_id: int) -> list[Announcement]:
-        """Return the announcements after ``line_id`` to forward; none from before a restart."""
+        """Return the announcements after ``line_id``, without those before the last restart."""
         return [
             line
             for line in self.announcements

@@ -16,7 +16,7 @@ FRESH_US = 3_000_000  # older positions are not compared
 def near_pairs(
     telemetry: dict[str, TelemetryState], at_us: int, separation_m: float
 ) -> dict[tuple[str, str], float]:
-    """Return the 3-D distances in metres of airborne pairs nearer than ``separation_m``."""
+    """Return the 3-D distances in metres of airborne pairs that are below ``separation_m``."""
     flying = [
         state
         for _, state in sorted(telemetry.items())
@@ -38,7 +38,7 @@ def near_pairs(
 
 
 class ProximityAlarms:
-    """The alarms about pairs of aircraft nearer than the separation."""
+    """The alarms about pairs of aircraft that are nearer than the required separation."""
 
     def __init__(self, state_view: StateView, separation_m: float) -> None:
         """Raise alarms in ``state_view``."""
@@ -48,7 +48,7 @@ class ProximityAlarms:
         self._near: set[str] = set()
 
     def check_pairs(self, now_us: int) -> None:
-        """Check all pairs, at most once per second; ``now_us`` is the machine's clock."""
+        """Check all pairs, at most once a second; ``now_us`` is the time of the machine's clock."""
         if now_us < self._due_us:
             return
         self._due_us = now_us + CHECK_EVERY_US

@@ -15,16 +15,17 @@ from mission_service.vehicles.availability import MISSION, named_mode
 
 
 class UnrecordedEvents:
-    """Shows unrecorded events to operators, and stores the modes selected meanwhile."""
+    """Shows unrecorded events to operators, and stores the unrecorded modes."""
 
     def __init__(self) -> None:
         self._modes: dict[str, str] = {}  # modes selected while the journal fails
         self._refusals: set[str] = set()  # alarms about refused events
 
     def line_of(self, event: AnyEvent, view: StateView) -> bytes | None:
-        """Return an event's journal line; if it cannot be journalled, raise an alarm, return None.
+        """Return the journal line of an event, or None if the event cannot be journalled.
 
-        The alarm remains until an event of the same type can be journalled.
+        In that case an alarm is raised, which remains until an event of the same type can be
+        journalled.
         """
         try:
             body = event_body(event)
@@ -49,7 +50,7 @@ class UnrecordedEvents:
     def show(self, event: VehicleEvent, view: StateView) -> None:
         """Show operators an event that could not be journalled and was not handled.
 
-        Only modes, which the autopilot or the pilot selected, and texts of autopilots are shown.
+        Only modes that the autopilot or the pilot selected and texts of autopilots are shown.
         """
         name = event.vehicle
         if isinstance(event, ModeChanged):
@@ -62,7 +63,7 @@ class UnrecordedEvents:
             view.announce(name, f"autopilot: {event.text}", "warning")
 
     def keeps_mode(self, command: AnyCommand, view: StateView) -> bool:
-        """Return whether a command of an abort is left out because a mode was not journalled."""
+        """Return whether a command of an abort is withheld because a mode was not journalled."""
         mode = self._modes.get(command.vehicle, MISSION)
         if not isinstance(command, Hold | ClimbAndHold) or mode == MISSION:
             return False
@@ -71,7 +72,7 @@ class UnrecordedEvents:
         return True
 
     def forget_modes(self, view: StateView) -> None:
-        """Clear the modes and their alarms; a restart reports each vehicle's mode again."""
+        """Clear the modes and their alarms; after a restart each mode is reported again."""
         for name in self._modes:
             view.clear_alarm(f"unrecorded/{name}")
         self._modes.clear()

@@ -1,4 +1,4 @@
-"""The contents of a file of observations, and the grid of the landscape that they apply to."""
+"""The observations in a file, and the landscape's grid to which the observations refer."""
 
 from datetime import UTC, datetime, timedelta
 from typing import Literal
@@ -16,7 +16,7 @@ MARGIN_DEG = 0.05  # around the landscape, for pixels whose centre is outside
 
 
 class FileReport(msgspec.Struct, frozen=True, tag=True):
-    """A report at places (latitude, longitude), as in the event ``FireObserved``."""
+    """A report on places (latitude, longitude), as in the event ``FireObserved``."""
 
     state: Literal["burned", "burning", "unburned", "smoke"]
     shape: Literal["points", "line", "polygon"]
@@ -40,7 +40,7 @@ class FileCells(msgspec.Struct, frozen=True, tag=True):
 
 
 class FileContents(msgspec.Struct, frozen=True):
-    """The observations in a file, in the order of time, and notes on what is not used."""
+    """The observations in a file, in order of time, and notes on features that are not used."""
 
     kind: str
     observations: tuple[FileReport | FileCells, ...]
@@ -48,7 +48,7 @@ class FileContents(msgspec.Struct, frozen=True):
 
 
 class FileSettings(msgspec.Struct, frozen=True):
-    """The keys of ``[estimate.observation_files]`` that the content depends on."""
+    """The keys of ``[estimate.observation_files]`` on which the contents of a file depend."""
 
     time_zone: str
     position_sd_m: float
@@ -57,7 +57,7 @@ class FileSettings(msgspec.Struct, frozen=True):
 
     @property
     def zone(self) -> ZoneInfo:
-        """The zone of times without an offset from UTC."""
+        """The time zone of times without an offset from UTC."""
         return ZoneInfo(self.time_zone)
 
 
@@ -72,14 +72,14 @@ class Grid(msgspec.Struct, frozen=True):
     cols: int
 
     def level_ground(self) -> Landscape:
-        """Return level ground on this grid."""
+        """Return a landscape of level ground and one fuel on this grid."""
         fuel = np.ones((self.rows, self.cols), dtype=np.int16)
         level = np.zeros(fuel.shape, dtype=np.float32)
         return Landscape(self.crs, self.west_m, self.north_m, self.cell_size_m, fuel, level)
 
 
 def utc_of(unix_s: float) -> str:
-    """Return the time in seconds since 1970 as text in ISO 8601, in UTC."""
+    """Convert a time in seconds since 1970 to a text in ISO 8601, in UTC."""
     return (EPOCH + timedelta(seconds=unix_s)).isoformat()
 
 
@@ -90,7 +90,7 @@ def grid_of(landscape: Landscape) -> Grid:
 
 
 def degrees_around(landscape: Landscape) -> tuple[float, float, float, float]:
-    """Return south, west, north and east of a box that contains the landscape and a margin."""
+    """Return south, west, north and east (degrees) of the landscape with a margin around it."""
     rows, cols = landscape.shape
     row, col = np.array([0, 0, rows, rows]), np.array([0, cols, 0, cols])
     lat, lon = landscape.lat_lon_of(*landscape.xy_of(row.astype(float), col.astype(float)))

@@ -1,7 +1,7 @@
 """Reads a file of observations: shapes, satellite pixels or a raster. The format is detected.
 
-``read_observation_file`` reads the file in a process of its own (``worker_process``), whose main
-function is in this module.
+``read_observation_file`` reads the file in a separate process (``worker_process``), which runs
+``main`` of this module.
 """
 
 import sys
@@ -41,7 +41,7 @@ class FileJob(msgspec.Struct):
 
 
 class Unusable(msgspec.Struct, tag="unusable"):
-    """The reason why a file is not usable, in one line that names it."""
+    """The reason why a file is not usable, in one line that names the file."""
 
     reason: str
 
@@ -55,8 +55,8 @@ class Usable(msgspec.Struct, tag="usable"):
 def read_observation_file(path: Path, landscape: Landscape, settings: FileSettings) -> FileContents:
     """Return the observations in a file.
 
-    Raises MissionServiceError, whose text names the file and the reason, if it is not usable, for
-    example because it is too large, damaged, off the landscape or without a time.
+    Raises MissionServiceError, whose text names the file and the reason, if the file is not usable,
+    for example because it is too large, damaged, off the landscape or without a time.
     """
     check_file(path)
     job = msgspec.msgpack.encode(FileJob(str(path), grid_of(landscape), settings))
@@ -70,7 +70,7 @@ def read_observation_file(path: Path, landscape: Landscape, settings: FileSettin
 
 
 def check_file(path: Path) -> None:
-    """Raise MissionServiceError for a file that is too large, or cannot contain observations."""
+    """Raise MissionServiceError for a file that is too large or cannot contain observations."""
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         raise MissionServiceError(f"{path}: has none of the suffixes {', '.join(SUFFIXES)}")
@@ -95,7 +95,7 @@ def check_file(path: Path) -> None:
 
 
 def contents_of(path: Path, landscape: Landscape, settings: FileSettings) -> FileContents:
-    """Return the observations in a file, which this process reads.
+    """Read a file in this process, and return the observations in it.
 
     Raises MissionServiceError or FireModelError, whose text names the file and the reason.
     """
@@ -133,7 +133,7 @@ def _refuse_large_archive(path: Path) -> None:
 
 
 def answer_to(job: FileJob) -> Usable | Unusable:
-    """Read the file of a job."""
+    """Return the contents of the file of a job, or the reason why the file is not usable."""
     path = Path(job.path)
     try:
         return Usable(contents_of(path, job.grid.level_ground(), job.settings))
@@ -147,7 +147,7 @@ def answer_to(job: FileJob) -> Usable | Unusable:
 
 
 def main() -> None:
-    """Process one job, within limits of memory and time."""
+    """Process the job on standard input, within limits of memory and time."""
     limit_process()
     job = msgspec.msgpack.decode(sys.stdin.buffer.read(), type=FileJob)
     sys.stdout.buffer.write(msgspec.json.encode(answer_to(job)))

@@ -1,8 +1,8 @@
 """The sensor ``observation_files``: perimeters, detections and rasters that arrive in a folder.
 
 A thread (``watched_folder``) reads each new file of ``estimate.observation_files.folder`` in a
-separate process. ``report`` returns the shapes and pixels in it one by one, in the order of their
-times, and ``observe`` returns the rasters.
+separate process. ``report`` returns the shapes and groups of pixels of a file one by one, in order
+of time, and ``observe`` returns the rasters.
 """
 
 import time
@@ -24,7 +24,7 @@ AHEAD_S = 300.0  # tolerated difference between the clocks of the source and of 
 
 
 class _Arrived(NamedTuple):
-    """An observation in a file, and its name for the journal."""
+    """An observation in a file, with the names of the file and of its event (``sensor_files``)."""
 
     file: str
     part: str
@@ -66,7 +66,7 @@ class ObservationFolder(WatchedFolder):
         )
 
     def report(self, at_us: int) -> FireObserved | None:
-        """Return the next shape or group of pixels; the first call starts the thread."""
+        """Return the next shape or group of pixels, or None; the first call starts the thread."""
         self.start()
         taken = self._next(self._reports, at_us)
         if taken is None:
@@ -93,7 +93,7 @@ class ObservationFolder(WatchedFolder):
         """Ignore the events of the run."""
 
     def process_file(self, path: Path, now: datetime) -> None:
-        """Read a file. Raises MissionServiceError if it contains nothing that can be used."""
+        """Read a file. Raises MissionServiceError if it contains no observation that is used."""
         file = self.event_name_of(path.name)
         contents = read_observation_file(path, self._landscape, self._settings)
         count = len(contents.observations)
@@ -115,7 +115,7 @@ class ObservationFolder(WatchedFolder):
                 queue.append(_Arrived(path.name, part, each))
 
     def _files(self) -> dict[str, Change]:
-        """Return the last changes of the files; the parts of a Shapefile count as one file."""
+        """Return the last change of each file; the parts of a Shapefile count as one file."""
         files = super()._files()
         parts = {name: each for name, each in files.items() if name.lower().endswith(PARTS)}
         for name, (changed_ns, size) in parts.items():

@@ -1,4 +1,4 @@
-"""Draws the cells that a file of observations shows on the map, with the errors of their places."""
+"""Draws the observed cells of a file on a map, with the position errors of reported points."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -53,7 +53,7 @@ def _event_of(report: FileReport) -> FireObserved:
 
 
 def draw_contents(path: Path, landscape: Landscape, name: str, contents: FileContents) -> None:
-    """Draw the observed cells, and a circle of 90 % around each reported point.
+    """Draw the observed cells, and the 90 % error circle of each reported point.
 
     Raises OSError if the file cannot be written.
     """
@@ -88,9 +88,9 @@ def draw_contents(path: Path, landscape: Landscape, name: str, contents: FileCon
 
 
 def _circles(contents: FileContents, landscape: Landscape) -> Iterator[tuple[float, float, float]]:
-    """Yield x, y and radius in metres of the circle of each reported point, ``MAX_CIRCLES`` most.
+    """Yield x, y and radius (m) of the error circles of reported points, at most ``MAX_CIRCLES``.
 
-    The circle contains the true place with a probability of 90 %.
+    A circle contains the true place with a probability of 90 %.
     """
     left = MAX_CIRCLES
     for each in contents.observations:

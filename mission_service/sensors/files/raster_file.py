@@ -21,16 +21,17 @@ from mission_service.sensors.files.file_names import time_in_name
 from mission_service.sensors.one_line import one_line
 
 MAX_CELLS = 25_000_000
-MAX_WIDER = 2.0  # cells of the raster may be so many times wider than those of the landscape
+MAX_WIDER = 2.0  # largest width of a raster's cell, in widths of a landscape's cell
 TIME_TAGS = ("TIFFTAG_DATETIME", "ACQUISITIONDATETIME", "datetime")
 
 
 def raster_contents(path: Path, landscape: Landscape, settings: FileSettings) -> FileContents:
     """Return the burned and unburned cells in the first band of a GeoTIFF.
 
-    The settings state the values of burned and of unburned cells; cells of other values are not
-    seen. Cells of the landscape that contain several cells of the raster have the most frequent
-    state. Raises FireModelError, whose one-line text names the file, if it cannot be used.
+    The settings give the values of burned and of unburned cells; cells with other values are
+    unseen. A cell of the landscape that contains several cells of the raster has the most frequent
+    state of the contained cells. Raises FireModelError, whose one-line text names the file, if the
+    file cannot be used.
     """
     band = bands_of(path)[0]
     rows, cols = band.shape
@@ -96,7 +97,7 @@ def _states(band: Band, settings: FileSettings) -> NDArray[np.uint8]:
 
 
 def _cell_size_m(band: Band, landscape: Landscape) -> float:
-    """Return the side of a raster's cell in the landscape's CRS."""
+    """Return the longer side of a raster's central cell in the landscape's CRS."""
     from rasterio.warp import transform
 
     col, row = band.shape[1] / 2.0, band.shape[0] / 2.0
@@ -111,7 +112,7 @@ def _cell_size_m(band: Band, landscape: Landscape) -> float:
 def _on_grid(
     band: Band, state: NDArray[np.uint8], cell_m: float, landscape: Landscape
 ) -> NDArray[np.uint8]:
-    """Return the states (y, x) of the landscape's cells."""
+    """Resample the states of a raster's cells to the landscape's cells (y, x)."""
     from rasterio import Affine
     from rasterio.warp import Resampling, reproject
 

@@ -1,10 +1,11 @@
 """Read fire detections of satellites from CSV files of FIRMS (VIIRS, MODIS and GOES). Pure.
 
-Each line is a pixel in which the satellite detected fire: the latitude and longitude of its centre,
-its size along scan and track in km, the time of the overpass (UTC) and the confidence. The fire may
-burn anywhere in the pixel. Format: NASA FIRMS, "Attribute fields" of the products VNP14IMGT and
-MCD14DL. A pixel of GOES without a size is a cell of the fixed grid of its imager: 56 microradians,
-2 km below the satellite (GOES-R Product Definition and Users' Guide, volume 3, 5.1.2).
+Each line describes a pixel in which the satellite detected fire: the latitude and longitude of the
+centre, the size along scan and track in km, the time of the overpass (UTC) and the confidence. The
+fire may burn anywhere in the pixel. Format: NASA FIRMS, "Attribute fields" of the products
+VNP14IMGT and MCD14DL. A pixel of GOES without a size is a cell of the imager's fixed grid, whose
+width is 56 microradians, or 2 km on the ground directly below the satellite (GOES-R Product
+Definition and Users' Guide, volume 3, 5.1.2).
 """
 
 import csv
@@ -26,12 +27,13 @@ MAX_POINTS = 1000  # of one request
 MAX_SOURCE, MAX_MESSAGE = 80, 200  # characters
 AHEAD_S = 300.0  # tolerated difference between the clocks of satellite and service
 MIN_KM, MAX_KM = 0.05, 20.0  # of a pixel's side
-# Shares of false alarms that are assumed for the classes of confidence of VIIRS. With a share above
-# zero, places far from the estimated fire need a second report.
+# Assumed shares of false alarms for the confidence classes of VIIRS. If the share is above zero,
+# places far from the estimated fire require a second report.
 FALSE_ALARMS_PCT = {"low": 50.0, "nominal": 10.0, "high": 0.0}
 CLASSES = {name[0]: name for name in FALSE_ALARMS_PCT}
-# The same for the codes of the fire mask of GOES: processed and saturated, cloudy, and high, medium
-# and low probability. From 30 on they are confirmed by neighbours in time. None of them is certain.
+# The same for the last digits of the codes 10 to 15 and 30 to 35 of the GOES fire mask: processed,
+# saturated, cloudy, and high, medium and low probability. The codes from 30 on are confirmed by
+# earlier or later detections. No code is certain.
 GOES_FALSE_ALARMS_PCT = {0: 10.0, 1: 10.0, 2: 30.0, 3: 30.0, 4: 50.0, 5: 70.0}
 GOES_LON_DEG = {"16": -75.2, "17": -137.2, "18": -137.2, "19": -75.2}
 GOES_HEIGHT_M, GOES_CELL_RAD = 35_786_023.0, 56e-6
@@ -49,11 +51,11 @@ class SatellitePixel(NamedTuple):
     seen: datetime
     false_alarms_pct: float
     source: str
-    grid_lon_deg: float | None = None  # of a satellite whose fixed grid has the pixel
+    grid_lon_deg: float | None = None  # of the satellite, if the pixel is in its fixed grid
 
     @property
     def position_sd_m(self) -> float:
-        """The standard deviation of each axis of the fire's place, which may be anywhere inside."""
+        """The standard deviation, along each axis, of a fire's place anywhere in the pixel."""
         return 1000.0 * math.sqrt((self.scan_km**2 + self.track_km**2) / 24.0)
 
     def corners(self) -> list[tuple[float, float]]:
@@ -67,7 +69,7 @@ class SatellitePixel(NamedTuple):
 
 
 class SatelliteFile(NamedTuple):
-    """The pixels of a file within a box, and the number of its lines, without the first."""
+    """The pixels of a file within a box, and the number of lines of the file after its header."""
 
     pixels: list[SatellitePixel]
     lines: int
@@ -76,8 +78,9 @@ class SatelliteFile(NamedTuple):
 def read_satellite_pixels(path: Path, within: World = WORLD) -> SatelliteFile:
     """Read a CSV file of FIRMS.
 
-    Of the lines outside the box ``within`` (south, west, north, east, in degrees) only the place is
-    read. Raises MissionServiceError, which names the line, for a file that is not such a file.
+    For lines outside the box ``within`` (south, west, north, east, in degrees), only the place is
+    read. Raises MissionServiceError, whose text names the file and the damaged line, if the file is
+    not a valid CSV file of FIRMS.
     """
     try:
         if path.exists() and not path.is_file():
@@ -100,12 +103,12 @@ def read_satellite_pixels(path: Path, within: World = WORLD) -> SatelliteFile:
 
 
 def is_satellite(names: Iterable[str]) -> bool:
-    """Return whether the names of columns, in lower case, are those of FIRMS."""
+    """Return True if the names of columns, in lower case, include those of FIRMS."""
     return set(COLUMNS) <= set(names)
 
 
 def _within(path: Path, rows: Any, names: list[str], within: World) -> SatelliteFile:
-    """Return the pixels of the rows of a CSV file. Places are read first, because it is faster."""
+    """Return the pixels in the rows of a CSV file. For speed, only the place is read first."""
     south, west, north, east = within
     lat_column, lon_column = (names.index(name) for name in PLACE)
     pixels, lines = [], 0
@@ -128,9 +131,9 @@ def _within(path: Path, rows: Any, names: list[str], within: World) -> Satellite
 
 
 def pixel_of(values: Mapping[str, Any], where: str) -> SatellitePixel:
-    """Return the pixel in the values of a line or a feature, by their names in lower case.
+    """Return the pixel of a line or a feature from its values by lower-case name.
 
-    Raises MissionServiceError, which begins with ``where``.
+    Raises MissionServiceError, whose text begins with ``where``.
     """
     words = (_word(values, name) for name in ("instrument", "satellite"))
     source = " ".join(word for word in words if word) or "satellite"
@@ -172,7 +175,7 @@ def _word(values: Mapping[str, Any], name: str) -> str:
 
 
 def _goes_lon_deg(satellite: str) -> float | None:
-    """Return the longitude of a satellite GOES, such as G16 or GOES-16; None for others."""
+    """Return the longitude of a GOES satellite, such as G16 or GOES-16; None for others."""
     name = satellite.upper().replace("GOES", "G").replace("-", "").replace(" ", "")
     return GOES_LON_DEG.get(name[1:]) if name.startswith("G") else None
 
@@ -188,7 +191,7 @@ def _fixed_grid(grid_lon_deg: float) -> Any:
 def _grid_corners(lat_deg: float, lon_deg: float, grid_lon_deg: float) -> list[tuple[float, float]]:
     """Return latitude and longitude of the corners of a cell of a fixed grid.
 
-    Raises ValueError for a place that the satellite does not see.
+    Raises ValueError for a place that is not visible from the satellite.
     """
     grid, half_m = _fixed_grid(grid_lon_deg), 0.5 * GOES_CELL_RAD * GOES_HEIGHT_M
     x_m, y_m = grid.transform(lon_deg, lat_deg)
@@ -210,7 +213,7 @@ def _grid_size_km(lat_deg: float, lon_deg: float, grid_lon_deg: float) -> tuple[
 
 
 def _false_alarms_pct(confidence: str, goes: bool) -> float:
-    """Return the share of false alarms of classes, of codes of GOES, or of MODIS' percentages."""
+    """Return the share of false alarms for a class, a GOES code or a MODIS percentage."""
     name = CLASSES.get(confidence, confidence)
     if name in FALSE_ALARMS_PCT:
         return max(FALSE_ALARMS_PCT[name], GOES_FALSE_ALARMS_PCT[0] if goes else 0.0)
@@ -226,7 +229,7 @@ def _false_alarms_pct(confidence: str, goes: bool) -> float:
 
 
 class PixelGroup(NamedTuple):
-    """Pixels of one time, source, size and confidence."""
+    """Pixels of equal time, source, size and confidence."""
 
     seen: datetime
     source: str
@@ -247,11 +250,10 @@ def groups_of(pixels: Iterable[SatellitePixel]) -> Iterator[PixelGroup]:
 
 
 def reports_of(pixels: Iterable[SatellitePixel], now: datetime) -> list[dict[str, Any]]:
-    """Return the requests ``observe``, without their user, that report pixels.
+    """Return the requests ``observe`` that report pixels, without the name of the user.
 
-    Each group of pixels (``groups_of``) is a request.
-
-    Raises MissionServiceError for an overpass in the future.
+    There is one request for each group of pixels (``groups_of``). Raises MissionServiceError for an
+    overpass in the future.
     """
     found = []
     for each in groups_of(pixels):

@@ -1,8 +1,8 @@
-"""Convert the features of a vector file to reports: areas burned, lines and points burning.
+"""Convert the features of a vector file to reports: burned areas, and burning lines and points.
 
 The time of a feature is in one of the fields of ``feature_times`` (WFIGS, GeoMAC, FIRIS, KML), or
-in the name of the file. The sources of the fields' meanings are the NWCG standard "Wildland Fire
-Event" (FeatureCategory, MapMethod) and the layers of WFIGS, GeoMAC and FIRIS.
+in the name of the file. The fields are defined in the NWCG standard "Wildland Fire Event"
+(FeatureCategory, MapMethod) and in the layers of WFIGS, GeoMAC and FIRIS.
 """
 
 import math
@@ -44,7 +44,7 @@ MAX_FEATURES, MAX_VERTICES = 5000, 200_000  # in a file
 MAX_REPORTS = 100
 MAX_POINTS = 1000  # of one report of points
 MAX_CORNERS = 5000  # of one polygon or line
-SHIFT_CELLS = 0.1  # by which a simplified outline may differ
+SHIFT_CELLS = 0.1  # largest deviation of a simplified outline
 MAX_SOURCE = 80  # characters
 CATEGORY = ("FeatureCategory", "type")
 SOURCE = (
@@ -53,18 +53,18 @@ SOURCE = (
     ("IncidentName", "incident_name", "fireName", "name"),
     ("mission",),
 )
-# Words in the category of a feature that shows where fire is or was; others are, for example,
-# control lines, closures and the origin of a fire.
+# Words in the categories of features that show where fire is or was. Other categories are, for
+# example, control lines, closures and the origin of a fire.
 OF_FIRE = ("perim", "heat", "burn", "hot", "spot fire", "fire edge", "front", "wildfire")
 MODELED = "modeled"
-# Standard deviations in metres that are assumed for the beginnings of MapMethod.
+# Assumed standard deviations in metres, by the first words of MapMethod.
 POSITION_SD_M = {"hand sketch": 100.0, "digitized": 50.0, "gps-flight": 30.0, "gps": 10.0}
 STATES = ("burned", "burning", "unburned", "smoke")
 STATE_OF = {"Polygon": "burned", "LineString": "burning", "Point": "burning"}
 
 
 class _Feature(NamedTuple):
-    """A feature that shows fire, and its parts in the landscape's CRS within the landscape."""
+    """A feature that shows fire; its parts are in the landscape's CRS and cut to the landscape."""
 
     parts: Sequence[BaseGeometry]
     seen: datetime
@@ -156,7 +156,7 @@ def _check_size(path: Path, shapes: Sequence[BaseGeometry]) -> None:
 
 
 def _times(path: Path, records: Sequence[Mapping[str, Any]], zone: tzinfo) -> list[Any]:
-    """Return the time of each feature, or the text of the reason why it has none."""
+    """Return for each feature its time, or the text of the reason why it has no time."""
     named = time_in_name(path.name, zone)
     column = time_column([dict(record) for record in records])
     if column is None:
@@ -188,7 +188,7 @@ def _feature(
     landscape: Landscape,
     settings: FileSettings,
 ) -> _Feature:
-    """Return a feature. Raises FireModelError, which names the feature, if it is not used."""
+    """Return a feature. Raises FireModelError, whose text names a feature that is not used."""
     where = f"{path}: feature {number}"
     category = str(attribute(record, CATEGORY) or "")[:40]
     if category and not any(word in category.lower() for word in OF_FIRE):
@@ -226,7 +226,7 @@ def _parts(shape: BaseGeometry) -> Iterator[BaseGeometry]:
 
 
 def _position_sd_m(record: Mapping[str, Any], method: str, settings: FileSettings) -> float:
-    """Return the standard deviation that the feature states, or that of its method."""
+    """Return the standard deviation that the feature states, or else that of its map method."""
     try:
         stated_m = float(attribute(record, ("position_sd_m",)))
         if math.isfinite(stated_m) and 0.0 <= stated_m <= 10_000.0:
@@ -238,14 +238,14 @@ def _position_sd_m(record: Mapping[str, Any], method: str, settings: FileSetting
 
 
 def _source(path: Path, record: Mapping[str, Any], method: str) -> str:
-    """Return the agency, the incident, the mission and the method, or the name of the file."""
+    """Return the agency, incident, mission and method of a feature, or else the file's name."""
     words = [str(attribute(record, names) or "").strip() for names in SOURCE]
     text = ", ".join(dict.fromkeys(word for word in (*words, method) if word)) or path.name
     return one_line(text)[:MAX_SOURCE]
 
 
 def _reports(features: Sequence[_Feature], landscape: Landscape) -> Iterator[FileReport]:
-    """Yield a report for each polygon and line, and for all points of equal attributes."""
+    """Yield a report for each polygon and line, and one for all points with equal attributes."""
     points: dict[tuple[Any, ...], list[Place]] = {}
     for each in features:
         attributes = (each.seen.timestamp(), each.position_sd_m, each.source)

@@ -1,1 +1,1 @@
-"""Thermal images: read from files, placed on the ground, registered, and converted to cells."""
+"""Thermal images are read from files, georeferenced, registered, and converted to cells."""

@@ -1,4 +1,4 @@
-"""Convert the thermal images of one sensor to observations, as they arrive."""
+"""Convert the thermal images of one sensor to observations as the images arrive."""
 
 from collections import deque
 from collections.abc import Callable
@@ -17,13 +17,13 @@ from mission_service.sensors.thermal.thermal_image import ThermalImage
 AHEAD_S = 5.0  # tolerated difference between the clocks of camera and service
 MAX_WAITING = 100  # images; the oldest are dropped
 IMAGE_EVERY_S = 2.0  # shortest interval between two images for the map
-MISSED, FALSE_ALARMS = 0.05, 0.01  # shares of the cells, for the estimate
+MISSED, FALSE_ALARMS = 0.05, 0.01  # shares of the cells that the estimate assumes
 
 
 class ArrivedImages:
-    """The images of one sensor that wait for a position of a vehicle.
+    """The images of one sensor, queued until a vehicle reports its next position.
 
-    A thread adds images, and ``next_observed`` is called on the event loop.
+    ``add_image`` may be called in a thread; ``next_observed`` is called on the event loop.
     """
 
     def __init__(
@@ -32,7 +32,7 @@ class ArrivedImages:
         settings: ThermalCameraSection,
         refuse: Callable[[str, str], None],
     ) -> None:
-        """Set the function that receives the name of an image and why it is not used."""
+        """Set ``refuse``, which is called with the name of an unused image and the reason."""
         self._landscape, self._settings, self._refuse = landscape, settings, refuse
         self._burned = Burned(landscape.shape)
         self._registration = FrameRegistration(landscape)
@@ -41,7 +41,7 @@ class ArrivedImages:
         self.images: deque[SensorImage] = deque(maxlen=MAX_IMAGES)
 
     def add_image(self, image: ThermalImage, now: datetime, file: str = "") -> None:
-        """Add an image; ``file`` is the name for its event (``sensor_files``).
+        """Add an image; ``file`` is the name of its event (``sensor_files``).
 
         Raises MissionServiceError or FireModelError for an image that is not used.
         """
@@ -73,8 +73,8 @@ class ArrivedImages:
         Args:
             fix: A position of the vehicle.
             now_s: The time of the position in seconds since 1970.
-            taken_us: Returns the mission time of a time in seconds since 1970; None if it follows
-                from ``now_s``.
+            taken_us: Converts a time in seconds since 1970 to mission time, or returns None; then
+                the mission time of the image is computed from ``now_s``.
         """
         if not self._waiting:
             return None
@@ -100,7 +100,7 @@ class ArrivedImages:
     def _keep(
         self, vehicle: str, at_us: int, name: str, found: FrameCells, draped: DrapedImage
     ) -> None:
-        """Keep an image for the map, unless it was taken just before or after the last one."""
+        """Keep an image for the map, unless taken within ``IMAGE_EVERY_S`` of the last one."""
         self._number += 1
         if self.images and abs(at_us - self.images[-1].at_us) < 1e6 * IMAGE_EVERY_S:
             return

@@ -1,4 +1,4 @@
-"""Compute lines of sight of pixels, and pixels of places, from a camera's lens and pose. Pure."""
+"""Convert pixels to lines of sight and places to pixels, by a camera's lens and pose. Pure."""
 
 import math
 from typing import NamedTuple
@@ -8,14 +8,14 @@ import numpy as np
 from firemodel.arrays import Floats
 
 Angles = tuple[float, float, float]  # yaw, pitch, roll in degrees
-VERTICAL = 1e-3  # horizontal part of a line of sight that counts as vertical
-UNDISTORTION_STEPS, UNDISTORTED = 50, 1e-7  # at most; a change below a thousandth of a pixel
-LEVEL = 1e-6  # horizontal part of a line of sight that has a direction
-WIDEST = 1.3  # tangent of the widest line of sight, as a multiple of that of the image's corner
+VERTICAL = 1e-3  # largest horizontal component of a line of sight that counts as vertical
+UNDISTORTION_STEPS, UNDISTORTED = 50, 1e-7  # at most; change below 0.001 pixels
+LEVEL = 1e-6  # smallest horizontal component of a line of sight that determines a yaw
+WIDEST = 1.3  # largest tangent of a line of sight, as a multiple of that at an image's corner
 
 
 class Lens(NamedTuple):
-    """A camera with Brown-Conrady distortion, as OpenCV defines it; all lengths are in pixels.
+    """A lens with Brown-Conrady distortion as in OpenCV; all lengths are in pixels.
 
     ``distortion`` is k1, k2, p1, p2, k3. The principal point is the centre of the image.
     """
@@ -42,11 +42,12 @@ class CameraPose(NamedTuple):
 
 
 class PoseErrors(NamedTuple):
-    """Standard deviations of the parts of a pose, and of the elevation of the ground.
+    """Standard deviations of the components of a pose, and of the elevation of the ground.
 
-    The error of a pose is six numbers: east, north and up in m, and rotations in rad about the
-    camera's axes right, up and forward. Angles of yaw and roll would be the same rotation for a
-    camera that looks straight down, and would leave out its error to the side.
+    The error of a pose has six components: east, north and up in m, and rotations in rad about the
+    camera's right, up and forward axes. Errors of yaw, pitch and roll are not used instead: if the
+    camera points straight down, yaw and roll are the same rotation, and a tilt to the side would be
+    missing.
     """
 
     position_sd_m: float  # of each horizontal axis
@@ -55,7 +56,7 @@ class PoseErrors(NamedTuple):
     elevation_sd_m: float
 
     def pose_sds(self) -> Floats:
-        """Return the standard deviations (6,) of the parts of the error of a pose."""
+        """Return the standard deviations (6,) of the components of a pose's error."""
         position_m = [self.position_sd_m, self.position_sd_m, self.altitude_sd_m]
         return np.array([*position_m, *[math.radians(self.direction_sd_deg)] * 3])
 
@@ -71,7 +72,7 @@ def focal_px_of(field_of_view_deg: float, width: int) -> float:
 
 
 def undistorted(lens: Lens, col: Floats, row: Floats) -> tuple[Floats, Floats]:
-    """Return the tangents (right, down) of the lines of sight of pixels (n,), without distortion.
+    """Return the undistorted tangents (right, down) of the lines of sight of pixels (n,).
 
     The inverse of the distortion is found by fixed-point iteration, as in OpenCV.
     """
@@ -94,7 +95,7 @@ def undistorted(lens: Lens, col: Floats, row: Floats) -> tuple[Floats, Floats]:
 
 
 def axes_of(pose: CameraPose) -> Floats:
-    """Return the camera's axes (3, 3): right, up and forward, each as east, north and up."""
+    """Return the camera's axes (3, 3; right, up, forward), each as a vector east, north, up."""
     yaw, pitch, roll = np.deg2rad([pose.yaw_deg, pose.pitch_deg, pose.roll_deg])
     forward = np.array(
         [math.sin(yaw) * math.cos(pitch), math.cos(yaw) * math.cos(pitch), math.sin(pitch)]
@@ -130,7 +131,7 @@ def tilted(angles: Angles, pitch_deg: float) -> Angles:
 
 
 def lines_of_sight(lens: Lens, pose: CameraPose, col: Floats, row: Floats) -> Floats:
-    """Return the unit vectors (n, 3), east, north and up, of pixels (n,) at columns and rows."""
+    """Return the unit vectors (n, 3; east, north, up) along the lines of sight of pixels (n,)."""
     right, down = undistorted(lens, col, row)
     local = np.column_stack([right, -down, np.ones_like(right)])
     found: Floats = local @ axes_of(pose)
@@ -139,7 +140,7 @@ def lines_of_sight(lens: Lens, pose: CameraPose, col: Floats, row: Floats) -> Fl
 
 
 def moved(pose: CameraPose, error: Floats) -> CameraPose:
-    """Return the pose with an error (6,), see ``PoseErrors``, added."""
+    """Return a pose to which an error (6,; see ``PoseErrors``) is added."""
     east_m, north_m, up_m = (float(part) for part in error[:3])
     axes = axes_of(pose)
     right, _, forward = axes + np.cross(error[3:] @ axes, axes)  # of small rotations
@@ -162,10 +163,11 @@ def moved(pose: CameraPose, error: Floats) -> CameraPose:
 
 
 def pixels_of(lens: Lens, pose: CameraPose, offset_m: Floats) -> tuple[Floats, Floats]:
-    """Return the columns and rows (n,) of places, the inverse of ``lines_of_sight``.
+    """Return the columns and rows (n,) of the pixels that show places.
 
-    ``offset_m`` (n, 3) is east, north and up from the camera. Places behind the camera, or so far
-    to its side that the polynomial of the distortion does not apply, give NaN.
+    This is the inverse of ``lines_of_sight``. ``offset_m`` (n, 3) contains the places east, north
+    and up from the camera. The result is NaN for places behind the camera, and for places so far to
+    the side that the distortion polynomial does not apply.
     """
     right, up, forward = axes_of(pose) @ offset_m.T
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -188,7 +190,7 @@ def pixels_of(lens: Lens, pose: CameraPose, offset_m: Floats) -> tuple[Floats, F
 def mounted_direction(
     platform_deg: tuple[float, float, float], mount_deg: tuple[float, float, float]
 ) -> tuple[float, float, float]:
-    """Return yaw, pitch and roll of a camera on a platform in degrees.
+    """Return yaw, pitch and roll in degrees of a camera that is mounted on an aircraft.
 
     Args:
         platform_deg: Heading from true north, pitch and roll of the aircraft.
@@ -204,7 +206,7 @@ def mounted_direction(
 
 
 def _turns(yaw_deg: float, pitch_deg: float, roll_deg: float) -> Floats:
-    """Return the matrix (3, 3) from a body's axes (forward, right, down) to north, east, down."""
+    """Return the rotation (3, 3) from a body's axes (forward, right, down) to north, east, down."""
     (sy, cy), (sp, cp), (sr, cr) = (
         (math.sin(each), math.cos(each)) for each in np.deg2rad([yaw_deg, pitch_deg, roll_deg])
     )

@@ -1,9 +1,10 @@
-"""The sensor ``camera_points``: single places of fire that cameras report by MAVLink.
+"""The sensor ``camera_points``: single points of fire that cameras report by MAVLink.
 
-CAMERA_THERMAL_RANGE has the hottest point of a thermal image; its place is found with the pose of
-the camera from telemetry. CAMERA_TRACKING_GEO_STATUS has the place of a tracked object, which an
-operator has selected because it burns. Each place is one burned cell. The limit ``hot_c``, the lens
-and the errors of the pose are those of ``estimate.thermal_frames``.
+CAMERA_THERMAL_RANGE contains the hottest point of a thermal image; the place of this point is
+computed with the camera's pose from telemetry. CAMERA_TRACKING_GEO_STATUS contains the place of a
+tracked object, which an operator selected because the object burns. Each point becomes one burned
+cell. The limit ``hot_c``, the lens and the errors of the pose are those of
+``estimate.thermal_frames``.
 """
 
 import math
@@ -30,7 +31,7 @@ from mission_service.sensors.thermal.telemetry_poses import (
 TELEMETRY_DELAY_US = 3_000_000
 TRACKED_SD_M = 10.0  # if the camera does not report the error
 MAX_WAITING = 20
-WIDTH = 640  # pixels of the image that the field of view is divided into
+WIDTH = 640  # pixels into which the horizontal field of view is divided
 
 
 class CameraPoints:
@@ -51,7 +52,7 @@ class CameraPoints:
             self._poses.on_event(event, event.at_us / 1e6)
 
     def observe(self, fix: Telemetry) -> Observed | None:
-        """Return the next point of a vehicle, or None; a point waits for its telemetry."""
+        """Return the next point of a vehicle, or None until the telemetry for it has arrived."""
         if not self._waiting or self._waiting[0].vehicle != fix.vehicle:
             return None
         point = self._waiting[0]
@@ -74,7 +75,7 @@ class CameraPoints:
         return Observed(point.at_us, fix.vehicle, row, col, ("b",), position_sd_m=round(sd_m, 2))
 
     def _place_of(self, point: HotPointSeen | TargetTracked) -> tuple[int, int, float]:
-        """Return the cell of a point and the standard deviation of its place."""
+        """Return the row and column of a point's cell, and the standard deviation of its place."""
         land = self._landscape
         if isinstance(point, TargetTracked):
             x_m, y_m = land.xy_of_lat_lon(point.lat_deg, point.lon_deg)

@@ -1,6 +1,6 @@
-"""Colour the ground as a thermal image shows it, for maps. Pure.
+"""Drape a thermal image over the ground, for maps. Pure.
 
-The colours of a place are those of the pixel that shows it. The pixel is found by the projection
+Each place has the colour of the pixel that shows the place. The pixel is found by the projection
 that also places the pixels on the ground, so that the picture fits the observed cells.
 """
 
@@ -16,7 +16,7 @@ from mission_service.sensors.thermal.frame_cells import FrameCells, celsius_of
 from mission_service.sensors.thermal.ground_projections import CornerProjection, PoseProjection
 from mission_service.sensors.thermal.thermal_image import ThermalImage
 
-# Cool ground is dark; from the default of ``hot_c`` on the colours are those of flames.
+# Cool ground is dark; temperatures from the default of ``hot_c`` on have the colours of flames.
 CELSIUS: Scale = (
     (0.0, "#000010"),
     (30.0, "#1a0a52"),
@@ -26,7 +26,7 @@ CELSIUS: Scale = (
     (400.0, "#fb9a06"),
     (600.0, "#fff2a8"),
 )
-GREYS, FLAMES = ("#000000", "#c8c8c8"), ("#e0452f", "#fff2a8")  # below ``hot_level``, from it on
+GREYS, FLAMES = ("#000000", "#c8c8c8"), ("#e0452f", "#fff2a8")  # below and from ``hot_level``
 MAX_LEVEL = 255.0
 COLOURS = 255
 
@@ -60,8 +60,8 @@ def draped_image(
 ) -> DrapedImage:
     """Return the colours of an image on the ground where ``frame_cells`` found observed pixels.
 
-    In a large image each block of ``found.step`` pixels a side has the colour of its hottest pixel,
-    so that no small fire is left out.
+    In a large image, each block of ``found.step`` x ``found.step`` pixels has the colour of its
+    hottest pixel, so that no small fire is left out.
     """
     if image.kind == "levels":
         hot_level = settings.hot_level
@@ -95,7 +95,7 @@ def _hottest(values: NDArray[Any], step: int) -> NDArray[Any]:
 
 
 def _palette(scale: Scale) -> NDArray[np.uint8]:
-    """Return the colours of ``blocks``: those of the scale, with equal steps between them."""
+    """Return the palette of ``blocks``; the colours of the scale have equal distances in it."""
     rgb = np.array([list(bytes.fromhex(colour[1:])) for _, colour in scale], dtype=float)
     at = np.linspace(0, len(scale) - 1, COLOURS)
     found = np.zeros((COLOURS + 1, 4), dtype=np.uint8)

@@ -1,7 +1,7 @@
-"""Reads the temperatures in radiometric JPEGs of FLIR cameras, in a process of its own.
+"""Reads the temperatures in radiometric JPEGs of FLIR cameras, in a separate process.
 
-The library flyr decodes such a file in Python. A damaged file can make it count for hours, so the
-process has limits (``worker_process``). Its main function is in this module.
+The library flyr decodes such a file in Python. Decoding a damaged file can take hours; therefore,
+the process has limits (``worker_process``). The process runs ``main`` of this module.
 """
 
 import sys
@@ -19,7 +19,7 @@ from mission_service.sensors.worker_process import limit_process, output_of
 
 MODULE = "mission_service.sensors.thermal.flir_temperatures"
 SEGMENT = b"FLIR\0"  # the beginning of the APP1 segments that contain the temperatures
-RANGE_C = (-273.15, 5000.0)  # a pixel with less radiance than the air before it is the coldest
+RANGE_C = (-273.15, 5000.0)  # a pixel with less radiance than the air in front is the coldest
 
 
 class Decoded(msgspec.Struct, tag="decoded"):
@@ -39,8 +39,8 @@ class Undecoded(msgspec.Struct, tag="undecoded"):
 def flir_celsius(path: Path) -> NDArray[np.float32]:
     """Return the temperatures (y, x) in °C of a radiometric JPEG.
 
-    They are those of the camera's own settings of emissivity, distance and air. The pixels of the
-    picture in the JPEG may be more.
+    The camera's own settings of emissivity, distance and air apply. The picture in the JPEG may
+    have more pixels than there are temperatures.
 
     Raises MissionServiceError without the library flyr, and for a file that cannot be decoded.
     """
@@ -60,7 +60,7 @@ def flir_celsius(path: Path) -> NDArray[np.float32]:
 
 
 def decoded(data: bytes) -> Decoded | Undecoded:
-    """Decode a file, in this process."""
+    """Decode the content of a file in this process."""
     import flyr
 
     try:

@@ -1,16 +1,16 @@
 """Convert the pixels of a thermal image to observed cells of the landscape's grid. Pure.
 
-Each pixel is hot, warm or cool. Hot pixels burn. Warm pixels are warmer than the background, which
-is the most frequent temperature of the image without its hot pixels. Ground that has burned stays
-warm, but ground in the sun is warm, too. Therefore warm pixels have burned only if they are
-connected to hot pixels, and are otherwise unknown. A cell is burned if most of its pixels are hot
-or have burned, unburned if nearly all of its pixels are cool, and unseen otherwise. At a front,
-which passes through cells, two thirds of cool pixels are enough: otherwise the first unburned cells
-would be unseen, and an estimate that is too fast would stay ahead of the front. Cells that are only
-partly in the image are unseen: their pixels may be those of the next cell. Ground that has
-burned out and cooled looks like unburned ground; therefore cells that an earlier image of the
-sensor showed as burned stay burned (``Burned``). An image of grey levels has no temperatures: its
-pixels are hot or unknown.
+Each pixel is hot, warm or cool. Hot pixels show burning ground. Warm pixels are warmer than the
+background, which is the most frequent temperature of all pixels that are not hot. Ground that has
+burned stays warm, but sunlit ground is warm, too. Therefore, warm pixels count as burned out only
+if they are connected to hot pixels, and as unknown otherwise. A cell is burned if most of its
+pixels are hot or burned out, unburned if nearly all of its pixels are cool, and unseen otherwise.
+In a cell beside a burned cell, two thirds of cool pixels are enough, because the front passes
+through such cells. Otherwise, the first cells ahead of the front would be unseen, and an estimate
+that spreads too fast would not be corrected. Cells that are only partly in the image are unseen,
+because their pixels may show the neighbouring cell. Ground that has burned out and cooled looks
+like unburned ground; therefore, cells that an earlier image of the sensor showed as burned stay
+burned (``Burned``). An image of grey levels has no temperatures: its pixels are hot or unknown.
 """
 
 import math
@@ -42,25 +42,25 @@ KELVIN_C = 273.15
 MOST = 0.5  # share of hot and burned-out pixels in a burned cell
 NEARLY_ALL, AT_FRONT = 0.95, 0.67  # share of cool pixels in an unburned cell
 MIN_PIXELS = 4  # in a cell
-MAX_OFFSET = 0.15  # cells, of the middle of a cell's pixels from its centre; 0.25 in half a cell
+MAX_OFFSET = 0.15  # cells, from a cell's centre to the mean of its pixels; 0.25 if half is seen
 MIN_NOT_HOT = 0.01  # share of the pixels
-MAX_RAYS = 100_000  # of a larger image every second, third, ... row and column is used
-ERRORS_EVERY = 4  # pixels in each axis of which one has its error computed
+MAX_RAYS = 100_000  # in a larger image, only every second, third, ... row and column is used
+ERRORS_EVERY = 4  # rows and columns of pixels from one computed error to the next
 
 
 class FrameCells(NamedTuple):
-    """What an image shows of the landscape."""
+    """The cells of the landscape that an image shows, with the errors of their places."""
 
     window: Window
     hot_pixels: int  # that show ground of the landscape
-    position_sd_m: float  # of each axis, the mean over the seen pixels
-    ellipse: ErrorEllipse  # at the middle of the hot pixels, or of the image if none is hot
+    position_sd_m: float  # of each axis, the mean over the pixels of the ellipse
+    ellipse: ErrorEllipse  # mean of the hot pixels, or of all seen pixels if none is hot
     centre: tuple[float, float]  # grid position (row, column) of the ellipse
-    matches: int  # places that the image shares with earlier images
+    matches: int  # tie points with earlier images
     inexact: float  # share of the pixels that are not used because of the error of their place
     projection: PoseProjection | CornerProjection  # after the registration
     step: int  # each ``step``-th row and column of the image was used
-    seen: Mask  # (y, x) of these pixels: used, and shows ground of the landscape
+    seen: Mask  # (y, x) of these pixels, those that are used and show the landscape
 
 
 class Burned:
@@ -70,7 +70,7 @@ class Burned:
         self._since_s: Floats = np.full(shape, np.inf)
 
     def added(self, found: FrameCells, taken_s: float) -> FrameCells:
-        """Return what an image shows, without unburned cells that have burned; add its cells.
+        """Return an image's cells with previously burned cells as burned; store new burned cells.
 
         Images may arrive in any order; ``taken_s`` is the time of the image.
         """
@@ -88,13 +88,14 @@ def frame_cells(
     settings: ThermalCameraSection,
     registration: FrameRegistration | None = None,
 ) -> FrameCells:
-    """Return the cells that a thermal image shows, with the error of their place.
+    """Return the cells that a thermal image shows, with the errors of their places.
 
-    With ``registration`` the image is registered to the images before. Pixels whose place has a
-    larger standard deviation than ``max_position_sd_m`` are not seen.
+    With ``registration``, the image is registered to the preceding images. Pixels whose place has a
+    larger standard deviation than ``max_position_sd_m`` are unseen.
 
-    Raises FireModelError, which names the image, if it shows no ground of the landscape, if the
-    settings do not determine its lens or its hot pixels, or if its values are implausible.
+    Raises FireModelError, whose text names the image, if the image shows no ground of the
+    landscape, if the settings do not determine its lens or its hot pixels, or if its values are
+    implausible.
     """
     try:
         return _cells_of(image, landscape, settings, registration)
@@ -161,7 +162,7 @@ def _cells_of(
 
 
 def _repeated(values: NDArray[Any], shape: tuple[int, int]) -> NDArray[Any]:
-    """Return values of every ``ERRORS_EVERY``-th pixel for all pixels (y, x)."""
+    """Repeat the values of every ``ERRORS_EVERY``-th pixel for all pixels (y, x)."""
     rows, cols = (np.arange(size) // ERRORS_EVERY for size in shape)
     found: NDArray[Any] = values[rows[:, None], cols]
     return found
@@ -170,8 +171,9 @@ def _repeated(values: NDArray[Any], shape: tuple[int, int]) -> NDArray[Any]:
 def kinds_of(image: ThermalImage, settings: ThermalCameraSection) -> NDArray[np.int8]:
     """Return the kind (y, x) of each pixel: COOL, BURNED_OUT, HOT or UNKNOWN.
 
-    Raises FireModelError for an image of grey levels if the settings have no ``hot_level``, and if
-    nearly all pixels are hot, or most are colder than any ground: unit or range are probably wrong.
+    Raises FireModelError for an image of grey levels if the settings have no ``hot_level``, and for
+    any image in which nearly all pixels are hot or most are colder than any ground, because the
+    unit or the range of such an image is probably wrong.
     """
     values = image.values
     if image.kind == "levels":
@@ -205,7 +207,7 @@ def celsius_of(image: ThermalImage, settings: ThermalCameraSection) -> NDArray[n
 
 
 def _connected(mask: Mask, to: Mask) -> Mask:
-    """Return the regions of a mask (y, x), by edges and corners, that contain places of ``to``."""
+    """Return the regions of a mask (y, x) that contain a pixel of ``to``; corners connect, too."""
     from scipy.ndimage import label
 
     regions, count = label(mask, structure=np.ones((3, 3)))
@@ -216,7 +218,7 @@ def _connected(mask: Mask, to: Mask) -> Mask:
 
 
 def _background_c(values_c: NDArray[np.float32]) -> float:
-    """Return the most frequent temperature (n,), in steps; 0 °C if there is none."""
+    """Return the most frequent of temperatures (n,), in steps; 0 °C if there are none."""
     steps = np.clip(values_c, *BACKGROUND_C) - BACKGROUND_C[0]
     counts = np.bincount((steps / STEP_C).astype(np.int64), minlength=1)
     return BACKGROUND_C[0] + STEP_C * (float(counts.argmax()) + 0.5) if values_c.size else 0.0

@@ -1,9 +1,11 @@
-"""Find the same ground in two overlapping thermal images, by correlation. Pure.
+"""Find tie points in two overlapping thermal images, by correlation. Pure.
 
-A patch of ground around each tie point is sampled from both images by their measured poses, on the
-elevation of the landscape. Without errors the two samples are equal. The errors of the poses move
-them apart; the distance is where their normalised cross-correlation is largest. Hot ground changes
-from image to image and is left out. A patch without texture has no clear maximum and is left out.
+A tie point is a place on the ground that both images show. A patch of ground around each candidate
+is sampled from both images by their measured poses, on the elevation of the landscape. If the poses
+had no errors, the two patches would be equal. The errors of the poses displace one patch relative
+to the other; at this displacement, the normalised cross-correlation of the patches is largest. Hot
+ground changes from image to image and is left out. A patch without texture has no clear maximum of
+the correlation and is left out.
 """
 
 from typing import NamedTuple
@@ -20,19 +22,19 @@ from mission_service.sensors.thermal.ground_points import (
     pose_effects,
 )
 
-COLUMNS = 160  # of a reduced image, about
+COLUMNS = 160  # approximate width of a reduced image
 ACROSS, DOWN = 5, 4  # tie points of an image, at most
 PATCH, REACH = 32, 20  # size of a patch, and the largest distance searched, in samples
 SIGMAS = 3.5  # standard deviations that the search covers
-MIN_SAMPLE = 0.7  # distance of samples, as a share of the width of a pixel on the ground
+MIN_SAMPLE = 0.7  # distance between samples, as a share of the width of a pixel on the ground
 MIN_CORRELATION = 0.6
-MAX_SECOND, PEAK = 0.85, 4  # correlation of another place, as a share; samples around a maximum
-MIN_SHIFT = 0.08  # tangent; without a shift, the pattern of the sensor itself would match
-MATCH_SD = 0.3  # standard deviation of a distance, in samples
+MAX_SECOND, PEAK = 0.85, 4  # second maximum, as a share of the first; samples around a maximum
+MIN_SHIFT = 0.08  # tangent, between two images; at smaller shifts, fixed-pattern noise would match
+MATCH_SD = 0.3  # standard deviation of a displacement, in samples
 
 
 class Frame(NamedTuple):
-    """A reduced image and the measured pose of its camera, with the stated errors."""
+    """A reduced image, and the measured pose of its camera with the errors of the pose."""
 
     values: NDArray[np.float32]  # (y, x)
     steady: Mask  # (y, x) pixels whose ground is not hot
@@ -43,7 +45,7 @@ class Frame(NamedTuple):
 
 
 class Ties(NamedTuple):
-    """The places (n) that an earlier and a later image share."""
+    """The tie points (n) of an earlier and a later image."""
 
     earlier: Floats  # (n, 2) pixels, column and row, of the earlier image
     later: Floats  # (n, 2) pixels of the later image
@@ -51,7 +53,7 @@ class Ties(NamedTuple):
 
 
 class Match(NamedTuple):
-    """Two images and the places that they share."""
+    """Two images and their tie points."""
 
     earlier: Frame
     later: Frame
@@ -66,7 +68,7 @@ def reduced(
     errors: PoseErrors,
     taken_s: float,
 ) -> Frame:
-    """Return an image (y, x) with about ``COLUMNS`` columns, each pixel the mean of a block."""
+    """Reduce an image (y, x) to about ``COLUMNS`` columns; each pixel is the mean of a block."""
     step = max(1, round(lens.width / COLUMNS))
     rows, cols = lens.height // step, lens.width // step
     top, left = (lens.height - rows * step) // 2, (lens.width - cols * step) // 2
@@ -79,7 +81,7 @@ def reduced(
 
 
 def ties_between(landscape: Landscape, earlier: Frame, later: Frame) -> Ties | None:
-    """Return the places that two images share, or None if there are none."""
+    """Return the tie points of two images, or None if there are none."""
     lens = later.lens
     col, row = (
         each.ravel()
@@ -129,7 +131,7 @@ def _pixels(landscape: Landscape, frame: Frame, places: Floats) -> tuple[Floats,
 def _samples(
     landscape: Landscape, frame: Frame, places: Floats, sample_m: Floats, half: int
 ) -> Floats:
-    """Return the image on the ground around places (n): (n, northwards, eastwards), NaN unseen."""
+    """Sample an image on the ground around places (n): (n, northwards, eastwards); NaN: unseen."""
     from scipy.ndimage import map_coordinates
 
     steps = np.arange(-half, half) * (sample_m / landscape.cell_size_m)[:, None]
@@ -146,7 +148,7 @@ def _samples(
 
 
 def _best_steps(searched: Floats, fixed: Floats) -> tuple[Floats, Mask]:
-    """Return the steps east and north (n, 2) to the best matches, and which are clear (n,)."""
+    """Return the steps east and north (n, 2) to the best matches, and which matches are clear."""
     correlation = _correlations(searched, fixed)
     count, size, _ = correlation.shape
     flat = correlation.reshape(count, -1)
@@ -164,7 +166,7 @@ def _best_steps(searched: Floats, fixed: Floats) -> tuple[Floats, Mask]:
 
 
 def _top(values: Floats, at: NDArray[np.int64], axis: int) -> Floats:
-    """Return the places (n,) of the tops of parabolas along an axis, in samples from ``at``."""
+    """Return the vertices (n,) of parabolas along an axis, in samples from ``at``."""
     number = np.arange(values.shape[0])
     step = np.eye(2, dtype=np.int64)[axis]
     low, middle, high = (
@@ -176,9 +178,10 @@ def _top(values: Floats, at: NDArray[np.int64], axis: int) -> Floats:
 
 
 def _correlations(searched: Floats, fixed: Floats) -> Floats:
-    """Return the normalised cross-correlation (n, s, s) of patches at each place of the search.
+    """Return the normalised cross-correlation (n, s, s) of patches at each searched position.
 
-    A patch with an unseen sample, and a place where the search has one, gives -1.
+    The value is -1 for a patch with an unseen sample, and at positions where the searched image has
+    an unseen sample.
     """
     from scipy.fft import irfft2, rfft2
 
@@ -200,7 +203,7 @@ def _correlations(searched: Floats, fixed: Floats) -> Floats:
 
 
 def _boxes(values: Floats) -> Floats:
-    """Return the sums (n, s, s) of all patches in (n, y, x)."""
+    """Return the sums (n, s, s) of the values (n, y, x) in all boxes of the size of a patch."""
     sums = np.pad(values, ((0, 0), (1, 0), (1, 0))).cumsum(axis=1).cumsum(axis=2)
     found: Floats = sums[:, PATCH:, PATCH:] - sums[:, :-PATCH, PATCH:]
     found -= sums[:, PATCH:, :-PATCH] - sums[:, :-PATCH, :-PATCH]

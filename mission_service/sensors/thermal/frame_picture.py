@@ -1,6 +1,6 @@
-"""Draws a thermal image on the map, with its observed cells and the error ellipse of their place.
+"""Draws a thermal image on the map, with its observed cells and their error ellipse.
 
-``observation_picture`` draws the observations in other files with the same parts.
+``observation_picture`` uses functions of this module for the observations in other files.
 """
 
 from pathlib import Path
@@ -24,7 +24,7 @@ BURNED_COLOUR, UNBURNED_COLOUR, CAMERA_COLOUR = "#e31a1c", "#1f78ff", "#000000"
 ELLIPSE_COLOUR = "#00e5ff"
 NOTE = "Observed by a thermal camera. Not for navigation. Graticule WGS 84, arrow to true north."
 ALPHA = 0.7
-SIGMAS = 2.146  # the ellipse that contains the true place with a probability of 90 %
+SIGMAS = 2.146  # of an ellipse that contains the true place with a probability of 90 %
 SIDE_PX = 1000  # of the drawn image
 MARGIN = 0.12  # around the image and its camera, as a share of the larger extent
 
@@ -32,7 +32,7 @@ MARGIN = 0.12  # around the image and its camera, as a share of the larger exten
 def draw_frame(
     path: Path, landscape: Landscape, image: ThermalImage, found: FrameCells, draped: DrapedImage
 ) -> None:
-    """Draw an image, the outlines of its observed cells, the ellipse of 90 % and the camera.
+    """Draw an image, the outlines of its observed cells, the 90 % error ellipse and the camera.
 
     Raises OSError if the file cannot be written.
     """
@@ -114,7 +114,7 @@ def _draw_outline(
     from matplotlib.collections import LineCollection
 
     inside = np.pad(cells, 1)
-    above = np.argwhere(inside[1:, 1:-1] != inside[:-1, 1:-1])  # a side is above this cell
+    above = np.argwhere(inside[1:, 1:-1] != inside[:-1, 1:-1])  # cells whose upper side is drawn
     left = np.argwhere(inside[1:-1, 1:] != inside[1:-1, :-1])
     begins = np.concatenate([above, left])
     along = np.concatenate([np.tile((0, 1), (len(above), 1)), np.tile((1, 0), (len(left), 1))])

@@ -1,8 +1,8 @@
-"""Register the images of one pass to each other as they arrive.
+"""Register the images of one pass to each other as the images arrive.
 
-Each image is matched to the images before (``frame_matching``), and the poses of the latest images
-are adjusted together (``pose_adjustment``). The result is the adjusted pose of the newest image;
-earlier images have been used already.
+Each image is matched to the preceding images (``frame_matching``), and the poses of the latest
+images are adjusted together (``pose_adjustment``). The result is the adjusted pose of the newest
+image; the earlier images have already been used.
 """
 
 from contextlib import suppress
@@ -17,7 +17,7 @@ from mission_service.sensors.thermal.camera_geometry import CameraPose, moved
 from mission_service.sensors.thermal.frame_matching import Frame, Match, ties_between
 from mission_service.sensors.thermal.pose_adjustment import adjusted
 
-FRAMES = 8  # of the pass that are adjusted together
+FRAMES = 8  # images of the pass that are adjusted together
 PARTNERS = 3  # earlier images that an image is matched to
 MAX_AGE_S = 60.0  # of the earlier images
 
@@ -27,20 +27,20 @@ class RegisteredPose(NamedTuple):
 
     pose: CameraPose
     covariance: Floats  # (6, 6) of its error, see ``PoseErrors``
-    matches: int  # places that the image shares with earlier images
+    matches: int  # tie points with earlier images
 
 
 class FrameRegistration:
     """The latest images of one camera."""
 
     def __init__(self, landscape: Landscape) -> None:
-        """Register images on a landscape."""
+        """Set the landscape, whose elevation is used."""
         self._landscape = landscape
         self._frames: list[Frame] = []
         self._matches: list[Match] = []
 
     def registered(self, frame: Frame) -> RegisteredPose:
-        """Add an image, and return its adjusted pose; without matches, the measured one."""
+        """Add an image, and return its adjusted pose, or its measured pose without tie points."""
         near = [each for each in self._frames if abs(frame.taken_s - each.taken_s) < MAX_AGE_S]
         self._frames = [*near[-FRAMES + 1 :], frame]
         present = {id(each) for each in self._frames}

@@ -1,7 +1,8 @@
-"""Compute the places on the ground that pixels show, with their errors, by ray casting. Pure.
+"""Compute the places on the ground that pixels show, and the errors of the places. Pure.
 
-A line of sight is followed to the elevation of the landscape, interpolated bilinearly. The errors
-of the pose are carried along to first order: the ground is a plane with the slope at the place.
+A line of sight is followed to the ground (ray casting); the elevation is interpolated bilinearly.
+The errors of the pose are propagated to first order, as if the ground were a plane with the slope
+at the place.
 """
 
 from typing import NamedTuple
@@ -21,8 +22,8 @@ from mission_service.sensors.thermal.ray_casting_kernels import cast_rays
 
 REACH_M = 5000.0  # pixels that show ground farther away are not used
 GRAZING = 0.01  # sine of the smallest angle between a line of sight and the ground
-SAME_M = 0.1  # between a place and the same place found by ray casting
-UP = 2  # place of the altitude in the error of a pose
+SAME_M = 0.1  # most between a place and the same place found by ray casting
+UP = 2  # index of the altitude in the error of a pose
 
 
 class ErrorEllipse(NamedTuple):
@@ -56,9 +57,9 @@ def ground_points(
 
 
 def hidden(landscape: Landscape, pose: CameraPose, places: Floats) -> Mask:
-    """Return True (n,) for places on the ground (n, 2) that a camera does not see.
+    """Return True (n,) for places on the ground (n, 2) that are not visible from a camera.
 
-    Other ground is between these places and the camera, or they are beyond ``REACH_M``.
+    Other ground is between such a place and the camera, or the place is beyond ``REACH_M``.
     """
     offset_m = offsets_m(landscape, pose, places)
     directions = offset_m / np.linalg.norm(offset_m, axis=1, keepdims=True)
@@ -80,11 +81,12 @@ def _first_ground(landscape: Landscape, pose: CameraPose, directions: Floats) ->
 
 
 def pose_effects(landscape: Landscape, pose: CameraPose, places: Floats) -> Floats:
-    """Return the displacements (n, 2, 6) of places on the ground for each error of the pose.
+    """Return the displacements (n, 2, 6) of places on the ground by errors of the pose.
 
-    The displacement is east and north in m, for each part of the error (``PoseErrors``). A wrong
-    elevation has the opposite effect of a wrong altitude. A line of sight along the slope gives
-    large numbers, and a place without ground (NaN) gives NaN.
+    A displacement is east and north in m, for each m or rad of each component of the error
+    (``PoseErrors``). An error of the elevation has the opposite effect of an error of the altitude.
+    The displacements are large if the line of sight is nearly parallel to the slope, and NaN for a
+    place without ground (NaN).
 
     Args:
         landscape: The landscape.
@@ -93,7 +95,7 @@ def pose_effects(landscape: Landscape, pose: CameraPose, places: Floats) -> Floa
     """
     offset_m = offsets_m(landscape, pose, places)
     rise_east, rise_north = _slopes(landscape, places)
-    # An error moves the end of the line of sight, and the line meets the ground's plane elsewhere.
+    # An error moves the end of the line of sight; the line then meets the ground's plane elsewhere.
     descent = rise_east * offset_m[:, 0] + rise_north * offset_m[:, 1] - offset_m[:, 2]
     along = (
         offset_m[:, :2] / np.maximum(descent, GRAZING * np.linalg.norm(offset_m, axis=1))[:, None]
@@ -140,8 +142,9 @@ def elevation_sds_m(landscape: Landscape, places: Floats, stated_sd_m: float) ->
     """Return the standard deviations (n,) of the interpolated elevation at places (n, 2).
 
     The interpolation between the centres of cells adds an error to the stated one. For ground of
-    constant curvature it is at most an eighth of the second difference of the elevation in each
-    axis, and its root mean square over the cell is close to a tenth.
+    constant curvature, the added error is at most an eighth of the second difference of the
+    elevation in each axis, and its root mean square over the cell is close to a tenth of this
+    difference.
     """
     z = landscape.elevation_m
     assert z is not None

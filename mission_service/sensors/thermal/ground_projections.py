@@ -1,10 +1,10 @@
 """Place the pixels of an image on the ground, by pose and lens or by corner points. Pure.
 
 Both projections have the method ``places``, which returns the grid positions (n, 2), row and
-column, that pixels (n,) show, and its inverse ``pixels``. The method ``covariances`` returns the
-covariance matrices (n, 2, 2) of places in m², east and north of the grid. Pixels that show no
-ground of the landscape give NaN. Places that an image does not show give NaN or pixels outside the
-image.
+column, that pixels (n,) show, and the inverse method ``pixels``. The method ``covariances`` returns
+the covariance matrices (n, 2, 2) of places in m², along grid east and grid north. The place of a
+pixel that shows no ground of the landscape is NaN. The pixel of a place that an image does not show
+is NaN or outside the image.
 """
 
 import math
@@ -37,7 +37,7 @@ from mission_service.sensors.thermal.thermal_image import ThermalImage
 
 
 class PoseProjection(NamedTuple):
-    """Lines of sight that are followed to the elevation of the landscape."""
+    """A projection along lines of sight to the ground of the landscape."""
 
     landscape: Landscape
     lens: Lens
@@ -66,7 +66,7 @@ class PoseProjection(NamedTuple):
 
 
 class CornerProjection(NamedTuple):
-    """A projective transformation between the places of an image's corners."""
+    """A projective transformation that the places of an image's corners determine."""
 
     landscape: Landscape
     matrix: Floats  # (3, 3)
@@ -85,7 +85,7 @@ class CornerProjection(NamedTuple):
         return projected[:, 0] / projected[:, 2], projected[:, 1] / projected[:, 2]
 
     def covariances(self, places: Floats) -> Floats:
-        """Return the covariances of places, which are equal."""
+        """Return the covariances of places, which are the same for all places."""
         found = np.tile(np.eye(2) * self.sd_m**2, (places.shape[0], 1, 1))
         found[np.isnan(places[:, 0])] = np.nan
         return found
@@ -119,7 +119,7 @@ def projection_of(
 def stated_errors(
     settings: ThermalCameraSection, pose: ThermalImage | TelemetryPose | None = None
 ) -> PoseErrors:
-    """Return the standard deviations that the settings give, with those of a pose of its own."""
+    """Return the standard deviations of the settings, combined with those of ``pose``."""
     position_sd_m, direction_sd_deg = (
         (0.0, 0.0) if pose is None else (pose.position_sd_m, pose.direction_sd_deg)
     )

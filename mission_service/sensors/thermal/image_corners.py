@@ -29,8 +29,8 @@ class CornerPoints(NamedTuple):
 def quadrilateral(landscape: Landscape, corners: CornerPoints) -> Floats:
     """Return the grid positions (4, 2), row and column, of corner points.
 
-    Raises FireModelError unless they are clockwise on the ground and form a convex quadrilateral
-    with sides of ``SHORTEST_M`` to ``LONGEST_M``.
+    Raises FireModelError unless the points are clockwise on the ground and form a convex
+    quadrilateral with sides of ``SHORTEST_M`` to ``LONGEST_M``.
     """
     x_m, y_m = landscape.xy_of_places(corners.lat_lon_deg).T
     found: Floats = np.column_stack(landscape.row_col_of(x_m, y_m))
@@ -48,9 +48,9 @@ def quadrilateral(landscape: Landscape, corners: CornerPoints) -> Floats:
 
 
 def homography(width: int, height: int, places: Floats) -> Floats:
-    """Return the matrix (3, 3) from (column, row, 1) of a pixel to the (row, column, 1) of places.
+    """Return the matrix (3, 3) from a pixel (column, row, 1) to a grid position (row, column, 1).
 
-    ``places`` (4, 2) are those of the corners of the image, clockwise from the upper left one.
+    ``places`` (4, 2) are the grid positions of the image's corners, clockwise from the upper left.
     """
     right, low = width - 0.5, height - 0.5
     corners = ((-0.5, -0.5), (right, -0.5), (right, low), (-0.5, low))

@@ -1,9 +1,9 @@
 """The sensor ``thermal_frames``: georeferences thermal images that arrive in a folder.
 
 A thread (``watched_folder``) reads the images of the folder ``estimate.thermal_frames.folder``.
-``observe`` returns the results one by one. A file without its pose waits for the telemetry of the
-vehicle. In a simulation there is no thread: ``observe`` lists the folder, and the time is the
-mission time.
+``observe`` returns the observations one by one. A file without a pose is used when the telemetry of
+the vehicle has arrived. In a simulation there is no thread: ``observe`` lists the folder, and the
+time is the mission time.
 """
 
 import time
@@ -33,7 +33,7 @@ class ImageFolder(WatchedFolder):
         self._zero_s: float | None = None  # mission time 0 in UTC, in a simulation
 
     def use_mission_time(self, zero: datetime) -> None:
-        """Take the time from the mission, which begins at ``zero``, instead of the clock."""
+        """Use the mission time, which begins at ``zero``, instead of the clock."""
         self._zero_s = zero.timestamp()
 
     def observe(self, fix: Telemetry) -> Observed | None:
@@ -46,11 +46,11 @@ class ImageFolder(WatchedFolder):
         return self._images.next_observed(fix, now_s, self._poses.mission_us_of)
 
     def on_event(self, event: AnyEvent) -> None:
-        """Store the telemetry of the vehicles, for images without their pose."""
+        """Store the telemetry of the vehicles, for images without a pose."""
         self._poses.on_event(event, self._now_s(event.at_us))
 
     def _now_s(self, at_us: int) -> float:
-        """Return the time in UTC at a mission time, which is the present."""
+        """Return the present time in UTC; ``at_us`` is the present mission time."""
         return time.time() if self._zero_s is None else self._zero_s + at_us / 1e6
 
     def process_file(self, path: Path, now: datetime) -> None:

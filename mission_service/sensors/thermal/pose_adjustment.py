@@ -1,18 +1,19 @@
 """Adjust the poses of overlapping images to each other by least squares. Pure.
 
-The places that images share (``frame_matching``) give differences between the errors of their
+The tie points of the images (``frame_matching``) determine differences between the errors of the
 poses. The adjustment is the mean of a Gaussian posterior: the stated standard deviations are the
-prior, and robust weights reduce matches that contradict the others. An error of the elevation moves
-a place by different amounts in images from different sides; near places have similar errors.
-Matches have errors in common besides this one, for example those of the interpolated elevation and
-of a place that is matched in several images. Their covariance is multiplied by ``DEPENDENCE``.
+prior, and robust weights reduce the influence of tie points that contradict the others. An error of
+the elevation displaces a place by different amounts in images from different sides; the elevation
+errors of places near each other are similar. Tie points have further errors in common, for example
+those of the interpolated elevation and of a place that is matched in several images. Therefore, the
+covariance of the tie points is multiplied by ``DEPENDENCE``.
 
-The error of each pose has a part of its own, which the adjustment averages out, and a part that all
-images of the pass share, such as a GPS error that changes slowly or a tilted mount. The shared part
-remains, except for what views of the same ground from different sides determine. How much is shared
-is unknown. Therefore the poses are computed for several shares, for position and for direction, and
-the results are averaged with the likelihood of the matches as weights. The covariance includes the
-differences between these results.
+The error of each pose has an individual part, which the adjustment averages out, and a part that is
+common to all images of the pass, such as a GPS error that changes slowly or a tilted mount. The
+common part remains, unless views of the same ground from different sides determine it. The share of
+the individual part in the variance is unknown. Therefore, the poses are computed for several
+shares, of position and of direction, and the results are averaged with the likelihood of the tie
+points as weights. The covariance includes the differences between these results.
 """
 
 from itertools import product
@@ -31,29 +32,29 @@ from mission_service.sensors.thermal.ground_points import (
     pose_effects,
 )
 
-OWN_SHARES = (0.02, 0.2, 0.5, 0.8, 0.98)  # of the variance of each image alone
+OWN_SHARES = (0.02, 0.2, 0.5, 0.8, 0.98)  # of the individual part in the variance
 SHARES = tuple(product(OWN_SHARES, OWN_SHARES))  # for position and for direction
-FIRST_SHARES = ((0.5, 0.5),)  # in the first rounds
+FIRST_SHARES = ((0.5, 0.5),)  # in all rounds but the last
 ROUNDS = 3
-IMPROBABLE = 13.8  # chi square of two degrees of freedom that 0.1 % exceed
-SOFT = 6.0  # chi square at which the weight of a match is one half
+IMPROBABLE = 13.8  # chi square of two degrees of freedom, exceeded with a probability of 0.1 %
+SOFT = 6.0  # chi square at which the weight of a tie point is one half
 TYPICAL = 1.386  # median of chi square of two degrees of freedom
-UNUSED = 1e-9  # weight of a match that is left out
-DEPENDENCE = 2.0  # matches that contain as much information as one independent match
+UNUSED = 1e-9  # weight of a tie point that is left out
+DEPENDENCE = 2.0  # tie points that contain as much information as one independent tie point
 ELEVATION_LENGTH_M = 100.0  # errors of the elevation are similar over this distance
 
 
 class _Shared(NamedTuple):
-    """The places (n) of shared pixels on the ground."""
+    """The places (n) of the tie points on the ground."""
 
-    known: Mask  # (n,) both images show ground there
+    known: Mask  # (n,) True if both images show ground there
     x_y_m: Floats  # (n, 2)
     apart_m: (
-        Floats  # (n, 2) east and north, from the place by the earlier to that by the later image
+        Floats  # (n, 2) east and north, from the place in the earlier to that in the later image
     )
     match_sd_m: Floats  # (n,) of ``apart_m``
-    parallax_sd_m: Floats  # (n, 2) of ``apart_m``, by one standard deviation of the elevation
-    effects: Floats  # (n, 2, 6 f) of the errors of all poses on ``apart_m``
+    parallax_sd_m: Floats  # (n, 2) of ``apart_m``, due to the error of the elevation
+    effects: Floats  # (n, 2, 6 f) of the errors of all f poses on ``apart_m``
 
 
 def adjusted(
@@ -61,7 +62,7 @@ def adjusted(
 ) -> tuple[Floats, Floats]:
     """Return the error (6,) of the last image's pose, and its covariance (6, 6).
 
-    In each round, the places of the shared pixels are computed with the poses of the round before.
+    In each round, the places of the tie points are computed with the poses of the previous round.
 
     Raises FireModelError if an adjusted camera is below the ground or off the landscape.
     """
@@ -96,7 +97,7 @@ def _shared(
     poses: list[CameraPose],
     matches: list[Match],
 ) -> _Shared:
-    """Compute the places of the shared pixels, in both images, from poses."""
+    """Compute the places of the tie points in both images from the poses."""
     number = {id(frame): at for at, frame in enumerate(frames)}
     parts = []
     for match in matches:
@@ -120,7 +121,7 @@ def _shared(
 
 
 def _noise(ties: _Shared, weight: Floats) -> Floats:
-    """Return the covariance (n, 2, n, 2) of ``apart_m`` without the errors of the poses."""
+    """Return the covariance (n, 2, n, 2) of ``apart_m`` for poses without errors."""
     between_m = np.linalg.norm(ties.x_y_m[:, None] - ties.x_y_m, axis=2)
     alike = np.exp(-between_m / ELEVATION_LENGTH_M)
     found: Floats = np.einsum("na,mb,nm->namb", ties.parallax_sd_m, ties.parallax_sd_m, alike)
@@ -131,7 +132,7 @@ def _noise(ties: _Shared, weight: Floats) -> Floats:
 
 
 def _blocks(noise: Floats) -> Floats:
-    """Return the covariance (n, 2, 2) of each tie."""
+    """Return the covariance (n, 2, 2) of each tie point."""
     number = np.arange(noise.shape[0])
     found: Floats = noise[number, :, number, :]
     return found
@@ -151,7 +152,7 @@ def _averaged(
     sds: Floats,
     shares: tuple[tuple[float, float], ...],
 ) -> tuple[Floats, Floats]:
-    """Return the errors (6 f,) of all poses and their covariance, averaged over ``shares``."""
+    """Return the errors (6 f,) of all f poses and their covariance, averaged over ``shares``."""
     count, size = apart_m.size, effects.shape[2]
     design = effects.reshape(count, size)
     pulled = np.linalg.solve(noise.reshape(count, count), design)
@@ -175,11 +176,11 @@ def _averaged(
 
 
 def _prior(sds: Floats, own: Floats) -> Floats:
-    """Return the covariance (6 f, 6 f) of poses.
+    """Return the prior covariance (6 f, 6 f) of the errors of f poses.
 
     Args:
-        sds: The standard deviations (6 f,) of their errors.
-        own: The share (6,) of the variance of each part that is an image's own.
+        sds: The standard deviations (6 f,) of these errors.
+        own: The share (6,) of the individual part in the variance of each component.
     """
     frames = sds.size // 6
     alike = np.kron(np.eye(frames), np.diag(own))

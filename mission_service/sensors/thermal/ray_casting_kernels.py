@@ -1,4 +1,4 @@
-"""Find where lines of sight meet the ground; for ``ground_points``."""
+"""Kernels of ``ground_points``, which find where lines of sight meet the ground."""
 
 import math
 
@@ -9,7 +9,7 @@ HALVINGS = 20
 
 @kernel
 def _elevation(elevation_m, row, col):  # type: ignore[no-untyped-def]
-    """Interpolate bilinearly inside the grid."""
+    """Return the bilinearly interpolated elevation at a position inside the grid."""
     top = min(int(row), elevation_m.shape[0] - 2)
     left = min(int(col), elevation_m.shape[1] - 2)
     down, right = row - top, col - left
@@ -24,7 +24,8 @@ def cast_rays(elevation_m, start, directions, cell_size_m, highest_m, reach_m, f
 
     ``start`` is the row, column and altitude of the camera, and ``directions`` (n, 3) are unit
     vectors: east, north, up. A ray that leaves the grid, rises above ``highest_m`` or passes
-    ``reach_m`` gives NaN. The steps are half a cell long, and the last one is halved.
+    ``reach_m`` gives NaN. The steps are half a cell long. In the step that meets the ground, the
+    point is found by ``HALVINGS`` bisections.
     """
     last_row, last_col = elevation_m.shape[0] - 1.0, elevation_m.shape[1] - 1.0
     step_m = cell_size_m / 2.0

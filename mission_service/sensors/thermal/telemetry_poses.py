@@ -1,9 +1,9 @@
 """Find the pose of a camera at the time of an image from the telemetry of the vehicles. Pure.
 
-A report of an image (``ImageCaptured``) belongs to a file if it has the name of the file, or if its
-time in UTC is that of the file. Without such a report, the position and the direction are
-interpolated at the time of the file. Times of files are in UTC; the times at which positions were
-received relate them to mission time.
+A report of an image (``ImageCaptured``) belongs to a file if the report contains the name of the
+file, or if both have the same time in UTC. Without such a report, the position and the direction
+are interpolated at the time of the file. Times of files are in UTC; they are converted to mission
+time by the times at which positions were received.
 """
 
 import math
@@ -27,17 +27,17 @@ EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 SAMPLES = 4000  # of each vehicle: a quarter of an hour at 4 Hz
 SAME_TIME_S = 0.6  # many cameras store whole seconds
 MAX_GAP_S = 2.5  # between the samples that are interpolated
-TRIGGER_SD_S = 0.05  # of the moment of a reported image
+TRIGGER_SD_S = 0.05  # of the time of a reported image
 
 Sample = TypeVar("Sample", Telemetry, CameraDirection)
 
 
 class PoseUnknownError(MissionServiceError):
-    """The telemetry does not contain the pose; the message has the reason."""
+    """The telemetry does not contain the pose; the message states the reason."""
 
 
 class TelemetryPose(NamedTuple):
-    """The pose of a camera from telemetry, with the errors that its time causes."""
+    """The pose of a camera from telemetry, with the errors due to the error of the image's time."""
 
     taken: datetime
     lat_deg: float
@@ -65,7 +65,7 @@ class TelemetryPoses:
     """The latest telemetry of all vehicles; one thread adds events, another one reads poses."""
 
     def __init__(self, fixed_pitch_deg: float | None, file_time_sd_s: float) -> None:
-        """Set the pitch of a camera without a gimbal, relative to the airframe, if there is one.
+        """Set the pitch, relative to the airframe, of cameras without a gimbal; None if unknown.
 
         ``file_time_sd_s`` is the standard deviation of the times of files.
         """
@@ -74,7 +74,7 @@ class TelemetryPoses:
         self._vehicles: dict[str, _Vehicle] = {}
 
     def on_event(self, event: AnyEvent, received_s: float) -> None:
-        """Add an event that was received at a time in UTC."""
+        """Add an event that was received at ``received_s``, a time in UTC."""
         if not isinstance(event, Telemetry | CameraDirection | ImageCaptured | CameraFieldOfView):
             return
         vehicle = self._vehicles.setdefault(event.vehicle, _Vehicle())
@@ -91,7 +91,7 @@ class TelemetryPoses:
                 vehicle.vertical_deg = event.vertical_deg
 
     def mission_us_of(self, taken_s: float) -> int | None:
-        """Return the mission time of a time in UTC; None if it is outside the telemetry."""
+        """Return the mission time of a time in UTC; None before or after the telemetry."""
         for vehicle in self._copies():
             times = list(vehicle.clock)
             place = bisect_right(times, taken_s, key=lambda each: each[1])
@@ -102,7 +102,7 @@ class TelemetryPoses:
         return None
 
     def pose_of(self, name: str, taken: datetime | None) -> TelemetryPose:
-        """Return the pose of the camera for a file; ``taken`` is its time, None if unknown.
+        """Return the pose of the camera for a file; ``taken`` is the file's time, if known.
 
         Raises PoseUnknownError; the telemetry may arrive later than the file.
         """
@@ -133,7 +133,8 @@ class TelemetryPoses:
     ) -> tuple[_Vehicle, ImageCaptured, datetime] | None:
         """Return the report of an image with its vehicle and time in UTC, or None.
 
-        A report without the name of its file is used only if no other report is as near in time.
+        A report without the name of a file is used only if no other report is similarly near in
+        time.
         """
         images = [(vehicle, image) for vehicle in self._copies() for image in list(vehicle.images)]
         named = [each for each in images if each[1].file_name.lower() == name.lower()]
@@ -217,7 +218,7 @@ class TelemetryPoses:
 
 
 def _utc_s(vehicle: _Vehicle, image: ImageCaptured) -> float:
-    """Return the time of an image in UTC; by the times of received positions if not reported."""
+    """Return the reported time of an image in UTC, or else that from the received positions."""
     if image.taken_utc_us is not None:
         return image.taken_utc_us / 1e6
     times = list(vehicle.clock)
@@ -229,7 +230,7 @@ def _utc_s(vehicle: _Vehicle, image: ImageCaptured) -> float:
 
 
 def _around(samples: Sequence[Sample], at_us: int, what: str) -> tuple[Sample, Sample, float]:
-    """Return the samples before and after a mission time, and the share of the second one."""
+    """Return the samples before and after a mission time, and the weight of the second sample."""
     place = bisect_right(samples, at_us, key=_at_us)
     if not 0 < place < len(samples):
         raise PoseUnknownError(f"no {what} at mission time {at_us / 1e6:.1f} s")

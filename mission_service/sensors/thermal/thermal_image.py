@@ -3,9 +3,9 @@
 Files are TIFF with temperatures in °C (32-bit floats) or counts of a radiometric camera (16 bits),
 or TIFF, JPEG and PNG with grey levels (8 bits). Positions and times are read from EXIF, and the
 direction of the camera from the XMP keys ``GimbalYawDegree``, ``GimbalPitchDegree`` and
-``GimbalRollDegree`` of DJI. A part that a file does not contain is taken from the telemetry of the
-vehicles, if ``pose_of`` is given. Of the radiometric JPEGs (R-JPEG) of different makers, the
-temperatures of FLIR are read (``flir_temperatures``); others are images of grey levels.
+``GimbalRollDegree`` of DJI. Metadata that a file does not contain are taken from the telemetry of
+the vehicles, if ``pose_of`` is given. Temperatures are read from radiometric JPEGs (R-JPEG) of FLIR
+(``flir_temperatures``); R-JPEGs of other makers are read as images of grey levels.
 """
 
 import math
@@ -39,14 +39,14 @@ NOT_TURNED = (None, 0, 1)
 HEMISPHERES = {"N": 1.0, "S": -1.0, "E": 1.0, "W": -1.0}
 BELOW_SEA = (1, 3, b"\x01", b"\x03")
 GREY_MODES = ("1", "L", "LA")
-MAX_COLOUR = 16.0  # mean difference between the largest and the smallest colour of a grey pixel
+MAX_COLOUR = 16.0  # largest mean difference between the colour components of a grey picture
 GPS_LAT_REF, GPS_LAT, GPS_LON_REF, GPS_LON, GPS_BELOW_SEA, GPS_ALTITUDE = range(1, 7)
 GPS_TIME, GPS_DATE = 7, 29
 NO_POSITION = "EXIF has no GPS latitude, longitude and altitude"
 FILM_DIAGONAL_MM = math.hypot(36.0, 24.0)
 Position = tuple[float, float, float]  # latitude, longitude, altitude above mean sea level
 Direction = tuple[float, float, float]  # yaw, pitch, roll in degrees
-PoseOf = Callable[[str, datetime | None], TelemetryPose]  # of a file's name and its time, if known
+PoseOf = Callable[[str, datetime | None], TelemetryPose]  # of a file's name and time, if known
 DIRECTIONS = ("GimbalYawDegree", "GimbalPitchDegree", "GimbalRollDegree")
 
 
@@ -59,15 +59,16 @@ class _MissingError(ThermalImageError):
 
 
 class NoPoseError(ThermalImageError):
-    """A file without its pose; the telemetry, which may arrive later, does not contain it."""
+    """Neither the file nor the telemetry so far contains the pose, which may arrive later."""
 
 
 class ThermalImage(NamedTuple):
     """A thermal image with the time and the pose of its camera.
 
-    ``position_sd_m`` and ``direction_sd_deg`` are errors of a pose from telemetry that are caused
-    by its time; a pose in the file has none.
-    An image with ``corners`` is placed by them instead of its direction and focal length.
+    ``position_sd_m`` and ``direction_sd_deg`` are the errors of a pose from telemetry that are due
+    to the error of the image's time; they are 0 for a pose in the file.
+    An image with ``corners`` is georeferenced by these points, not by its direction and focal
+    length.
     """
 
     name: str
@@ -87,10 +88,10 @@ class ThermalImage(NamedTuple):
 
 
 def read_thermal_image(path: Path, pose_of: PoseOf | None = None) -> ThermalImage:
-    """Read a thermal image; ``pose_of`` returns the parts of its pose that the file lacks.
+    """Read a thermal image; ``pose_of`` supplies the metadata that the file does not contain.
 
-    Raises MissionServiceError for a file that is not usable, and NoPoseError if ``pose_of`` does
-    not have the missing parts.
+    Raises MissionServiceError for a file that is not usable, and NoPoseError if ``pose_of`` cannot
+    supply the missing metadata.
     """
     from PIL import Image, UnidentifiedImageError
 
@@ -170,7 +171,7 @@ Part = TypeVar("Part")
 
 
 def _found(missing: list[ThermalImageError], read: Callable[[], Part]) -> Part | None:
-    """Return a part of the metadata; if the file does not contain it, add the error."""
+    """Return a part of the metadata; if the file lacks it, add the error and return None."""
     try:
         return read()
     except _MissingError as error:
@@ -270,7 +271,7 @@ def _xmp_of(image: "Image", exif: "Exif") -> bytes:
 
 
 def _xmp_keys(data: bytes) -> dict[str, str]:
-    """Return the values of XMP keys without their namespaces; {} if it is missing or damaged."""
+    """Return the values of XMP keys without namespaces; {} if the XMP is missing or damaged."""
     from xml.etree import ElementTree
 
     begin = data.find(b"<x:xmpmeta")
@@ -302,7 +303,7 @@ def _direction(path: Path, xmp: Mapping[str, str]) -> Direction:
 def _focal_px(
     shape: tuple[int, ...], camera: Mapping[int, Any], xmp: Mapping[str, str]
 ) -> float | None:
-    """Return DJI's calibrated focal length, or that of EXIF for 35 mm film, in pixels."""
+    """Return DJI's calibrated focal length, or EXIF's 35 mm equivalent, in pixels; or None."""
     rows, cols = shape
     diagonal_px = math.hypot(rows, cols)
     for number, px in (

@@ -1,8 +1,8 @@
 """The sensor ``thermal_video``: thermal video with MISB ST 0601 metadata, by UDP or from a file.
 
-A thread reads the stream (``video_sources``), takes an image a second from it (``video_stream``)
-and georeferences it. ``observe`` returns the results one by one. Every ``WINDOW_S`` the thread
-checks the received data and sets ``problem`` to the reason why data are not used.
+A thread reads the stream (``video_sources``), takes one image per second (``video_stream``) and
+georeferences each image. ``observe`` returns the observations one by one. Every ``WINDOW_S``, the
+thread checks the received data and sets ``problem`` to the reason why data are not used.
 """
 
 import time
@@ -32,7 +32,7 @@ class ThermalVideo(ThreadedSensor):
     """A thermal video that arrives while the service runs."""
 
     def __init__(self, scenario: Scenario, landscape: Landscape) -> None:
-        """Check the settings. Raises ScenarioError for unusable ones and without the libraries."""
+        """Check the settings. Raises ScenarioError if they are unusable or a library is missing."""
         super().__init__()
         self._settings = scenario.estimate.thermal_video
         self._name = self._settings.source or ""
@@ -58,13 +58,13 @@ class ThermalVideo(ThreadedSensor):
                 if time.monotonic() - begun_s >= WINDOW_S:
                     begun_s = time.monotonic()
                     self.end_window()
-        except BaseException as error:  # tstrans reports a fault of its own as BaseException
+        except BaseException as error:  # tstrans raises BaseException for an internal fault
             self._error = RuntimeError(f"{type(error).__name__}: {error}")
         finally:
             self._source.close()
 
     def use(self, data: bytes, now: datetime) -> None:
-        """Process bytes of the stream that have arrived now; in the thread."""
+        """Process bytes of the stream that arrived at ``now``; in the thread."""
         oldest = now - timedelta(seconds=self._settings.max_age_s)
         for image in self._stream.feed(data, oldest) if data else ():
             try:
@@ -75,7 +75,7 @@ class ThermalVideo(ThreadedSensor):
     def end_window(self) -> None:
         """Set ``problem`` from the data received since the last call; in the thread.
 
-        If no undamaged metadata have arrived, a new stream of the next sender begins.
+        If no undamaged metadata have arrived, the next sender is used, as a new stream.
         """
         counts = self._stream.counts
         self.problem = video_problem(counts, self._name, self._source.notice, WINDOW_S)

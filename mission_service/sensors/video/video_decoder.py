@@ -18,14 +18,14 @@ OPTIONS = {"err_detect": "explode", "max_pixels": "25000000"}
 
 
 class VideoDecoderError(MissionServiceError):
-    """A video, or a picture of it, that cannot be decoded; the message is the reason."""
+    """A video or a picture that cannot be decoded; the message states the reason."""
 
 
 class VideoDecoder:
-    """A decoder that returns pictures only if all pictures that they depend on have arrived.
+    """A decoder that returns a picture only if all pictures on which it depends have arrived.
 
-    After a loss or a damaged picture nothing is returned until the next key frame, because a
-    decoder would complete the missing parts from other pictures.
+    After a loss or a damaged picture, no picture is returned until the next key frame, because
+    FFmpeg would fill the missing parts from other pictures.
     """
 
     def __init__(self, codec: str) -> None:
@@ -45,7 +45,7 @@ class VideoDecoder:
         self._waits_for_key_frame = True
 
     def decode(self, unit: bytes | None, pts: int) -> "list[VideoFrame]":
-        """Return the pictures that an access unit completes; with None, all that remain.
+        """Return the pictures that an access unit completes; with None, all remaining pictures.
 
         Raises VideoDecoderError for a damaged unit.
         """

@@ -15,7 +15,7 @@ SUFFIXES = (".ts", ".mpegts")
 def images_in(
     path: Path, settings: ThermalVideoSection, every_s: float
 ) -> Iterator[ThermalImage | MissionServiceError]:
-    """Yield an image every ``every_s`` seconds, and at the end what was not used, if anything."""
+    """Yield an image every ``every_s`` seconds, and at the end an error if data were not used."""
     stream = VideoStream(path.name, settings, every_s)
     try:
         with path.open("rb") as file:

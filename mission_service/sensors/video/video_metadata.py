@@ -1,4 +1,4 @@
-"""Read packets of MISB ST 0601 metadata: the time of a video frame, its pose, its corner points.
+"""Read packets of MISB ST 0601 metadata: time, camera pose and corner points of a video frame.
 
 ``tstrans`` decodes the packets and verifies their checksums. Values that are marked as errors or as
 out of range count as missing. Pure.
@@ -51,7 +51,7 @@ FIELDS = {
     },
 }
 
-# Limits of the change between two packets: the first one at once, the second one a second.
+# Limits of the change between two packets: a constant, and the increase for each second between.
 MAX_BREAK_S = 60.0
 MAX_MOVE_DEG = (0.0002, 0.003)  # latitude and longitude of the camera; 300 m/s
 MAX_CLIMB_M = (10.0, 100.0)
@@ -64,7 +64,7 @@ class VideoMetadataError(MissionServiceError):
 
 
 class SensorPose(NamedTuple):
-    """The pose of a camera, from its metadata."""
+    """The pose of a camera from metadata."""
 
     lat_deg: float
     lon_deg: float
@@ -75,7 +75,7 @@ class SensorPose(NamedTuple):
 
 
 class VideoMetadata(NamedTuple):
-    """What one packet states about the video frame at its time."""
+    """The values of one packet for the video frame at the time of the packet."""
 
     taken: datetime
     pose: SensorPose | None
@@ -86,14 +86,14 @@ class VideoMetadata(NamedTuple):
 
 
 def is_uas_metadata(payload: bytes) -> bool:
-    """Return True if a payload begins with the key of a set of ST 0601."""
+    """Return True if a payload begins with the key of an ST 0601 set."""
     from tstrans.klv import is_st0601_family
 
     return len(payload) >= KEY_BYTES and is_st0601_family(payload[:KEY_BYTES])
 
 
 def read_metadata(packet: bytes, settings: ThermalVideoSection) -> VideoMetadata:
-    """Read a packet of ST 0601, which begins with its key.
+    """Read a packet of ST 0601, including the key at its beginning.
 
     Raises VideoMetadataError for a damaged packet, and for one without a plausible time.
     """
@@ -117,9 +117,10 @@ def read_metadata(packet: bytes, settings: ThermalVideoSection) -> VideoMetadata
 
 
 def is_continuous(one: VideoMetadata, other: VideoMetadata) -> bool:
-    """Return True if an aircraft and its camera can move so fast between two packets.
+    """Return True if an aircraft and its camera can move so far in the time between two packets.
 
-    The checksum, a sum of 16 bits, misses some damage; such a packet differs from its neighbours.
+    The checksum, a sum of 16 bits, does not detect all damage. Damaged values usually differ much
+    from those of the packets before and after.
     """
     seconds = abs((other.taken - one.taken).total_seconds())
     changes = []
@@ -168,7 +169,7 @@ def _taken(fields: "UasDatalinkLs", settings: ThermalVideoSection) -> datetime:
 def _pose_of(
     values: Mapping[int, float], settings: ThermalVideoSection
 ) -> tuple[SensorPose | None, str]:
-    """Return the pose, or None and the reason."""
+    """Return the pose and an empty text, or None and the reason."""
     whole = {PITCH: values.get(FULL_PITCH), ROLL: values.get(FULL_ROLL)}
     values = {**values, **{tag: value for tag, value in whole.items() if value is not None}}
     needed = (HEADING, PITCH, ROLL, AZIMUTH, ELEVATION, TURN, LAT, LON)
@@ -189,7 +190,7 @@ def _pose_of(
 
 
 def _corners_of(values: Mapping[int, float], sd_m: float) -> CornerPoints | None:
-    """Return the corner points: their own tags, or else their offsets from the frame's centre."""
+    """Return the corner points from their own tags, or else from offsets to the frame's centre."""
     if all(tag in values for tag in CORNERS):
         flat = [values[tag] for tag in CORNERS]
     elif all(tag in values for tag in (CENTRE_LAT, CENTRE_LON, *OFFSETS)):

@@ -8,10 +8,10 @@ def video_problem(counts: StreamCounts, source: str, notice: str, seconds: float
     """Return the first problem of a video in one line, or an empty text.
 
     Args:
-        counts: What has arrived in the last ``seconds``.
+        counts: The counts of the last ``seconds``.
         source: The address or the file.
-        notice: The source's own text, or an empty text.
-        seconds: The duration.
+        notice: The text of the source about its input, or an empty text.
+        seconds: The period of the counts.
     """
     also = f" ({notice})" if notice else ""
     problem = _of_stream(counts, seconds) or _of_parts(counts)

@@ -1,4 +1,4 @@
-"""Read the bytes of a video: datagrams of one sender, or a file that may grow. Thin shells.
+"""Read the bytes of a video: datagrams of one sender, or a file that may grow.
 
 Both sources have ``next_bytes``, which waits at most ``WAIT_S`` and returns b"" if nothing has
 arrived, and ``notice``, a text about the input that is shown if the video cannot be used.
@@ -21,14 +21,14 @@ TS_BYTES, TS_SYNC = 188, 0x47
 
 
 class DatagramSource:
-    """The transport stream of one sender at a UDP port, which may be a multicast group.
+    """The transport stream of one sender to a UDP address, which may be a multicast group.
 
-    Datagrams of other senders and those that are not transport packets are left out. Another sender
-    is used after ``release``.
+    Datagrams of other senders, and those that do not consist of transport packets, are left out.
+    After ``release``, the sender of the next datagram is used.
     """
 
     def __init__(self, address: LinkAddress) -> None:
-        """Set the address; the first ``next_bytes`` opens it."""
+        """Set the address; the first ``next_bytes`` opens the socket."""
         self._address = address
         self._socket: socket.socket | None = None
         self._sender: object = None
@@ -77,7 +77,7 @@ class DatagramSource:
             self.notice = f"{self._address}: {error.strerror}"
             return False
         try:
-            with suppress(OSError):  # the system may limit it
+            with suppress(OSError):  # the system may limit the size
                 opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
             if ipaddress.ip_address(resolved).is_multicast:
                 opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)

@@ -1,9 +1,9 @@
 """Take georeferenced images from an MPEG transport stream of thermal video with metadata.
 
 ``VideoStream.feed`` receives the bytes of the stream in parts of any size, and returns the images.
-``tstrans`` separates video and metadata, and each image has the metadata whose presentation time is
-nearest to its own. The time of an image is that of the metadata. ``counts`` contains the numbers
-of received parts, and the reasons why some were not used. No clock, no socket, no thread.
+``tstrans`` separates video and metadata. Each image gets the metadata whose presentation time is
+nearest to that of the image, and the time in these metadata. ``counts`` contains the numbers of
+received parts, and the last reasons why parts were not used. No clock, no socket, no thread.
 """
 
 import math
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from tstrans.mpegts import Demuxer, DemuxEvent, StreamInfo
 
 FRAME_EVERY_S = 1.0
-NEAR_TICKS = 9_000  # of 90 kHz, 0.1 s: between an image and its metadata
+NEAR_TICKS = 9_000  # of 90 kHz (0.1 s), most between an image and its metadata
 KEPT = 100  # packets of metadata
 PART_BYTES = 65_536
 MIN_FIELD_OF_VIEW_DEG, MAX_FIELD_OF_VIEW_DEG = 1.0, 150.0
@@ -68,19 +68,19 @@ class VideoStream:
     def __init__(
         self, name: str, settings: ThermalVideoSection, every_s: float = FRAME_EVERY_S
     ) -> None:
-        """Set the name of the images, and the time between two of them."""
+        """Set the name of the video, and the time between two images."""
         self._name, self._settings = name, settings
         self._every = timedelta(seconds=every_s)
         self._demuxer = _demuxer()
         self._video: StreamInfo | None = None
         self._decoder: VideoDecoder | None = None
-        self._is_cut = False  # the next access unit
+        self._is_cut = False  # the next access unit is incomplete
         self._metadata: deque[tuple[int, VideoMetadata]] = deque(maxlen=KEPT)
         self._last_taken: datetime | None = None
         self.counts = StreamCounts()
 
     def feed(self, data: bytes, oldest: datetime | None = None) -> list[ThermalImage]:
-        """Return the images that are complete after the next bytes of the stream.
+        """Process the next bytes of the stream, and return the images that they complete.
 
         Video is not decoded while its metadata are older than ``oldest``.
         """
@@ -93,7 +93,7 @@ class VideoStream:
                 self._demuxer.feed(data[start : start + PART_BYTES])
                 for event in self._demuxer:
                     found += self._images_of(event, oldest)
-            except DemuxError as error:  # begins again with the next packet
+            except DemuxError as error:  # continue with a new demuxer
                 self.counts.lost += 1
                 self.counts.picture_reason = str(error)
                 self._demuxer = _demuxer()
@@ -133,7 +133,7 @@ class VideoStream:
         return []
 
     def _use(self, streams: "list[StreamInfo]") -> None:
-        """Use the first video of a program map, which is sent again when it changes."""
+        """Use the first video of a program map; there is a new map whenever the streams change."""
         videos = [info for info in streams if _codec_of(info)]
         self.counts.videos = len(videos)
         if not videos or videos[0] == self._video:
@@ -149,7 +149,7 @@ class VideoStream:
         return self._video is not None and program == self._video.program_number
 
     def _lose(self, pid: int) -> None:
-        """Record a gap, which lies in the access unit that follows."""
+        """Record a gap, which is in the next access unit."""
         self.counts.lost += 1
         if self._video is not None and pid == self._video.pid:
             self._is_cut = True
@@ -163,7 +163,7 @@ class VideoStream:
             self._decoder.lose()
 
     def _add_metadata(self, pts: int, payload: bytes) -> None:
-        if not is_uas_metadata(payload):  # another set, for example of security
+        if not is_uas_metadata(payload):  # another set, for example security metadata
             return
         self.counts.metadata += 1
         try:
@@ -185,7 +185,7 @@ class VideoStream:
         return [image for frame in frames if (image := self._due(frame)) is not None]
 
     def _due(self, frame: "VideoFrame") -> ThermalImage | None:
-        """Return a picture as an image if it is due and has metadata."""
+        """Return the image of a picture if an image is due and the picture has metadata."""
         if frame.pts is None or not self._metadata:
             return None
         pts = frame.pts
@@ -249,7 +249,7 @@ def image_of(
 
 
 def _focal_px(metadata: VideoMetadata, width: int, height: int, name: str) -> float | None:
-    """Return the focal length of square pixels, or None without a field of view.
+    """Return the focal length in (square) pixels, or None without a field of view.
 
     Raises MissionServiceError if the fields of view do not fit the picture.
     """

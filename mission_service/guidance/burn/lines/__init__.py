@@ -1,1 +1,1 @@
-"""Ignition lines, and the safe flights along them that a burn proposes. Pure."""
+"""Ignition lines, and safe flights along these lines. Pure."""

@@ -1,4 +1,4 @@
-"""Limits of a flight in a burn: the unit, the fence, the settings, and the fire with its hazard."""
+"""Constraints on a flight in a burn: the unit, the fence, the settings, and danger from fire."""
 
 import math
 from collections.abc import Callable
@@ -15,11 +15,11 @@ from mission_service.guidance.burn.lines.hazard import Hazard
 from mission_service.guidance.visibility_graph import VisibilityGraph
 
 Floats = NDArray[np.float64]
-# Returns a fire that has only these sources (n, 3): x, y, at_s.
+# Returns the fire that spreads from the given sources (n, 3: x, y, at_s) only.
 FireOfSources = Callable[[Floats], Simulation]
 
 HIGH_M = 1e-6  # tolerance when heights are compared with the safe height
-DOWN_SPARE_M = 1.0  # added to the distance margin of descents; more than a raster's error
+DOWN_SPARE_M = 1.0  # added to the distance margin of descents; larger than a raster's error
 
 
 class FlightPoint(NamedTuple):
@@ -32,11 +32,11 @@ class FlightPoint(NamedTuple):
 
 
 Leg = tuple[FlightPoint, FlightPoint]
-Route = list[FlightPoint]  # points joined by straight legs, from the vehicle's position on
+Route = list[FlightPoint]  # points joined by straight legs, beginning at the vehicle's position
 
 
 def point_on_leg(leg: Leg, part: float) -> FlightPoint:
-    """Return the point on a leg after a share (0 to 1) of its time."""
+    """Return the point on a leg after a share (0 to 1) of the leg's duration."""
     begin, end = leg
     return FlightPoint(*(one + part * (other - one) for one, other in zip(begin, end, strict=True)))
 
@@ -45,8 +45,8 @@ def point_on_leg(leg: Leg, part: float) -> FlightPoint:
 class FlightConstraints:
     """The area, the fire and the settings against which flights are checked.
 
-    ``low`` is the graph for paths below the safe height, and ``high`` the graph for paths at this
-    height. The vehicle lands at ``home_m``.
+    ``low`` is the visibility graph for paths below the safe height, and ``high`` is the visibility
+    graph for paths at the safe height. The vehicle lands at ``home_m``.
     """
 
     unit: BurnUnit
@@ -55,7 +55,7 @@ class FlightConstraints:
     lights: FireOfSources
     hazard: Hazard
     low: VisibilityGraph
-    high: VisibilityGraph | None  # graph inside the fence
+    high: VisibilityGraph | None  # inside the fence; None without a fence
     home_m: tuple[float, float]
     places: dict[tuple[float, float], Hazard] = field(default_factory=dict)
 
@@ -101,10 +101,10 @@ class FlightConstraints:
         return self.fly_to(above, *self.home_m, 0.0).at_s - start.at_s
 
     def margin_s(self, leg: Leg) -> float:
-        """Return the time by which a leg is ahead of fire.
+        """Return the time margin of a leg: the shortest time until fire comes within reach.
 
-        If the result on the raster is unclear, a finer raster is used. On the finer raster a
-        descent has a larger distance margin, because the next leg must be safe as well.
+        If the main raster is too coarse for a decision, a finer raster is used. On the finer raster
+        a descent has a larger distance margin, because the next leg must be safe as well.
         """
         if self.is_high(leg):
             return math.inf
@@ -123,7 +123,7 @@ class FlightConstraints:
         return max(margin_s, self.hazard.fine.leg_margin_s(*ends, more_m=more_m))
 
     def _hazard_around(self, point: FlightPoint) -> Hazard:
-        """Return the hazard around a point that may be off the main raster, such as the start."""
+        """Return the hazard around a point that may be outside the main raster, e.g. the start."""
         key = point[:2]
         if key not in self.places:
             self.places[key] = self.hazard.over((*key, *key), self.hazard.cell_m)

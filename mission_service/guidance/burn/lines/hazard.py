@@ -4,9 +4,9 @@ A place x is in danger at time t if a place y within reach of x ignites between 
 t + time_margin_s. The reach is ``distance_margin_m``. If x is downwind of y, the reach is longer by
 the distance that the wind travels towards x in ``wind_margin_s``.
 
-The raster must not miss any fire of the simulation. Therefore each cell holds bounds of the
-ignition times inside it, and distances to a cell are measured to its nearest point. Each sample of
-a leg covers the part of the leg around it, in space and time.
+The raster must not miss any fire of the simulation. Therefore each cell holds bounds on the
+ignition times inside the cell, and distances to a cell are measured to the cell's nearest point.
+Each sample of a leg covers the part of the leg around the sample, in space and time.
 """
 
 import math
@@ -30,7 +30,7 @@ from mission_service.guidance.burn.lines.hazard_kernels import (
 Floats = NDArray[np.float64]
 Box = tuple[float, float, float, float]  # west, south, east, north
 
-FINE_CELL_M, FINE_NODES = 0.6, 500_000  # limits for the finer raster, used after unclear results
+FINE_CELL_M, FINE_NODES = 0.6, 500_000  # limits for the finer raster
 # The raster of a 20-acre unit has cells of about 2.3 m.
 MIN_CELL_M, MAX_CELL_M, NODES = 1.5, 3.0, 20_000
 LONG_AGO_S = -1e9  # lower bound of ignition times
@@ -40,12 +40,12 @@ SPARE_CELLS = 3  # border of a raster beyond the reach, because bounds of times 
 
 @dataclass(frozen=True)
 class Margins:
-    """The required distances from fire in space and time."""
+    """The required margins to fire in space and time."""
 
     time_s: float
     distance_m: float
     wind_m: float  # additional distance straight downwind
-    toward_rad: float  # direction the wind blows towards, anticlockwise from east
+    toward_rad: float  # direction towards which the wind blows, anticlockwise from east
     residence_s: float
 
     @property
@@ -55,7 +55,7 @@ class Margins:
 
 
 def margins_of(settings: BurnSection, wind_m_s: float, toward_rad: float) -> Margins:
-    """Return the margins that the settings require in a wind."""
+    """Return the margins that the settings require for a given wind."""
     return Margins(
         settings.time_margin_s,
         settings.distance_margin_m,
@@ -66,10 +66,10 @@ def margins_of(settings: BurnSection, wind_m_s: float, toward_rad: float) -> Mar
 
 
 class Hazard:
-    """The danger by a fire, as bounds of the ignition times in cells (y, x), row 0 in the north.
+    """The danger from a fire, as bounds on the ignition times in the cells (y, x) of a raster.
 
-    The time of a cell that never ignites is infinite. A block of cells is evaluated when a leg
-    first comes near it. Places beyond the raster count as in danger.
+    Row 0 is in the north. The time of a cell that never ignites is infinite. A block of cells is
+    evaluated when a leg first comes near the block. Places outside the raster count as in danger.
     """
 
     def __init__(
@@ -160,10 +160,11 @@ class Hazard:
         t1_s: float,
         more_m: float = 0.0,
     ) -> float:
-        """Return the smallest time by which a vehicle on a straight leg is ahead of fire in reach.
+        """Return the time margin of a straight leg: the shortest time until fire is within reach.
 
-        The result is infinite without fire, and negative where fire burns. A result below
-        ``margins.time_s`` means danger. ``more_m`` is added to the distance margin.
+        The result is infinite if no fire comes within reach, and negative if fire is already within
+        reach. A result below ``margins.time_s`` means danger. ``more_m`` is added to the distance
+        margin.
         """
         self._evaluate(x0_m, y0_m, x1_m, y1_m, more_m)
         return float(min_margin_s(*self._raster(more_m), x0_m, y0_m, t0_s, x1_m, y1_m, t1_s))
@@ -185,9 +186,9 @@ class Hazard:
 def cell_for(box: Box, margins: Margins) -> float:
     """Return the cell size at which a raster of a box and its reach has at most ``NODES`` nodes.
 
-    The size is at least ``MIN_CELL_M``. The size is at most ``MAX_CELL_M``, or a third of the
-    distance margin if that is larger, so that the raster's error is limited on a large unit. The
-    raster may then have more nodes.
+    The size is at least ``MIN_CELL_M``. To limit the raster's error on a large unit, the size is at
+    most ``MAX_CELL_M``, or a third of the distance margin if a third is larger. On a large unit the
+    raster may therefore have more than ``NODES`` nodes.
     """
     by_budget_m = math.sqrt(_reached_m2(box, margins) / NODES)
     return max(MIN_CELL_M, min(by_budget_m, max(margins.distance_m / 3.0, MAX_CELL_M)))

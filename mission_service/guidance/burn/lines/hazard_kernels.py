@@ -1,10 +1,10 @@
-"""Compiled parts of ``hazard``: bounds of ignition times in cells, and time margins of legs.
+"""Compiled parts of ``hazard``: bounds on ignition times in cells, and time margins of legs.
 
-Lengths are in metres and times in seconds. ``west`` and ``north`` are the coordinates of the outer
-corner of cell (0, 0). Arrays are (y, x), with row 0 in the north. ``first`` and ``last`` bound the
-ignition times inside each cell. ``at_s`` holds the ignition times at the corners of the cells, and
-has one more row and column. ``reach`` is the distance margin, and the vector (``wx``, ``wy``) is
-the distance that the wind adds downwind.
+Lengths are in metres and times in seconds. ``west`` and ``north`` are the coordinates of the
+north-west corner of cell (0, 0). Arrays are (y, x), with row 0 in the north. ``first`` and ``last``
+bound the ignition times inside each cell. ``at_s`` holds the ignition times at the corners of the
+cells, and has one row and one column more than ``first``. ``reach`` is the distance margin. The
+vector (``wx``, ``wy``) points downwind; its length is the distance that the wind adds to ``reach``.
 """
 
 import math
@@ -14,7 +14,7 @@ from firemodel.compiled import kernel
 
 @kernel
 def mark_lit(sources, west, north, cell, first):  # type: ignore[no-untyped-def]
-    """Lower the bounds ``first`` around sources, since a small fire may not reach any corner."""
+    """Lower the bounds ``first`` near sources; a small fire may not reach any corner of a cell."""
     rows, cols = first.shape
     for number in range(sources.shape[0]):
         col = math.floor((sources[number, 0] - west) / cell)
@@ -68,7 +68,7 @@ def margin_near_s(first, last, west, north, cell, reach, wx, wy, residence, x, y
     top, bottom = (math.floor((north - y - max_m) / cell), math.floor((north - y + max_m) / cell))
     if left < 0 or top < 0 or right >= cols or bottom >= rows:
         return -math.inf
-    about = slack + math.sqrt(0.5) * cell  # the largest distance from the centre of a cell
+    about = slack + math.sqrt(0.5) * cell  # maximum error of a distance from a cell's centre
     min_s = math.inf
     for row in range(top, bottom + 1):
         for col in range(left, right + 1):

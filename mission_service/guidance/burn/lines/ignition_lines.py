@@ -1,7 +1,7 @@
 """The geometry of ignition lines across the wind (algorithm 1 of Beachly et al.).
 
-The coordinate ``along`` points downwind, and ``across`` to the left of it. Both coordinates are in
-metres from the origin of the landscape's CRS.
+The coordinate ``along`` increases downwind. The coordinate ``across`` increases to the left as seen
+when looking downwind. Both coordinates are in metres from the origin of the landscape's CRS.
 """
 
 import math
@@ -34,7 +34,7 @@ class IgnitionLine:
 
     @property
     def left_unit(self) -> Floats:
-        """Return the unit vector along the line, which points left as seen looking downwind."""
+        """Return the unit vector along the line, to the left as seen when looking downwind."""
         return np.array([-math.sin(self.toward_rad), math.cos(self.toward_rad)])
 
     def places_at(self, across_m: Floats) -> Floats:
@@ -81,9 +81,9 @@ def only_areas(shape: BaseGeometry) -> BaseGeometry:
 
 
 def extent_across(area: BaseGeometry, line: IgnitionLine) -> tuple[float, float] | None:
-    """Return the across coordinates of a line's two ends in an area; None if the line misses it.
+    """Return the across coordinates of a line's two ends in an area.
 
-    There may be gaps in the area between the ends.
+    The area may have gaps between the ends. The result is None if the line misses the area.
     """
     across = line.across(shapely.get_coordinates(area))
     ends = line.places_at(np.array([across.min() - 1.0, across.max() + 1.0]))
@@ -103,9 +103,9 @@ def alignment_m(
 ) -> float:
     """Return the across coordinate with which one drop of a new line is aligned (algorithm line 5).
 
-    The result is the across coordinate of the earlier drop closest to the line's centre. Of the
-    earlier drops (n, 2), only the drop nearest to ``area`` is considered, and drops up to
-    ``near_m`` farther away. Without earlier drops the result is the centre.
+    The result is the across coordinate of the earlier drop closest to the line's centre. An earlier
+    drop (n, 2) counts only if its distance from ``area`` exceeds the smallest of these distances by
+    at most ``near_m``. Without earlier drops the result is the line's centre.
     """
     centre = (ends_m[0] + ends_m[1]) / 2.0
     if len(earlier_m):

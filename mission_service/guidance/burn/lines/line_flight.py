@@ -25,14 +25,14 @@ ROUNDED_S = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class LineFlight:
-    """A checked flight; ``why_ended`` is the reason for an early end ("" without one)."""
+    """A checked flight; ``why_ended`` is the reason for an early end ("" if there is none)."""
 
     route: tuple[FlightPoint, ...]
     drops: Floats  # (m, 3) x, y, at_s
     skipped: Floats  # (k, 2) places without a drop
     min_margin_s: float
     climbs_first: bool
-    home_s: float  # duration of the return from the flight's end to the ground at home
+    home_s: float  # duration of the return home from the flight's end, with the landing
     why_ended: Literal["", "spheres", "battery"]
 
     @property
@@ -47,12 +47,13 @@ def fly_line(
     """Plan a flight with drops at as many of the places (n, 2) as possible, in the given order.
 
     The flight ends with a climb to the safe height. A place is skipped if it cannot be reached
-    safely, if a drop is not safe at the time of arrival, or if no safe climb leads away from it.
+    safely, if a drop is not safe at the time of arrival, or if no climb from the place is safe.
     The flight ends early if the spheres or the battery do not suffice for another drop.
     ``battery_s`` is the maximum flight time, including the return.
     """
     trip = _flight(air, start, places_m, spheres, battery_s, careful=False)
-    # Check all drops at once: whether the fire of one drop reaches another before it ignites.
+    # Check for all drops at once whether fire from one sphere reaches another sphere before the
+    # other sphere ignites.
     lit = trip.drops + np.array([0.0, 0.0, air.settings.ignition_delay_s])
     if (air.lights(lit).ignition_time_s(lit[:, :2]) < lit[:, 2] - ROUNDED_S).any():
         return _flight(air, start, places_m, spheres, battery_s, careful=True)
@@ -109,7 +110,7 @@ def _flight(
 
 
 class LineFlightBuilder:
-    """The builder of a flight, which adds legs and finds safe routes from the flight's end."""
+    """A builder of flights, which appends routes and finds safe routes from the flight's end."""
 
     def __init__(self, air: FlightConstraints, start: FlightPoint) -> None:
         self.air, self.settings = air, air.settings
@@ -130,7 +131,7 @@ class LineFlightBuilder:
         return min_margin_s
 
     def add_route(self, route: Route, margin_s: float) -> None:
-        """Append a route, with its time margin, that begins at the end of the flight."""
+        """Append a route that begins at the flight's end, and has the time margin ``margin_s``."""
         self.route += route[1:]
         self.min_margin_s = min(self.min_margin_s, margin_s)
 
@@ -191,8 +192,8 @@ class LineFlightBuilder:
     def escape(self, approach: Route, dropped_s: float) -> tuple[Route, float] | None:
         """Return a safe route from a drop to the safe height, with its margin, or None.
 
-        The route is also safe from the drop's own fire. The route leads straight up, or first a
-        short distance ahead or upwind.
+        The route is also safe from fire of the dropped sphere itself. The route leads straight up,
+        or first a short distance ahead or upwind.
         """
         drop = approach[-1]
         own = SphereFires(self.air)

@@ -2,11 +2,11 @@
 
 The paper leaves some points open, which are decided here as follows:
 
-- The burn is complete when no area is left upwind of the next line. Area may remain upwind of a
-  line that lies in a gap between parts of the area. Therefore such a line is cut off, in the same
-  way as a line without a safe drop.
+- The burn is complete when no area is left upwind of the next line. If the next line lies in a gap
+  between parts of the area, or has no safe drop, the line is cut off: planning continues with the
+  area upwind of the line.
 - The faster of the two paths is chosen. A path with less than ``MIN_DROPS_SHARE`` of the other
-  path's drops does not count, because a gap in a line is worse than a delay of a minute.
+  path's drops is not chosen, because a gap in a line is worse than a delay of a minute.
 - If the spheres or the battery end a line early, the remaining area does not change. The next plan
   is then for the rest of the same line, because places near earlier drops are excluded.
 """
@@ -51,8 +51,8 @@ class Situation:
     """The situation in which a line is planned, in the landscape's metres and mission time.
 
     ``area`` is the remaining part of the unit, and ``dropped_m`` (n, 2) holds the previous drops of
-    this burn. ``fire`` simulates all fire, including the fire of previous drops. ``lights`` returns
-    the fire of given sources alone, as an ``EllipseFire`` that spreads in the same way.
+    this burn. ``fire`` simulates all fire, including fire from previous drops. ``lights`` returns
+    the fire from given sources only, as an ``EllipseFire`` that spreads in the same way.
     """
 
     unit: BurnUnit
@@ -65,7 +65,7 @@ class Situation:
     y_m: float
     height_m: float  # the vehicle's height above the ground
     wind_m_s: float
-    toward_rad: float  # direction the wind blows towards, anticlockwise from the grid's east
+    toward_rad: float  # direction towards which the wind blows, anticlockwise from grid east
     spheres: int  # number of spheres on board
     battery_s: float  # remaining flight time
     home_m: tuple[float, float]
@@ -75,9 +75,10 @@ class Situation:
 class LinePlan:
     """The plan for a line; its times are relative to ``begin_s``.
 
-    ``area_left`` is the area that remains after all drops. ``climbs_first`` means that the vehicle
-    is in danger at its start, so that its first climb is not safe. ``min_time_margin_s`` includes
-    that climb; it is negative where fire burns, and infinite without fire in reach.
+    ``area_left`` is the area that remains after all drops. If ``climbs_first``, the start is in
+    danger, and the plan begins with a climb that is not safe. ``min_time_margin_s`` includes that
+    climb. The margin is negative if fire is within reach, and infinite if no fire comes within
+    reach.
     """
 
     begin_s: float
@@ -90,7 +91,7 @@ class LinePlan:
     line: IgnitionLine
     ended: Literal["", "spheres", "battery"]  # reason for an early end
     climbs_first: bool
-    home_s: float  # duration of the return home from the path's end, and of the landing
+    home_s: float  # duration of the return home from the path's end, with the landing
     spheres_left: int
     lines_cut: int  # number of lines cut off before this line, because no drop was safe there
 
@@ -105,7 +106,7 @@ class NoPlan:
 
 
 def next_line(situation: Situation, settings: BurnSection) -> LinePlan | NoPlan:
-    """Plan the next line, and check it against all fire, including the fire of its own drops.
+    """Plan the next line, and check it against all fire, including fire from the line's own drops.
 
     Raises MissionServiceError if drops would follow each other too fast, if the unit needs too many
     lines, or if the fire simulation returns invalid times.
@@ -166,8 +167,8 @@ def drop_orders(
 ) -> list[Floats]:
     """Return a line's drop places (n, 2) twice, ordered from each end (algorithm lines 5 to 8).
 
-    The nearest next place is always the neighbour, because all places are on one line. The list is
-    empty if the line has no place for a drop.
+    The algorithm flies to the nearest remaining place; because all places are on one line, this is
+    always the neighbour. The list is empty if the line has no place for a drop.
     """
     ends_m = extent_across(area, line)
     if ends_m is None:

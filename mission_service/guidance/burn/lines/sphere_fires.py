@@ -1,4 +1,4 @@
-"""The fires that a flight's own spheres light, and their danger to the flight's legs."""
+"""The fires that a flight's own spheres light, and the danger from these fires to the flight."""
 
 import math
 from itertools import pairwise
@@ -46,9 +46,9 @@ def fastest_m_s(fire: Simulation) -> float:
 class SphereFires:
     """The fires that a flight's own spheres light.
 
-    On a leg that approaches any of the drops, or descends from the safe height, these fires are
-    tested with the time margin, like other fire. On a leg away from all drops, only fire that burns
-    within reach is a danger. An example is the leg directly after a drop, whose sphere ignites
+    On a leg that approaches any of the drops, or descends vertically, the time margin applies to
+    these fires, as to other fire. On a leg away from all drops, only fire that burns within reach
+    is a danger. For example, the leg directly after a drop is safe, although the sphere ignites
     within the time margin.
     """
 
@@ -84,7 +84,7 @@ class SphereFires:
         begin, end = leg
         if approaches or begin[:2] == end[:2]:
             parts = 1
-        else:  # a sphere that ignites at the end of a long leg is no danger at its start
+        else:  # a sphere that ignites during a long leg is no danger at the start of the leg
             part_s = max(self.air.settings.ignition_delay_s / 4.0, 1.0)
             parts = max(math.ceil((end.at_s - begin.at_s) / part_s), 1)
         ends = [begin, *(point_on_leg(leg, number / parts) for number in range(1, parts)), end]

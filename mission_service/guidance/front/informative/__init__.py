@@ -1,1 +1,1 @@
-"""The planner that chooses routes along closed fronts by the estimate's expected gain."""
+"""A planner that chooses routes along closed fronts to reduce the estimate's expected error."""

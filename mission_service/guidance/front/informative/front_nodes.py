@@ -1,8 +1,8 @@
-"""Divide the estimated fronts into nodes, each with the growth of its expected error.
+"""Divides the estimated fronts into nodes, and computes the growth of each node's expected error.
 
-The error of a node is the distance between the estimated and the true front. It grows while the
-node is out of view, at the standard deviation of the front's speed. Lengths are in cells, times in
-seconds, and speeds in cells per second.
+The error of a node is the distance between the estimated and the true front. While the node is out
+of view, the error grows at a rate that equals the standard deviation of the front's speed. Lengths
+are in cells, times in seconds, and speeds in cells per second.
 """
 
 from collections.abc import Sequence
@@ -20,8 +20,8 @@ Integers = NDArray[np.int64]
 MAX_NODES = 96  # of all fronts
 MIN_NODES = 4  # of one front
 LEFT_CELLS = 0.5  # error of a front in view
-# Smallest growth of the error: as a share of the mean growth, and in cells per second. It stands
-# for errors of the model that its inputs do not explain.
+# Minimum growth of the error: as a share of the mean growth, and in cells per second. The minimum
+# represents errors of the model that wrong inputs of the model do not explain.
 MIN_GROWTH_SHARE = 0.5
 MIN_GROWTH_CELLS_S = 2e-5
 MIN_STEP_CELLS = 1e-9
@@ -29,13 +29,13 @@ MAX_UNSEEN_S = 86_400.0
 
 
 class Front(NamedTuple):
-    """A closed front in clockwise order on the map; arrays of n points."""
+    """A closed front: n points in clockwise order, as seen on the map."""
 
-    inner: bool  # whether it surrounds an unburned island
+    inner: bool  # whether the front surrounds an unburned island
     points: Floats  # (n, 2) row and column
     speed_sd_cells_s: Floats  # standard deviation of the speed
     seen_at_s: Floats  # time of the last observation
-    along_cells: Floats  # distance from the first point; n + 1 values, the last is the length
+    along_cells: Floats  # distance from the first point (n + 1); the last is the length
 
     @property
     def length_cells(self) -> float:
@@ -43,14 +43,14 @@ class Front(NamedTuple):
         return float(self.along_cells[-1])
 
     def nearest(self, row: float, col: float) -> tuple[int, float]:
-        """Return the index of the point nearest to a place, and its distance in cells."""
+        """Return the index of the point nearest to a place, and the distance to it in cells."""
         away = np.hypot(self.points[:, 0] - row, self.points[:, 1] - col)
         index = int(away.argmin())
         return index, float(away[index])
 
 
 class FrontNodes(NamedTuple):
-    """The nodes of all fronts; each array has one element per node. An index is called a node."""
+    """The nodes of all fronts; a node is an index of these arrays, which have equal lengths."""
 
     front: Integers  # the index of the front
     point: Integers  # index of the node's first point on its front
@@ -66,7 +66,7 @@ class FrontNodes(NamedTuple):
 
 
 def front_of(estimated: EstimatedFront, at_s: float, cell_m: float) -> Front:
-    """Return a front of an event at ``at_s``."""
+    """Return a front from an event at ``at_s``, with lengths in cells."""
     points = np.column_stack([estimated.rows, estimated.cols])
     steps = np.hypot(*(np.roll(points, -1, axis=0) - points).T)
     return Front(
@@ -129,7 +129,7 @@ def _nodes_on(
     node_length = front.length_cells / count
 
     def along(times_s: Floats) -> Floats:
-        """Return the flight time of each node, from those of the steps."""
+        """Return the flight time along each node, from the flight times along the steps."""
         passed = np.concatenate([[0.0], np.cumsum(times_s)])
         return np.diff(np.interp(edges, front.along_cells, passed))
 

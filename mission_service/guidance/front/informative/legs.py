@@ -1,4 +1,4 @@
-"""Finds legs from one place to another that lead round burned ground if the detour is short.
+"""Finds legs from one place to another, around burned ground if the detour is short.
 
 Positions are rows and columns of the landscape's grid, as floats; lengths are in cells.
 """
@@ -15,20 +15,21 @@ from mission_service.guidance.visibility_graph import Vertex, VisibilityGraph
 
 Floats = NDArray[np.float64]
 
-# Ground so near to unburned ground does not count as burned: paths along a front touch it.
+# Burned ground this near to unburned ground does not count as burned: paths along a front touch
+# such ground.
 EDGE_CELLS = 0.25
-CLEAR_CELLS = 1.0  # distance between legs and the burned ground without its edge, at corners
-BEYOND_CELLS = 1e-3  # distance from the edge, where rounding cannot lead back over burned ground
+CLEAR_CELLS = 1.0  # distance of a leg's corners from the ground that counts as burned
+BEYOND_CELLS = 1e-3  # distance beyond the edge, so that rounding does not cross the edge again
 AROUND_CELLS = 10_000.0  # width of the unburned ground around all fires
 
 
 def unburned_ground(loops: Sequence[Floats]) -> VisibilityGraph:
-    """Return the unburned ground for ``leg``; x is the column and y the row.
+    """Return the visibility graph of the unburned ground; x is the column and y the row.
 
     Args:
-        loops: All fronts, outer and inner ones in any order and direction. Each is an array (n, 2)
-            of rows and columns without repeated end point. Ground is burned if it is inside an odd
-            number of loops.
+        loops: All outer and inner fronts, in any order and direction. Each front is an array
+            (n, 2) of rows and columns without a repeated end point. Ground inside an odd number of
+            loops is burned.
     """
     burned: BaseGeometry = shapely.Polygon()
     for loop in sorted(loops, key=len):
@@ -44,10 +45,10 @@ def unburned_ground(loops: Sequence[Floats]) -> VisibilityGraph:
 def leg(start: Floats, goal: Floats, unburned: VisibilityGraph, max_detour: float = 0.2) -> Floats:
     """Return the points (n, 2) of the leg from one place to another, rows and columns.
 
-    The leg is straight, unless it then crosses burned ground and the shortest way round is at most
-    ``max_detour`` longer. A leg that begins or ends over burned ground enters or leaves this ground
-    by the shortest way, if the leg is then within the same limit. Legs bend at corners; turns are
-    not taken into account.
+    The leg is straight, unless a straight leg crosses burned ground and the shortest way around is
+    longer by at most the share ``max_detour``. A leg that begins or ends over burned ground leaves
+    or enters this ground by the shortest way, if the leg is then within the same limit. Legs have
+    sharp corners; the turn radius is not taken into account.
     """
     straight = np.array([start, goal], dtype=np.float64)
     begin, end = (_vertex(place) for place in straight)
@@ -69,7 +70,7 @@ def _vertex(place: Floats) -> Vertex:
 
 
 def _nearest_unburned(place: Vertex, unburned: VisibilityGraph) -> Vertex:
-    """Return the place itself over unburned ground, or a place just outside the burned ground."""
+    """Return ``place`` if it is over unburned ground, or else the nearest place just outside."""
     point = shapely.Point(place)
     if unburned.area.covers(point):
         return place

@@ -1,10 +1,12 @@
 """Computes paths along closed fronts that an aircraft can fly at its turn radius.
 
-The centre of the vehicle's turn circle on the unburned side leads the construction: it has to keep
-the turn radius from all burned ground, so its curve is the front, offset by the turn radius. This
-bridges bays. If this centre moves along a circle, the vehicle turns the other way, with this
-circle's radius less the turn radius. So tips of the offset curve are widened to twice the turn
-radius (``tip_kernels``). The path is then the offset curve, offset back by the turn radius.
+The turn centre is the centre of the circle on which the vehicle would turn away from the burned
+ground. The turn centre must stay at least one turn radius from all burned ground, so the curve of
+the turn centre is the front, offset by the turn radius. This offset bridges bays. Around a tip of
+the burned ground, the turn centre moves on a larger circle than the vehicle: the radius of the
+vehicle's turn is the radius of the larger circle less the turn radius. Therefore tips of the offset
+curve are widened to twice the turn radius (``tip_kernels``). The path is the widened curve, offset
+back by the turn radius.
 
 Positions are rows and columns of the landscape's grid, as floats; lengths are in cells.
 """
@@ -36,26 +38,27 @@ def path_on_loop(
     turn_radius_cells: float,
     inner: bool = False,
 ) -> Floats:
-    """Return the path (m, 2) along a closed front: row and column, at even distances.
+    """Return the path (m, 2) along a closed front: rows and columns of equidistant points.
 
-    Bays narrower than the turn circle are bridged. Tips narrower than the turn circle are flown
-    round on the unburned side. Elsewhere the path keeps within a cell of the front. Ground of
-    other fronts is not taken into account.
+    The path bridges bays narrower than the turn circle, and leads around tips narrower than the
+    turn circle on the unburned side. Elsewhere the path is within one cell of the front. The burned
+    ground of other fronts is not taken into account.
 
     Args:
         points: The front (n, 2), rows and columns, clockwise as seen on a map with north up,
-            without repeated end point.
-        start: The index in ``points`` at which the path begins. If the front at this place cannot
-            be flown, the path begins at its nearest point.
+            without a repeated end point.
+        start: The index in ``points`` at which the path begins. If the vehicle cannot fly there,
+            the path begins at the nearest place where the vehicle can fly.
         clockwise: The direction of travel as seen on the map.
-        length_cells: The length of the path; more than a lap if this is longer than a lap.
+        length_cells: The length of the path, which may be more than one lap.
         turn_radius_cells: The smallest turn radius.
-        inner: Whether the front surrounds unburned ground. The path is then inside the front, in
-            the part of this ground around ``start`` in which the vehicle can turn.
+        inner: Whether the front surrounds unburned ground (an island). The path is then inside the
+            front, in the part nearest to ``start`` in which the vehicle can turn.
 
     Returns:
-        The path. Around a fire, or inside an island, that is too small for a turn circle, the path
-        is a circle of the turn radius around its centre; around an island it is over burned ground.
+        The path. If the fire or the island is too small for a turn circle, the path is a circle
+        with the turn radius around the centre of the fire or island. Around an island, this circle
+        is over burned ground.
     """
     loop = flyable_loop(points, start, turn_radius_cells, inner)
     if clockwise == inner:
@@ -65,9 +68,10 @@ def path_on_loop(
 
 
 def flyable_loop(points: Floats, start: int, turn_radius_cells: float, inner: bool) -> Floats:
-    """Return the closed curve (n, 2) that can be flown along a front, without repeated end point.
+    """Return the closed curve (n, 2) for flight along a front, without a repeated end point.
 
-    Burned ground is at the right of the direction of travel. Arguments as of ``path_on_loop``.
+    Burned ground is on the right of the direction of travel. The arguments are those of
+    ``path_on_loop``.
     """
     radius = max(turn_radius_cells, MIN_RADIUS_CELLS)
     # x is the column and y the row: with y southwards, a positive area is clockwise on the map.
@@ -85,9 +89,9 @@ def flyable_loop(points: Floats, start: int, turn_radius_cells: float, inner: bo
 
 
 def _turn_centres(ground: BaseGeometry, place: Floats, radius: float, inner: bool) -> Floats | None:
-    """Return the curve (n, 2) of the centre of the unburned turn circle; None if there is none.
+    """Return the closed curve (n, 2) of the turn centre; None if the front is too small to follow.
 
-    Burned ground is at the right of the direction of travel.
+    Burned ground is on the right of the direction of travel.
     """
     west, north, east, south = ground.bounds
     may_fit = not inner and max(east - west, south - north) <= 2.0 * radius
@@ -111,7 +115,7 @@ def _circle(ground: BaseGeometry, radius: float, inner: bool) -> Floats:
 
 
 def _evenly(ring: Floats, spacing: float) -> Floats:
-    """Return a closed curve at even distances, without repeated end point."""
+    """Return equidistant points on a closed curve, without a repeated end point."""
     closed = np.concatenate([ring, ring[:1]])
     length = float(lengths_along(closed)[-1])
     return evenly_along(closed, max(8, math.ceil(length / spacing)))
@@ -126,7 +130,7 @@ def _offset_right(curve: Floats, distance: float) -> Floats:
     count = 1 + np.ceil(np.maximum(-turn, 0.0) * STEPS_PER_RADIUS).astype(int)
     place = np.repeat(np.arange(len(curve)), count)
     number = np.arange(len(place)) - np.repeat(np.cumsum(count) - count, count)
-    # From the heading before to the heading after, or halfway where a single point is enough.
+    # From the previous to the next heading, or halfway between them where one point is enough.
     share = np.where(count[place] > 1, number / np.maximum(count[place] - 1, 1), 0.5)
     heading = before[place] + share * turn[place]
     return curve[place] + distance * np.column_stack([-np.sin(heading), np.cos(heading)])

@@ -1,11 +1,12 @@
-"""The planner ``informative``: follows the estimated fronts where the expected error grows most.
+"""The planner ``informative``, which plans routes that keep the fronts' expected errors small.
 
-The planner works on the fronts of the estimated fire: any number of closed lines, with islands and
-spot fires. Each part of a front has an expected error, which grows out of view. Whenever new fronts
-are estimated, the planner compares routes by roll-outs (``route_search``): laps, sweeps of a part
-of a front, and flights to another front, in the measured wind and with the time that turns take. A
-team shares the fronts; each vehicle takes the planned visits of the others into account. The
-vehicle keeps its route unless another route has a clearly lower cost.
+The planner uses the fronts of the estimated fire: any number of closed lines, with islands and spot
+fires. Each part of a front has an expected error, which grows while the part is out of view.
+Whenever new fronts are estimated, the planner compares routes by roll-outs (``route_search``):
+laps, sweeps of a part of a front, and flights to another front. The roll-outs include the measured
+wind and the time of turns. All vehicles share the fronts, and each vehicle's planner takes the
+planned visits of the other vehicles into account. A vehicle keeps its route unless another route
+has a clearly lower cost.
 """
 
 import math
@@ -53,12 +54,13 @@ from mission_service.guidance.protocol import Decision, Ground, Phase
 
 Floats = NDArray[np.float64]
 
-# Share of the cost that another route must save: on the same front, where turns otherwise follow
-# errors of the estimate (benchmarks.informative_routes), and to another front.
+# Shares of the cost that another route must save: a route on the same front, and a route to another
+# front. On the same front, a small share causes turns due to errors of the estimate
+# (benchmarks.informative_routes).
 MARGIN_TURN, MARGIN_HOP = 0.5, 0.1
-MAX_WIND = 0.95  # share of the airspeed
-MAX_LAP = 5.0 / 6.0  # longest path along one front; a whole lap would meet its own start
-IN_VIEW_CELLS = 3.0  # a vehicle so near to a front has it in view
+MAX_WIND = 0.95  # maximum wind speed in plans, as a share of the airspeed
+MAX_LAP = 5.0 / 6.0  # longest path along one front, in laps; a whole lap would end at its start
+IN_VIEW_CELLS = 3.0  # a front is in view from this distance or less
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +80,7 @@ class InformativeSettings:
 
 @dataclass(frozen=True, slots=True)
 class Hop:
-    """A flight to another front: the place there (row, column), and the direction after it."""
+    """A flight to another front: the place of arrival (row, column), and the direction after it."""
 
     row: float
     col: float
@@ -87,7 +89,7 @@ class Hop:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """The present route of a vehicle, in distances that it has still to fly along its front.
+    """The rest of a vehicle's present route, as distances along the front.
 
     The vehicle flies ``out_cells``, and then either makes the hop, or turns back for ``back_cells``
     and turns again. Distances may be infinite.
@@ -109,7 +111,7 @@ class InformativePlanner:
         self.clockwise = settings.clockwise_first
         self.reversals = 0
         self.settings = settings
-        # For the alarm about a front that no vehicle monitors.
+        # This map serves only the alarm about a front that no vehicle monitors.
         self.map = FireMap(
             ground.landscape.shape, *ground.centre, ground.burns_from_s, RECENTRED_BASELINE_S
         )
@@ -118,14 +120,14 @@ class InformativePlanner:
         self._shared = shared
         self._plan = Plan()
         self._hops = False  # whether the vehicle flies to ``_plan.hop`` now
-        self._version = 0  # of the fronts at the last decision
+        self._version = 0  # version of the fronts at the last decision
         self._wind = (0.0, 0.0)  # towards north and east on the grid, in cells/s
         self._place: tuple[float, float] | None = None
-        self._course = np.array([1.0, 0.0])  # over the ground, unit vector north and east
+        self._course = np.array([1.0, 0.0])  # course over the ground, a unit vector (north, east)
         self._sees_front = False
 
     def observe(self, observed: Observed) -> None:
-        """Update the map for alarms; the estimate receives the observation, too."""
+        """Update the map for alarms; the fronts are estimated elsewhere."""
         self._sees_front |= bool(self.map.add_window(*view_of(observed)).any())
 
     def correct(self, observed: Observed) -> None:
@@ -133,7 +135,7 @@ class InformativePlanner:
         self.map.correct_window(*view_of(observed))
 
     def wind(self, speed_m_s: float, from_deg: float, at_s: float) -> None:
-        """Use a measured wind; ``from_deg`` is clockwise from true north."""
+        """Set a measured wind that blows from ``from_deg``, clockwise from true north."""
         toward = math.radians(float(self._landscape.grid_deg(from_deg + 180.0)))
         speed = speed_m_s / self._landscape.cell_size_m
         self._wind = (speed * math.cos(toward), speed * math.sin(toward))
@@ -143,12 +145,12 @@ class InformativePlanner:
         self._shared.replace_fronts(event)
 
     def left(self, at_s: float) -> None:
-        """Remove the vehicle's planned visits, which the other vehicles then take over."""
+        """Remove the vehicle's planned visits, so that the other vehicles plan these visits."""
         self._shared.remove_vehicle(self._name)
         self._place = None
 
     def at(self, row: float, col: float, at_s: float) -> Decision | None:
-        """Set the vehicle's position; return a decision for new fronts or at the end of a leg."""
+        """Set the vehicle's position; return a decision for new fronts or at a planned turn."""
         moved = math.dist((row, col), self._place) if self._place else 0.0
         if self._place and moved > 0.0:
             self._course = np.array([self._place[0] - row, col - self._place[1]]) / moved
@@ -197,7 +199,7 @@ class InformativePlanner:
     # The decision ---------------------------------------------------------------------------------
 
     def _decide(self, row: float, col: float, at_s: float) -> Decision:
-        """Compare routes, and adopt the best one if it is clearly better than the present one."""
+        """Compare routes; adopt the best route if it is clearly better than the present route."""
         nodes = nodes_of(self._shared.fronts, self.settings.speed_cells_s, self._wind)
         situation = self._situation(nodes, at_s)
         number, _ = self._nearest(row, col)
@@ -250,16 +252,16 @@ class InformativePlanner:
         )
 
     def _times_to(self, goals: Sequence[tuple[int, int]], nodes: FrontNodes) -> list[float]:
-        """Return the times of the fastest paths in wind to goals: a node, and the direction there.
+        """Return the times of the fastest paths in wind from the vehicle to goals.
 
-        A direction is 1 clockwise and -1 anticlockwise.
+        A goal is a node, and the direction there: 1 (clockwise) or -1 (anticlockwise).
         """
         assert self._place is not None
         settings, (north, east) = self.settings, self._wind
         if not goals:
             return []
         if math.hypot(north, east) >= MAX_WIND * settings.speed_cells_s:
-            north, east = 0.0, 0.0  # no path leads upwind; the vehicle is slow in any direction
+            north, east = 0.0, 0.0  # no path leads upwind: compare the times without wind
         flight = Flight(settings.speed_cells_s, settings.turn_radius_cells, (east, north))
         poses = [
             pose_on(nodes.row[node], nodes.col[node], turn * course_at(nodes, node), flight)
@@ -286,7 +288,7 @@ class InformativePlanner:
     def _adopt(
         self, route: Route, own: int, direction: int, nodes: FrontNodes, costs: tuple[float, float]
     ) -> Decision | None:
-        """Make a route the present plan; return the decision if it turns back."""
+        """Set the present plan to a route; return the decision if the vehicle turns back."""
         if self._hops or nodes.front[route.start] != nodes.front[own]:
             place = (float(nodes.row[route.start]), float(nodes.col[route.start]))
             self._plan, self._hops = Plan(0.0, hop=Hop(*place, route.direction > 0)), True
@@ -366,7 +368,7 @@ def node_at(nodes: FrontNodes, front: int, point: int) -> int:
 
 
 def course_at(nodes: FrontNodes, node: int) -> Floats:
-    """Return the direction of a front clockwise at a node, as a unit vector north and east."""
+    """Return the clockwise direction of a front at a node, as a unit vector (north, east)."""
     first, count = int(nodes.first[node]), int(nodes.nodes_of_front[node])
     after = first + (node - first + 1) % count
     step = np.array([nodes.row[node] - nodes.row[after], nodes.col[after] - nodes.col[node]])
@@ -374,18 +376,18 @@ def course_at(nodes: FrontNodes, node: int) -> Floats:
 
 
 def pose_on(row: float, col: float, course: Floats, flight: Flight) -> Pose:
-    """Return the pose of a vehicle with a course (north, east) over the ground; x is the column."""
+    """Return the pose of a vehicle on a course (north, east) over the ground; x is the column."""
     heading_rad = heading_on_course(math.atan2(course[0], course[1]), flight)
     return float(col), -float(row), heading_rad
 
 
 def in_nodes(cells: float, nodes: FrontNodes, own: int) -> int:
-    """Return a distance along the front of the node ``own`` in nodes."""
+    """Convert a distance in cells to nodes of the front that contains the node ``own``."""
     return NEVER if math.isinf(cells) else max(round(cells / float(nodes.weight[own])), 1)
 
 
 def planners_of(scenario: Scenario, landscape: Landscape) -> dict[str, InformativePlanner]:
-    """Return the planners of a scenario's vehicles, by name; they share the fronts."""
+    """Return the planners of a scenario's vehicles, by name; all planners share the fronts."""
     ground, shared = ground_of(scenario, landscape), SharedFronts(landscape.cell_size_m)
     return {
         section.name: InformativePlanner(

@@ -1,10 +1,11 @@
-"""Roll out routes along the nodes of fronts, and compute their cost.
+"""Rolls out (simulates) routes along the nodes of fronts, and computes the cost of each route.
 
 The cost is the mean over time of a norm of the expected errors of all nodes. The norm is close to
-the largest error, and still falls if only smaller errors fall. A route flies a number of nodes in
-one direction. Then it turns back for a number of nodes and turns again, or it flies to a node of
-another front. Afterwards it laps its front; at the end of each lap it goes to the front with the
-largest errors for the time that a lap of it takes.
+the largest error, and still falls if only smaller errors fall. On a route, the vehicle flies along
+a number of nodes in one direction. Then the vehicle turns back for a number of nodes and turns
+again, or hops (flies to a node of another front). Afterwards the vehicle flies laps around the
+front. At the end of each lap, the vehicle goes to the front with the largest errors in relation to
+the time needed to reach and lap that front.
 """
 
 import numpy as np
@@ -15,7 +16,7 @@ from mission_service.guidance.front.sweeps import NEVER
 
 @compiled
 def _norm(start, since, growth, weight, total, now):  # type: ignore[no-untyped-def]
-    """Return the norm of the power 8 of the errors of all nodes at ``now``."""
+    """Return the weighted power mean, with exponent 8, of the errors of all nodes at ``now``."""
     most = 1e-12
     for i in range(start.size):
         most = max(most, start[i] + growth[i] * (now - since[i]))
@@ -55,16 +56,16 @@ def _next_front(place, now, start, since, nodes, hop_s):  # type: ignore[no-unty
 
 @compiled
 def route_costs(routes, nodes, back_s, error, left, hop_s, turn_s, others, horizon_s, found, log):  # type: ignore[no-untyped-def]
-    """Compute the cost of each route into ``found`` (m), from now on for ``horizon_s``.
+    """Compute the cost of each route over the next ``horizon_s`` seconds, into ``found`` (m).
 
     ``routes`` holds arrays (m): the first node, the direction there (1 clockwise, -1
-    anticlockwise), the time until it is reached, the nodes to fly out, the nodes to fly back after
-    a turn, the node to hop to instead of the turn (-1: none), and the direction there. A number of
-    nodes may be NEVER. ``nodes`` holds arrays of ``FrontNodes``: front, first, nodes_of_front,
-    weight, ahead_s, growth. ``others`` holds the nodes and the times of visits by other vehicles,
-    in order of time. ``error`` (n) is the error now, and ``left`` the error of a node in view.
-    ``log`` (k, 2) is filled with the nodes and the times of the first visits of the last route; its
-    rest is -1.
+    anticlockwise), the time until the vehicle reaches the first node, the number of nodes to fly
+    out, the number of nodes to fly back after a turn, the node to hop to instead of the turn (-1:
+    none), and the direction after the hop. The numbers of nodes may be NEVER. ``nodes`` holds
+    arrays of ``FrontNodes``: front, first, nodes_of_front, weight, ahead_s, growth. ``others``
+    holds the nodes and the times of visits by other vehicles, in order of time. ``error`` (n) is
+    the error now, and ``left`` the error of a node in view. ``log`` (k, 2) is filled with the nodes
+    and the times of the first visits of the last route; in unused rows, the node is -1.
     """
     first_node, direction, delay_s, out, back, hop, hop_direction = routes
     _, first, count, weight, ahead_s, growth = nodes

@@ -1,4 +1,4 @@
-"""Choose the next route of one vehicle by comparing many routes in roll-outs."""
+"""Lists the possible routes of one vehicle, and compares their costs by roll-outs."""
 
 from typing import NamedTuple
 
@@ -17,17 +17,18 @@ Floats = NDArray[np.float64]
 
 HORIZON_LAPS = 2.0
 MAX_VISITS = 2 * MAX_NODES
-# The ways out and back, as shares of the nodes of a front.
+# Lengths of the ways out and back, as shares of the nodes of a front.
 OUT = (0.03, 0.07, 0.12, 0.2, 0.3, 0.4, 0.55, 0.7, 0.9)
 BACK = (0.06, 0.12, 0.2, 0.3, 0.45, 0.6, 0.8)
 OUT_BEFORE_HOP = (0.1, 0.25, 0.5, 0.75, 1.0)
 
 
 class Route(NamedTuple):
-    """A route: nodes out, then nodes back after a turn, or a hop to a node of another front.
+    """A route: a way out, then a turn and a way back, or a hop to a node of another front.
 
-    ``start`` is the first node, which is reached after ``delay_s``. A direction is 1 clockwise and
-    -1 anticlockwise. ``hop`` is -1 in a route without a hop.
+    ``start`` is the first node, which the vehicle reaches after ``delay_s``. ``out`` and ``back``
+    are numbers of nodes. Directions are 1 (clockwise) or -1 (anticlockwise). ``hop`` is the node
+    after the hop, or -1 in a route without a hop.
     """
 
     start: int
@@ -94,7 +95,7 @@ def evaluate(routes: list[Route], situation: Situation) -> Search:
 
 
 def routes_along(place: int, direction: int, delay_s: float, situation: Situation) -> list[Route]:
-    """Return routes that start in one direction at a node: laps, sweeps, and hops after a while."""
+    """Return routes from a node in one direction: laps, sweeps, and hops after part of a lap."""
     nodes = situation.nodes
     count = int(nodes.nodes_of_front[place])
     found = [Route(place, direction, delay_s)]
@@ -113,7 +114,7 @@ def routes_along(place: int, direction: int, delay_s: float, situation: Situatio
 
 
 def entries(place: int, situation: Situation) -> list[int]:
-    """Return the nodes at which to enter the other fronts: the nearest, and the least accurate."""
+    """Return the nodes at which to enter each other front: the nearest, and the least accurate."""
     nodes, found = situation.nodes, []
     for first in np.unique(nodes.first).tolist():
         if first == nodes.first[place]:

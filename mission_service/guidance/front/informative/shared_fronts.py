@@ -1,4 +1,4 @@
-"""The estimated fronts that all vehicles of a run share, and the routes that each vehicle flies."""
+"""The estimated fronts that all vehicles of a run share, and the visits that each vehicle plans."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,24 +9,24 @@ from mission_service.guidance.front.informative.legs import unburned_ground
 from mission_service.guidance.visibility_graph import VisibilityGraph
 
 Floats = NDArray[np.float64]
-# Shorter fronts are not flown.
+# Vehicles do not fly along shorter fronts.
 MIN_INNER_CELLS, MIN_OUTER_CELLS = 16.0, 6.0
 NO_VISITS = np.empty((0, 3))
 
 
 class SharedFronts:
-    """The latest fronts, and the planned visits of each vehicle; ``version`` counts the fronts."""
+    """The latest fronts, and the planned visits of each vehicle; ``version`` counts changes."""
 
     def __init__(self, cell_m: float) -> None:
-        """Begin without fronts on a grid with cells of this size."""
+        """Begin without fronts; ``cell_m`` is the size of the grid's cells in metres."""
         self._cell_m = cell_m
         self.fronts: list[Front] = []
         self.version = 0
-        self._unburned: VisibilityGraph | None = None  # of these fronts, once computed
+        self._unburned: VisibilityGraph | None = None  # None until the first use
         self._visits: dict[str, Floats] = {}
 
     def replace_fronts(self, event: FrontsEstimated) -> None:
-        """Replace the fronts."""
+        """Replace the fronts with those fronts of an event that are long enough."""
         fronts = [front_of(each, event.at_us / 1e6, self._cell_m) for each in event.fronts]
         self.fronts = [
             front
@@ -37,7 +37,7 @@ class SharedFronts:
         self._unburned = None
 
     def unburned(self) -> VisibilityGraph:
-        """Return the ground outside the fire, for flights from one front to another."""
+        """Return the visibility graph of the unburned ground, for flights between fronts."""
         if self._unburned is None:
             self._unburned = unburned_ground([front.points for front in self.fronts])
         return self._unburned
@@ -47,7 +47,7 @@ class SharedFronts:
         self._visits[vehicle] = visits
 
     def remove_vehicle(self, vehicle: str) -> None:
-        """Remove a vehicle that has left."""
+        """Remove the visits of a vehicle that has left."""
         self._visits.pop(vehicle, None)
 
     def visits_of_others(self, vehicle: str) -> Floats:

@@ -1,11 +1,12 @@
 """Compiled inner loops of ``loop_path``: they widen the tips of a closed curve to a given radius.
 
-The curve is an array (n, 2) of columns and rows. Burned ground is at the right of the direction of
-travel, as seen on a map; rows grow southwards. A tip of the burned ground is a right turn.
+The curve is an array (n, 2) of columns and rows. Burned ground is on the right of the direction of
+travel, as seen on a map; row numbers grow southwards. At a tip of the burned ground, the curve
+turns right.
 
-The excess of a place is the angle by which the curve turns right there, less the angle by which a
-circle of the given radius turns on the same length. A section is flyable if no part of it has a
-positive sum of the excess.
+The excess at a place is the angle by which the curve turns right there, less the angle by which a
+circle of the given radius turns over the same length. A vehicle can fly a section if no part of the
+section has a positive sum of the excess.
 """
 
 import math
@@ -14,7 +15,7 @@ import numpy as np
 
 from firemodel.compiled import kernel
 
-MAX_ROUNDS = 50  # each round leaves fewer tips; three are usual
+MAX_ROUNDS = 50  # each round leaves fewer tips; three rounds are usual
 
 
 @kernel
@@ -33,7 +34,7 @@ def widen_tips(curve, excess, radius, tolerance_rad):  # type: ignore[no-untyped
 
 @kernel
 def _widen_once(curve, excess, radius, tolerance_rad):  # type: ignore[no-untyped-def]
-    """Widen the sharpest part of each section between flat ones; return the number of circles."""
+    """Widen the sharpest part of each sharp section; return the number of circles."""
     size, circles = len(curve), 0
     start = _calmest(excess)
     most, best_first, best_count = 0.0, start, 0
@@ -52,7 +53,7 @@ def _widen_once(curve, excess, radius, tolerance_rad):  # type: ignore[no-untype
 
 @kernel
 def _widen(curve, excess, first, count, radius):  # type: ignore[no-untyped-def]
-    """Replace a section, or its sharpest part that a circle can contain, by an arc."""
+    """Replace a section, or the sharpest part that a circle can contain, by an arc."""
     count = min(count, len(curve) - 1)
     found, x, y = _circle_around(curve, first, count, radius)
     while not found:  # the section turns too far for one circle
@@ -66,7 +67,7 @@ def _widen(curve, excess, first, count, radius):  # type: ignore[no-untyped-def]
 
 @kernel
 def _steps_at(curve, place):  # type: ignore[no-untyped-def]
-    """Return the steps (x, y, x, y) from the place before to a place, and to the place after."""
+    """Return the steps (x, y, x, y) from the previous place, and to the next place."""
     size = len(curve)
     before, here, after = (place - 1) % size, place % size, (place + 1) % size
     x, y = curve[here, 0], curve[here, 1]
@@ -88,7 +89,7 @@ def _excess(curve, place, radius):  # type: ignore[no-untyped-def]
 
 @kernel
 def _calmest(excess):  # type: ignore[no-untyped-def]
-    """Return the place at which no sharp section of the closed curve is cut in two."""
+    """Return a place where the closed curve can be cut without cutting a sharp section in two."""
     total, most, calmest = 0.0, -np.inf, 0
     for place in range(len(excess)):
         total += excess[place]
@@ -101,7 +102,8 @@ def _calmest(excess):  # type: ignore[no-untyped-def]
 def _sharpest(excess, start, count):  # type: ignore[no-untyped-def]
     """Return the first place, the number of places and the excess of the sharpest section.
 
-    The section is the one with the largest sum (Kadane) among ``count`` places from ``start``.
+    This section has the largest sum of the excess (Kadane's algorithm) among ``count`` places from
+    ``start``.
     """
     size = len(excess)
     best, best_first, best_count = -np.inf, start, 1
@@ -117,9 +119,9 @@ def _sharpest(excess, start, count):  # type: ignore[no-untyped-def]
 
 @kernel
 def _circle_around(curve, first, count, radius):  # type: ignore[no-untyped-def]
-    """Return whether a circle contains a section, and the centre that is farthest behind it.
+    """Return whether a circle contains a section, and the centre farthest behind the section.
 
-    The centre is on the section's axis, which points outwards from the middle of its chord.
+    The centre is on the section's axis, which points outwards from the middle of the chord.
     """
     size = len(curve)
     axis_x, axis_y = 0.0, 0.0
@@ -151,9 +153,9 @@ def _circle_around(curve, first, count, radius):  # type: ignore[no-untyped-def]
 
 @kernel
 def _follow_circle(curve, excess, first, count, x, y, radius):  # type: ignore[no-untyped-def]
-    """Move a section to a circle, with the places before and after it inside the circle."""
+    """Move a section, and adjacent places inside a circle, to this circle."""
     size = len(curve)
-    last, most = first + count - 1, size - 1  # one place keeps the curve closed
+    last, most = first + count - 1, size - 1  # one place stays, so that the curve remains closed
     while last - first + 1 < most and _is_inside(curve, first - 1, x, y, radius):
         first -= 1
     while last - first + 1 < most and _is_inside(curve, last + 1, x, y, radius):

@@ -1,4 +1,4 @@
-"""The way of flying along estimated fronts of any shape, with routes chosen for information."""
+"""The way of flying along estimated fronts of any shape, on routes that reduce the error."""
 
 from dataclasses import replace
 

@@ -1,13 +1,14 @@
-"""Compiled inner loops of ``wind_turns``: Dubins paths to a goal that moves with minus the wind.
+"""Compiled inner loops of ``wind_turns``: Dubins paths to a goal that moves relative to the air.
 
-Relative to the air the vehicle flies at constant airspeed, and the goal moves with minus the wind.
-The vehicle meets the goal at the time at which a path to the goal's place at this time is as long
-as the distance that the vehicle has flown through the air.
+Relative to the air, the vehicle flies at constant airspeed, and the goal moves at the wind speed in
+the opposite direction. The vehicle meets the goal at the first time t at which the path to the
+goal's position at time t is as long as the distance that the vehicle has flown through the air.
 
-Headings are in radians, anticlockwise from x. Families of paths: a left or right turn, then a
-straight leg or an opposite turn, then a turn. Families that begin with a right turn are computed in
-a mirror: with y and headings negated, they begin with a left turn. ``pose`` is x and y of the goal
-from the start, and the headings at both; ``air`` is the airspeed, the turn radius and the wind.
+Headings are in radians, anticlockwise from x. Each family of paths consists of a left or right
+turn, then a straight leg or an opposite turn, then a turn. A family that begins with a right turn
+is computed as a mirror image: with y and headings negated, the family begins with a left turn.
+``pose`` holds x and y of the goal relative to the start, and the headings at the start and at the
+goal. ``air`` holds the airspeed, the turn radius, and x and y of the wind.
 """
 
 import math
@@ -19,11 +20,12 @@ from firemodel.compiled import kernel
 FAMILIES = ("LSL", "LSR", "LRL", "LRL", "RSR", "RSL", "RLR", "RLR")
 LSL, LSR, LONG, SHORT = range(4)  # long and short middle turn
 MIRRORED = 4  # families from this number on begin with a right turn
-ORDER = (0, 1, 4, 5, 2, 3, 6, 7)  # families without straight leg last: most are soon too late
-STEPS_PER_RADIUS = 16  # steps of the search in time, at least
+# Families without a straight leg are last, because most of them soon exceed the best time.
+ORDER = (0, 1, 4, 5, 2, 3, 6, 7)
+STEPS_PER_RADIUS = 16  # smallest time steps of the search per turn radius of relative motion
 BISECTIONS = 60
-TOLERANCE = 1e-6  # in turn radii
-JUMP = 3.0  # in turn radii; a jump of the length is a full circle or infinite
+TOLERANCE = 1e-6  # of a path's length, in turn radii
+JUMP = 3.0  # in turn radii; a path's length jumps by a full circle, or to infinity
 
 
 @kernel
@@ -31,7 +33,7 @@ def fastest(starts, goals, airspeed, radius, wind, found):  # type: ignore[no-un
     """Compute the fastest paths from starts to goals (n, 3): x, y and heading.
 
     Each row of ``found`` (n, 5) gets the path's time, its family, and the lengths of its three
-    parts through the air. ``wind`` (2) is the velocity of the air; it is slower than the airspeed.
+    parts through the air. ``wind`` (2) is the velocity of the air, slower than the airspeed.
     """
     for pair in range(len(starts)):
         found[pair, 0], found[pair, 1:] = np.inf, 0.0
@@ -57,17 +59,17 @@ def _meeting(family, pose, air, latest):  # type: ignore[no-untyped-def]
     straight = family in (LSL, LSR)
     time, end = 0.0, latest
     if straight:
-        # A path exists that is at most this long, plus the distance to the goal.
+        # The shortest path is longer than the distance to the goal by at most 7 pi turn radii.
         end = min(latest, (away + 7.0 * math.pi * radius) / (airspeed - speed))
-    elif away > 6.0 * radius:  # the goal has to come nearer
+    elif away > 6.0 * radius:  # too far for three turns until the goal has come nearer
         time = (away - 6.0 * radius) / speed if speed > 0.0 else latest
     spare = _spare(family, pose, air, time)
     while time < end:
         step = least_step
         if straight and 0.0 < spare < np.inf:
-            # The length of such a path changes no faster than the goal moves, except in jumps. Near
-            # the goal its bearing changes fast, and jumps may follow each other. The length of a
-            # path of three turns may change faster than the goal moves.
+            # The length of a path with a straight leg changes no faster than the goal moves, except
+            # in jumps. Near the goal, the goal's bearing changes fast, and several jumps may follow
+            # each other. The length of a path of three turns may change faster than the goal moves.
             x, y = pose[0] - wind_x * time, pose[1] - wind_y * time
             far = max(math.hypot(x, y) - 2.0 * radius, 0.0)
             step = max(step, min(spare, far / 8.0) / (airspeed + speed))
@@ -83,8 +85,9 @@ def _meeting(family, pose, air, latest):  # type: ignore[no-untyped-def]
 def _root_between(family, pose, air, early, spare_early, late, spare_late):  # type: ignore[no-untyped-def]
     """Return the time at which the path is as long as the distance flown; infinite if never.
 
-    ``spare_early`` and ``spare_late`` are the path's length less the distance flown. It may jump
-    once between both times, where a turn becomes a full circle or the path ceases to exist.
+    ``spare_early`` and ``spare_late`` are the path's length less the distance flown. This
+    difference may jump once between ``early`` and ``late``, where a turn becomes a full circle or
+    the path ceases to exist.
     """
     if abs(spare_early) <= TOLERANCE * air[1]:
         return early
@@ -107,7 +110,7 @@ def _root_between(family, pose, air, early, spare_early, late, spare_late):  # t
 
 @kernel
 def _root(family, pose, air, early, spare_early, late, spare_late):  # type: ignore[no-untyped-def]
-    """Return ``_root_between`` of a length without jump."""
+    """Return the result of ``_root_between`` for a path length without jumps."""
     falls = spare_early > 0.0
     if (spare_late > 0.0) == falls:
         return np.inf
@@ -125,20 +128,20 @@ def _root(family, pose, air, early, spare_early, late, spare_late):  # type: ign
 
 @kernel
 def _spare(family, pose, air, time):  # type: ignore[no-untyped-def]
-    """Return the length of the path to the goal's place at a time, less the distance flown."""
+    """Return the length of the path to the goal's position at a time, less the distance flown."""
     first, middle, last = _parts(family, pose, air, time)
     return first + middle + last - air[0] * time
 
 
 @kernel
 def _parts(family, pose, air, time):  # type: ignore[no-untyped-def]
-    """Return the lengths of the parts of the path to the goal's place; infinite if there is none.
+    """Return the lengths of the parts of the path to the goal; infinite if there is no path.
 
-    The families are those that begin with a left turn.
+    ``family`` is one of the families that begin with a left turn.
     """
     _, radius, wind_x, wind_y = air
     x, y, begin, end = pose
-    # From the centre of the first turn circle to the centre of the last one.
+    # The vector from the centre of the first turn circle to the centre of the last turn circle.
     last_side = -1.0 if family == LSR else 1.0
     across_x = x - wind_x * time - last_side * radius * math.sin(end) + radius * math.sin(begin)
     across_y = y - wind_y * time + last_side * radius * math.cos(end) - radius * math.cos(begin)
@@ -153,8 +156,9 @@ def _parts(family, pose, air, time):  # type: ignore[no-untyped-def]
         return radius * _turn(begin, heading), straight, radius * _turn(end, heading)
     if distance > 4.0 * radius:
         return np.inf, np.inf, np.inf
-    # The middle circle touches both others. If its centre is at the left of the line between them,
-    # the vehicle turns there by more than half a circle, otherwise by less.
+    # The middle circle touches both other circles. If the centre of the middle circle is to the
+    # left of the line from the first to the last centre, the middle turn is more than half a
+    # circle, otherwise less.
     aside = math.acos(distance / (4.0 * radius))
     aside = aside if family == LONG else -aside
     leave, join = bearing + aside + math.pi / 2.0, bearing - aside - math.pi / 2.0
@@ -167,6 +171,6 @@ def _parts(family, pose, air, time):  # type: ignore[no-untyped-def]
 
 @kernel
 def _turn(begin, end):  # type: ignore[no-untyped-def]
-    """Return the angle (0 to 2 pi) of a left turn from a heading to another."""
+    """Return the angle (0 to 2 pi) of a left turn from one heading to another."""
     turn = (end - begin) % math.tau
-    return 0.0 if turn > math.tau - 1e-9 else turn  # rounding
+    return 0.0 if turn > math.tau - 1e-9 else turn  # a turn of 0, rounded down

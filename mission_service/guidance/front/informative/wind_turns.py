@@ -1,9 +1,10 @@
-"""Computes the fastest paths between two oriented places in a constant wind.
+"""Computes the fastest paths between two poses (positions with headings) in a constant wind.
 
 The paths are trochoidal Dubins paths (Techy & Woolsey, "Minimum-time path planning for unmanned
-aerial vehicles in steady uniform winds", 2009): relative to the air they consist of turns at the
-turn radius and a straight leg. Places are x (east) and y (north) in metres, and the heading of the
-nose in radians, anticlockwise from east; over the ground the vehicle also drifts with the wind.
+aerial vehicles in steady uniform winds", 2009): relative to the air, the paths consist of turns at
+the turn radius and at most one straight leg. A pose is x (east) and y (north) in metres, and the
+heading of the nose in radians, anticlockwise from east. Over the ground the vehicle also drifts
+with the wind.
 """
 
 import math
@@ -20,7 +21,7 @@ Pose = tuple[float, float, float]  # x_m, y_m, heading_rad
 
 @dataclass(frozen=True, slots=True)
 class Flight:
-    """A vehicle's speed and turn radius through the air, and the air's velocity (x, y)."""
+    """A vehicle's airspeed, its turn radius relative to the air, and the wind's velocity (x, y)."""
 
     airspeed_m_s: float
     turn_radius_m: float
@@ -37,13 +38,13 @@ class Flight:
 def turn_times_s(starts: Floats, goals: Floats, flight: Flight) -> Floats:
     """Return the times (n) of the fastest paths from starts (n, 3) to goals (n, 3).
 
-    The search is in steps of time; a time is infinite if it finds no path.
+    The search proceeds in steps of time. The result is infinite if the search finds no path.
     """
     return fastest_paths(starts, goals, flight)[:, 0]
 
 
 def heading_on_course(course_rad: float, flight: Flight) -> float:
-    """Return the heading at which the vehicle's course over the ground is the given one."""
+    """Return the heading for a given course over the ground."""
     wind_x, wind_y = flight.wind_m_s
     to_left = wind_y * math.cos(course_rad) - wind_x * math.sin(course_rad)
     return course_rad - math.asin(to_left / flight.airspeed_m_s)
@@ -52,7 +53,7 @@ def heading_on_course(course_rad: float, flight: Flight) -> float:
 def fastest_paths(starts: Floats, goals: Floats, flight: Flight) -> Floats:
     """Return the fastest paths (n, 5) from starts (n, 3) to goals (n, 3); see ``turn_times_s``.
 
-    The columns are the duration, the place in ``FAMILIES``, and the lengths of the three parts
+    The columns are the duration, the index in ``FAMILIES``, and the lengths of the three parts
     through the air.
     """
     found = np.empty((len(starts), 5))

@@ -40,7 +40,7 @@ class User(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def may(self, role: Role) -> bool:
         """Return whether the user has this role.
 
-        Every user has ``look``, except one with only ``observe``, a detector. ``correct`` includes
+        Every user has ``look``, except a detector, which has only ``observe``. ``correct`` includes
         ``observe``.
         """
         if role == "look":
@@ -70,7 +70,7 @@ def new_token() -> str:
 def read_tokens(path: Path) -> tuple[User, ...]:
     """Return the users in a tokens file.
 
-    Raises MissionServiceError with the file, the place in it and the error.
+    Raises MissionServiceError, whose text contains the file, the place in the file and the error.
     """
     try:
         data = tomllib.loads(path.read_text(encoding="utf-8"))
@@ -95,7 +95,7 @@ def own_token(out: Path) -> str:
     """Return the token of a run without a tokens file; at the first start, create it in OUT/token.
 
     Only the user that runs the service may read the file. Raises MissionServiceError if other users
-    may read it, or if it contains no token.
+    may read the file, or if the file contains no token.
     """
     path = out / TOKEN_FILE
     try:
@@ -127,7 +127,7 @@ def own_token(out: Path) -> str:
 class Tokens:
     """The valid tokens: all tokens in a file, read again after each change, or the token of a run.
 
-    With ``named`` each token is personal and determines the name in requests; the token of a run is
+    If ``named``, each token is personal and determines the name in requests; the token of a run is
     not personal. If the file becomes invalid, the tokens stay valid and a warning is logged,
     because an error in the file must not lock out the operators during a fire.
     """

@@ -1,4 +1,4 @@
-"""Limits open connections: beyond a limit, the oldest without a valid token is closed."""
+"""Limits open connections: beyond a limit, the oldest one without a valid token is closed."""
 
 import ipaddress
 from collections import Counter
@@ -12,7 +12,7 @@ MAX_OF_AN_ADDRESS = 192  # connections of one client without a valid token
 
 @dataclass(eq=False)
 class ClientConnection:
-    """One accepted connection of ``client``. ``cut`` closes it."""
+    """One accepted connection of ``client``. ``cut`` closes the connection."""
 
     client: str
     cut: Callable[[], None]
@@ -26,7 +26,7 @@ class ClientConnections:
         self._proven: dict[ClientConnection, None] = {}
 
     def add(self, connection: ClientConnection) -> None:
-        """Add a connection; beyond a limit, close one of this client or of the busiest client."""
+        """Add a connection; beyond a limit, close the oldest of this or of the busiest client."""
         self._unproven[connection] = None
         counts = Counter(each.client for each in self._unproven)
         if counts[connection.client] > MAX_OF_AN_ADDRESS:
@@ -35,7 +35,7 @@ class ClientConnections:
             self._cut_oldest(max(counts, key=lambda client: counts[client]))
 
     def prove(self, connection: ClientConnection) -> None:
-        """Mark a connection as one with a valid token; mark at most ``MAX_PROVEN`` connections."""
+        """Mark a connection as one with a valid token, if fewer than ``MAX_PROVEN`` are marked."""
         if connection in self._unproven and len(self._proven) < MAX_PROVEN:
             del self._unproven[connection]
             self._proven[connection] = None

@@ -2,10 +2,10 @@
 
 The guard is a plain ASGI application, so that it covers all routes. The guard checks host and
 origin first, then token, rate and the number of concurrent requests. Clients without a token have a
-separate limit. No limit applies to an abort with a valid token, which the guard carries out as soon
-as its headers have arrived, nor to health routes. The guard reads bodies before it awaits anything
-else, so that a complete request is carried out even if its client has closed the connection
-meanwhile.
+separate limit. No limit applies to health routes, or to an abort with a valid token. The guard
+carries out an abort as soon as the headers of the request have arrived. The guard reads bodies
+before it awaits anything else, so that a complete request is carried out even if the client has
+closed the connection meanwhile.
 """
 
 import asyncio
@@ -35,8 +35,9 @@ HEALTH = ("/healthz", "/readyz")
 # Limits of concurrent requests with a token: for requests that read (including live streams), and
 # for requests that change something.
 MAX_READING, MAX_CHANGING = 64 + MAX_STREAMS, 64
-# Limits of concurrent requests of tokens with only the role observe: for all and for each of them.
-# Observations wait for the estimate; requests of operators must not wait for detectors.
+# Limits of concurrent requests of tokens with only the role observe: for all such tokens together,
+# and for each token. Observations wait for the estimate; requests of operators must not wait for
+# detectors.
 MAX_DETECTING, MAX_OF_A_DETECTOR = 24, 4
 # Limits of concurrent requests without a token (for the page): for all clients together, and for
 # each client.
@@ -180,7 +181,7 @@ class _DisconnectedError(Exception):
 
 
 async def _whole(scope: Scope, receive: Receive) -> Receive:
-    """Read a whole body; return a ``receive`` that passes it to the routes as one message.
+    """Read a whole body; return a ``receive`` that passes the body to the routes as one message.
 
     Raises ApiError 413 for a body that is too long, ApiError 408 for a body that does not arrive in
     time, and _DisconnectedError.
