@@ -101,7 +101,7 @@ REPLAY = Topic(
     build=lambda context, name: context.replay and context.replay(),
 )
 EVENT = Topic("event", Announcement, 1, False, "each announcement")
-COMMAND = Topic("cmd/{}", "command/1", 1, False, "sent by clients; the reply follows on `cmd/NAME/reply`")
+COMMAND = Topic("cmd/{}", "command/1", 1, False, "sent by clients; reply on `cmd/NAME/reply`")
 REPLY = Topic("cmd/{}/reply", Reply, 1, False, "each command received, once")
 TOPICS = (STATUS, TELEMETRY, VEHICLE, MISSION, FRONT, ALARM, REPLAY, EVENT, COMMAND, REPLY)
 PARTS = {topic.part: topic for topic in TOPICS if topic.part}
