@@ -20,13 +20,13 @@ def enter(
     """Append a state to the history of a state machine.
 
     Args:
-        history: The states so far, at least one; the last entry is the present state.
+        history: The states so far, at least one; the last entry is the current state.
         state: The state to enter.
         allowed: For each state, the states that may follow; a state without an entry is final.
         of: The object to which the state machine belongs, for the error message.
 
     Raises:
-        InvalidTransitionError: The state may not follow the present state.
+        InvalidTransitionError: The state may not follow the current state.
     """
     if state not in allowed.get(history[-1], ()):
         states = ", ".join(str(each.value) for each in history)

@@ -22,7 +22,7 @@ def window_at(top: int, left: int, shape: tuple[int, ...]) -> Place:
 
 
 def widened(cells: Mask, reach: int) -> Mask:
-    """Return a mask (y, x) of the cells within ``reach`` rows and columns of one of ``cells``."""
+    """Return a mask (y, x) of cells at most ``reach`` rows and columns from one of ``cells``."""
     size = 2 * reach + 1
     inside = np.pad(cells, (reach + 1, reach))
     count = inside.cumsum(axis=0, dtype=np.int32).cumsum(axis=1, dtype=np.int32)

@@ -57,7 +57,7 @@ class StartMission(Command, frozen=True, tag=True):
 
 
 class Hold(Command, frozen=True, tag=True):
-    """Loiter at the present position."""
+    """Loiter at the current position."""
 
 
 class Return(Command, frozen=True, tag=True):
@@ -65,7 +65,7 @@ class Return(Command, frozen=True, tag=True):
 
 
 class Orbit(Command, frozen=True, tag=True):
-    """Circle a place that is not in the mission; a negative radius means anticlockwise."""
+    """Orbit a position that is not in the mission; a negative radius means anticlockwise."""
 
     lat_deg: float
     lon_deg: float

@@ -91,8 +91,8 @@ class Observed(Event, frozen=True, tag=True, omit_defaults=True):
     these cells. With ``estimated`` the window is not from a camera: in a run without images,
     planners receive the part of the estimate that a camera would show.
 
-    ``position_sd_m`` is the standard deviation of the window's position, ``missed`` the share of
-    burned cells that are reported as unburned, and ``false_alarms`` the share of unburned cells
+    ``position_sd_m`` is the standard deviation of the window's position, ``missed`` the fraction of
+    burned cells that are reported as unburned, and ``false_alarms`` the fraction of unburned cells
     that are reported as burned. ``source`` names the sensor and is empty for the vehicle's camera.
     A ``distrusted`` window contradicts other sources and is used neither by planners nor by the
     estimate. ``file`` names the file from which the sensor read the window
@@ -153,7 +153,7 @@ class CameraDirection(Event, frozen=True, tag=True):
 
 
 class ImageCaptured(Event, frozen=True, tag=True):
-    """A camera took an image at this time and place (CAMERA_IMAGE_CAPTURED, CAMERA_FEEDBACK).
+    """A camera took an image at this time and position (CAMERA_IMAGE_CAPTURED, CAMERA_FEEDBACK).
 
     ``direction`` is the yaw, pitch and roll as in ``CameraDirection``, or None if unknown.
     ``file_name`` is empty, and ``taken_utc_us`` is None, if the camera does not report the value.
@@ -179,7 +179,7 @@ class CameraFieldOfView(Event, frozen=True, tag=True):
 class HotPointSeen(Event, frozen=True, tag=True):
     """A thermal image contains a temperature of at least ``hot_c`` (CAMERA_THERMAL_RANGE).
 
-    ``x`` and ``y`` are shares of the image's width and height, from the top left corner.
+    ``x`` and ``y`` are fractions of the image's width and height, from the top left corner.
     """
 
     temperature_c: Temperature
@@ -188,7 +188,7 @@ class HotPointSeen(Event, frozen=True, tag=True):
 
 
 class TargetTracked(Event, frozen=True, tag=True):
-    """The place of a tracked object (CAMERA_TRACKING_GEO_STATUS), sent at most once a second."""
+    """The position of a tracked object (CAMERA_TRACKING_GEO_STATUS), at most once a second."""
 
     lat_deg: Latitude
     lon_deg: Longitude

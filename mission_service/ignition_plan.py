@@ -28,9 +28,9 @@ class IgnitionPlan(msgspec.Struct, frozen=True, tag=True, tag_field="type"):
     """The plan of one ignition line, with all its inputs.
 
     ``digest`` is a hash of the burn unit, its fence, the people and the settings.
-    ``min_time_margin_s`` is the shortest time from the vehicle's passage of a place on the path, or
-    from a drop, until the fire arrives there. ``skipped`` holds the places (lat, lon) on the line
-    where a drop is not safe.
+    ``min_time_margin_s`` is the shortest time from the vehicle's passage of a position on the path,
+    or from a drop, until the fire arrives there. ``skipped`` holds the positions (lat, lon) on the
+    line where a drop is not safe.
     """
 
     vehicle: str

@@ -28,7 +28,7 @@ class State(Message, frozen=True, tag=True):
     anticlockwise, as in MAVLink; the paper's orbit has a radius of -150. A UAV that returns home
     has no virtual agent. A UAV is ``settled`` after some time on an unchanged orbit. ``goal_*`` is
     the goal of the virtual agent, or None for a UAV that stays on its orbit. ``planned_*`` is the
-    altitude to which the UAV climbs or descends, or None if that is the present altitude.
+    altitude to which the UAV climbs or descends, or None if that is the current altitude.
     ``number`` counts the sender's ``State`` messages.
     """
 
@@ -82,9 +82,10 @@ class Digest(Message, frozen=True, tag=True):
 
 
 class Difference(Message, frozen=True, tag=True):
-    """Cells that other UAVs' maps lack, as runs: (first cell, count, seen_at_us, burning).
+    """Cells that other UAVs' maps lack, run-length encoded.
 
-    For each tile in ``whole``, the runs contain every known cell of the tile.
+    A run is (first cell, count, seen_at_us, burning). For each tile in ``whole``, the runs contain
+    every known cell of the tile.
     """
 
     cells: tuple[tuple[Number, Number, Us, bool], ...]

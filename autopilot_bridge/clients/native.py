@@ -52,8 +52,8 @@ class NativeClient:
         heartbeat_timeout_us: The link counts as lost after this time without a HEARTBEAT.
         timing: Timeouts and retries of transfers and commands.
         rates_hz: Message rates to request when the vehicle connects, by message id.
-        shared: The outgoing messages of all clients on one link; the owner of the link also sends
-            the heartbeats. None means that the client is alone on its link.
+        shared: The outgoing messages of all clients on the same link; the owner of the link also
+            sends the heartbeats. None means that the client is alone on its link.
         max_speed_m_s: Positions that imply a higher speed are discarded; None means no limit.
     """
 

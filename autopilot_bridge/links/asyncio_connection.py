@@ -36,7 +36,7 @@ class Peer(Protocol):
 
 @runtime_checkable
 class RemotesPeer(Protocol):
-    """A peer that distinguishes the remotes of a link by their names."""
+    """A client or mock that distinguishes the remote endpoints of a link by their names."""
 
     called: str  # the remote to which the link connects; "" if it listens
 
@@ -115,7 +115,7 @@ class Connection:
             raise self._failure
 
     def flush(self) -> None:
-        """Send the peer's frames and set its timer."""
+        """Send the peer's frames and set the timer."""
         if self._by_remote is not None:
             for remote, frame in self._by_remote.addressed_to_send():
                 self._send([frame], remote)

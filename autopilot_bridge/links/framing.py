@@ -1,4 +1,4 @@
-"""Cuts the bytes from one remote into complete MAVLink frames, and skips noise.
+"""Splits the byte stream from one remote into complete MAVLink frames, and skips noise.
 
 After a false start marker, pymavlink's parser discards as many bytes as the false header states,
 including valid frames. This parser consumes the bytes of a frame only if the checksum is correct;
@@ -40,8 +40,8 @@ class Framer:
     def feed_datagram(self, data: bytes) -> list[bytes]:
         """Return completed frames; a datagram that begins with a frame ends an incomplete frame.
 
-        The rest of the incomplete frame may have been in a lost datagram. Waiting for its full
-        length would delay later frames.
+        The rest of the incomplete frame may have been in a lost datagram. Waiting for the frame's
+        full length would delay later frames.
         """
         before: list[bytes] = []
         if self._rest and data[:1] in (STARTS[:1], STARTS[1:]) and frame_length(data, 0, True):

@@ -181,7 +181,7 @@ class Timestamps:
         return self._last
 
     def present(self) -> int:
-        """Return the present timestamp, with which received timestamps are compared."""
+        """Return the current timestamp, with which received timestamps are compared."""
         return max(self._last, ticks_of(self._wall_us()))
 
     def close(self) -> None:

@@ -1,4 +1,4 @@
-"""Contains the common parts of mission transfers: timing, results, and matching of messages."""
+"""Contains what all mission transfers use: timing, results, and matching of messages."""
 
 from dataclasses import dataclass
 from typing import Literal

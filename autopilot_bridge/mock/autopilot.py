@@ -179,7 +179,7 @@ class MockAutopilot:
         self._send(message)
 
     def reboot(self, now_us: int) -> None:
-        """Restart the autopilot at the present position, disarmed; lists remain, transfers end."""
+        """Restart the autopilot at the current position, disarmed; lists remain, transfers end."""
         self.flight = self.flight.rebooted()
         self.flight.return_m = self.parameters.return_m
         self.missions.forget_transfers()

@@ -15,8 +15,8 @@ class Faults:
 
     ``refuse`` contains, by mission type and item, the MAV_MISSION_RESULT of items to reject.
     ``silent_after`` is the number of messages that the autopilot still sends in the mission
-    protocol. ``loss`` and ``duplication`` are shares of the frames in each direction. ``delay_s``
-    and ``jitter_s`` also apply to each direction; jitter reorders frames.
+    protocol. ``loss`` and ``duplication`` are fractions of the frames in each direction.
+    ``delay_s`` and ``jitter_s`` also apply to each direction; jitter reorders frames.
     """
 
     refuse: dict[tuple[int, int], int] = field(default_factory=dict)

@@ -28,7 +28,7 @@ from autopilot_bridge.mock.stack_constants import stack_constants_of
 Mode = Literal["idle", "mission", "hold", "rtl", "guided", "takeoff", "land", "orbit"]
 
 GLIDES_AT_M_S = 3.0  # minimum sink rate of a vehicle whose engine has failed
-GLIDES_BY = 0.7  # airspeed after an engine failure, as a share of the airspeed before
+GLIDES_BY = 0.7  # airspeed after an engine failure, as a fraction of the airspeed before
 # A copter lands at its estimated position after this time without satellites, with the default
 # parameters of the stacks (FS_EKF_ACTION = 1; PX4 without a remote control).
 BLIND_AFTER_S = {("ardupilot", "copter"): 8.0, ("px4", "copter"): 5.0}
@@ -110,7 +110,7 @@ class FlightModel(Body):
     # Commands ---------------------------------------------------------------------------------
 
     def set_mode(self, mode: Mode, now_s: float) -> None:
-        """Change the mode; a hold is at the present position."""
+        """Change the mode; a hold is at the current position."""
         motion, before = self.motion, self.mode
         self.mode = mode
         if mode != before:

@@ -1,4 +1,4 @@
-"""Contains the common parts of both stacks' mission servers, the autopilot's side of the protocol.
+"""Contains the autopilot's side of the mission protocol, as far as both stacks share it.
 
 ``ardupilot_server.py`` and ``px4_server.py`` add the behaviour of each stack.
 """

@@ -19,7 +19,7 @@ Output = tuple[int, str, int, float]  # at_us since boot, kind, number, value
 
 @dataclass(slots=True)
 class Payload:
-    """The history of switched ``outputs``, and the present values of the 16 servo outputs.
+    """The history of switched ``outputs``, and the current values of the 16 servo outputs.
 
     The value of a servo is its pulse width in microseconds. Relays and sprayers have the value 0 or
     1, grippers 0 (open) or 1 (closed), actuators -1 to 1. The value of a winch is in metres, or in

@@ -101,7 +101,7 @@ class VehicleMonitor:
         return min(self._alarms.values()) if self._alarms else None
 
     def end_alarms(self, now_us: int) -> list[ClientEvent]:
-        """End the alarms whose cause has not occurred for ``ALARM_ENDS_US``."""
+        """End each alarm ``ALARM_ENDS_US`` after the last message that caused it."""
         if not self._alarms:
             return []
         ended = [kind for kind, ends_us in self._alarms.items() if now_us >= ends_us]

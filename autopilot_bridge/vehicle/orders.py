@@ -131,7 +131,7 @@ def land(stack: Stack) -> Steps:
 def reposition(stack: Stack, lat_deg: float, lon_deg: float, altitude_amsl_m: float) -> Steps:
     """Return the step that flies to a position and holds there; planes keep the loiter radius."""
     place = _place(lat_deg, lon_deg, altitude_amsl_m)
-    # For ArduPilot, radius 0 means the present radius. For PX4, yaw NaN means its default.
+    # For ArduPilot, radius 0 means the current radius. For PX4, yaw NaN means its default.
     params = (-1.0, CHANGE_MODE, 0.0, NAN if stack.name == "px4" else 0.0)
     return (Step(mavlink.MAV_CMD_DO_REPOSITION, params, place),)
 

@@ -101,7 +101,7 @@ def parameter_of(message: Message, bytewise: bool) -> Parameter:
 
 
 class _ParameterExchange:
-    """The common parts of reads and writes: sender, deadline, tries, result."""
+    """The base class of reads and writes: sender, deadline, tries, result."""
 
     def __init__(self, target: tuple[int, int], bytewise: bool, timing: TransferTiming) -> None:
         self.result: ParametersResult | None = None

@@ -106,7 +106,7 @@ class BootClock:
         return round(boot_us - self._latest_us - self.rate * (now_us - self._received_us))
 
     def judge(self, boot_us: int, now_us: int) -> TimeVerdict:
-        """Return the verdict on a time; ``rebooted`` and ``changed`` begin a new series."""
+        """Classify a time since boot; ``rebooted`` and ``changed`` begin a new series."""
         if self._latest_us is None:
             self._begin(boot_us, now_us)
             return "kept"
@@ -211,7 +211,7 @@ class Reach:
         self._last = self._anchor = self._other = None
 
     def judge(self, place: Position, rate: float) -> PlaceVerdict:
-        """Return the verdict on a position; ``rate`` is ``BootClock.rate``."""
+        """Classify a position; ``rate`` is ``BootClock.rate``."""
         if self._speed_m_s is None:
             return "kept"
         last, anchor = self._last, self._anchor

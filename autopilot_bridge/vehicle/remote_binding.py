@@ -39,7 +39,7 @@ class RemoteBinding:
         self._alarm_until_us: int | None = None
 
     def accepts(self, remote: str, is_heartbeat: bool, now_us: int) -> bool:
-        """Return whether to use a message from ``remote`` that has the vehicle's system id.
+        """Return whether a message with the vehicle's system id is accepted from ``remote``.
 
         ``is_heartbeat`` is True for a HEARTBEAT of a supported autopilot.
         """

@@ -141,7 +141,7 @@ class Job:
 
     @property
     def phase(self) -> Phase:
-        """The present phase."""
+        """The current phase."""
         return self.history[-1]
 
     def enter(self, phase: Phase, exchange: Transfer | None = None) -> None:

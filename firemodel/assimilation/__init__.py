@@ -6,8 +6,8 @@
 ``learned_inputs`` estimates the errors of wind and spread rates from observed fronts, and
 ``front_lines`` computes the fronts of the estimated fire.
 
-For the fires of prescribed burns, an observation is a place, a time and a state (burned, burning or
-unburned). ``camera_front`` computes such observations from camera images, and ``map_drawing`` from
-the drawings of operators. ``gaussian_process`` and ``distance_weighting`` correct a simulation with
-these observations; ``corrected_cells`` corrects a cellular fire.
+For the fires of prescribed burns, an observation is a position, a time and a state (burned, burning
+or unburned). ``camera_front`` computes such observations from camera images, and ``map_drawing``
+from the drawings of operators. ``gaussian_process`` and ``distance_weighting`` correct a simulation
+with these observations; ``corrected_cells`` corrects a cellular fire.
 """

@@ -137,9 +137,9 @@ def corrected_arrival(
 
     To use the method of Beachly et al. with a length of 30 m, pass as ``method`` the function
     ``lambda fire, observations: PaperCorrected(fire, observations, 30.0)``. The simulated fire must
-    extend beyond the observed places. A cell that the fire never reaches stays unburned unless an
-    observation states that the cell is burned or burning. The cell then burns from the time of the
-    earliest such observation.
+    extend beyond the observed positions. A cell that the fire never reaches stays unburned unless
+    an observation states that the cell is burned or burning. The cell then burns from the time of
+    the earliest such observation.
     """
     observations = np.asarray(observations, dtype=np.float64).reshape(-1, 4)
     fire = ArrivalRaster(arrival_s, landscape)

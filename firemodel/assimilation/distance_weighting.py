@@ -1,11 +1,11 @@
 """Correct a simulated fire with observations, as in section IV of Beachly et al.
 
 The error e of an observation is the delay of the observed fire behind the simulated fire
-(``point_observations.errors_s``). At another place, this error has a weight k, which is a squared
-exponential of the distance. The correction at a place is Σ k e / max(1, Σ k). Near many
+(``point_observations.errors_s``). At another position, this error has a weight k, which is a
+squared exponential of the distance. The correction at a position is Σ k e / max(1, Σ k). Near many
 observations, the correction is the weighted mean of their errors; far from all observations the
 correction is 0. The weight does not depend on the time of an observation, so two observations at
-one place are averaged.
+the same position are averaged.
 """
 
 import math
@@ -41,7 +41,7 @@ class PaperCorrected:
     A burned or unburned observation that agrees with the simulation has no weight. At a place that
     the simulated fire never reaches, no arrival time can be corrected. Such a place burns from the
     time of the earliest burned or burning observation within ``length_m``, if the simulated fire
-    never reaches the place of that observation either.
+    never reaches the position of that observation either.
     """
 
     def __init__(self, fire: Simulation, observations: Floats, length_m: float) -> None:
@@ -146,7 +146,7 @@ def _powers(values, between):  # type: ignore[no-untyped-def]
 
 @kernel
 def _polynomial(c, xs, ys, middle_x, middle_y, per_x, per_y, found):  # type: ignore[no-untyped-def]
-    """Write Σ c[i, j] y^i x^j at each place into ``found``.
+    """Write Σ c[i, j] y^i x^j at each position into ``found``.
 
     Here x and y are scaled to the range from -1 to 1.
     """

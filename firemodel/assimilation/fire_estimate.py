@@ -48,10 +48,10 @@ from firemodel.spread.local_spread import burnable_codes
 
 BARRIER = 99  # fuel code of held cells
 MODEL_ERROR_M = 25.0  # standard deviation of distances caused by local errors of the fuel map
-MODEL_ERROR_SHARE = 0.25  # further standard deviation, as a share of the distance
+MODEL_ERROR_SHARE = 0.25  # further standard deviation, as a fraction of the distance
 REPEATED = 2.0  # factor of the variance, because neighbouring blocks have common errors
 SHRUNK_ERRORS = 6.0  # burned ground beyond this many sd outside a later perimeter stays burned
-MIN_KEPT = 0.5  # share of the burned area that a later perimeter must contain
+MIN_KEPT = 0.5  # fraction of the burned area that a later perimeter must contain
 # Travel times are simulated up to these multiples of the length of the forecast, the second if the
 # forecast is longer than ``LONG_S``.
 MAX_REACH, MAX_REACH_LONG, LONG_S = 5.0, 1.5, 4 * 3600.0
@@ -95,7 +95,7 @@ class FireEstimate:
             precise: The argument of AnyAngleFire with this name.
 
         Raises:
-            FireModelError: There are fewer than two members, or an ignition cannot burn.
+            FireModelError: There are fewer than two members, or an ignition's cell is not burnable.
         """
         own = settings or EstimateSettings()
         if own.members < 2:

@@ -3,10 +3,10 @@
 A front is a closed line between burned and unburned ground. A fire has an outer front, and an inner
 front around each unburned island; spot fires have fronts of their own.
 
-A part of a front was observed when a sighting (an image of a cell) showed the place of the front at
-that time. Since then the estimated front has moved on. Therefore the time since observation is that
-of the earlier place of the front. ``last_seen_s`` searches for this place backwards from the front,
-in the burned ground.
+A part of a front was observed when a sighting (an image of a cell) showed the position of the front
+at that time. Since then the estimated front has moved on. Therefore the time since observation is
+that of the earlier position of the front. ``last_seen_s`` searches for this position backwards from
+the front, in the burned ground.
 """
 
 from typing import NamedTuple
@@ -26,7 +26,7 @@ MAX_POINTS = 600  # maximum number of points of all fronts; gives a journal line
 MIN_SPACING_CELLS = 1.0
 MIN_LENGTH_CELLS = 4.0  # shorter fronts, such as islands of one cell, are omitted
 GROUP_CELLS = 8  # parts of a front in a square of this size are one measurement
-BACK_CELLS = 60  # distance behind the front up to which its earlier places are searched
+BACK_CELLS = 60  # distance behind the front up to which its earlier positions are searched
 BESIDE_CELLS = 1.5  # a sighting within this distance of the front at that time shows the front
 MIN_SPEED_CELLS_S = 1e-4
 
@@ -43,7 +43,7 @@ class FrontLine(NamedTuple):
 
 
 def front_lines(fire: Fire, seen_s: Floats, learned: LearnedInputs) -> list[FrontLine]:
-    """Return the fronts of a fire at its present time, the longest first.
+    """Return the fronts of a fire at its current time, the longest first.
 
     Args:
         fire: The estimated fire.
@@ -124,8 +124,8 @@ def last_seen_s(
         _cells(cols - back * parts.east, arrival_s.shape[1]),
     )
     seen, arrived = seen_s[at], arrival_s[at]
-    # Distance of the front beyond the place when the place was seen; negative before the front
-    # arrived.
+    # Distance of the front beyond the position when the position was seen; negative before the
+    # front arrived.
     with np.errstate(invalid="ignore"):
         past_cells = (seen - arrived) * np.maximum(speed_cells_s, MIN_SPEED_CELLS_S)
     # The search backwards ends where the fire started, and does not reach the other side of the
@@ -133,7 +133,7 @@ def last_seen_s(
     earlier_s = np.minimum.accumulate(arrived, axis=0)
     step_s = 1.5 / np.maximum(speed_cells_s, MIN_SPEED_CELLS_S)
     comes_from = np.logical_and.accumulate(arrived <= earlier_s + step_s, axis=0)
-    # A sighting at the present place of the front shows a front that has not moved since the
+    # A sighting at the current position of the front shows a front that has not moved since the
     # sighting.
     shows = (
         (past_cells >= -BESIDE_CELLS) & ((past_cells <= BESIDE_CELLS) | (back <= 1.0)) & comes_from

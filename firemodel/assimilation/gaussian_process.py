@@ -1,21 +1,21 @@
-"""Correct a simulated fire with observations, by Gaussian-process regression along its paths.
+"""Correct a simulated fire with observations, by Gaussian-process regression along paths.
 
 An error in the rate of spread accumulates along the path from the source. Therefore the regression
 does not estimate arrival times but w, the logarithm of a factor of the slowness (time per
 distance). A path that takes t seconds in the simulation takes t · mean(exp w) in the corrected
-fire. An observation constrains w along the whole path from the ignition to the observed place and,
-by correlation, along the path beyond this place. In the corrected fire no place burns before the
+fire. An observation constrains w along the whole path from the ignition to the observed position
+and, by correlation, along the path beyond it. In the corrected fire no place burns before the
 ignition, and arrival times increase along each path.
 
 The unknowns are the rates and the wind of the simulation (``paths.AdjustableFire``), and a field of
-w over places, which represents errors in fuel and terrain. All unknowns have Gaussian priors and
+w over positions, which represents errors in fuel and terrain. All unknowns have Gaussian priors and
 are estimated together (Gauss-Newton, MAP). The position error of an observation, multiplied by the
-slowness at this place, is a time error, which is combined with ``TIME_SD_S``. The likelihood of a
-burning observation is a Student's t distribution, so that a few outliers have little influence. The
-likelihood of a burned or unburned observation is the probability of its state (Laplace's method).
-From a few candidates for the prior sd and length of the field, those with the highest marginal
-likelihood (of the linearised regression) are used. See Rasmussen & Williams 2006, chapters 2, 3 and
-5.
+slowness at this position, is a time error, which is combined with ``TIME_SD_S``. The likelihood of
+a burning observation is a Student's t distribution, so that a few outliers have little influence.
+The likelihood of a burned or unburned observation is the probability of its state (Laplace's
+method). From a few candidates for the prior sd and length of the field, those with the highest
+marginal likelihood (of the linearised regression) are used. See Rasmussen & Williams 2006, chapters
+2, 3 and 5.
 """
 
 import math
@@ -102,8 +102,8 @@ class GaussianCorrected:
     """A fire that is corrected with observations (n, 4), and is unchanged without observations.
 
     The columns of the observations are x, y, at_s and state. The computing time increases with n³,
-    which limits n to some hundreds. Observations at places that the simulated fire never reaches
-    are ignored, because fire at such a place needs another source.
+    which limits n to some hundreds. Observations at positions that the simulated fire never reaches
+    are ignored, because fire at such a position needs another source.
 
     ``near`` is an earlier correction of the same fire by nearly the same observations. If ``near``
     is given, the fit uses the prior of ``near`` and begins at the result of ``near``. The fit then
@@ -164,7 +164,7 @@ class GaussianCorrected:
 
     @cached_property
     def _covariance(self) -> Floats:
-        """The posterior covariance (parameters, parameters) of the rates and the field's nodes."""
+        """The posterior covariance of the rates and the field's nodes (parameters, parameters)."""
         prior, a = self._prior, self._a
         inner = a @ a.T + np.diag(1.0 / self._w)
         half: NDArray[np.floating] = a

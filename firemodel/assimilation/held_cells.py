@@ -11,7 +11,7 @@ from firemodel.assimilation.observation import BURNED, UNBURNED, UNSEEN
 
 HELD_S = 400.0  # a cell with at least this evidence counts as held in forecasts
 MAX_GAP_S = 1200.0  # a longer time between two sightings counts as this time
-LIKELY = 0.15  # members agree with an unburned cell if a smaller share of them burned it
+LIKELY = 0.15  # members agree with an unburned cell if a smaller fraction of them burned it
 FORGOTTEN_S = 600.0  # time in which evidence falls to 1/e while the members agree
 CLOSING_CELLS = 2  # gaps of up to twice this width in a held line are closed
 FRONT_CELLS = 21  # side of the window in which half of the front must be held

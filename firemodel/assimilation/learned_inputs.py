@@ -1,4 +1,4 @@
-"""Learn the errors of wind and spread rates from the places at which a front is observed.
+"""Learn the errors of wind and spread rates from the positions at which a front is observed.
 
 An extended Kalman filter estimates the error of the wind direction, the logarithm of a factor of
 the wind speed, and the logarithms of factors of the spread rate: of all fuels, of each fuel, and of
@@ -37,10 +37,10 @@ DRIFT_HOUR = (0.1, 0.2, 0.25, 0.0, 0.2)
 BLOCK_CELLS, MAX_BLOCKS = 8, 20  # smallest side of a block; largest number of blocks along the grid
 ALIKE_CELLS = 8.0  # correlation length of the errors of blocks
 # Error of a distance between an estimated and an observed front: the positions of both fronts, and
-# the place at which the front was last observed, are known with an error of about a cell. With a
+# the position at which the front was last observed, are known with an error of about a cell. With a
 # smaller value, the filter would learn from this noise.
 POSITION_SD_CELLS = 1.4
-MODEL_ERROR = 0.2  # error of an advance for other reasons, as a share of the advance
+MODEL_ERROR = 0.2  # error of an advance for other reasons, as a fraction of the advance
 MIN_ADVANCE_CELLS = 0.3  # after a shorter advance nothing is learned
 MAX_STEP_SD = 3.0  # larger differences count as this many standard deviations
 MIN_RATE, MAX_RATE = 0.1, 10.0
@@ -110,7 +110,7 @@ class LearnedInputs:
     def speed_sds_m_s(
         self, parts: FrontParts, speeds_m_s: Floats, weather: WeatherStream, at_s: float
     ) -> Floats:
-        """Return the standard deviations (n) of the speeds (n) of parts of a front."""
+        """Return the standard deviations (n) of the speeds (n) at which parts of a front move."""
         places, change = self.sensitivities(parts, weather, at_s)
         covariance = self.covariance[places[:, :, None], places[:, None, :]]
         variance = np.einsum("ni,nij,nj->n", change, covariance, change)
@@ -119,7 +119,7 @@ class LearnedInputs:
     def sensitivities(
         self, parts: FrontParts, weather: WeatherStream, at_s: float
     ) -> tuple[Integers, Floats]:
-        """Return the derivatives of the logarithm of the speed with respect to its inputs.
+        """Return the derivatives of the speed's logarithm with respect to the inputs.
 
         Returns:
             The indices (n, 5) in the state of the five inputs on which the speed depends, and the
@@ -226,7 +226,7 @@ class LearnedInputs:
 
 @lru_cache(maxsize=4)
 def _block_correlation(blocks: tuple[int, int], side: int) -> Floats:
-    """Return the correlation (n, n) of the errors of blocks (rows, columns) of ``side`` cells."""
+    """Return the error correlation (n, n) between blocks (rows, columns) of ``side`` cells."""
     row, col = (side * each.ravel() for each in np.indices(blocks))
     away = np.hypot(row[:, None] - row, col[:, None] - col)
     return np.asarray(np.exp(-away / ALIKE_CELLS))

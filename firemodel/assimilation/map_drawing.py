@@ -54,7 +54,7 @@ def observations_of(
 
 
 def _along(line: shapely.LineString, spacing_m: float) -> Floats:
-    if line.length == 0.0:  # all points are the same place
+    if line.length == 0.0:  # all points coincide
         return shapely.get_coordinates(line)[:1]
     found: Floats = shapely.get_coordinates(shapely.segmentize(line, spacing_m))
     return found

@@ -58,8 +58,8 @@ def members_of(draws: list[Draw], reported: Weather) -> Members:
     """Return the members for draws of the errors, in the reported weather.
 
     The factor of the moisture becomes a factor of the spread rate: if the moisture of dead fuel
-    rises by a small share, rates fall by about the same share (Rothermel 1972, for moistures of 5
-    to 10 %).
+    rises by a small fraction, rates fall by about the same fraction (Rothermel 1972, for moistures
+    of 5 to 10 %).
     """
     wind, rates = [], []
     for draw in draws:

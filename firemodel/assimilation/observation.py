@@ -12,8 +12,8 @@ from firemodel.landscape.rasterise import mask_of
 UNSEEN, UNBURNED, BURNED = 0, 1, 2
 FILTER_CELLS = 3  # side of the window of the majority filter
 MIN_SEEN = 6
-# From this share of false alarms on, single wrong cells often pass the filter. A burned cell then
-# also needs burned cells in a window of 5 x 5, unless clearly most cells in its own window are
+# From this fraction of false alarms on, single wrong cells often pass the filter. A burned cell
+# then also needs burned cells in a window of 5 x 5, unless clearly most cells in its own window are
 # burned.
 NOISY, CLEARLY, WIDER_CELLS, MIN_AROUND = 0.05, 7, 5, 5
 
@@ -26,8 +26,8 @@ class Observation(NamedTuple):
     left: int
     state: NDArray[np.uint8]  # (y, x) UNSEEN, UNBURNED or BURNED
     position_sd_m: float = 10.0  # standard deviation of the position, common to the whole window
-    missed: float = 0.0  # share of the burned cells that are reported as unburned
-    false_alarms: float = 0.0  # share of unburned cells that are reported as burned
+    missed: float = 0.0  # fraction of the burned cells that are reported as unburned
+    false_alarms: float = 0.0  # fraction of unburned cells that are reported as burned
     source: str = ""
     area: Any = None  # the burned area of a mapped perimeter; shapely, in the landscape's CRS
 

@@ -3,7 +3,7 @@
 The part of the landscape nearest to a segment of the front is the segment's ground. The ratio
 between two perimeters is the time in which the model burns as much of that ground as really burned,
 divided by the length of the interval. The logarithm of the ratio is modelled as a Gaussian process
-over place, direction of spread and time. The mean of the process falls with the length of the
+over position, direction of spread and time. The mean of the process falls with the length of the
 forecast and with the age of the fire. A segment that does not move although the model expects a
 movement is *held*. The probability that the segment is held again is computed from the counts of
 held segments near the segment and along the whole front.
@@ -53,7 +53,7 @@ class RatePrior:
     forecast_sd: float = 0.11
     held: float = 0.12  # prior probability that a segment is held
     held_weight: float = 18.0  # weight of ``held``, in segments of 300 m
-    held_common_weight: float = 1.3  # weight of the held share of the whole front
+    held_common_weight: float = 1.3  # weight of the held fraction of the whole front
     held_m: float = 340.0
     held_fades_h: float = 5.4
 
@@ -76,7 +76,7 @@ class SegmentRates(NamedTuple):
 
 
 class _Samples(NamedTuple):
-    """The samples of segments (n): each has a value at a place, direction and time."""
+    """The samples of segments (n): each has a value at a position, direction and time."""
 
     centre_m: Floats
     outward: Floats
@@ -89,7 +89,7 @@ class _Samples(NamedTuple):
 
 
 def segments_of(burned: Mask, cell_m: float) -> Segments:
-    """Return the segments of the front of a burned area (y, x), including outlines of islands."""
+    """Return the segments of a burned area's front (y, x), including outlines of islands."""
     cells = np.argwhere(burned & ~binary_erosion(burned, border_value=1))
     side = max(MIN_SEGMENT_CELLS, len(cells) // MAX_SEGMENTS)
     blocks = cells // side
@@ -211,7 +211,7 @@ class FrontRates:
         return prior.common_sd**2 + prior.direction_sd**2 + prior.local_sd**2
 
     def _covariance(self, one: _Samples, other: _Samples) -> Floats:
-        """Return the covariance (n, m) of the log ratios of two sets of segments."""
+        """Return the covariance (n, m) between the log ratios of two sets of segments."""
         prior = self._prior
         apart_h = np.abs(one.at_s[:, None] - other.at_s[None, :]) / HOUR_S
         local = np.exp(-_squares(one, other) / (2.0 * prior.local_m**2))

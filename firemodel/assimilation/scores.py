@@ -43,7 +43,7 @@ def _outline(area: Any) -> Floats:
 
 
 def coverage(probability: Floats, observed: Mask) -> float | None:
-    """Return the share of the observed front where the forecast probability is 10 to 90 %.
+    """Return the fraction of the observed front where the forecast probability is 10 to 90 %.
 
     The front consists of the common sides of burned and unburned cells. A side counts if the
     forecast probability is at least 10 % in its burned cell and at most 90 % in its unburned cell.
@@ -53,7 +53,7 @@ def coverage(probability: Floats, observed: Mask) -> float | None:
         observed: (y, x) the burned cells.
 
     Returns:
-        The share, or None without a front.
+        The fraction, or None without a front.
     """
     inside = total = 0
     for axis in (0, 1):

@@ -1,5 +1,5 @@
 """Compute fires that grow as ellipses from point and line ignitions on level ground.
 
-``ellipse`` computes arrival times at any place, ``point_observations`` compares these times with
+``ellipse`` computes arrival times at any position, ``point_observations`` compares these times with
 observations.
 """

@@ -85,7 +85,7 @@ class EllipseFire:
     """
 
     def __init__(self, spreads: Sequence[Spread], sources: Floats) -> None:
-        """Raise FireModelError for invalid rates, times or places."""
+        """Raise FireModelError for invalid rates, times or positions."""
         self.spreads = tuple(spreads)
         self.sources = _checked(sources)
         self._table = _table(self.spreads)

@@ -1,4 +1,4 @@
-"""Compute the arrival time from one source, and its minimum over all sources, for ``ellipse``.
+"""Compute the arrival time from one source, and the earliest over all sources, for ``ellipse``.
 
 For each point, only those sources are compared whose fire may arrive first somewhere in the point's
 tile. At each level of the quadtree (``tiles``), the sources of a square are selected from the
@@ -248,7 +248,7 @@ def _reach_from(x, y, source, period, limit_s, normals, number, table):  # type:
 
 @kernel
 def _limit(limit_s, table, bounds):  # type: ignore[no-untyped-def]
-    """Set ``bounds.limit_m`` to the distances of the reference fire at a time limit."""
+    """Set ``bounds.limit_m`` to the distances that the reference fire spreads by a time limit."""
     period = table.shape[0] - 1
     while period > 0 and table[period, 0] > limit_s:
         period -= 1

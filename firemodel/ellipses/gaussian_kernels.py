@@ -9,7 +9,7 @@ PARTS = 8  # number of parts into which a path is divided to compute the mean
 
 
 class Field(NamedTuple):
-    """The values of exp w, a factor of the slowness of fire, at nodes ``apart_m`` apart.
+    """The values of exp w, a factor on the fire's slowness, at nodes ``apart_m`` apart.
 
     Rows are y (row 0 in the south) and columns are x.
 

@@ -1,4 +1,4 @@
-"""Define observations of a fire: a place, a time and the state of the place at that time."""
+"""Define observations of a fire: a position, a time, and the state there at that time."""
 
 from typing import NamedTuple, Protocol
 
@@ -11,14 +11,14 @@ BURNED, BURNING, UNBURNED = -1, 0, 1
 
 
 class Simulation(Protocol):
-    """A fire with an arrival time at every place, in the past and in the future."""
+    """A fire with an arrival time at every position, in the past and in the future."""
 
     def ignition_time_s(self, points_m: Floats) -> Floats:
         """Return the arrival times (n,) in s at points (n, 2) in metres; infinity if unburned."""
 
 
 class PointObservation(NamedTuple):
-    """The state of a place at ``at_s``.
+    """The state at a position at ``at_s``.
 
     BURNED means that fire arrives before that time, BURNING that fire arrives at that time, and
     UNBURNED that fire arrives later or never.

@@ -1,4 +1,4 @@
-"""Draw random errors of the inputs of a fire: wind, moisture, spread rates, place of ignition."""
+"""Draw random errors of a fire's inputs: wind, moisture, spread rates, ignition position."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple

@@ -189,7 +189,7 @@ class Ensemble:
     """
 
     def __init__(self, fires: Sequence[Fire]) -> None:
-        """Create an ensemble of fires on one landscape at one time.
+        """Create an ensemble of fires on the same landscape at the same time.
 
         The ensemble uses the given fires, not copies. Raises FireModelError if there are no fires,
         or if the fires differ in landscape or time.

@@ -12,7 +12,7 @@ TIMES_AT_ONCE = 2**24  # maximum number of arrival times that are sorted at once
 
 
 def burn_probability(windows: Sequence[Window], shape: tuple[int, int], after_s: float) -> Floats:
-    """Return the share (y, x) of members in which a cell burned within ``after_s`` of the start."""
+    """Return the fraction (y, x) of members in which a cell burned within ``after_s``."""
     burned = np.zeros(shape)
     for window in windows:
         here = window_at(window.top, window.left, window.after_s.shape)
@@ -23,7 +23,7 @@ def burn_probability(windows: Sequence[Window], shape: tuple[int, int], after_s:
 def arrival_quantiles_s(
     windows: Sequence[Window], shape: tuple[int, int], shares: Sequence[float]
 ) -> NDArray[np.float32]:
-    """Return the times by which each cell has burned in given shares of the members.
+    """Return the times by which each cell has burned in given fractions of the members.
 
     Args:
         windows: The members' windows; one or more.
@@ -35,8 +35,8 @@ def arrival_quantiles_s(
         the members.
     """
     count = len(windows)
-    # The smallest number of members that is at least the share, converted to an index of the sorted
-    # times. The term 1e-9 allows for rounding errors of shares such as 0.1 * 3.
+    # The smallest number of members that is at least the fraction, converted to an index of the
+    # sorted times. The term 1e-9 allows for rounding errors of fractions such as 0.1 * 3.
     places = [max(int(np.ceil(share * count - 1e-9)), 1) - 1 for share in shares]
     found = np.full((len(shares), *shape), np.inf, dtype=np.float32)
     rows_at_once = max(TIMES_AT_ONCE // (count * shape[1]), 1)

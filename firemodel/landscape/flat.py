@@ -1,4 +1,4 @@
-"""Build a landscape without map data: level ground with one fuel around a place."""
+"""Build a landscape without map data: level ground with one fuel around a position."""
 
 import numpy as np
 
@@ -16,7 +16,7 @@ def flat_landscape(
     elevation_m: float = 0.0,
     fuel_model: int = 1,
 ) -> Landscape:
-    """Return level ground with one fuel around a place, on the grid of the place's UTM zone.
+    """Return level ground with one fuel around a position, on the grid of the position's UTM zone.
 
     Args:
         rows: Number of cells from north to south.

@@ -92,7 +92,7 @@ def same_crs(one: str, other: str) -> bool:
 
 
 def _same_datum(left: "CRS", right: "CRS") -> bool:
-    """Return True if two projections have the same datum, or unknown datums on one ellipsoid."""
+    """Return whether two projections have the same datum, or unknown datums on equal ellipsoids."""
     one, other = left.geodetic_crs, right.geodetic_crs
     if one is None or other is None or one.equals(other, ignore_axis_order=True):
         return one is not None and other is not None
@@ -314,14 +314,14 @@ class Landscape:
         return x_m, y_m
 
     def xy_of_places(self, places: Sequence[tuple[float, float]]) -> NDArray[np.float64]:
-        """Return the projected x, y in metres (n, 2) of WGS84 places (lat_deg, lon_deg)."""
+        """Return the projected x, y in metres (n, 2) of WGS84 positions (lat_deg, lon_deg)."""
         lat, lon = np.array(places, dtype=float).reshape(-1, 2).T
         return np.column_stack(self.xy_of_lat_lon(lat, lon))
 
     def cell_of_lat_lon(self, lat_deg: float, lon_deg: float) -> tuple[int, int]:
-        """Return the row and column of the cell at a WGS84 place.
+        """Return the row and column of the cell at a WGS84 position.
 
-        Raises FireModelError for a place off the landscape.
+        Raises FireModelError for a position off the landscape.
         """
         x_m, y_m = self.xy_of_lat_lon(lat_deg, lon_deg)
         if not self.contains(x_m, y_m):

@@ -14,7 +14,7 @@ from firemodel.landscape.landscape import Landscape
 from firemodel.physics.fuels import NON_BURNABLE
 
 BARE_GROUND = 99
-SHORTEST = 1e-12  # parts of a segment below this share of its length are left out
+SHORTEST = 1e-12  # parts of a segment below this fraction of its length are left out
 
 
 def cells_of(geometries: Iterable[BaseGeometry], landscape: Landscape) -> NDArray[np.int32]:

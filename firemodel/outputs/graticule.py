@@ -1,4 +1,4 @@
-"""Draw the graticule of a map (parallels and meridians with coordinates) and its north arrow."""
+"""Draw the graticule (parallels and meridians with coordinates) and north arrow of a map."""
 
 import math
 from typing import Any

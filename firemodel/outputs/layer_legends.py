@@ -51,7 +51,7 @@ class FuelGroup(NamedTuple):
 class Layer(NamedTuple):
     """The meaning of the values of a raster, and the classes in which the values are drawn.
 
-    ``unit`` is spelt as in UDUNITS; it is "1" for a share and "" for codes. The classes of codes
+    ``unit`` is spelt as in UDUNITS; it is "1" for a fraction and "" for codes. The classes of codes
     are single values (``categorical``). Other classes are ranges, and the last one has no upper
     limit.
     """
@@ -98,7 +98,7 @@ def after_zero(time_zero: datetime | None) -> str:
 def arrival_layer(
     first_s: float, last_s: float, time_zero: datetime | None, what: str = "time of arrival of fire"
 ) -> Layer:
-    """Return the layer of arrival times, with classes of one hour or of another round step.
+    """Return the layer of arrival times, with classes of one hour or another round step.
 
     Args:
         first_s, last_s: The earliest and the latest time in the raster, in seconds.

@@ -67,7 +67,8 @@ def dead_moistures_pct(
     """Return the moistures (n, 3) of 1-h, 10-h and 100-h fuel from n records of weather.
 
     The times must increase. Each record is in effect until the next. The effect of rain depends on
-    its duration, not its amount. The moistures at the first time are ``initial_pct``.
+    the duration of the rain, not on the amount. The moistures at the first time are
+    ``initial_pct``.
     """
     equilibrium = equilibrium_moisture_pct(temperature_c, humidity_pct)
     rained_h = rain_hours(at_s, rain_mm)

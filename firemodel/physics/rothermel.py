@@ -173,7 +173,7 @@ def live_extinction_moisture(fuel: FuelModel, moisture: Moisture) -> float:
 
 
 def net_load_weights(shares: Floats, savs_1_ft: Floats) -> Floats:
-    """Return the weight g_ij of each class: the sum of the shares in its size class.
+    """Return the weight g_ij of each class: the sum of the fractions in its size class.
 
     The classes are all dead or all live (Albini 1976, p. 15). ``shares`` contains the fraction of
     the total surface area in each class.

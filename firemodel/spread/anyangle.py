@@ -4,7 +4,7 @@ Within a cell the slowness of fire (time per distance, for each direction) is co
 fastest path is a chain of straight lines that bend on the edges of cells. In this scheme paths bend
 at the corners of cells or, with ``precise``, also at the middles of edges. These positions and the
 centres of cells are the nodes (``labels``). A source is the start of a straight line: a node that
-fire has reached, or a point that is not a node (a lit place, a bend, or a place on the front when
+fire has reached, or a point that is not a node (a lit point, a bend, or a point on the front when
 the weather changes). When fire reaches a node, two paths to each other node of the same cells are
 tried: a straight line from the node's source, and a straight line from the node itself. The time
 along a line is the sum of the times in the cells that it crosses; a line along an edge has the time
@@ -291,7 +291,7 @@ class AnyAngleFire(Fire):
                 self._change_weather(change_s)
 
     def _burn(self, to_time_s: float) -> None:
-        """Burn until a time under the present weather entry."""
+        """Burn until a time under the current weather entry."""
         while True:
             self._size, self._waits, self._used, self._clock_s = burn_until(
                 to_time_s,
@@ -438,7 +438,7 @@ class AnyAngleFire(Fire):
 
 
 def _widened(cells: Mask) -> Mask:
-    """Return a mask (y, x) with the eight neighbours of its cells."""
+    """Return a mask (y, x) extended by the eight neighbours of each cell."""
     return cells | neighbours_of(cells)
 
 

@@ -94,7 +94,7 @@ def kind_of(i, j, lattice):  # type: ignore[no-untyped-def]
 
 @inlined
 def _source_of(key, points, labels, ground, lattice):  # type: ignore[no-untyped-def]
-    """Return a node's source: its key, position (y, x), time and cell, and a distance.
+    """Return the key, position (y, x), time and cell of a node's source, and a distance.
 
     Within this distance (in cells), all cells have the same conditions as the source's cell.
     """
@@ -117,7 +117,7 @@ def step_s(i, j, di, dj, ground, lattice):  # type: ignore[no-untyped-def]
     """Return the time from a node to another node of the same cell.
 
     Along an edge, the time is that of the faster of the two cells. The time is infinite if fire
-    does not spread there in the present weather, and 0 if the cells cannot burn. The slownesses of
+    does not spread there in the current weather, and 0 if the cells cannot burn. The slownesses of
     the cells must have been computed.
     """
     north, east = -0.5 * di * ground.cell_m, 0.5 * dj * ground.cell_m
@@ -303,9 +303,9 @@ def _ends_differ(y, x, to_y, to_x, ground, entry):  # type: ignore[no-untyped-de
 def bend(  # type: ignore[no-untyped-def]
     y, x, key, rounds, worth, points, used, labels, ground, lattice, entry
 ):
-    """Improve the label of a node: try paths that bend on an edge between its source and the node.
+    """Improve a node's label: try paths that bend on an edge between the source and the node.
 
-    ``rounds`` is the number of searches for the place of the bend, each finer than the previous
+    ``rounds`` is the number of searches for the position of the bend, each finer than the previous
     search. The bend of a path whose relative gain in time is more than ``worth`` becomes a point.
     Returns the number of points in use.
     """
@@ -314,7 +314,8 @@ def bend(  # type: ignore[no-untyped-def]
     source = np.int64(sources[key])
     from_y, from_x, from_s = place_of(source, points, labels, lattice)
     for along_row in range(2):
-        # The edge, along a row or a column of cells, that the line crosses nearest to its middle.
+        # The edge, along a row or a column of cells, that the line crosses nearest to the line's
+        # middle.
         start, end = (from_y, y) if along_row == 1 else (from_x, x)
         edge = np.floor(0.5 * (start + end) + 0.5)
         if not min(start, end) < edge < max(start, end):
@@ -354,9 +355,9 @@ def on_front(point, points):  # type: ignore[no-untyped-def]
 
 @kernel
 def slide_on_front(y, x, key, points, used, labels, ground, lattice, entry):  # type: ignore[no-untyped-def]
-    """Improve the label of a node: move its source along the front of the last change of weather.
+    """Improve a node's label: move the source along the front at the last change of weather.
 
-    A better place between two points becomes a point. Returns the number of points in use.
+    A better position between two points becomes a point. Returns the number of points in use.
     """
     best_s, sources = labels
     n = best_s.size
@@ -396,7 +397,7 @@ def slide_on_front(y, x, key, points, used, labels, ground, lattice, entry):  # 
 
 @inlined
 def slide(i, j, key, since_s, labels, ground, lattice, entry):  # type: ignore[no-untyped-def]
-    """Improve the label of a node: try the nodes beside its source as sources."""
+    """Improve a node's label: try the nodes beside the source as sources."""
     best_s, sources = labels
     now = best_s[key]
     from_i, from_j = ij_of(np.int64(sources[key]), lattice)

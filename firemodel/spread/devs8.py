@@ -139,7 +139,7 @@ class Devs8Fire(Fire):
             self._change_weather(change_s)
 
     def _burn(self, to_time_s: float) -> None:
-        """Burn until a time under the present weather entry."""
+        """Burn until a time under the current weather entry."""
         while True:
             self._make_room(8)
             self._keep(*burn_until(to_time_s, self._arrival_s, *self._state()))

@@ -38,7 +38,7 @@ class EventHeap(NamedTuple):
 
 
 class Halted(NamedTuple):
-    """The paths on which fire does not spread in the present weather, with remaining distances."""
+    """The paths on which fire does not spread in the current weather, with remaining distances."""
 
     keys: NDArray[np.int64]
     left_m: Floats

@@ -37,7 +37,7 @@ class Labels(NamedTuple):
 
 
 class Points(NamedTuple):
-    """Sources that are not nodes: lit places, bends, and the front at a change of weather."""
+    """Sources that are not nodes: lit points, bends, and the front at a change of weather."""
 
     at: Floats  # (k, 3) position and time: y, x, s
     beside: NDArray[np.int32]  # (k, 2) the next points to both sides on the front; -1 for none
@@ -281,8 +281,8 @@ def without_unused(points: Points, labels: Labels, since_s: float) -> tuple[Poin
     """Return the points that are still needed, and the labels with their new numbers.
 
     For a node that was reached before ``since_s``, the last change of weather, only the point that
-    is its source is kept. For all other nodes, all points of the front on which the source lies are
-    kept.
+    is the node's source is kept. For all other nodes, all points of the front on which the source
+    lies are kept.
     """
     count, keys = len(points.at), labels.best_s.size
     at_point = np.flatnonzero(labels.source >= keys)

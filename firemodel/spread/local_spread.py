@@ -144,8 +144,9 @@ def perturbed(
 def head_of(cell, entry, terrain, tables):  # type: ignore[no-untyped-def]
     """Return the fastest spread in a cell, and the eccentricity of the ellipse.
 
-    The result is the rate in m/s along the slope, the unit vector (north, east) of its direction,
-    and the eccentricity. Wind and slope are added as vectors (``rothermel.fastest_spread``).
+    The result is the rate in m/s along the slope, the unit vector (north, east) of the direction of
+    spread, and the eccentricity. Wind and slope are added as vectors
+    (``rothermel.fastest_spread``).
     """
     terms, fuel = tables.terms, terrain.fuel[cell]
     b, c = terms[entry, fuel, 1], terms[entry, fuel, 2]

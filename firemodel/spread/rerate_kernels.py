@@ -269,8 +269,8 @@ def _beside(k, tips, marks, lattice):  # type: ignore[no-untyped-def]
 def _divide(k, other, side, at_s, first, tips, points, used, ground, lattice, entry):  # type: ignore[no-untyped-def]
     """Add points on the front between tips k and ``other``, which is on ``side`` of tip k.
 
-    Each point is on a line from a place between the sources of the two tips, so that the points lie
-    on the curved front and not on its chord. Returns the number of points in use.
+    Each point is on a line from a position between the sources of the two tips, so that the points
+    lie on the curved front and not on its chord. Returns the number of points in use.
     """
     before = first + k
     for number in range(1, PIECES):

@@ -14,7 +14,7 @@ from firemodel.physics.weather import Weather
 from firemodel.spread.local_spread import Tables, Terrain, slowness_of, tables_of, terrain_of
 
 ONE, TWO, FOUR, SIX, SEVEN = (np.uint64(each) for each in (1, 2, 4, 6, 7))
-TOUCH = 1e-9  # a line with a smaller share in a cell only touches a corner of the cell
+TOUCH = 1e-9  # a line with a smaller fraction in a cell only touches a corner of the cell
 LAST = 1.0 - TOUCH
 # North, north-east, east, ... as steps of (row, col); steps with an odd index are diagonal.
 STEP_ROW = np.array([-1, -1, 0, 1, 1, 1, 0, -1])
@@ -339,13 +339,13 @@ def travel(y, x, to_y, to_x, limit_s, ground, entry):  # type: ignore[no-untyped
 
 @kernel
 def from_segment(y, x, other_y, other_x, to_y, to_x, most_cells, ground, entry):  # type: ignore[no-untyped-def]
-    """Return the point on a straight piece of the front from which fire first reaches a place.
+    """Return the point on a straight piece of the front from which fire first reaches a target.
 
     The result is the time and the point (y, x).
 
     For the whole path, the slowness of one cell is used: the last cell on the path from the middle
     of the piece. Let d be the vector along the piece, w the vector from the start of the piece to
-    the place, and s the position along the piece as a fraction of d. The time A |w - s d| - B (w -
+    the target, and s the position along the piece as a fraction of d. The time A |w - s d| - B (w -
     s d) has its minimum where the derivative with respect to s is 0. The unit of the time is s/m
     times cells. The time is infinite if the ends are more than ``most_cells`` apart, or if fire
     does not spread in the cell.

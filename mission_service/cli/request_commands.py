@@ -21,7 +21,7 @@ Status = Callable[[], dict[str, Any]]
 
 
 class Place(click.ParamType[tuple[float, float]]):
-    """A place as LAT,LON in degrees; the service checks the bounds."""
+    """A position as LAT,LON in degrees; the service checks the bounds."""
 
     name = "place"
 

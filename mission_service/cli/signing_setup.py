@@ -21,7 +21,7 @@ Event = TypeVar("Event", Connected, TransferFinished)
 def set_up(line: Line, old_key: str | None, system_id: int | None) -> dict[str, Any]:
     """Set the vehicle's key to the key of ``line``, then read the mission with signed frames.
 
-    ``old_key`` is the source of the vehicle's present key. Raises MissionServiceError if the
+    ``old_key`` is the source of the vehicle's current key. Raises MissionServiceError if the
     vehicle does not answer with signed frames.
     """
     assert line.signing_key is not None

@@ -118,7 +118,7 @@ class WeatherEntry(FuelMoisture):
 
 
 class WeatherFile(FuelMoisture):
-    """A weather file (.raws, .wxs, .wtr, .csv); ``start`` is mission time 0 in its local time.
+    """A weather file (.raws, .wxs, .wtr, .csv); ``start`` is mission time 0, in local time.
 
     A .wtr file has no wind; ``wind`` is the .wnd file (default: the file with the same name). The
     weather file may also be an inputs file of FARSITE. The moistures in this table are used if the
@@ -214,7 +214,7 @@ class ThermalCameraSection(Section):
     of grey levels require ``hot_level``. The next keys are standard deviations of the camera's
     position (of each horizontal axis), altitude and direction (of the rotation about each axis of
     the camera), and of the landscape's elevation. Pixels that are placed on the ground by the
-    camera's pose are not used if the standard deviation of their place is above
+    camera's pose are not used if the standard deviation of their position is above
     ``max_position_sd_m``. Images older than ``max_age_s`` on arrival are not used.
     """
 
@@ -356,8 +356,8 @@ class SimulatedCameraSection(Section):
     """The simulated cameras.
 
     Only the key ``kind`` applies to ``ideal`` cameras. ``gps_sd_m`` and ``gimbal_sd_deg`` are
-    standard deviations of the position and of the camera's direction. ``missed`` is the share of
-    burned cells that an image shows as unburned, and ``false_alarms`` is the share of unburned
+    standard deviations of the position and of the camera's direction. ``missed`` is the fraction of
+    burned cells that an image shows as unburned, and ``false_alarms`` is the fraction of unburned
     cells that an image shows as burned. Smoke hides the ground up to ``smoke_m`` downwind of
     burning cells from ``visible`` cameras, but not from ``thermal`` cameras. Cameras that write
     files for ``thermal_frames`` use ``gps_sd_m`` and ``gimbal_sd_deg``; without ``poses_in_files``

@@ -1,4 +1,4 @@
-"""Earlier keys and values of scenario files, for errors that state the present key or value."""
+"""Earlier keys and values of scenario files, for errors that state the current key or value."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -33,7 +33,7 @@ RENAMED_VALUES: Mapping[tuple[str, str], Mapping[str, str]] = {
 
 
 def renamed_keys(data: Mapping[str, Any]) -> Iterator[str]:
-    """Yield a line for each earlier key or value in a scenario, with the present key or value.
+    """Yield a line for each earlier key or value in a scenario, with the current key or value.
 
     Args:
         data: The content of the scenario's TOML file.

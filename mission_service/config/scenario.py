@@ -202,7 +202,7 @@ def load_run(name: str, overrides: tuple[str, ...] = ()) -> tuple[Scenario, Serv
 def run_of(
     data: dict[str, Any], path: Path, overrides: tuple[str, ...] = ()
 ) -> tuple[Scenario, ServiceSection]:
-    """Return the result of ``load_run`` for the content of a file or of a journal's header."""
+    """Return what ``load_run`` returns, for the content of a file or a journal's header."""
     for override in overrides:
         apply_override(data, override)
     if renamed := list(renamed_keys(data)):

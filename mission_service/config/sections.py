@@ -101,7 +101,7 @@ GO_ITEMS = (
 
 
 class Station(Section):
-    """A place from which operators approve plans; planned fire keeps a margin from this place."""
+    """A position from which operators approve plans; planned fire keeps a margin from it."""
 
     name: Annotated[str, Field(min_length=1, max_length=40, pattern=r"^[\w-]+$")]
     lat_deg: Latitude

@@ -99,7 +99,7 @@ class CotReportsSection(Section):
     groups: Names  # team colours
     roles: Names
     position_sd_m: Annotated[float, Field(gt=0, le=1000)] = 25.0  # minimum, of a drawn place
-    # A TAK user is not identified, and a marker may be wrong. With any share above 0, a second
+    # A TAK user is not identified, and a marker may be wrong. With any fraction above 0, a second
     # report may be required.
     false_alarms_pct: Percent = 5.0
     missed_pct: Percent = 5.0
@@ -170,6 +170,6 @@ class ServiceSection(Section):
     cot: CotSection | None = None
     journal: JournalSection = JournalSection()
     # The command to vehicles at an orderly shutdown: none (missions end in a loiter), a hold at the
-    # present position, or a return home.
+    # current position, or a return home.
     on_shutdown: Literal["leave", "hold", "return"] = "leave"
     shutdown_s: NotNegative = 5.0  # maximum wait for acknowledgements

@@ -11,7 +11,7 @@ from mission_service.vehicles.availability import MISSION
 from mission_service.vehicles.vehicle_state import Vehicle
 
 AIRSPEED = "airspeed"
-DIFFERENCE_M_S, DIFFERENCE_SHARE = 2.0, 0.15  # tolerance: the larger of the speed and the share
+DIFFERENCE_M_S, DIFFERENCE_SHARE = 2.0, 0.15  # tolerance: the larger of the speed and the fraction
 LASTS_S = 60.0  # longer than the differences in climbs and turns
 
 

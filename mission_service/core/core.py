@@ -175,7 +175,7 @@ class Core:
                 | events.LandedStateChanged()
             ):
                 commands = reported(vehicle, event)
-                # The failsafe or landing reported by this event ended the ordered mode.
+                # The failsafe or landing reported by this event ended the commanded mode.
                 if vehicle.availability.taken_over and not was.taken_over:
                     commands += self._taken_over(vehicle)
                 return commands

@@ -69,7 +69,7 @@ class DecisionEngine:
             availability.on_service_restart(event.at_us / 1e6 - event.down_s)
 
     def apply_order(self, name: str, event: events.OrderGiven) -> bool:
-        """Apply an order and return whether it is executed; the mode then counts as ordered."""
+        """Apply an order and return whether it is executed; the mode then counts as commanded."""
         availability = self.availability[name]
         if event.by == events.SERVICE and not availability.flies:
             return False
@@ -84,10 +84,10 @@ class DecisionEngine:
         return True
 
     def apply_abort(self, name: str) -> bool:
-        """Apply an abort and return whether the vehicle is ordered to hold now.
+        """Apply an abort and return whether a hold is commanded now.
 
-        A vehicle in a mode that the autopilot or the pilot selected is ordered to hold when that
-        mode ends.
+        If the autopilot or the pilot has selected the mode, the hold is commanded when that mode
+        ends.
         """
         availability = self.availability[name]
         availability.hold_is_ordered = True
@@ -173,7 +173,7 @@ class DecisionEngine:
         availability.accepted_mode = ""
 
     def _mode_chosen(self, availability: VehicleAvailability, event: events.ModeChanged) -> None:
-        """Classify an armed vehicle's mode, other than its mission, as ordered or not ordered."""
+        """Classify an armed vehicle's mode, other than its mission, as commanded or not."""
         at_s = event.at_us / 1e6
         leading = availability.leading_to(event.mode, at_s)
         availability.held_by_upload = leading == {UploadMission}

@@ -55,7 +55,7 @@ class RequestScope:
     Attributes:
         stations: The stations from which requests are accepted; empty: any.
         items: The items of the GO/NO-GO checklist; None: any.
-        on_map: Returns whether a place (latitude, longitude, in degrees) is on the landscape.
+        on_map: Returns whether a position (latitude, longitude, in degrees) is on the landscape.
         vehicles: The names of the vehicles; None: any.
         accepted: The names of the requests.
     """

@@ -18,8 +18,8 @@ def enclosed_s(arrival_s: Floats) -> Floats:
     """Return the time (y, x) at which each cell burns or is cut off from the outside.
 
     Holes and closed inlets are not part of the front around the fire. A cell is cut off when fire
-    closes its last path to the outside across sides of cells. Dijkstra's algorithm finds for each
-    cell the path that stays free of fire for the longest time.
+    closes the cell's last path to the outside across sides of cells. Dijkstra's algorithm finds for
+    each cell the path that stays free of fire for the longest time.
     """
     rows, cols = arrival_s.shape
     found = np.full((rows + 2, cols + 2), -np.inf)
@@ -57,7 +57,7 @@ class BoundaryFollower:
         return self._row - 1, self._col - 1
 
     def onwards(self, clockwise: bool, at_s: float) -> None:
-        """Move to the next cell of the present front (one step of Moore's neighbour tracing).
+        """Move to the next cell of the current front (one step of Moore-neighbour tracing).
 
         If the fire has spread past the vehicle, the vehicle first moves outwards to the front.
         """

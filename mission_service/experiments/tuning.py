@@ -31,7 +31,7 @@ Evaluate = Callable[[Sequence[Genes]], list[float]]
 
 MIN_GENE, MAX_GENE = 0.0, 20.0  # bounds of genes, both excluded
 CLOSE = 1e-3  # minimum distance of a gene from its bounds
-ELITE, FITTEST = 0.1, 0.5  # shares of the population
+ELITE, FITTEST = 0.1, 0.5  # fractions of the population
 MUTATION, CHANGE = 0.1, 1.0  # probability per gene, and maximum change
 POPULATION, GENERATIONS = 50, 200
 CHUNKS_PER_WORKER = 4

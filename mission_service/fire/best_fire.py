@@ -251,7 +251,7 @@ class BestFire:
         )
 
     def _place_in_time(self, seen: Observation) -> None:
-        """Change the fire to agree with an observation of the present or an earlier time."""
+        """Change the fire to agree with an observation of the current or an earlier time."""
         change = partial(
             with_observation,
             seen=seen,

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from mission_service.config.sections import VehicleSection
 
-EDGE = 1e-9  # tolerance: a place on an edge is inside
+EDGE = 1e-9  # tolerance: a position on an edge is inside
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +34,7 @@ class Camera:
 def beyond_rectangle(
     south: Any, east: Any, heading_deg: float, half_width: float, half_length: float
 ) -> NDArray[np.bool_]:
-    """Return the mask of places outside a rectangle around (0, 0), aligned with a heading."""
+    """Return the mask of positions outside a rectangle around (0, 0), aligned with a heading."""
     cos, sin = math.cos(math.radians(heading_deg)), math.sin(math.radians(heading_deg))
     ahead, right = east * sin - south * cos, east * cos + south * sin
     return np.asarray((np.abs(ahead) > half_length + EDGE) | (np.abs(right) > half_width + EDGE))

@@ -155,7 +155,7 @@ def thinned(observations: Floats) -> Floats:
 
 
 def burning_now(fire: Fire) -> Burning | None:
-    """Return the burning state of a fire at its present time, or None if nothing has burned."""
+    """Return the burning state of a fire at its current time, or None if nothing has burned."""
     if not fire.burned().any():
         return None
     return burning_from_arrival(fire.arrival_time_s, fire.landscape, fire.time_s)

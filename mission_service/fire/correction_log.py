@@ -137,7 +137,7 @@ def observations_held(held: Sequence[Held], landscape: Landscape, spacing_m: flo
 def not_erased(
     places_m: Floats, erasures: Sequence[Erased], landscape: Landscape
 ) -> NDArray[np.bool_]:
-    """Return the mask (n,) of the places (n, 2) that lie outside the circles of all erasures."""
+    """Return the mask (n,) of the positions (n, 2) that lie outside the circles of all erasures."""
     places = zip(*landscape.lat_lon_of(places_m[:, 0], places_m[:, 1]), strict=True)
     return np.array(
         [not any(erases(erasure, *place) for erasure in erasures) for place in places], dtype=bool
@@ -145,7 +145,7 @@ def not_erased(
 
 
 def erases(erasure: Erased, lat_deg: float, lon_deg: float) -> bool:
-    """Return whether a place lies within the circle of an erasure."""
+    """Return whether a position lies within the circle of an erasure."""
     middle = (erasure.lat_deg, erasure.lon_deg)
     return distance_m(middle, (lat_deg, lon_deg)) <= erasure.radius_m
 

@@ -61,13 +61,13 @@ class EstimatedFire:
 
     @property
     def simulation(self) -> Simulation:
-        """The present estimate of the corrected fire, without the spheres in ``held``."""
+        """The current estimate of the corrected fire, without the spheres in ``held``."""
         if self._simulation is None:
             self._simulation = self._corrected(self.base)
         return self._simulation
 
     def burns_s(self, x_m: float, y_m: float) -> float:
-        """Return the arrival time of fire in s at a place, with fire from spheres in ``held``."""
+        """Return the arrival time of fire at a position in s, including spheres in ``held``."""
         place_m = np.array([(x_m, y_m)])
         both = (self.simulation, self.lights(self.held))
         return min(float(fire.ignition_time_s(place_m)[0]) for fire in both)

@@ -74,7 +74,7 @@ class Forecasts:
     async def arrival(self, until_s: float) -> Arrival:
         """Return the arrival times until ``until_s`` or later.
 
-        If ``until_s`` is not in the future, these are the times of the present fire; future times
+        If ``until_s`` is not in the future, these are the times of the current fire; future times
         are the medians of the ensemble. Raises FireModelError if ``until_s`` is not finite or more
         than ``LONGEST_S`` from now.
         """

@@ -16,7 +16,7 @@ class ReportedIgnition(NamedTuple):
 
 
 class IgnitionReports:
-    """The predicted landing places of spheres until their drops are confirmed."""
+    """The predicted landing positions of spheres until their drops are confirmed."""
 
     def __init__(self, ignition_delay_s: float) -> None:
         """Set the time from the drop of a sphere until the sphere burns."""
@@ -24,7 +24,7 @@ class IgnitionReports:
         self._ignition_delay_s = ignition_delay_s
 
     def on_command(self, command: AnyCommand) -> None:
-        """Store the predicted landing place of a sphere."""
+        """Store the predicted landing position of a sphere."""
         if isinstance(command, Drop):
             place = (command.lat_deg, command.lon_deg)
             self._falling[command.plan_hash, command.number] = place

@@ -51,7 +51,7 @@ def with_observation(
 
 
 class _Past:
-    """Simulates fires from earlier times to the present time of a fire."""
+    """Simulates fires from earlier times to the current time of a fire."""
 
     def __init__(self, fire: Fire, weather: WeatherStream, begin: Begin) -> None:
         self._fire, self._weather, self._begin = fire, weather, begin
@@ -64,7 +64,7 @@ class _Past:
                 self._model = model
 
     def burned_on(self, arrival_s: Floats, at_s: float) -> Floats:
-        """Continue a fire with these arrival times (y, x) from ``at_s`` to the present time."""
+        """Continue a fire with these arrival times (y, x) from ``at_s`` to the current time."""
         if not (arrival_s <= at_s).any():
             return np.full(arrival_s.shape, np.inf)
         burning = burning_from_arrival(arrival_s, self._fire.landscape, at_s)
@@ -80,11 +80,11 @@ def _burned_on(fire: Fire, known_s: Floats, new_s: Floats, at_s: float, past: _P
     """Return the arrival times (y, x) of a fire after the change of its state at ``at_s``.
 
     Args:
-        fire: The fire at the present time.
+        fire: The fire at the current time.
         known_s: (y, x) the arrival times of the fire until ``at_s``.
         new_s: (y, x) these times after the change.
         at_s: The time of the change.
-        past: Simulates the fires to the present time.
+        past: Simulates the fires to the current time.
     """
     arrival_s = fire.expected_s()
     if isinstance(fire, ProbabilisticFire):

@@ -40,7 +40,7 @@ def window_of_change(before: Fire, after: Fire) -> Window | None:
 
 
 def window_around(cells: Mask, fire: Fire) -> Window:
-    """Return the present states of a fire in the window around the cells of a mask (y, x)."""
+    """Return the current states of a fire in the window around the cells of a mask (y, x)."""
     burned = fire.burned()
     rows, cols = np.nonzero(cells)
     top, left = (max(int(each.min()) - AROUND_CELLS, 0) for each in (rows, cols))

@@ -9,9 +9,9 @@ from firemodel.landscape.landscape import Landscape
 from mission_service.events import RasterObserved
 from mission_service.fire.observed_window import states_in
 
-# Distance, in cells, of the places that are projected exactly. Between these places, latitude and
-# longitude are interpolated. With cells of 30 m, the error is less than 1 cm, and the computation
-# takes a hundredth of the time.
+# Distance, in cells, of the positions that are projected exactly. Between these positions, latitude
+# and longitude are interpolated. With cells of 30 m, the error is less than 1 cm, and the
+# computation takes a hundredth of the time.
 EXACT_EVERY = 16
 EDGE_POINTS = 9  # of each edge of a raster, because its edges are curved on the grid
 
@@ -50,7 +50,7 @@ def _window(event: RasterObserved, landscape: Landscape) -> tuple[int, int, int,
     lon_deg = event.west_deg + share * (event.east_deg - event.west_deg)
     lat, lon = (each.ravel() for each in np.meshgrid(lat_deg, lon_deg))
     row, col = landscape.row_col_of(*landscape.xy_of_lat_lon(lat, lon))
-    finite = np.isfinite(row) & np.isfinite(col)  # places far from the landscape have no projection
+    finite = np.isfinite(row) & np.isfinite(col)  # points far from the landscape have no projection
     if not finite.any():
         return 0, 0, 0, 0
     ends = []

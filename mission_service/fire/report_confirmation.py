@@ -6,7 +6,7 @@ makes no errors of detection. Otherwise, the place changes the estimate only aft
 nearby, at another time or by another source. A report of the opposite state at the place cancels
 the first report. A few places near the estimated fire need no second report, because few false
 alarms lie in this small area. A report of many places, or of burned and unburned places, needs a
-second report, because some of its false alarms lie in this area.
+second report, because some false alarms of such a report lie in this area.
 """
 
 import copy
@@ -108,7 +108,7 @@ class Surprising(NamedTuple):
 
 
 class _LastReports(NamedTuple):
-    """The time and the number of the source of the last report of each cell (y, x)."""
+    """Time and source number of the last report that covers each cell (y, x)."""
 
     at_s: Floats
     source: NDArray[np.int64]
@@ -122,7 +122,7 @@ def _surrounded(cells: Mask, reach: int) -> Mask:
 
 
 def _near(cells: Mask, where: Place, reach: int) -> Mask:
-    """Return the cells (y, x) of a window that are within ``reach`` cells of one of ``cells``."""
+    """Return a window's cells (y, x) that are at most ``reach`` cells from one of ``cells``."""
     rows, cols = (slice(max(each.start - reach, 0), each.stop + reach) for each in where)
     part = widened(cells[rows, cols], reach)
     top, left = where[0].start - rows.start, where[1].start - cols.start

@@ -18,13 +18,13 @@ from mission_service.fire.observed_window import observation_in
 from mission_service.fire.raster_cells import raster_cells
 from mission_service.requests import MAX_AGE_S
 
-MAX_CONTRADICTED = 0.5  # share of the cells that images or other reports show
+MAX_CONTRADICTED = 0.5  # fraction of the cells that images or other reports show
 SHORTLY_S, SEVERAL_CELLS = 120.0, 5
 MANY_TIMES = 20  # a report with this many times as many cells is not refused for a few cells
 # Fuel ignites at this temperature in the spread model (Rothermel 1972, Research Paper INT-115,
 # heat of preignition). Cooler ground may be hot ash, or may be heated by the sun or a fire nearby.
 IGNITION_C = 320.0
-COOL_FALSE_ALARMS = 0.5  # at least, below ``IGNITION_C``; any share requires a second report
+COOL_FALSE_ALARMS = 0.5  # at least, below ``IGNITION_C``; any fraction requires a second report
 CORRECTION_SD_M = 1.0  # operators' drawings are certain
 SMOKE_S = 600.0  # before and after a report of smoke
 MAX_SMOKE = 100  # reports of smoke that are stored

@@ -44,7 +44,7 @@ class WeatherSet(NamedTuple):
 
 
 class Images(NamedTuple):
-    """The images of a period in order of time; the ensemble is advanced once for all of them."""
+    """The images of a period, sorted by time; the ensemble is advanced once for all images."""
 
     at_s: float
     seen: Sequence[Observation]
@@ -69,7 +69,7 @@ Input = Images | Observation | Lit | WeatherSet
 
 
 def _time_of(each: Input) -> float:
-    """Return the time by which inputs are ordered."""
+    """Return the time by which inputs are sorted."""
     return each.known_s if isinstance(each, Lit) else each.at_s
 
 
@@ -88,7 +88,7 @@ class RunEnsemble:
         self._count = 0  # number of processed inputs
         lit = sorted(ignitions_of(scenario, landscape), key=lambda each: each[2])
         self._inputs: list[Input] = []
-        self._images: list[Observation] = []  # images of the present period
+        self._images: list[Observation] = []  # images of the current period
         self._last_s = 0.0  # time of the last input
         self._scheduled = [Lit(at_s, at_s, [(row, col)]) for row, col, at_s in lit]
 
@@ -140,7 +140,7 @@ class RunEnsemble:
     def inputs_until(self, at_s: float) -> list[Input]:
         """Return the unprocessed inputs until a time.
 
-        The result contains no images of the present period, and no later ignitions of the scenario.
+        The result contains no images of the current period, and no later ignitions of the scenario.
         """
         self._end_period_by(at_s)
         self._add_due(at_s)

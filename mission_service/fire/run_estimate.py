@@ -110,7 +110,7 @@ class RunEstimate:
         self._gives_views = no_cameras and self._accepts_reports
         self._gives_fronts = scenario.way.reads_fronts
         self._fronts_due_us = -(2**63)
-        self._images = Sightings(landscape.shape)  # of the present period
+        self._images = Sightings(landscape.shape)  # of the current period
         self._due_us: int | None = None  # end of the period of these images
         self._latest_us = round(scenario.start_s * 1e6)  # of the events so far
         self._written_us = -(2**63)  # end of the last period with images
@@ -409,7 +409,7 @@ class RunEstimate:
             self._catch_up(self._latest_us)
 
     def _end_period(self, at_us: int) -> None:
-        """Queue the images of the present period as one input at its end."""
+        """Queue the images of the current period as one input at its end."""
         mosaic = self._images.taken(at_us / 1e6)
         self._due_us, self._written_us = None, at_us
         if mosaic is not None:

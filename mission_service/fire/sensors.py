@@ -34,7 +34,7 @@ class SensorImage(NamedTuple):
 
     Positions are rows and columns of the landscape's grid. ``colours`` returns red, green, blue and
     opacity (n, 4) of positions (n, 2); positions that the image does not show are transparent. The
-    ellipse has semi-axes of one standard deviation of the place.
+    ellipse has semi-axes of one standard deviation of the position.
     """
 
     number: int  # increases with each image of the sensor
@@ -59,14 +59,14 @@ class Sensor(Protocol):
     sensor may also have these attributes:
 
     - ``problem``: a text that is shown as an alarm unless it is empty.
-    - ``report(at_us)``: a method that returns a report on places, or None, and is called several
+    - ``report(at_us)``: a method that returns a report on positions, or None, and is called several
       times a second, also without a vehicle. The estimate weighs the report like the request
       ``observe``. The field ``at_us`` of the report must equal the argument.
     - ``skip(names)``: a method that receives, after a restart, the names of the events that the
       run has already used (``Observed.file``, ``FireObserved.file``).
     - ``images``: the latest images for the map (``SensorImage``), the newest one last. The method
-      ``colours`` of an image is called in other threads, when a client requests its picture. At
-      most ``MAX_IMAGES`` images of a sensor are shown.
+      ``colours`` of an image is called in other threads, when a client requests the image's
+      picture. At most ``MAX_IMAGES`` images of a sensor are shown.
     - ``close()``: a method that ends the sensor's threads, called at the end of a live run.
     """
 

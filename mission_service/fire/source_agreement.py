@@ -22,7 +22,7 @@ MIN_CELLS = 20.0  # weight of the cells that two sources must have in common
 CONTRADICTORY = 0.1  # sources contradict each other if they differ in more than this share of cells
 BESIDE_CELLS = 3  # only burned cells this near to unburned cells are compared
 WITHIN_SD = 2.0  # cells within this many standard deviations of a front are not compared
-MAX_STATED = 0.2  # stated shares of missed and false cells are tolerated up to this value
+MAX_STATED = 0.2  # stated fractions of missed and false cells are tolerated up to this value
 MAX_REPORTERS = 8  # latest sources of reports, which are compared
 MAX_COMPARED = 20_000  # of more cells, only every second, third, ... row and column is compared
 
@@ -30,7 +30,7 @@ MAX_COMPARED = 20_000  # of more cells, only every second, third, ... row and co
 class Comparison(NamedTuple):
     """The weights of the cells in which two sources agree and contradict each other.
 
-    ``stated`` is the largest share of wrong cells that one of the sources has stated.
+    ``stated`` is the largest fraction of wrong cells that one of the sources has stated.
     """
 
     at_s: float = 0.0

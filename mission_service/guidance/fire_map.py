@@ -44,7 +44,7 @@ def polar(
 def _grid_around(
     shape: tuple[int, int], centre_row: float, centre_col: float
 ) -> tuple[NDArray[np.int64], Floats, NDArray[np.int64]]:
-    """Return arrays (y, x): bearing and distance of each cell, and half the angle of its span.
+    """Return arrays (y, x): bearing, distance and half the angular span of each cell.
 
     Angles are in whole degrees and distances in cells. A cell near the centre spans many bearings.
     Maps with the same centre share these arrays.

@@ -123,7 +123,7 @@ def decided(name: str, planner: Planner, decision: Decision) -> DirectionDecisio
 
 
 class Compared(NamedTuple):
-    """The importance of each cell of the front, as seen from the vehicle's position, for display.
+    """The importance of each cell of the front for a vehicle at this position, for display.
 
     ``rows``, ``cols`` and ``values`` are float arrays (n), which begin at the vehicle and continue
     along the front behind the vehicle. ``back`` is the sum of ``values`` over the window behind the
@@ -220,7 +220,7 @@ class Guidance(ABC):
         return None
 
     def settings(self) -> dict[str, float]:
-        """Return the present values of settings that may change in flight."""
+        """Return the current values of settings that may change in flight."""
         return {}
 
     def awaited(self) -> Awaited:

@@ -14,7 +14,7 @@ Booleans = NDArray[np.bool_]
 Vertex = tuple[float, float]
 
 CLEAR_M = 1.0  # distance between paths and corners if the area is wide enough
-ROUNDING = 1e-9  # the largest distance from a line at which a place counts as on the line
+ROUNDING = 1e-9  # the largest distance from a line at which a position counts as on the line
 
 
 class VisibilityGraph:
@@ -126,7 +126,7 @@ class VisibilityGraph:
         return self._visible(place, bends, useful)
 
     def _visible(self, place: Vertex, bends: Floats, useful: Booleans) -> Floats:
-        """Return the distances from a place to bends (n, 3, 2).
+        """Return the distances from a position to bends (n, 3, 2).
 
         The distance is infinite for a bend that is hidden, or for which ``useful`` (n) is False.
         """
@@ -155,10 +155,10 @@ def _bends(area: BaseGeometry) -> Floats:
 
 
 def _is_tangent(bend: Floats, place: Floats, slack: float) -> Booleans:
-    """Return whether the line from a place to a bend (..., 3, 2) is a tangent at the bend.
+    """Return whether the line from a position to a bend (..., 3, 2) is a tangent at the bend.
 
-    Both sides of the bend are then on one side of the line. The line also counts as a tangent if
-    the place is within ``slack`` of the straight line along a side of the bend.
+    Both sides of the bend are then on the same side of the line. The line also counts as a tangent
+    if the position is within ``slack`` of the straight line along a side of the bend.
     """
     line = bend[..., 0, :] - place
     sides = bend[..., 1:, :] - bend[..., :1, :]

@@ -39,7 +39,7 @@ COMPUTES_WITH = ("msgspec", "numba", "numpy", "pydantic", "pymavlink", "pyproj",
 
 
 class Header(msgspec.Struct, frozen=True):
-    """The header of a state; ``parts`` are the lengths of the pickle and of each buffer."""
+    """A state's header; ``parts`` are the lengths of the pickle and of each buffer."""
 
     format: int
     code: str

@@ -443,7 +443,7 @@ async def _stop_ordered(context: RunContext) -> None:
 
 
 async def _fly(on_it: list[Link], context: RunContext) -> None:
-    """Pass the events of all vehicles on one connection to the service until cancelled."""
+    """Pass events to the service, from all vehicles on one connection, until cancelled."""
     connection = on_it[0].connection
     while True:
         await connection.wait()

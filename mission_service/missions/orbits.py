@@ -21,7 +21,7 @@ CORRIDOR_M = 150.0  # distance to either side of a leg within which terrain coun
 
 @dataclass(frozen=True, slots=True)
 class Circle:
-    """A circle to fly, ``climb_m`` above the usual height; a negative radius is anticlockwise."""
+    """A circle to fly ``climb_m`` above the usual height; a negative radius means anticlockwise."""
 
     x_m: float
     y_m: float
@@ -35,7 +35,7 @@ class Circle:
 
 
 def highest_ground_m(landscape: Landscape, start: Place, end: Place, within_m: float) -> float:
-    """Return the highest ground within a distance of the line between two places.
+    """Return the highest ground within a distance of the line between two positions.
 
     Outside the grid the elevation of the grid's edge counts. Raises FireModelError if the landscape
     has no elevation.

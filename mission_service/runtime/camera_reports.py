@@ -99,7 +99,7 @@ class CameraReports:
         return HotPointSeen(mission_us, self._name, round(event.max_c, 1), *place)
 
     def on_target(self, event: camera.TrackedPlace, mission_us: int) -> TargetTracked | None:
-        """Return the place of a tracked object, at most once a second, or None."""
+        """Return the position of a tracked object, at most once a second, or None."""
         if 0 <= mission_us - self._target_us < EVERY_US:
             return None
         self._target_us = mission_us

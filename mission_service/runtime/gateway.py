@@ -101,7 +101,7 @@ class MissionClock:
 
     In a simulation that runs faster than real time, the autopilots' clocks synchronise fire and
     flight. The first autopilot begins at ``start_us``. The clock of an autopilot that connects
-    later, is restarted or has a slower clock is set to the present mission time, because a team
+    later, is restarted or has a slower clock is set to the current mission time, because a team
     ignores a vehicle whose time lags behind. With the wall clock, mission time is ``start_us`` plus
     the time since the service began.
     """
@@ -134,7 +134,7 @@ class MissionClock:
         self.latest_us = max(self.latest_us, mission_us)
 
     def others_passed(self, mission_us: int, wall_us: int) -> None:
-        """Advance to another process's mission time; vehicles that lag behind are set to that time.
+        """Advance to another process's mission time; lagging vehicle clocks are set to that time.
 
         A small lag of a vehicle remains, because all events of a process have one common time.
         """

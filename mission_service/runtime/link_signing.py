@@ -14,7 +14,7 @@ COMMAND_LINK_ID = 255  # link id of CLI commands; a service that runs meanwhile 
 REPORT_FROM_FRAMES = 10
 LEAD_REPORTED_S = 60.0
 CHECK_CLOCKS = "check the clocks of this machine and the vehicle"
-WORDS = {  # description and remedy for each verdict on a frame
+WORDS = {  # description and remedy for each reason to refuse a frame
     "unsigned": ("without a signature", "set the vehicle's key (mission-service signing set-up)"),
     "wrong": ("with a wrong signature", "check that the vehicle has this key"),
     "repeated": ("with repeated timestamps", "check whether frames arrive twice"),
@@ -38,7 +38,7 @@ def timestamps_file() -> Path:
 def signings(
     sources: Iterable[str | None], wall_us: Callable[[], int], warn: Callable[[str], None]
 ) -> Iterator[dict[str | None, Signing]]:
-    """Provide a ``Signing`` for each source of a key; all of them use one file of timestamps.
+    """Provide a ``Signing`` for each key source; all of these use the same timestamp file.
 
     Raises BridgeError for a key that cannot be read.
     """

@@ -1,4 +1,4 @@
-"""Stores what each source of observations contributes to a run, and derives its state. Pure.
+"""Stores what each source of observations contributes to a run; derives source states. Pure.
 
 A source is the camera of a vehicle, a sensor of the scenario, a detector that sends reports under
 its own name, or a person. Windows of the estimate and corrections are not observations.
@@ -51,7 +51,7 @@ class Footprint(NamedTuple):
 
     @property
     def cells(self) -> int:
-        """The number of cells of a window, or the number of places of a report."""
+        """The number of cells in a window, or of positions in a report."""
         event = self.event
         if isinstance(event, FireObserved):
             return len(event.points)

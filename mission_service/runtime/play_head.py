@@ -81,7 +81,7 @@ class PlayHead:
             self.paused = True
 
     def pause(self) -> None:
-        """Stop at the present position."""
+        """Stop at the current position."""
         self.paused = True
 
     def resume(self, now_us: int) -> None:

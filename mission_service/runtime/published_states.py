@@ -25,9 +25,9 @@ class TelemetryState(msgspec.Struct, tag="telemetry/1", tag_field="schema"):
 
 
 class OrbitState(msgspec.Struct):
-    """The ordered circle around a virtual agent, anticlockwise with a negative radius.
+    """The commanded orbit around a virtual agent; a negative radius means anticlockwise.
 
-    The camera covers a ring along the circle. At the planned height the ring is ``view_width_m``
+    The camera covers a ring along the orbit. At the planned height the ring is ``view_width_m``
     wide.
     """
 
@@ -158,7 +158,7 @@ class SourceState(msgspec.Struct, tag="source/1", tag_field="schema"):
 
 
 class DropState(msgspec.Struct, tag="drop/1", tag_field="schema"):
-    """One sphere: its planned place and the status of its drop."""
+    """One sphere: the sphere's planned position and the status of its drop."""
 
     at_us: int
     vehicle: str

@@ -101,7 +101,7 @@ class RunContext:
         return self.core.guidance.estimated_fire
 
     def weather(self) -> Weather:
-        """Return the present weather, from the scenario or as set by operators."""
+        """Return the current weather, from the scenario or as set by operators."""
         at_s, of_burn = self.clock.now_us / 1e6, self.estimated_fire
         return (
             self.estimate.fire.weather.weather_at(at_s)

@@ -487,7 +487,7 @@ class StateView(Notices):
         return {name: text for (kind, _, name), text in split if kind == prefix}
 
     def fire(self, area_ha: float, corrections: list[dict[str, Any]]) -> dict[str, Any]:
-        """Return area, wind and corrections of the fire; its shape is requested separately."""
+        """Return area, wind and corrections of the fire; clients request the shape separately."""
         wind = self.wind_set
         return {
             "schema": "fire/1",

@@ -134,7 +134,7 @@ def _clients_of(
     signing: Signing | None,
     link_id: int,
 ) -> tuple[Sequence[VehicleClient], Connection | MavsdkClient]:
-    """Return the clients of the vehicles on one link, and their connection, not yet open."""
+    """Return the clients of the vehicles on the same link, and their connection, not yet open."""
     first = sections[0]
     if first.backend == "mavsdk":
         fastest_m_s = max_speed_m_s(first, scenario)

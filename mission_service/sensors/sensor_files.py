@@ -14,7 +14,7 @@ MAX_NAMED = 20_000  # events; the oldest are removed
 
 
 def file_part(file: str, number: int = 1, count: int = 1) -> str:
-    """Return the name of event ``number`` of the ``count`` events of a file."""
+    """Return the name of event ``number`` when a file has ``count`` events."""
     return f"{file} {number}/{count}"
 
 

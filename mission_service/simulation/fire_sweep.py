@@ -1,4 +1,4 @@
-"""Simulates the fire of a scenario for all combinations of given values of some keys."""
+"""Simulates a scenario's fire for all combinations of given values of some keys."""
 
 import csv
 import json

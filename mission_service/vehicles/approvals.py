@@ -25,7 +25,7 @@ from mission_service.vehicles.vehicle_state import (
 SAMPLED_EVERY_M = 20.0
 # Validity of a proposal; afterwards a new mission is planned, because the front moves.
 GOOD_FOR_S = 60.0
-# A mission differs if it extends by this share of the horizon beyond a refused mission.
+# A mission differs if it extends by this fraction of the horizon beyond a refused mission.
 AHEAD_SHARE = 0.5
 
 
@@ -48,7 +48,7 @@ class MissionApprovals:
         """Set the distances at which a mission differs from a refused mission.
 
         The distances are ``path_tolerance_m`` at right angles to the refused mission's path, and a
-        share of ``horizon_m`` beyond the end of the path.
+        fraction of ``horizon_m`` beyond the end of the path.
         """
         self._proposals: dict[str, Proposal] = {}
         self._announced: set[str] = set()  # vehicles with a proposal that waits for an answer
@@ -96,7 +96,7 @@ class MissionApprovals:
         return [proposed, announce(vehicle, words)]
 
     def _differs(self, refusal: Refusal, pending: Pending) -> bool:
-        """Return whether a mission differs from a refused mission in its path or its reason."""
+        """Return whether a mission differs from a refused mission in the path or the reason."""
         if pending.due not in ("", refusal.due):
             return True
         line = shapely.segmentize(pending.line, SAMPLED_EVERY_M)

@@ -103,7 +103,7 @@ class VehicleAvailability:
 
     @property
     def may_be_overridden(self) -> bool:
-        """Whether a failsafe or a pilot may be the cause of a mode that counts as ordered."""
+        """Whether a failsafe or a pilot may be the cause of a mode that counts as commanded."""
         flies = self.armed and self.airborne and self.mode != MISSION
         return self.held_by_upload or (self.ordered_before_restart and flies)
 
@@ -123,8 +123,8 @@ class VehicleAvailability:
     def on_service_restart(self, ended_s: float) -> None:
         """Reset the link after a restart of the service, which had ended at ``ended_s``.
 
-        If the vehicle had accepted an order to hold or return, but had not reported the ordered
-        mode by ``ended_s``, the next report counts as ordered if it contains this mode.
+        If the vehicle had accepted an order to hold or return, but had not reported the commanded
+        mode by ``ended_s``, this mode counts as commanded if the next report contains it.
         """
         self.online = False
         expected = (mode for kind, mode in LASTING.items() if self.is_expected(kind, ended_s))
@@ -134,7 +134,7 @@ class VehicleAvailability:
         self.ordered_before_restart = self.mode_is_ordered
 
     def restart(self) -> None:
-        """Reset after a restart of the autopilot; in flight the mode then counts as not ordered.
+        """Reset after a restart of the autopilot; in flight the mode then counts as not commanded.
 
         The last mode remains valid until the next report. An order to return remains valid while
         the vehicle is armed. A watchdog may restart an autopilot in flight.

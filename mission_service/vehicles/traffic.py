@@ -179,7 +179,7 @@ class TrafficManager:
         return other in self._below[own.section.name] and above_m >= self._separation_m / 2.0
 
     def may_turn_back(self, name: str) -> bool:
-        """Return whether a vehicle may turn back: no vehicle nearby is moving out of its way."""
+        """Return whether a vehicle may turn back: no vehicle nearby is moving out of the way."""
         fix = self._all[name].availability.fix
         for other in self._all.values():
             other_fix = other.availability.fix
@@ -197,7 +197,7 @@ class TrafficManager:
         return place
 
     def may_take_off(self, name: str, at_s: float) -> bool:
-        """Return whether a vehicle's home is clear of others; if so, record its takeoff."""
+        """Return whether a vehicle's home is clear of others; if so, record the takeoff."""
         own = self._all[name]
         for other in self._all.values():
             if other is own:

@@ -43,8 +43,9 @@ class TimeColumn(NamedTuple):
 def time_column(records: Sequence[Record]) -> TimeColumn | None:
     """Return the field with the times of features, from the attributes of each feature.
 
-    The field is the first of ``FIELDS`` that has a value in any feature, or the two fields of FIRIS
-    with the date and the time of day. Returns None if there is no such field.
+    If there are the two FIRIS fields with the date and the time of day, the values of both are
+    joined. Otherwise, the field is the first of ``FIELDS`` that has a value in any feature. Returns
+    None if there is no such field.
     """
     names = {key.lower(): key for record in records for key in record}
     day, clock = names.get(FIRIS_DATE.lower()), names.get(FIRIS_TIME.lower())

@@ -56,7 +56,7 @@ def read_landscape(
     fuel_codes: Mapping[int, int] | None = None,
     custom_fuels: Mapping[int, FuelModel] | None = None,
 ) -> Landscape:
-    """Read a landscape from rasters that lie on one north-up grid of square cells in metres.
+    """Read a landscape from rasters that lie on the same north-up grid of square cells in metres.
 
     Fuel is required. The ground is given by elevation, by slope and aspect, or by all three. The
     canopy is optional. The gradient is computed from slope and aspect if they are given, else from

@@ -108,7 +108,7 @@ def repair_note(
 
 
 def features_of(path: Path) -> tuple[list[BaseGeometry], str | None]:
-    """Read the geometries of all layers of a file, unchanged, and the CRS of the file.
+    """Read the unchanged geometries in all layers of a file, and the file's CRS.
 
     A feature without geometry yields an empty geometry. Raises FireModelError if the file cannot be
     read as shapes.
@@ -196,8 +196,8 @@ def _layers(path: Path, source: Path | bytes, **options: Any) -> list[Any]:
 def _raw(source: Path | bytes, **options: Any) -> Any:
     """Return the result of ``pyogrio.raw.read``, also for a .dbf with invalid UTF-8.
 
-    Field names in a Shapefile are truncated to ten bytes, possibly within a character of UTF-8. In
-    this case the texts are read as Latin-1, in which every byte is a character.
+    Field names in a Shapefile are truncated to ten bytes, possibly in the middle of a UTF-8
+    character. In this case the texts are read as Latin-1, in which every byte is a character.
     """
     import pyogrio
 

@@ -67,7 +67,7 @@ def units_in(path: Path, rows: NumberedRows, default: str = "ENGLISH") -> tuple[
 def daily_records(
     wtr: tuple[Path, NumberedRows], wnd: tuple[Path, NumberedRows], year: int, units: Sequence[str]
 ) -> tuple[str, list[tuple[int, list[str]]]]:
-    """Compute hourly records of the weather from the rows of a .wtr file and of a .wnd file.
+    """Compute hourly weather records from the rows of a .wtr file and a .wnd file.
 
     Args:
         wtr: The .wtr file and its rows.

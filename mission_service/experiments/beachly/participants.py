@@ -28,7 +28,7 @@ class Watching(NamedTuple):
     look_s: float = 60.0  # interval of changes of the camera's view
     view_m: float = 120.0  # radius of the view around a point of the front
     wrong_m: float = 40.0  # maximum distance of burned and unburned observations from the front
-    burning_share: float = 0.7  # share of observations that are marked as burning
+    burning_share: float = 0.7  # fraction of observations that are marked as burning
     place_sd_m: float = 5.0  # random error of each observation
     offset_sd_m: float = 3.0  # constant error of a participant, like the error of a fish-eye lens
 

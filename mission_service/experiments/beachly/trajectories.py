@@ -36,7 +36,7 @@ Place = tuple[float, float]
 STARTS_S = 240.0  # time of takeoff, after the ignition of the backing fire
 ENDS_S = 1100.0
 SECOND_FRONT_S = 15.0  # from the first drop to the report of the second front, in scenario 4
-LOW_SHARE = 0.9  # share of the safe height up to which a vehicle counts as low
+LOW_SHARE = 0.9  # fraction of the safe height up to which a vehicle counts as low
 # Lines lit in scenario 2: (m north of the southern edge, time of ignition in s).
 BULGE = ((6.0, 20.0), (12.0, 55.0), (18.0, 90.0), (24.0, 125.0), (30.0, 160.0), (36.0, 195.0))
 

@@ -34,7 +34,7 @@ GUST_S = 240.0  # interval between entries of the weather
 # Standard deviations of the errors in the model's settings (for speed and rate, of the logarithm).
 # With these values the front error without corrections is about the paper's 24.8 m.
 WRONG_SPEED, WRONG_DEG, WRONG_RATE = 0.5, 45.0, 0.7
-MIN_BURNED, MAX_EARLY, MAX_BURNED = 0.55, 0.35, 0.97  # shares of the unit, see ``random_burn``
+MIN_BURNED, MAX_EARLY, MAX_BURNED = 0.55, 0.35, 0.97  # fractions of the unit, see ``random_burn``
 MAX_UNEVEN = 4.0  # maximum ratio of the spread rates of the fastest and the slowest fuel
 EARLY_S = 15.0 * MINUTE_S
 

@@ -1,7 +1,7 @@
 """Simulate the ideal flight of a team along the front of a growing fire, as Bent does.
 
 The front is a ring of cells. Each vehicle flies from cell to cell at its speed, turns on the spot
-and observes its present cell. At each cell that a vehicle reaches, the rule makes one decision.
+and observes its current cell. At each cell that a vehicle reaches, the rule makes one decision.
 When the ring grows, cells, vehicles and regions are moved to the new ring.
 """
 

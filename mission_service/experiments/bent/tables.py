@@ -1,4 +1,4 @@
-"""Write tables 5.1 to 5.4 of Bent's thesis, with the results of the thesis and of this program."""
+"""Write tables 5.1 to 5.4 of Bent's thesis, with the thesis's and this program's results."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -78,7 +78,7 @@ def agreement(runs: Sequence[Row]) -> tuple[int, int, float, float]:
     """Compare the best combinations with those of the thesis, in all cells of tables 5.1 and 5.2.
 
     Returns the number of cells with the same combination, the number of all cells, the number of
-    equal combinations expected from random choices, and the mean share by which the thesis's
+    equal combinations expected from random choices, and the mean fraction by which the thesis's
     combination is worse here.
     """
     same, shares, chance = 0, [], 0.0

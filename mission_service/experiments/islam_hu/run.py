@@ -31,8 +31,8 @@ def run(
     """Simulate all planners on all fires, on two cores; if ``out`` is given, draw figures there.
 
     Cells are 30 m wide. ``alpha_sweep`` has the reversals of the damped rule for several alphas.
-    ``attention`` has, for the damped rule with alpha 1, the reversals and the share of time north
-    of the ignition, before and after the fire changes.
+    ``attention`` has, for the damped rule with alpha 1, the reversals and the fraction of time
+    north of the ignition, before and after the fire changes.
     """
     found: dict[str, Any] = {"alpha_sweep": [], "distance_error": [], "attention": []}
     cases = list(product(names, COMPARED))

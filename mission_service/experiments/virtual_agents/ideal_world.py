@@ -48,7 +48,7 @@ class Rules:
 
     avoidance: Avoidance = "intent"
     synchronises: bool = True
-    # Share of messages that are lost, per receiver.
+    # Fraction of messages that are lost, per receiver.
     loss_at: Callable[[float], float] = lambda at_s: 0.0
     delay_s: float = TICK_S
     wind_m_s: tuple[float, float] = (0.0, 0.0)  # velocity of the air towards (east, north)
@@ -220,7 +220,7 @@ class FormationWorld:
         return OwnState(at_us, x_m, y_m, height_m, vx, vy, airspeed_m_s, *self.rules.wind_m_s)
 
     def view(self, number: int) -> Footprint:
-        """Return the present footprint of a UAV's camera (see ``camera_footprint``)."""
+        """Return the current footprint of a UAV's camera (see ``camera_footprint``)."""
         camera, height_m = self.settings.camera, float(self.heights_m[number])
         x_m, y_m = self.places_m[number].tolist()
         vx, vy = self.velocities_m_s[number].tolist()

@@ -67,7 +67,7 @@ class MonitoringArea:
         self.cells, self.priorities = self._cells[:count], self._priorities[:count]
 
     def agent_coverage(self, agents_m: Floats, coverage_m: float) -> float:
-        """Return the share of all priorities within ``coverage_m`` of any virtual agent (n, 2)."""
+        """Return the fraction of the total priority within ``coverage_m`` of an agent (n, 2)."""
         cell_m = self.grid.cell_m
         rows = (self.grid.north_m - agents_m[:, 1]) / cell_m - 0.5
         cols = (agents_m[:, 0] - self.grid.west_m) / cell_m - 0.5
@@ -77,7 +77,7 @@ class MonitoringArea:
         return share
 
     def seen_coverage(self, seen_s: Floats, at_s: float, within_s: float = SEEN_WITHIN_S) -> float:
-        """Return the share of all priorities in cells that were seen in the last ``within_s``.
+        """Return the fraction of the total priority in cells seen in the last ``within_s``.
 
         ``seen_s`` (y, x) is the time at which each cell was seen last.
         """
@@ -152,7 +152,7 @@ def _seen(cells, priorities, seen_s, since_s):  # type: ignore[no-untyped-def]
 
 @kernel
 def _in_view(cells, priorities, views, view):  # type: ignore[no-untyped-def]
-    """Return the sums of the priorities: of a view's uncounted cells, and of all cells in the view.
+    """Return the total priority of a view's uncounted cells, and that of all cells in the view.
 
     A cell has been counted if ``views`` contains the number ``view`` at that cell.
     """

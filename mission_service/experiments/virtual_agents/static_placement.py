@@ -25,7 +25,7 @@ STARTS, KICKS = 8, 40
 
 @dataclass(frozen=True, eq=False)
 class Placement:
-    """The row and column (n, 2) of each disc's centre, and the share of the weights covered."""
+    """The row and column (n, 2) of each disc's centre, and the fraction of the weight covered."""
 
     places: Floats
     coverage: float
@@ -33,7 +33,7 @@ class Placement:
 
 @kernel
 def add_disc(weights, counts, row, col, radius, sign):  # type: ignore[no-untyped-def]
-    """Add ``sign`` to ``counts`` within ``radius`` of a place, and return the changed weight.
+    """Add ``sign`` to ``counts`` within ``radius`` of a position, and return the changed weight.
 
     The changed weight is the weight that only this disc covers: gained with sign 1, lost with sign
     -1. Lengths are in cells. A cell counts if its centre is within the radius.
@@ -145,10 +145,11 @@ def refine(weights, counts, allowed, places, radius):  # type: ignore[no-untyped
 
 
 def coverage(weights: Floats, places: Floats, radius_cells: float) -> float:
-    """Return the share of all weights (rows, cols) that is within the radius of a place (n, 2).
+    """Return the fraction of the total weight that the discs cover.
 
-    For the weights of the monitoring-area map, this is the virtual-agent coverage of section 6.2.
-    If all weights are 0, the result is 1.
+    ``weights`` is (rows, cols), and ``places`` (n, 2) are the centres of the discs. For the weights
+    of the monitoring-area map, this is the virtual-agent coverage of section 6.2. If all weights
+    are 0, the result is 1.
     """
     total = float(weights.sum())
     if total == 0.0:
@@ -168,10 +169,10 @@ def best_placement(
     starts: int = STARTS,
     kicks: int = KICKS,
 ) -> Placement:
-    """Return the best places found for ``count`` discs on ``allowed`` cells (rows, cols).
+    """Return the best positions found for ``count`` discs on ``allowed`` cells (rows, cols).
 
-    The same seed gives the same places. Raises MissionServiceError if ``count`` is less than 1, or
-    if no allowed cell is near a weight.
+    The same seed gives the same positions. Raises MissionServiceError if ``count`` is less than 1,
+    or if no allowed cell is near a weight.
     """
     cells = np.argwhere(allowed & _near(weights > 0, radius_cells))
     if count < 1 or not cells.size:
@@ -222,7 +223,7 @@ def best_around(
     starts: int = STARTS,
     kicks: int = KICKS,
 ) -> Placement:
-    """Return the best places found for ``count`` virtual agents around a fire (y, x)."""
+    """Return the best positions found for ``count`` virtual agents around a fire (y, x)."""
     maps = maps_of(np.flatnonzero(fire), grid, settings)
     return best_placement(
         weights_of(maps),

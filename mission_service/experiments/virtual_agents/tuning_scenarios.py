@@ -33,7 +33,7 @@ CELL_M = 50.0
 STEP_S = 1.0
 P_SPREAD = 0.2
 ABREAST_M = 150.0  # spacing of agents at the start
-PENALTY = 10.0  # weight of the share of time in which virtual agents lead UAVs over fire
+PENALTY = 10.0  # weight of the fraction of time in which virtual agents lead UAVs over fire
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,7 +114,7 @@ def _fire(kind: Kind, rng: np.random.Generator) -> NDArray[np.bool_]:
 
 
 def flown(scenario: Scenario, constants: Floats) -> tuple[float, float]:
-    """Return the final coverage, and the share of time for which agents are too near to fire.
+    """Return the final coverage, and the fraction of time for which agents are too near to fire.
 
     ``constants`` (8) are in the order of ``constants_array``.
     """

@@ -19,7 +19,7 @@ from mission_service.ignition_plan import IgnitionPlan, PathPoint, PlannedDrop
 Floats = NDArray[np.float64]
 
 MAX_PROGRESS_M = 30.0  # maximum progress in one update
-HIGH_SHARE = 0.9  # a vehicle above this share of the safe height counts as at the safe height
+HIGH_SHARE = 0.9  # a vehicle above this fraction of the safe height counts as at the safe height
 # For fire from the vehicle's own spheres: the upper limit of the time margin, the spacing of
 # samples along a leg, and the number of points on the circle around a sample.
 OWN_SOON_S, OWN_SAMPLES_M, OWN_RING_POINTS = 10.0, 5.0, 24
@@ -52,7 +52,7 @@ class PathProgress:
 
     @property
     def after_s(self) -> float:
-        """Return the planned time at the present progress, in seconds since the path's start."""
+        """Return the planned time at the current progress, in seconds since the path's start."""
         return float(np.interp(self.progress_m, self._along_m, self._after_s))
 
     def update(self, position_m: Floats) -> float:
@@ -78,7 +78,7 @@ class PathProgress:
     def ahead(self, now_s: float) -> Floats:
         """Return the remaining path (k, 4) with x, y, height and mission time.
 
-        The vehicle is assumed to be at its present progress at ``now_s``.
+        The vehicle is assumed to be at its current progress at ``now_s``.
         """
         rest = self._along_m > self.progress_m
         present = [np.interp(self.progress_m, self._along_m, axis) for axis in self.points_m.T]

@@ -125,7 +125,7 @@ class BurnState:
         return float(self.landscape.elevation_at(fix.x_m, fix.y_m))
 
     def lat_lon(self, x_m: float, y_m: float) -> tuple[float, float]:
-        """Return the latitude and longitude of a place, rounded to 1e-7 degrees as in MAVLink."""
+        """Return latitude and longitude of a position, rounded to 1e-7 degrees as in MAVLink."""
         lat_deg, lon_deg = self.landscape.lat_lon_of(x_m, y_m)
         return round(float(lat_deg), 7), round(float(lon_deg), 7)
 
@@ -179,7 +179,7 @@ class BurnState:
         )
 
     def air(self, vehicle: Vehicle, fix: PositionFix, at_s: float) -> FlightConstraints:
-        """Return the constraints on a flight, from the present estimate of the fire."""
+        """Return the constraints on a flight, from the current estimate of the fire."""
         if self._air is None or self._air[0] != self.fire.version:
             air = constraints_of(self.situation(vehicle, fix, at_s), self.burn)
             # Plans cover the unit only; flights are monitored from takeoff at home.

@@ -72,7 +72,7 @@ class BurnUnit:
         return only_areas(area)
 
     def may_drop(self, places_m: Floats) -> NDArray[np.bool_]:
-        """Return for each place (n, 2) whether a sphere may fall there.
+        """Return for each position (n, 2) whether a sphere may fall there.
 
         The test uses exact distances instead of polygonal buffers.
         """
@@ -89,7 +89,7 @@ class BurnUnit:
         return np.asarray(good, np.bool_)
 
     def with_people(self, people: tuple[ExclusionCircle, ...]) -> "BurnUnit":
-        """Return a copy of the unit with ``people`` in place of the present people."""
+        """Return a copy of the unit with ``people`` in place of the current people."""
         return replace(self, people=people)
 
     def digest(self, settings: BurnSection) -> str:

@@ -227,7 +227,7 @@ class BurnFlight(Guidance):
         return [] if why is None else self._stop(why)
 
     def _why_invalid(self, at_s: float) -> str | None:
-        """Return why the present plan is invalid; None if the plan is valid or there is no plan."""
+        """Return why the current plan is invalid; None if the plan is valid or there is no plan."""
         plan, flown = self.approvals.plan, self._flown if self.phase == "flying" else None
         if plan is None:
             return None

@@ -1,4 +1,4 @@
-"""Checks a drop's place for the interlock: near its target, in the unit, far from people.
+"""Checks a drop's position for the interlock: near its target, in the unit, far from people.
 
 This module is part of the interlock, and shares no code with the controller that orders drops.
 A drop is refused if information is missing.
@@ -28,7 +28,7 @@ Circle = tuple[float, float, float]  # lat_deg, lon_deg, radius_m
 
 
 def planned_drop(plan: IgnitionPlan, drop: Drop) -> PlannedDrop:
-    """Return the planned drop that has the number of an ordered drop."""
+    """Return the planned drop that has the number of a commanded drop."""
     return next(planned for planned in plan.drops if planned.number == drop.number)
 
 

@@ -19,7 +19,7 @@ from mission_service.position_fix import PositionFix
 
 TELEMETRY_S = 0.1
 RELEASES_BEFORE_S = 6.0  # a sphere is released at most this long before its planned time
-# Limits of a drop, as shares of the planned height (lowest, highest) and of the planned speed.
+# Limits of a drop, as fractions of the planned height (lowest, highest) and of the planned speed.
 LOW_SHARE, HIGH_SHARE, FAST_SHARE = 0.7, 1.4, 1.3
 
 

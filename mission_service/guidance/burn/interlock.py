@@ -76,7 +76,7 @@ class _Vehicle:
     fix: Telemetry | None = None
     battery_pct: float | None = None
     fix_good: bool = False
-    used: int = 0  # spheres of the present load whose drops were ordered
+    used: int = 0  # spheres of the current load whose drops were ordered
 
 
 @dataclass

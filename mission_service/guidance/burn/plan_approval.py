@@ -52,12 +52,12 @@ class ApprovalTracker:
         self._stations = {station.name for station in burn.stations}
         self._approval_us = round(burn.approval_s * 1e6)
         self._timeout_us = round(burn.approver_timeout_s * 1e6)
-        self._host_us = 0  # the present time on the host's clock
+        self._host_us = 0  # the current time on the host's clock
         self._proposed_host_us = 0
         self._approver_us = self._approver_host_us = 0  # last input of an approver, on both clocks
 
     def host_time(self, event: HostTime) -> None:
-        """Set the present time on the host's clock."""
+        """Set the current time on the host's clock."""
         self._host_us = event.monotonic_us
 
     def on_operator_input(self, event: OperatorEvent) -> None:
@@ -97,7 +97,7 @@ class ApprovalTracker:
         return None
 
     def is_expired(self, at_us: int) -> bool:
-        """Return whether the present plan has expired; False without a plan."""
+        """Return whether the current plan has expired; False without a plan."""
         if self.plan is None:
             return False
         valid_for_us = self.plan.valid_until_us - self.plan.made_at_us

@@ -34,7 +34,7 @@ FLIES_ONLY = frozenset(
     )
 )
 ACCEPTANCE_M = 2.0  # acceptance radius of waypoints; ArduCopter uses its own (WPNAV_RADIUS)
-BAND = 0.2  # the height above the ground may exceed a leg's height by up to this share
+BAND = 0.2  # the height above the ground may exceed a leg's height by up to this fraction
 SAMPLES_A_CELL = 4
 SAME_PLACE_M = 0.05
 

@@ -1,4 +1,4 @@
-"""Checks whether an earlier plan is still valid in the present fire, unit and wind."""
+"""Checks whether an earlier plan is still valid in the current fire, unit and wind."""
 
 import math
 from collections.abc import Sequence
@@ -29,7 +29,7 @@ def plan_problem(
 
     The rest of the plan begins at ``situation.at_s``, in the situation's wind and unit. The
     situation's fire must not contain the drops of this plan, because this function adds each drop
-    at its time.
+    at the time of the drop.
     """
     air = constraints_of(situation, settings)
     begin_s = situation.at_s - flown_s

@@ -1,4 +1,4 @@
-"""Checks a plan, or the rest of a plan in flight, against the present fire, wind and unit."""
+"""Checks a plan, or the rest of a plan in flight, against the current fire, wind and unit."""
 
 from mission_service.guidance.burn.approved_plan import ApprovedPlan, first_danger_s
 from mission_service.guidance.burn.burn_state import BurnState

@@ -7,7 +7,7 @@ from mission_service.guidance.burn.approved_plan import HIGH_SHARE
 from mission_service.guidance.burn.burn_state import BurnState
 from mission_service.position_fix import PositionFix
 
-# The interval between climb commands, and the commanded height as a share of the safe height.
+# The interval between climb commands, and the commanded height as a fraction of the safe height.
 REPEAT_CLIMB_S, CLIMB_SHARE = 5.0, 1.05
 
 

@@ -10,7 +10,7 @@ PointXY = tuple[float, float]
 
 @dataclass(slots=True)
 class Sphere:
-    """The sphere of an ordered drop; ``outcome`` is ordered, done, unknown or refused."""
+    """The sphere of a commanded drop; ``outcome`` is ordered, done, unknown or refused."""
 
     plan_hash: str
     number: int
@@ -31,7 +31,7 @@ class Sphere:
 
 
 class SphereAccount:
-    """The account of all spheres of a burn, in the order of their drops.
+    """The account of a burn's spheres, in the order of their drops.
 
     ``loaded`` is the number of spheres on board at the start.
     """

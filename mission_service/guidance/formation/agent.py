@@ -182,7 +182,7 @@ class Agent:
     # Outputs ----------------------------------------------------------------------------------
 
     def step(self, own: OwnState) -> Intention:
-        """Advance the agent to the UAV's present state; return the UAV's intention."""
+        """Advance the agent to the UAV's current state; return the UAV's intention."""
         self._step_s = min((own.at_us - self._stepped_at_us) / 1e6, MAX_STEP_S)
         self._stepped_at_us = own.at_us
         peers = self.peers.rows(own.at_us)

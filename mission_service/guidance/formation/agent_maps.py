@@ -70,7 +70,7 @@ class AgentMaps:
 
 
 def disc(reach_cells: float) -> Cells:
-    """Return the half width, in columns, of each of the 2 k + 1 rows of a disc.
+    """Return the half widths, in columns, of a disc's 2 k + 1 rows.
 
     The rows run from k cells above the centre to k cells below. A cell belongs to the disc if its
     centre is at most ``reach_cells`` from the centre of the middle cell.

@@ -2,9 +2,9 @@
 
 The first mission of a vehicle leads to a loiter near the fire, where the vehicle stays if anything
 fails. During this flight the vehicle's agent takes control, and orbit commands to the autopilot
-follow the virtual agent. The vehicle has settled when its orbit has not moved for some time. A
-mission that ends in a loiter on this orbit is then uploaded and started. When the virtual agent
-moves again, orbit commands resume.
+follow the virtual agent. When the orbit has not moved for some time, a mission that ends in a
+loiter on this orbit is uploaded and started. When the virtual agent moves again, orbit commands
+resume.
 
 The mission on board is renewed at intervals, so that the mission ends in a circle near the vehicle.
 The rate of commands is limited: there is one pending command at a time, and a minimum interval for
@@ -217,9 +217,9 @@ class FormationFlight(Guidance):
     # Missions ---------------------------------------------------------------------------------
 
     def first_path(self, vehicle: Vehicle, fix: PositionFix) -> Floats:
-        """Return the path to a waiting place near the fire.
+        """Return the path to a waiting position near the fire.
 
-        For an airborne vehicle this is the nearest place that is clear of fire.
+        For an airborne vehicle this is the nearest position that is clear of fire.
         """
         section, centre_m = vehicle.section, self.formation.centre_m
         if vehicle.availability.airborne:
@@ -230,7 +230,7 @@ class FormationFlight(Guidance):
         return np.array([(fix.x_m, fix.y_m), place_m])
 
     def items(self, vehicle: Vehicle, path_m: Floats, fix: PositionFix) -> tuple[MissionItem, ...]:
-        """Return the mission to the waiting place at the end of a path."""
+        """Return the mission to the waiting position at the end of a path."""
         section, state = vehicle.section, self._states[vehicle.name]
         circle = Circle(float(path_m[-1, 0]), float(path_m[-1, 1]), -section.loiter_radius_m)
         state.sending = circle
@@ -252,7 +252,7 @@ class FormationFlight(Guidance):
         return [self._missions.upload(vehicle, path_m, items, fix, "fly to the fire")]
 
     def _renew(self, vehicle: Vehicle, state: OrderState, fix: PositionFix) -> list[AnyCommand]:
-        """Return the upload of a mission that ends in the present circle, if an upload is due."""
+        """Return the upload of a mission that ends in the current circle, if an upload is due."""
         circle = state.circle
         if circle is None or circle == state.loiter or vehicle.awaits_mission:
             return []

@@ -1,18 +1,18 @@
-"""The coverage rule: each virtual agent moves to the place where it adds most to the coverage.
+"""The coverage rule: each virtual agent moves to the position where it adds most to the coverage.
 
 This rule replaces the paper's forces. Each cell near fire has a weight: 5 inside the augmented fire
 (priority 1 in the paper), and 1 within d_mon (priority 0.2). An agent covers the cells in a circle.
-The gain of an agent at a place is the total weight of the cells in the circle that no other agent
-covers. A move that increases the gain of one agent also increases the total weight covered by all
-agents; therefore the agents come to rest. In measurements, this total was then at most 3 % below
-the total of the best placement (``experiments/virtual_agents/static_placement.py``). With the
+The gain of an agent at a position is the total weight of the cells in the circle that no other
+agent covers. A move that increases the gain of one agent also increases the total weight covered by
+all agents; therefore the agents eventually stop. In measurements, this total was then at most 3 %
+below the total of the best placement (``experiments/virtual_agents/static_placement.py``). With the
 paper's forces, agents stop where the forces cancel, between the fire's centre and a neighbour.
 
-An agent compares all places of a lattice in its area by the gain at the place, minus the cost of
-the path around the augmented fire to the place. An agent moves only if the gain increases by at
-least ``WORTH``, or if fire reaches its place. The agent therefore rests for long enough that its
-orbit can become a loiter item. Among places without a gain, an agent prefers places far from other
-agents.
+An agent compares all positions of a lattice in the agent's area by the gain at the position, minus
+the cost of the path around the augmented fire to the position. An agent moves only if the gain
+increases by at least ``WORTH``, or if fire reaches the agent's position. Therefore, the agent stays
+in one position for long enough that the orbit around the agent can become a loiter item. Among
+positions without a gain, an agent prefers positions far from other agents.
 """
 
 import math
@@ -36,12 +36,12 @@ from mission_service.guidance.formation.virtual_forces_kernels import (
 Floats = NDArray[np.float64]
 
 # Minimum increase of the gain for a move: at first (0.5 % of the coverage of four agents), and
-# after LATER_S at a place.
+# after LATER_S at a position.
 WORTH, WORTH_LATER, LATER_S = 80.0, 10.0, 120.0
 COST_PER_M = 0.03  # cost of a metre of path
 CROWD_M = 150.0  # agents closer than this have the additional cost ``coverage_kernels.CROWD``
 LATTICE_M = 60.0
-MARGIN_M = 10.0  # a place this close to the augmented fire has a cost, since the fire grows
+MARGIN_M = 10.0  # a position this close to the augmented fire has a cost, since the fire grows
 ARRIVED_M = 0.5
 STILL_M = 5.0  # an agent whose goal has moved farther since the last decision is in transit
 DECIDE_EVERY_S = 2.0
@@ -161,7 +161,7 @@ class AgentMover:
     """
 
     def __init__(self, settings: Settings, grid: MapGrid, key: int) -> None:
-        """Create the mover of an agent; ``key`` is ``peer_table.priority_key`` of its UAV."""
+        """Create the mover of an agent; ``key`` is its UAV's ``peer_table.priority_key``."""
         self.settings, self.grid = settings, grid
         self.goal: Goal | None = None
         self._constants = constants_array(settings.constants)
@@ -214,8 +214,8 @@ class AgentMover:
     def _without_rivals(self, others: Floats) -> Floats:
         """Return x and y (n, 2) of the goals to which this agent gives way.
 
-        If several agents have chosen the same place at the same time, the agent with the lowest key
-        keeps the place.
+        If several agents have chosen the same position at the same time, the agent with the lowest
+        key keeps the position.
         """
         if self.goal is None:
             return others[:, :2]
@@ -229,7 +229,7 @@ class AgentMover:
         before_m, self._others_m = self._others_m, others_m
         goal = self._next(at_s, x_m, y_m, others_m, maps)
         if self.goal and goal and goal.since_s == at_s and self._is_at(x_m, y_m, self.goal):
-            # Distances between earlier (first axis) and present (second axis) goals of the others.
+            # Distances between earlier (first axis) and current (second axis) goals of the others.
             away_m = np.hypot(*(others_m[:, None] - before_m).T)
             still_m = others_m[(away_m < STILL_M).any(axis=0)]
             without = self._next(at_s, x_m, y_m, still_m, maps)

@@ -1,7 +1,7 @@
 """Compiled parts of ``coverage``: the weight inside a circle, and paths around the fire.
 
-Lengths are in cells. A place is a row and a column, as floats, with whole numbers at the centres of
-cells. A box is (top, bottom, left, right) and excludes row ``bottom`` and column ``right``. The
+Lengths are in cells. A position is a row and a column, as floats, with whole numbers at the centres
+of cells. A box is (top, bottom, left, right) and excludes row ``bottom`` and column ``right``. The
 lattice has a node at each cell whose row and column are multiples of ``stride``. Node (i, j) has
 the number ``i * wide + j``.
 
@@ -21,7 +21,7 @@ NO_PATH = math.inf
 CROSSING = 9.0  # additional length of a path for each cell inside the augmentation
 # Maximum cost of another agent within the spacing, and additional maximum cost within CROWD_M.
 NEIGHBOUR, CROWD = 800.0, 5000.0
-TOUCHING = 50.0  # cost of a place within the margin of the augmented fire
+TOUCHING = 50.0  # cost of a position within the margin of the augmented fire
 
 
 @kernel
@@ -139,7 +139,7 @@ def is_free(row, col, augmentation, margin):  # type: ignore[no-untyped-def]
 
 @kernel
 def leg(row, col, to_row, to_col, augmentation, crossing):  # type: ignore[no-untyped-def]
-    """Return the length of the straight line between two places.
+    """Return the length of the straight line between two positions.
 
     The part of the line inside the augmentation counts ``1 + crossing`` times. If ``crossing`` is
     ``NO_PATH``, the result is ``NO_PATH`` for a line that enters the augmentation or leaves the
@@ -243,8 +243,8 @@ def node_next_to(row, col, stride, box, wide, distances):  # type: ignore[no-unt
 def first_leg(row, col, augmentation, box, stride, crossing, distances, previous, found):  # type: ignore[no-untyped-def]
     """Set ``found[2:]`` to the last node of the path that one straight leg can reach.
 
-    The path leads to the place ``found[:2]``. The straight leg must be as short as the path to the
-    node. ``find_paths`` must be called first. Returns whether a path exists.
+    The path leads to the position ``found[:2]``. The straight leg must be as short as the path to
+    the node. ``find_paths`` must be called first. Returns whether a path exists.
     """
     wide = (augmentation.shape[1] - 1) // stride + 1
     goal_row, goal_col = math.floor(found[0] + 0.5), math.floor(found[1] + 0.5)
@@ -277,7 +277,7 @@ def find_goal(  # type: ignore[no-untyped-def]
     scene = (
         augmentation, margin, half_widths, box, sums, others_row, others_col, spacing, crowd_at
     )  # fmt: skip
-    # The present goal, unless fire has reached this goal, and the best place near the goal.
+    # The current goal, unless fire has reached this goal, and the best position near the goal.
     found[0], found[1] = goal_row, goal_col
     r, c = math.floor(goal_row + 0.5), math.floor(goal_col + 0.5)
     threshold, best = -math.inf, -math.inf
@@ -288,7 +288,7 @@ def find_goal(  # type: ignore[no-untyped-def]
         best = value(near_row, near_col, scene) - path_cost * distance
         if best > threshold:
             found[0], found[1] = near_row, near_col
-    # The best node of the lattice, and the best place near this node.
+    # The best node of the lattice, and the best position near this node.
     field = wider(burning, area_reach, fire.shape)
     on_lattice, node_row, node_col = -math.inf, -1, -1
     for r in range((field[0] + stride - 1) // stride * stride, field[1], stride):
@@ -323,7 +323,7 @@ def find_goal(  # type: ignore[no-untyped-def]
 
 @kernel
 def value(row, col, scene):  # type: ignore[no-untyped-def]
-    """Return the gain of an agent at a free cell, minus the costs of the place."""
+    """Return the gain of an agent at a free cell, minus the costs of the position."""
     augmentation, margin, half_widths, box, sums, others_row, others_col, spacing, crowd_at = scene
     gain = weight_within(row, col, half_widths, box, sums) - crowding(
         row, col, others_row, others_col, spacing, NEIGHBOUR, crowd_at, CROWD

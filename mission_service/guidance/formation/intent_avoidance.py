@@ -40,7 +40,7 @@ class IntendedOrbit(NamedTuple):
 
 
 class OwnMotion(NamedTuple):
-    """The present motion of this vehicle."""
+    """The current motion of this vehicle."""
 
     key: int  # peer_table.priority_key(name)
     x_m: float

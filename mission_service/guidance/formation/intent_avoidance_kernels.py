@@ -64,7 +64,7 @@ def rank(key, slot):  # type: ignore[no-untyped-def]
 def in_another_layer(own, peer, layers_m):  # type: ignore[no-untyped-def]
     """Return whether a peer stays in another altitude layer than this vehicle.
 
-    All altitudes from the present to the planned altitude of each vehicle count.
+    For each vehicle, all altitudes from the current to the planned altitude count.
     """
     low_m = min(own[OWN_ALTITUDE], own[OWN_PLANNED])
     high_m = max(own[OWN_ALTITUDE], own[OWN_PLANNED])
@@ -287,7 +287,7 @@ def _candidate(number, own, desired, held, frame, small_m, twist, orbit):  # typ
     min_m_s = max(min_m_s, math.hypot(own[WIND_X], own[WIND_Y]) + 2.0)
     slow_m_s = slow_of(own, frame)
     _copy(desired, orbit)
-    if number < 2 * AIRSPEEDS:  # the desired or the present orbit, at another airspeed
+    if number < 2 * AIRSPEEDS:  # the desired or the current orbit, at another airspeed
         if number >= AIRSPEEDS:
             _copy(held, orbit)
         orbit[3] = min_m_s + (max_m_s - min_m_s) * (number % AIRSPEEDS) / (AIRSPEEDS - 1)
@@ -298,7 +298,7 @@ def _candidate(number, own, desired, held, frame, small_m, twist, orbit):  # typ
         orbit[2] = sense * min(small_m * (1.0 + 0.5 * number), abs(desired[2]))
         return
     number -= 3
-    if number < 2 * ROUND:  # a detour around a place beside the path
+    if number < 2 * ROUND:  # a detour around a position beside the path
         angle_rad = math.atan2(desired[1] - own[OWN_Y], desired[0] - own[OWN_X])
         angle_rad += 2.0 * math.pi * (number // 2 + twist) / ROUND
         away_m = 160.0 if number % 2 == 0 else 350.0
@@ -306,7 +306,7 @@ def _candidate(number, own, desired, held, frame, small_m, twist, orbit):  # typ
         orbit[1] = own[OWN_Y] + away_m * math.sin(angle_rad)
         orbit[2] = sense * small_m
         return
-    number -= 2 * ROUND  # a circle from the present position, to the left or to the right
+    number -= 2 * ROUND  # a circle from the current position, to the left or to the right
     radius_m = small_m * (1.0 + number // 4)
     left = number % 2 == 0
     orbit[3] = slow_m_s if number // 2 % 2 == 0 else min_m_s
@@ -329,7 +329,7 @@ def _differs(orbit, other):  # type: ignore[no-untyped-def]
 def decide_orbit(  # type: ignore[no-untyped-def]
     at_s, own, desired, held, listens, peers, rule, frame, path, paths, notes, adopted
 ):
-    """Decide on the orbit to fly; fill ``adopted`` if this orbit differs from the present orbit.
+    """Decide on the orbit to fly; fill ``adopted`` if this orbit differs from the current orbit.
 
     A vehicle that ``listens`` has not yet received the states of all vehicles, and keeps its orbit
     unless the path is clear for at most ``HASTE_S``. Returns whether a different orbit is adopted,

@@ -1,4 +1,4 @@
-"""Measures the share of the other UAVs' states that is received.
+"""Measures the fraction of the states sent by other UAVs that is received.
 
 While many messages are lost, each UAV flies in an altitude layer of its own (``Agent``).
 """
@@ -8,13 +8,13 @@ import math
 from mission_service.peer_messages import State
 
 WINDOW_S = 20.0  # older messages count less
-MIN_SENT = 10.0  # the share is unknown until this many states have been sent
+MIN_SENT = 10.0  # the fraction is unknown until this many states have been sent
 MAX_GAP = 120  # a longer gap does not count as a loss: the sender was out of range, or restarted
-LOSSY, GOOD = 0.6, 0.8  # shares at which links become lossy, and good again
+LOSSY, GOOD = 0.6, 0.8  # fractions at which links become lossy, and good again
 
 
 class LinkQuality:
-    """The share of received states; ``lossy`` is true while many states are lost."""
+    """The fraction of the sent states that is received; ``lossy`` is true while many are lost."""
 
     def __init__(self) -> None:
         self.lossy = False

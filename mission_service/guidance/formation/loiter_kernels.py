@@ -53,11 +53,11 @@ def _aim(  # type: ignore[no-untyped-def]
     """Return the desired heading at the end of a step, as a unit vector.
 
     The heading follows from a corrected form of eq. 15: the desired course is the polar angle of
-    the vehicle, as seen from the agent, plus 2 atan(d / r). Here d is the distance from the agent,
-    and r is the radius of the orbit. Far from the agent the course points towards the agent, on the
-    orbit it points along the orbit, and near the agent it points outwards. The course is computed
-    without angles: with q = d / r, the cosine of 2 atan(q) is (1 - q²) / (1 + q²), and the sine is
-    2 q / (1 + q²).
+    the vehicle around the agent, plus 2 atan(d / r). Here d is the distance from the agent, and r
+    is the radius of the orbit. Far from the agent the course points towards the agent, on the orbit
+    it points along the orbit, and near the agent it points outwards. The course is computed without
+    angles: with q = d / r, the cosine of 2 atan(q) is (1 - q²) / (1 + q²), and the sine is 2 q / (1
+    + q²).
     """
     sense = sense_of(radius_m)
     radius_m = abs(radius_m)
@@ -188,7 +188,7 @@ def predict_path(  # type: ignore[no-untyped-def]
     """Fill ``path_m`` (n, 2) with the positions of a vehicle on the way to an orbit and around it.
 
     Row i is the position ``first_s + i * step_s`` after the time of the given state. If ``first_s``
-    is the age of the state, row 0 is the present position.
+    is the age of the state, row 0 is the current position.
     """
     head_x, head_y = math.cos(heading_rad), math.sin(heading_rad)
     parts = math.ceil(first_s / step_s)

@@ -19,7 +19,7 @@ ObservedMotion = tuple[float, float, float, float, float]
 def expected_orbit(
     before: ObservedMotion, now: ObservedMotion, radius_m: float
 ) -> tuple[float, float, float]:
-    """Estimate the circle of a UAV's flight from the change of its course between two observations.
+    """Estimate the circle that a UAV flies from the change of course between two observations.
 
     Returns the circle's x, y and radius; a negative radius means anticlockwise. In straight flight
     the circle has the radius ``radius_m`` (> 0), and its centre is a minute ahead.

@@ -24,11 +24,11 @@ class MapGrid:
         return self.rows, self.cols
 
     def row_col_of(self, x_m: float, y_m: float) -> tuple[float, float]:
-        """Return the row and column of a place, as floats; cell centres have whole numbers."""
+        """Return the row and column of a position, as floats; cell centres have whole numbers."""
         return (self.north_m - y_m) / self.cell_m - 0.5, (x_m - self.west_m) / self.cell_m - 0.5
 
     def xy_of(self, row: float, col: float) -> tuple[float, float]:
-        """Return the place (x and y in metres) at a row and column, given as floats."""
+        """Return the position (x and y in metres) at a row and column, given as floats."""
         return self.west_m + (col + 0.5) * self.cell_m, self.north_m - (row + 0.5) * self.cell_m
 
 

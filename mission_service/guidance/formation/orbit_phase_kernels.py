@@ -1,8 +1,8 @@
 """Synchronises phases on orbits: a vehicle ahead of the others flies slower (section 5.3.2).
 
 The mean phase includes all vehicles within radio range; in the paper it includes only the
-neighbours. With the paper's mean, a ring of vehicles that each follow their neighbours could settle
-with phases spread over a full turn. If the phases are spread so evenly that they have no mean, all
+neighbours. With the paper's mean, a ring of vehicles that each follow their neighbours could remain
+at phases spread over a full turn. If the phases are spread so evenly that they have no mean, all
 vehicles follow the vehicle with the lowest key. A vehicle off its orbit is not included. Angles are
 in radians, anticlockwise.
 """
@@ -23,9 +23,9 @@ from mission_service.guidance.formation.peer_table import (
     Y,
 )
 
-MIN_SHARE, CRUISE_SHARE, MAX_SHARE = 0.4, 0.7, 1.0  # shares of the maximum thrust (eq. 16)
+MIN_SHARE, CRUISE_SHARE, MAX_SHARE = 0.4, 0.7, 1.0  # fractions of the maximum thrust (eq. 16)
 STEEPNESS = 2.3  # steepness of the thrust, per radian (eq. 17)
-ON_ORBIT = 0.25  # maximum distance from an orbit, as a share of its radius
+ON_ORBIT = 0.25  # maximum distance from an orbit, as a fraction of its radius
 NO_MEAN = 0.3  # phases have no mean if the length of their mean unit vector is smaller
 WIND_MARGIN_M_S = 2.0  # minimum of airspeed minus wind speed
 
@@ -38,17 +38,17 @@ def wrapped_rad(angle_rad):  # type: ignore[no-untyped-def]
 
 @kernel
 def thrust_share(ahead_rad):  # type: ignore[no-untyped-def]
-    """Return the share of the maximum thrust at an angle ahead of the mean (eqs. 16 and 17)."""
+    """Return the fraction of the maximum thrust at an angle ahead of the mean (eqs. 16 and 17)."""
     share = CRUISE_SHARE + 0.3 * 2.0 * (1.0 / (1.0 + math.exp(STEEPNESS * ahead_rad)) - 0.5)
     return min(max(share, MIN_SHARE), MAX_SHARE)
 
 
 @kernel
 def airspeed_of_share_m_s(share, min_m_s, max_m_s, wind_m_s):  # type: ignore[no-untyped-def]
-    """Return the airspeed that corresponds to a share of the maximum thrust.
+    """Return the airspeed that corresponds to a fraction of the maximum thrust.
 
-    A share of 0.4 gives the minimum airspeed, 0.7 the cruise airspeed (see ``Airframe``), and 1 the
-    maximum. The airspeed exceeds the wind speed if the maximum airspeed allows this.
+    A fraction of 0.4 gives the minimum airspeed, 0.7 the cruise airspeed (see ``Airframe``), and 1
+    the maximum. The airspeed exceeds the wind speed if the maximum airspeed allows this.
     """
     cruise_m_s = max(CRUISE_SHARE * max_m_s, min_m_s)
     if share < CRUISE_SHARE:
@@ -62,7 +62,7 @@ def airspeed_of_share_m_s(share, min_m_s, max_m_s, wind_m_s):  # type: ignore[no
 
 @kernel
 def is_on_orbit(x_m, y_m, orbit_x_m, orbit_y_m, radius_m):  # type: ignore[no-untyped-def]
-    """Return whether a place is near an orbit's circle."""
+    """Return whether a position is near an orbit's circle."""
     distance_m = math.hypot(x_m - orbit_x_m, y_m - orbit_y_m)
     return abs(distance_m - abs(radius_m)) < ON_ORBIT * abs(radius_m)
 

@@ -19,7 +19,7 @@ class OrderState:
     mode: str = ""
     order: str = ""  # pending order
     ordered_at_s: float = -math.inf
-    circle: Circle | None = None  # circle last ordered, or flown by the mission
+    circle: Circle | None = None  # circle last commanded, or flown by the mission
     altitude_m: float = 0.0
     orbit_at_s: float = -math.inf
     check_ground_at_s: float = -math.inf
@@ -32,7 +32,7 @@ class OrderState:
     loiter: Circle | None = None  # final circle of the mission on board
 
     def has_settled(self, at_s: float) -> bool:
-        """Return whether the orbit has been at rest for long enough to use a loiter item."""
+        """Return whether the orbit has been unchanged for long enough to use a loiter item."""
         return self.settled_since_s is not None and at_s - self.settled_since_s >= SETTLED_FOR_S
 
     def start_due(self, at_s: float) -> bool:

@@ -53,8 +53,8 @@ def _first_off_map(cells, size):  # type: ignore[no-untyped-def]
 def record_view(cells, burns, at_us, stamps, fire, sums, changed):  # type: ignore[no-untyped-def]
     """Set cells to burning or not burning, from a camera view, with the newest stamps.
 
-    Fills ``changed`` with the changed cells; returns their number and -1. If a cell is off the map,
-    nothing changes, and the result is 0 and the index of this cell.
+    Fills ``changed`` with the changed cells. Returns the number of changed cells, and -1. If a cell
+    is off the map, nothing changes, and the result is 0 and the index of this cell.
     """
     cols = fire.shape[1]
     off_map = _first_off_map(cells, fire.size)

@@ -6,8 +6,8 @@ paper is incomplete, these rules apply:
 
 - Eq. 7 raises a negative number to the power e3. The magnitude of this number, which is the overlap
   of the two agents, is used instead. The force is repulsive, as the text states.
-- For two agents at the same place, or for an agent at the fire's centre, the paper's direction is
-  undefined. The direction is then ``tie_rad``, which must differ between vehicles.
+- For two agents at the same position, or for an agent at the fire's centre, the paper's direction
+  is undefined. The direction is then ``tie_rad``, which must differ between vehicles.
 - In a local minimum, the escape force (eq. 13) replaces the sum of the other forces. The escape
   leads anticlockwise around the fire, the direction in which UAVs loiter.
 
@@ -44,7 +44,7 @@ def tie_rad(number: int) -> float:
 
 @kernel
 def is_set(bitmap, x_m, y_m, west_m, north_m, cell_m):  # type: ignore[no-untyped-def]
-    """Return whether the cell of a map at a place is set."""
+    """Return whether the cell of a map at a position is set."""
     row = math.floor((north_m - y_m) / cell_m)
     col = math.floor((x_m - west_m) / cell_m)
     rows, cols = bitmap.shape
@@ -53,9 +53,9 @@ def is_set(bitmap, x_m, y_m, west_m, north_m, cell_m):  # type: ignore[no-untype
 
 @kernel
 def unit_vector(from_x_m, from_y_m, to_x_m, to_y_m, tie_rad):  # type: ignore[no-untyped-def]
-    """Return the unit vector from one place to another, and the distance between the places.
+    """Return the unit vector from one position to another, and the distance between the positions.
 
-    If both places are the same, the vector has the direction ``tie_rad``, and the distance is 0.
+    If both positions are the same, the vector has the direction ``tie_rad``, and the distance is 0.
     """
     east, north = to_x_m - from_x_m, to_y_m - from_y_m
     distance_m = math.hypot(east, north)
@@ -102,7 +102,7 @@ def velocity_of_forces(  # type: ignore[no-untyped-def]
 ):  # fmt: skip
     """Compute the velocity (east, north; m/s) of a virtual agent at (x, y) (eqs. 10 to 13).
 
-    ``others_x_m`` and ``others_y_m`` (n) are the places of the other agents in range.
+    ``others_x_m`` and ``others_y_m`` (n) are the positions of the other agents in range.
     ``centre_x_m`` and ``centre_y_m`` are the fire's centre of gravity. ``spacing_m`` is d in eq. 8,
     and ``max_m_s`` is vel_max.
     """

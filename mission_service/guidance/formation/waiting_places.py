@@ -1,4 +1,4 @@
-"""Places at the fire's edge where the first missions of a formation end."""
+"""Computes the positions at the fire's edge where the first missions of a formation end."""
 
 from autopilot_bridge.items import MissionItem
 from firemodel.landscape.landscape import Landscape
@@ -22,7 +22,7 @@ def clear_of_fire_m(formation: Formation, section: VehicleSection) -> float:
 def waits_at(
     scenario: Scenario, formation: Formation, section: VehicleSection, home_m: Place
 ) -> Place:
-    """Return the place at the fire's edge where a vehicle's first mission ends."""
+    """Return the position at the fire's edge where a vehicle's first mission ends."""
     number = [each.name for each in scenario.vehicles].index(section.name)
     reach_m = clear_of_fire_m(formation, section)
     apart_m = 2.0 * section.loiter_radius_m + 4.0 * scenario.formation.safety_radius_m
@@ -32,7 +32,7 @@ def waits_at(
 def mission_to_place(
     scenario: Scenario, section: VehicleSection, landscape: Landscape
 ) -> tuple[MissionItem, ...]:
-    """Return a vehicle's first mission, from the ground to the place at the fire's edge."""
+    """Return a vehicle's first mission, from the ground to the position at the fire's edge."""
     home_m = landscape.xy_of_lat_lon(section.home_lat_deg, section.home_lon_deg)
     place_m = waits_at(scenario, Formation(scenario, landscape), section, home_m)
     landing = Landing(scenario, section, landscape).items_at(scenario.first_flight_s)

@@ -104,7 +104,7 @@ class FrontFlight(Guidance):
     def announcements(
         self, vehicle: Vehicle, at_s: float, decision: Decision | None
     ) -> list[AnyCommand]:
-        """Return announcements of a new phase, of a decision, and of advice on the team's size."""
+        """Return announcements: a new phase, a decision, and advice on the team's size."""
         planner = self.planners[vehicle.name]
         commands: list[AnyCommand] = []
         if vehicle.availability.airborne and planner.phase != self._phase[vehicle.name]:
@@ -169,7 +169,7 @@ class FrontFlight(Guidance):
         return [self._upload(vehicle, place, fix, f"give way to {other}", keeps_apart=True)]
 
     def _follow(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand]:
-        """Return the upload of a new mission if the path of the present mission is outdated."""
+        """Return the upload of a new mission if the path of the current mission is outdated."""
         planner = self.planners[vehicle.name]
         if planner.phase == "approach":
             path, why = self.first_path(vehicle, fix), self._renewal.why_on_approach(vehicle)
@@ -202,7 +202,7 @@ class FrontFlight(Guidance):
         return planner.compared(fix.row, fix.col, fix.at_s)
 
     def settings(self) -> dict[str, float]:
-        """Return the present settings of the perimeter planners."""
+        """Return the current settings of the perimeter planners."""
         for planner in self.planners.values():
             if isinstance(planner, PerimeterPlanner):
                 return {name: getattr(planner.settings, name) for name in TUNED}

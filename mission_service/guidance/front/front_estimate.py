@@ -55,7 +55,7 @@ LONGEST_STEP_S = 60.0
 EVEN_CELLS_S = 0.01  # rate of spread without a model, before multiplication by the factor
 
 # The wind is averaged over the longer time, or over the shorter time if the two means differ by
-# more than the noise. The noise is a constant (in m/s) plus a share of the wind speed.
+# more than the noise. The noise is a constant (in m/s) plus a fraction of the wind speed.
 SHORT_WIND_S, LONG_WIND_S = 90.0, 900.0
 WIND_NOISE_M_S, WIND_NOISE = 0.8, 0.08
 UNSEEN_ALIKE_DEG = 60.0

@@ -118,7 +118,7 @@ def advance_front(  # type: ignore[no-untyped-def]
 ):
     """Advance the front at the speed ``unit`` times the factor, at most to ``edge``.
 
-    The product is written to ``speed``. ``modelled`` and ``unseen`` advance with a factor of 1.
+    The product is written to ``speed``. ``modelled`` and ``unseen`` advance at the speed ``unit``.
     """
     for i in range(front.size):
         speed[i] = unit[i] * factors[i]
@@ -143,9 +143,9 @@ def mixed_front(  # type: ignore[no-untyped-def]
 ):
     """Compute the mixture, and the front as a mean of the model's estimate and the mixture.
 
-    ``shares`` holds the shares in the mixture of the model's estimate, of the cautious estimate,
-    and of ``last_seen``, the front as last seen (NaN where the front has never been seen). The
-    front is at most half a cell inside ground seen burned.
+    ``shares`` holds the fractions in the mixture: of the model's estimate, of the cautious
+    estimate, and of ``last_seen``, the front as last seen (NaN where the front has never been
+    seen). The front is at most half a cell inside ground seen burned.
     """
     for i in range(front.size):
         seen = modelled[i] if math.isnan(last_seen[i]) else last_seen[i]
@@ -220,7 +220,7 @@ def update_factors(  # type: ignore[no-untyped-def]
 ):
     """Update the sectors' factors with a Kalman filter, from the bearings in the mask ``due``.
 
-    ``anchor`` is the front in the earlier view with which the present view is compared. The filter
+    ``anchor`` is the front in the earlier view with which the current view is compared. The filter
     assumes: observed advance since the anchor = factor x modelled advance + noise. ``unlike`` is
     the relative error of an advance due to causes other than the factor.
     """

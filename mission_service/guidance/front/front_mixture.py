@@ -3,10 +3,10 @@
 The first estimate (the model's estimate) follows the fire model. Where the fuel map or the wind is
 wrong, the model's estimate has large errors between two views. The second estimate is
 ``cautious``: it follows measured rates more than the model. The mixture contains the cautious
-estimate and small shares of the model's estimate and of the front as last seen; the largest error
-of the mixture is smaller than the largest error of each part. The result is the model's estimate if
-this estimate's errors are clearly smaller than those of the mixture, and otherwise the mixture.
-Errors are measured where the front comes into view again.
+estimate and small fractions of the model's estimate and of the front as last seen; the largest
+error of the mixture is smaller than the largest error of each part. The result is the model's
+estimate if this estimate's errors are clearly smaller than those of the mixture, and otherwise the
+mixture. Errors are measured where the front comes into view again.
 
 The constants were chosen on the fires 200 to 229 of ``benchmarks.random_fires --wrong``. Without a
 model there is only one estimate.
@@ -21,7 +21,7 @@ from mission_service.guidance.front.front_estimate_kernels import mixed_front
 
 Floats = NDArray[np.float64]
 
-# Shares in the mixture: the model's estimate, the cautious estimate, the front as last seen.
+# Fractions in the mixture: the model's estimate, the cautious estimate, the front as last seen.
 SHARES = (0.15, 0.75, 0.10)
 CLEARLY = 0.5  # ratio of mean square errors (model / mixture) at which both have equal weight
 SHARPNESS = 4.0  # exponent of this ratio in ``model_share``
@@ -55,7 +55,7 @@ class FrontMixture:
 
     @property
     def model_share(self) -> float:
-        """The share of the model's estimate in the result, from 0 to 1; the rest is the mixture."""
+        """The weight of the model's estimate in the result (0 to 1); the rest is the mixture."""
         ratio = float(self._squares[0] / (CLEARLY * max(self._squares[1], 1e-9)))
         return float(1.0 / (1.0 + min(ratio, 1e3) ** SHARPNESS))
 

@@ -41,7 +41,7 @@ class PolarMap(Protocol):
 
 
 def bearing_deg(fire_map: PolarMap, row: float, col: float) -> float:
-    """Return the bearing of a place from the map's centre, in degrees clockwise from north."""
+    """Return the bearing of a position from the map's centre, in degrees clockwise from north."""
     return float(
         np.rad2deg(np.arctan2(col - fire_map.centre_col, fire_map.centre_row - row)) % 360.0
     )

@@ -1,4 +1,4 @@
-"""The common part of planners for one vehicle: the map, the first lap, and the turns."""
+"""The base class of planners for one vehicle: the map, the first lap, and the turns."""
 
 from abc import ABC, abstractmethod
 

@@ -15,8 +15,8 @@ from mission_service.position_fix import PositionFix
 from mission_service.vehicles.traffic import TrafficManager
 from mission_service.vehicles.vehicle_state import Vehicle
 
-COMPARED_SHARE = 0.25  # share of the horizon over which new and flown paths are compared
-LEFT_SHARE = 0.4  # share of the horizon; a mission with a shorter path left is renewed
+COMPARED_SHARE = 0.25  # fraction of the horizon over which new and flown paths are compared
+LEFT_SHARE = 0.4  # fraction of the horizon; a mission with a shorter path left is renewed
 CHECK_EVERY_S = 2.0
 CLOSE_BELOW = "another vehicle flies close below"
 TURN_BACK = "turn back"

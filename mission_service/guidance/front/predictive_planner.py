@@ -48,7 +48,7 @@ Floats = NDArray[np.float64]
 
 HORIZON_LAPS = 2.0
 REST_LAPS = 0.03  # minimum interval between turns, in laps
-# Share of the cost that a turn must save. With 0.25, turns increased the error on random fires.
+# Fraction of the cost that a turn must save. With 0.25, turns increased the error on random fires.
 MIN_GAIN = 0.5
 TURN_BACK = 7.0 / 3.0 * math.pi  # length of the shortest path to the opposite course, in turn radii
 LEFT_CELLS = 0.5  # error of a front in view, normal to the front
@@ -223,7 +223,7 @@ def predictive_planner(
         speed_cells_s=section.airspeed_m_s / cell_m,
         turn_radius_cells=section.turn_radius_m / cell_m,
         flies_in_wind=True,
-        wind_20ft_share=1.0,  # the estimate's factors compensate for a wrong share
+        wind_20ft_share=1.0,  # the estimate's factors compensate for a wrong fraction
         path=path_settings(scenario, cell_m),
     )
     return PredictivePlanner(

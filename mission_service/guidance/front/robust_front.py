@@ -2,9 +2,9 @@
 
 A step is a jump of the front's distance from one bearing to the next. If a step is misplaced by one
 bearing, the error there is the full height of the step; a point at half the height halves this
-error. As seen from the centre, the fire on both sides of a hollow can close the hollow suddenly.
-Therefore a share of each hollow is filled, and a larger share if the hollow is deep. A front
-without steps or hollows does not change.
+error. The fire on both sides of a hollow can close the hollow suddenly. Therefore each hollow is
+partly filled; a larger fraction is filled beyond a certain depth. A front without steps or hollows
+does not change.
 """
 
 import numpy as np
@@ -14,9 +14,9 @@ from mission_service.guidance.front.front_shape import hull_of
 
 Floats = NDArray[np.float64]
 
-# Shares of a hollow that are filled: of the depth up to DEEP_FROM_CELLS, and of the depth beyond.
-# The shares were tuned on random fires (benchmarks.random_fires); constant shares of 0 and of 0.5
-# are both worse.
+# Fractions of a hollow that are filled: of the depth up to DEEP_FROM_CELLS, and of the depth
+# beyond. The fractions were tuned on random fires (benchmarks.random_fires); constant fractions of
+# 0 and of 0.5 are both worse.
 SHALLOW, DEEP, DEEP_FROM_CELLS = 0.25, 0.5, 10.0
 
 

@@ -24,7 +24,7 @@ Integers = NDArray[np.int64]
 NODES = 72
 NEVER = 1 << 40  # number of nodes in a leg without end
 MIN_GROWTH_CELLS_S = 1e-6
-SLOWEST = 0.2  # minimum ground speed, as a share of the airspeed
+SLOWEST = 0.2  # minimum ground speed, as a fraction of the airspeed
 
 
 class CoarseRing(NamedTuple):

@@ -51,7 +51,7 @@ def nearest_bearings(own_deg: float, others_deg: list[float]) -> NDArray[np.int6
 def describe_sector(fire: FireMap, bearings: NDArray[np.int64], cell_m: float) -> str:
     """Return a text that gives the bearings and the length of a part of the front.
 
-    Bearings are seen from the fire's centre.
+    Bearings are measured from the fire's centre.
     """
     outer, _ = fire.filled_outer()
     north, east = outer * NORTH, outer * EAST

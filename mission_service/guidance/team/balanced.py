@@ -6,7 +6,7 @@ spread: all vehicles lap, all lap and return on a fast arc, or some sweep the ar
 (``lookahead``) simulates the next turns of each vehicle, so that the team reaches the cheapest
 pattern with even gaps and visits the cells that have not been seen for long.
 
-Each decision tries only a few plans, and keeps the present pattern and plan unless another pattern
+Each decision tries only a few plans, and keeps the current pattern and plan unless another pattern
 or plan is better by a margin.
 """
 
@@ -51,9 +51,9 @@ SHIFTS = (-8, -4, -2, -1, 1, 2, 4, 8)  # cells by which a turn is delayed
 # too large a weight defers every gain.
 AHEAD_LAPS, LATE_TIMES = 0.5, 3.0
 AHEAD_ON_ARCS, LATE_ON_ARCS = 1.0, 1.0
-# Share of the cost that another plan must save, in laps and on an arc.
+# Fraction of the cost that another plan must save, in laps and on an arc.
 MARGIN, MARGIN_ON_ARCS = 4e-3, 1e-3
-# Share of the settled cost (the cost with even spacing) that another pattern must save.
+# Fraction of the cost with even spacing that another pattern must save.
 PATTERN_MARGIN = 0.03
 # Number of searches in the time of one lap, and the minimum time between two searches.
 PATTERN_SEARCHES, PLAN_SEARCHES = 8, 60  # for a better pattern, for a better plan of a vehicle

@@ -32,7 +32,7 @@ class Bumper:
         self._cells_on: dict[int, int] = {}  # cells from each member to the next one clockwise
 
     def decide(self, ring: FrontRing, fleet: ActiveFleet, which: int, at_s: float) -> bool:
-        """Return the present direction, or the opposite if the vehicle meets its neighbour.
+        """Return the current direction, or the opposite if the vehicle meets its neighbour.
 
         Two neighbours meet if they are at most one cell apart and fly towards each other.
         """

@@ -1,8 +1,8 @@
 """Inner loops of Bent's planners and negotiations over the cells of a region.
 
-A region is ``range(begin, end)`` of lifted cells (see ``regions``) on a ring of n cells. The arrays
-(n) over the ring are ``rate`` (spread rate in m/s), ``visited`` (time of the last view in s) and
-``step`` (metres to the next cell clockwise).
+A region is ``range(begin, end)`` of unwrapped cell indices (see ``regions``) on a ring of n cells.
+The arrays (n) over the ring are ``rate`` (spread rate in m/s), ``visited`` (time of the last view
+in s) and ``step`` (metres to the next cell clockwise).
 """
 
 from firemodel.compiled import compiled
@@ -17,7 +17,7 @@ def _importance(rate, age, exponential):  # type: ignore[no-untyped-def]
 
 @compiled
 def highest(rate, visited, begin, end, own_cell, at_s, exponential):  # type: ignore[no-untyped-def]
-    """Return the lifted cell with the highest importance, or ``own_cell`` in a region of one cell.
+    """Return the unwrapped index of the most important cell; ``own_cell`` in a region of one cell.
 
     The vehicle's own cell has no importance (4.1.3). Among equally important cells the nearest cell
     is returned; of two cells at the same distance, the cell in the clockwise direction is returned.
@@ -41,11 +41,11 @@ def highest(rate, visited, begin, end, own_cell, at_s, exponential):  # type: ig
 def best_path(  # type: ignore[no-untyped-def]
     rate, visited, step, begin, end, own_cell, target, at_s, speed_m_s, exponential
 ):
-    """Return the lifted end of the path whose cells have the highest mean importance (4.1.4).
+    """Return the end of the path whose cells have the highest mean importance (4.1.4).
 
-    The importance of each cell is computed for the time of the visit. Among paths with the same
-    mean, the path to ``target`` is preferred, then the path with the nearest end, then the path in
-    the clockwise direction.
+    The end is an unwrapped cell index. The importance of each cell is computed for the time of the
+    visit. Among paths with the same mean, the path to ``target`` is preferred, then the path with
+    the nearest end, then the path in the clockwise direction.
     """
     n = rate.size
     best, best_worth, before = own_cell, -1.0, -1.0
@@ -70,7 +70,7 @@ def best_path(  # type: ignore[no-untyped-def]
 
 @compiled
 def total(rate, visited, begin, end, at_s, exponential):  # type: ignore[no-untyped-def]
-    """Return the sum of the importance of all cells of a region."""
+    """Return the summed importance of all cells in a region."""
     n = rate.size
     found = 0.0
     for cell in range(begin, end):

@@ -9,7 +9,7 @@ from mission_service.guidance.team.front_ring import FrontRing
 
 @dataclass(frozen=True, slots=True)
 class Region:
-    """One vehicle's part of the ring: the lifted cells in ``range(begin, end)`` (see ``regions``).
+    """One vehicle's part of the ring: ``range(begin, end)``, unwrapped indices (see ``regions``).
 
     ``own_cell`` is the vehicle's cell, in ``range(begin, begin + n)`` for a ring of n cells. If
     ``own_cell`` is ``end`` or more, the vehicle is outside the region.
@@ -25,7 +25,7 @@ class Region:
 
 
 class Course(NamedTuple):
-    """A vehicle's direction, and the lifted cell that is its target (None if there is none)."""
+    """A vehicle's direction, and the unwrapped index of the target cell (None without a target)."""
 
     clockwise: bool = True
     target: int | None = None
@@ -36,7 +36,7 @@ CourseRule = Callable[[Region, Course], Course]
 
 
 def lifted(cell: int, begin: int, cells: int) -> int:
-    """Return the lifted cell in ``range(begin, begin + cells)`` for a cell of the ring."""
+    """Return a cell's unwrapped index, in ``range(begin, begin + cells)``."""
     return begin + (cell - begin) % cells
 
 

@@ -1,4 +1,4 @@
-"""Computes the present positions of a fleet by dead reckoning along the ring."""
+"""Computes the current positions of a fleet by dead reckoning along the ring."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -49,7 +49,7 @@ class Workspace(NamedTuple):
     node: Integers  # (k)
     arrival_s: Floats  # (k)
     heading: Integers  # (k)
-    leg: Integers  # (k), the index of the present leg
+    leg: Integers  # (k), the index of the current leg
     left: Integers  # (k), the number of nodes left in this leg
 
 
@@ -65,7 +65,7 @@ class Horizon(NamedTuple):
 
 
 class Moves(NamedTuple):
-    """The changes to a plan that ``improve`` tries, in cells, and work arrays for ``improve``."""
+    """The changes to a plan (in cells) that ``improve`` tries, and work arrays for ``improve``."""
 
     backs: Integers  # lengths of a flight back
     shifts: Integers  # delays of a turn

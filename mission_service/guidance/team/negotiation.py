@@ -10,10 +10,10 @@ from mission_service.guidance.team.front_ring import FrontRing
 
 @dataclass(frozen=True, slots=True)
 class Party:
-    """A vehicle in a negotiation; cells are lifted (see ``regions``).
+    """A vehicle in a negotiation; cells are unwrapped indices (see ``regions``).
 
-    A vehicle keeps those of its present cell, its next cell and its target that are in its region.
-    ``reserved`` holds the first and the last of these cells.
+    A vehicle keeps its current cell, next cell and target, as far as they are in the vehicle's
+    region. ``reserved`` holds the first and the last of these cells.
     """
 
     begin: int

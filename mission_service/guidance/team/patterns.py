@@ -39,7 +39,7 @@ class Pattern(NamedTuple):
 
 
 class Choice(NamedTuple):
-    """A pattern, and its cost with even spacing (the settled cost)."""
+    """A pattern, and the cost of the pattern with even spacing."""
 
     pattern: Pattern
     cost: float
@@ -140,7 +140,7 @@ def settled_cost(pattern, nodes, vehicles, speed_m_s, turn_s):  # type: ignore[n
 
 
 def best_pattern(nodes: Nodes, vehicles: int, speed_m_s: float, turn_s: float) -> Choice:
-    """Return the pattern with an arc that has the lowest settled cost; places are nodes.
+    """Return the pattern with an arc that costs least with even spacing; places are nodes.
 
     The search begins with the fastest arc of each length in ``ARC_SHARES``, for each kind of
     pattern, and then moves both ends of the best arc of each kind.

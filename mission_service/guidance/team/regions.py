@@ -11,9 +11,9 @@ A message consists of a place and a version. Messages may be lost, duplicated or
 applies only newer versions, and no version number is used twice. The served cells always cover the
 ring. Each cell has exactly one owner according to the newer side of every border (``ledger``).
 
-Places are *lifted*: the numbers of places continue to rise or fall beyond one lap of the ring, and
-a place modulo the number of cells is a cell. A region is therefore ``range(begin, end)``, and may
-be empty or the whole ring.
+A place is an *unwrapped* cell index: it continues to rise or fall beyond one lap of the ring, and a
+place modulo the number of cells is a cell. A region is therefore ``range(begin, end)``, and may be
+empty or the whole ring.
 """
 
 from collections.abc import Sequence
@@ -86,8 +86,8 @@ def equal_regions(members: Sequence[int], cells_of: Sequence[int], cells: int) -
 def served(regions: Regions, index: int) -> tuple[int, int]:
     """Return the start and the end of the cells that a vehicle serves.
 
-    Start and end are lifted; the end is excluded. Both follow from the states of the vehicle's two
-    borders that the vehicle itself stores.
+    Start and end are unwrapped cell indices; the end is excluded. Both follow from the states that
+    the vehicle stores of the two borders of its region.
     """
     after = (index + 1) % len(regions.borders)
     end = regions.borders[after].left.place + (0 if after else regions.cells)
@@ -97,7 +97,7 @@ def served(regions: Regions, index: int) -> tuple[int, int]:
 def retained(regions: Regions, index: int) -> tuple[int, int]:
     """Return the start and the end of the cells that a vehicle serves and has not offered.
 
-    Start and end are lifted; the end is excluded.
+    Start and end are unwrapped cell indices; the end is excluded.
     """
     after = (index + 1) % len(regions.borders)
     begin, end = regions.borders[index].right, regions.borders[after].left
@@ -109,7 +109,7 @@ def retained(regions: Regions, index: int) -> tuple[int, int]:
 
 
 def ledger(regions: Regions) -> tuple[int, ...]:
-    """Return the lifted start of each region, according to the newer side of its first border."""
+    """Return the unwrapped start of each region, by the newer side of the first border."""
     return tuple(
         (right if right.version > left.version else left).place for left, right in regions.borders
     )

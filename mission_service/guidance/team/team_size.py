@@ -105,7 +105,7 @@ def team_size_advice(
     """Return whether a team is too small for the targets, and advice as text.
 
     The advice is for the mean of the vehicles' speeds ``speed_m_s`` (k). Without targets the
-    text describes only the team's present performance.
+    text describes only the team's current performance.
     """
     vehicles, mean_m_s = speed_m_s.size, float(np.mean(speed_m_s))
     length_m, fastest_m_s = float(ring.step_m.sum()), float(ring.spread_rate_m_s.max())

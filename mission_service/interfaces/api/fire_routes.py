@@ -169,7 +169,7 @@ def _add_images(routes: APIRouter, api: ApiContext) -> None:
 
 
 def _add_corrections(routes: APIRouter, api: ApiContext) -> None:
-    """Add the routes of corrections, of the upload of a perimeter, and of the weather."""
+    """Add the routes of corrections, perimeter uploads and the weather."""
     shown = {"application/json": {"schema": {"type": "array", "items": {"type": "object"}}}}
 
     @routes.get(

@@ -6,7 +6,7 @@ from mission_service.runtime.run_context import RunContext
 
 
 def importance_of(context: RunContext, vehicle: VehicleState) -> Importance | None:
-    """Return the importance of each front cell for a vehicle at its present position.
+    """Return the importance of each front cell for a vehicle at its current position.
 
     Returns None before the vehicle's first lap, and for rules that use no importances.
     """

@@ -110,7 +110,7 @@ def struct(kind: type, example: Any = None) -> dict[str, Any]:
 
 
 def structs(kind: type) -> dict[str, Any]:
-    """Return the description of a response that is a list of Structs of type ``kind``."""
+    """Describe a response that is a list of Structs of type ``kind``."""
     schema = {"type": "array", "items": _ref(kind)}
     return {"application/json": {"schema": schema, "example": [examples.example_of(kind)]}}
 
@@ -126,7 +126,7 @@ def file(media_type: str) -> dict[str, Any]:
 
 
 def body(kind: type[requests.Request], without: tuple[str, ...] = ()) -> dict[str, Any]:
-    """Return the description of the body of a request of type ``kind``.
+    """Describe the body of a request of type ``kind``.
 
     ``without`` lists the keys that are in the path.
     """

@@ -36,7 +36,7 @@ class ControlClient:
     def ask(self, **request: Any) -> dict[str, Any]:
         """Return the reply to a request.
 
-        Raises RequestError if the run refuses the request, and ControlError if no reply arrives.
+        Raises RequestError if the request is refused, and ControlError if no reply arrives.
         """
         try:
             self._socket.sendall(msgspec.json.encode(request) + b"\n")

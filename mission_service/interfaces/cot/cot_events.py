@@ -1,7 +1,7 @@
 """Encodes vehicles and the fire as Cursor on Target events for TAK. Pure.
 
-TAK is ATAK, WinTAK or TAK Server. The format is that of MITRE, *Cursor-on-Target Message Router
-User's Guide* (base event 2.0), and of the drawn shapes of ATAK (``u-d-f``: a closed line of
+TAK stands for ATAK, WinTAK or TAK Server. The format is that of MITRE, *Cursor-on-Target Message
+Router User's Guide* (base event 2.0), and of the drawn shapes of ATAK (``u-d-f``: a closed line of
 ``link`` points).
 
 ``hae`` is the height above the ellipsoid, but autopilots report heights above mean sea level. The

@@ -107,7 +107,7 @@ def parse_event(data: bytes) -> CotEvent | None:
 
 
 class Drawing(NamedTuple):
-    """One shape (``points``, ``line`` or ``polygon``) of an event, with its places."""
+    """One shape (``points``, ``line`` or ``polygon``) of an event, with its positions."""
 
     shape: str
     points: tuple[LatLon, ...]
@@ -116,8 +116,8 @@ class Drawing(NamedTuple):
 def drawings_in(event: CotEvent) -> list[Drawing]:
     """Return the shapes of an event: one, or each stroke of a telestration as a line.
 
-    A line that ends at its first place is a polygon. Of the rings of a circle, only the largest is
-    used. Raises CotEventError for other drawings, and for places that are not on the Earth.
+    A line that ends at its first position is a polygon. Of the rings of a circle, only the largest
+    is used. Raises CotEventError for other drawings, and for positions that are not on the Earth.
     """
     detail = _child(event.root, "detail")
     if event.kind == CIRCLE:
@@ -238,7 +238,7 @@ def _place_of(event: CotEvent) -> LatLon:
 
 
 def _in_degrees(lat: str | float = "", lon: str | float = "") -> LatLon:
-    """Return a place in degrees. Raises CotEventError if it is not on the Earth."""
+    """Return a position in degrees. Raises CotEventError if it is not on the Earth."""
     try:
         lat_deg, lon_deg = float(lat), float(lon)
     except ValueError:

@@ -23,7 +23,7 @@ LonLat = tuple[float, float]
 
 
 class MapImage(msgspec.Struct):
-    """An image of a sensor on the map, and the error of its place.
+    """An image of a sensor on the map, and the error of the image's position.
 
     ``corners`` (NW, NE, SE, SW; lon, lat) are those of the overlay. The ellipse at ``lat_deg``,
     ``lon_deg`` has semi-axes of one standard deviation; ``major_from_deg`` is clockwise from true
@@ -99,7 +99,7 @@ def overlay_of(image: SensorImage, landscape: Landscape) -> tuple[Box, int, int]
 
 
 def described(source: str, image: SensorImage, landscape: Landscape) -> MapImage:
-    """Return a sensor's image for the map: its place, the error of the place, and the legend."""
+    """Return a sensor's image for the map, with position, error of position, and legend."""
     box, width, height = overlay_of(image, landscape)
     west, south, east, north = bounds_deg(box)
     lat_deg, lon_deg = landscape.lat_lon_of(*landscape.xy_of(*image.centre))

@@ -113,7 +113,7 @@ def _png(levels: NDArray[np.uint8], colours: list[Colour], landscape: Landscape)
 
 
 def _colour(share: float) -> Colour:
-    """Return a colour from INFERNO, for a share from 0 to 1, interpolated linearly."""
+    """Return a colour from INFERNO, for a fraction from 0 to 1, interpolated linearly."""
     at = share * (len(INFERNO) - 1)
     low = min(int(at), len(INFERNO) - 2)
     pairs = zip(INFERNO[low], INFERNO[low + 1], strict=True)

@@ -22,7 +22,7 @@ from mission_service.interfaces.maps.mercator import (
 TILE = 256  # side of a tile in pixels
 MAX_BYTES = 24_000_000  # size of all cached tiles, each counted with its maximum size
 LARGEST_TILE_BYTES = 3 * TILE * TILE + 4096
-SMALLEST_SHARE = 1 / 4  # minimum share of a tile that the landscape fills, at the lowest zoom
+SMALLEST_SHARE = 1 / 4  # minimum fraction of a tile that the landscape fills, at the lowest zoom
 HIGHEST_ZOOM = 22
 SOON_CELLS = 1.0  # distance beyond the edge from which means of 2 x 2 cells are used, then of 4 x 4
 TERRARIUM_ZERO_M = 32768
@@ -121,7 +121,7 @@ def cells_off(
 def halved_at(
     levels: list[Heights], level: int, row: NDArray[np.float64], col: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return heights of one level of ``halved`` at positions in the grid of the first level."""
+    """Return heights from a level of ``halved`` at positions in the first level's grid."""
     part = 0.5**level
     return between(levels[level], (row + 0.5) * part - 0.5, (col + 0.5) * part - 0.5)
 

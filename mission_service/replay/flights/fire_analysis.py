@@ -55,7 +55,7 @@ class Upload:
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """The observation of the front at a time: shares of 360 bearings, and times since observed."""
+    """The observation of the front at a time: fractions of 360 bearings, times since observed."""
 
     at_us: int
     area_ha: float

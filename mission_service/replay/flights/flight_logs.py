@@ -156,7 +156,7 @@ def _split(word: str) -> tuple[str | None, Path]:
 
 
 class Survey(NamedTuple):
-    """The vehicles and times of a flight; the whole flight begins at ``zero_us`` on its clock."""
+    """The vehicles and times of a flight, which begins at ``zero_us`` on the flight's clock."""
 
     flown: dict[str, Flown]
     zero_us: int

@@ -202,6 +202,6 @@ def _context_of(run: ReplayRun, settings: ServiceSection, player: Playback) -> R
 
 
 def _update(context: RunContext, player: Playback) -> None:
-    """Set the interfaces' context to the replay that is shown, and its clock to the play head."""
+    """Set the interfaces' context to the replay that is shown, with the play head as the clock."""
     context.service = player.replay.service
     context.clock.now_us = player.pairing.mission.of(player.head.at_us)

@@ -33,7 +33,7 @@ Floats = NDArray[np.float64]
 
 # A reversal in the track this soon after a reversal in the mission is left out.
 FOLLOWS_US = 20_000_000
-# Bearings are uncertain within this radius of the middle: in cells, or as a share of the track.
+# Bearings are uncertain within this radius of the middle: in cells, or as a fraction of the track.
 NEAR_CELLS, NEAR_SHARE = 2.0, 0.25
 
 

@@ -90,7 +90,7 @@ def draw_contents(path: Path, landscape: Landscape, name: str, contents: FileCon
 def _circles(contents: FileContents, landscape: Landscape) -> Iterator[tuple[float, float, float]]:
     """Yield x, y and radius (m) of the error circles of reported points, at most ``MAX_CIRCLES``.
 
-    A circle contains the true place with a probability of 90 %.
+    A circle contains the true position with a probability of 90 %.
     """
     left = MAX_CIRCLES
     for each in contents.observations:

@@ -27,8 +27,8 @@ MAX_POINTS = 1000  # of one request
 MAX_SOURCE, MAX_MESSAGE = 80, 200  # characters
 AHEAD_S = 300.0  # tolerated difference between the clocks of satellite and service
 MIN_KM, MAX_KM = 0.05, 20.0  # of a pixel's side
-# Assumed shares of false alarms for the confidence classes of VIIRS. If the share is above zero,
-# places far from the estimated fire require a second report.
+# Assumed fractions of false alarms for the confidence classes of VIIRS. If the fraction is above
+# zero, positions far from the estimated fire require a second report.
 FALSE_ALARMS_PCT = {"low": 50.0, "nominal": 10.0, "high": 0.0}
 CLASSES = {name[0]: name for name in FALSE_ALARMS_PCT}
 # The same for the last digits of the codes 10 to 15 and 30 to 35 of the GOES fire mask: processed,
@@ -55,7 +55,7 @@ class SatellitePixel(NamedTuple):
 
     @property
     def position_sd_m(self) -> float:
-        """The standard deviation, along each axis, of a fire's place anywhere in the pixel."""
+        """The standard deviation, along each axis, of a fire's position anywhere in the pixel."""
         return 1000.0 * math.sqrt((self.scan_km**2 + self.track_km**2) / 24.0)
 
     def corners(self) -> list[tuple[float, float]]:
@@ -78,9 +78,9 @@ class SatelliteFile(NamedTuple):
 def read_satellite_pixels(path: Path, within: World = WORLD) -> SatelliteFile:
     """Read a CSV file of FIRMS.
 
-    For lines outside the box ``within`` (south, west, north, east, in degrees), only the place is
-    read. Raises MissionServiceError, whose text names the file and the damaged line, if the file is
-    not a valid CSV file of FIRMS.
+    For lines outside the box ``within`` (south, west, north, east, in degrees), only the position
+    is read. Raises MissionServiceError, whose text names the file and the damaged line, if the file
+    is not a valid CSV file of FIRMS.
     """
     try:
         if path.exists() and not path.is_file():
@@ -108,7 +108,7 @@ def is_satellite(names: Iterable[str]) -> bool:
 
 
 def _within(path: Path, rows: Any, names: list[str], within: World) -> SatelliteFile:
-    """Return the pixels in the rows of a CSV file. For speed, only the place is read first."""
+    """Return the pixels in the rows of a CSV file. For speed, only the position is read first."""
     south, west, north, east = within
     lat_column, lon_column = (names.index(name) for name in PLACE)
     pixels, lines = [], 0
@@ -189,9 +189,9 @@ def _fixed_grid(grid_lon_deg: float) -> Any:
 
 
 def _grid_corners(lat_deg: float, lon_deg: float, grid_lon_deg: float) -> list[tuple[float, float]]:
-    """Return latitude and longitude of the corners of a cell of a fixed grid.
+    """Return the corners of a fixed grid's cell as latitude and longitude.
 
-    Raises ValueError for a place that is not visible from the satellite.
+    Raises ValueError for a position that is not visible from the satellite.
     """
     grid, half_m = _fixed_grid(grid_lon_deg), 0.5 * GOES_CELL_RAD * GOES_HEIGHT_M
     x_m, y_m = grid.transform(lon_deg, lat_deg)
@@ -213,7 +213,7 @@ def _grid_size_km(lat_deg: float, lon_deg: float, grid_lon_deg: float) -> tuple[
 
 
 def _false_alarms_pct(confidence: str, goes: bool) -> float:
-    """Return the share of false alarms for a class, a GOES code or a MODIS percentage."""
+    """Return the fraction of false alarms for a class, a GOES code or a MODIS percentage."""
     name = CLASSES.get(confidence, confidence)
     if name in FALSE_ALARMS_PCT:
         return max(FALSE_ALARMS_PCT[name], GOES_FALSE_ALARMS_PCT[0] if goes else 0.0)

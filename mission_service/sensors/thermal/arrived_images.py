@@ -17,7 +17,7 @@ from mission_service.sensors.thermal.thermal_image import ThermalImage
 AHEAD_S = 5.0  # tolerated difference between the clocks of camera and service
 MAX_WAITING = 100  # images; the oldest are dropped
 IMAGE_EVERY_S = 2.0  # shortest interval between two images for the map
-MISSED, FALSE_ALARMS = 0.05, 0.01  # shares of the cells that the estimate assumes
+MISSED, FALSE_ALARMS = 0.05, 0.01  # fractions of the cells that the estimate assumes
 
 
 class ArrivedImages:

@@ -1,4 +1,4 @@
-"""Convert pixels to lines of sight and places to pixels, by a camera's lens and pose. Pure."""
+"""Convert pixels to lines of sight and positions to pixels, by a camera's lens and pose. Pure."""
 
 import math
 from typing import NamedTuple
@@ -42,7 +42,7 @@ class CameraPose(NamedTuple):
 
 
 class PoseErrors(NamedTuple):
-    """Standard deviations of the components of a pose, and of the elevation of the ground.
+    """Standard deviations of a pose's components, and of the ground's elevation.
 
     The error of a pose has six components: east, north and up in m, and rotations in rad about the
     camera's right, up and forward axes. Errors of yaw, pitch and roll are not used instead: if the
@@ -72,7 +72,7 @@ def focal_px_of(field_of_view_deg: float, width: int) -> float:
 
 
 def undistorted(lens: Lens, col: Floats, row: Floats) -> tuple[Floats, Floats]:
-    """Return the undistorted tangents (right, down) of the lines of sight of pixels (n,).
+    """Return the undistorted tangents (right, down) of the pixels' lines of sight (n,).
 
     The inverse of the distortion is found by fixed-point iteration, as in OpenCV.
     """
@@ -163,11 +163,11 @@ def moved(pose: CameraPose, error: Floats) -> CameraPose:
 
 
 def pixels_of(lens: Lens, pose: CameraPose, offset_m: Floats) -> tuple[Floats, Floats]:
-    """Return the columns and rows (n,) of the pixels that show places.
+    """Return the columns and rows (n,) of the pixels that show positions.
 
-    This is the inverse of ``lines_of_sight``. ``offset_m`` (n, 3) contains the places east, north
-    and up from the camera. The result is NaN for places behind the camera, and for places so far to
-    the side that the distortion polynomial does not apply.
+    This is the inverse of ``lines_of_sight``. ``offset_m`` (n, 3) contains the positions east,
+    north and up from the camera. The result is NaN for positions behind the camera, and for
+    positions so far to the side that the distortion polynomial does not apply.
     """
     right, up, forward = axes_of(pose) @ offset_m.T
     with np.errstate(divide="ignore", invalid="ignore"):

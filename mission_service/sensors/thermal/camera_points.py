@@ -1,8 +1,8 @@
 """The sensor ``camera_points``: single points of fire that cameras report by MAVLink.
 
-CAMERA_THERMAL_RANGE contains the hottest point of a thermal image; the place of this point is
-computed with the camera's pose from telemetry. CAMERA_TRACKING_GEO_STATUS contains the place of a
-tracked object, which an operator selected because the object burns. Each point becomes one burned
+CAMERA_THERMAL_RANGE contains the hottest point of a thermal image; the position of this point is
+computed with the camera's pose from telemetry. CAMERA_TRACKING_GEO_STATUS contains the position of
+a tracked object, which an operator selected because the object burns. Each point becomes one burned
 cell. The limit ``hot_c``, the lens and the errors of the pose are those of
 ``estimate.thermal_frames``.
 """
@@ -75,7 +75,7 @@ class CameraPoints:
         return Observed(point.at_us, fix.vehicle, row, col, ("b",), position_sd_m=round(sd_m, 2))
 
     def _place_of(self, point: HotPointSeen | TargetTracked) -> tuple[int, int, float]:
-        """Return the row and column of a point's cell, and the standard deviation of its place."""
+        """Return the row and column of a point's cell, and the point's standard deviation."""
         land = self._landscape
         if isinstance(point, TargetTracked):
             x_m, y_m = land.xy_of_lat_lon(point.lat_deg, point.lon_deg)

@@ -1,7 +1,8 @@
 """Drape a thermal image over the ground, for maps. Pure.
 
-Each place has the colour of the pixel that shows the place. The pixel is found by the projection
-that also places the pixels on the ground, so that the picture fits the observed cells.
+Each position on the ground has the colour of the pixel that shows this position. The pixel is found
+by the projection that also places the pixels on the ground, so that the picture fits the observed
+cells.
 """
 
 from typing import Any, NamedTuple
@@ -32,7 +33,7 @@ COLOURS = 255
 
 
 class DrapedImage(NamedTuple):
-    """The colours of an image, and the projection from places on the ground to its pixels."""
+    """The colours of an image, and the projection from ground positions to the image's pixels."""
 
     projection: PoseProjection | CornerProjection
     step: int  # pixels of the image along each side of a block
@@ -45,7 +46,7 @@ class DrapedImage(NamedTuple):
     def colours(self, places: Floats) -> NDArray[np.uint8]:
         """Return red, green, blue and opacity (n, 4) of grid positions (n, 2), row and column.
 
-        Places that the image does not show are transparent.
+        Positions that the image does not show are transparent.
         """
         col, row = ((each + 0.5) / self.step for each in self.projection.pixels(places))
         rows, cols = self.blocks.shape

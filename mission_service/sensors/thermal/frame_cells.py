@@ -39,17 +39,17 @@ from mission_service.sensors.thermal.thermal_image import ThermalImage
 BACKGROUND_C, STEP_C = (-60.0, 200.0), 2.0
 COOL, BURNED_OUT, HOT, UNKNOWN = 0, 1, 2, 3
 KELVIN_C = 273.15
-MOST = 0.5  # share of hot and burned-out pixels in a burned cell
-NEARLY_ALL, AT_FRONT = 0.95, 0.67  # share of cool pixels in an unburned cell
+MOST = 0.5  # fraction of hot and burned-out pixels in a burned cell
+NEARLY_ALL, AT_FRONT = 0.95, 0.67  # fraction of cool pixels in an unburned cell
 MIN_PIXELS = 4  # in a cell
 MAX_OFFSET = 0.15  # cells, from a cell's centre to the mean of its pixels; 0.25 if half is seen
-MIN_NOT_HOT = 0.01  # share of the pixels
+MIN_NOT_HOT = 0.01  # fraction of the pixels
 MAX_RAYS = 100_000  # in a larger image, only every second, third, ... row and column is used
 ERRORS_EVERY = 4  # rows and columns of pixels from one computed error to the next
 
 
 class FrameCells(NamedTuple):
-    """The cells of the landscape that an image shows, with the errors of their places."""
+    """The cells of the landscape that an image shows, with the errors of their positions."""
 
     window: Window
     hot_pixels: int  # that show ground of the landscape
@@ -57,7 +57,7 @@ class FrameCells(NamedTuple):
     ellipse: ErrorEllipse  # mean of the hot pixels, or of all seen pixels if none is hot
     centre: tuple[float, float]  # grid position (row, column) of the ellipse
     matches: int  # tie points with earlier images
-    inexact: float  # share of the pixels that are not used because of the error of their place
+    inexact: float  # fraction of the pixels that are not used because of their position error
     projection: PoseProjection | CornerProjection  # after the registration
     step: int  # each ``step``-th row and column of the image was used
     seen: Mask  # (y, x) of these pixels, those that are used and show the landscape
@@ -88,10 +88,10 @@ def frame_cells(
     settings: ThermalCameraSection,
     registration: FrameRegistration | None = None,
 ) -> FrameCells:
-    """Return the cells that a thermal image shows, with the errors of their places.
+    """Return the cells that a thermal image shows, with the errors of their positions.
 
-    With ``registration``, the image is registered to the preceding images. Pixels whose place has a
-    larger standard deviation than ``max_position_sd_m`` are unseen.
+    With ``registration``, the image is registered to the preceding images. Pixels whose position
+    has a larger standard deviation than ``max_position_sd_m`` are unseen.
 
     Raises FireModelError, whose text names the image, if the image shows no ground of the
     landscape, if the settings do not determine its lens or its hot pixels, or if its values are
@@ -225,7 +225,7 @@ def _background_c(values_c: NDArray[np.float32]) -> float:
 
 
 def _window_of(places: Floats, kinds: NDArray[np.int8], shape: tuple[int, int]) -> Window:
-    """Return the states of the cells around the places (n, 2) of seen pixels."""
+    """Return the states of the cells around the positions (n, 2) of seen pixels."""
     cells = np.rint(places).astype(np.int64)
     top, left = (int(each) for each in cells.min(axis=0))
     rows, cols = (int(each) for each in cells.max(axis=0) - (top, left) + 1)

@@ -1,11 +1,11 @@
 """Find tie points in two overlapping thermal images, by correlation. Pure.
 
-A tie point is a place on the ground that both images show. A patch of ground around each candidate
-is sampled from both images by their measured poses, on the elevation of the landscape. If the poses
-had no errors, the two patches would be equal. The errors of the poses displace one patch relative
-to the other; at this displacement, the normalised cross-correlation of the patches is largest. Hot
-ground changes from image to image and is left out. A patch without texture has no clear maximum of
-the correlation and is left out.
+A tie point is a position on the ground that both images show. A patch of ground around each
+candidate is sampled from both images by their measured poses, on the elevation of the landscape. If
+the poses had no errors, the two patches would be equal. The errors of the poses displace one patch
+relative to the other; at this displacement, the normalised cross-correlation of the patches is
+largest. Hot ground changes from image to image and is left out. A patch without texture has no
+clear maximum of the correlation and is left out.
 """
 
 from typing import NamedTuple
@@ -26,9 +26,9 @@ COLUMNS = 160  # approximate width of a reduced image
 ACROSS, DOWN = 5, 4  # tie points of an image, at most
 PATCH, REACH = 32, 20  # size of a patch, and the largest distance searched, in samples
 SIGMAS = 3.5  # standard deviations that the search covers
-MIN_SAMPLE = 0.7  # distance between samples, as a share of the width of a pixel on the ground
+MIN_SAMPLE = 0.7  # distance between samples, as a fraction of the width of a pixel on the ground
 MIN_CORRELATION = 0.6
-MAX_SECOND, PEAK = 0.85, 4  # second maximum, as a share of the first; samples around a maximum
+MAX_SECOND, PEAK = 0.85, 4  # second maximum, as a fraction of the first; samples around a maximum
 MIN_SHIFT = 0.08  # tangent, between two images; at smaller shifts, fixed-pattern noise would match
 MATCH_SD = 0.3  # standard deviation of a displacement, in samples
 
@@ -49,7 +49,7 @@ class Ties(NamedTuple):
 
     earlier: Floats  # (n, 2) pixels, column and row, of the earlier image
     later: Floats  # (n, 2) pixels of the later image
-    match_sd_m: Floats  # (n,) of the place on the ground, in each axis
+    match_sd_m: Floats  # (n,) of the position on the ground, in each axis
 
 
 class Match(NamedTuple):
@@ -131,7 +131,7 @@ def _pixels(landscape: Landscape, frame: Frame, places: Floats) -> tuple[Floats,
 def _samples(
     landscape: Landscape, frame: Frame, places: Floats, sample_m: Floats, half: int
 ) -> Floats:
-    """Sample an image on the ground around places (n): (n, northwards, eastwards); NaN: unseen."""
+    """Sample an image around ground positions (n): (n, northwards, eastwards); NaN: unseen."""
     from scipy.ndimage import map_coordinates
 
     steps = np.arange(-half, half) * (sample_m / landscape.cell_size_m)[:, None]
@@ -203,7 +203,7 @@ def _correlations(searched: Floats, fixed: Floats) -> Floats:
 
 
 def _boxes(values: Floats) -> Floats:
-    """Return the sums (n, s, s) of the values (n, y, x) in all boxes of the size of a patch."""
+    """Return the sums (n, s, s) of the values (n, y, x) in all boxes as large as a patch."""
     sums = np.pad(values, ((0, 0), (1, 0), (1, 0))).cumsum(axis=1).cumsum(axis=2)
     found: Floats = sums[:, PATCH:, PATCH:] - sums[:, :-PATCH, PATCH:]
     found -= sums[:, PATCH:, :-PATCH] - sums[:, :-PATCH, :-PATCH]

@@ -24,9 +24,9 @@ BURNED_COLOUR, UNBURNED_COLOUR, CAMERA_COLOUR = "#e31a1c", "#1f78ff", "#000000"
 ELLIPSE_COLOUR = "#00e5ff"
 NOTE = "Observed by a thermal camera. Not for navigation. Graticule WGS 84, arrow to true north."
 ALPHA = 0.7
-SIGMAS = 2.146  # of an ellipse that contains the true place with a probability of 90 %
+SIGMAS = 2.146  # of an ellipse that contains the true position with a probability of 90 %
 SIDE_PX = 1000  # of the drawn image
-MARGIN = 0.12  # around the image and its camera, as a share of the larger extent
+MARGIN = 0.12  # around the image and its camera, as a fraction of the larger extent
 
 
 def draw_frame(
@@ -178,6 +178,6 @@ def draw_cells(
 
 
 def km_from_corner(landscape: Landscape, x_m: float, y_m: float) -> tuple[float, float]:
-    """Return a place in km from the landscape's south-west corner, for the axes."""
+    """Return a position in km from the landscape's south-west corner, for the axes."""
     south_m = landscape.north_m - landscape.shape[0] * landscape.cell_size_m
     return (x_m - landscape.west_m) / 1e3, (y_m - south_m) / 1e3

@@ -1,8 +1,8 @@
-"""Compute the places on the ground that pixels show, and the errors of the places. Pure.
+"""Compute the positions on the ground that pixels show, and the errors of the positions. Pure.
 
 A line of sight is followed to the ground (ray casting); the elevation is interpolated bilinearly.
 The errors of the pose are propagated to first order, as if the ground were a plane with the slope
-at the place.
+at the position.
 """
 
 from typing import NamedTuple
@@ -22,12 +22,12 @@ from mission_service.sensors.thermal.ray_casting_kernels import cast_rays
 
 REACH_M = 5000.0  # pixels that show ground farther away are not used
 GRAZING = 0.01  # sine of the smallest angle between a line of sight and the ground
-SAME_M = 0.1  # most between a place and the same place found by ray casting
+SAME_M = 0.1  # most between a position and the same position found by ray casting
 UP = 2  # index of the altitude in the error of a pose
 
 
 class ErrorEllipse(NamedTuple):
-    """The ellipse of one standard deviation of a place on the ground."""
+    """The ellipse of one standard deviation of a position on the ground."""
 
     major_m: float
     minor_m: float
@@ -41,7 +41,7 @@ def ground_points(
 
     Pixels of the sky, and those that show ground off the landscape or beyond ``REACH_M``, give NaN.
 
-    Raises FireModelError if the landscape has no elevation, or the camera is not above its ground.
+    Raises FireModelError if the landscape has no elevation, or the camera is not above the ground.
     """
     if landscape.elevation_m is None:
         raise FireModelError("the landscape has no elevation, which georeferencing requires")
@@ -57,9 +57,9 @@ def ground_points(
 
 
 def hidden(landscape: Landscape, pose: CameraPose, places: Floats) -> Mask:
-    """Return True (n,) for places on the ground (n, 2) that are not visible from a camera.
+    """Return True (n,) for positions on the ground (n, 2) that are not visible from a camera.
 
-    Other ground is between such a place and the camera, or the place is beyond ``REACH_M``.
+    Other ground is between such a position and the camera, or the position is beyond ``REACH_M``.
     """
     offset_m = offsets_m(landscape, pose, places)
     directions = offset_m / np.linalg.norm(offset_m, axis=1, keepdims=True)
@@ -69,7 +69,7 @@ def hidden(landscape: Landscape, pose: CameraPose, places: Floats) -> Mask:
 
 
 def _first_ground(landscape: Landscape, pose: CameraPose, directions: Floats) -> Floats:
-    """Return the first places (n, 2) on lines of sight (n, 3) from a camera; NaN without ground."""
+    """Return the first ground positions (n, 2) on lines of sight (n, 3); NaN without ground."""
     assert landscape.elevation_m is not None
     at_row, at_col = landscape.row_col_of(pose.x_m, pose.y_m)
     start = np.array([float(at_row), float(at_col), pose.altitude_amsl_m])
@@ -81,12 +81,12 @@ def _first_ground(landscape: Landscape, pose: CameraPose, directions: Floats) ->
 
 
 def pose_effects(landscape: Landscape, pose: CameraPose, places: Floats) -> Floats:
-    """Return the displacements (n, 2, 6) of places on the ground by errors of the pose.
+    """Return the displacements (n, 2, 6) of positions on the ground by errors of the pose.
 
     A displacement is east and north in m, for each m or rad of each component of the error
     (``PoseErrors``). An error of the elevation has the opposite effect of an error of the altitude.
     The displacements are large if the line of sight is nearly parallel to the slope, and NaN for a
-    place without ground (NaN).
+    position without ground (NaN).
 
     Args:
         landscape: The landscape.
@@ -111,7 +111,7 @@ def pose_effects(landscape: Landscape, pose: CameraPose, places: Floats) -> Floa
 
 
 def offsets_m(landscape: Landscape, pose: CameraPose, places: Floats) -> Floats:
-    """Return places on the ground (n, 2) as east, north and up (n, 3) from the camera in m."""
+    """Return positions on the ground (n, 2) as east, north and up (n, 3) from the camera in m."""
     x_m, y_m = landscape.xy_of(places[:, 0], places[:, 1])
     ground_m = np.full(places.shape[0], np.nan)
     known = np.isfinite(places[:, 0])
@@ -139,12 +139,12 @@ def _slopes(landscape: Landscape, places: Floats) -> tuple[Floats, Floats]:
 
 
 def elevation_sds_m(landscape: Landscape, places: Floats, stated_sd_m: float) -> Floats:
-    """Return the standard deviations (n,) of the interpolated elevation at places (n, 2).
+    """Return the standard deviations (n,) of the interpolated elevation at positions (n, 2).
 
     The interpolation between the centres of cells adds an error to the stated one. For ground of
     constant curvature, the added error is at most an eighth of the second difference of the
-    elevation in each axis, and its root mean square over the cell is close to a tenth of this
-    difference.
+    elevation in each axis, and the root mean square of the added error over the cell is close to a
+    tenth of this difference.
     """
     z = landscape.elevation_m
     assert z is not None
@@ -159,12 +159,12 @@ def elevation_sds_m(landscape: Landscape, places: Floats, stated_sd_m: float) ->
 
 
 def covariances(effects: Floats, pose_covariance: Floats, elevation_sd_m: Floats) -> Floats:
-    """Return the covariance matrices (n, 2, 2) in m² of places on the ground.
+    """Return the covariance matrices (n, 2, 2) in m² of positions on the ground.
 
     The axes are east and north of the grid.
 
     Args:
-        effects: The ``pose_effects`` (n, 2, 6) at the places.
+        effects: The ``pose_effects`` (n, 2, 6) at the positions.
         pose_covariance: The covariance (6, 6) of the error of the pose.
         elevation_sd_m: The standard deviations (n,) of the elevation of the ground.
     """

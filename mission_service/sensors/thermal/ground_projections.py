@@ -2,9 +2,9 @@
 
 Both projections have the method ``places``, which returns the grid positions (n, 2), row and
 column, that pixels (n,) show, and the inverse method ``pixels``. The method ``covariances`` returns
-the covariance matrices (n, 2, 2) of places in m², along grid east and grid north. The place of a
-pixel that shows no ground of the landscape is NaN. The pixel of a place that an image does not show
-is NaN or outside the image.
+the covariance matrices (n, 2, 2) of positions in m², along grid east and grid north. The position
+of a pixel that shows no ground of the landscape is NaN. The pixel of a position that an image does
+not show is NaN or outside the image.
 """
 
 import math
@@ -46,11 +46,11 @@ class PoseProjection(NamedTuple):
     elevation_sd_m: float
 
     def places(self, col: Floats, row: Floats) -> Floats:
-        """Return the places of pixels. Raises FireModelError if the camera is below the ground."""
+        """Return the positions of pixels; raises FireModelError if the camera is below ground."""
         return ground_points(self.landscape, self.lens, self.pose, col, row)
 
     def pixels(self, places: Floats) -> tuple[Floats, Floats]:
-        """Return the columns and rows (n,) of the pixels that show places."""
+        """Return the columns and rows (n,) of the pixels that show positions."""
         col, row = pixels_of(self.lens, self.pose, offsets_m(self.landscape, self.pose, places))
         inside = (np.abs(col - (self.lens.width - 1) / 2.0) <= self.lens.width / 2.0) & (
             np.abs(row - (self.lens.height - 1) / 2.0) <= self.lens.height / 2.0
@@ -59,25 +59,25 @@ class PoseProjection(NamedTuple):
         return np.where(inside, col, np.nan), np.where(inside, row, np.nan)
 
     def covariances(self, places: Floats) -> Floats:
-        """Return the covariances of places."""
+        """Return the covariances of positions."""
         effects = pose_effects(self.landscape, self.pose, places)
         sds_m = elevation_sds_m(self.landscape, places, self.elevation_sd_m)
         return covariances(effects, self.covariance, sds_m)
 
 
 class CornerProjection(NamedTuple):
-    """A projective transformation that the places of an image's corners determine."""
+    """A projective transformation that the positions of an image's corners determine."""
 
     landscape: Landscape
     matrix: Floats  # (3, 3)
     sd_m: float  # of each axis
 
     def places(self, col: Floats, row: Floats) -> Floats:
-        """Return the places of pixels."""
+        """Return the positions of pixels."""
         return corner_places(self.landscape, self.matrix, col, row)
 
     def pixels(self, places: Floats) -> tuple[Floats, Floats]:
-        """Return the columns and rows (n,) of the pixels that show places."""
+        """Return the columns and rows (n,) of the pixels that show positions."""
         projected = (
             np.column_stack([places, np.ones(places.shape[0])]) @ np.linalg.inv(self.matrix).T
         )
@@ -85,7 +85,7 @@ class CornerProjection(NamedTuple):
         return projected[:, 0] / projected[:, 2], projected[:, 1] / projected[:, 2]
 
     def covariances(self, places: Floats) -> Floats:
-        """Return the covariances of places, which are the same for all places."""
+        """Return the covariances of positions, which are the same for all positions."""
         found = np.tile(np.eye(2) * self.sd_m**2, (places.shape[0], 1, 1))
         found[np.isnan(places[:, 0])] = np.nan
         return found

@@ -1,7 +1,7 @@
 """Place the pixels of an image on the ground by its four corner points. Pure.
 
-The corner points come from the camera's computer, which intersected the corners' lines of sight
-with its own model of the ground. Between them, pixels are placed by a projective transformation
+The camera's computer has computed the corner points by intersecting the corners' lines of sight
+with a ground model. Between the corner points, pixels are placed by a projective transformation
 (homography). This transformation is exact for a plane; over uneven ground it is an approximation.
 """
 
@@ -17,7 +17,7 @@ SHORTEST_M, LONGEST_M = 2.0, 10_000.0  # sides of the quadrilateral
 
 
 class CornerPoints(NamedTuple):
-    """The places that the corners of an image show, and the standard deviation of each axis.
+    """The positions that the corners of an image show, and the standard deviation of each axis.
 
     ``lat_lon_deg`` (4, 2) begins with the upper left corner and continues clockwise.
     """

@@ -50,7 +50,7 @@ class ImageFolder(WatchedFolder):
         self._poses.on_event(event, self._now_s(event.at_us))
 
     def _now_s(self, at_us: int) -> float:
-        """Return the present time in UTC; ``at_us`` is the present mission time."""
+        """Return the current time in UTC; ``at_us`` is the current mission time."""
         return time.time() if self._zero_s is None else self._zero_s + at_us / 1e6
 
     def process_file(self, path: Path, now: datetime) -> None:

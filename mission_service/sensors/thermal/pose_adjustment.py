@@ -3,17 +3,18 @@
 The tie points of the images (``frame_matching``) determine differences between the errors of the
 poses. The adjustment is the mean of a Gaussian posterior: the stated standard deviations are the
 prior, and robust weights reduce the influence of tie points that contradict the others. An error of
-the elevation displaces a place by different amounts in images from different sides; the elevation
-errors of places near each other are similar. Tie points have further errors in common, for example
-those of the interpolated elevation and of a place that is matched in several images. Therefore, the
-covariance of the tie points is multiplied by ``DEPENDENCE``.
+the elevation displaces a position by different amounts in images from different sides; the
+elevation errors of positions near each other are similar. Tie points have further errors in common,
+for example those of the interpolated elevation and of a position that is matched in several images.
+Therefore, the covariance of the tie points is multiplied by ``DEPENDENCE``.
 
-The error of each pose has an individual part, which the adjustment averages out, and a part that is
-common to all images of the pass, such as a GPS error that changes slowly or a tilted mount. The
-common part remains, unless views of the same ground from different sides determine it. The share of
-the individual part in the variance is unknown. Therefore, the poses are computed for several
-shares, of position and of direction, and the results are averaged with the likelihood of the tie
-points as weights. The covariance includes the differences between these results.
+The error of each pose is the sum of an individual error, which the adjustment averages out, and an
+error common to all poses of the pass, for example from a slowly changing GPS error or a tilted
+mount. The common error remains, unless views of the same ground from different sides determine it.
+The fraction of the variance that is individual is unknown. Therefore, the poses are computed for
+several such fractions, for position and for direction, and the results are averaged with the
+likelihood of the tie points as weights. The covariance includes the differences between these
+results.
 """
 
 from itertools import product
@@ -32,7 +33,7 @@ from mission_service.sensors.thermal.ground_points import (
     pose_effects,
 )
 
-OWN_SHARES = (0.02, 0.2, 0.5, 0.8, 0.98)  # of the individual part in the variance
+OWN_SHARES = (0.02, 0.2, 0.5, 0.8, 0.98)  # individual fractions of the variance
 SHARES = tuple(product(OWN_SHARES, OWN_SHARES))  # for position and for direction
 FIRST_SHARES = ((0.5, 0.5),)  # in all rounds but the last
 ROUNDS = 3
@@ -45,12 +46,12 @@ ELEVATION_LENGTH_M = 100.0  # errors of the elevation are similar over this dist
 
 
 class _Shared(NamedTuple):
-    """The places (n) of the tie points on the ground."""
+    """The positions (n) of the tie points on the ground."""
 
     known: Mask  # (n,) True if both images show ground there
     x_y_m: Floats  # (n, 2)
     apart_m: (
-        Floats  # (n, 2) east and north, from the place in the earlier to that in the later image
+        Floats  # (n, 2) east and north, from the position in the earlier to that in the later image
     )
     match_sd_m: Floats  # (n,) of ``apart_m``
     parallax_sd_m: Floats  # (n, 2) of ``apart_m``, due to the error of the elevation
@@ -60,9 +61,10 @@ class _Shared(NamedTuple):
 def adjusted(
     landscape: Landscape, frames: list[Frame], matches: list[Match]
 ) -> tuple[Floats, Floats]:
-    """Return the error (6,) of the last image's pose, and its covariance (6, 6).
+    """Return the error (6,) of the last image's pose, and the covariance (6, 6) of the error.
 
-    In each round, the places of the tie points are computed with the poses of the previous round.
+    In each round, the positions of the tie points are computed with the poses of the previous
+    round.
 
     Raises FireModelError if an adjusted camera is below the ground or off the landscape.
     """
@@ -97,7 +99,7 @@ def _shared(
     poses: list[CameraPose],
     matches: list[Match],
 ) -> _Shared:
-    """Compute the places of the tie points in both images from the poses."""
+    """Compute the positions of the tie points in both images from the poses."""
     number = {id(frame): at for at, frame in enumerate(frames)}
     parts = []
     for match in matches:
@@ -180,7 +182,7 @@ def _prior(sds: Floats, own: Floats) -> Floats:
 
     Args:
         sds: The standard deviations (6 f,) of these errors.
-        own: The share (6,) of the individual part in the variance of each component.
+        own: The fraction (6,) of the variance of each component that is individual.
     """
     frames = sds.size // 6
     alike = np.kron(np.eye(frames), np.diag(own))

@@ -1,4 +1,4 @@
-"""Find the pose of a camera at the time of an image from the telemetry of the vehicles. Pure.
+"""Find the camera's pose at the time of an image from the vehicles' telemetry. Pure.
 
 A report of an image (``ImageCaptured``) belongs to a file if the report contains the name of the
 file, or if both have the same time in UTC. Without such a report, the position and the direction

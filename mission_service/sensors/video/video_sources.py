@@ -104,7 +104,7 @@ class FileSource:
         self.notice = ""
 
     def next_bytes(self) -> bytes:
-        """Return the next bytes of the file, or b"" at its present end."""
+        """Return the next bytes of the file, or b"" at its current end."""
         try:
             data = self._next()
         except OSError as error:

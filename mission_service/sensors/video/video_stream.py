@@ -41,7 +41,7 @@ NEAR_TICKS = 9_000  # of 90 kHz (0.1 s), most between an image and its metadata
 KEPT = 100  # packets of metadata
 PART_BYTES = 65_536
 MIN_FIELD_OF_VIEW_DEG, MAX_FIELD_OF_VIEW_DEG = 1.0, 150.0
-MAX_FIELD_ERROR = 0.1  # share of the vertical field of view
+MAX_FIELD_ERROR = 0.1  # fraction of the vertical field of view
 
 
 @dataclass
@@ -218,9 +218,9 @@ class VideoStream:
 def image_of(
     frame: "VideoFrame", metadata: VideoMetadata, name: str, settings: ThermalVideoSection
 ) -> ThermalImage:
-    """Return a picture of a video with the time and the place in its metadata.
+    """Return a picture of a video with the time and the position in its metadata.
 
-    Raises MissionServiceError for a picture in colours, and for metadata without a place.
+    Raises MissionServiceError for a picture in colours, and for metadata without a position.
     """
     name = f"{name} {metadata.taken:%H:%M:%S}"
     if is_coloured(frame.to_ndarray(format="rgb24")):

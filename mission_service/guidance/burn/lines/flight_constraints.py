@@ -36,7 +36,7 @@ Route = list[FlightPoint]  # points joined by straight legs, beginning at the ve
 
 
 def point_on_leg(leg: Leg, part: float) -> FlightPoint:
-    """Return the point on a leg after a share (0 to 1) of the leg's duration."""
+    """Return the point on a leg after a fraction (0 to 1) of the leg's duration."""
     begin, end = leg
     return FlightPoint(*(one + part * (other - one) for one, other in zip(begin, end, strict=True)))
 
@@ -70,7 +70,7 @@ class FlightConstraints:
     def along(self, route: Route, places: list[tuple[float, float]]) -> Route:
         """Return the given route, continued at its last height through ``places``.
 
-        The first of the places is the end of the given route.
+        The first of the positions is the end of the given route.
         """
         for x_m, y_m in places[1:]:
             route = [*route, self.fly_to(route[-1], x_m, y_m, route[-1].height_m)]

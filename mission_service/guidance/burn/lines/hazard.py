@@ -1,6 +1,6 @@
 """Tests, with ignition times on a raster, whether fire endangers the legs of a flight.
 
-A place x is in danger at time t if a place y within reach of x ignites between t - residence_s and
+A point x is in danger at time t if a point y within reach of x ignites between t - residence_s and
 t + time_margin_s. The reach is ``distance_margin_m``. If x is downwind of y, the reach is longer by
 the distance that the wind travels towards x in ``wind_margin_s``.
 
@@ -207,7 +207,7 @@ def hazard_of(
     cell_m: float | None = None,
     begins_s: float = LONG_AGO_S,
 ) -> Hazard:
-    """Return the hazard of a fire for all places in a box; no place burns before ``begins_s``.
+    """Return the hazard of a fire for all points in a box; no point burns before ``begins_s``.
 
     Between the corners of a cell, ignition times are bounded by their gradient around the cell.
     These bounds can miss fires smaller than a cell, such as new fires; the sources of the fire
@@ -221,8 +221,8 @@ def sources_of(fire: Any) -> Floats:
     """Return the known ignitions (n, 3) of a simulation, with x, y and time.
 
     The result is the simulation's ``sources``. If the simulation has none, the result is the
-    sources of its components (``fire`` or ``fires``), at the ignition times of the whole
-    simulation.
+    sources of the simulation's components (``fire`` or ``fires``), at the ignition times of the
+    whole simulation.
     """
     if hasattr(fire, "sources"):
         return np.asarray(fire.sources, np.float64)

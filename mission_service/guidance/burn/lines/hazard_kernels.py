@@ -60,7 +60,7 @@ def bound_times(at_s, cell, begins, top, left, first, last):  # type: ignore[no-
 
 @kernel
 def margin_near_s(first, last, west, north, cell, reach, wx, wy, residence, x, y, t0, t1, slack):  # type: ignore[no-untyped-def]
-    """Return the smallest time margin of all places within ``slack`` of (x, y), from t0 to t1."""
+    """Return the smallest time margin of positions within ``slack`` of (x, y), from t0 to t1."""
     rows, cols = first.shape
     wind = math.hypot(wx, wy)
     max_m = reach + wind + slack

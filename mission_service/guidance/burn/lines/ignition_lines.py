@@ -38,12 +38,12 @@ class IgnitionLine:
         return np.array([-math.sin(self.toward_rad), math.cos(self.toward_rad)])
 
     def places_at(self, across_m: Floats) -> Floats:
-        """Return the places (n, 2) on the line at across coordinates (n,)."""
+        """Return the positions (n, 2) on the line at across coordinates (n,)."""
         found: Floats = self.along_m * self.downwind + np.outer(across_m, self.left_unit)
         return found
 
     def across(self, places_m: Floats) -> Floats:
-        """Return the across coordinates (n,) of places (n, 2)."""
+        """Return the across coordinates (n,) of positions (n, 2)."""
         return np.asarray(places_m @ self.left_unit)
 
 
@@ -118,9 +118,9 @@ def alignment_m(
 def drop_points(
     line: IgnitionLine, ends_m: tuple[float, float], through_m: float, spacing_m: float
 ) -> Floats:
-    """Return places (n, 2) every ``spacing_m`` on a line between its ends, from right to left.
+    """Return positions (n, 2) every ``spacing_m`` on a line between its ends, from right to left.
 
-    The places are aligned with the across coordinate ``through_m`` (algorithm line 6).
+    The positions are aligned with the across coordinate ``through_m`` (algorithm line 6).
     """
     first = math.ceil((ends_m[0] - through_m) / spacing_m - 1e-9)
     last = math.floor((ends_m[1] - through_m) / spacing_m + 1e-9)

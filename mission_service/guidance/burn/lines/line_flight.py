@@ -29,7 +29,7 @@ class LineFlight:
 
     route: tuple[FlightPoint, ...]
     drops: Floats  # (m, 3) x, y, at_s
-    skipped: Floats  # (k, 2) places without a drop
+    skipped: Floats  # (k, 2) positions without a drop
     min_margin_s: float
     climbs_first: bool
     home_s: float  # duration of the return home from the flight's end, with the landing
@@ -44,10 +44,10 @@ class LineFlight:
 def fly_line(
     air: FlightConstraints, start: FlightPoint, places_m: Floats, spheres: int, battery_s: float
 ) -> LineFlight:
-    """Plan a flight with drops at as many of the places (n, 2) as possible, in the given order.
+    """Plan a flight with drops at as many of the positions (n, 2) as possible, in the given order.
 
-    The flight ends with a climb to the safe height. A place is skipped if it cannot be reached
-    safely, if a drop is not safe at the time of arrival, or if no climb from the place is safe.
+    The flight ends with a climb to the safe height. A position is skipped if it cannot be reached
+    safely, if a drop is not safe at the time of arrival, or if no climb from the position is safe.
     The flight ends early if the spheres or the battery do not suffice for another drop.
     ``battery_s`` is the maximum flight time, including the return.
     """
@@ -144,10 +144,10 @@ class LineFlightBuilder:
             self.climbs_first = True
 
     def towards(self, x_m: float, y_m: float) -> tuple[Route, float] | None:
-        """Return the fastest safe route to the drop height at a place, with its margin, or None.
+        """Return the fastest safe route to the drop height at a position, with its margin, or None.
 
         The route is either low (straight, or around areas closed to low flight) or at the safe
-        height. If a climb is not safe at the present position, the route stays low until a climb is
+        height. If a climb is not safe at the current position, the route stays low until a climb is
         safe.
         """
         start = self.route[-1]
@@ -227,13 +227,13 @@ class LineFlightBuilder:
         return [start, self.air.fly_to(start, start.x_m, start.y_m, self.settings.drop_height_m)]
 
     def _low(self, start: FlightPoint, x_m: float, y_m: float) -> Route | None:
-        """Return the route to a place at the drop height, or None if there is no low path."""
+        """Return the route to a position at the drop height, or None if there is no low path."""
         level = self._level(start)
         path = self.air.low.shortest_path((start.x_m, start.y_m), (x_m, y_m)) if level else None
         return None if path is None or level is None else self.air.along(level, path)
 
     def _over(self, up: Route, x_m: float, y_m: float) -> Route | None:
-        """Return the route ``up``, continued over a place and down to the drop height, or None."""
+        """Return ``up``, continued over a position and down to the drop height, or None."""
         path = self.air.high_path(up[-1], x_m, y_m)
         if path is None:
             return None

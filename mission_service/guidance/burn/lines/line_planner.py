@@ -8,7 +8,7 @@ The paper leaves some points open, which are decided here as follows:
 - The faster of the two paths is chosen. A path with less than ``MIN_DROPS_SHARE`` of the other
   path's drops is not chosen, because a gap in a line is worse than a delay of a minute.
 - If the spheres or the battery end a line early, the remaining area does not change. The next plan
-  is then for the rest of the same line, because places near earlier drops are excluded.
+  is then for the rest of the same line, because positions near earlier drops are excluded.
 """
 
 from dataclasses import dataclass
@@ -41,7 +41,7 @@ from mission_service.guidance.burn.lines.line_flight import LineFlight, fly_line
 
 Floats = NDArray[np.float64]
 
-MIN_DROPS_SHARE = 0.9  # a path needs at least this share of the other path's drops
+MIN_DROPS_SHARE = 0.9  # a path needs at least this fraction of the other path's drops
 ON_GROUND_M = 1.0
 MAX_LINES = 10_000  # maximum number of lines in one burn
 
@@ -84,7 +84,7 @@ class LinePlan:
     begin_s: float
     path: Floats  # (n, 4) x, y, height_m, after_s; at its end the vehicle holds at the safe height
     drops: Floats  # (m, 3) x, y, after_s
-    skipped: Floats  # (k, 2) places where no drop is safe
+    skipped: Floats  # (k, 2) positions where no drop is safe
     duration_s: float
     min_time_margin_s: float
     area_left: BaseGeometry
@@ -165,10 +165,10 @@ def constraints_of(situation: Situation, settings: BurnSection) -> FlightConstra
 def drop_orders(
     situation: Situation, settings: BurnSection, area: BaseGeometry, line: IgnitionLine
 ) -> list[Floats]:
-    """Return a line's drop places (n, 2) twice, ordered from each end (algorithm lines 5 to 8).
+    """Return a line's drop positions (n, 2) twice, ordered from each end (algorithm lines 5 to 8).
 
-    The algorithm flies to the nearest remaining place; because all places are on one line, this is
-    always the neighbour. The list is empty if the line has no place for a drop.
+    The algorithm flies to the nearest remaining position; because all positions are on the same
+    line, this is always the neighbour. The list is empty if the line has no position for a drop.
     """
     ends_m = extent_across(area, line)
     if ends_m is None:

@@ -25,7 +25,7 @@ def _box(leg: Leg) -> Box:
 
 
 def _away_m(leg: Leg, places_m: Floats) -> Floats:
-    """Return the horizontal distances of places (n, 2) from a leg."""
+    """Return the horizontal distances of positions (n, 2) from a leg."""
     begin, step = np.array(leg[0][:2]), np.subtract(leg[1][:2], leg[0][:2])
     length2 = max(float(step @ step), 1e-12)
     part = np.clip((places_m - begin) @ step / length2, 0.0, 1.0)
@@ -111,7 +111,7 @@ class SphereFires:
         return hazard.leg_margin_s(begin.x_m, begin.y_m, begin.at_s, end.x_m, end.y_m, end.at_s)
 
     def burns_by(self, x_m: float, y_m: float, at_s: float) -> bool:
-        """Return whether any of these fires reaches a place by the time ``at_s``."""
+        """Return whether any of these fires reaches a position by the time ``at_s``."""
         if not len(self.sources) or at_s <= self.sources[:, 2].min():
             return False
         fire = self.air.lights(self.sources)

@@ -20,8 +20,8 @@ Integers = NDArray[np.int64]
 MAX_NODES = 96  # of all fronts
 MIN_NODES = 4  # of one front
 LEFT_CELLS = 0.5  # error of a front in view
-# Minimum growth of the error: as a share of the mean growth, and in cells per second. The minimum
-# represents errors of the model that wrong inputs of the model do not explain.
+# Minimum growth of the error: as a fraction of the mean growth, and in cells per second. The
+# minimum represents errors of the model that wrong inputs of the model do not explain.
 MIN_GROWTH_SHARE = 0.5
 MIN_GROWTH_CELLS_S = 2e-5
 MIN_STEP_CELLS = 1e-9
@@ -43,7 +43,7 @@ class Front(NamedTuple):
         return float(self.along_cells[-1])
 
     def nearest(self, row: float, col: float) -> tuple[int, float]:
-        """Return the index of the point nearest to a place, and the distance to it in cells."""
+        """Return the index of the point nearest to a position, and the distance to it in cells."""
         away = np.hypot(self.points[:, 0] - row, self.points[:, 1] - col)
         index = int(away.argmin())
         return index, float(away[index])

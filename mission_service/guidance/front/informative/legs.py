@@ -1,4 +1,4 @@
-"""Finds legs from one place to another, around burned ground if the detour is short.
+"""Finds legs from one position to another, around burned ground if the detour is short.
 
 Positions are rows and columns of the landscape's grid, as floats; lengths are in cells.
 """
@@ -43,7 +43,7 @@ def unburned_ground(loops: Sequence[Floats]) -> VisibilityGraph:
 
 
 def leg(start: Floats, goal: Floats, unburned: VisibilityGraph, max_detour: float = 0.2) -> Floats:
-    """Return the points (n, 2) of the leg from one place to another, rows and columns.
+    """Return the points (n, 2) of the leg from one position to another, rows and columns.
 
     The leg is straight, unless a straight leg crosses burned ground and the shortest way around is
     longer by at most the share ``max_detour``. A leg that begins or ends over burned ground leaves
@@ -70,7 +70,7 @@ def _vertex(place: Floats) -> Vertex:
 
 
 def _nearest_unburned(place: Vertex, unburned: VisibilityGraph) -> Vertex:
-    """Return ``place`` if it is over unburned ground, or else the nearest place just outside."""
+    """Return ``place`` if it is over unburned ground, or else the nearest position just outside."""
     point = shapely.Point(place)
     if unburned.area.covers(point):
         return place

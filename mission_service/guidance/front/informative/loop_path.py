@@ -48,7 +48,7 @@ def path_on_loop(
         points: The front (n, 2), rows and columns, clockwise as seen on a map with north up,
             without a repeated end point.
         start: The index in ``points`` at which the path begins. If the vehicle cannot fly there,
-            the path begins at the nearest place where the vehicle can fly.
+            the path begins at the nearest position where the vehicle can fly.
         clockwise: The direction of travel as seen on the map.
         length_cells: The length of the path, which may be more than one lap.
         turn_radius_cells: The smallest turn radius.

@@ -54,11 +54,11 @@ from mission_service.guidance.protocol import Decision, Ground, Phase
 
 Floats = NDArray[np.float64]
 
-# Shares of the cost that another route must save: a route on the same front, and a route to another
-# front. On the same front, a small share causes turns due to errors of the estimate
+# Fractions of the cost that another route must save: a route on the same front, and a route to
+# another front. On the same front, a small fraction causes turns due to errors of the estimate
 # (benchmarks.informative_routes).
 MARGIN_TURN, MARGIN_HOP = 0.5, 0.1
-MAX_WIND = 0.95  # maximum wind speed in plans, as a share of the airspeed
+MAX_WIND = 0.95  # maximum wind speed in plans, as a fraction of the airspeed
 MAX_LAP = 5.0 / 6.0  # longest path along one front, in laps; a whole lap would end at its start
 IN_VIEW_CELLS = 3.0  # a front is in view from this distance or less
 
@@ -80,7 +80,7 @@ class InformativeSettings:
 
 @dataclass(frozen=True, slots=True)
 class Hop:
-    """A flight to another front: the place of arrival (row, column), and the direction after it."""
+    """A flight to another front: arrival position (row, column), and direction after arrival."""
 
     row: float
     col: float
@@ -89,7 +89,7 @@ class Hop:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """The rest of a vehicle's present route, as distances along the front.
+    """The rest of a vehicle's current route, as distances along the front.
 
     The vehicle flies ``out_cells``, and then either makes the hop, or turns back for ``back_cells``
     and turns again. Distances may be infinite.
@@ -191,7 +191,7 @@ class InformativePlanner:
         return Decision(self.clockwise, reversed_now, cost_on, cost_back, round(length))
 
     def _nearest(self, row: float, col: float) -> tuple[int, float]:
-        """Return the index of the front nearest to a place, and the distance in cells."""
+        """Return the index of the front nearest to a position, and the distance in cells."""
         away = [front.nearest(row, col)[1] for front in self._shared.fronts]
         index = int(np.argmin(away))
         return index, away[index]
@@ -199,7 +199,7 @@ class InformativePlanner:
     # The decision ---------------------------------------------------------------------------------
 
     def _decide(self, row: float, col: float, at_s: float) -> Decision:
-        """Compare routes; adopt the best route if it is clearly better than the present route."""
+        """Compare routes; adopt the best route if it is clearly better than the current route."""
         nodes = nodes_of(self._shared.fronts, self.settings.speed_cells_s, self._wind)
         situation = self._situation(nodes, at_s)
         number, _ = self._nearest(row, col)
@@ -225,7 +225,7 @@ class InformativePlanner:
         return found or self._decision(False, cost_on, cost_back)
 
     def _ways(self, own: int, direction: int, situation: Situation) -> list[Route]:
-        """Return the routes to compare with the present one."""
+        """Return the routes to compare with the current one."""
         found = []
         if not self._hops:
             found += routes_along(own, direction, 0.0, situation)
@@ -272,7 +272,7 @@ class InformativePlanner:
         return [float(time_s) for time_s in times_s]
 
     def _present(self, own: int, direction: int, nodes: FrontNodes) -> Route:
-        """Return the present plan as a route."""
+        """Return the current plan as a route."""
         plan, hop = self._plan, self._plan.hop
         entry = -1
         if hop is not None:
@@ -288,7 +288,7 @@ class InformativePlanner:
     def _adopt(
         self, route: Route, own: int, direction: int, nodes: FrontNodes, costs: tuple[float, float]
     ) -> Decision | None:
-        """Set the present plan to a route; return the decision if the vehicle turns back."""
+        """Set the current plan to a route; return the decision if the vehicle turns back."""
         if self._hops or nodes.front[route.start] != nodes.front[own]:
             place = (float(nodes.row[route.start]), float(nodes.col[route.start]))
             self._plan, self._hops = Plan(0.0, hop=Hop(*place, route.direction > 0)), True

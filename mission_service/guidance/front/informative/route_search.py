@@ -17,7 +17,7 @@ Floats = NDArray[np.float64]
 
 HORIZON_LAPS = 2.0
 MAX_VISITS = 2 * MAX_NODES
-# Lengths of the ways out and back, as shares of the nodes of a front.
+# Lengths of the ways out and back, as fractions of the nodes of a front.
 OUT = (0.03, 0.07, 0.12, 0.2, 0.3, 0.4, 0.55, 0.7, 0.9)
 BACK = (0.06, 0.12, 0.2, 0.3, 0.45, 0.6, 0.8)
 OUT_BEFORE_HOP = (0.1, 0.25, 0.5, 0.75, 1.0)
@@ -67,7 +67,7 @@ def horizon_s(nodes: FrontNodes) -> float:
 
 
 def evaluate(routes: list[Route], situation: Situation) -> Search:
-    """Return the costs of routes: the mean over time of the norm of the errors, in cells."""
+    """Return the costs of routes: the errors' norm, averaged over time, in cells."""
     nodes = situation.nodes
     columns = tuple(
         np.array(column, dtype=np.float64 if name == "delay_s" else np.int64)

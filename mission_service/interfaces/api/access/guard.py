@@ -133,7 +133,7 @@ class AccessGuard:
         return self._changers if user.may("look") else self._detectors
 
     def _admit(self, scope: Scope) -> str:
-        """Check a request, store the user in its state and return its client. Raises ApiError."""
+        """Check a request, store the user in the state, and return the client. Raises ApiError."""
         headers = _headers(scope)
         host = self._check_host(headers.get(b"host", []), scope.get("server"))
         _refuse_other_sites(headers, {_origin(scope, host), *self._by_proxy})
