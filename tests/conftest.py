@@ -57,7 +57,7 @@ def no_hidden_defect(request: pytest.FixtureRequest) -> Iterator[None]:
     """
     found: list[logging.LogRecord] = []
     handler = logging.Handler(logging.ERROR)
-    handler.emit = found.append  # type: ignore[method-assign]
+    handler.emit = found.append  # type: ignore[assignment]
     log = logging.getLogger("mission_service.fire.run_estimate")
     log.addHandler(handler)
     yield

@@ -173,21 +173,7 @@ def taken_back(
     unburned. The second result is ``burned`` with reduced distances on those bearings.
     """
 
-    def unburned_at(out: Floats, north: Floats, east: Floats) -> NDArray[np.bool_]:
-        rows = np.rint(centre[0] - out * north).astype(np.int64) - row
-        cols = np.rint(centre[1] + out * east).astype(np.int64) - col
-        found = (rows >= 0) & (rows < window.shape[0]) & (cols >= 0) & (cols < window.shape[1])
-        found[found] = window[rows[found], cols[found]] == UNBURNED
-        return np.asarray(found)
-
-    unburned = unburned_at(burned, NORTH, EAST)
-    # Search inwards for the first cell that is not unburned in the window.
-    still_burned = burned.copy()
-    for bearing in np.flatnonzero(unburned).tolist():
-        out = np.arange(burned[bearing], -0.5, -0.5)
-        ends = np.flatnonzero(~unburned_at(out, NORTH[bearing], EAST[bearing]))
-        still_burned[bearing] = out[ends[0]] if ends.size else 0.0
-    return unburned, still_burned
+    return _taken_back(row, col, window, *centre, burned, NORTH, EAST)  # type: ignore[no-any-return]
 
 
 def circular_mean(values: Floats, half_width: int) -> Floats:
@@ -239,6 +225,24 @@ def _seen(window, bearings, distances, spans, burned):  # type: ignore[no-untype
     in_view = (seen > -np.inf) & (seen >= burned - ISLAND_CELLS)
     _fill_gaps(seen, in_view)
     return seen, in_view
+
+
+@compiled
+def _taken_back(row, col, window, centre_row, centre_col, burned, north, east):  # type: ignore[no-untyped-def]
+    unburned, still_burned = np.zeros(BEARINGS, np.bool_), burned.copy()
+    for bearing in range(BEARINGS):
+        out = burned[bearing]
+        # Search inwards for the first cell that is not unburned in the window.
+        while out > -0.5:
+            y = int(np.rint(centre_row - out * north[bearing])) - row
+            x = int(np.rint(centre_col + out * east[bearing])) - col
+            inside = 0 <= y < window.shape[0] and 0 <= x < window.shape[1]
+            if not inside or window[y, x] != UNBURNED:
+                break
+            unburned[bearing] = True
+            out -= 0.5
+        still_burned[bearing] = out if out > -0.5 else 0.0
+    return unburned, still_burned
 
 
 @compiled

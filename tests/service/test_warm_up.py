@@ -83,6 +83,27 @@ print(",".join(name for name in before if before[name]))
 print(",".join(name for name in after if after[name] != before.get(name, 0)))
 """
 
+CORRECTS = """
+from mission_service.guidance.registry import way_of
+from mission_service.config.scenario import load_scenario
+from mission_service.core.core import Core
+from mission_service.events import Observed
+from mission_service.fire.scenario_fire import fire_position, landscape_of
+
+scenario = load_scenario("default", (f'planner.rule="{sys.argv[1]}"',))
+landscape = landscape_of(scenario)
+if "warm" in sys.argv:
+    way_of(scenario).warm_up(scenario, landscape)
+before = compiled("mission_service.")
+middle = landscape.row_col_of(*fire_position(scenario, landscape))
+row, col = (round(float(value)) - 6 for value in middle)
+core = Core(scenario, landscape)
+for fire in "bu":  # an operator adds burned ground, then removes it
+    core.handle(Observed(3_600_000_000, "hawk", row, col, (fire * 12,) * 12, corrects=True))
+after = compiled("mission_service.")
+print(",".join(name for name in after if after[name] != before.get(name, 0)))
+"""
+
 
 def compiled_in_flight(code: str, *arguments: str) -> str:
     child = subprocess.run(
@@ -98,6 +119,12 @@ def compiled_in_flight(code: str, *arguments: str) -> str:
 def test_nothing_is_compiled_in_flight() -> None:
     assert "intent" in compiled_in_flight(FLIES)  # the check detects it
     assert compiled_in_flight(FLIES, "warm") == ""
+
+
+@pytest.mark.parametrize("rule", ["predictive", "islam_hu_damped"])
+def test_nothing_is_compiled_when_an_operator_corrects_the_fire(rule: str) -> None:
+    assert "taken_back" in compiled_in_flight(CORRECTS, rule)  # the check detects it
+    assert compiled_in_flight(CORRECTS, rule, "warm") == ""
 
 
 LONG = pytest.mark.long

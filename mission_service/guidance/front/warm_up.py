@@ -51,6 +51,7 @@ def warm_up(planners_of: Planners, scenario: Scenario, landscape: Landscape) -> 
             planner.observe(Observed(round(at_s * 1e6), name, top, left, cells))
             if step == 0:  # a window of one cell, for which Numba compiles kernels again
                 planner.observe(Observed(round(at_s * 1e6), name, top, left, (cells[0][0],)))
+                planner.correct(Observed(round(at_s * 1e6), name, top, left, cells))
             planner.at(row, col, at_s)
             planner.shape(row, col)
             planner.path(row, col)
