@@ -80,7 +80,7 @@ def test_a_changed_byte_costs_its_line_and_is_reported(
     assert lines - 6 <= count < lines
 
 
-@settings(max_examples=40, suppress_health_check=list(HealthCheck))
+@settings(max_examples=15, suppress_health_check=list(HealthCheck))
 @given(place=st.floats(0.0, 1.0))
 def test_a_journal_cut_at_any_byte_is_read_up_to_the_cut(
     folder: Path, tmp_path: Path, place: float

@@ -51,6 +51,7 @@ def frames(tmp_path: Path) -> Path:
     return folder
 
 
+@pytest.mark.long
 def test_the_estimate_follows_the_files_of_a_camera_without_poses(
     frames: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

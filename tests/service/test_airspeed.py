@@ -12,6 +12,7 @@ from mission_service.journal.journal_file import SegmentReader
 from mission_service.simulation import sim
 
 SHORT = ("start_s=3500", "duration_s=4300", "vehicles.0.airspeed_m_s=15")
+STACKS = ("px4", pytest.param("ardupilot", marks=pytest.mark.long))
 CRUISE_M_S = 22.0  # the airspeed of an autopilot without an airspeed command
 
 
@@ -41,7 +42,7 @@ def flown(
     return [each.airspeed_m_s for each in measured], alarms, modes
 
 
-@pytest.mark.parametrize("stack", ["px4", "ardupilot"])
+@pytest.mark.parametrize("stack", STACKS)
 def test_missions_are_flown_at_the_airspeed_of_the_scenario(
     stack: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -52,7 +53,7 @@ def test_missions_are_flown_at_the_airspeed_of_the_scenario(
     assert not alarms
 
 
-@pytest.mark.parametrize("stack", ["px4", "ardupilot"])
+@pytest.mark.parametrize("stack", STACKS)
 def test_an_airspeed_that_the_vehicle_does_not_fly_raises_an_alarm(
     stack: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

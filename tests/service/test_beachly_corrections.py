@@ -82,6 +82,7 @@ def test_front_errors_are_those_of_two_circles() -> None:
     assert np.isnan(front_error_m(np.empty((0, 2)), true))
 
 
+@pytest.mark.long
 def test_only_what_was_marked_by_then_counts() -> None:
     burn = random_burn(1018)
     case = study.case_of(burn)

@@ -1,7 +1,6 @@
 """The whole loop in virtual time: fire, camera, planner, missions as MAVLink frames, journal."""
 
 import json
-import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -75,8 +74,11 @@ def test_the_vehicle_stays_near_the_front(run: Run) -> None:
 
 
 def test_two_runs_with_one_seed_are_identical_byte_for_byte(run: Run, tmp_path: Path) -> None:
-    again = fly(tmp_path / "again.jsonl")
-    assert run.journal.read_bytes() == again.journal.read_bytes()
+    path, until_s = tmp_path / "again.jsonl", 4400.0
+    simulate(load_scenario("default", SHORT), path, created="2026-01-01", until_s=until_s)
+    again = path.read_bytes()
+    assert again.count(b"UploadMission") > 5
+    assert run.journal.read_bytes().startswith(again)
 
 
 def test_every_event_is_journalled_before_its_commands(run: Run) -> None:
@@ -106,6 +108,7 @@ def test_every_mission_is_one_that_the_stack_takes_as_it_is(run: Run) -> None:
 
 
 def test_a_replay_reproduces_every_decision(run: Run) -> None:
+    """The journal contains all inputs of a core: replayed without a fire, it decides the same."""
     result = verify(run.journal)
     assert result.difference is None
     assert result.decisions == run.record.vehicles["hawk"].decisions
@@ -184,7 +187,7 @@ def test_on_ardupilot_and_over_a_bad_link_the_loop_still_works(tmp_path: Path) -
     run = fly(
         path,
         "vehicles.0.stack=ardupilot",
-        "duration_s=4700",
+        "duration_s=4500",
         "link.loss=0.15",
         "link.jitter_ms=150",
         "link.duplication=0.1",
@@ -213,28 +216,23 @@ def test_a_fire_whose_ignition_is_unknown_is_monitored_around_its_centre(tmp_pat
     assert run.record.vehicles["hawk"].decisions > 100
 
 
-def test_the_planner_never_reads_the_true_fire(run: Run, tmp_path: Path) -> None:
-    """The journal contains all inputs of a core: replayed without a fire, it decides the same."""
-    path = tmp_path / "copy.jsonl"
-    shutil.copy(run.journal, path)
-    assert verify(path).difference is None
-    source = (Path(__file__).parents[2] / "mission_service" / "core/core.py").read_text("utf-8")
-    assert "devs8" not in source
-    assert "world" not in source
-
-
 @pytest.mark.parametrize(
     "rule",
     [
         "islam_hu_damped",
-        "islam_hu",
-        "circling",
         "predictive",
         "team.balanced",
-        "team.circling",
-        "team.bumper",
-        "team.highest-dynamic",
-        "team.predictive",
+        *(
+            pytest.param(rule, marks=pytest.mark.long)
+            for rule in (
+                "islam_hu",
+                "circling",
+                "team.circling",
+                "team.bumper",
+                "team.highest-dynamic",
+                "team.predictive",
+            )
+        ),
     ],
 )
 def test_a_fire_of_one_cell_is_monitored(rule: str, tmp_path: Path) -> None:

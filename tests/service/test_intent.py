@@ -136,6 +136,7 @@ WORLDS = {
 }  # fmt: skip
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", WORLDS)
 def test_no_vehicles_meet_and_all_arrive(name: str) -> None:
     world, until_s = WORLDS[name]
@@ -153,6 +154,7 @@ def test_no_vehicles_meet_and_all_arrive(name: str) -> None:
     assert outcome.changes_per_s < 0.6
 
 
+@pytest.mark.long
 def test_without_avoidance_the_same_worlds_have_collisions_and_with_the_papers_fewer() -> None:
     ends = {"none": 0, "rvo": 0}
     for name, (world, until_s) in WORLDS.items():
@@ -163,6 +165,7 @@ def test_without_avoidance_the_same_worlds_have_collisions_and_with_the_papers_f
     assert 0 < ends["rvo"] < 0.6 * ends["none"]
 
 
+@pytest.mark.long
 def test_sixty_four_from_one_base() -> None:
     outcome = fly(deployment(64, 280.0, 130.0, 1), "intent", 500.0)
     assert outcome.collisions == 0

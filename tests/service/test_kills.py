@@ -2,9 +2,12 @@
 
 from pathlib import Path
 
+import pytest
+
 from benchmarks.kills import Found, run
 
 
+@pytest.mark.long
 def test_a_service_that_is_killed_goes_on_and_has_lost_nothing(tmp_path: Path) -> None:
     found = Found()
     keep = {"state_every_s": 1.0, "rotate_mb": 0.05, "keep_mb": 100.0}

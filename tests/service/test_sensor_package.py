@@ -72,10 +72,18 @@ def test_its_images_reach_planners_and_estimate_and_a_replay_is_equal(tmp_path: 
     ("image", "reason"),
     [
         ({"row": 20, "col": 199, "cells": ["uub"]}, "exceeds the landscape's grid"),
-        ({"row": 20, "col": 30, "cells": ["uub", "u"]}, "rows of different lengths"),
-        ({"row": 20, "col": 30, "cells": ["..."]}, "no observed cell"),
-        ({"row": 20}, "KeyError: 'col'"),
-        ({"row": 20, "col": 30, "cells": ["uüu"]}, "other letters than b, u and ."),
+        pytest.param(
+            *({"row": 20, "col": 30, "cells": ["uub", "u"]}, "rows of different lengths"),
+            marks=pytest.mark.long,
+        ),
+        pytest.param(
+            *({"row": 20, "col": 30, "cells": ["..."]}, "no observed cell"), marks=pytest.mark.long
+        ),
+        pytest.param(*({"row": 20}, "KeyError: 'col'"), marks=pytest.mark.long),
+        pytest.param(
+            *({"row": 20, "col": 30, "cells": ["uüu"]}, "other letters than b, u and ."),
+            marks=pytest.mark.long,
+        ),
         ({"row": "20", "col": 30, "cells": ["uub"]}, "ValidationError: Expected `int`"),
     ],
 )

@@ -146,7 +146,8 @@ def test_discs_that_cannot_be_placed_are_named() -> None:
     ("count", "along_m", "across_m", "side_rad"),
     [(2, 160.0, 160.0, 0.3), (3, 330.0, 330.0, 2.0), (4, 330.0, 330.0, 4.0),
      (4, 500.0, 150.0, 1.0), (6, 330.0, 330.0, 0.0), (8, 330.0, 330.0, 5.0),
-     (8, 600.0, 120.0, 0.5), (16, 330.0, 330.0, 3.0), (32, 330.0, 330.0, 3.0)],
+     (8, 600.0, 120.0, 0.5), (16, 330.0, 330.0, 3.0),
+     pytest.param(32, 330.0, 330.0, 3.0, marks=pytest.mark.long)],
 )  # fmt: skip
 def test_agents_come_within_four_percent_of_the_best_placement_and_then_stand_still(
     count: int, along_m: float, across_m: float, side_rad: float

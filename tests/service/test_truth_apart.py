@@ -33,6 +33,7 @@ SENSORS = tuple(
 )
 SOON = ("deploy_at_s=600",)
 OF_RULE = {"formation": ("virtual-agents", ()), "burn": ("burn", ())}
+SHORT = ("islam_hu_damped", "predictive", "informative", "team.balanced", "formation", "burn")
 WRONG = ("simulation.fire.wind_turn_deg=40", "simulation.fire.spread_factor=1.5")
 
 
@@ -78,7 +79,10 @@ def test_reading_a_poisoned_fire_fails() -> None:
         _ = fire.landscape
 
 
-@pytest.mark.parametrize("rule", list(own_ways()))
+@pytest.mark.parametrize(
+    "rule",
+    [rule if rule in SHORT else pytest.param(rule, marks=pytest.mark.long) for rule in own_ways()],
+)
 def test_every_rule_flies_with_a_poisoned_fire(rule: str, tmp_path: Path) -> None:
     scenario = scenario_of_rule(rule)
     world = world_in(tmp_path, scenario)
@@ -146,6 +150,7 @@ def test_how_often_the_estimate_is_read_does_not_change_it(tmp_path: Path) -> No
     assert np.array_equal(often, once)
 
 
+@pytest.mark.long
 def test_without_a_simulated_fire_the_estimate_is_flown(tmp_path: Path) -> None:
     """The estimate burns on by the model; its views for planners are not observations of it."""
     scenario = load_scenario("default", ("deploy_at_s=600", "planner.rule=circling"))

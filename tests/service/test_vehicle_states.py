@@ -90,13 +90,13 @@ class StartsAfterARestart(Core):
 @pytest.mark.parametrize(
     ("broken", "rule"),
     [
-        (StartsAgainAfterALanding, "started after"),
+        pytest.param(StartsAgainAfterALanding, "started after", marks=pytest.mark.long),
         (StartsWhateverItUploads, "started after|StartMission to one that was taken"),
         pytest.param(
             *(HoldsAgainInAFailsafe, "Hold to one that was taken"), marks=pytest.mark.long
         ),
         (SeesNoFailsafe, "to one that was taken"),
-        (StartsAfterARestart, "started after"),
+        pytest.param(StartsAfterARestart, "started after", marks=pytest.mark.long),
     ],
 )
 def test_a_core_that_is_broken_on_purpose_is_found(broken: type[Core], rule: str) -> None:

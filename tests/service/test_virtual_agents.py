@@ -63,6 +63,7 @@ def test_without_avoidance_they_do_not() -> None:
     assert sum(flight.series["collisions"][-1] for flight in flights) > 0
 
 
+@pytest.mark.long
 def test_out_of_phase_they_see_the_same_twice(eight: Flight) -> None:
     alone = flown(duration_s=660.0, synchronises=False)
     assert alone.at_end("efficiency", 300.0) < eight.at_end("efficiency", 300.0) - 0.005
@@ -77,6 +78,7 @@ def test_a_flight_is_the_same_every_time() -> None:
         assert np.array_equal(series, other.series[name])
 
 
+@pytest.mark.long
 def test_lost_messages_hardly_harm_the_fire_maps(eight: Flight) -> None:
     lossy = flown(duration_s=660.0, loss_at=lambda at_s: 0.3 if 240.0 <= at_s < 600.0 else 0.0)
     during = (eight.series_s >= 300.0) & (eight.series_s < 600.0)
@@ -122,7 +124,7 @@ def test_wind_is_no_matter() -> None:
     assert np.median(np.abs(off_m - SETTINGS.loiter_radius_m)) < 0.1 * SETTINGS.loiter_radius_m
 
 
-@pytest.mark.parametrize("uavs", [16, 32])
+@pytest.mark.parametrize("uavs", [16, pytest.param(32, marks=pytest.mark.long)])
 def test_many_keep_apart(uavs: int) -> None:
     flight = flown(uavs=uavs, duration_s=240.0)
     assert flight.series["collisions"][-1] == 0

@@ -31,6 +31,7 @@ from mission_service.replay.what_if import (
     past_run,
     repeatable_requests,
     what_if,
+    with_settings,
 )
 from mission_service.runtime.run_outputs import summary_of
 from mission_service.sensors.watched_folder import WatchedFolder
@@ -110,18 +111,15 @@ def test_settings_may_stand_in_one_word_or_in_several(run: Path, tmp_path: Path)
     short = tmp_path / "short.jsonl"
     part = run.read_bytes().splitlines(keepends=True)[:200]
     short.write_bytes(b"".join(part))
-    for number, words in enumerate(
-        (
-            ["alpha=1.5,dwell_s=10"],
-            ["alpha=1.5 dwell_s=10"],
-            ["alpha=1.5", "--what-if", "dwell_s=10"],
-        )
-    ):
-        result = call(str(short), "--what-if", *words, "--out", str(tmp_path / str(number)))
-        assert result.exit_code == 0, result.output
-        assert "with alpha = 1.5, dwell_s = 10.0" in result.stdout
-        rows = [line.split() for line in result.stdout.splitlines()]
-        assert ["recorded", "what-if"] in rows
+    journal = JournalReader(short)
+    for words in (["alpha=1.5,dwell_s=10"], ["alpha=1.5 dwell_s=10"]):
+        assert with_settings(journal, words)[1] == {"alpha": 1.5, "dwell_s": 10.0}
+    words = ["alpha=1.5", "--what-if", "dwell_s=10"]
+    result = call(str(short), "--what-if", *words, "--out", str(tmp_path / "out"))
+    assert result.exit_code == 0, result.output
+    assert "with alpha = 1.5, dwell_s = 10.0" in result.stdout
+    rows = [line.split() for line in result.stdout.splitlines()]
+    assert ["recorded", "what-if"] in rows
 
 
 def test_a_recorded_flight_is_described_by_its_journal_alone(tmp_path: Path) -> None:
