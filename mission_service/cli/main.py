@@ -31,6 +31,7 @@ from mission_service.cli.options import (
     report_options,
 )
 from mission_service.cli.output_folder import Interrupted, output_folder
+from mission_service.cli.plan_command import plan
 from mission_service.cli.replay_commands import replay
 from mission_service.cli.report_commands import report
 from mission_service.cli.request_commands import request
@@ -84,7 +85,7 @@ def main() -> None:
 request.add_command(satellite_pixels)
 
 GROUPS = (fire, bench, mission, signing, experiment, tune, burn, request, log)
-for command in (*GROUPS, mock, token, replay, report, observe):
+for command in (*GROUPS, mock, token, replay, report, observe, plan):
     main.add_command(command)
 
 
@@ -226,25 +227,6 @@ def run(config: str, **values: Any) -> None:
         )
         summary = write_outputs(made, scenario, record, fire)
         _finish(summary, options.out, options.as_json)
-
-
-@main.command()
-@click.argument("scenario")
-@click.option(
-    "-o",
-    "--output",
-    type=click.Path(dir_okay=False, path_type=Path),
-    required=True,
-    help="The .plan file to write.",
-)
-@click.option("--vehicle", help="Name of the vehicle (default: the first of SCENARIO).")
-@OVERRIDE
-def plan(scenario: str, output: Path, vehicle: str | None, overrides: tuple[str, ...]) -> None:
-    """Write the first mission of SCENARIO as a QGroundControl .plan file."""
-    from mission_service.simulation.demo import write_plan
-
-    count = write_plan(scenario, vehicle, output, overrides)
-    click.echo(f"{output}: {count} items")
 
 
 @main.command("decide")

@@ -1,0 +1,104 @@
+"""The command ``plan``: a vehicle's first mission, or the number of aircraft that a fire needs."""
+
+import json
+from pathlib import Path
+
+import click
+
+from mission_service.cli.options import JSON, OVERRIDE
+from mission_service.errors import OptionError
+
+
+@click.command()
+@click.argument("scenario")
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="The .plan file to write; with --what-if the picture (PNG).",
+)
+@click.option("--vehicle", help="Name of the vehicle (default: the first of SCENARIO).")
+@click.option(
+    "--what-if",
+    "counts",
+    is_flag=False,
+    flag_value="1,2,4",
+    metavar="COUNTS",
+    help="Show how accurate the estimate will be with these numbers of aircraft (default: 1,2,4).",
+)
+@click.option(
+    "--minutes",
+    type=float,
+    default=60.0,
+    show_default=True,
+    help="Time after takeoff for --what-if.",
+)
+@OVERRIDE
+@JSON
+def plan(
+    scenario: str,
+    output: Path | None,
+    vehicle: str | None,
+    counts: str | None,
+    minutes: float,
+    overrides: tuple[str, ...],
+    as_json: bool,
+) -> None:
+    """Write the first mission of SCENARIO as a QGroundControl .plan file.
+
+    With --what-if, plan the number of aircraft instead: print the expected error of the estimated
+    front some time after takeoff, without aircraft and with each number of aircraft.
+    """
+    if counts is not None:
+        _what_if(scenario, vehicle, counts, minutes, output, overrides, as_json)
+        return
+    if output is None:
+        raise click.UsageError("give the .plan file to write (-o), or --what-if")
+    from mission_service.simulation.demo import write_plan
+
+    count = write_plan(scenario, vehicle, output, overrides)
+    click.echo(
+        json.dumps({"plan": str(output), "items": count}) if as_json else f"{output}: {count} items"
+    )
+
+
+def _what_if(
+    scenario: str,
+    vehicle: str | None,
+    counts: str,
+    minutes: float,
+    output: Path | None,
+    overrides: tuple[str, ...],
+    as_json: bool,
+) -> None:
+    from mission_service.config.scenario import flying, load_scenario
+    from mission_service.fire.scenario_fire import landscape_of
+    from mission_service.simulation.accuracy_picture import draw_accuracy
+    from mission_service.simulation.demo import vehicle_of
+    from mission_service.simulation.expected_accuracy import expected_accuracy, in_text
+
+    numbers = _numbers(counts)
+    loaded = flying(load_scenario(scenario, overrides))
+    section = vehicle_of(loaded, vehicle)
+    landscape = landscape_of(loaded)
+    found = expected_accuracy(loaded, landscape, section, numbers, minutes)
+    if output is not None:
+        draw_accuracy(output, found, landscape.cell_size_m, loaded.name, minutes)
+    if as_json:
+        rows = [
+            {key: value for key, value in each._asdict().items() if key != "fronts"}
+            for each in found
+        ]
+        click.echo(json.dumps({"vehicle": section.name, "minutes": minutes, "accuracy": rows}))
+    else:
+        click.echo(in_text(found, section.name, minutes))
+
+
+def _numbers(counts: str) -> list[int]:
+    """Return 0 and the given numbers of aircraft. Raises OptionError."""
+    words = [word.strip() for word in counts.split(",")]
+    if not all(word.isdecimal() and word.isascii() for word in words):
+        raise OptionError(
+            f"--what-if {counts}: give numbers of aircraft, e.g. SCENARIO --what-if 1,2,4"
+        )
+    return sorted({0, *(int(word) for word in words)})
