@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 from PIL import Image
 from playwright.sync_api import Browser, BrowserContext, Page, expect, sync_playwright
 
+from tests.patience import PATIENCE_S
+
 CHROMIUM = shutil.which("chromium")
 FLAGS = [
     "--no-sandbox",
@@ -24,8 +26,8 @@ FLAGS = [
     "--use-angle=swiftshader",  # WebGL without a graphics card
     "--enable-unsafe-swiftshader",
 ]
-READY_MS = 60_000
-expect.set_options(timeout=30_000)  # test machines may be busy
+READY_MS = PATIENCE_S * 1e3 / 2  # test machines may be busy
+expect.set_options(timeout=READY_MS)
 
 
 @contextmanager

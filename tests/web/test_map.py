@@ -162,7 +162,7 @@ def test_the_slider_shows_a_larger_fire_later(desktop: tuple[Page, Seen]) -> Non
     page.click("#tab-fire")
     for group in ("arrival", "uncertainty", "contours"):
         page.check(f"#show-{group}")
-    expect(page.locator(".scale")).to_be_visible(timeout=10_000)
+    expect(page.locator(".scale")).to_be_visible()
     page.wait_for_timeout(1500)
     state_view(page, "forecast")
     for group in ("arrival", "uncertainty", "contours"):
@@ -216,7 +216,7 @@ def test_missions_are_previewed_and_saved(desktop: tuple[Page, Seen]) -> None:
     page, _ = desktop
     page.click("#tab-vehicles")
     page.get_by_role("button", name="Preview").click()
-    expect(page.locator("#panel-vehicles")).to_contain_text("Lowest height", timeout=10_000)
+    expect(page.locator("#panel-vehicles")).to_contain_text("Lowest height")
     with page.expect_download() as saved:
         page.get_by_role("button", name="Download .plan").click()
     plan = json.loads(saved.value.path().read_bytes())
@@ -404,7 +404,7 @@ def test_a_lost_service_is_an_alarm_with_the_age_of_the_picture(
 ) -> None:
     with page_of(chromium, fire.address, fire.boss, DESKTOP) as (page, seen):
         fire.process.kill()
-        expect(page.locator(".alarm.severe")).to_contain_text("Service lost", timeout=15_000)
+        expect(page.locator(".alarm.severe")).to_contain_text("Service lost")
         expect(page.locator(".alarm.severe")).to_contain_text("old")
         state_view(page, "service-lost")
         seen.complaints.clear()  # error of each attempt without a response
@@ -465,11 +465,11 @@ def test_a_burn_plan_is_rejected_and_the_next_approved(chromium: Browser, tmp_pa
         page, _ = stack.enter_context(page_of(chromium, burn.address, burn.boss, DESKTOP))
         panel = page.locator("#panel-burn")
         page.check("#watching")
-        expect(panel).to_contain_text("Least time to fire", timeout=60_000)
+        expect(panel).to_contain_text("Least time to fire")
         first = burn.get("burn")["plan_hash"]
         expect(panel).to_contain_text(first[:12])
         page.get_by_role("button", name="Reject").click()
-        expect(panel).to_contain_text("No plan is proposed", timeout=10_000)
+        expect(panel).to_contain_text("No plan is proposed")
 
         page.get_by_role("button", name="Plan the next line").click()
         second = wait_for(lambda: burn.get("burn")["plan_hash"], 30, "another plan")
