@@ -37,9 +37,7 @@ def scenario_for(seed: int, count: int) -> Scenario:
     found = wrong_scenario(seed, members=2)
     first = found.vehicles[0]
     vehicles = tuple(
-        first.model_copy(update={"name": name, "system_id": number + 1})
-        if number
-        else first
+        first.model_copy(update={"name": name, "system_id": number + 1}) if number else first
         for number, name in enumerate(NAMES[: max(count, 1)])
     )
     rule = "circling" if count < 2 else "team.circling"

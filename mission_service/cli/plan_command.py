@@ -1,4 +1,4 @@
-"""The command ``plan``: a vehicle's first mission, or the number of aircraft that a fire needs."""
+"""The command ``plan``: a first mission, or the expected error with some numbers of aircraft."""
 
 import json
 from pathlib import Path
@@ -24,7 +24,8 @@ from mission_service.errors import OptionError
     is_flag=False,
     flag_value="1,2,4",
     metavar="COUNTS",
-    help="Show how accurate the estimate will be with these numbers of aircraft (default: 1,2,4).",
+    help="Print the expected error of the estimated front with these numbers of aircraft (1,2,4 if "
+    "no numbers follow).",
 )
 @click.option(
     "--minutes",
@@ -46,8 +47,8 @@ def plan(
 ) -> None:
     """Write the first mission of SCENARIO as a QGroundControl .plan file.
 
-    With --what-if, plan the number of aircraft instead: print the expected error of the estimated
-    front some time after takeoff, without aircraft and with each number of aircraft.
+    With --what-if, write no mission; print the expected error of the estimated front some time
+    after takeoff, without aircraft and with each number of aircraft.
     """
     if counts is not None:
         _what_if(scenario, vehicle, counts, minutes, output, overrides, as_json)
@@ -75,7 +76,7 @@ def _what_if(
     from mission_service.fire.scenario_fire import landscape_of
     from mission_service.simulation.accuracy_picture import draw_accuracy
     from mission_service.simulation.demo import vehicle_of
-    from mission_service.simulation.expected_accuracy import expected_accuracy, in_text
+    from mission_service.simulation.expected_accuracy import expected_accuracy, table_of
 
     numbers = _numbers(counts)
     loaded = flying(load_scenario(scenario, overrides))
@@ -91,7 +92,7 @@ def _what_if(
         ]
         click.echo(json.dumps({"vehicle": section.name, "minutes": minutes, "accuracy": rows}))
     else:
-        click.echo(in_text(found, section.name, minutes))
+        click.echo(table_of(found, section.name, minutes))
 
 
 def _numbers(counts: str) -> list[int]:

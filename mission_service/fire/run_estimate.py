@@ -212,12 +212,12 @@ class RunEstimate:
                 self.ensemble.forget_before_mark(self._best.fire)
 
     def _note_defect(self, event: AnyOperatorEvent, error: Exception) -> None:
-        """Store and log that a valid report has raised an error that no report should raise."""
+        """Store and log the unexpected exception of a valid report."""
         words = " ".join(f"{type(error).__name__}: {error}".split())
-        kind, at_s = type(event).__name__, event.at_us / 1e6
+        kind, sender, at_s = type(event).__name__, event.by or "an operator", event.at_us / 1e6
         self.defect = (
-            f"{kind} of {event.by or 'an operator'} at {at_s:.3f} s is not used: {words}; this is "
-            "a defect, please report it with the traceback in the log"
+            f"a report ({kind}) of {sender} at {at_s:.3f} s is not used: {words}; this is a defect, "
+            "please send the traceback in the log to the developers"
         )
         log.error("%s", self.defect, exc_info=error)
 

@@ -219,7 +219,7 @@ class Engine:
             self.state_view.show_sensors(self.sensors.problems(), self.sensors.failed)
 
     def _show_estimate_alarms(self) -> None:
-        """Show an alarm for each source that contradicts others, and for a defective estimate."""
+        """Show an alarm for each source that contradicts others, and for a report with a defect."""
         texts = self.estimate.agreement.contradictions()
         self.state_view.show_alarms("observer", texts, "severe")
         defects = {"defect": self.estimate.defect} if self.estimate.defect else {}

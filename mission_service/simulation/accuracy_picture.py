@@ -12,14 +12,14 @@ from mission_service.simulation.expected_accuracy import Accuracy
 
 COLOURS = "plasma"
 MARGIN = 0.06  # around the fronts, as a fraction of their extent
-DECADES_DOWN = 2.0  # the colours show at most this range below the largest error
+COLOUR_DECADES = 2.0  # range of the colours; smaller errors get the lowest colour
 PANEL_IN = 4.2
 
 
 def draw_accuracy(
     path: Path, found: Sequence[Accuracy], cell_m: float, name: str, minutes: float
 ) -> None:
-    """Draw one panel for each number of aircraft, with the same scales.
+    """Draw one panel for each number of aircraft, with the same scales and colours.
 
     Raises OSError if the file cannot be written.
     """
@@ -32,7 +32,7 @@ def draw_accuracy(
 
     errors_m = np.concatenate([front.error_m for each in found for front in each.fronts])
     largest_m = float(errors_m.max())
-    lowest_m = max(float(errors_m.min()), largest_m / 10.0**DECADES_DOWN)
+    lowest_m = max(float(errors_m.min()), largest_m / 10.0**COLOUR_DECADES)
     colours = ScalarMappable(LogNorm(lowest_m, max(largest_m, 1.01 * lowest_m)), COLOURS)
     columns = math.ceil(math.sqrt(len(found)))
     rows = -(-len(found) // columns)
@@ -63,7 +63,7 @@ def draw_accuracy(
     bar.ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     bar.ax.yaxis.set_major_formatter("{x:g}")
     bar.ax.yaxis.set_minor_formatter(NullFormatter())
-    figure.suptitle(f"{name}: the estimated front {minutes:g} min after takeoff (north is up)")
+    figure.suptitle(f"{name}: the estimated front {minutes:g} min after takeoff (grid north is up)")
     with whole_file(path) as part:
         figure.savefig(part, format="png")
 

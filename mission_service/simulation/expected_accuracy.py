@@ -1,15 +1,17 @@
-"""Compute how accurate the estimated front will be with different numbers of aircraft.
+"""Compute the expected error of the estimated front with different numbers of aircraft. Pure.
 
-No truth is drawn: the covariance of the filter that learns the inputs (``learned_inputs``) depends
-on when and where the front is observed, but not on the observed positions. The fire burns as the
-scenario reports it. Aircraft circle all fronts, at equal distances in time, at their airspeed in
-the wind of the fire. Whenever a part of the front comes into view, the filter is updated as in a
-run. A part of the front that was last in view τ seconds ago has the error
+No true fire is simulated. The fire is computed from the scenario's inputs, and aircraft circle the
+fronts of at least 200 m, one front after the other, at equal distances in time. They fly at their
+airspeed in the scenario's wind, and observe the cells within half the width of their camera's
+footprint. Whenever a part of the front is observed, the filter that learns wind and spread rates
+(``learned_inputs``) is updated as in a run. The covariance of this filter, computed at the
+scenario's inputs, depends on when and where the front is observed, not on the result. The position
+of a part of the front that was last observed τ seconds ago has the standard deviation s with
 
     s² = s₀² + (σ τ)²,
 
-with the standard deviation σ of the speed of that part, and the error s₀ of a mapped front. The
-errors of distances are normally distributed, so that the mean distance is s √(2/π). Pure.
+where σ is the standard deviation of the speed of that part, and s₀ that of the position of a front
+just observed. With normal errors the mean distance from the true front is s √(2/π).
 """
 
 import math
@@ -34,16 +36,16 @@ from mission_service.fire.scenario_fire import reported_fire, require_fire
 STEP_S = 30.0  # the period of images in the estimate
 AVERAGED_S = 600.0  # the results are means over the last ten minutes
 MIN_FRONT_M = 200.0  # shorter fronts are not circled
-LIKELY = 0.9
+LIKELY_SHARE = 0.9
 MAX_COUNT = 50
-# Standard deviation of the position of a mapped front in cells: the front is at an unknown place
-# in its cell.
+MAX_WIND = 0.95  # maximum wind speed as a fraction of the airspeed
+# Standard deviation of the position of a front just observed, in cells (uniform within a cell).
 CELL_SD = 1.0 / math.sqrt(12.0)
 MEAN_OF_SD = math.sqrt(2.0 / math.pi)
 
 
 class FrontErrors(NamedTuple):
-    """The front at the end, with the expected distance (n) of each point from the true front."""
+    """One front at the end: points (n), and the expected distance of each from the true front."""
 
     inner: bool
     row: Floats
@@ -57,29 +59,33 @@ class Accuracy(NamedTuple):
     Attributes:
         aircraft: The number of aircraft.
         error_m: The mean distance between the estimated and the true front.
-        likely_m: The distance within which 90 % of the front is expected.
-        as_last_seen_m: The mean distance of the front as last observed, which does not move.
-        unseen_s: The mean time since the parts of the front were observed.
-        fronts: The fronts at the end.
+        within_90_m: The distance from the true front that 90 % of the front does not exceed.
+        as_last_seen_m: The mean distance if each part stays where it was last observed.
+        unseen_s: The mean time since each part was last observed; the start of the fire counts as
+            the first observation.
+        fronts: The fronts at the end; all other values are those of the last ten minutes.
     """
 
     aircraft: int
     error_m: float
-    likely_m: float
+    within_90_m: float
     as_last_seen_m: float
     unseen_s: float
     fronts: list[FrontErrors]
 
 
 class _Team:
-    """Aircraft on a tour of all fronts, and what they have seen."""
+    """Aircraft on a tour of the fronts, and the time at which each cell was last observed."""
 
     def __init__(self, count: int, learned: LearnedInputs, shape: tuple[int, int]) -> None:
         self.learned = learned
         self.seen_s = np.full(shape, -np.inf)
-        self.share = np.arange(count) / max(count, 1)  # place on the tour as a share of its time
-        self.arrives_s: Floats | None = None  # at the tour, after takeoff
-        self.errors: list[tuple[Floats, Floats, Floats]] = []  # sd, movement and time out of view
+        # The slots of the aircraft on the tour, as fractions of the time of a whole tour.
+        self.slots = np.arange(count) / max(count, 1)
+        self.in_slot = np.zeros(count, dtype=bool)  # whether each aircraft has reached its slot
+        # For each step and all points: standard deviation (m), advance since the last observation
+        # (m), and time since then (s).
+        self.errors: list[tuple[Floats, Floats, Floats]] = []
 
 
 def expected_accuracy(
@@ -99,8 +105,9 @@ def expected_accuracy(
         minutes: The time after takeoff.
 
     Raises:
-        ScenarioError: A number is negative or above ``MAX_COUNT``, the flight is shorter than ten
-            minutes, or nothing burns at takeoff.
+        ScenarioError: There is no number, a number is negative or above ``MAX_COUNT``, the time is
+            not from 10 to 1440 minutes, nothing burns at takeoff, or the fire has no front of four
+            cells or more at the end.
     """
     if not counts or min(counts) < 0 or max(counts) > MAX_COUNT:
         raise ScenarioError(f"the numbers of aircraft must be from 0 to {MAX_COUNT}")
@@ -126,20 +133,21 @@ def expected_accuracy(
 
 
 def _step(team: _Team, fire: Fire, section: VehicleSection) -> None:
-    """Fly for one period, then update what has been seen and learned."""
+    """Fly for one period, then update the filter and the times of observation."""
     land, at_s = fire.landscape, fire.time_s
     fronts = front_lines(fire, team.seen_s, team.learned)
     seen = np.zeros(land.shape, dtype=bool)
-    if team.share.size and fronts:
+    if team.slots.size and fronts:
         radius = camera_of(section).half_width_m(section.altitude_agl_m) / land.cell_size_m
         for row, col in _flown(team, fronts, fire, section):
-            _show(seen, row, col, radius)
+            _mark_in_view(seen, row, col, radius)
     team.errors.append(_errors(team.learned, fronts, fire))
     if seen.any():
         here = bounds_of(seen)
         state = np.where(fire.burned()[here], BURNED, UNBURNED).astype(np.uint8)
         state[~seen[here]] = UNSEEN
         found = front_distances(fronts, here, state, land.cell_size_m)
+        # The expected difference is 0: only the covariance changes.
         expected = found._replace(ahead_cells=np.zeros_like(found.ahead_cells))
         team.learned.learn(*expected, fire.weather, at_s)
         team.seen_s[seen] = at_s
@@ -148,7 +156,10 @@ def _step(team: _Team, fire: Fire, section: VehicleSection) -> None:
 def _flown(
     team: _Team, fronts: list[FrontLine], fire: Fire, section: VehicleSection
 ) -> Iterator[tuple[Floats, Floats]]:
-    """Move all aircraft for one period; yield the positions (rows, columns) of each on the way."""
+    """Move the slots for one period; yield the positions (rows, columns) of each aircraft in one.
+
+    An aircraft reaches its slot when its flight from home has lasted as long as the straight way.
+    """
     land, at_s = fire.landscape, fire.time_s
     row, col = _tour(fronts, MIN_FRONT_M / land.cell_size_m)
     weather = fire.weather.weather_at(at_s)
@@ -156,22 +167,19 @@ def _flown(
     wind = np.array([math.cos(toward), math.sin(toward)]) * weather.wind_speed_m_s
     times_s = _times_s(row, col, wind, section.airspeed_m_s, land.cell_size_m)
     total_s = float(times_s[-1])
-    if team.arrives_s is None:
-        home = land.row_col_of(*land.xy_of_lat_lon(section.home_lat_deg, section.home_lon_deg))
-        places = (np.interp(team.share * total_s, times_s, each) for each in (row, col))
-        away = np.hypot(*(place - float(at) for place, at in zip(places, home, strict=True)))
-        team.arrives_s = at_s - STEP_S + away * land.cell_size_m / section.airspeed_m_s
-    flown_s = np.clip(at_s - team.arrives_s, 0.0, STEP_S)
-    for share, on_tour_s in zip(team.share.tolist(), flown_s.tolist(), strict=True):
-        if on_tour_s > 0.0:
-            along_s = share * total_s + np.linspace(0.0, on_tour_s, max(round(on_tour_s), 2))
-            along_s %= total_s
-            yield np.interp(along_s, times_s, row), np.interp(along_s, times_s, col)
-    team.share = (team.share + flown_s / total_s) % 1.0
+    home = land.row_col_of(*land.xy_of_lat_lon(section.home_lat_deg, section.home_lon_deg))
+    places = (np.interp(team.slots * total_s, times_s, each) for each in (row, col))
+    away = np.hypot(*(place - float(at) for place, at in zip(places, home, strict=True)))
+    flown_s = STEP_S * (len(team.errors) + 1)
+    team.in_slot |= away * land.cell_size_m <= section.airspeed_m_s * flown_s
+    for slot in team.slots[team.in_slot].tolist():
+        along_s = (slot * total_s + np.arange(STEP_S + 1.0)) % total_s
+        yield np.interp(along_s, times_s, row), np.interp(along_s, times_s, col)
+    team.slots = (team.slots + STEP_S / total_s) % 1.0
 
 
 def _tour(fronts: list[FrontLine], min_length_cells: float) -> tuple[Floats, Floats]:
-    """Return the rows and columns of a tour that circles all long fronts, the longest first.
+    """Return the rows and columns of a tour around all long fronts, the longest first.
 
     Each front begins at its northern tip, so that places on the tour remain about the same while
     the fire grows.
@@ -190,13 +198,13 @@ def _tour(fronts: list[FrontLine], min_length_cells: float) -> tuple[Floats, Flo
 def _times_s(
     row: Floats, col: Floats, wind_m_s: Floats, airspeed_m_s: float, cell_m: float
 ) -> Floats:
-    """Return the times (n) from the start of a tour; ``wind_m_s`` is its motion (north, east).
+    """Return the times (n) from the start of a tour in moving air; ``wind_m_s`` is (north, east).
 
-    A wind faster than 95 % of the airspeed counts as this share, because no tour ends in it.
+    A faster wind is reduced to 95 % of the airspeed: an aircraft could not complete the tour in it.
     """
     north, east = -np.diff(row), np.diff(col)
     length = np.hypot(north, east)
-    limit = 0.95 * airspeed_m_s / max(float(np.hypot(*wind_m_s)), 1e-9)
+    limit = MAX_WIND * airspeed_m_s / max(float(np.hypot(*wind_m_s)), 1e-9)
     wind_m_s = wind_m_s * min(limit, 1.0)
     along = (wind_m_s[0] * north + wind_m_s[1] * east) / np.maximum(length, 1e-9)
     across = (wind_m_s[0] * east - wind_m_s[1] * north) / np.maximum(length, 1e-9)
@@ -204,8 +212,8 @@ def _times_s(
     return np.concatenate([[0.0], np.cumsum(length * cell_m / ground_m_s)])
 
 
-def _show(seen: Mask, row: Floats, col: Floats, radius: float) -> None:
-    """Mark the cells that a camera shows within ``radius`` cells of positions."""
+def _mark_in_view(seen: Mask, row: Floats, col: Floats, radius: float) -> None:
+    """Mark the cells within ``radius`` cells of positions."""
     reach = math.ceil(radius)
     away = np.mgrid[-reach : reach + 1, -reach : reach + 1]
     near = np.hypot(*away) <= radius
@@ -218,7 +226,7 @@ def _show(seen: Mask, row: Floats, col: Floats, radius: float) -> None:
 def _errors(
     learned: LearnedInputs, fronts: list[FrontLine], fire: Fire
 ) -> tuple[Floats, Floats, Floats]:
-    """Return the error (m), the movement (m) and the time out of view (s) of all front points."""
+    """Return, for all points, the standard deviation, the advance and the time unobserved."""
     sd_m, moved_m, unseen_s = [np.empty(0)], [np.empty(0)], [np.empty(0)]
     mapped_m = CELL_SD * fire.landscape.cell_size_m
     for front in fronts:
@@ -237,6 +245,8 @@ def _accuracy(team: _Team, fire: Fire, last: int) -> Accuracy:
         np.concatenate([step[number] for step in team.errors[-last:]]) for number in range(3)
     )
     fronts = front_lines(fire, team.seen_s, team.learned)
+    if not fronts or not sd_m.size:
+        raise ScenarioError("the fire has no front of four cells or more; it cannot be circled")
     at_end_m = _errors(team.learned, fronts, fire)[0] * MEAN_OF_SD
     ends = np.cumsum([front.row.size for front in fronts])[:-1]
     shown = [
@@ -244,9 +254,9 @@ def _accuracy(team: _Team, fire: Fire, last: int) -> Accuracy:
         for front, error_m in zip(fronts, np.split(at_end_m, ends), strict=True)
     ]
     return Accuracy(
-        team.share.size,
+        team.slots.size,
         float(sd_m.mean() * MEAN_OF_SD),
-        _quantile_m(sd_m, LIKELY),
+        _quantile_m(sd_m, LIKELY_SHARE),
         _mean_distance_m(moved_m, CELL_SD * fire.landscape.cell_size_m),
         float(unseen_s.mean()),
         shown,
@@ -254,14 +264,14 @@ def _accuracy(team: _Team, fire: Fire, last: int) -> Accuracy:
 
 
 def _mean_distance_m(moved_m: Floats, sd_m: float) -> float:
-    """Return the mean distance of a front that has moved (n), mapped with an error ``sd_m``."""
+    """Return the mean absolute value of normal errors with means (n) and one deviation."""
     part = moved_m / sd_m
     folded = sd_m * MEAN_OF_SD * np.exp(-0.5 * part**2) + moved_m * (1.0 - 2.0 * ndtr(-part))
     return float(folded.mean())
 
 
 def _quantile_m(sd_m: Floats, share: float) -> float:
-    """Return the distance within which a share of normal errors with these deviations is."""
+    """Return the distance that a share of normal errors with deviations (n) does not exceed."""
     low, high = 0.0, 6.0 * float(sd_m.max())
     for _ in range(50):
         middle = 0.5 * (low + high)
@@ -270,16 +280,17 @@ def _quantile_m(sd_m: Floats, share: float) -> float:
     return high
 
 
-def in_text(found: Sequence[Accuracy], name: str, minutes: float) -> str:
+def table_of(found: Sequence[Accuracy], name: str, minutes: float) -> str:
     """Return a table of the expected accuracy with aircraft like ``name``."""
     lines = [
         f"Expected accuracy of the estimated front {minutes:g} min after takeoff, with aircraft "
-        f"like {name} that circle all fronts:",
+        f"like {name} that circle the fronts:",
         "aircraft  mean error  90 % within  as last seen  last observed",
     ]
     for each in found:
+        ago = f"{each.unseen_s / 60.0:5.0f} min ago" if each.aircraft else f"{'never':>13}"
         lines.append(
-            f"{each.aircraft or 'none':>8}  {each.error_m:8.0f} m  {each.likely_m:9.0f} m  "
-            f"{each.as_last_seen_m:10.0f} m  {each.unseen_s / 60.0:5.0f} min ago"
+            f"{each.aircraft or 'none':>8}  {each.error_m:8.0f} m  {each.within_90_m:9.0f} m  "
+            f"{each.as_last_seen_m:10.0f} m  {ago}"
         )
     return "\n".join(lines)

@@ -47,7 +47,7 @@ def expected(scenario: Scenario, counts: list[int], minutes: float = 60.0) -> li
     return expected_accuracy(scenario, land, scenario.vehicles[0], counts, minutes)
 
 
-def test_without_aircraft_the_error_is_that_of_the_reported_inputs() -> None:
+def test_without_aircraft_the_error_follows_from_the_prior_of_the_inputs() -> None:
     (found,) = expected(even(), [0])
     (front,) = found.fronts
     radius_m = 30.0 * float(
@@ -62,7 +62,7 @@ def test_without_aircraft_the_error_is_that_of_the_reported_inputs() -> None:
     assert found.as_last_seen_m == pytest.approx(radius_m * 115.25 / 120.0, rel=0.05)
 
 
-def test_aircraft_on_a_circle_see_each_part_once_a_lap() -> None:
+def test_the_time_since_observation_is_that_of_circling() -> None:
     slow = even()
     slow = slow.model_copy(
         update={"vehicles": (slow.vehicles[0].model_copy(update={"airspeed_m_s": 2.0}),)}
@@ -81,10 +81,10 @@ def test_aircraft_on_a_circle_see_each_part_once_a_lap() -> None:
     assert two.as_last_seen_m < one.as_last_seen_m
 
 
-def test_what_was_learned_lowers_the_error_more_than_the_time_out_of_view() -> None:
+def test_one_aircraft_lowers_the_error_by_more_than_90_percent() -> None:
     none, one = expected(even(), [0, 1])
     assert one.error_m < 0.1 * none.error_m
-    assert one.likely_m > one.error_m
+    assert one.within_90_m > one.error_m
 
 
 def test_in_wind_a_tour_takes_longer() -> None:
@@ -104,7 +104,7 @@ def test_in_wind_a_tour_takes_longer() -> None:
     assert np.all(np.diff(storm) > 0.0)
 
 
-def test_the_likely_distance_is_that_of_the_normal_distribution() -> None:
+def test_distances_follow_the_normal_distribution() -> None:
     assert accuracy._quantile_m(np.full(5, 10.0), 0.9) == pytest.approx(16.449, rel=1e-3)
     assert accuracy._mean_distance_m(np.zeros(3), 10.0) == pytest.approx(10.0 * accuracy.MEAN_OF_SD)
     assert accuracy._mean_distance_m(np.full(3, 200.0), 10.0) == pytest.approx(200.0)
@@ -119,7 +119,9 @@ def test_the_likely_distance_is_that_of_the_normal_distribution() -> None:
         ([1], math.nan, "nan minutes"),
     ],
 )
-def test_wrong_numbers_are_refused(counts: list[int], minutes: float, text: str) -> None:
+def test_invalid_counts_and_minutes_are_refused(
+    counts: list[int], minutes: float, text: str
+) -> None:
     with pytest.raises(ScenarioError, match=text):
         expected(even(), counts, minutes)
 
@@ -158,7 +160,7 @@ def test_the_command_prints_a_table_and_draws_a_picture(tmp_path: Path) -> None:
         (["default", "--what-if", "--vehicle", "owl"], 1, "has no vehicle 'owl'"),
     ],
 )
-def test_a_wrong_command_gets_one_line(arguments: list[str], code: int, text: str) -> None:
+def test_an_invalid_command_gets_the_reason(arguments: list[str], code: int, text: str) -> None:
     result = call(*arguments)
     assert result.exit_code == code
     assert text in result.output
