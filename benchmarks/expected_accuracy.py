@@ -1,13 +1,14 @@
 """Compare the expected accuracy with flights: ``benchmarks.expected_accuracy FIRST LAST``.
 
     python -m benchmarks.expected_accuracy FIRST LAST [--counts 0,1,2,4] [--minutes 60]
+        [--takeoff S] [--copters M_S]
 
 ``plan --what-if`` computes the expected mean distance between the estimated and the true front.
 Here that many aircraft circle the fire of the default scenario in virtual time. Wind, moisture and
 spread rate of the simulated fire differ from the estimate's model as in
 ``benchmarks.flown_estimate``. In the last ten minutes, once a minute, the distance of points of the
 true front from the estimated front is measured along the whole front. Persistence is the true front
-at takeoff.
+at takeoff. With ``--copters`` the aircraft are copters of this airspeed.
 """
 
 import argparse
@@ -32,17 +33,20 @@ EVERY_S = 60.0
 NAMES = ("hawk", "kite", "swift", "merlin", "osprey", "harrier", "falcon", "eagle")
 
 
-def scenario_for(seed: int, count: int) -> Scenario:
+def scenario_for(seed: int, count: int, takeoff_s: float, copters_m_s: float | None) -> Scenario:
     """Return the scenario with a wrong model and ``count`` aircraft (at least one) that circle."""
     found = wrong_scenario(seed, members=2)
     first = found.vehicles[0]
+    if copters_m_s is not None:
+        first = first.model_copy(update={"kind": "copter", "airspeed_m_s": copters_m_s})
     vehicles = tuple(
         first.model_copy(update={"name": name, "system_id": number + 1}) if number else first
         for number, name in enumerate(NAMES[: max(count, 1)])
     )
     rule = "circling" if count < 2 else "team.circling"
     planner = found.planner.model_copy(update={"rule": rule})
-    return found.model_copy(update={"vehicles": vehicles, "planner": planner})
+    changed = {"vehicles": vehicles, "planner": planner, "deploy_at_s": takeoff_s}
+    return found.model_copy(update=changed)
 
 
 def mean_distance_m(true: shapely.Geometry, other: shapely.Geometry) -> float:
@@ -51,9 +55,8 @@ def mean_distance_m(true: shapely.Geometry, other: shapely.Geometry) -> float:
     return float(np.mean(shapely.distance(shapely.points(points), other)))
 
 
-def flown(seed: int, count: int, minutes: float) -> Floats:
+def flown(scenario: Scenario, count: int, minutes: float) -> Floats:
     """Return the mean distances of the estimate and of persistence (2) in a flight."""
-    scenario = scenario_for(seed, count)
     landscape = landscape_of(scenario)
     start_s = scenario.first_flight_s
     end_s = start_s + 60.0 * minutes
@@ -88,17 +91,20 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("last", type=int)
     parser.add_argument("--counts", default="0,1,2,4")
     parser.add_argument("--minutes", type=float, default=60.0)
+    parser.add_argument("--takeoff", type=float, default=2400.0)
+    parser.add_argument("--copters", type=float)
     given = parser.parse_args(arguments)
     counts = [int(word) for word in given.counts.split(",")]
     click.echo("mean distance of the front in m; persistence: the front at takeoff")
     click.echo("seed  aircraft  expected  measured  persistence")
     every: dict[int, list[Floats]] = {}
     for seed in range(given.first, given.last + 1):
-        scenario = scenario_for(seed, 1)
+        scenario = scenario_for(seed, 1, given.takeoff, given.copters)
         landscape, section = landscape_of(scenario), scenario.vehicles[0]
         expected = expected_accuracy(scenario, landscape, section, counts, given.minutes)
         for count, found in zip(counts, expected, strict=True):
-            row = np.array([found.error_m, *flown(seed, count, given.minutes)])
+            scenario = scenario_for(seed, count, given.takeoff, given.copters)
+            row = np.array([found.error_m, *flown(scenario, count, given.minutes)])
             every.setdefault(count, []).append(row)
             click.echo(f"{seed:4}  {count:8}  " + "  ".join(f"{each:8.1f}" for each in row))
     for count, rows in every.items():

@@ -216,8 +216,8 @@ class RunEstimate:
         words = " ".join(f"{type(error).__name__}: {error}".split())
         kind, sender, at_s = type(event).__name__, event.by or "an operator", event.at_us / 1e6
         self.defect = (
-            f"a report ({kind}) of {sender} at {at_s:.3f} s is not used: {words}; this is a defect, "
-            "please send the traceback in the log to the developers"
+            f"a report ({kind}) of {sender} at {at_s:.3f} s is not used: {words}; this is a "
+            "defect, please send the traceback in the log to the developers"
         )
         log.error("%s", self.defect, exc_info=error)
 
