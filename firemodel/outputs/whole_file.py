@@ -17,9 +17,13 @@ def whole_file(path: Path) -> Iterator[Path]:
         path: The file to write. Its folder must exist.
 
     Raises:
-        FireModelError: The file cannot be written; the message names ``path``.
+        FireModelError: The file cannot be written, or is a device; the message names ``path``.
     """
-    part = path.with_name(f".{path.stem}.part{path.suffix}")
+    try:
+        check_target(path)
+        part = path.with_name(f".{path.stem}.part{path.suffix}")
+    except OSError as error:
+        raise write_error(path, error) from None
     try:
         yield part
         part.replace(path)
@@ -28,6 +32,16 @@ def whole_file(path: Path) -> Iterator[Path]:
     finally:
         with suppress(OSError):
             part.unlink()
+
+
+def check_target(path: Path) -> None:
+    """Raise OSError if no file can be created or replaced under a path, as for a device."""
+    if not path.name:
+        raise OSError("it is not the name of a file")
+    if not path.parent.is_dir():
+        raise OSError(f"{path.parent} is not a folder")
+    if path.exists() and not path.is_file():
+        raise OSError("it exists and is not a file")
 
 
 def write_error(path: Path, error: Exception) -> FireModelError:

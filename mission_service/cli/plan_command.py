@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from mission_service.cli.options import JSON, OVERRIDE
+from mission_service.cli.options import JSON, OVERRIDE, echo_warning
 from mission_service.errors import OptionError
 
 
@@ -79,10 +79,12 @@ def _what_if(
     from mission_service.simulation.expected_accuracy import expected_accuracy, table_of
 
     numbers = _numbers(counts)
+    if output is not None:
+        _check_picture(output)
     loaded = flying(load_scenario(scenario, overrides))
     section = vehicle_of(loaded, vehicle)
     landscape = landscape_of(loaded)
-    found = expected_accuracy(loaded, landscape, section, numbers, minutes)
+    found = expected_accuracy(loaded, landscape, section, numbers, minutes, echo_warning)
     if output is not None:
         draw_accuracy(output, found, landscape.cell_size_m, loaded.name, minutes)
     if as_json:
@@ -93,6 +95,18 @@ def _what_if(
         click.echo(json.dumps({"vehicle": section.name, "minutes": minutes, "accuracy": rows}))
     else:
         click.echo(table_of(found, section.name, minutes))
+
+
+def _check_picture(path: Path) -> None:
+    """Raise OptionError unless a PNG can be written to a path."""
+    from firemodel.outputs.whole_file import check_target
+
+    try:
+        check_target(path)
+    except OSError as error:
+        raise OptionError(f"-o {path}: {error}; give the path of a PNG file") from None
+    if path.suffix.lower() != ".png":
+        raise OptionError(f"-o {path}: the picture is a PNG; give a name that ends with .png")
 
 
 def _numbers(counts: str) -> list[int]:

@@ -2,8 +2,9 @@
 
 No true fire is simulated. The fire is computed from the scenario's inputs, and aircraft circle the
 fronts of at least 200 m, one front after the other, at equal distances in time. They fly at their
-airspeed in the scenario's wind, and observe the cells within half the width of their camera's
-footprint. Whenever a part of the front is observed, the filter that learns wind and spread rates
+airspeed in the scenario's wind (copters: at that speed over the ground), and observe the cells
+within half the width of their camera's footprint. Parts of the front at the edge of the landscape
+are left out. Whenever a part of the front is observed, the filter that learns wind and spread rates
 (``learned_inputs``) is updated as in a run. The covariance of this filter, computed at the
 scenario's inputs, depends on when and where the front is observed, not on the result. The position
 of a part of the front that was last observed τ seconds ago has the standard deviation s with
@@ -15,7 +16,7 @@ just observed. With normal errors the mean distance from the true front is s √
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -23,13 +24,14 @@ from scipy.special import ndtr
 
 from firemodel.arrays import Floats, Mask, bounds_of
 from firemodel.assimilation.front_lines import FrontLine, front_distances, front_lines
-from firemodel.assimilation.learned_inputs import LearnedInputs
+from firemodel.assimilation.learned_inputs import FrontParts, LearnedInputs
 from firemodel.assimilation.observation import BURNED, UNBURNED, UNSEEN
 from firemodel.landscape.landscape import Landscape
+from firemodel.spread.edge import at_edge
 from firemodel.spread.fire_scheme import Fire
 from mission_service.config.scenario import Scenario
 from mission_service.config.sections import VehicleSection
-from mission_service.errors import ScenarioError
+from mission_service.errors import OptionError, ScenarioError
 from mission_service.fire.camera import camera_of
 from mission_service.fire.scenario_fire import reported_fire, require_fire
 
@@ -38,6 +40,8 @@ AVERAGED_S = 600.0  # the results are means over the last ten minutes
 MIN_FRONT_M = 200.0  # shorter fronts are not circled
 LIKELY_SHARE = 0.9
 MAX_COUNT = 50
+EDGE_CELLS = 1.0  # parts of the front as near to the edge of the landscape are left out
+SPACING = 0.3  # between positions of the camera on the way, as a fraction of its reach
 MAX_WIND = 0.95  # maximum wind speed as a fraction of the airspeed
 # Standard deviation of the position of a front just observed, in cells (uniform within a cell).
 CELL_SD = 1.0 / math.sqrt(12.0)
@@ -62,7 +66,7 @@ class Accuracy(NamedTuple):
         within_90_m: The distance from the true front that 90 % of the front does not exceed.
         as_last_seen_m: The mean distance if each part stays where it was last observed.
         unseen_s: The mean time since each part was last observed; the start of the fire counts as
-            the first observation.
+            the first observation. None if the aircraft have observed nothing.
         fronts: The fronts at the end; all other values are those of the last ten minutes.
     """
 
@@ -70,7 +74,7 @@ class Accuracy(NamedTuple):
     error_m: float
     within_90_m: float
     as_last_seen_m: float
-    unseen_s: float
+    unseen_s: float | None
     fronts: list[FrontErrors]
 
 
@@ -94,6 +98,7 @@ def expected_accuracy(
     section: VehicleSection,
     counts: Sequence[int],
     minutes: float,
+    warn: Callable[[str], None] = lambda text: None,
 ) -> list[Accuracy]:
     """Return the expected accuracy some time after takeoff for each number of aircraft.
 
@@ -103,16 +108,18 @@ def expected_accuracy(
         section: The aircraft: home, airspeed, altitude and camera.
         counts: The numbers of aircraft; 0 is the fire model alone.
         minutes: The time after takeoff.
+        warn: Is called with each reason why the errors may differ more.
 
     Raises:
-        ScenarioError: There is no number, a number is negative or above ``MAX_COUNT``, the time is
-            not from 10 to 1440 minutes, nothing burns at takeoff, or the fire has no front of four
-            cells or more at the end.
+        OptionError: There is no number, a number is negative or above ``MAX_COUNT``, or the time is
+            not from 10 to 1440 minutes.
+        ScenarioError: Nothing burns at takeoff, or the fire has no front of four cells or more
+            within the landscape at the end.
     """
     if not counts or min(counts) < 0 or max(counts) > MAX_COUNT:
-        raise ScenarioError(f"the numbers of aircraft must be from 0 to {MAX_COUNT}")
+        raise OptionError(f"the numbers of aircraft must be from 0 to {MAX_COUNT}")
     if not AVERAGED_S / 60.0 <= minutes <= 1440.0:
-        raise ScenarioError(f"{minutes:g} minutes: give 10 to 1440 minutes")
+        raise OptionError(f"{minutes:g} minutes: give 10 to 1440 minutes")
     require_fire(scenario)
     fire = reported_fire(scenario, landscape)
     begun_s = fire.time_s
@@ -128,6 +135,13 @@ def expected_accuracy(
         fire.advance(fire.time_s + STEP_S)
         for team in teams:
             _step(team, fire, section)
+    if (reached := at_edge(fire)) is not None:
+        warn(f"{reached}; the parts of the front there are left out")
+    if _is_windy(fire, section):
+        warn(
+            f"the wind is faster than {MAX_WIND:.0%} of the airspeed of {section.airspeed_m_s:g} "
+            "m/s: the aircraft cannot fly against it, and the computed errors are too small"
+        )
     last = round(AVERAGED_S / STEP_S)
     return [_accuracy(team, fire, last) for team in teams]
 
@@ -135,7 +149,7 @@ def expected_accuracy(
 def _step(team: _Team, fire: Fire, section: VehicleSection) -> None:
     """Fly for one period, then update the filter and the times of observation."""
     land, at_s = fire.landscape, fire.time_s
-    fronts = front_lines(fire, team.seen_s, team.learned)
+    fronts = _fronts(team, fire)
     seen = np.zeros(land.shape, dtype=bool)
     if team.slots.size and fronts:
         radius = camera_of(section).half_width_m(section.altitude_agl_m) / land.cell_size_m
@@ -153,6 +167,34 @@ def _step(team: _Team, fire: Fire, section: VehicleSection) -> None:
         team.seen_s[seen] = at_s
 
 
+def _fronts(team: _Team, fire: Fire) -> list[FrontLine]:
+    """Return the fronts of the fire without their parts at the edge of the landscape."""
+    rows, cols = fire.landscape.shape
+    found = []
+    for front in front_lines(fire, team.seen_s, team.learned):
+        row, col = front.row, front.col
+        inside = (row > EDGE_CELLS) & (row < rows - 1 - EDGE_CELLS)
+        inside &= (col > EDGE_CELLS) & (col < cols - 1 - EDGE_CELLS)
+        if inside.any():
+            at_row, at_col, north, east = front.ahead
+            ahead = FrontParts(at_row[inside], at_col[inside], north[inside], east[inside])
+            rest = (front.speed_m_s[inside], front.unseen_s[inside])
+            found.append(FrontLine(front.inner, row[inside], col[inside], ahead, *rest))
+    return found
+
+
+def _wind_m_s(fire: Fire, section: VehicleSection) -> Floats:
+    """Return the motion of the air to the north and east; 0 for copters, which hold their speed."""
+    weather = fire.weather.weather_at(fire.time_s)
+    toward = math.radians(float(fire.landscape.grid_deg(weather.wind_from_deg + 180.0)))
+    speed_m_s = 0.0 if section.kind == "copter" else weather.wind_speed_m_s
+    return speed_m_s * np.array([math.cos(toward), math.sin(toward)])
+
+
+def _is_windy(fire: Fire, section: VehicleSection) -> bool:
+    return float(np.hypot(*_wind_m_s(fire, section))) > MAX_WIND * section.airspeed_m_s
+
+
 def _flown(
     team: _Team, fronts: list[FrontLine], fire: Fire, section: VehicleSection
 ) -> Iterator[tuple[Floats, Floats]]:
@@ -160,12 +202,9 @@ def _flown(
 
     An aircraft reaches its slot when its flight from home has lasted as long as the straight way.
     """
-    land, at_s = fire.landscape, fire.time_s
+    land, wind_m_s = fire.landscape, _wind_m_s(fire, section)
     row, col = _tour(fronts, MIN_FRONT_M / land.cell_size_m)
-    weather = fire.weather.weather_at(at_s)
-    toward = math.radians(float(land.grid_deg(weather.wind_from_deg + 180.0)))
-    wind = np.array([math.cos(toward), math.sin(toward)]) * weather.wind_speed_m_s
-    times_s = _times_s(row, col, wind, section.airspeed_m_s, land.cell_size_m)
+    times_s = _times_s(row, col, wind_m_s, section.airspeed_m_s, land.cell_size_m)
     total_s = float(times_s[-1])
     home = land.row_col_of(*land.xy_of_lat_lon(section.home_lat_deg, section.home_lon_deg))
     places = (np.interp(team.slots * total_s, times_s, each) for each in (row, col))
@@ -213,7 +252,11 @@ def _times_s(
 
 
 def _mark_in_view(seen: Mask, row: Floats, col: Floats, radius: float) -> None:
-    """Mark the cells within ``radius`` cells of positions."""
+    """Mark the cells within ``radius`` cells of a way, at positions along it."""
+    spacing = max(SPACING * radius, 0.5)
+    along = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(row), np.diff(col)))])
+    at = np.linspace(0.0, along[-1], math.ceil(along[-1] / spacing) + 1)
+    row, col = np.interp(at, along, row), np.interp(at, along, col)
     reach = math.ceil(radius)
     away = np.mgrid[-reach : reach + 1, -reach : reach + 1]
     near = np.hypot(*away) <= radius
@@ -244,9 +287,11 @@ def _accuracy(team: _Team, fire: Fire, last: int) -> Accuracy:
     sd_m, moved_m, unseen_s = (
         np.concatenate([step[number] for step in team.errors[-last:]]) for number in range(3)
     )
-    fronts = front_lines(fire, team.seen_s, team.learned)
+    fronts = _fronts(team, fire)
     if not fronts or not sd_m.size:
-        raise ScenarioError("the fire has no front of four cells or more; it cannot be circled")
+        raise ScenarioError(
+            "the fire has no front of four cells or more within the landscape; nothing to circle"
+        )
     at_end_m = _errors(team.learned, fronts, fire)[0] * MEAN_OF_SD
     ends = np.cumsum([front.row.size for front in fronts])[:-1]
     shown = [
@@ -258,7 +303,7 @@ def _accuracy(team: _Team, fire: Fire, last: int) -> Accuracy:
         float(sd_m.mean() * MEAN_OF_SD),
         _quantile_m(sd_m, LIKELY_SHARE),
         _mean_distance_m(moved_m, CELL_SD * fire.landscape.cell_size_m),
-        float(unseen_s.mean()),
+        float(unseen_s.mean()) if np.isfinite(team.seen_s).any() else None,
         shown,
     )
 
@@ -288,7 +333,8 @@ def table_of(found: Sequence[Accuracy], name: str, minutes: float) -> str:
         "aircraft  mean error  90 % within  as last seen  last observed",
     ]
     for each in found:
-        ago = f"{each.unseen_s / 60.0:5.0f} min ago" if each.aircraft else f"{'never':>13}"
+        unseen_s = each.unseen_s
+        ago = f"{'never':>13}" if unseen_s is None else f"{unseen_s / 60.0:5.0f} min ago"
         lines.append(
             f"{each.aircraft or 'none':>8}  {each.error_m:8.0f} m  {each.within_90_m:9.0f} m  "
             f"{each.as_last_seen_m:10.0f} m  {ago}"

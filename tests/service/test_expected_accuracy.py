@@ -2,6 +2,7 @@
 
 import json
 import math
+import os
 from pathlib import Path
 
 import numpy as np
@@ -74,6 +75,7 @@ def test_the_time_since_observation_is_that_of_circling() -> None:
     )
     in_view_s = 2.0 * 150.0 * math.tan(math.radians(50.0)) / 2.0  # the camera's disc passes
     for found in (one, two):
+        assert found.unseen_s is not None
         lap_s = length_m / 2.0 / found.aircraft
         out_of_view_s = (lap_s - in_view_s) ** 2 / (2.0 * lap_s)
         assert found.unseen_s == pytest.approx(out_of_view_s, abs=accuracy.STEP_S / 2.0)
@@ -126,6 +128,50 @@ def test_invalid_counts_and_minutes_are_refused(
         expected(even(), counts, minutes)
 
 
+def test_parts_at_the_edge_are_left_out_with_a_warning() -> None:
+    warnings: list[str] = []
+    small = even("landscape.rows=20", "landscape.cols=20", "deploy_at_s=7200")
+    land = landscape_of(small)
+    (found,) = expected_accuracy(small, land, small.vehicles[0], [1], 90.0, warnings.append)
+    (text,) = warnings
+    assert "the parts of the front there are left out" in text
+    for front in found.fronts:
+        assert np.all((front.row > 0.5) & (front.row < 18.5))
+        assert np.all((front.col > 0.5) & (front.col < 18.5))
+    (found,) = expected(small, [1], minutes=10.0)
+    assert found.error_m < 20.0
+
+
+def test_a_wind_that_stops_planes_is_a_warning_and_does_not_slow_copters() -> None:
+    def with_vehicle(kind: str) -> Scenario:
+        windy = even("weather.0.wind_speed_m_s=9")
+        changes = {"kind": kind, "airspeed_m_s": 9.0}
+        return windy.model_copy(
+            update={"vehicles": (windy.vehicles[0].model_copy(update=changes),)}
+        )
+
+    found, warnings = [], []
+    for kind in ("plane", "copter"):
+        scenario = with_vehicle(kind)
+        land, texts = landscape_of(scenario), list[str]()
+        section = scenario.vehicles[0]
+        found += expected_accuracy(scenario, land, section, [1], 20.0, texts.append)
+        warnings.append(texts)
+    assert "the aircraft cannot fly against it" in warnings[0][-1]
+    assert not any("fly against" in text for text in warnings[1])
+    assert found[1].error_m < found[0].error_m
+
+
+def test_aircraft_that_arrive_too_late_have_observed_nothing() -> None:
+    far = even()
+    far = far.model_copy(
+        update={"vehicles": (far.vehicles[0].model_copy(update={"home_lat_deg": 37.5}),)}
+    )
+    none, one = expected(far, [0, 1], minutes=20.0)
+    assert one.unseen_s is None
+    assert one.error_m == none.error_m
+
+
 def call(*arguments: str) -> Result:
     return CliRunner().invoke(main, ["plan", *arguments])
 
@@ -158,6 +204,11 @@ def test_the_command_prints_a_table_and_draws_a_picture(tmp_path: Path) -> None:
             "nothing burns at the first",
         ),
         (["default", "--what-if", "--vehicle", "owl"], 1, "has no vehicle 'owl'"),
+        (["default", "--what-if", "99"], 2, "must be from 0 to 50"),
+        (["default", "--what-if", "-o", ""], 2, "it is not the name of a file"),
+        (["default", "--what-if", "-o", "nowhere/a.png"], 2, "nowhere is not a folder"),
+        (["default", "--what-if", "-o", "a.jpg"], 2, "give a name that ends with .png"),
+        (["default", "--what-if", "-o", os.devnull], 2, "it exists and is not a file"),
     ],
 )
 def test_an_invalid_command_gets_the_reason(arguments: list[str], code: int, text: str) -> None:
