@@ -135,7 +135,7 @@ class Connection:
         wall_us: int,
         signing: Signing | None,
     ) -> None:
-        """Send the key (None to stop signing) to a vehicle, then continue with ``signing``.
+        """Send the key (None stops signing) to a vehicle, then use ``signing`` for the link.
 
         The key is sent in clear text and is not recorded. The message is sent twice because
         vehicles do not acknowledge it. A vehicle that already signs accepts only frames signed with

@@ -79,7 +79,7 @@ def wind_from_vector(message: Message, at_us: int) -> Wind | None:
 
 
 def wind_of_air(north_m_s: float, east_m_s: float, at_us: int) -> Wind:
-    """Return the wind for a velocity of the air, given by its components north and east in m/s."""
+    """Return the wind for a motion of the air to the north and to the east in m/s."""
     from_deg = math.degrees(math.atan2(-east_m_s, -north_m_s)) % 360.0
     return Wind(at_us, from_deg, math.hypot(north_m_s, east_m_s))
 

@@ -115,8 +115,8 @@ def _ground(
 ) -> dict[str, NDArray[Any]]:
     """Return slope (rise over run), aspect (degrees) and elevation (m), if they are valid.
 
-    Invalid layers are left out. The arrays (y, x) have one shape; if the shapes differ, the result
-    is empty.
+    Invalid layers are left out. The arrays (y, x) must have the same shape; otherwise the result is
+    empty.
     """
     found: dict[str, NDArray[Any]] = {}
     for layer, band in pairs:

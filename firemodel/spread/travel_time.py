@@ -206,7 +206,7 @@ def _mirrored(start, end):  # type: ignore[no-untyped-def]
 
 @inlined
 def _line_s(y, x, to_y, to_x, ground):  # type: ignore[no-untyped-def]
-    """Return the time along a whole line as ``travel`` does, in the usual case.
+    """Return the result of ``travel`` in the usual case: the time along a whole line.
 
     The result is not finite if the slowness of a cell is not known, if a cell that does not burn is
     on or beside the line, or if the line has no length or is on an edge. A line through a corner

@@ -76,8 +76,9 @@ def read_weather(
 
     A .wtr file has the extremes of each day, from which hourly records are computed
     (``stream_files``); a .wnd file has the wind. An inputs file of FARSITE or FlamMap
-    (``inputs_files``) has the rows of such files, or the names of such files. The moistures and the
-    start in an inputs file are used if ``fuel_moistures`` and ``start`` are not given.
+    (``inputs_files``) contains the weather records, or names the files that contain them. The
+    moistures and the start in an inputs file are used if ``fuel_moistures`` and ``start`` are not
+    given.
 
     A CSV file has one header line with the names of the columns, in any order. The column of the
     time is ``time`` (ISO 8601), or ``at_s`` if ``start`` is not given. The name of the column of

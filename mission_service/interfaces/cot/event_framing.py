@@ -1,4 +1,4 @@
-"""Splits the bytes of a TAK server into Cursor on Target events. Sans-IO.
+"""Splits the byte stream from a TAK server into Cursor on Target events. Sans-IO.
 
 A server sends one XML event after the other; each event ends with ``</event>`` (TAK protocol
 version 0, "Traditional Protocol"). A server sends the binary version 1 only to clients that request

@@ -136,7 +136,7 @@ def printable(file_name: str) -> str:
 
 
 def _polygons_of(drawn: Drawn, number: int, name: str) -> tuple[BaseGeometry | None, list[str]]:
-    """Return a feature's valid polygons (None without any), and notes on irregularities."""
+    """Return a feature's valid polygons (None if it has none), and notes on irregularities."""
     shape, feature = drawn.shape, f"feature {number}"
     if shape.is_empty:
         return None, [f"{feature} was ignored: it has no polygon"]

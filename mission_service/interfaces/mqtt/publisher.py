@@ -89,7 +89,7 @@ class Publisher:
         self._reply_waits = asyncio.Event()
 
     async def run(self) -> None:
-        """Publish and handle commands until cancelled."""
+        """Publish all topics, and handle commands, until cancelled."""
         try:
             await keep_connected(self._client, self._use, self._lost)
         finally:

@@ -38,7 +38,7 @@ def near_pairs(
 
 
 class ProximityAlarms:
-    """The alarms about pairs of aircraft that are nearer than the required separation."""
+    """The alarms about pairs of aircraft that are closer together than required."""
 
     def __init__(self, state_view: StateView, separation_m: float) -> None:
         """Raise alarms in ``state_view``."""
