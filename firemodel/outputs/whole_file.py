@@ -1,5 +1,7 @@
 """Write a file completely or not at all."""
 
+import errno
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -36,12 +38,12 @@ def whole_file(path: Path) -> Iterator[Path]:
 
 def check_target(path: Path) -> None:
     """Raise OSError if no file can be created or replaced under a path, as for a device."""
-    if not path.name:
-        raise OSError("it is not the name of a file")
     if not path.parent.is_dir():
-        raise OSError(f"{path.parent} is not a folder")
+        raise OSError(errno.ENOENT, os.strerror(errno.ENOENT))
+    if path.is_dir():
+        raise OSError(errno.EISDIR, os.strerror(errno.EISDIR))
     if path.exists() and not path.is_file():
-        raise OSError("it exists and is not a file")
+        raise OSError(errno.EEXIST, "it is a device, a pipe or a socket")
 
 
 def write_error(path: Path, error: Exception) -> FireModelError:

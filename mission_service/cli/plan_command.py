@@ -104,7 +104,7 @@ def _check_picture(path: Path) -> None:
     try:
         check_target(path)
     except OSError as error:
-        raise OptionError(f"-o {path}: {error}; give the path of a PNG file") from None
+        raise OptionError(f"-o {path}: {error.strerror}; give the path of a PNG file") from None
     if path.suffix.lower() != ".png":
         raise OptionError(f"-o {path}: the picture is a PNG; give a name that ends with .png")
 

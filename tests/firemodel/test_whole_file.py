@@ -21,10 +21,10 @@ def test_what_is_not_a_file_is_not_replaced(tmp_path: Path) -> None:
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
     for path, text in (
-        (pipe, "it exists and is not a file"),
-        (tmp_path, "it exists and is not a file"),
-        (tmp_path / "missing" / "a.txt", "missing is not a folder"),
-        (Path(), "it is not the name of a file"),
+        (pipe, "it is a device, a pipe or a socket"),
+        (tmp_path, "Is a directory"),
+        (tmp_path / "missing" / "a.txt", "No such file or directory"),
+        (Path(), "Is a directory"),
     ):
         with pytest.raises(FireModelError, match=text):
             write_whole(path, "text")

@@ -205,10 +205,14 @@ def test_the_command_prints_a_table_and_draws_a_picture(tmp_path: Path) -> None:
         ),
         (["default", "--what-if", "--vehicle", "owl"], 1, "has no vehicle 'owl'"),
         (["default", "--what-if", "99"], 2, "must be from 0 to 50"),
-        (["default", "--what-if", "-o", ""], 2, "it is not the name of a file"),
-        (["default", "--what-if", "-o", "nowhere/a.png"], 2, "nowhere is not a folder"),
+        (["default", "--what-if", "-o", ""], 2, "Is a directory; give the path of a PNG file"),
+        (
+            ["default", "--what-if", "-o", "nowhere/a.png"],
+            2,
+            "nowhere/a.png: No such file or directory",
+        ),
         (["default", "--what-if", "-o", "a.jpg"], 2, "give a name that ends with .png"),
-        (["default", "--what-if", "-o", os.devnull], 2, "it exists and is not a file"),
+        (["default", "--what-if", "-o", os.devnull], 2, "it is a device, a pipe or a socket"),
     ],
 )
 def test_an_invalid_command_gets_the_reason(arguments: list[str], code: int, text: str) -> None:
