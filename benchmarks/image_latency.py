@@ -15,7 +15,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import NamedTuple
@@ -100,26 +100,32 @@ def trial(mock: MockAutopilot, fires: Fires, path: Path) -> None:
     fires.photograph(mock, path)
 
 
-def times_in(journal: Path) -> Iterator[Times | None]:
-    """Yield the times of each image in a journal; None if it did not change the mission."""
-    image: Observed | None = None
-    used_us = latest_us = sent = 0
-    for entry in SegmentReader(journal):
+def times_in(journal: Path) -> list[Times | None]:
+    """Return the times of each image in a journal.
+
+    The changed mission is the first one that the service sent and the vehicle accepted after the
+    use of the image, however late; None if there was none.
+    """
+    found: list[Times | None] = []
+    waiting: dict[int, tuple[int, int, int]] = {}  # per image: its time, line, time of its use
+    latest_us, sent = 0, dict[int, int]()  # the line at which each mission was sent
+    for line, entry in enumerate(SegmentReader(journal), 1):
         content = entry.content
         if isinstance(content, Observed) and content.source:
-            if image is not None:
-                yield None
-            image, used_us, sent = content, 0, 0
+            waiting[len(found)] = content.at_us, line, 0
+            found.append(None)
         elif isinstance(content, Telemetry):
             latest_us = content.at_us
-            used_us = used_us or latest_us
+            for number, (at_us, seen_line, used_us) in waiting.items():
+                waiting[number] = at_us, seen_line, used_us or latest_us
         elif isinstance(content, UploadMission):
-            sent = sent or content.mission_id
-        elif isinstance(content, UploadFinished) and image is not None and sent:
-            taken_us, image = image.at_us, None
-            yield Times((used_us - taken_us) / 1e6, (content.at_us - taken_us) / 1e6)
-    if image is not None:
-        yield None
+            sent[content.mission_id] = line
+        elif isinstance(content, UploadFinished) and content.outcome == "accepted":
+            for number, (at_us, seen_line, used_us) in list(waiting.items()):
+                if seen_line < sent[content.mission_id]:
+                    found[number] = Times((used_us - at_us) / 1e6, (content.at_us - at_us) / 1e6)
+                    del waiting[number]
+    return found
 
 
 async def _follow(mock: MockAutopilot, fires: Fires, prefix: Path, seconds: float) -> None:
@@ -181,7 +187,7 @@ async def measured(folder: Path, trials: int, stack: str) -> list[Times | None]:
         flight.cancel()
         daemon.terminate()
         daemon.wait(timeout=30)
-    found = list(times_in(folder / "out" / "journal.jsonl"))
+    found = times_in(folder / "out" / "journal.jsonl")
     images = sorted(frames.glob("*.tif"))
     if len(found) != len(images):
         raise SystemExit(f"{len(found)} of {len(images)} images were used")
