@@ -50,3 +50,8 @@ class NotRecordedError(MissionServiceError):
 
 class FlightError(MissionServiceError):
     """A logged flight cannot be replayed; the message states the reason and the remedy."""
+
+
+def in_words(error: BaseException) -> str:
+    """Return the type and the text of an exception in one line."""
+    return " ".join(f"{type(error).__name__}: {error}".split())

@@ -15,7 +15,7 @@ from typing import Any, Protocol
 
 from pydantic import BaseModel
 
-from mission_service.errors import MissionServiceError, PlannerError
+from mission_service.errors import MissionServiceError, PlannerError, in_words
 
 GROUP = "mission_service.planners"
 OWN = EntryPoint("own", "mission_service.guidance.registry:WAYS", GROUP)
@@ -130,5 +130,4 @@ def faults_of(rule: str) -> Iterator[None]:
         blame = blamed(rule)
         if blame is None or isinstance(error, MissionServiceError):
             raise
-        why = " ".join(f"{type(error).__name__}: {error}".split())
-        raise PlannerError(f"{why}; {blame}") from error
+        raise PlannerError(f"{in_words(error)}; {blame}") from error

@@ -28,6 +28,7 @@ from firemodel.landscape.landscape import Landscape
 from firemodel.spread.fire_scheme import Fire
 from mission_service.commands import AnyCommand
 from mission_service.config.scenario import Scenario
+from mission_service.errors import in_words
 from mission_service.events import (
     AnyEvent,
     AnyOperatorEvent,
@@ -213,11 +214,10 @@ class RunEstimate:
 
     def _note_defect(self, event: AnyOperatorEvent, error: Exception) -> None:
         """Store and log the unexpected exception of a valid report."""
-        words = " ".join(f"{type(error).__name__}: {error}".split())
         kind, sender, at_s = type(event).__name__, event.by or "an operator", event.at_us / 1e6
         self.defect = (
-            f"a report ({kind}) of {sender} at {at_s:.3f} s is not used: {words}; this is a "
-            "defect, please send the traceback in the log to the developers"
+            f"a report ({kind}) of {sender} at {at_s:.3f} s is not used: {in_words(error)}; this "
+            "is a defect, please send the traceback in the log to the developers"
         )
         log.error("%s", self.defect, exc_info=error)
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from firemodel.arrays import Floats
 from firemodel.landscape.landscape import Landscape
 from mission_service.config.scenario import Scenario
-from mission_service.errors import ScenarioError
+from mission_service.errors import ScenarioError, in_words
 from mission_service.events import AnyEvent, FireObserved, Observed, Telemetry
 
 GROUP = "mission_service.sensors"
@@ -195,7 +195,7 @@ class Sensors:
     def _fail(self, name: str, error: BaseException) -> None:
         del self._sensors[name]
         try:
-            words = " ".join(f"{type(error).__name__}: {error}".split())
+            words = in_words(error)
         except Exception:  # the error's own ``__str__`` may fail
             words = type(error).__name__
         self.failed[name] = f"sensor {name} failed and is not used until a restart: {words}"

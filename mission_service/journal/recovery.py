@@ -18,7 +18,7 @@ from typing import Any
 
 from mission_service.commands import AnyCommand
 from mission_service.config.scenario import Scenario
-from mission_service.errors import JournalError, StateError, UnhandledLineError
+from mission_service.errors import JournalError, StateError, UnhandledLineError, in_words
 from mission_service.events import AnyEvent, LinesSkipped, Resumed
 from mission_service.journal.differences import difference_of
 from mission_service.journal.journal_file import (
@@ -172,10 +172,8 @@ class InterruptedRun:
     def unhandled(self, error: Exception) -> UnhandledLineError:
         """Return the error about the line that was applied last and caused ``error``."""
         assert self._at is not None
-        words = " ".join(f"{type(error).__name__}: {error}".split())
-        return UnhandledLineError(
-            f"{self._at.reader.path}: line {self._at.line} cannot be handled ({words}){SKIP}{FRESH}"
-        )
+        place = f"{self._at.reader.path}: line {self._at.line}"
+        return UnhandledLineError(f"{place} cannot be handled ({in_words(error)}){SKIP}{FRESH}")
 
     def skip_line(self, problem: UnhandledLineError) -> None:
         """Skip the line that cannot be handled; the caller then begins again from the state.

@@ -40,7 +40,7 @@ from mission_service.commands import (
 from mission_service.config.rule_lookup import blamed
 from mission_service.config.scenario import Scenario
 from mission_service.core.core import Core
-from mission_service.errors import NotRecordedError, RefusedEventError
+from mission_service.errors import NotRecordedError, RefusedEventError, in_words
 from mission_service.events import (
     SERVICE,
     Aborted,
@@ -528,8 +528,7 @@ def _defect(event: AnyEvent, error: Exception, rule: str) -> RefusedEventError:
     blame = blamed(rule)
     if isinstance(error, RefusedEventError):
         return error if blame is None else RefusedEventError(f"{error}; {blame}")
-    why = " ".join(f"{type(error).__name__}: {error}".split())
     return RefusedEventError(
         f"{type(event).__name__} at {event.at_us / 1e6:.3f} s cannot be handled and had no effect: "
-        f"{why}; {blame or 'this is a defect, please report it'}"
+        f"{in_words(error)}; {blame or 'this is a defect, please report it'}"
     )
