@@ -21,12 +21,9 @@ def whole_file(path: Path) -> Iterator[Path]:
     Raises:
         FireModelError: The file cannot be written, or is a device; the message names ``path``.
     """
+    part = path.parent / f".{path.stem}.part{path.suffix}"
     try:
         check_target(path)
-        part = path.with_name(f".{path.stem}.part{path.suffix}")
-    except OSError as error:
-        raise write_error(path, error) from None
-    try:
         yield part
         part.replace(path)
     except OSError as error:

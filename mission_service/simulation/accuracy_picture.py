@@ -21,7 +21,7 @@ def draw_accuracy(
 ) -> None:
     """Draw one panel for each number of aircraft, with the same scales and colours.
 
-    Raises OSError if the file cannot be written.
+    Raises FireModelError if the file cannot be written.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.cm import ScalarMappable

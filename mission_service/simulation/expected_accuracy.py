@@ -20,9 +20,10 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from scipy.optimize import brentq
 from scipy.special import ndtr
 
-from firemodel.arrays import Floats, Mask, bounds_of
+from firemodel.arrays import Floats, Mask, bounds_of, lengths_along
 from firemodel.assimilation.front_lines import FrontLine, front_distances, front_lines
 from firemodel.assimilation.learned_inputs import FrontParts, LearnedInputs
 from firemodel.assimilation.observation import BURNED, UNBURNED, UNSEEN
@@ -81,14 +82,16 @@ class Accuracy(NamedTuple):
 class _Team:
     """Aircraft on a tour of the fronts, and the time at which each cell was last observed."""
 
-    def __init__(self, count: int, learned: LearnedInputs, shape: tuple[int, int]) -> None:
+    def __init__(self, count: int, learned: LearnedInputs, fire: Fire) -> None:
+        """Begin with the takeoff at the fire's time."""
         self.learned = learned
-        self.seen_s = np.full(shape, -np.inf)
+        self.takeoff_s = fire.time_s
+        self.seen_s = np.full(fire.landscape.shape, -np.inf)
         # The slots of the aircraft on the tour, as fractions of the time of a whole tour.
         self.slots = np.arange(count) / max(count, 1)
         self.in_slot = np.zeros(count, dtype=bool)  # whether each aircraft has reached its slot
-        # For each step and all points: standard deviation (m), advance since the last observation
-        # (m), and time since then (s).
+        # For each of the last steps and all points: standard deviation (m), advance since the last
+        # observation (m), and time since then (s).
         self.errors: list[tuple[Floats, Floats, Floats]] = []
 
 
@@ -130,11 +133,16 @@ def expected_accuracy(
             "set deploy_at_s to a later time"
         )
     learned = LearnedInputs(landscape, begun_s)
-    teams = [_Team(count, learned.copy(), landscape.shape) for count in counts]
-    for _ in range(round(minutes * 60.0 / STEP_S)):
+    teams = [_Team(count, learned.copy(), fire) for count in counts]
+    left = round(minutes * 60.0 / STEP_S)
+    while left:
         fire.advance(fire.time_s + STEP_S)
         for team in teams:
-            _step(team, fire, section)
+            fronts = _fronts(team, fire)
+            if left <= AVERAGED_S / STEP_S:
+                team.errors.append(_errors(team.learned, fronts, fire))
+            _observe(team, fronts, fire, section)
+        left -= 1
     if (reached := at_edge(fire)) is not None:
         warn(f"{reached}; the parts of the front there are left out")
     if _is_windy(fire, section):
@@ -142,20 +150,17 @@ def expected_accuracy(
             f"the wind is faster than {MAX_WIND:.0%} of the airspeed of {section.airspeed_m_s:g} "
             "m/s: the aircraft cannot fly against it, and the computed errors are too small"
         )
-    last = round(AVERAGED_S / STEP_S)
-    return [_accuracy(team, fire, last) for team in teams]
+    return [_accuracy(team, fire) for team in teams]
 
 
-def _step(team: _Team, fire: Fire, section: VehicleSection) -> None:
+def _observe(team: _Team, fronts: list[FrontLine], fire: Fire, section: VehicleSection) -> None:
     """Fly for one period, then update the filter and the times of observation."""
     land, at_s = fire.landscape, fire.time_s
-    fronts = _fronts(team, fire)
     seen = np.zeros(land.shape, dtype=bool)
     if team.slots.size and fronts:
         radius = camera_of(section).half_width_m(section.altitude_agl_m) / land.cell_size_m
         for row, col in _flown(team, fronts, fire, section):
             _mark_in_view(seen, row, col, radius)
-    team.errors.append(_errors(team.learned, fronts, fire))
     if seen.any():
         here = bounds_of(seen)
         state = np.where(fire.burned()[here], BURNED, UNBURNED).astype(np.uint8)
@@ -209,7 +214,7 @@ def _flown(
     home = land.row_col_of(*land.xy_of_lat_lon(section.home_lat_deg, section.home_lon_deg))
     places = (np.interp(team.slots * total_s, times_s, each) for each in (row, col))
     away = np.hypot(*(place - float(at) for place, at in zip(places, home, strict=True)))
-    flown_s = STEP_S * (len(team.errors) + 1)
+    flown_s = fire.time_s - team.takeoff_s
     team.in_slot |= away * land.cell_size_m <= section.airspeed_m_s * flown_s
     for slot in team.slots[team.in_slot].tolist():
         along_s = (slot * total_s + np.arange(STEP_S + 1.0)) % total_s
@@ -227,7 +232,7 @@ def _tour(fronts: list[FrontLine], min_length_cells: float) -> tuple[Floats, Flo
     for front in fronts:
         first = int(front.row.argmin())
         row, col = (np.append(np.roll(each, -first), each[first]) for each in front[1:3])
-        if not rows or np.hypot(np.diff(row), np.diff(col)).sum() >= min_length_cells:
+        if not rows or lengths_along(np.column_stack([row, col]))[-1] >= min_length_cells:
             rows.append(row)
             cols.append(col)
     row, col = np.concatenate(rows), np.concatenate(cols)
@@ -254,7 +259,7 @@ def _times_s(
 def _mark_in_view(seen: Mask, row: Floats, col: Floats, radius: float) -> None:
     """Mark the cells within ``radius`` cells of a way, at positions along it."""
     spacing = max(SPACING * radius, 0.5)
-    along = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(row), np.diff(col)))])
+    along = lengths_along(np.column_stack([row, col]))
     at = np.linspace(0.0, along[-1], math.ceil(along[-1] / spacing) + 1)
     row, col = np.interp(at, along, row), np.interp(at, along, col)
     reach = math.ceil(radius)
@@ -282,11 +287,9 @@ def _errors(
     return np.concatenate(sd_m), np.concatenate(moved_m), np.concatenate(unseen_s)
 
 
-def _accuracy(team: _Team, fire: Fire, last: int) -> Accuracy:
-    """Return the means over the ``last`` steps, and the fronts at the end."""
-    sd_m, moved_m, unseen_s = (
-        np.concatenate([step[number] for step in team.errors[-last:]]) for number in range(3)
-    )
+def _accuracy(team: _Team, fire: Fire) -> Accuracy:
+    """Return the means over the last steps, and the fronts at the end."""
+    sd_m, moved_m, unseen_s = (np.concatenate(each) for each in zip(*team.errors, strict=True))
     fronts = _fronts(team, fire)
     if not fronts or not sd_m.size:
         raise ScenarioError(
@@ -317,12 +320,11 @@ def _mean_distance_m(moved_m: Floats, sd_m: float) -> float:
 
 def _quantile_m(sd_m: Floats, share: float) -> float:
     """Return the distance that a share of normal errors with deviations (n) does not exceed."""
-    low, high = 0.0, 6.0 * float(sd_m.max())
-    for _ in range(50):
-        middle = 0.5 * (low + high)
-        inside = float((2.0 * ndtr(middle / sd_m) - 1.0).mean())
-        low, high = (middle, high) if inside < share else (low, middle)
-    return high
+
+    def beyond(distance_m: float) -> float:
+        return share - float((2.0 * ndtr(distance_m / sd_m) - 1.0).mean())
+
+    return float(brentq(beyond, 0.0, 6.0 * float(sd_m.max())))
 
 
 def table_of(found: Sequence[Accuracy], name: str, minutes: float) -> str:

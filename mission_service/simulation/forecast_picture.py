@@ -31,7 +31,7 @@ def draw_forecast(
 ) -> None:
     """Draw a forecast's probability bands, both perimeters, and the area of the model alone.
 
-    Raises OSError if the file cannot be written.
+    Raises FireModelError if the file cannot be written.
     """
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
