@@ -12,22 +12,17 @@ at takeoff. With ``--copters`` the aircraft are copters of this airspeed.
 """
 
 import argparse
-import tempfile
 from collections.abc import Sequence
-from pathlib import Path
 
 import click
 import numpy as np
-import shapely
 
-from benchmarks.flown_estimate import wrong_scenario
-from benchmarks.image_files import SPACING_M, front_of
+from benchmarks.flown_estimate import simulation_of, wrong_scenario
+from benchmarks.image_files import front_of, mean_distance_m
 from firemodel.arrays import Floats
 from mission_service.config.scenario import Scenario
 from mission_service.fire.scenario_fire import landscape_of
-from mission_service.journal.journal_file import Journal, header_of
 from mission_service.simulation.expected_accuracy import AVERAGED_S, expected_accuracy
-from mission_service.simulation.sim import Simulation
 
 EVERY_S = 60.0
 NAMES = ("hawk", "kite", "swift", "merlin", "osprey", "harrier", "falcon", "eagle")
@@ -49,24 +44,14 @@ def scenario_for(seed: int, count: int, takeoff_s: float, copters_m_s: float | N
     return found.model_copy(update=changed)
 
 
-def mean_distance_m(true: shapely.Geometry, other: shapely.Geometry) -> float:
-    """Return the mean distance of points of a front from another front."""
-    points = shapely.get_coordinates(shapely.segmentize(true, SPACING_M))
-    return float(np.mean(shapely.distance(shapely.points(points), other)))
-
-
 def flown(scenario: Scenario, count: int, minutes: float) -> Floats:
     """Return the mean distances of the estimate and of persistence (2) in a flight."""
-    landscape = landscape_of(scenario)
     start_s = scenario.first_flight_s
     end_s = start_s + 60.0 * minutes
     if count == 0:
         late = {"deploy_at_s": end_s + 600.0}
         scenario = scenario.model_copy(update=late)
-    with tempfile.TemporaryDirectory() as folder:
-        header = header_of(scenario, landscape.digest(), "")
-        journal = Journal(Path(folder) / "journal.jsonl", header, durable=False)
-        flight = Simulation(scenario, journal, landscape)
+    with simulation_of(scenario) as flight:
         assert flight.true_fire is not None
         flight.run_until(start_s)
         flight.true_fire.advance(round(start_s * 1e6))
@@ -80,7 +65,6 @@ def flown(scenario: Scenario, count: int, minutes: float) -> Floats:
             true = front_of(flight.true_fire.fire)
             others = (front_of(flight.estimate.fire), before)
             errors.append([mean_distance_m(true, other) for other in others])
-        journal.close()
     return np.asarray(np.mean(errors, axis=0))
 
 

@@ -13,7 +13,8 @@ import argparse
 import asyncio
 import math
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 import click
@@ -50,17 +51,22 @@ def error(area: Mask, true: Mask) -> float:
     return float(np.count_nonzero(area ^ true) / np.count_nonzero(true))
 
 
-def run(seed: int, members: int) -> Floats:
-    """Return the mean errors (lengths, methods: estimate, persistence, model) of a flight."""
-    scenario = wrong_scenario(seed, members)
+@contextmanager
+def simulation_of(scenario: Scenario) -> Iterator[Simulation]:
+    """Yield a simulation that has not begun, with its journal in a temporary folder."""
     landscape = landscape_of(scenario)
     with tempfile.TemporaryDirectory() as folder:
         header = header_of(scenario, landscape.digest(), "")
         journal = Journal(Path(folder) / "journal.jsonl", header, durable=False)
-        flight = Simulation(scenario, journal, landscape)
-        found = asyncio.run(_flown(flight, scenario))
+        yield Simulation(scenario, journal, landscape)
         journal.close()
-    return found
+
+
+def run(seed: int, members: int) -> Floats:
+    """Return the mean errors (lengths, methods: estimate, persistence, model) of a flight."""
+    scenario = wrong_scenario(seed, members)
+    with simulation_of(scenario) as flight:
+        return asyncio.run(_flown(flight, scenario))
 
 
 async def _flown(flight: Simulation, scenario: Scenario) -> Floats:

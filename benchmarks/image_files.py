@@ -76,7 +76,12 @@ def behind_m(true: Any, other: Any, track: Sequence[tuple[float, float]]) -> flo
     part = shapely.intersection(true, near)
     if part.is_empty:
         return float("nan")
-    points = shapely.get_coordinates(shapely.segmentize(part, SPACING_M))
+    return mean_distance_m(part, other)
+
+
+def mean_distance_m(true: Any, other: Any) -> float:
+    """Return the mean distance of points of a front from another front."""
+    points = shapely.get_coordinates(shapely.segmentize(true, SPACING_M))
     return float(np.mean(shapely.distance(shapely.points(points), other)))
 
 

@@ -55,7 +55,7 @@ def _event_of(report: FileReport) -> FireObserved:
 def draw_contents(path: Path, landscape: Landscape, name: str, contents: FileContents) -> None:
     """Draw the observed cells, and the 90 % error circle of each reported point.
 
-    Raises OSError if the file cannot be written.
+    Raises FireModelError if the file cannot be written.
     """
     from matplotlib.lines import Line2D
     from matplotlib.patches import Circle, Patch

@@ -34,7 +34,7 @@ def draw_frame(
 ) -> None:
     """Draw an image, the outlines of its observed cells, the 90 % error ellipse and the camera.
 
-    Raises OSError if the file cannot be written.
+    Raises FireModelError if the file cannot be written.
     """
     from matplotlib.lines import Line2D
 
