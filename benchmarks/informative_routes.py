@@ -8,8 +8,9 @@ largest distance from each front to the other one, averaged over the flight. At 
 whole fire is mapped once.
 
 Kinds of fires: ``random`` (the model is right), ``wrong`` (30 % of the fuels, the wind direction
-and the wind speed of the model are wrong), ``head`` (a narrow fast strip), ``even``, ``two`` (two
-fires), ``spots`` (a fire with three spot fires), ``island`` (unburnable lake and slow fuel inside).
+and the wind speed of the model are wrong), ``head`` (a narrow fast strip), ``even``, ``bay`` (a
+strip of slow fuel across the spread), ``fingers``, ``island`` (slow fuel inside), ``two`` (two
+fires), ``merging`` (two fires that merge), ``spots`` (a fire with three spot fires).
 
 Beside ``informative`` are printed: ``laps``, the same estimate with a vehicle that circles the
 longest front; ``last seen``, the fire as last observed by that vehicle, without a model;
@@ -64,6 +65,7 @@ MIN_ISLAND = 20
 END_S = 4.0 * HOUR_S
 RADIUS_CELLS = 1.0  # turn radius
 NAME = "hawk"
+WIND_M_S = {"head": 6.0, "even": 0.5, "bay": 3.0, "fingers": 3.0, "island": 3.0}
 
 
 @dataclass(frozen=True)
@@ -255,14 +257,19 @@ def shaped_case(kind: str, seed: int) -> Case:
     if kind == "head":
         fuel[:] = TIMBER_LITTER
         fuel[(np.abs(across) <= 5) & (along > -5)] = BRUSH
+    elif kind == "bay":
+        behind = along > float(rng.uniform(6.0, 12.0))
+        middle_across = float(rng.uniform(-8.0, 8.0))
+        fuel[(np.abs(across - middle_across) <= rng.uniform(3.0, 6.0)) & behind] = TIMBER_LITTER
     elif kind == "fingers":
-        width = float(rng.uniform(8.0, 14.0))
-        fuel[np.floor(across / width) % 2 == 0] = BRUSH
+        width = float(rng.uniform(14.0, 20.0))
+        slow = (across + width / 2.0) % width <= rng.uniform(4.0, 7.0)
+        fuel[slow & (along > rng.uniform(4.0, 8.0))] = TIMBER_LITTER
     elif kind == "island":
         place = rng.uniform(8.0, 14.0)
         fuel[np.hypot(along - place - 10.0, across) <= rng.uniform(6.0, 9.0)] = TIMBER_LITTER
-    elif kind == "two":
-        away = rng.uniform(30.0, 45.0)
+    elif kind in ("two", "merging"):
+        away = rng.uniform(30.0, 45.0) if kind == "two" else rng.uniform(16.0, 24.0)
         ignitions = [
             (round(middle + side * away / 2 * math.sin(toward)),
              round(middle + side * away / 2 * math.cos(toward)), 0.0)
@@ -275,7 +282,7 @@ def shaped_case(kind: str, seed: int) -> Case:
                 (round(middle - forward * math.cos(toward) + sideways * math.sin(toward)),
                  round(middle + forward * math.sin(toward) + sideways * math.cos(toward)), at_s)
             )  # fmt: skip
-    speed_m_s = {"head": 6.0, "even": 0.5}.get(kind, 2.0)
+    speed_m_s = WIND_M_S.get(kind, 2.0)
     modelled = speed_m_s * math.exp(rng.normal(0.0, 0.3)), from_deg + rng.normal(0.0, 20.0)
     airspeed_m_s = 3.0 if kind == "head" else 8.0
     truth, model = (
@@ -303,7 +310,7 @@ def _burned(
     )
 
 
-SHAPED = ("head", "even", "fingers", "island", "two", "spots")
+SHAPED = ("head", "even", "bay", "fingers", "island", "two", "merging", "spots")
 KINDS: dict[str, Callable[[int], Case]] = {
     "random": random_case,
     "wrong": wrong_case,

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 import shapely
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d
 
 from firemodel.arrays import Floats, Place, evenly_along
 from firemodel.assimilation.camera_window import signed_distance_m
@@ -27,8 +28,7 @@ MIN_SPACING_CELLS = 1.0
 MIN_LENGTH_CELLS = 4.0  # shorter fronts, such as islands of one cell, are omitted
 GROUP_CELLS = 8  # parts of a front in a square of this size are one measurement
 BACK_CELLS = 60  # distance behind the front up to which its earlier positions are searched
-BESIDE_CELLS = 1.5  # a sighting within this distance of the front at that time shows the front
-MIN_SPEED_CELLS_S = 1e-4
+BESIDE = 1  # a sighting within this many positions of the front at that time shows the front
 
 
 class FrontLine(NamedTuple):
@@ -65,7 +65,9 @@ def front_lines(fire: Fire, seen_s: Floats, learned: LearnedInputs) -> list[Fron
         ahead = (_cells(row - 0.5 * north, land.shape[0]), _cells(col + 0.5 * east, land.shape[1]))
         parts = FrontParts(*ahead, north, east)
         speed_m_s = learned.speeds_m_s(parts, fire.weather, at_s)
-        last_s = last_seen_s(arrival_s, seen_s, row, col, parts, speed_m_s / cell_m)
+        last_s = last_seen_s(arrival_s, seen_s, row, col, parts)
+        # A sighting shows the front beside it, too.
+        last_s = maximum_filter1d(last_s, 2 * BESIDE + 1, mode="wrap")
         unseen_s = at_s - np.clip(last_s, begun_s, at_s)
         found.append(FrontLine(inner, row, col, parts, speed_m_s, unseen_s))
     return found
@@ -102,42 +104,31 @@ def _cells(places: Floats, count: int) -> NDArray[np.int64]:
 
 
 def last_seen_s(
-    arrival_s: Floats,
-    seen_s: Floats,
-    rows: Floats,
-    cols: Floats,
-    parts: FrontParts,
-    speed_cells_s: Floats,
+    arrival_s: Floats, seen_s: Floats, rows: Floats, cols: Floats, parts: FrontParts
 ) -> Floats:
     """Return the time (n) at which each part of a front was last observed; -infinity if never.
+
+    The earlier positions of a part lie behind the front, against its normal. At the time t the
+    front was at the first position behind the present front that had burned by t.
 
     Args:
         arrival_s: (y, x) the arrival times of the fire.
         seen_s: (y, x) the time of the last sighting of each cell.
         rows, cols: The positions of the parts of the front (n).
         parts: The parts of the front (n), with the normals to the unburned side.
-        speed_cells_s: The speed of the front (n).
     """
     back = np.arange(-1.0, BACK_CELLS)[:, None]
     at = (
         _cells(rows + back * parts.north, arrival_s.shape[0]),
         _cells(cols - back * parts.east, arrival_s.shape[1]),
     )
-    seen, arrived = seen_s[at], arrival_s[at]
-    # Distance of the front beyond the position when the position was seen; negative before the
-    # front arrived.
-    with np.errstate(invalid="ignore"):
-        past_cells = (seen - arrived) * np.maximum(speed_cells_s, MIN_SPEED_CELLS_S)
-    # The search backwards ends where the fire started, and does not reach the other side of the
-    # fire.
-    earlier_s = np.minimum.accumulate(arrived, axis=0)
-    step_s = 1.5 / np.maximum(speed_cells_s, MIN_SPEED_CELLS_S)
-    comes_from = np.logical_and.accumulate(arrived <= earlier_s + step_s, axis=0)
-    # A sighting at the current position of the front shows a front that has not moved since the
-    # sighting.
-    shows = (
-        (past_cells >= -BESIDE_CELLS) & ((past_cells <= BESIDE_CELLS) | (back <= 1.0)) & comes_from
+    seen, earlier_s = seen_s[at], np.minimum.accumulate(arrival_s[at], axis=0)
+    # Arrival times at the positions BESIDE behind each position, and at the last one further ahead.
+    behind_s = np.pad(earlier_s[BESIDE:], ((0, BESIDE), (0, 0)), mode="edge")
+    before_s = np.pad(
+        earlier_s[: -BESIDE - 1], ((BESIDE + 1, 0), (0, 0)), constant_values=np.inf
     )
+    shows = (behind_s <= seen) & (seen < before_s)
     return np.asarray(np.where(shows, seen, -np.inf).max(axis=0))
 
 

@@ -84,7 +84,34 @@ def test_a_front_that_stands_still_is_seen_where_it_is() -> None:
     (front,) = fronts(even_fire(CELLS, (MIDDLE, MIDDLE), until_s=0.0))
     arrival_s = np.full((CELLS, CELLS), 100.0)
     seen_s = np.full((CELLS, CELLS), 5000.0)
-    still = np.zeros(front.row.size)
-    found = last_seen_s(arrival_s, seen_s, front.row, front.col, front.ahead, still)
+    found = last_seen_s(arrival_s, seen_s, front.row, front.col, front.ahead)
     assert (found == 5000.0).all()
     assert math.isfinite(found[0])
+
+
+def test_an_image_of_the_outer_front_does_not_show_an_island_that_stands_still() -> None:
+    rows, cols = np.mgrid[:CELLS, :CELLS]
+    lake = np.hypot(rows - 30, cols - MIDDLE) <= 3.0
+    fire = even_fire(CELLS, (MIDDLE, MIDDLE), unburnable=lake, until_s=0.0)
+    while not fire.burned()[18, MIDDLE]:
+        fire.advance(fire.time_s + 600.0)
+    seen_s = np.full((CELLS, CELLS), -np.inf)
+    outer, inner = fronts(fire)
+    for row, col in zip(outer.row, outer.col, strict=True):
+        seen_s[round(row) - 2 : round(row) + 3, round(col) - 2 : round(col) + 3] = fire.time_s
+    outer, inner = fronts(fire, seen_s)
+    assert (outer.unseen_s == 0.0).all()
+    assert (inner.unseen_s > 0.9 * fire.time_s).all()
+
+
+def test_a_sighting_shows_the_parts_beside_it_but_not_the_next_ones() -> None:
+    fire = even_fire(CELLS, (MIDDLE, MIDDLE), until_s=0.0)
+    (front,) = fronts(fire)
+    number = int(front.row.argmin())
+    seen_s = np.full((CELLS, CELLS), -np.inf)
+    seen_s[round(front.row[number]), round(front.col[number])] = fire.time_s
+    (front,) = fronts(fire, seen_s)
+    seen = np.flatnonzero(front.unseen_s == 0.0)
+    away = np.hypot(front.row[seen] - front.row[number], front.col[seen] - front.col[number])
+    assert seen.size >= 3
+    assert (away <= 3.0).all()

@@ -15,6 +15,11 @@ from mission_service.experiments.islam_hu import run as islam_hu
 from mission_service.experiments.islam_hu import scenarios
 from mission_service.experiments.islam_hu.ideal_flight import Flight, fly, look
 from mission_service.experiments.islam_hu.scenarios import COMPARED, ISLAM_HU, islam_hu_burn
+from mission_service.experiments.islam_hu.without_aircraft import (
+    front_errors,
+    modelled,
+    persistent,
+)
 from mission_service.guidance.fire_map import EAST, NORTH
 from mission_service.guidance.front.front_shape import hull_of
 from mission_service.guidance.front.islam_hu_planner import Rule
@@ -100,6 +105,22 @@ def test_the_error_is_what_a_part_of_the_front_has_grown_since_it_was_seen() -> 
     flight = fly(disc, scenarios.islam_hu_planner(disc, "circling"))
     assert flight.max_error[-200:].mean() == pytest.approx(3.0, abs=1.2)
     assert (flight.mean_error < flight.max_error).all()
+
+
+def test_without_aircraft_the_front_stays_or_is_the_model_with_the_first_wind() -> None:
+    disc = Burn(
+        *("disc", "anyangle", islam_hu_burn("slow-even", "anyangle").landscape),
+        *(islam_hu_burn("slow-even", "anyangle").weather, CENTRE, 1500.0, 2700.0, 15.0, DISC_S),
+    )
+    errors = front_errors(persistent(disc), disc, np.array([1500.0, 2500.0]))
+    assert errors.shape == (2, 360)
+    assert (errors[0] == 0.0).all()
+    assert errors[1] == pytest.approx(np.full(360, 10.0), abs=1.0)
+    burn = islam_hu_burn("slow-then-fast", "anyangle")
+    before_s, after_s = scenarios.changes_s(burn), burn.end_s
+    errors = front_errors(modelled(burn), burn, np.array([before_s, after_s]))
+    assert errors[0].max() == 0.0
+    assert errors[1].max() > 10.0
 
 
 def test_the_camera_sees_a_disc_of_cells_and_stops_at_the_edge() -> None:
@@ -188,6 +209,8 @@ def test_the_command_prints_json_with_figures_and_the_same_each_time(
         "circling",
         "islam_hu",
         "islam_hu_damped",
+        "persistence",
+        "model",
     }
     assert json.loads(json.dumps(found)) == islam_hu.on_one_fire("fast", "devs8", None)
 

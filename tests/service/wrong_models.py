@@ -8,10 +8,8 @@ from numpy.typing import NDArray
 from firemodel.physics.weather import WeatherStream
 from mission_service.experiments.fires import Burn, burn
 from mission_service.experiments.islam_hu.predictive_flight import fly_predictive
-from mission_service.replay.distance_error import TrueShape
+from mission_service.experiments.islam_hu.without_aircraft import front_errors
 from tests.service.random_fires import FUELS, circling_error, random_fire
-
-Floats = NDArray[np.float64]
 
 WRONG = 0.3  # share of the patches
 PATCH_CELLS = 10
@@ -62,17 +60,6 @@ def _wrong_fuel(fuel: NDArray[np.int16], rng: np.random.Generator) -> NDArray[np
     return np.asarray(np.array(FUELS, dtype=np.int16)[place % len(FUELS)])
 
 
-def max_error_of_model(model: Burn, fire: Burn, at_s: Floats) -> Floats:
-    """Return the largest distance error in cells of a model's front at given times (n)."""
-    expected, true = (TrueShape(each.arrival_s, fire.ignition) for each in (model, fire))
-    return np.array(
-        [
-            np.abs(expected.distances_at(time) - true.distances_at(time)).max()
-            for time in at_s.tolist()
-        ]
-    )
-
-
 def mean_max_errors_wrong(seed: int) -> tuple[float, float, float]:
     """Return the means of the largest error in cells on fire ``seed``, with a wrong model.
 
@@ -81,5 +68,5 @@ def mean_max_errors_wrong(seed: int) -> tuple[float, float, float]:
     fire = random_fire(seed)
     model = wrong_model(fire, seed)
     flight = fly_predictive(fire, seed, model)
-    alone = max_error_of_model(model, fire, flight.at_s)
+    alone = front_errors(model, fire, flight.at_s).max(axis=1)
     return circling_error(fire), float(flight.max_error.mean()), float(alone.mean())

@@ -21,6 +21,11 @@ from mission_service.experiments.islam_hu.scenarios import (
     islam_hu_burn,
     islam_hu_planner,
 )
+from mission_service.experiments.islam_hu.without_aircraft import (
+    front_errors,
+    modelled,
+    persistent,
+)
 
 
 def run(
@@ -31,6 +36,8 @@ def run(
     """Simulate all planners on all fires, on two cores; if ``out`` is given, draw figures there.
 
     Cells are 30 m wide. ``alpha_sweep`` has the reversals of the damped rule for several alphas.
+    ``distance_error`` also has rows without aircraft: ``persistence`` (the front remains where it
+    is at deployment) and ``model`` (the model alone, with the weather at the ignition).
     ``attention`` has, for the damped rule with alpha 1, the reversals and the fraction of time
     north of the ignition, before and after the fire changes.
     """
@@ -75,9 +82,26 @@ def on_one_fire(name: str, scheme: SchemeName, out: Path | None) -> dict[str, li
                 "mean_mean_cells": round(float(flight.mean_error.mean()), 3),
             }
             for planner, flight in flights.items()
-        ],
+        ]
+        + [{**which, **row} for row in without_aircraft(burn, flights["circling"])],
         "attention": [{**which, **attention(burn, flights["islam_hu_damped"])}],
     }
+
+
+def without_aircraft(burn: Burn, flight: Flight) -> list[dict[str, Any]]:
+    """Return the errors of persistence and of the model alone, at the times of a flight."""
+    found = []
+    for name, expected in (("persistence", persistent(burn)), ("model", modelled(burn))):
+        errors = front_errors(expected, burn, flight.at_s)
+        found.append(
+            {
+                "planner": name,
+                "reversals": 0,
+                "mean_max_cells": round(float(errors.max(axis=1).mean()), 3),
+                "mean_mean_cells": round(float(errors.mean()), 3),
+            }
+        )
+    return found
 
 
 def attention(burn: Burn, flight: Flight) -> dict[str, float]:

@@ -34,7 +34,8 @@ def _errors(found: dict[str, Any]) -> str:
     lines = [
         "Distance error in cells over 360 angles, α = 1: mean over time of the maximum (change",
         "against circling), then mean over time of the mean. The error is that of the convex hull",
-        "of the observed front (section VI.E); for predictive, that of its estimated front",
+        "of the observed front (section VI.E); for predictive, that of its estimated front.",
+        "Without aircraft: persistence (front at deployment), model (weather at the ignition)",
         "  fire            scheme    "
         + "".join(f"{planner:>15}" for planner in planners)
         + "   "

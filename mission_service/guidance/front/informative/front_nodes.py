@@ -22,7 +22,7 @@ MIN_NODES = 4  # of one front
 LEFT_CELLS = 0.5  # error of a front in view
 # Minimum growth of the error: as a fraction of the mean growth, and in cells per second. The
 # minimum represents errors of the model that wrong inputs of the model do not explain.
-MIN_GROWTH_SHARE = 0.5
+MIN_GROWTH_SHARE = 1.0
 MIN_GROWTH_CELLS_S = 2e-5
 MIN_STEP_CELLS = 1e-9
 MAX_UNSEEN_S = 86_400.0

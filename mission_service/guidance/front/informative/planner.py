@@ -345,6 +345,16 @@ class InformativePlanner:
             front.points, start, clockwise, length, self.settings.turn_radius_cells, front.inner
         )
 
+    @property
+    def goal(self) -> Floats | None:
+        """The position (row, column) at which a flight to another front ends; None on a front."""
+        hop = self._plan.hop
+        return np.array([hop.row, hop.col]) if self._hops and hop is not None else None
+
+    def distance_to_front(self, row: float, col: float) -> float:
+        """Return the distance from a position to the nearest estimated front, in cells."""
+        return self._nearest(row, col)[1]
+
     # For interfaces -------------------------------------------------------------------------------
 
     def shape(self, row: float, col: float) -> Floats:
