@@ -5,8 +5,8 @@ front around each unburned island; spot fires have fronts of their own.
 
 A part of a front was observed when a sighting (an image of a cell) showed the position of the front
 at that time. Since then the estimated front has moved on. Therefore the time since observation is
-that of the earlier position of the front. ``last_seen_s`` searches for this position backwards from
-the front, in the burned ground.
+that of the earlier position of the front. ``last_seen_s`` searches for this position in the ground
+``behind`` the front.
 """
 
 from typing import NamedTuple
@@ -40,6 +40,7 @@ class FrontLine(NamedTuple):
     ahead: FrontParts  # the cells in front of the points, and the normals there
     speed_m_s: Floats
     unseen_s: Floats
+    advance_m: Floats  # since the last observation; at most BACK_CELLS
 
 
 def front_lines(fire: Fire, seen_s: Floats, learned: LearnedInputs) -> list[FrontLine]:
@@ -65,11 +66,10 @@ def front_lines(fire: Fire, seen_s: Floats, learned: LearnedInputs) -> list[Fron
         ahead = (_cells(row - 0.5 * north, land.shape[0]), _cells(col + 0.5 * east, land.shape[1]))
         parts = FrontParts(*ahead, north, east)
         speed_m_s = learned.speeds_m_s(parts, fire.weather, at_s)
-        last_s = last_seen_s(arrival_s, seen_s, row, col, parts)
-        # A sighting shows the front beside it, too.
-        last_s = maximum_filter1d(last_s, 2 * BESIDE + 1, mode="wrap")
-        unseen_s = at_s - np.clip(last_s, begun_s, at_s)
-        found.append(FrontLine(inner, row, col, parts, speed_m_s, unseen_s))
+        ground = behind(arrival_s, seen_s, row, col, parts)
+        last_s = np.clip(last_seen_s(ground), begun_s, at_s)
+        advance_m = advance_cells(ground, last_s) * cell_m
+        found.append(FrontLine(inner, row, col, parts, speed_m_s, at_s - last_s, advance_m))
     return found
 
 
@@ -103,13 +103,20 @@ def _cells(places: Floats, count: int) -> NDArray[np.int64]:
     return np.clip(np.rint(places), 0, count - 1).astype(np.int64)
 
 
-def last_seen_s(
-    arrival_s: Floats, seen_s: Floats, rows: Floats, cols: Floats, parts: FrontParts
-) -> Floats:
-    """Return the time (n) at which each part of a front was last observed; -infinity if never.
+class Behind(NamedTuple):
+    """The ground behind a front, against its normals: (BACK_CELLS + 1, n) from one cell ahead on.
 
-    The earlier positions of a part lie behind the front, against its normal. At the time t the
-    front was at the first position behind the present front that had burned by t.
+    At the time t the front was at the first position behind the present front that had burned by t.
+    """
+
+    burned_s: Floats  # the time from which this position or one nearer to the front has burned
+    seen_s: Floats  # the time of the last sighting
+
+
+def behind(
+    arrival_s: Floats, seen_s: Floats, rows: Floats, cols: Floats, parts: FrontParts
+) -> Behind:
+    """Return the ground behind the parts of a front.
 
     Args:
         arrival_s: (y, x) the arrival times of the fire.
@@ -122,14 +129,25 @@ def last_seen_s(
         _cells(rows + back * parts.north, arrival_s.shape[0]),
         _cells(cols - back * parts.east, arrival_s.shape[1]),
     )
-    seen, earlier_s = seen_s[at], np.minimum.accumulate(arrival_s[at], axis=0)
-    # Arrival times at the positions BESIDE behind each position, and at the last one further ahead.
-    behind_s = np.pad(earlier_s[BESIDE:], ((0, BESIDE), (0, 0)), mode="edge")
-    before_s = np.pad(
-        earlier_s[: -BESIDE - 1], ((BESIDE + 1, 0), (0, 0)), constant_values=np.inf
-    )
-    shows = (behind_s <= seen) & (seen < before_s)
-    return np.asarray(np.where(shows, seen, -np.inf).max(axis=0))
+    return Behind(np.minimum.accumulate(arrival_s[at], axis=0), seen_s[at])
+
+
+def last_seen_s(ground: Behind) -> Floats:
+    """Return the time (n) at which each part of a front was last observed; -infinity if never."""
+    burned_s, seen_s = ground
+    # At the position BESIDE further back, and at the last position that is further ahead.
+    further_s = np.pad(burned_s[BESIDE:], ((0, BESIDE), (0, 0)), mode="edge")
+    nearer_s = np.pad(burned_s[: -BESIDE - 1], ((BESIDE + 1, 0), (0, 0)), constant_values=np.inf)
+    shows = (further_s <= seen_s) & (seen_s < nearer_s)
+    found_s = np.where(shows, seen_s, -np.inf).max(axis=0)
+    # A sighting shows the parts beside it, too.
+    return np.asarray(maximum_filter1d(found_s, 2 * BESIDE + 1, mode="wrap"))
+
+
+def advance_cells(ground: Behind, since_s: Floats) -> Floats:
+    """Return the distance (n) by which the parts of a front have advanced since times (n)."""
+    nearer = np.count_nonzero(ground.burned_s > since_s, axis=0)
+    return np.maximum(nearer - 1.0, 0.0)
 
 
 class FrontDistances(NamedTuple):
@@ -157,7 +175,7 @@ def front_distances(
     top, left = here[0].start, here[1].start
     row = np.concatenate([np.empty(0), *(each.row for each in fronts)])
     col = np.concatenate([np.empty(0), *(each.col for each in fronts)])
-    advance_m = np.concatenate([np.empty(0), *(each.speed_m_s * each.unseen_s for each in fronts)])
+    advance_m = np.concatenate([np.empty(0), *(each.advance_m for each in fronts)])
     ahead_rows, ahead_cols, north, east = (
         np.concatenate([np.empty(0, dtype), *(each.ahead[k] for each in fronts)])
         for k, dtype in enumerate((np.int64, np.int64, np.float64, np.float64))

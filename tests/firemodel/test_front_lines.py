@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from firemodel.assimilation.front_lines import FrontLine, front_lines, last_seen_s
+from firemodel.assimilation.front_lines import FrontLine, behind, front_lines, last_seen_s
 from firemodel.assimilation.learned_inputs import LearnedInputs
 from tests.firemodel.fires_on_grids import CELL_M, even_fire
 
@@ -69,6 +69,8 @@ def test_the_time_since_observation_is_that_of_the_earlier_place_of_the_front() 
     (front,) = fronts(fire, seen_s)
     east, west = front.col > MIDDLE + 3, front.col < MIDDLE - 3
     assert front.unseen_s[east] == pytest.approx(np.full(east.sum(), 1800.0))
+    moved_m = 13 * CELL_M * 1800.0 / fire.time_s  # the fire is 13 cells in radius
+    assert front.advance_m[east] == pytest.approx(np.full(east.sum(), moved_m), abs=CELL_M)
     assert (front.unseen_s[west] > 0.9 * fire.time_s).all()  # since the beginning
 
 
@@ -84,7 +86,7 @@ def test_a_front_that_stands_still_is_seen_where_it_is() -> None:
     (front,) = fronts(even_fire(CELLS, (MIDDLE, MIDDLE), until_s=0.0))
     arrival_s = np.full((CELLS, CELLS), 100.0)
     seen_s = np.full((CELLS, CELLS), 5000.0)
-    found = last_seen_s(arrival_s, seen_s, front.row, front.col, front.ahead)
+    found = last_seen_s(behind(arrival_s, seen_s, front.row, front.col, front.ahead))
     assert (found == 5000.0).all()
     assert math.isfinite(found[0])
 
