@@ -7,7 +7,7 @@ import pytest
 
 from mission_service.config.fire_sections import Ignition, LandscapeSection, WeatherEntry
 from mission_service.config.scenario import Scenario, load_scenario
-from mission_service.events import Observed, WindSet
+from mission_service.events import Observed, Telemetry, WindSet
 from mission_service.fire.observed_window import in_letters
 from mission_service.fire.run_estimate import RunEstimate
 from mission_service.fire.scenario_fire import fire_of, landscape_of
@@ -103,3 +103,20 @@ def test_fire_behind_ground_seen_unburned_is_removed() -> None:
     estimate.advance(at_us + 60 * US)
     assert not estimate.fire.burned()[middle, middle + 4 :].any()
     assert estimate.fire.burned()[middle, middle]
+
+
+def test_fronts_for_planners_follow_images_within_ten_seconds() -> None:
+    """In this time, a vehicle flies about as far as its camera sees ahead."""
+    settings = scenario()
+    planner = settings.planner.model_copy(update={"rule": "informative"})
+    land = landscape_of(settings)
+    estimate = RunEstimate(settings.model_copy(update={"planner": planner}), land)
+    begun_us = 3601 * US
+    middle = CELLS // 2
+    estimate.advance(begun_us)
+    reach = int(np.nonzero(estimate.fire.burned()[middle])[0].max())
+    estimate.on_event(Observed(begun_us, "hawk", middle - 2, reach, ("b" * 8 + "u" * 3,) * 5))
+    fix = Telemetry(begun_us + 10 * US, "hawk", LAT_DEG, LON_DEG, 300.0, 150.0, 15.0, 0.0, 0.0)
+    found = estimate.fronts(fix)
+    assert found is not None
+    assert max(found.fronts[0].cols) == pytest.approx(reach + 7.5, abs=0.7)
