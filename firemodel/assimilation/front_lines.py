@@ -65,7 +65,7 @@ def front_lines(fire: Fire, seen_s: Floats, learned: LearnedInputs) -> list[Fron
         ahead = (_cells(row - 0.5 * north, land.shape[0]), _cells(col + 0.5 * east, land.shape[1]))
         parts = FrontParts(*ahead, north, east)
         speed_m_s = learned.speeds_m_s(parts, fire.weather, at_s)
-        last_s = last_seen_s(arrival_s, seen_s, row, col, parts, speed_m_s / cell_m)
+        last_s = last_seen_s(arrival_s, at_s, seen_s, row, col, parts, speed_m_s / cell_m)
         unseen_s = at_s - np.clip(last_s, begun_s, at_s)
         found.append(FrontLine(inner, row, col, parts, speed_m_s, unseen_s))
     return found
@@ -103,6 +103,7 @@ def _cells(places: Floats, count: int) -> NDArray[np.int64]:
 
 def last_seen_s(
     arrival_s: Floats,
+    at_s: float,
     seen_s: Floats,
     rows: Floats,
     cols: Floats,
@@ -113,6 +114,7 @@ def last_seen_s(
 
     Args:
         arrival_s: (y, x) the arrival times of the fire.
+        at_s: The present time.
         seen_s: (y, x) the time of the last sighting of each cell.
         rows, cols: The positions of the parts of the front (n).
         parts: The parts of the front (n), with the normals to the unburned side.
@@ -124,6 +126,8 @@ def last_seen_s(
         _cells(cols - back * parts.east, arrival_s.shape[1]),
     )
     seen, arrived = seen_s[at], arrival_s[at]
+    # The front passes between cells, some of which have not burned and may be islands.
+    arrived = np.where((back >= 0.0) & (back <= 1.0), np.minimum(arrived, at_s), arrived)
     # Distance of the front beyond the position when the position was seen; negative before the
     # front arrived.
     with np.errstate(invalid="ignore"):

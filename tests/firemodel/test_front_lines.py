@@ -85,6 +85,29 @@ def test_a_front_that_stands_still_is_seen_where_it_is() -> None:
     arrival_s = np.full((CELLS, CELLS), 100.0)
     seen_s = np.full((CELLS, CELLS), 5000.0)
     still = np.zeros(front.row.size)
-    found = last_seen_s(arrival_s, seen_s, front.row, front.col, front.ahead, still)
+    found = last_seen_s(arrival_s, 5000.0, seen_s, front.row, front.col, front.ahead, still)
     assert (found == 5000.0).all()
     assert math.isfinite(found[0])
+
+
+def test_a_front_beside_an_unburned_cell_is_seen() -> None:
+    """Behind the front there may be islands of one cell, which have no front of their own."""
+    fire = even_fire(CELLS, (MIDDLE, MIDDLE), until_s=0.0)
+    (front,) = fronts(fire)
+    now_s = fire.time_s
+    arrival_s = np.where(fire.arrival_time_s <= now_s, fire.arrival_time_s, np.inf)
+    seen_s = np.full((CELLS, CELLS), now_s - 1.0)
+    for back in (0.0, 1.0):  # behind the first point
+        row = round(float(front.row[0] + back * front.ahead.north[0]))
+        col = round(float(front.col[0] - back * front.ahead.east[0]))
+        arrival_s[row, col] = np.inf
+    speed_cells_s = front.speed_m_s / CELL_M
+    found = last_seen_s(arrival_s, now_s, seen_s, front.row, front.col, front.ahead, speed_cells_s)
+    assert found[0] == now_s - 1.0
+
+
+def test_a_front_is_not_seen_by_an_earlier_sighting_of_ground_ahead_of_it() -> None:
+    fire = even_fire(CELLS, (MIDDLE, MIDDLE), until_s=0.0)
+    seen_s = np.where(fire.burned(), -np.inf, 0.5 * fire.time_s)
+    (front,) = fronts(fire, seen_s)
+    assert (front.unseen_s > 0.9 * fire.time_s).all()
