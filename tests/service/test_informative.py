@@ -138,6 +138,19 @@ def test_a_flight_to_another_fire_is_not_given_up_for_a_small_gain() -> None:
     assert np.hypot(path[:, 0] - 60.0, path[:, 1] - 130.0).min() < 16.0
 
 
+def test_a_turn_back_before_a_flight_to_another_fire_must_save_half_of_the_cost() -> None:
+    planner = planners()["uav0"]
+    near, far = circle(60.0, 60.0, 15.0), circle(60.0, 130.0, 15.0, unseen_s=900.0)
+    planner.on_fronts(event(10.0, near, far))
+    nodes = nodes_of(planner._shared.fronts, 0.5, (0.0, 0.0))
+    own, other = 0, int(np.flatnonzero(nodes.front == 1)[0])
+    present = Route(own, 1)
+    ways = [Route(own, 1, 0.0, 4, NEVER, other), Route(other, 1, 60.0)]
+    turned = [Route(own, -1, 20.0, 4, NEVER, other), Route(own, -1, 20.0)]
+    assert all(planner._is_hop(way, present, own, nodes) for way in ways)
+    assert not any(planner._is_hop(way, present, own, nodes) for way in turned)
+
+
 def test_the_second_vehicle_takes_over_what_the_first_does_not_visit() -> None:
     team = planners(2)
     both = (circle(60.0, 60.0, 15.0, unseen_s=1800.0), circle(60.0, 120.0, 15.0, unseen_s=1800.0))

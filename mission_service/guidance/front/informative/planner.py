@@ -226,10 +226,14 @@ class InformativePlanner:
         return found or self._decision(False, cost_on, cost_back)
 
     def _is_hop(self, way: Route, present: Route, own: int, nodes: FrontNodes) -> bool:
-        """Return whether a route flies to another front, or on to the front of the current hop."""
+        """Return whether a route leads to another front without a turn back on the present front.
+
+        During a hop, return whether a route leads to the front of the hop.
+        """
         if self._hops:
             return bool(nodes.front[way.start] == nodes.front[present.start])
-        return way.hop >= 0 or bool(nodes.front[way.start] != nodes.front[own])
+        turns_back = way.direction != present.direction
+        return bool(nodes.front[way.start] != nodes.front[own]) or (way.hop >= 0 and not turns_back)
 
     def _ways(self, own: int, direction: int, situation: Situation) -> list[Route]:
         """Return the routes to compare with the current one."""
