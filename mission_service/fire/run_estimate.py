@@ -261,9 +261,13 @@ class RunEstimate:
         return self.fronts_at(fix)
 
     def fronts_at(self, fix: Telemetry) -> FrontsEstimated | None:
-        """Return the result of ``fronts``, even if no update is due."""
+        """Return the result of ``fronts``, even if no update is due.
+
+        The fronts are those at the time of the latest event, which may be another vehicle's: a read
+        may have advanced the fire to this time already.
+        """
         self._on_time(fix)
-        if not self._catch_up(fix.at_us):
+        if not self._catch_up(self._latest_us):
             return None
         return FrontsEstimated(fix.at_us, fix.vehicle, self._best.estimated_fronts())
 
