@@ -68,7 +68,8 @@ def front_lines(fire: Fire, seen_s: Floats, learned: LearnedInputs) -> list[Fron
         speed_m_s = learned.speeds_m_s(parts, fire.weather, at_s)
         ground = behind(arrival_s, seen_s, row, col, parts)
         last_s = np.clip(last_seen_s(ground), begun_s, at_s)
-        advance_m = advance_cells(ground, last_s) * cell_m
+        expected_cells = speed_m_s * (at_s - last_s) / cell_m
+        advance_m = advance_cells(ground, last_s, expected_cells) * cell_m
         found.append(FrontLine(inner, row, col, parts, speed_m_s, at_s - last_s, advance_m))
     return found
 
@@ -144,10 +145,14 @@ def last_seen_s(ground: Behind) -> Floats:
     return np.asarray(maximum_filter1d(found_s, 2 * BESIDE + 1, mode="wrap"))
 
 
-def advance_cells(ground: Behind, since_s: Floats) -> Floats:
-    """Return the distance (n) by which the parts of a front have advanced since times (n)."""
-    nearer = np.count_nonzero(ground.burned_s > since_s, axis=0)
-    return np.maximum(nearer - 1.0, 0.0)
+def advance_cells(ground: Behind, since_s: Floats, expected_cells: Floats) -> Floats:
+    """Return the distance (n) by which the parts of a front have advanced since times (n).
+
+    The ground behind the front shows this distance within a cell; within this range the result is
+    the distance expected from the present speed.
+    """
+    shown = np.count_nonzero(ground.burned_s > since_s, axis=0) - 1.0
+    return np.clip(expected_cells, np.maximum(shown - 1.0, 0.0), shown + 1.0)
 
 
 class FrontDistances(NamedTuple):

@@ -12,19 +12,20 @@ from mission_service.vehicles.vehicle_state import Vehicle
 
 AIRSPEED = "airspeed"
 DIFFERENCE_M_S, DIFFERENCE_SHARE = 2.0, 0.15  # tolerance: the larger of the speed and the fraction
-LASTS_S = 60.0  # longer than the differences in climbs and turns
+LASTS_S = 90.0  # longer than the differences in climbs and turns
 
 
 def airspeed_compared(vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
     """Raise or clear the alarm about an airspeed that differs from the commanded one.
 
     The alarm is raised when the difference has lasted ``LASTS_S`` in the mission, and cleared when
-    the difference or the mission has ended.
+    the difference or the mission has ended. Missions command the airspeed after the takeoff.
     """
     commanded_m_s, measured_m_s = vehicle.section.airspeed_m_s, vehicle.airspeed_m_s
     availability = vehicle.availability
     led = availability.airborne and not (availability.on_ground or availability.taken_over)
     in_mission = led and (availability.mode == MISSION or availability.held_by_upload)
+    in_mission &= not vehicle.takes_off
     if vehicle.section.kind != "plane" or measured_m_s is None or not in_mission:
         return _compared_equal(vehicle)
     if abs(measured_m_s - commanded_m_s) <= max(DIFFERENCE_M_S, DIFFERENCE_SHARE * commanded_m_s):

@@ -70,10 +70,12 @@ from mission_service.fire.sightings import Mosaic, Sightings
 from mission_service.fire.source_agreement import SourceAgreement
 
 PERIOD_US = 30_000_000  # images are written into the estimate at multiples of this mission time
+# In this time a vehicle flies about as far as its camera sees ahead. With a longer time, vehicles
+# fly around a front that their cameras have already shown to be wrong.
+FRONTS_EVERY_US = 10_000_000
 # Images that are older than the last written period by more than this are inserted at their time.
 LATE_US = 10_000_000
 AHEAD_US = 5_000_000
-FRONTS_EVERY_US = 20_000_000
 MAX_REPORTS = 64  # observations that are queued for the thread; further observations are refused
 MAX_WAITING = 20  # queued periods; of more, images are written even if nothing reads the estimate
 OBSERVATIONS = (FireObserved, RasterObserved)
@@ -110,6 +112,7 @@ class RunEstimate:
         no_cameras = scenario.simulation.fire is None or scenario.passes_image_files
         self._gives_views = no_cameras and self._accepts_reports
         self._gives_fronts = scenario.way.reads_fronts
+        self._period_us = FRONTS_EVERY_US if self._gives_fronts else PERIOD_US
         self._fronts_due_us = -(2**63)
         self._images = Sightings(landscape.shape)  # of the current period
         self._due_us: int | None = None  # end of the period of these images
@@ -258,9 +261,13 @@ class RunEstimate:
         return self.fronts_at(fix)
 
     def fronts_at(self, fix: Telemetry) -> FrontsEstimated | None:
-        """Return the result of ``fronts``, even if no update is due."""
+        """Return the result of ``fronts``, even if no update is due.
+
+        The fronts are those at the time of the latest event, which may be another vehicle's: a read
+        may have advanced the fire to this time already.
+        """
         self._on_time(fix)
-        if not self._catch_up(fix.at_us):
+        if not self._catch_up(self._latest_us):
             return None
         return FrontsEstimated(fix.at_us, fix.vehicle, self._best.estimated_fronts())
 
@@ -404,7 +411,7 @@ class RunEstimate:
             return
         self._images.add(seen)
         if self._due_us is None:
-            self._due_us = self._latest_us - self._latest_us % PERIOD_US + PERIOD_US
+            self._due_us = self._latest_us - self._latest_us % self._period_us + self._period_us
         if len(self._waiting) > MAX_WAITING:
             self._catch_up(self._latest_us)
 

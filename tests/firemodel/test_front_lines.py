@@ -117,3 +117,25 @@ def test_a_sighting_shows_the_parts_beside_it_but_not_the_next_ones() -> None:
     away = np.hypot(front.row[seen] - front.row[number], front.col[seen] - front.col[number])
     assert seen.size >= 3
     assert (away <= 3.0).all()
+
+
+def test_a_front_beside_an_unburned_cell_is_seen() -> None:
+    """Behind the front there may be islands of one cell, which have no front of their own."""
+    fire = even_fire(CELLS, (MIDDLE, MIDDLE), until_s=0.0)
+    (front,) = fronts(fire)
+    now_s = fire.time_s
+    arrival_s = np.where(fire.arrival_time_s <= now_s, fire.arrival_time_s, np.inf)
+    seen_s = np.full((CELLS, CELLS), now_s - 1.0)
+    for back in (0.0, 1.0):  # behind the first point
+        row = round(float(front.row[0] + back * front.ahead.north[0]))
+        col = round(float(front.col[0] - back * front.ahead.east[0]))
+        arrival_s[row, col] = np.inf
+    found = last_seen_s(behind(arrival_s, seen_s, front.row, front.col, front.ahead))
+    assert found[0] == now_s - 1.0
+
+
+def test_a_front_is_not_seen_by_an_earlier_sighting_of_ground_ahead_of_it() -> None:
+    fire = even_fire(CELLS, (MIDDLE, MIDDLE), until_s=0.0)
+    seen_s = np.where(fire.burned(), -np.inf, 0.5 * fire.time_s)
+    (front,) = fronts(fire, seen_s)
+    assert (front.unseen_s > 0.9 * fire.time_s).all()

@@ -10,11 +10,12 @@ import pytest
 
 from autopilot_bridge.items import MissionItem
 from mission_service.commands import DirectionDecision
+from mission_service.config.scenario import load_scenario
 from mission_service.events import Telemetry
 from mission_service.replay.flights.batch import analysis_of, analysis_with_fire
 from mission_service.replay.flights.direction_of_travel import Span, differing, turns
 from mission_service.replay.flights.drop_comparison import Done, Planned, compared, planned_in
-from mission_service.replay.flights.fire_analysis import fire_analysis
+from mission_service.replay.flights.fire_analysis import circles_one_front, fire_analysis
 from mission_service.replay.flights.flight_logs import flight_of
 from mission_service.replay.flights.journal_log import JournalLog
 from mission_service.replay.flights.report_page import write_report
@@ -38,6 +39,17 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     )
     simulate(flown, folder / "journal.jsonl", "today")
     return folder
+
+
+@pytest.mark.parametrize(
+    ("rule", "circles"),
+    [("predictive", True), ("team.balanced", True), ("informative", False)],
+)
+def test_only_flights_around_one_front_have_a_direction_around_the_fire(
+    rule: str, circles: bool
+) -> None:
+    """Two fires have no common middle, and a vehicle in a bay flies both ways around it."""
+    assert circles_one_front(load_scenario("team", (f"planner.rule={rule}",))) == circles
 
 
 def test_the_figures_of_a_run_are_those_of_its_journal(run: Path) -> None:

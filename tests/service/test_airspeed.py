@@ -17,7 +17,7 @@ CRUISE_M_S = 22.0  # the airspeed of an autopilot without an airspeed command
 
 
 def flown(
-    path: Path, monkeypatch: pytest.MonkeyPatch, stack: str, min_m_s: float
+    path: Path, monkeypatch: pytest.MonkeyPatch, stack: str, **limits: float
 ) -> tuple[list[float], list[RaiseAlarm | ClearAlarm], list[str]]:
     """Return the airspeeds after two minutes of flight, the alarms about them, and the modes."""
     ordinary = sim.mock_of
@@ -25,7 +25,7 @@ def flown(
     def mock_of(*given: object) -> object:
         mock = ordinary(*given)  # type: ignore[arg-type]
         mock.flight.change_cruise(CRUISE_M_S)
-        mock.flight.limits = replace(mock.flight.limits, min_airspeed_m_s=min_m_s)
+        mock.flight.limits = replace(mock.flight.limits, **limits)
         return mock
 
     monkeypatch.setattr(sim, "mock_of", mock_of)
@@ -46,7 +46,7 @@ def flown(
 def test_missions_are_flown_at_the_airspeed_of_the_scenario(
     stack: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    measured, alarms, modes = flown(tmp_path / "j.jsonl", monkeypatch, stack, min_m_s=10.0)
+    measured, alarms, modes = flown(tmp_path / "j.jsonl", monkeypatch, stack, min_airspeed_m_s=10.0)
     assert "mission" in modes
     assert measured[-1] == pytest.approx(15.0, abs=1.0)
     assert len(measured) < 10  # reported only on a change
@@ -57,8 +57,18 @@ def test_missions_are_flown_at_the_airspeed_of_the_scenario(
 def test_an_airspeed_that_the_vehicle_does_not_fly_raises_an_alarm(
     stack: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    measured, alarms, _ = flown(tmp_path / "j.jsonl", monkeypatch, stack, min_m_s=18.0)
+    measured, alarms, _ = flown(tmp_path / "j.jsonl", monkeypatch, stack, min_airspeed_m_s=18.0)
     assert measured[-1] == pytest.approx(CRUISE_M_S, abs=1.0)
     (alarm,) = alarms
     assert isinstance(alarm, RaiseAlarm)
     assert "flies 22 m/s through the air, but its missions command 15" in alarm.text
+
+
+def test_the_airspeed_of_a_long_takeoff_raises_no_alarm(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A mission commands the airspeed after the takeoff, which takes 150 s here."""
+    measured, alarms, _ = flown(tmp_path / "j.jsonl", monkeypatch, "px4", climb_m_s=1.0)
+    assert max(measured) == pytest.approx(CRUISE_M_S, abs=1.0)
+    assert measured[-1] == pytest.approx(15.0, abs=1.0)
+    assert not alarms

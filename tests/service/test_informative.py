@@ -102,6 +102,18 @@ def test_a_second_fire_that_was_not_seen_for_long_is_visited() -> None:
     assert np.hypot(path[:, 0] - 60.0, path[:, 1] - 130.0).min() < 16.0
 
 
+def test_a_flight_to_another_fire_begins_ahead_of_the_vehicle() -> None:
+    """A path from the vehicle's position would lead back as soon as the vehicle has moved on."""
+    planner = planners()["uav0"]
+    near, far = circle(60.0, 60.0, 15.0), circle(60.0, 130.0, 15.0, unseen_s=3600.0)
+    planner.on_fronts(event(10.0, near, far))
+    planner.at(60.0, 76.0, 20.0)
+    for col in (76.0, 112.0):
+        path = planner.path(60.0, col)
+        assert math.dist(path[0], (60.0, col)) >= min(planner.settings.path.lookahead_cells, 3.0)
+        assert path[0, 1] > col
+
+
 def test_a_flight_between_fires_does_not_cross_burned_ground() -> None:
     planner = planners()["uav0"]
     near, far = circle(60.0, 60.0, 15.0), circle(60.0, 130.0, 15.0, unseen_s=3600.0)
@@ -110,6 +122,33 @@ def test_a_flight_between_fires_does_not_cross_burned_ground() -> None:
     path = planner.path(61.0, 45.0)
     inside = np.hypot(path[:, 0] - 60.0, path[:, 1] - 60.0) < 14.0
     assert not inside.any()
+
+
+def test_a_flight_to_another_fire_is_not_given_up_for_a_small_gain() -> None:
+    """The errors of the first fire have grown past those of the second, which is nearer now."""
+    planner = planners()["uav0"]
+    near, far = circle(60.0, 60.0, 15.0), circle(60.0, 130.0, 15.0, unseen_s=900.0)
+    planner.on_fronts(event(10.0, near, far))
+    planner.at(60.0, 76.0, 20.0)
+    planner.at(60.0, 100.0, 30.0)
+    again = circle(60.0, 60.0, 15.0, unseen_s=2700.0)
+    planner.on_fronts(event(40.0, again, far))
+    planner.at(60.0, 101.0, 41.0)
+    path = planner.path(60.0, 101.0)
+    assert np.hypot(path[:, 0] - 60.0, path[:, 1] - 130.0).min() < 16.0
+
+
+def test_a_turn_back_before_a_flight_to_another_fire_must_save_half_of_the_cost() -> None:
+    planner = planners()["uav0"]
+    near, far = circle(60.0, 60.0, 15.0), circle(60.0, 130.0, 15.0, unseen_s=900.0)
+    planner.on_fronts(event(10.0, near, far))
+    nodes = nodes_of(planner._shared.fronts, 0.5, (0.0, 0.0))
+    own, other = 0, int(np.flatnonzero(nodes.front == 1)[0])
+    present = Route(own, 1)
+    ways = [Route(own, 1, 0.0, 4, NEVER, other), Route(other, 1, 60.0)]
+    turned = [Route(own, -1, 20.0, 4, NEVER, other), Route(own, -1, 20.0)]
+    assert all(planner._is_hop(way, present, own, nodes) for way in ways)
+    assert not any(planner._is_hop(way, present, own, nodes) for way in turned)
 
 
 def test_the_second_vehicle_takes_over_what_the_first_does_not_visit() -> None:

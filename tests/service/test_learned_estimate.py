@@ -7,7 +7,7 @@ import pytest
 
 from mission_service.config.fire_sections import Ignition, LandscapeSection, WeatherEntry
 from mission_service.config.scenario import Scenario, load_scenario
-from mission_service.events import Observed, WindSet
+from mission_service.events import Observed, Telemetry, WindSet
 from mission_service.fire.observed_window import in_letters
 from mission_service.fire.run_estimate import RunEstimate
 from mission_service.fire.scenario_fire import fire_of, landscape_of
@@ -103,3 +103,41 @@ def test_fire_behind_ground_seen_unburned_is_removed() -> None:
     estimate.advance(at_us + 60 * US)
     assert not estimate.fire.burned()[middle, middle + 4 :].any()
     assert estimate.fire.burned()[middle, middle]
+
+
+def for_fronts() -> RunEstimate:
+    """Return the estimate of a run whose planners use fronts."""
+    settings = scenario()
+    planner = settings.planner.model_copy(update={"rule": "informative"})
+    changed = settings.model_copy(update={"planner": planner})
+    return RunEstimate(changed, landscape_of(settings))
+
+
+def position(name: str, at_us: int) -> Telemetry:
+    """Return a position over the middle of the fire."""
+    return Telemetry(at_us, name, LAT_DEG, LON_DEG, 300.0, 150.0, 15.0, 0.0, 0.0)
+
+
+def test_fronts_for_planners_follow_images_within_ten_seconds() -> None:
+    """In this time, a vehicle flies about as far as its camera sees ahead."""
+    estimate = for_fronts()
+    begun_us = 3601 * US
+    middle = CELLS // 2
+    estimate.advance(begun_us)
+    reach = int(np.nonzero(estimate.fire.burned()[middle])[0].max())
+    estimate.on_event(Observed(begun_us, "hawk", middle - 2, reach, ("b" * 8 + "u" * 3,) * 5))
+    found = estimate.fronts(position("hawk", begun_us + 10 * US))
+    assert found is not None
+    assert max(found.fronts[0].cols) == pytest.approx(reach + 7.5, abs=0.7)
+
+
+def test_fronts_at_an_earlier_position_of_a_second_vehicle_do_not_depend_on_reads() -> None:
+    found = []
+    for reads in (False, True):
+        estimate = for_fronts()
+        estimate.on_event(position("kite", 3605 * US))
+        if reads:
+            estimate.advance(3605 * US)
+        found.append(estimate.fronts(position("hawk", 3600 * US)))
+    assert found[0] is not None
+    assert found[0] == found[1]

@@ -90,6 +90,20 @@ class FireAnalysis:
         """Whether the scenario's planners fly along a front."""
         return way_of(self.scenario).along_front
 
+    @property
+    def circles_one_front(self) -> bool:
+        """Whether each vehicle flies around one front, so that it has a direction around it."""
+        return circles_one_front(self.scenario)
+
+
+def circles_one_front(scenario: Scenario) -> bool:
+    """Return whether the planners of a scenario fly around one front, without bays and fingers.
+
+    Other planners fly from front to front, and along bays, in any direction around the fire.
+    """
+    way = way_of(scenario)
+    return way.along_front and not way.reads_fronts
+
 
 def fire_analysis(log: JournalLog) -> FireAnalysis:
     """Replay a journal. Raises JournalError if its landscape is not available.

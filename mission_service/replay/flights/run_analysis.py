@@ -123,7 +123,7 @@ def _vehicle(flown: Flown, run: RunAnalysis) -> VehicleAnalysis:
     analysis = VehicleAnalysis(flown, track)
     if not len(track):
         return analysis
-    if run.fire is None or run.fire.follows_front:
+    if run.fire is None or run.fire.circles_one_front:
         _find_directions(analysis, run)
     by_mission = [
         TurnedBack(at_us, *analysis.place_at(at_us), "its mission went back to an earlier item")

@@ -106,7 +106,7 @@ def _vehicle(run: RunAnalysis, vehicle: VehicleAnalysis) -> dict[str, Any]:
             [round(run.since_s(span.from_us), 1), round(run.since_s(span.to_us), 1)]
             for span in vehicle.differs
         ],
-        "differs_s": round(differs_us / 1e6, 1) if on_front else None,
+        "differs_s": round(differs_us / 1e6, 1) if fire and fire.circles_one_front else None,
         "distance_error_mean_m": _mean([mean for _, mean, _ in errors]),
         "distance_error_worst_m": _worst([worst for _, _, worst in errors]),
         **_missions(fire, name),

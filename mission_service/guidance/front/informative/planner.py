@@ -56,7 +56,8 @@ Floats = NDArray[np.float64]
 
 # Fractions of the cost that another route must save: a route on the same front, and a route to
 # another front. On the same front, a small fraction causes turns due to errors of the estimate
-# (benchmarks.informative_routes).
+# (benchmarks.informative_routes). A vehicle on the way to another front must save MARGIN_TURN to
+# fly to a third front, or back.
 MARGIN_TURN, MARGIN_HOP = 0.5, 0.1
 MAX_WIND = 0.95  # maximum wind speed in plans, as a fraction of the airspeed
 MAX_LAP = 5.0 / 6.0  # longest path along one front, in laps; a whole lap would end at its start
@@ -208,7 +209,7 @@ class InformativePlanner:
         present = self._present(own, direction, nodes)
         ways = self._ways(own, direction, situation)
         costs = evaluate([present, *ways], situation).costs
-        hops = [nodes.front[way.start] != nodes.front[own] or way.hop >= 0 for way in ways]
+        hops = [self._is_hop(way, present, own, nodes) for way in ways]
         needed = 1.0 - np.where(hops, MARGIN_HOP, MARGIN_TURN)
         best = int((costs[1:] / needed).argmin()) + 1
         chosen = present
@@ -223,6 +224,16 @@ class InformativePlanner:
             self._name, np.column_stack([nodes.row[at], nodes.col[at], at_s + visits[:, 1]])
         )
         return found or self._decision(False, cost_on, cost_back)
+
+    def _is_hop(self, way: Route, present: Route, own: int, nodes: FrontNodes) -> bool:
+        """Return whether a route leads to another front without a turn back on the present front.
+
+        During a hop, return whether a route leads to the front of the hop.
+        """
+        if self._hops:
+            return bool(nodes.front[way.start] == nodes.front[present.start])
+        turns_back = way.direction != present.direction
+        return bool(nodes.front[way.start] != nodes.front[own]) or (way.hop >= 0 and not turns_back)
 
     def _ways(self, own: int, direction: int, situation: Situation) -> list[Route]:
         """Return the routes to compare with the current one."""
@@ -309,7 +320,10 @@ class InformativePlanner:
     # The path -------------------------------------------------------------------------------------
 
     def path(self, row: float, col: float) -> Floats:
-        """Return the path to fly along the front ahead: an array (n, 2) with row and column."""
+        """Return the path to fly along the front ahead: an array (n, 2) with row and column.
+
+        The path begins at the lookahead distance, so that a vehicle in a turn need not fly back.
+        """
         fronts, settings = self._shared.fronts, self.settings
         if not fronts:
             return np.empty((0, 2))
@@ -324,8 +338,9 @@ class InformativePlanner:
         if hop is not None and flown < horizon:
             start = parts[-1][-1] if parts and len(parts[-1]) else np.array([row, col])
             goal = np.array([hop.row, hop.col])
-            parts.append(leg(start, goal, self._shared.unburned()))
-            flown += float(lengths_along(parts[-1])[-1])
+            way = leg(start, goal, self._shared.unburned())
+            parts.append(way if parts else beyond(way, settings.path.lookahead_cells))
+            flown += float(lengths_along(way)[-1])
             front = fronts[self._nearest(hop.row, hop.col)[0]]
             rest = max(horizon - flown, 2.0 * settings.path.lookahead_cells)
             parts.append(self._along(front, (hop.row, hop.col), hop.clockwise, rest))
@@ -369,6 +384,15 @@ class InformativePlanner:
         np.maximum.at(distance, bearing, np.hypot(north, east))
         known = np.flatnonzero(distance)
         return np.interp(np.arange(BEARINGS), known, distance[known], period=BEARINGS)
+
+
+def beyond(way: Floats, distance_cells: float) -> Floats:
+    """Return the part of a way (n, 2) beyond a distance from its start; at least its end."""
+    along = lengths_along(way)
+    if distance_cells >= along[-1]:
+        return way[-1:]
+    first = [np.interp(distance_cells, along, column) for column in way.T]
+    return np.array([first, *way[along > distance_cells]])
 
 
 def node_at(nodes: FrontNodes, front: int, point: int) -> int:
