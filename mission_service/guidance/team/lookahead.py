@@ -67,6 +67,7 @@ class Horizon(NamedTuple):
 class Moves(NamedTuple):
     """The changes to a plan (in cells) that ``improve`` tries, and work arrays for ``improve``."""
 
+    onward: Integers  # lengths of a flight onward before a turn back
     backs: Integers  # lengths of a flight back
     shifts: Integers  # delays of a turn
     kept: Integers  # (LEGS)
@@ -187,12 +188,21 @@ def _tried(nodes, start, legs, span, room, vehicle, best, best_cost):  # type: i
 
 
 @kernel
-def _turn_back_now(plan, kept, back):  # type: ignore[no-untyped-def]
-    """Insert two turns at the beginning of a plan, with a leg of ``back`` cells between them."""
-    plan[0], plan[1] = 0, back
-    plan[2] = min(kept[0] + back, NEVER)
+def _turn_back(plan, kept, onward, back):  # type: ignore[no-untyped-def]
+    """Insert two turns after ``onward`` cells, with a leg of ``back`` cells between them.
+
+    With a leg of ``NEVER`` cells there is no second turn. Returns False if the plan turns earlier.
+    """
+    if onward > 0 and onward >= kept[0]:
+        return False
+    plan[0], plan[1] = onward, back
+    plan[2] = min(kept[0] - onward + back, NEVER)
     for leg in range(3, LEGS):  # the last two legs are repeated
         plan[leg] = kept[leg - 2]
+    if back >= NEVER:
+        for leg in range(2, LEGS):
+            plan[leg] = NEVER
+    return True
 
 
 @kernel
@@ -237,10 +247,11 @@ def improve(nodes, start, legs, span, room, vehicle, moves, margin):  # type: ig
     first = roll_out(nodes, start, legs, span, room)
     best_cost = first
     count = 1
-    for back in moves.backs:
-        _turn_back_now(plan, kept, back)
-        best_cost = _tried(nodes, start, legs, span, room, vehicle, best, best_cost)
-        count += 1
+    for onward in moves.onward:
+        for back in moves.backs:
+            if _turn_back(plan, kept, onward, back):
+                best_cost = _tried(nodes, start, legs, span, room, vehicle, best, best_cost)
+                count += 1
     for turn in range(3):
         if kept[turn] >= NEVER:
             break
