@@ -7,7 +7,8 @@ spread: all vehicles lap, all lap and return on a fast arc, or some sweep the ar
 pattern with even gaps and visits the cells that have not been seen for long.
 
 Each decision tries only a few plans, and keeps the current pattern and plan unless another pattern
-or plan is better by a margin.
+or plan is better by a margin. On a ring that grows fast, all vehicles lap, and only the second
+search remains: with a shorter simulation, because the fire soon changes, and with more plans.
 """
 
 from typing import Literal
@@ -23,10 +24,10 @@ from mission_service.guidance.team.lookahead import (
     Floats,
     Horizon,
     Integers,
-    Moves,
     Nodes,
     StartState,
     improve,
+    moves_of,
     workspace_for,
 )
 from mission_service.guidance.team.patterns import (
@@ -44,24 +45,28 @@ from mission_service.guidance.team.patterns import (
 )
 
 NODES = 256  # maximum number of nodes of the ring for roll-outs
-ONWARD = (0, 2, 6, 16, 40)  # cells to fly before a turn back
-BACKS = (1, 2, 4, 8, 16, 32, 64, NEVER)  # cells to fly back
+BACKS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)  # cells to fly back before the next turn
 SHIFTS = (-8, -4, -2, -1, 1, 2, 4, 8)  # cells by which a turn is delayed
+# The same on a ring that grows fast, and the cells to fly onward before a turn back.
+FAR_ONWARD = (0, 1, 2, 4, 6, 8, 12, 16, 24, 32, 48, 64)
+FAR_BACKS = (*BACKS, 48, 64, 96, NEVER)
+FAR_SHIFTS = (-32, -16, *SHIFTS, 16, 32)
 # Length of the first part of a roll-out (in laps, or in periods of a pattern with an arc), and the
 # additional weight of the lap or period that follows. A larger weight equalises gaps sooner, but
 # too large a weight defers every gain.
 AHEAD_LAPS, LATE_TIMES = 0.5, 3.0
 AHEAD_ON_ARCS, LATE_ON_ARCS = 1.0, 1.0
 # If the ring grows by more than this share in the time of one lap, even gaps would not last: all
-# vehicles lap, and a roll-out has the length of some gaps between two vehicles, in one part.
+# vehicles lap, a roll-out has the length of some gaps between two vehicles, in one part, and every
+# decision tries more plans.
 MAX_GROWTH, GAPS_AHEAD = 0.1, 3.0
 # Fraction of the cost that another plan must save, in laps and on an arc.
 MARGIN, MARGIN_ON_ARCS = 4e-3, 1e-3
 # Fraction of the cost with even spacing that another pattern must save.
 PATTERN_MARGIN = 0.03
-PATTERN_SEARCHES = 8  # number of searches for a better pattern in the time of one lap
-PLAN_SEARCHES = 120  # number of searches for a better plan of a vehicle in the time of a roll-out
-SEARCH_S = 2.0  # minimum time between two searches
+# Number of searches in the time of one lap, and the minimum time between two searches.
+PATTERN_SEARCHES, PLAN_SEARCHES = 8, 60  # for a better pattern, for a better plan of a vehicle
+SEARCH_S = 2.0
 
 Importance = Literal["linear", "exponential"]
 
@@ -73,13 +78,8 @@ class Balanced:
         """Set the importance function and ``turn_s``, the duration of a turn back."""
         self._turn_s = turn_s
         self._linear = importance == "linear"
-        self._moves = Moves(
-            np.array(ONWARD),
-            np.array(BACKS),
-            np.array(SHIFTS),
-            np.empty(LEGS, np.int64),
-            np.empty(LEGS, np.int64),
-        )
+        self._moves = moves_of((0,), BACKS, SHIFTS)
+        self._far_moves = moves_of(FAR_ONWARD, FAR_BACKS, FAR_SHIFTS)
         self._ring: FrontRing | None = None
         self._pattern = LAPS
         self._next_pattern_s = -np.inf
@@ -110,7 +110,8 @@ class Balanced:
             self._next_pattern_s = at_s + max(SEARCH_S, self._lap_s / PATTERN_SEARCHES)
             self._choose_pattern(fleet, at_s)
         self._goal[which], self._due_s[which] = fleet.cell[which], at_s
-        if at_s >= self._searched_s[which] + max(SEARCH_S, self._horizon().end_s / PLAN_SEARCHES):
+        every_s = 0.0 if self._grows_fast else self._lap_s / PLAN_SEARCHES
+        if at_s >= self._searched_s[which] + max(SEARCH_S, every_s):
             self._searched_s[which] = at_s
             self._improve(fleet, which, at_s)
         return self._advance(which, ring, fleet, at_s)
@@ -290,7 +291,7 @@ class Balanced:
             self._turn_s,
         )
         span = self._horizon()
-        moves, margin = self._moves, MARGIN
+        moves, margin = self._far_moves if self._grows_fast else self._moves, MARGIN
         if self._serves(which):
             moves, margin = moves._replace(backs=moves.backs[:0]), MARGIN_ON_ARCS
         self.rollouts += improve(nodes, start, self._legs, span, self._room, which, moves, margin)

@@ -7,6 +7,7 @@ changes only one node. Therefore the computing time of a roll-out is proportiona
 nodes plus the number of steps of the vehicles.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -72,6 +73,17 @@ class Moves(NamedTuple):
     shifts: Integers  # delays of a turn
     kept: Integers  # (LEGS)
     best: Integers  # (LEGS)
+
+
+def moves_of(onward: Sequence[int], backs: Sequence[int], shifts: Sequence[int]) -> Moves:
+    """Return the moves with these lengths in cells, and work arrays."""
+    return Moves(
+        np.array(onward, np.int64),
+        np.array(backs, np.int64),
+        np.array(shifts, np.int64),
+        np.zeros(LEGS, np.int64),
+        np.zeros(LEGS, np.int64),
+    )
 
 
 def workspace_for(nodes: int, vehicles: int) -> Workspace:
@@ -196,7 +208,7 @@ def _turn_back(plan, kept, onward, back):  # type: ignore[no-untyped-def]
     if onward > 0 and onward >= kept[0]:
         return False
     plan[0], plan[1] = onward, back
-    plan[2] = min(kept[0] - onward + back, NEVER)
+    plan[2] = NEVER if kept[0] >= NEVER else min(kept[0] - onward + back, NEVER)
     for leg in range(3, LEGS):  # the last two legs are repeated
         plan[leg] = kept[leg - 2]
     if back >= NEVER:
@@ -236,10 +248,10 @@ def _leave_out_turns(plan, kept):  # type: ignore[no-untyped-def]
 def improve(nodes, start, legs, span, room, vehicle, moves, margin):  # type: ignore[no-untyped-def]
     """Replace the plan of one vehicle if another plan is cheaper by the share ``margin``.
 
-    The other plans fly back now for a number of cells in ``moves.backs``, delay one of the next
-    three turns by a number of cells in ``moves.shifts``, or omit the next two turns. ``legs``
-    (k, LEGS) holds the plans; only the row of ``vehicle`` is changed. Returns the number of
-    roll-outs.
+    The other plans fly onward for a number of cells in ``moves.onward`` and then back for a number
+    of cells in ``moves.backs``, delay one of the next three turns by a number of cells in
+    ``moves.shifts``, or omit the next two turns. ``legs`` (k, LEGS) holds the plans; only the row
+    of ``vehicle`` is changed. Returns the number of roll-outs.
     """
     kept, best, plan = moves.kept, moves.best, legs[vehicle]
     for leg in range(LEGS):
