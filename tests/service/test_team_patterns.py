@@ -148,3 +148,14 @@ def test_an_arc_moves_with_its_cells() -> None:
     onward = np.arange(0, 200, 2) + 10  # each cell becomes two
     assert on_new_ring(Pattern(90, 20, 2, 0), onward, 200) == Pattern(190, 40, 2, 0)
     assert on_new_ring(LAPS, onward, 200) == LAPS
+
+
+@pytest.mark.parametrize(("longer", "laps"), [(1.0, False), (1.02, False), (1.3, True)])
+def test_no_arc_is_served_on_a_ring_that_grows_fast(longer: float, laps: bool) -> None:
+    case = arc(4)
+    same, rule, lap_s = np.ones(case.cells), Balanced(), case.cells * CELL_M / SPEED_M_S
+    fleet = ActiveFleet(np.arange(4), np.arange(0, 60, 15), np.ones(4, bool), np.full(4, SPEED_M_S))
+    for grown, at_s in ((1.0, 0.0), (longer, lap_s)):
+        ring = FrontRing(grown * CELL_M * same, hot_rates(case), 0.0 * same)
+        rule.decide(ring, fleet, 0, at_s)
+    assert (rule._pattern == LAPS) == laps

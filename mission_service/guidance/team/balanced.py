@@ -7,7 +7,8 @@ spread: all vehicles lap, all lap and return on a fast arc, or some sweep the ar
 pattern with even gaps and visits the cells that have not been seen for long.
 
 Each decision tries only a few plans, and keeps the current pattern and plan unless another pattern
-or plan is better by a margin.
+or plan is better by a margin. On a ring that grows fast, all vehicles lap, and only the second
+search remains: with a shorter simulation, because the fire soon changes, and with more plans.
 """
 
 from typing import Literal
@@ -23,10 +24,10 @@ from mission_service.guidance.team.lookahead import (
     Floats,
     Horizon,
     Integers,
-    Moves,
     Nodes,
     StartState,
     improve,
+    moves_of,
     workspace_for,
 )
 from mission_service.guidance.team.patterns import (
@@ -46,11 +47,19 @@ from mission_service.guidance.team.patterns import (
 NODES = 256  # maximum number of nodes of the ring for roll-outs
 BACKS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32)  # cells to fly back before the next turn
 SHIFTS = (-8, -4, -2, -1, 1, 2, 4, 8)  # cells by which a turn is delayed
+# The same on a ring that grows fast, and the cells to fly onward before a turn back.
+FAR_ONWARD = (0, 1, 2, 4, 6, 8, 12, 16, 24, 32, 48, 64)
+FAR_BACKS = (*BACKS, 48, 64, 96, NEVER)
+FAR_SHIFTS = (-32, -16, *SHIFTS, 16, 32)
 # Length of the first part of a roll-out (in laps, or in periods of a pattern with an arc), and the
 # additional weight of the lap or period that follows. A larger weight equalises gaps sooner, but
 # too large a weight defers every gain.
 AHEAD_LAPS, LATE_TIMES = 0.5, 3.0
 AHEAD_ON_ARCS, LATE_ON_ARCS = 1.0, 1.0
+# If the ring grows by more than this share in the time of one lap, even gaps would not last: all
+# vehicles lap, a roll-out has the length of some gaps between two vehicles, in one part, and every
+# decision tries more plans.
+MAX_GROWTH, GAPS_AHEAD = 0.1, 3.0
 # Fraction of the cost that another plan must save, in laps and on an arc.
 MARGIN, MARGIN_ON_ARCS = 4e-3, 1e-3
 # Fraction of the cost with even spacing that another pattern must save.
@@ -69,12 +78,13 @@ class Balanced:
         """Set the importance function and ``turn_s``, the duration of a turn back."""
         self._turn_s = turn_s
         self._linear = importance == "linear"
-        self._moves = Moves(
-            np.array(BACKS), np.array(SHIFTS), np.empty(LEGS, np.int64), np.empty(LEGS, np.int64)
-        )
+        self._moves = moves_of((0,), BACKS, SHIFTS)
+        self._far_moves = moves_of(FAR_ONWARD, FAR_BACKS, FAR_SHIFTS)
         self._ring: FrontRing | None = None
         self._pattern = LAPS
         self._next_pattern_s = -np.inf
+        self._grows_fast = False
+        self._first: tuple[float, float] | None = None  # first length of the ring in m, at time
         self.rollouts = 0
         self.turns = 0
         # For each vehicle (k): the member number, the cells to fly before each turn, the next cell,
@@ -98,9 +108,10 @@ class Balanced:
             self._set_team(members, fleet, at_s)
         if at_s >= self._next_pattern_s:
             self._next_pattern_s = at_s + max(SEARCH_S, self._lap_s / PATTERN_SEARCHES)
-            self._choose_pattern(fleet)
+            self._choose_pattern(fleet, at_s)
         self._goal[which], self._due_s[which] = fleet.cell[which], at_s
-        if at_s >= self._searched_s[which] + max(SEARCH_S, self._lap_s / PLAN_SEARCHES):
+        every_s = 0.0 if self._grows_fast else self._lap_s / PLAN_SEARCHES
+        if at_s >= self._searched_s[which] + max(SEARCH_S, every_s):
             self._searched_s[which] = at_s
             self._improve(fleet, which, at_s)
         return self._advance(which, ring, fleet, at_s)
@@ -153,20 +164,33 @@ class Balanced:
         power = 2.0 + rate_sum / cells
         return cells / power, power
 
-    def _choose_pattern(self, fleet: ActiveFleet) -> None:
+    def _growth(self, at_s: float) -> float:
+        """Return the share by which the ring grows in a lap, at its mean rate since the start."""
+        length_m = float(self._step_m.sum())
+        if self._first is None:
+            self._first = length_m, at_s
+        first_m, first_s = self._first
+        if at_s <= first_s:
+            return 0.0
+        return float(np.log(length_m / first_m)) * self._lap_s / (at_s - first_s)
+
+    def _choose_pattern(self, fleet: ActiveFleet, at_s: float) -> None:
         """Replace the pattern and all plans if another pattern is better by a margin."""
         team = fleet.member.size, float(fleet.speed_m_s.mean()), self._turn_s
         present = in_nodes(self._pattern, self._stride)
         cost = settled_cost(present, self._nodes, *team)
         best = best_pattern(self._nodes, *team)
         lapping = settled_cost(LAPS, self._nodes, *team)
-        if best.cost > (1.0 - PATTERN_MARGIN) * lapping:
+        self._grows_fast = self._growth(at_s) > MAX_GROWTH
+        if self._grows_fast or best.cost > (1.0 - PATTERN_MARGIN) * lapping:
             best = Choice(LAPS, lapping)
         wanted = in_cells(best.pattern, self._stride)
         if wanted.length and wanted.kind == self._pattern.kind:
             # The arc follows the front: a vehicle uses the new arc from its next turn on.
             self._pattern = wanted
-        elif best.cost < (1.0 - PATTERN_MARGIN) * cost:
+        elif wanted != self._pattern and (
+            self._grows_fast or best.cost < (1.0 - PATTERN_MARGIN) * cost
+        ):
             self._pattern = wanted
             self._plan_all()
 
@@ -266,17 +290,24 @@ class Balanced:
             fleet.speed_m_s,
             self._turn_s,
         )
+        span = self._horizon()
+        moves, margin = self._far_moves if self._grows_fast else self._moves, MARGIN
+        if self._serves(which):
+            moves, margin = moves._replace(backs=moves.backs[:0]), MARGIN_ON_ARCS
+        self.rollouts += improve(nodes, start, self._legs, span, self._room, which, moves, margin)
+
+    def _horizon(self) -> Horizon:
+        """Return the length of roll-outs for the present pattern and growth."""
+        if self._grows_fast:
+            end_s = GAPS_AHEAD * self._lap_s / len(self._members)
+            return Horizon(end_s, end_s, 0.0)
         period_s, ahead, late_times = self._lap_s, AHEAD_LAPS, LATE_TIMES
         if self._pattern.length:
             ahead, late_times = AHEAD_ON_ARCS, LATE_ON_ARCS
         if self._pattern.sweeping == 0:
             share = self._pattern.length / self._size()
             period_s += 2.0 * self._pattern.returns * (share * self._lap_s + self._turn_s)
-        span = Horizon((1.0 + ahead) * period_s, ahead * period_s, late_times)
-        moves, margin = self._moves, MARGIN
-        if self._serves(which):
-            moves, margin = moves._replace(backs=moves.backs[:0]), MARGIN_ON_ARCS
-        self.rollouts += improve(nodes, start, self._legs, span, self._room, which, moves, margin)
+        return Horizon((1.0 + ahead) * period_s, ahead * period_s, late_times)
 
     def _advance(self, which: int, ring: FrontRing, fleet: ActiveFleet, at_s: float) -> bool:
         """Advance the plan by one cell, with a turn if one is due; return the direction."""

@@ -7,6 +7,7 @@ changes only one node. Therefore the computing time of a roll-out is proportiona
 nodes plus the number of steps of the vehicles.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -67,10 +68,22 @@ class Horizon(NamedTuple):
 class Moves(NamedTuple):
     """The changes to a plan (in cells) that ``improve`` tries, and work arrays for ``improve``."""
 
+    onward: Integers  # lengths of a flight onward before a turn back
     backs: Integers  # lengths of a flight back
     shifts: Integers  # delays of a turn
     kept: Integers  # (LEGS)
     best: Integers  # (LEGS)
+
+
+def moves_of(onward: Sequence[int], backs: Sequence[int], shifts: Sequence[int]) -> Moves:
+    """Return the moves with these lengths in cells, and work arrays."""
+    return Moves(
+        np.array(onward, np.int64),
+        np.array(backs, np.int64),
+        np.array(shifts, np.int64),
+        np.zeros(LEGS, np.int64),
+        np.zeros(LEGS, np.int64),
+    )
 
 
 def workspace_for(nodes: int, vehicles: int) -> Workspace:
@@ -187,12 +200,21 @@ def _tried(nodes, start, legs, span, room, vehicle, best, best_cost):  # type: i
 
 
 @kernel
-def _turn_back_now(plan, kept, back):  # type: ignore[no-untyped-def]
-    """Insert two turns at the beginning of a plan, with a leg of ``back`` cells between them."""
-    plan[0], plan[1] = 0, back
-    plan[2] = min(kept[0] + back, NEVER)
+def _turn_back(plan, kept, onward, back):  # type: ignore[no-untyped-def]
+    """Insert two turns after ``onward`` cells, with a leg of ``back`` cells between them.
+
+    With a leg of ``NEVER`` cells there is no second turn. Returns False if the plan turns earlier.
+    """
+    if onward > 0 and onward >= kept[0]:
+        return False
+    plan[0], plan[1] = onward, back
+    plan[2] = NEVER if kept[0] >= NEVER else min(kept[0] - onward + back, NEVER)
     for leg in range(3, LEGS):  # the last two legs are repeated
         plan[leg] = kept[leg - 2]
+    if back >= NEVER:
+        for leg in range(2, LEGS):
+            plan[leg] = NEVER
+    return True
 
 
 @kernel
@@ -226,10 +248,10 @@ def _leave_out_turns(plan, kept):  # type: ignore[no-untyped-def]
 def improve(nodes, start, legs, span, room, vehicle, moves, margin):  # type: ignore[no-untyped-def]
     """Replace the plan of one vehicle if another plan is cheaper by the share ``margin``.
 
-    The other plans fly back now for a number of cells in ``moves.backs``, delay one of the next
-    three turns by a number of cells in ``moves.shifts``, or omit the next two turns. ``legs``
-    (k, LEGS) holds the plans; only the row of ``vehicle`` is changed. Returns the number of
-    roll-outs.
+    The other plans fly onward for a number of cells in ``moves.onward`` and then back for a number
+    of cells in ``moves.backs``, delay one of the next three turns by a number of cells in
+    ``moves.shifts``, or omit the next two turns. ``legs`` (k, LEGS) holds the plans; only the row
+    of ``vehicle`` is changed. Returns the number of roll-outs.
     """
     kept, best, plan = moves.kept, moves.best, legs[vehicle]
     for leg in range(LEGS):
@@ -237,10 +259,11 @@ def improve(nodes, start, legs, span, room, vehicle, moves, margin):  # type: ig
     first = roll_out(nodes, start, legs, span, room)
     best_cost = first
     count = 1
-    for back in moves.backs:
-        _turn_back_now(plan, kept, back)
-        best_cost = _tried(nodes, start, legs, span, room, vehicle, best, best_cost)
-        count += 1
+    for onward in moves.onward:
+        for back in moves.backs:
+            if _turn_back(plan, kept, onward, back):
+                best_cost = _tried(nodes, start, legs, span, room, vehicle, best, best_cost)
+                count += 1
     for turn in range(3):
         if kept[turn] >= NEVER:
             break
