@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d
+from scipy.ndimage import grey_closing
 
 from firemodel.arrays import Floats, Place, evenly_along
 from firemodel.assimilation.camera_window import signed_distance_m
@@ -40,7 +40,6 @@ class FrontLine(NamedTuple):
     ahead: FrontParts  # the cells in front of the points, and the normals there
     speed_m_s: Floats
     unseen_s: Floats
-    advance_m: Floats  # since the last observation; at most BACK_CELLS
 
 
 def front_lines(fire: Fire, seen_s: Floats, learned: LearnedInputs) -> list[FrontLine]:
@@ -68,9 +67,7 @@ def front_lines(fire: Fire, seen_s: Floats, learned: LearnedInputs) -> list[Fron
         speed_m_s = learned.speeds_m_s(parts, fire.weather, at_s)
         ground = behind(arrival_s, seen_s, row, col, parts)
         last_s = np.clip(last_seen_s(ground), begun_s, at_s)
-        expected_cells = speed_m_s * (at_s - last_s) / cell_m
-        advance_m = advance_cells(ground, last_s, expected_cells) * cell_m
-        found.append(FrontLine(inner, row, col, parts, speed_m_s, at_s - last_s, advance_m))
+        found.append(FrontLine(inner, row, col, parts, speed_m_s, at_s - last_s))
     return found
 
 
@@ -141,18 +138,8 @@ def last_seen_s(ground: Behind) -> Floats:
     nearer_s = np.pad(burned_s[: -BESIDE - 1], ((BESIDE + 1, 0), (0, 0)), constant_values=np.inf)
     shows = (further_s <= seen_s) & (seen_s < nearer_s)
     found_s = np.where(shows, seen_s, -np.inf).max(axis=0)
-    # A sighting shows the parts beside it, too.
-    return np.asarray(maximum_filter1d(found_s, 2 * BESIDE + 1, mode="wrap"))
-
-
-def advance_cells(ground: Behind, since_s: Floats, expected_cells: Floats) -> Floats:
-    """Return the distance (n) by which the parts of a front have advanced since times (n).
-
-    The ground behind the front shows this distance within a cell; within this range the result is
-    the distance expected from the present speed.
-    """
-    shown = np.count_nonzero(ground.burned_s > since_s, axis=0) - 1.0
-    return np.clip(expected_cells, np.maximum(shown - 1.0, 0.0), shown + 1.0)
+    # A part between two observed parts was in view, too: its normal missed the images.
+    return np.asarray(grey_closing(found_s, 2 * BESIDE + 1, mode="wrap"))
 
 
 class FrontDistances(NamedTuple):
@@ -180,7 +167,7 @@ def front_distances(
     top, left = here[0].start, here[1].start
     row = np.concatenate([np.empty(0), *(each.row for each in fronts)])
     col = np.concatenate([np.empty(0), *(each.col for each in fronts)])
-    advance_m = np.concatenate([np.empty(0), *(each.advance_m for each in fronts)])
+    advance_m = np.concatenate([np.empty(0), *(each.speed_m_s * each.unseen_s for each in fronts)])
     ahead_rows, ahead_cols, north, east = (
         np.concatenate([np.empty(0, dtype), *(each.ahead[k] for each in fronts)])
         for k, dtype in enumerate((np.int64, np.int64, np.float64, np.float64))

@@ -183,7 +183,7 @@ def _fronts(team: _Team, fire: Fire) -> list[FrontLine]:
         if inside.any():
             at_row, at_col, north, east = front.ahead
             ahead = FrontParts(at_row[inside], at_col[inside], north[inside], east[inside])
-            rest = (front.speed_m_s[inside], front.unseen_s[inside], front.advance_m[inside])
+            rest = (front.speed_m_s[inside], front.unseen_s[inside])
             found.append(FrontLine(front.inner, row[inside], col[inside], ahead, *rest))
     return found
 
