@@ -146,7 +146,7 @@ class ShapedFlight(Flight):
 
     def __init__(self, case: Case) -> None:
         super().__init__(case, laps=False)
-        self.seen_at_s = np.full(case.truth.arrival_s.shape, self.at_s)
+        self.seen_at_s: Floats = np.full(case.truth.arrival_s.shape, self.at_s)
         self.ages: list[float] = []
         self.path_cells: list[float] = []
         self.legs = self.wrong_legs = 0

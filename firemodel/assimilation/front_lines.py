@@ -139,7 +139,7 @@ def last_seen_s(ground: Behind) -> Floats:
     shows = (further_s <= seen_s) & (seen_s < nearer_s)
     found_s = np.where(shows, seen_s, -np.inf).max(axis=0)
     # A part between two observed parts was in view, too: its normal missed the images.
-    return np.asarray(grey_closing(found_s, 2 * BESIDE + 1, mode="wrap"))
+    return np.asarray(grey_closing(found_s, (2 * BESIDE + 1,), mode="wrap"))
 
 
 class FrontDistances(NamedTuple):

@@ -108,9 +108,9 @@ def test_the_error_is_what_a_part_of_the_front_has_grown_since_it_was_seen() -> 
 
 
 def test_without_aircraft_the_front_stays_or_is_the_model_with_the_first_wind() -> None:
+    even = islam_hu_burn("slow-even", "anyangle")
     disc = Burn(
-        *("disc", "anyangle", islam_hu_burn("slow-even", "anyangle").landscape),
-        *(islam_hu_burn("slow-even", "anyangle").weather, CENTRE, 1500.0, 2700.0, 15.0, DISC_S),
+        "disc", "anyangle", even.landscape, even.weather, CENTRE, 1500.0, 2700.0, 15.0, DISC_S
     )
     errors = front_errors(persistent(disc), disc, np.array([1500.0, 2500.0]))
     assert errors.shape == (2, 360)
