@@ -14,7 +14,6 @@ from typing import NamedTuple
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from scipy.ndimage import grey_closing
 
 from firemodel.arrays import Floats, Place, evenly_along
 from firemodel.assimilation.camera_window import signed_distance_m
@@ -138,8 +137,16 @@ def last_seen_s(ground: Behind) -> Floats:
     nearer_s = np.pad(burned_s[: -BESIDE - 1], ((BESIDE + 1, 0), (0, 0)), constant_values=np.inf)
     shows = (further_s <= seen_s) & (seen_s < nearer_s)
     found_s = np.where(shows, seen_s, -np.inf).max(axis=0)
-    # A part between two observed parts was in view, too: its normal missed the images.
-    return np.asarray(grey_closing(found_s, (2 * BESIDE + 1,), mode="wrap"))
+    return _gaps_closed(found_s)
+
+
+def _gaps_closed(found_s: Floats) -> Floats:
+    """Return the times (n) along a closed line, with gaps of one or two parts closed.
+
+    Parts between two observed parts were in view, too; the ground behind them misses the images.
+    """
+    wide_s = np.maximum.reduce([np.roll(found_s, shift) for shift in (-1, 0, 1)])
+    return np.asarray(np.minimum.reduce([np.roll(wide_s, shift) for shift in (-1, 0, 1)]))
 
 
 class FrontDistances(NamedTuple):

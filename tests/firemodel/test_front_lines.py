@@ -104,14 +104,14 @@ def test_an_image_of_the_outer_front_does_not_show_an_island_that_stands_still()
     assert (inner.unseen_s > 0.9 * fire.time_s).all()
 
 
-def test_a_part_between_two_observed_parts_was_observed_but_not_the_next_ones() -> None:
+def test_two_parts_between_observed_parts_were_observed_but_not_three() -> None:
     fire = even_fire(CELLS, (MIDDLE, MIDDLE), until_s=0.0)
     (front,) = fronts(fire)
     count = front.row.size
     ground = Behind(np.full((61, count), 0.0), np.full((61, count), -np.inf))
-    seen = np.isin(np.arange(count), [3, 5, 9])
+    seen = np.isin(np.arange(count), [3, 6, 10])
     ground.seen_s[:, seen] = 60.0
-    assert np.flatnonzero(last_seen_s(ground) == 60.0).tolist() == [3, 4, 5, 9]
+    assert np.flatnonzero(last_seen_s(ground) == 60.0).tolist() == [3, 4, 5, 6, 10]
 
 
 def test_a_front_beside_an_unburned_cell_is_seen() -> None:
