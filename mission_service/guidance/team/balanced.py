@@ -167,10 +167,10 @@ class Balanced:
     def _growth(self, at_s: float) -> float:
         """Return the share by which the ring grows in a lap, at its mean rate since the start."""
         length_m = float(self._step_m.sum())
-        if self._first is None:
+        if self._first is None or self._first[0] <= 0.0:  # the front of a single cell has no length
             self._first = length_m, at_s
         first_m, first_s = self._first
-        if at_s <= first_s:
+        if at_s <= first_s or length_m <= 0.0:
             return 0.0
         return float(np.log(length_m / first_m)) * self._lap_s / (at_s - first_s)
 
