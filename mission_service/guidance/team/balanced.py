@@ -56,9 +56,9 @@ FAR_SHIFTS = (-32, -16, *SHIFTS, 16, 32)
 # too large a weight defers every gain.
 AHEAD_LAPS, LATE_TIMES = 0.5, 3.0
 AHEAD_ON_ARCS, LATE_ON_ARCS = 1.0, 1.0
-# If the ring grows by more than this share in the time of one lap, even gaps would not last: all
-# vehicles lap, a roll-out has the length of some gaps between two vehicles, in one part, and every
-# decision tries more plans.
+# If the ring of two or more vehicles grows by more than this share in the time of one lap, even
+# gaps would not last: all vehicles lap, a roll-out has the length of some gaps between two
+# vehicles, in one part, and every decision tries more plans.
 MAX_GROWTH, GAPS_AHEAD = 0.1, 3.0
 # Fraction of the cost that another plan must save, in laps and on an arc.
 MARGIN, MARGIN_ON_ARCS = 4e-3, 1e-3
@@ -181,7 +181,8 @@ class Balanced:
         cost = settled_cost(present, self._nodes, *team)
         best = best_pattern(self._nodes, *team)
         lapping = settled_cost(LAPS, self._nodes, *team)
-        self._grows_fast = self._growth(at_s) > MAX_GROWTH
+        growth = self._growth(at_s)
+        self._grows_fast = fleet.member.size > 1 and growth > MAX_GROWTH
         if self._grows_fast or best.cost > (1.0 - PATTERN_MARGIN) * lapping:
             best = Choice(LAPS, lapping)
         wanted = in_cells(best.pattern, self._stride)
