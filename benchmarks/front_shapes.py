@@ -16,11 +16,8 @@ fires that merge), ``spots`` (a fire with three spot fires). For each fire are p
   on a grid over unburned ground is less than 20 % longer.
 """
 
-import argparse
 import math
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from functools import partial
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -32,7 +29,14 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra, minimum_spanning_tree
 from scipy.spatial.distance import cdist
 
-from benchmarks.informative_routes import Case, Flight, distances, shaped_case, without_small_holes
+from benchmarks.informative_routes import (
+    Case,
+    Flight,
+    distances,
+    each_fire,
+    shaped_case,
+    without_small_holes,
+)
 from mission_service.experiments.islam_hu.ideal_flight import IN_VIEW, REACH, fly
 from mission_service.experiments.islam_hu.measured_wind import MeasuredWind
 from mission_service.experiments.islam_hu.predictive_flight import predictive_planner
@@ -245,24 +249,17 @@ def flown(kind: str, seed: int) -> ShapeResult:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Print the results of each fire, and their means and maxima."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("kind", choices=KINDS)
-    parser.add_argument("first", type=int)
-    parser.add_argument("last", type=int)
-    parser.add_argument("--processes", type=int, default=1)
-    given = parser.parse_args(arguments)
-    click.echo("fire: error / of predictive; age 95 %/most; off path, most m; legs, wrong")
-    results = []
-    with ProcessPoolExecutor(given.processes) as pool:
-        seeds = range(given.first, given.last + 1)
-        for found in pool.map(partial(flown, given.kind), seeds):
-            results.append(found)
-            click.echo(
-                f"{found.name:12} {found.error_cells:5.2f}/{found.star_error_cells:5.2f}  "
-                f"age {found.age_95:.2f}/{found.age_most:.2f}  "
-                f"path {found.off_path:6.2%} {found.path_most_m:4.0f} m  "
-                f"legs {found.legs:3} {found.wrong_legs}"
-            )
+    results: list[ShapeResult] = []
+    for found in each_fire(__doc__, KINDS, flown, arguments):
+        if not results:
+            click.echo("fire: error / of predictive; age 95 %/most; off path, most m; legs, wrong")
+        results.append(found)
+        click.echo(
+            f"{found.name:12} {found.error_cells:5.2f}/{found.star_error_cells:5.2f}  "
+            f"age {found.age_95:.2f}/{found.age_most:.2f}  "
+            f"path {found.off_path:6.2%} {found.path_most_m:4.0f} m  "
+            f"legs {found.legs:3} {found.wrong_legs}"
+        )
     ratios = [each.error_cells / each.star_error_cells for each in results]
     click.echo(
         f"error / predictive: mean {np.mean(ratios):.2f}, worst {max(ratios):.2f}; "

@@ -19,10 +19,11 @@ longest front; ``last seen``, the fire as last observed by that vehicle, without
 
 import argparse
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
+from typing import TypeVar
 
 import click
 import numpy as np
@@ -310,6 +311,8 @@ def _burned(
     )
 
 
+Result = TypeVar("Result")
+
 SHAPED = ("head", "even", "bay", "fingers", "island", "two", "merging", "spots")
 KINDS: dict[str, Callable[[int], Case]] = {
     "random": random_case,
@@ -318,31 +321,42 @@ KINDS: dict[str, Callable[[int], Case]] = {
 }
 
 
-def flown(given: tuple[str, int]) -> tuple[str, list[Errors], tuple[int, int]]:
+def flown(kind: str, seed: int) -> tuple[str, list[Errors], tuple[int, int]]:
     """Return the errors of informative, laps, last seen and no aircraft, and the turns."""
-    kind, seed = given
     case = KINDS[kind](seed)
     own, _, alone, turns = Flight(case, laps=False).run()
     laps, last, _, lap_turns = Flight(case, laps=True).run()
     return case.name, [own, laps, last, alone], (turns, lap_turns)
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Print the errors of each fire, and the means of their ratios."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("kind", choices=KINDS)
+def each_fire(
+    description: str | None,
+    kinds: Iterable[str],
+    flown: Callable[[str, int], Result],
+    arguments: Sequence[str] | None,
+) -> Iterator[Result]:
+    """Yield ``flown(kind, seed)`` for the command line ``KIND FIRST LAST [--processes N]``."""
+    parser = argparse.ArgumentParser(description=description)
+    parser.add_argument("kind", choices=list(kinds))
     parser.add_argument("first", type=int)
     parser.add_argument("last", type=int)
     parser.add_argument("--processes", type=int, default=1)
     given = parser.parse_args(arguments)
-    click.echo("errors in cells, mean/largest: informative, laps, last seen, no aircraft; turns")
-    cases = [(given.kind, seed) for seed in range(given.first, given.last + 1)]
-    every = []
     with ProcessPoolExecutor(given.processes) as pool:
-        for name, errors, turns in pool.map(flown, cases):
-            every.append([(each.mean, each.largest) for each in errors])
-            shown = "  ".join(f"{each.mean:6.2f}/{each.largest:6.2f}" for each in errors)
-            click.echo(f"{name:12} {shown}  {turns[0]:3}")
+        yield from pool.map(partial(flown, given.kind), range(given.first, given.last + 1))
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Print the errors of each fire, and the means of their ratios."""
+    every: list[list[tuple[float, float]]] = []
+    for name, errors, turns in each_fire(__doc__, KINDS, flown, arguments):
+        if not every:
+            click.echo(
+                "errors in cells, mean/largest: informative, laps, last seen, no aircraft; turns"
+            )
+        every.append([(each.mean, each.largest) for each in errors])
+        shown = "  ".join(f"{each.mean:6.2f}/{each.largest:6.2f}" for each in errors)
+        click.echo(f"{name:12} {shown}  {turns[0]:3}")
     values = np.array(every)
     for number, name in ((1, "laps"), (2, "last seen"), (3, "no aircraft")):
         ratio = values[:, 0] / values[:, number]

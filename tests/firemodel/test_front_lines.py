@@ -7,6 +7,7 @@ import pytest
 
 from firemodel.assimilation.front_lines import Behind, FrontLine, behind, front_lines, last_seen_s
 from firemodel.assimilation.learned_inputs import LearnedInputs
+from firemodel.spread.anyangle import AnyAngleFire
 from tests.firemodel.fires_on_grids import CELL_M, even_fire
 
 CELLS = 80
@@ -25,6 +26,16 @@ def turned_deg(front: FrontLine) -> float:
     return float(np.degrees(np.diff(np.unwrap(np.append(bearing, bearing[0]))).sum()))
 
 
+def fire_around_a_lake(burned_row: int) -> AnyAngleFire:
+    """Return a fire that burns around a lake until the middle of a row north of the lake burns."""
+    rows, cols = np.mgrid[:CELLS, :CELLS]
+    lake = np.hypot(rows - 30, cols - MIDDLE) <= 3.0
+    fire = even_fire(CELLS, (MIDDLE, MIDDLE), unburnable=lake, until_s=0.0)
+    while not fire.burned()[burned_row, MIDDLE]:
+        fire.advance(fire.time_s + 600.0)
+    return fire
+
+
 def test_an_even_fire_has_one_clockwise_front_that_moves_outwards() -> None:
     (front,) = fronts(even_fire(CELLS, (MIDDLE, MIDDLE)))
     assert not front.inner
@@ -38,11 +49,7 @@ def test_an_even_fire_has_one_clockwise_front_that_moves_outwards() -> None:
 
 
 def test_an_island_has_an_inner_front_that_moves_inwards() -> None:
-    rows, cols = np.mgrid[:CELLS, :CELLS]
-    lake = np.hypot(rows - 30, cols - MIDDLE) <= 3.0
-    fire = even_fire(CELLS, (MIDDLE, MIDDLE), unburnable=lake, until_s=0.0)
-    while not fire.burned()[20, MIDDLE]:
-        fire.advance(fire.time_s + 600.0)
+    fire = fire_around_a_lake(burned_row=20)
     outer, inner = fronts(fire)
     assert (outer.inner, inner.inner) == (False, True)
     inward = (inner.row - 30) * inner.ahead.north + (MIDDLE - inner.col) * inner.ahead.east
@@ -90,11 +97,7 @@ def test_a_front_that_stands_still_is_seen_where_it_is() -> None:
 
 
 def test_an_image_of_the_outer_front_does_not_show_an_island_that_stands_still() -> None:
-    rows, cols = np.mgrid[:CELLS, :CELLS]
-    lake = np.hypot(rows - 30, cols - MIDDLE) <= 3.0
-    fire = even_fire(CELLS, (MIDDLE, MIDDLE), unburnable=lake, until_s=0.0)
-    while not fire.burned()[18, MIDDLE]:
-        fire.advance(fire.time_s + 600.0)
+    fire = fire_around_a_lake(burned_row=18)
     seen_s = np.full((CELLS, CELLS), -np.inf)
     outer, inner = fronts(fire)
     for row, col in zip(outer.row, outer.col, strict=True):

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from firemodel.spread.schemes import SchemeName
 from mission_service.experiments.fires import HOUR_S, Burn
@@ -26,6 +27,8 @@ from mission_service.experiments.islam_hu.without_aircraft import (
     modelled,
     persistent,
 )
+
+Floats = NDArray[np.float64]
 
 
 def run(
@@ -74,16 +77,15 @@ def on_one_fire(name: str, scheme: SchemeName, out: Path | None) -> dict[str, li
             for alpha, flight in sweep.items()
         ],
         "distance_error": [
-            {
-                **which,
-                "planner": planner,
-                "reversals": len(flight.reversals),
-                "mean_max_cells": round(float(flight.max_error.mean()), 3),
-                "mean_mean_cells": round(float(flight.mean_error.mean()), 3),
-            }
-            for planner, flight in flights.items()
-        ]
-        + [{**which, **row} for row in without_aircraft(burn, flights["circling"])],
+            {**which, **row}
+            for row in (
+                *(
+                    error_row(name, flight.max_error, flight.mean_error, len(flight.reversals))
+                    for name, flight in flights.items()
+                ),
+                *without_aircraft(burn, flights["circling"]),
+            )
+        ],
         "attention": [{**which, **attention(burn, flights["islam_hu_damped"])}],
     }
 
@@ -93,15 +95,20 @@ def without_aircraft(burn: Burn, flight: Flight) -> list[dict[str, Any]]:
     found = []
     for name, expected in (("persistence", persistent(burn)), ("model", modelled(burn))):
         errors = front_errors(expected, burn, flight.at_s)
-        found.append(
-            {
-                "planner": name,
-                "reversals": 0,
-                "mean_max_cells": round(float(errors.max(axis=1).mean()), 3),
-                "mean_mean_cells": round(float(errors.mean()), 3),
-            }
-        )
+        found.append(error_row(name, errors.max(axis=1), errors.mean(axis=1)))
     return found
+
+
+def error_row(
+    planner: str, max_error: Floats, mean_error: Floats, reversals: int = 0
+) -> dict[str, Any]:
+    """Return a row of the table of distance errors; the errors are in cells, one for each time."""
+    return {
+        "planner": planner,
+        "reversals": reversals,
+        "mean_max_cells": round(float(max_error.mean()), 3),
+        "mean_mean_cells": round(float(mean_error.mean()), 3),
+    }
 
 
 def attention(burn: Burn, flight: Flight) -> dict[str, float]:

@@ -90,11 +90,6 @@ class FireAnalysis:
         """Whether the scenario's planners fly along a front."""
         return way_of(self.scenario).along_front
 
-    @property
-    def circles_one_front(self) -> bool:
-        """Whether each vehicle flies around one front, so that it has a direction around it."""
-        return circles_one_front(self.scenario)
-
 
 def circles_one_front(scenario: Scenario) -> bool:
     """Return whether the planners of a scenario fly around one front, without bays and fingers.

@@ -22,7 +22,11 @@ from mission_service.replay.flights.drop_comparison import (
     compared,
     planned_in,
 )
-from mission_service.replay.flights.fire_analysis import FireAnalysis, fire_analysis
+from mission_service.replay.flights.fire_analysis import (
+    FireAnalysis,
+    circles_one_front,
+    fire_analysis,
+)
 from mission_service.replay.flights.flight_logs import Flight, Survey
 from mission_service.replay.flights.flown_vehicle import Flown
 from mission_service.replay.flights.journal_log import JournalLog
@@ -123,7 +127,7 @@ def _vehicle(flown: Flown, run: RunAnalysis) -> VehicleAnalysis:
     analysis = VehicleAnalysis(flown, track)
     if not len(track):
         return analysis
-    if run.fire is None or run.fire.circles_one_front:
+    if run.fire is None or circles_one_front(run.fire.scenario):
         _find_directions(analysis, run)
     by_mission = [
         TurnedBack(at_us, *analysis.place_at(at_us), "its mission went back to an earlier item")

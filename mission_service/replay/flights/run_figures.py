@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from mission_service.ground_distance import distance_m
-from mission_service.replay.flights.fire_analysis import FireAnalysis
+from mission_service.replay.flights.fire_analysis import FireAnalysis, circles_one_front
 from mission_service.replay.flights.run_analysis import RunAnalysis, VehicleAnalysis
 
 Row = tuple[str, str, Callable[[dict[str, Any]], Any]]  # label, unit, from the figures
@@ -88,6 +88,7 @@ def _vehicle(run: RunAnalysis, vehicle: VehicleAnalysis) -> dict[str, Any]:
     decided = fire.record.vehicles[name].reversal_count if fire is not None and on_front else None
     heights_m = above_terrain_m(vehicle)
     differs_us = sum(span.to_us - span.from_us for span in vehicle.differs)
+    has_direction = fire is not None and circles_one_front(fire.scenario)
     return {
         **flown,
         "positions_hz": round(flown["positions"] / max(flown["duration_s"], 1e-3), 2),
@@ -106,7 +107,7 @@ def _vehicle(run: RunAnalysis, vehicle: VehicleAnalysis) -> dict[str, Any]:
             [round(run.since_s(span.from_us), 1), round(run.since_s(span.to_us), 1)]
             for span in vehicle.differs
         ],
-        "differs_s": round(differs_us / 1e6, 1) if fire and fire.circles_one_front else None,
+        "differs_s": round(differs_us / 1e6, 1) if has_direction else None,
         "distance_error_mean_m": _mean([mean for _, mean, _ in errors]),
         "distance_error_worst_m": _worst([worst for _, _, worst in errors]),
         **_missions(fire, name),
