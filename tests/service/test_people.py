@@ -122,8 +122,7 @@ def test_a_correction_moves_fire_and_mission_and_an_undo_takes_it_back(fly: Fly,
     assert not before[row + 4, col + 4]
     drawn_cells = after[row : row + 9, col : col + 9]
     assert drawn_cells.all(), "all that was drawn, without holes"
-    # A vehicle of team.balanced flies away from the drawn fire here, and first turns back.
-    flight.run(20.0 if rule == "team.balanced" else 5.0)
+    flight.run(5.0)
     planner = flight.sim.core.decision_engine.planners["hawk"]
     assert isinstance(planner, PerimeterPlanner) or rule != "islam_hu_damped"
     shape = planner.shape(row, col)  # type: ignore[attr-defined]
