@@ -9,6 +9,8 @@ from mission_service.experiments.islam_hu.scenarios import (
     PAPER_REVERSALS,
 )
 
+COLUMN = 17  # width of a planner's column
+
 
 def in_text(found: dict[str, Any]) -> str:
     """Return the result as tables of text."""
@@ -37,16 +39,16 @@ def _errors(found: dict[str, Any]) -> str:
         "of the observed front (section VI.E); for predictive, that of its estimated front.",
         "Without aircraft: persistence (front at deployment), model (weather at the ignition)",
         "  fire            scheme    "
-        + "".join(f"{planner:>15}" for planner in planners)
+        + "".join(f"{planner:>{COLUMN}}" for planner in planners)
         + "   "
-        + "".join(f"{planner:>11}" for planner in planners),
+        + "".join(f"{planner:>{COLUMN}}" for planner in planners),
     ]
     for name, scheme in _fires(found):
         rows = _of(found["distance_error"], name, scheme)
         worst = {row["planner"]: row["mean_max_cells"] for row in rows}
         lines.append(
             f"  {name:16}{scheme:10}{_against_circling(worst, planners)}   "
-            + "".join(f"{row['mean_mean_cells']:11.2f}" for row in rows)
+            + "".join(f"{row['mean_mean_cells']:{COLUMN}.2f}" for row in rows)
         )
         if name in PAPER_MEAN_MAX_CELLS and scheme == COMPARED[-1]:
             printed = _against_circling(PAPER_MEAN_MAX_CELLS[name], planners)
@@ -55,13 +57,13 @@ def _errors(found: dict[str, Any]) -> str:
 
 
 def _against_circling(worst: dict[str, float], planners: list[str]) -> str:
-    text = f"{worst['circling']:15.1f}"
+    text = f"{worst['circling']:{COLUMN}.1f}"
     for planner in planners[1:]:
         cell = ""
         if planner in worst:
             change = 100.0 * (worst[planner] / worst["circling"] - 1.0)
             cell = f"{worst[planner]:.1f} ({change:+.0f} %)"
-        text += f"{cell:>15}"
+        text += f"{cell:>{COLUMN}}"
     return text
 
 
