@@ -56,9 +56,9 @@ FAR_SHIFTS = (-32, -16, *SHIFTS, 16, 32)
 # too large a weight defers every gain.
 AHEAD_LAPS, LATE_TIMES = 0.5, 3.0
 AHEAD_ON_ARCS, LATE_ON_ARCS = 1.0, 1.0
-# If the ring grows by more than the share ``MAX_GROWTH`` in the time of one lap, even gaps would not
-# last: all vehicles lap, a roll-out has the length of some gaps between two vehicles, in one part,
-# and every decision tries more plans. This ends when the growth is below ``MIN_GROWTH``.
+# If the ring grows by more than the share ``MAX_GROWTH`` in the time of one lap, even gaps would
+# not last: all vehicles lap, a roll-out has the length of some gaps between two vehicles, in one
+# part, and every decision tries more plans. This ends when the growth is below ``MIN_GROWTH``.
 MAX_GROWTH, MIN_GROWTH, GAPS_AHEAD = 0.15, 0.1, 3.0
 # Fraction of the cost that another plan must save, in laps and on an arc.
 MARGIN, MARGIN_ON_ARCS = 4e-3, 1e-3
