@@ -250,9 +250,8 @@ def flown(kind: str, seed: int) -> ShapeResult:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Print the results of each fire, and their means and maxima."""
     results: list[ShapeResult] = []
-    for found in each_fire(__doc__, KINDS, flown, arguments):
-        if not results:
-            click.echo("fire: error / of predictive; age 95 %/most; off path, most m; legs, wrong")
+    header = "fire: error / of predictive; age 95 %/most; off path, most m; legs, wrong"
+    for found in each_fire(__doc__, KINDS, flown, header, arguments):
         results.append(found)
         click.echo(
             f"{found.name:12} {found.error_cells:5.2f}/{found.star_error_cells:5.2f}  "

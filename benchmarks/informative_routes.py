@@ -333,15 +333,20 @@ def each_fire(
     description: str | None,
     kinds: Iterable[str],
     flown: Callable[[str, int], Result],
+    header: str,
     arguments: Sequence[str] | None,
 ) -> Iterator[Result]:
-    """Yield ``flown(kind, seed)`` for the command line ``KIND FIRST LAST [--processes N]``."""
+    """Print the header of a table, and yield ``flown(kind, seed)`` for each of its rows.
+
+    The command line is ``KIND FIRST LAST [--processes N]``.
+    """
     parser = argparse.ArgumentParser(description=description)
     parser.add_argument("kind", choices=list(kinds))
     parser.add_argument("first", type=int)
     parser.add_argument("last", type=int)
     parser.add_argument("--processes", type=int, default=1)
     given = parser.parse_args(arguments)
+    click.echo(header)
     with ProcessPoolExecutor(given.processes) as pool:
         yield from pool.map(partial(flown, given.kind), range(given.first, given.last + 1))
 
@@ -349,11 +354,8 @@ def each_fire(
 def main(arguments: Sequence[str] | None = None) -> None:
     """Print the errors of each fire, and the means of their ratios."""
     every: list[list[tuple[float, float]]] = []
-    for name, errors, turns in each_fire(__doc__, KINDS, flown, arguments):
-        if not every:
-            click.echo(
-                "errors in cells, mean/largest: informative, laps, last seen, no aircraft; turns"
-            )
+    header = "errors in cells, mean/largest: informative, laps, last seen, no aircraft; turns"
+    for name, errors, turns in each_fire(__doc__, KINDS, flown, header, arguments):
         every.append([(each.mean, each.largest) for each in errors])
         shown = "  ".join(f"{each.mean:6.2f}/{each.largest:6.2f}" for each in errors)
         click.echo(f"{name:12} {shown}  {turns[0]:3}")
