@@ -12,8 +12,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from autopilot_bridge.items import waypoint
 from autopilot_bridge.links.codec import Codec, Message
 from autopilot_bridge.mock.ardupilot_server import ArduPilotServer
-from autopilot_bridge.mock.battery import Battery
 from autopilot_bridge.mock.command_server import CommandServer, command_request_of
+from autopilot_bridge.mock.failsafe_causes import Battery, GroundStationLink
 from autopilot_bridge.mock.flight_model import FlightModel
 from autopilot_bridge.mock.ftp_server import FtpServer
 from autopilot_bridge.mock.kinematics import CALM, STEP_US, Limits, Wind
@@ -85,6 +85,7 @@ class MockAutopilot:
         self._steps = 0
         self.intervals = Intervals(stack)
         self.parameters = ParameterServer(stack)
+        self._station = GroundStationLink(stack, self.parameters.value)
         self.flight.return_m = self.parameters.return_m
         self.telemetry = TelemetrySender(stack, self.missions, self.intervals, self._send)
         self._commands = CommandServer(
@@ -156,11 +157,21 @@ class MockAutopilot:
         due = (now_us - self._boot_us) // STEP_US - self._steps
         for _ in range(min(due, MAX_STEPS_AT_ONCE)):
             self._steps += 1
+            self._watch_station()
             self.flight.step(self._now_s())
             if self._gripper is not None:
                 self._answer(mavlink.MAV_CMD_DO_GRIPPER, self._gripper.ended(self._now_us()))
             self._photograph()
             self.telemetry.report(self.flight, self._steps)
+
+    def _watch_station(self) -> None:
+        """React to the loss of the ground station by the parameters of the stack."""
+        flight, now_s = self.flight, self._now_s()
+        reaction = self._station.reaction(
+            flight.mode, flight.armed, flight.airborne, flight.lands, flight.failsafe, now_s
+        )
+        if reaction is not None:
+            flight.react(reaction, now_s)
 
     def fit_camera(self, on_image: Callable[[CapturedImage], None]) -> None:
         """Give the vehicle a camera on a gimbal; ``on_image`` receives each image."""
@@ -182,6 +193,7 @@ class MockAutopilot:
         """Restart the autopilot at the current position, disarmed; lists remain, transfers end."""
         self.flight = self.flight.rebooted()
         self.flight.return_m = self.parameters.return_m
+        self._station = GroundStationLink(self.stack, self.parameters.value)
         self.missions.forget_transfers()
         self.telemetry.stop_repeats()
         self.intervals.reset()
@@ -202,6 +214,8 @@ class MockAutopilot:
         kind = message.get_type()
         if kind in ("COMMAND_LONG", "COMMAND_INT"):
             self._command(message)
+        elif kind == "HEARTBEAT" and message.type == mavlink.MAV_TYPE_GCS:
+            self._station.receive_heartbeat(message.get_srcSystem(), self._now_s())
         elif kind == "MISSION_SET_CURRENT":
             self._set_current(message)
         elif kind == "FILE_TRANSFER_PROTOCOL":

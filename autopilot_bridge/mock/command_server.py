@@ -31,7 +31,11 @@ _MODES: dict[str, Mode] = {
     "guided": "guided",
     "orbit": "orbit",
 }
-_NAMES = {mode: name for name, mode in _MODES.items()}
+_NAMES: dict[Mode, str] = {
+    **{mode: name for name, mode in _MODES.items()},
+    "glide": "fly by wire a",
+    "termination": "termination",
+}
 NO_PLACE = 2**31 - 1
 _ARDUPILOT_FRAMES = (0, 3, 5, 6, 10, 11)
 

@@ -10,7 +10,7 @@ from autopilot_bridge.items import Items, waypoint
 from autopilot_bridge.links.codec import Codec, Message
 from autopilot_bridge.links.memory_link import MemoryLink
 from autopilot_bridge.mock.autopilot import MockAutopilot
-from autopilot_bridge.mock.battery import EMERGENCY_PERCENT, LOW_PERCENT
+from autopilot_bridge.mock.failsafe_causes import EMERGENCY_PERCENT, LOW_PERCENT
 from autopilot_bridge.mock.fault_kinds import Faults, Span
 
 GROUND = (255, 190)  # the ids of the station under test

@@ -8,8 +8,8 @@ from typing import Literal
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.items import MissionItem, params_of
-from autopilot_bridge.mock.battery import Battery
 from autopilot_bridge.mock.body import Body, Place
+from autopilot_bridge.mock.failsafe_causes import Battery, FailsafeReaction
 from autopilot_bridge.mock.item_flight import Target, loitered, passed
 from autopilot_bridge.mock.kinematics import Limits
 from autopilot_bridge.mock.mission_sequencer import (
@@ -25,7 +25,18 @@ from autopilot_bridge.mock.mock_camera import MockCamera
 from autopilot_bridge.mock.payload import Payload
 from autopilot_bridge.mock.stack_constants import stack_constants_of
 
-Mode = Literal["idle", "mission", "hold", "rtl", "guided", "takeoff", "land", "orbit"]
+Mode = Literal[
+    "idle",
+    "mission",
+    "hold",
+    "rtl",
+    "guided",
+    "takeoff",
+    "land",
+    "orbit",
+    "glide",
+    "termination",
+]
 
 GLIDES_AT_M_S = 3.0  # minimum sink rate of a vehicle whose engine has failed
 GLIDES_BY = 0.7  # airspeed after an engine failure, as a fraction of the airspeed before
@@ -48,6 +59,7 @@ class FlightModel(Body):
     mode: Mode = "idle"
     armed: bool = False
     crashed: bool = False
+    falls: bool = False  # without power, after a failsafe that stops the motors
     blind: bool = False  # no position is available; modes that need one are rejected
     failsafe: bool = False  # whether a failsafe is active
     engine_failed: bool = False
@@ -89,6 +101,7 @@ class FlightModel(Body):
         )
         fresh.motion, fresh.items, fresh.gps = self.motion, self.items, self.gps
         fresh.airborne, fresh.crashed = self.airborne, self.crashed
+        fresh.falls = self.falls
         fresh.fence, fresh.engine_failed = self.fence, self.engine_failed
         if self.engine_failed:
             fresh._powered = replace(self._powered, airspeed_m_s=self._cruise_m_s)
@@ -113,6 +126,7 @@ class FlightModel(Body):
         """Change the mode; a hold is at the current position."""
         motion, before = self.motion, self.mode
         self.mode = mode
+        self.falls &= before != "glide"
         if mode != before:
             self._hold_at = (motion.north_m, motion.east_m, motion.altitude_m)
             self.radius_m = DEFAULT_RADIUS_M
@@ -135,6 +149,12 @@ class FlightModel(Body):
             self.go_to(seq, now_s)
         else:
             self.current = seq
+
+    @property
+    def lands(self) -> bool:
+        """Whether the vehicle executes a landing item of its mission."""
+        item = None if self.target is None else self.target.item
+        return self.mode == "mission" and item is not None and item.command in LANDINGS
 
     @property
     def throttle_percent(self) -> int:
@@ -220,6 +240,10 @@ class FlightModel(Body):
 
     def step(self, now_s: float) -> None:
         """Compute one time step."""
+        if self.falls and self.airborne:
+            self.fall()
+            self._detect_crash()
+            return
         if self.crashed or not self.armed or self.mode == "idle":
             self.armed = self.armed and not self.crashed
             return
@@ -425,6 +449,17 @@ class FlightModel(Body):
             self.set_mode(mode, now_s)
             if self.stack.name == "px4":
                 self.texts.append((2, "Failsafe activated\t"))
+
+    def react(self, reaction: FailsafeReaction, now_s: float) -> None:
+        """Execute the reaction to the loss of the ground station."""
+        self.texts.append(reaction.text)
+        ardupilot = self.stack.name == "ardupilot"
+        self.failsafe = reaction.active or (ardupilot and (self.battery.acted or self.blind))
+        if reaction.mode == "disarm":
+            self.armed = False
+        elif reaction.mode is not None and reaction.mode != self.mode:
+            self.set_mode(reaction.mode, now_s)
+        self.falls |= self.airborne and reaction.mode in ("disarm", "glide", "termination")
 
     def breach(self, breached: bool, now_s: float) -> None:
         """Set whether the fence is breached.

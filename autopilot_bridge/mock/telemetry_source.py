@@ -6,7 +6,6 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.links.codec import Message
 from autopilot_bridge.mock.flight_model import FlightModel
-from autopilot_bridge.mock.mission_sequencer import LANDINGS
 from autopilot_bridge.stacks.stacks import Stack
 
 # Enabled sensors: gyro, accelerometer, compass, barometer, GPS, motors, AHRS.
@@ -77,16 +76,11 @@ def landed_state(stack: Stack, flight: FlightModel) -> Message:
         state = mavlink.MAV_LANDED_STATE_ON_GROUND
     elif (stack.name, stack.vehicle) == ("ardupilot", "plane"):
         pass
-    elif flight.mode == "land" or _lands(flight):
+    elif flight.mode == "land" or flight.lands:
         state = mavlink.MAV_LANDED_STATE_LANDING
     elif flight.mode == "takeoff":
         state = mavlink.MAV_LANDED_STATE_TAKEOFF
     return mavlink.MAVLink_extended_sys_state_message(mavlink.MAV_VTOL_STATE_UNDEFINED, state)
-
-
-def _lands(flight: FlightModel) -> bool:
-    item = None if flight.target is None else flight.target.item
-    return flight.mode == "mission" and item is not None and item.command in LANDINGS
 
 
 def system_status(stack: Stack, flight: FlightModel) -> int:
