@@ -86,7 +86,7 @@ class LinkLoss:
         """Return the reaction in words, such as ``holds after 10 s, returns after 15 s``."""
         phases_of: dict[str, list[Phase]] = {}
         for phase in PHASES:
-            phases_of.setdefault(_in_words(self.reactions[phase]), []).append(phase)
+            phases_of.setdefault(phase_in_words(self.reactions[phase]), []).append(phase)
         if len(phases_of) == 1:
             return next(iter(phases_of))
         return "; ".join(f"in {' and '.join(of)}: {words}" for words, of in phases_of.items())
@@ -242,16 +242,17 @@ def changes_for(stack: Stack, wanted: Wanted, values: Values) -> tuple[Change, .
     )
 
 
+def phase_in_words(reaction: Reaction) -> str:
+    """Return a reaction in words, such as ``holds after 10 s, returns after 15 s``."""
+    if not reaction:
+        return VERBS["continue"]
+    return ", ".join(f"{VERBS[action]} after {after_s:g} s" for after_s, action in reaction)
+
+
 def _table_of(stack: Stack) -> _Table:
     if stack.name == "px4":
         return _PX4
     return _ARDUPLANE if stack.vehicle == "plane" else _ARDUCOPTER
-
-
-def _in_words(reaction: Reaction) -> str:
-    if not reaction:
-        return VERBS["continue"]
-    return ", ".join(f"{VERBS[action]} after {after_s:g} s" for after_s, action in reaction)
 
 
 def _warnings(values: Values, name: str, known: Mapping[int, Action], instead: str) -> list[str]:

@@ -14,7 +14,7 @@ from mission_service.cli.burn_commands import burn
 from mission_service.cli.experiment_commands import experiment
 from mission_service.cli.fire_commands import bench, fire
 from mission_service.cli.log_commands import log
-from mission_service.cli.mission_commands import mission, signing
+from mission_service.cli.mission_commands import lost_link, mission, signing
 from mission_service.cli.mock_command import mock
 from mission_service.cli.observe_command import observe
 from mission_service.cli.options import (
@@ -84,7 +84,7 @@ def main() -> None:
 
 request.add_command(satellite_pixels)
 
-GROUPS = (fire, bench, mission, signing, experiment, tune, burn, request, log)
+GROUPS = (fire, bench, mission, signing, lost_link, experiment, tune, burn, request, log)
 for command in (*GROUPS, mock, token, replay, report, observe, plan):
     main.add_command(command)
 

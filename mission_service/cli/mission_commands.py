@@ -1,4 +1,4 @@
-"""Defines ``mission-service mission`` and ``signing``, for one autopilot on one link."""
+"""Defines ``mission-service mission``, ``signing`` and ``lost-link``, for one autopilot."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -6,7 +6,14 @@ from typing import Any
 
 import click
 
-from mission_service.cli.options import JSON, SIGNING_KEY, TLOG, echo, progress_line
+from mission_service.cli.options import (
+    JSON,
+    SIGNING_KEY,
+    TLOG,
+    echo,
+    echo_warning,
+    progress_line,
+)
 
 LINK = click.option(
     "--link",
@@ -121,3 +128,73 @@ def signing_off(system_id: int | None, as_json: bool, **link: Any) -> None:
     from mission_service.cli.signing_setup import turn_off
 
     echo(turn_off(_line(link), system_id), as_json)
+
+
+@click.group("lost-link")
+def lost_link() -> None:
+    """Show or set what a vehicle does if its link to the station is lost.
+
+    The service must not be running on the same link.
+    """
+
+
+@lost_link.command("show")
+@SYSTEM
+@link_options
+def lost_link_show(system_id: int | None, as_json: bool, **link: Any) -> None:
+    """Read the vehicle's parameters and print its reaction in each phase of a flight."""
+    from mission_service.cli.lost_link_parameters import show
+
+    _echo_lost_link(show(_line(link), system_id), as_json)
+
+
+@lost_link.command("set")
+@click.argument("wanted", required=False, type=click.Choice(["continue", "hold", "return", "land"]))
+@click.option(
+    *("-o", "--output"),
+    type=click.Path(dir_okay=False, path_type=Path),
+    default=Path("lost-link-before.json"),
+    show_default=True,
+    help="File for the values before the change.",
+)
+@click.option(
+    "--restore",
+    "old",
+    type=click.Path(dir_okay=False, path_type=Path),
+    metavar="FILE",
+    help="Set the values in FILE, which an earlier change has written.",
+)
+@SYSTEM
+@link_options
+def lost_link_set(
+    wanted: Any,
+    output: Path,
+    old: Path | None,
+    system_id: int | None,
+    as_json: bool,
+    **link: Any,
+) -> None:
+    """Set the parameters of a disarmed vehicle so that it reacts as WANTED, and read them back.
+
+    The timeouts are not changed. The values before the change are printed and written to a file.
+    """
+    from mission_service.cli.lost_link_parameters import restore, set_wanted
+
+    if (wanted is None) == (old is None):
+        raise click.UsageError("give either continue, hold, return or land, or --restore FILE")
+    if old is not None:
+        result = restore(_line(link), system_id, old)
+    else:
+        result = set_wanted(_line(link), system_id, wanted, output)
+    _echo_lost_link(result, as_json)
+
+
+def _echo_lost_link(result: dict[str, Any], as_json: bool) -> None:
+    for warning in result["warnings"]:
+        echo_warning(warning)
+    if not as_json:
+        values = result["parameters"].items()
+        result["parameters"] = ", ".join(f"{name} {value:g}" for name, value in values)
+        if "changed" in result:
+            result["changed"] = ", ".join(result["changed"]) or "nothing"
+    echo(result, as_json)
