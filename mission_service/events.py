@@ -26,6 +26,7 @@ Fraction = Annotated[float, Meta(ge=0, lt=1)]
 Share = Annotated[float, Meta(ge=0, le=1)]
 Percent = Annotated[float, Meta(ge=0, le=100)]
 Radius = Annotated[float, Meta(ge=0, le=1e6)]  # m
+ParameterValue = Annotated[float, Meta(ge=-4e38, le=4e38)]
 Temperature = Annotated[float, Meta(ge=-100, le=5000)]  # degrees Celsius
 Count = Annotated[int, Meta(ge=0, le=2**40)]
 UtcUs = Annotated[int, Meta(ge=0, le=2**60)]  # microseconds since 1970
@@ -310,6 +311,19 @@ class EstimatorStatusChanged(Event, frozen=True, tag=True):
 
     healthy: bool
     problems: tuple[str, ...]
+
+
+class ParametersReported(Event, frozen=True, tag=True):
+    """The autopilot's parameters that determine its reaction to a lost link were read.
+
+    ``stack`` is that of ``VehicleConnected``, and ``station_id`` the system id of the service's
+    heartbeats. The autopilot did not reply for the parameters ``missing``.
+    """
+
+    stack: str
+    station_id: Count
+    values: dict[str, ParameterValue]
+    missing: tuple[str, ...] = ()
 
 
 class DropFinished(Event, frozen=True, tag=True):
@@ -656,6 +670,7 @@ VehicleEvent = (
     | LandedStateChanged
     | FenceStatusChanged
     | EstimatorStatusChanged
+    | ParametersReported
     | DropFinished
     | HostTime
 )

@@ -59,6 +59,9 @@ class VehicleClient(Protocol):
                 is out of range.
         """
 
+    def read_parameter(self, name: str, now_us: int) -> int:
+        """Read a parameter; the ParametersFinished with the returned id contains its value."""
+
     def drop(self, dropper: Dropper, now_us: int) -> int:
         """Release one object now, without retries, and return the ``drop_id`` of DropFinished."""
 

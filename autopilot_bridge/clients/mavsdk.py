@@ -11,7 +11,7 @@ reports another number, that function repeats the request without end and withou
 
 import asyncio
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Self
 
 from autopilot_bridge.clients.mavsdk_commands import MavsdkCommands
@@ -26,7 +26,7 @@ from autopilot_bridge.links.codec import Codec, Message
 from autopilot_bridge.links.framing import frames_of, source_of
 from autopilot_bridge.links.signing import Counts, Signing
 from autopilot_bridge.links.tlog_writer import Tlog
-from autopilot_bridge.missions.transfer import TransferResult
+from autopilot_bridge.missions.transfer import TransferResult, TransferTiming
 from autopilot_bridge.stacks.stacks import Stack, Step
 from autopilot_bridge.vehicle.camera_telemetry import CameraEvent, camera_event
 from autopilot_bridge.vehicle.client_events import (
@@ -39,6 +39,7 @@ from autopilot_bridge.vehicle.client_events import (
     Rebooted,
     TransferFinished,
 )
+from autopilot_bridge.vehicle.command_queue import ParameterQueue
 from autopilot_bridge.vehicle.message_rates import rate_requests
 from autopilot_bridge.vehicle.monitor import AUTOPILOT, VehicleMonitor
 from autopilot_bridge.vehicle.orders import Dropper, OrderContext, order_named
@@ -94,6 +95,7 @@ class MavsdkClient:
         self._transfer_added = asyncio.Event()
         self._commands: asyncio.Queue[tuple[int, str, tuple[Step, ...]]] = asyncio.Queue()
         self._tasks: list[asyncio.Task[None]] = []
+        self._parameters = ParameterQueue(TransferTiming(), self._report)
         self._system = MavsdkSystem(system_id, clock)
         parts = (self._monitor, self._target, clock)
         self._sender = MavsdkCommands(self._system, *parts)
@@ -149,6 +151,12 @@ class MavsdkClient:
             self._commands.put_nowait((self._last_command, name, steps(context, *arguments)))
         return self._last_command
 
+    def read_parameter(self, name: str, now_us: int) -> int:
+        """Read one parameter; not through MAVSDK, which does not report unknown names."""
+        request_id = self._parameters.read(name, self._target, self._connected_stack())
+        self._send_own(self._parameters.start_next(now_us))
+        return request_id
+
     def drop(self, dropper: Dropper, now_us: int) -> int:
         """Report the drop as refused, because MAVSDK cannot send drops."""
         self._report(DropFinished(now_us, 0, "refused", NOT_SUPPORTED))
@@ -201,6 +209,10 @@ class MavsdkClient:
         if isinstance(failure, Exception):
             self._connection.failed(failure)
 
+    def _send_own(self, messages: Iterable[Message]) -> None:
+        """Queue messages that MAVSDK does not send."""
+        self._outgoing.extend(self._codec.encode(message) for message in messages)
+
     def _send(self, data: bytes) -> None:
         self._outgoing.append(data)
         self._connection.flush()
@@ -249,12 +261,12 @@ class MavsdkClient:
             if isinstance(event, ModeChanged) and event.custom_mode != mode:
                 self._mode_changed(event.custom_mode, now_us)
         self._events.extend(events)
+        self._send_own(self._parameters.receive(message, now_us))
         announcements = any(
             isinstance(event, Connected | LinkRestored | Rebooted) for event in events
         )
         if announcements and self.stack is not None:
-            for request in rate_requests(self.stack, self._target):
-                self._outgoing.append(self._codec.encode(request))
+            self._send_own(rate_requests(self.stack, self._target))
 
     def _mode_changed(self, mode: int, now_us: int) -> None:
         """Process a mode change; a change that was not commanded ends the start of a mission."""
@@ -276,14 +288,20 @@ class MavsdkClient:
         return [(remote, frame) for frame in self.data_to_send()]
 
     def next_timer(self) -> int | None:
-        """Return the time at which ``handle_timer`` may report a lost link or an ended alarm."""
+        """Return the time of the next ``handle_timer`` call."""
         alarms_us = None if self._source is None else self._source.alarm_timer()
-        timers = (self._monitor.next_timer(), self._monitor.alarm_timer(), alarms_us)
+        timers = (
+            self._monitor.next_timer(),
+            self._monitor.alarm_timer(),
+            self._parameters.next_timer(),
+            alarms_us,
+        )
         return min((timer for timer in timers if timer is not None), default=None)
 
     def handle_timer(self, now_us: int) -> None:
-        """Report a lost link and the alarms that have ended."""
+        """Report a lost link and the alarms that have ended; repeat requests for parameters."""
         self._events.extend(self._monitor.handle_timer(now_us))
+        self._send_own(self._parameters.handle_timer(now_us))
         self._events.extend(self._monitor.end_alarms(now_us))
         if self._source is not None:
             self._source.handle_timer(now_us)

@@ -30,7 +30,7 @@ Values = Mapping[str, float]
 
 PHASES: tuple[Phase, ...] = ("mission", "guided", "hold")
 WANTED: tuple[Wanted, ...] = ("continue", "hold", "return", "land")
-STATION_ID = 255  # system id of the heartbeats of this package's clients
+STATION_ID = 255  # default system id of the native client's heartbeats
 DANGEROUS = ("glide", "parachute", "terminate", "disarm")
 VERBS: dict[Action, str] = {
     "continue": "continues",
@@ -129,7 +129,7 @@ _ARDUPLANE = _Table(
     ("RTL_ALTITUDE", "RTL_AUTOLAND", "FENCE_ENABLE", "FENCE_ACTION"),
     {
         "continue": {"FS_GCS_ENABL": 0},
-        "return": {"FS_GCS_ENABL": 1, "FS_LONG_ACTN": 1, "SYSID_MYGCS": STATION_ID},
+        "return": {"FS_GCS_ENABL": 1, "FS_LONG_ACTN": 1},
     },
     None,
 )
@@ -138,9 +138,9 @@ _ARDUCOPTER = _Table(
     ("RTL_ALT", "FENCE_ENABLE", "FENCE_ACTION"),
     {
         "continue": {"FS_GCS_ENABLE": 0},
-        "hold": {"FS_GCS_ENABLE": 7, "SYSID_MYGCS": STATION_ID},
-        "return": {"FS_GCS_ENABLE": 1, "SYSID_MYGCS": STATION_ID},
-        "land": {"FS_GCS_ENABLE": 5, "SYSID_MYGCS": STATION_ID},
+        "hold": {"FS_GCS_ENABLE": 7},
+        "return": {"FS_GCS_ENABLE": 1},
+        "land": {"FS_GCS_ENABLE": 5},
     },
     ("FS_OPTIONS", (2, 16)),
 )
@@ -190,13 +190,14 @@ def missing(stack: Stack, values: Values) -> tuple[str, ...]:
     return tuple(name for name in _table_of(stack).needed if name not in values)
 
 
-def link_loss_of(stack: Stack, values: Values) -> LinkLoss:
+def link_loss_of(stack: Stack, values: Values, station_id: int = STATION_ID) -> LinkLoss:
     """Return the reaction that the parameters cause.
 
     Args:
         stack: The autopilot and the kind of vehicle.
         values: The values of ``parameters_of(stack)`` by name; those of the return and of the fence
             may be absent.
+        station_id: The system id of the station's heartbeats.
 
     Returns:
         The reaction in each phase; times are seconds from the last heartbeat.
@@ -209,10 +210,13 @@ def link_loss_of(stack: Stack, values: Values) -> LinkLoss:
         raise BridgeError(f"the reaction to a lost link needs the values of {', '.join(absent)}")
     if stack.name == "px4":
         return _px4(values)
-    return _arduplane(values) if stack.vehicle == "plane" else _arducopter(values)
+    react = _arduplane if stack.vehicle == "plane" else _arducopter
+    return react(values, station_id)
 
 
-def changes_for(stack: Stack, wanted: Wanted, values: Values) -> tuple[Change, ...]:
+def changes_for(
+    stack: Stack, wanted: Wanted, values: Values, station_id: int = STATION_ID
+) -> tuple[Change, ...]:
     """Return the parameters to set so that a vehicle reacts as ``wanted``; empty if it does.
 
     Timeouts are not changed.
@@ -226,14 +230,16 @@ def changes_for(stack: Stack, wanted: Wanted, values: Values) -> tuple[Change, .
         raise BridgeError(
             f"{stack.name} {stack.vehicle} cannot {wanted} after a lost link; it can: {known}"
         )
-    if link_loss_of(stack, values).satisfies(wanted):
+    if link_loss_of(stack, values, station_id).satisfies(wanted):
         return ()
     after = dict(table.settings[wanted])
+    if "SYSID_MYGCS" in values and wanted != "continue":
+        after["SYSID_MYGCS"] = station_id
     if table.exceptions is not None:
         name, bits = table.exceptions
         after[name] = int(values[name])
         for bit in bits:
-            if not link_loss_of(stack, {**values, **after}).satisfies(wanted):
+            if not link_loss_of(stack, {**values, **after}, station_id).satisfies(wanted):
                 after[name] = int(after[name]) & ~bit
     return tuple(
         Change(name, values[name], value)
@@ -286,7 +292,7 @@ def _px4(values: Values) -> LinkLoss:
     return LinkLoss(reactions, values.get("RTL_RETURN_ALT"), fence, tuple(warnings))
 
 
-def _arduplane(values: Values) -> LinkLoss:
+def _arduplane(values: Values, station_id: int) -> LinkLoss:
     enabled, number = int(values["FS_GCS_ENABL"]), int(values["FS_LONG_ACTN"])
     after_s = values["FS_LONG_TIMEOUT"]
     long = _LONG_ACTIONS.get(number, "continue")
@@ -311,10 +317,10 @@ def _arduplane(values: Values) -> LinkLoss:
     height_m = values.get("RTL_ALTITUDE")
     if height_m is not None and height_m < 0.0:  # the current altitude
         height_m = None
-    return _ardupilot(values, reactions, warnings, height_m, _PLANE_FENCE)
+    return _ardupilot(values, station_id, reactions, warnings, height_m, _PLANE_FENCE)
 
 
-def _arducopter(values: Values) -> LinkLoss:
+def _arducopter(values: Values, station_id: int) -> LinkLoss:
     number, options = int(values["FS_GCS_ENABLE"]), int(values["FS_OPTIONS"])
     action = _COPTER_ACTIONS.get(number, "return")
     reaction: Reaction = ()
@@ -328,23 +334,24 @@ def _arducopter(values: Values) -> LinkLoss:
     }
     warnings = _warnings(values, "FS_GCS_ENABLE", _COPTER_ACTIONS, "ArduCopter returns")
     height_m = values["RTL_ALT"] / 100.0 if "RTL_ALT" in values else None
-    return _ardupilot(values, reactions, warnings, height_m, _COPTER_FENCE)
+    return _ardupilot(values, station_id, reactions, warnings, height_m, _COPTER_FENCE)
 
 
 def _ardupilot(
     values: Values,
+    station_id: int,
     reactions: Mapping[Phase, Reaction],
     warnings: list[str],
     height_m: float | None,
     fence_actions: Mapping[int, str],
 ) -> LinkLoss:
     """Return the reaction of ArduPilot, which monitors the heartbeats of one system id."""
-    station = int(values["SYSID_MYGCS"])
-    if station != STATION_ID and any(reactions.values()):
+    monitored = int(values["SYSID_MYGCS"])
+    if monitored != station_id and any(reactions.values()):
         reactions = dict.fromkeys(PHASES, ())
         warnings.append(
-            f"SYSID_MYGCS = {station}: it does not monitor the heartbeats of this station, "
-            f"which has the system id {STATION_ID}"
+            f"SYSID_MYGCS = {monitored}: it does not monitor the heartbeats of this station, "
+            f"which has the system id {station_id}"
         )
     fence = "unknown"
     if values.get("FENCE_ENABLE") == 0.0:

@@ -14,7 +14,6 @@ from autopilot_bridge.missions.transfer import TransferTiming
 from autopilot_bridge.stacks.link_loss import (
     PHASES,
     Change,
-    LinkLoss,
     Wanted,
     changes_for,
     link_loss_of,
@@ -42,13 +41,15 @@ class OldValues(msgspec.Struct, forbid_unknown_fields=True):
     parameters: dict[str, float]
 
 
-def show(line: Line, system_id: int | None) -> dict[str, Any]:
+def show(line: Line, system_id: int | None, station_id: int) -> dict[str, Any]:
     """Return the reaction of the vehicle on a link, and the parameters that determine it."""
-    session = _Session(line, system_id)
+    session = _Session(line, system_id, station_id)
     return session.run(session.show)
 
 
-def set_wanted(line: Line, system_id: int | None, wanted: Wanted, old: Path) -> dict[str, Any]:
+def set_wanted(
+    line: Line, system_id: int | None, station_id: int, wanted: Wanted, old: Path
+) -> dict[str, Any]:
     """Set the parameters so that the vehicle reacts as ``wanted``, and read them back.
 
     The values before the change are written to ``old`` before the first parameter is set. Raises
@@ -59,26 +60,28 @@ def set_wanted(line: Line, system_id: int | None, wanted: Wanted, old: Path) -> 
             f"{old}: exists, and may contain the values before an earlier change; "
             "restore them (--restore), or give another path with -o"
         )
-    session = _Session(line, system_id)
+    session = _Session(line, system_id, station_id)
     return session.run(partial(session.set_wanted, wanted, old))
 
 
-def restore(line: Line, system_id: int | None, old: Path) -> dict[str, Any]:
+def restore(line: Line, system_id: int | None, station_id: int, old: Path) -> dict[str, Any]:
     """Set the parameters to the values in the file ``old``, and read them back."""
     try:
         values = msgspec.json.decode(old.read_bytes(), type=OldValues)
     except (OSError, msgspec.MsgspecError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or error
         raise MissionServiceError(f"{old}: cannot be read: {reason}") from None
-    session = _Session(line, values.system_id if system_id is None else system_id)
+    system_id = values.system_id if system_id is None else system_id
+    session = _Session(line, system_id, station_id)
     return session.run(partial(session.restore, values, old))
 
 
 class _Session:
     """The exchange of parameters with one vehicle."""
 
-    def __init__(self, line: Line, system_id: int | None) -> None:
+    def __init__(self, line: Line, system_id: int | None, station_id: int) -> None:
         self._line = line
+        self._station_id = station_id
         self._client = NativeClient(target_system=system_id, timing=TIMING)
         self._connection: Connection
 
@@ -97,19 +100,20 @@ class _Session:
                         return await work()
 
     async def show(self) -> dict[str, Any]:
-        return _shown(self._stack, await self._read())
+        return self._shown(await self._read())
 
     async def set_wanted(self, wanted: Wanted, old: Path) -> dict[str, Any]:
         values = await self._read()
-        changes = changes_for(self._stack, wanted, values)
-        result = _shown(self._stack, values)
+        changes = changes_for(self._stack, wanted, values, self._station_id)
+        result = self._shown(values)
         if changes:
             system = self._refuse_armed()
             before = {change.name: change.before for change in changes}
             kept = OldValues(system, _name(self._stack), before)
             write_whole(old, json.dumps(msgspec.to_builtins(kept)) + "\n")
             result = await self._set(changes)
-            if not link_loss_of(self._stack, result["parameters"]).satisfies(wanted):
+            after = link_loss_of(self._stack, result["parameters"], self._station_id)
+            if not after.satisfies(wanted):
                 raise MissionServiceError(
                     f"{self._line.link}: after the change it still {result['reaction']}; "
                     f"restore the old values (--restore {old})"
@@ -133,7 +137,7 @@ class _Session:
             for each, value in sorted(kept.parameters.items())
             if values[each] != value
         ]
-        result = _shown(self._stack, values)
+        result = self._shown(values)
         if changes:
             self._refuse_armed()
             result = await self._set(changes)
@@ -183,7 +187,7 @@ class _Session:
                     f"{self._line.link}: {change.name} reads back as {values[change.name]:g} "
                     f"instead of {change.after:g}"
                 )
-        return _shown(self._stack, values)
+        return self._shown(values)
 
     async def _finished(self, request_id: int) -> ParametersResult:
         self._connection.flush()
@@ -193,19 +197,18 @@ class _Session:
                     return event.result
             await self._connection.wait()
 
+    def _shown(self, values: dict[str, float]) -> dict[str, Any]:
+        loss = link_loss_of(self._stack, values, self._station_id)
+        return {
+            "stack": _name(self._stack),
+            "reaction": str(loss),
+            **{phase: phase_in_words(loss.reactions[phase]) for phase in PHASES},
+            "return_height_m": loss.return_height_m,
+            "fence": loss.fence,
+            "parameters": values,
+            "warnings": list(loss.warnings),
+        }
+
 
 def _name(stack: Stack) -> str:
     return f"{stack.name} {stack.vehicle}"
-
-
-def _shown(stack: Stack, values: dict[str, float]) -> dict[str, Any]:
-    loss: LinkLoss = link_loss_of(stack, values)
-    return {
-        "stack": _name(stack),
-        "reaction": str(loss),
-        **{phase: phase_in_words(loss.reactions[phase]) for phase in PHASES},
-        "return_height_m": loss.return_height_m,
-        "fence": loss.fence,
-        "parameters": values,
-        "warnings": list(loss.warnings),
-    }

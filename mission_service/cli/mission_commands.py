@@ -138,14 +138,24 @@ def lost_link() -> None:
     """
 
 
+STATION = click.option(
+    "--station-id",
+    type=click.IntRange(1, 255),
+    default=255,
+    show_default=True,
+    help='System id of the service\'s heartbeats (245 if the vehicle has backend = "mavsdk").',
+)
+
+
 @lost_link.command("show")
+@STATION
 @SYSTEM
 @link_options
-def lost_link_show(system_id: int | None, as_json: bool, **link: Any) -> None:
+def lost_link_show(station_id: int, system_id: int | None, as_json: bool, **link: Any) -> None:
     """Read the vehicle's parameters and print its reaction in each phase of a flight."""
     from mission_service.cli.lost_link_parameters import show
 
-    _echo_lost_link(show(_line(link), system_id), as_json)
+    _echo_lost_link(show(_line(link), system_id, station_id), as_json)
 
 
 @lost_link.command("set")
@@ -164,12 +174,14 @@ def lost_link_show(system_id: int | None, as_json: bool, **link: Any) -> None:
     metavar="FILE",
     help="Set the values in FILE, which an earlier change has written.",
 )
+@STATION
 @SYSTEM
 @link_options
 def lost_link_set(
     wanted: Any,
     output: Path,
     old: Path | None,
+    station_id: int,
     system_id: int | None,
     as_json: bool,
     **link: Any,
@@ -183,9 +195,9 @@ def lost_link_set(
     if (wanted is None) == (old is None):
         raise click.UsageError("give either continue, hold, return or land, or --restore FILE")
     if old is not None:
-        result = restore(_line(link), system_id, old)
+        result = restore(_line(link), system_id, station_id, old)
     else:
-        result = set_wanted(_line(link), system_id, wanted, output)
+        result = set_wanted(_line(link), system_id, station_id, wanted, output)
     _echo_lost_link(result, as_json)
 
 

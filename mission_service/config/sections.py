@@ -264,6 +264,8 @@ class VehicleSection(Section):
     endurance_s: Positive | None = None  # maximum time in the air; the recall is earlier
     endurance_reserve_s: NotNegative = 120.0  # remaining endurance on arrival at home
     autostart: bool = False
+    # The reaction to a lost link that the autopilot's parameters must cause; None: any.
+    lost_link: Literal["continue", "hold", "return", "land"] | None = None
     landing: bool = True  # whether missions of a PX4 plane end with a landing at home
     landing_course_deg: Annotated[float, Field(ge=0, le=360)] | None = None
 
@@ -278,6 +280,16 @@ class VehicleSection(Section):
     def _speeds_in_order(self) -> "VehicleSection":
         if self.min_airspeed_m_s >= self.max_airspeed_m_s:
             raise ValueError("min_airspeed_m_s must be less than max_airspeed_m_s")
+        return self
+
+    @model_validator(mode="after")
+    def _reaction_exists(self) -> "VehicleSection":
+        arduplane = (self.stack, self.kind) == ("ardupilot", "plane")
+        if arduplane and self.lost_link in ("hold", "land"):
+            raise ValueError(
+                f'an ArduPlane has no reaction lost_link = "{self.lost_link}"; '
+                'give "continue" or "return"'
+            )
         return self
 
     @field_validator("signing_key")

@@ -19,6 +19,7 @@ from mission_service.core.autopilot_reports import (
 )
 from mission_service.core.continuation import Continuation
 from mission_service.core.decision_engine import DecisionEngine
+from mission_service.core.lost_link import reaction_compared
 from mission_service.core.mission_starts import WAITS, MissionStarts
 from mission_service.core.operator_orders import OperatorOrders, hold_again
 from mission_service.core.request_results import RequestResults
@@ -207,6 +208,8 @@ class Core:
         left = vehicle.availability.taken_over or vehicle.availability.recalled
         if left or not self.guidance.in_mission(vehicle.name):
             then = "it continues to circle, or its autopilot executes a failsafe"
+        if vehicle.lost_link:
+            then += f"; by its parameters it {vehicle.lost_link}"
         words = f"no heartbeat for {event.silent_s:.1f} s: link lost; {then}"
         return [announce(vehicle, words, warning=True)]
 
@@ -223,6 +226,11 @@ class Core:
     def _progressed(self, vehicle: Vehicle, event: events.MissionProgress) -> list[AnyCommand]:
         vehicle.takes_off &= event.current_seq == 0  # after item 0 the takeoff is complete
         return []
+
+    def _parameters_reported(
+        self, vehicle: Vehicle, event: events.ParametersReported
+    ) -> list[AnyCommand]:
+        return reaction_compared(vehicle, event)
 
     def _moved(self, vehicle: Vehicle, at_s: float, decision: Decision | None) -> list[AnyCommand]:
         availability = vehicle.availability
@@ -392,6 +400,7 @@ class Core:
         events.LinkRestored: _link_restored,
         events.AirspeedMeasured: _airspeed_measured,
         events.MissionProgress: _progressed,
+        events.ParametersReported: _parameters_reported,
     }
 
 

@@ -56,6 +56,7 @@ from mission_service.missions.recognition import as_uploaded
 from mission_service.runtime.camera_reports import CameraReports
 from mission_service.runtime.mean_airspeed import MeanAirspeed
 from mission_service.runtime.thrust_loss import ThrustMonitor
+from mission_service.vehicles.parameter_reports import ParameterReports
 
 Recognise = Callable[[tuple[MissionItem, ...], Stack], int]
 
@@ -155,11 +156,13 @@ class Gateway:
         dropper: Dropper | None = None,
         return_height_m: float | None = None,
         camera: CameraReports | None = None,
+        parameters: ParameterReports | None = None,
     ) -> None:
         """Connect vehicle and client; without a ``dropper``, every drop is refused.
 
         When the vehicle connects, its return height is set to ``return_height_m`` above home.
-        Without ``camera``, the reports of cameras are not used.
+        Without ``camera``, the reports of cameras are not used. Without ``parameters``, no
+        parameter is read.
         """
         self.name = name
         self.client = client
@@ -167,6 +170,7 @@ class Gateway:
         self._dropper = dropper
         self._return_height_m = return_height_m
         self._camera = camera
+        self._parameters = parameters
         self._drops: dict[int, Drop] = {}  # unfinished drops by the number that the client assigned
         self._queued: deque[VehicleEvent] = deque()  # events that the gateway itself creates
         self._battery_pct: dict[int, float] = {}
@@ -206,11 +210,15 @@ class Gateway:
             self._queued.append(_connected(at_us, self.name, stack))
             for status in self._status.values():
                 self._queued.append(msgspec.structs.replace(status, at_us=at_us))
+            if self._parameters is not None:
+                self._parameters.begin(now_us)
             self._reading = self.client.download(now_us)
 
     def events(self, now_us: int) -> Iterator[VehicleEvent]:
         """Yield the events since the last call, translated for the core, with mission times."""
         self._clock.wall_passed(now_us)
+        if self._parameters is not None:
+            self._parameters.continue_reading(self._mode is not None and self._mode[1], now_us)
         while True:
             while self._queued:
                 yield self._queued.popleft()
@@ -220,6 +228,8 @@ class Gateway:
             translated = self._translate(event, now_us)
             if translated is not None:
                 yield translated
+            if self._parameters is not None:
+                self._queued += self._parameters.receive(event, self._clock.now_us, now_us)
 
     def execute(self, command: AnyCommand, now_us: int) -> None:
         """Execute one command; ``events`` yields the outcome."""

@@ -54,6 +54,9 @@ class VehicleState(msgspec.Struct, tag="vehicle/1", tag_field="schema"):
     armed: bool = False
     current_seq: int | None = None  # index of the current item of the mission on board
     battery_pct: float | None = None
+    lost_link: str = ""  # reaction to a lost link, in words; empty if unknown
+    return_height_m: float | None = None  # of a return by the autopilot's parameters, above home
+    fence_action: str = ""  # reaction to a breached fence
     position_good: bool = True
     position_fix: str = ""
     order: str = ""  # an operator's order in force: hold, return

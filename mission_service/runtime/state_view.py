@@ -30,6 +30,7 @@ from mission_service.commands import (
     WithdrawPlan,
 )
 from mission_service.config.scenario import Scenario
+from mission_service.core.lost_link import reaction_of
 from mission_service.events import (
     Aborted,
     AnyEvent,
@@ -48,6 +49,7 @@ from mission_service.events import (
     OperatorEvent,
     OperatorHeartbeat,
     OrderGiven,
+    ParametersReported,
     Resumed,
     SettingsChanged,
     Telemetry,
@@ -82,7 +84,7 @@ OF_FIRE = ("edge", "input")  # prefixes of alarms about the fire, which persist 
 OF_FLIGHT = (
     *("link", "silent", "position", "battery", "mission", "order", "abort", "near"),
     *("mode", "state", "fence", "estimator", "autopilot", "front", "landed", "unrecorded"),
-    *("observer", "sensor", "estimate"),
+    *("observer", "sensor", "estimate", "lost_link"),
     *OF_FIRE,
 )
 
@@ -300,6 +302,12 @@ class StateView(Notices):
         vehicle.orbit = None
         self._touch(f"mission/{vehicle.vehicle}")
 
+    def _parameters(self, vehicle: VehicleState, event: ParametersReported) -> None:
+        loss = reaction_of(event)
+        vehicle.lost_link = "" if loss is None else str(loss)
+        vehicle.return_height_m = None if loss is None else loss.return_height_m
+        vehicle.fence_action = "" if loss is None else loss.fence
+
     def _mode_changed(self, vehicle: VehicleState, event: ModeChanged) -> None:
         vehicle.mode, vehicle.armed = event.mode, event.armed
         if not event.armed:
@@ -463,6 +471,7 @@ class StateView(Notices):
         LinkRestored: _linked,
         VehicleRebooted: _rebooted,
         ModeChanged: _mode_changed,
+        ParametersReported: _parameters,
         BatteryUpdated: _battery,
         GpsFixChanged: _gps_fix,
         WindMeasured: _wind_measured,

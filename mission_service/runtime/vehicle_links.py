@@ -13,10 +13,12 @@ from pathlib import Path
 
 from autopilot_bridge.clients.client_protocol import VehicleClient
 from autopilot_bridge.clients.mavsdk import MavsdkClient
+from autopilot_bridge.clients.mavsdk_library import MAVSDK_IDS
 from autopilot_bridge.clients.shared_link import SharedLink
 from autopilot_bridge.links.asyncio_connection import Connection
 from autopilot_bridge.links.signing import Signing
 from autopilot_bridge.links.tlog_writer import Tlog
+from autopilot_bridge.stacks.link_loss import STATION_ID
 from firemodel.landscape.landscape import Landscape
 from mission_service.commands import Severity
 from mission_service.config.scenario import Scenario
@@ -32,6 +34,7 @@ from mission_service.runtime.gateway import (
     rates_hz,
 )
 from mission_service.runtime.link_signing import SigningRefusals, refusal, signings
+from mission_service.vehicles.parameter_reports import ParameterReports
 
 REPORT_SILENCE_AFTER_US = 4_000_000
 # Vehicles exceed the commanded airspeed: ArduPlane flew at 23 instead of 15 m/s, and faster in a
@@ -120,10 +123,16 @@ async def open_links(
                 dropper_of(scenario),
                 way_of(scenario).return_height_m(scenario, landscape),
                 camera_reports_of(scenario, section.name),
+                ParameterReports(section.name, client, _station_id(section)),
             )
             refusals = SigningRefusals(section.link, section.system_id, signing)
             links[section.name] = Link(section, gateway, connection, refusals)
     return {name: links[name] for name in places}
+
+
+def _station_id(section: VehicleSection) -> int:
+    """Return the system id of the heartbeats that a vehicle receives."""
+    return MAVSDK_IDS[0] if section.backend == "mavsdk" else STATION_ID
 
 
 def _clients_of(

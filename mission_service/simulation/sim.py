@@ -12,6 +12,7 @@ from autopilot_bridge.mock.autopilot import MockAutopilot
 from autopilot_bridge.mock.kinematics import Wind
 from autopilot_bridge.mock.local_frame import LocalFrame
 from autopilot_bridge.mock.mock_camera import CapturedImage
+from autopilot_bridge.stacks.link_loss import STATION_ID
 from autopilot_bridge.stacks.stacks import stack_named
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
@@ -49,6 +50,7 @@ from mission_service.simulation.image_writer import (
     check_is_empty,
     folder_of,
 )
+from mission_service.vehicles.parameter_reports import ParameterReports
 
 PROGRESS_EVERY_US = 60_000_000
 CLOCK_SENSORS = ("observation_files", "thermal_video")  # sensors that use the host's clock
@@ -98,6 +100,7 @@ class SimulatedVehicle:
             dropper_of(scenario),
             way_of(scenario).return_height_m(scenario, landscape),
             camera_reports_of(scenario, section.name),
+            ParameterReports(section.name, self.client, STATION_ID),
         )
         self._mock_due_us = 0
         self._up = memory_link(scenario.link, seed)

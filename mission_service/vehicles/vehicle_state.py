@@ -106,6 +106,7 @@ class Vehicle:
     airspeed_alarm: bool = False
     text_at_s: float | None = None  # time of the last text that raised an alarm
     flown_line: shapely.LineString | None = None  # path of the confirmed mission on board
+    lost_link: str = ""  # its reaction to a lost link, in words; empty if unknown
     takes_off: bool = False  # whether the vehicle flies the takeoff item of its mission
     uploaded_at_s: float = -1e9
     upload_ended_at_s: float = -1e9

@@ -9,6 +9,7 @@ from autopilot_bridge.stacks.stacks import Stack
 from autopilot_bridge.vehicle import client_events as bridge
 from autopilot_bridge.vehicle.client_events import ClientEvent
 from autopilot_bridge.vehicle.orders import Dropper
+from autopilot_bridge.vehicle.parameters import ParametersResult
 from autopilot_bridge.vehicle.transfer_states import StartItem
 
 # The log events that the core uses as input. Mission progress is left out, because the logged
@@ -78,6 +79,13 @@ class LoggedVehicle:
         """Acknowledge the command."""
         self._number += 1
         self._events.append(bridge.CommandFinished(now_us, name, True, "", self._number))
+        return self._number
+
+    def read_parameter(self, name: str, now_us: int) -> int:
+        """Report the parameter as not available."""
+        self._number += 1
+        result = ParametersResult("failed", "a log")
+        self._events.append(bridge.ParametersFinished(now_us, self._number, result))
         return self._number
 
     def drop(self, dropper: Dropper, now_us: int) -> int:
