@@ -44,7 +44,7 @@ class OldValues(msgspec.Struct, forbid_unknown_fields=True):
 def show(line: Line, system_id: int | None, station_id: int) -> dict[str, Any]:
     """Return the reaction of the vehicle on a link, and the parameters that determine it."""
     session = _Session(line, system_id, station_id)
-    return session.run(session.show)
+    return session.result_of(session.show)
 
 
 def set_wanted(
@@ -61,7 +61,7 @@ def set_wanted(
             "restore them (--restore), or give another path with -o"
         )
     session = _Session(line, system_id, station_id)
-    return session.run(partial(session.set_wanted, wanted, old))
+    return session.result_of(partial(session.set_wanted, wanted, old))
 
 
 def restore(line: Line, system_id: int | None, station_id: int, old: Path) -> dict[str, Any]:
@@ -73,7 +73,7 @@ def restore(line: Line, system_id: int | None, station_id: int, old: Path) -> di
         raise MissionServiceError(f"{old}: cannot be read: {reason}") from None
     system_id = values.system_id if system_id is None else system_id
     session = _Session(line, system_id, station_id)
-    return session.run(partial(session.restore, values, old))
+    return session.result_of(partial(session.restore, values, old))
 
 
 class _Session:
@@ -85,7 +85,7 @@ class _Session:
         self._client = NativeClient(target_system=system_id, timing=TIMING)
         self._connection: Connection
 
-    def run(self, work: Work) -> dict[str, Any]:
+    def result_of(self, work: Work) -> dict[str, Any]:
         """Run ``work`` on an open connection, within the timeout of the line."""
         with connected(self._client, self._line, self._line.signing_key) as (connection, _):
             self._connection = connection

@@ -211,7 +211,7 @@ class Gateway:
             for status in self._status.values():
                 self._queued.append(msgspec.structs.replace(status, at_us=at_us))
             if self._parameters is not None:
-                self._parameters.begin(now_us)
+                self._parameters.report_again(now_us)
             self._reading = self.client.download(now_us)
 
     def events(self, now_us: int) -> Iterator[VehicleEvent]:

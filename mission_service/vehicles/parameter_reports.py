@@ -37,7 +37,7 @@ class ParameterReports:
         self._tries = 0
         self._last: tuple[str, dict[str, float], tuple[str, ...]] | None = None
 
-    def begin(self, now_us: int) -> None:
+    def report_again(self, now_us: int) -> None:
         """Read all parameters, and report them even if they have not changed."""
         self._last, self._tries = None, 0
         self._read(now_us)
@@ -49,7 +49,7 @@ class ParameterReports:
         """
         match event:
             case Connected() | Rebooted():
-                self.begin(now_us)
+                self.report_again(now_us)
             case LinkRestored():
                 self._tries = 0
                 self._read(now_us)
