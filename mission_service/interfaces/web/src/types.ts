@@ -38,6 +38,9 @@ export interface Vehicle {
   armed: boolean;
   current_seq: number | null;
   battery_pct: number | null;
+  lost_link: string; // reaction to a lost link; empty if unknown
+  return_height_m: number | null;
+  fence_action: string;
   position_good: boolean;
   position_fix: string;
   order: string; // an operator's order in force: hold, return

@@ -142,6 +142,7 @@ export class VehiclesPanel {
       ],
       ["Order", vehicle.order || null],
       ["Battery", vehicle.battery_pct === null ? "unknown" : `${vehicle.battery_pct.toFixed(0)} %`],
+      ["If the link is lost", lostLinkText(vehicle)],
       ["Position", vehicle.position_good ? null : `NOT GOOD: ${vehicle.position_fix}`],
       ["Height", fix ? `${metres(fix.height_agl_m)} above ground` : "–"],
       ["Motion", fix ? `${speed(fix.ground_speed_m_s)}, heading ${fix.heading_deg.toFixed(0)}°` : "–"],
@@ -177,6 +178,14 @@ function shortState(vehicle: Vehicle): string {
   const battery = vehicle.battery_pct === null ? "" : ` · ${vehicle.battery_pct.toFixed(0)} %`;
   const order = vehicle.order ? ` · ${vehicle.order.toUpperCase()}` : "";
   return `${vehicle.mode || "mode?"}${battery}${order}`;
+}
+
+/** The reaction to a lost link, the height of a return and the reaction to a breached fence. */
+function lostLinkText(vehicle: Vehicle): string | null {
+  if (vehicle.link === "never heard") return null;
+  if (!vehicle.lost_link) return "unknown";
+  const height = vehicle.return_height_m === null ? "" : `; returns at ${metres(vehicle.return_height_m)}`;
+  return `${vehicle.lost_link}${height}; fence: ${vehicle.fence_action}`;
 }
 
 function missionText(mission: Mission | null, vehicle: Vehicle | null): string {
