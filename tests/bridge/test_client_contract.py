@@ -25,6 +25,7 @@ from tests.patience import PATIENCE_S
 STACKS = ("px4", "ardupilot")
 BACKENDS = ("native", "mavsdk")
 SPEEDUP = 10.0
+PARAMETERS = {"px4": ("COM_DL_LOSS_T", 10.0), "ardupilot": ("SYSID_MYGCS", 255.0)}
 Event = TypeVar("Event")
 
 
@@ -109,6 +110,11 @@ async def flies_and_is_sent_elsewhere(backend: str, name: str) -> None:
                 vehicle.command("loop", clock_us())
             connected = await client.next(events.Connected)
             assert (connected.stack.name, connected.stack.vehicle) == (name, "plane")
+            asked, value = PARAMETERS[name]
+            number = vehicle.read_parameter(asked, clock_us())
+            found = await client.next(events.ParametersFinished)
+            assert found.request_id == number
+            assert [(each.name, each.value) for each in found.result.parameters] == [(asked, value)]
             first, second = short_mission(), short_mission(legs=5)
             assert (await client.transfer(vehicle.upload(first, clock_us()))).reason == "accepted"
             read = await client.transfer(vehicle.download(clock_us()))
