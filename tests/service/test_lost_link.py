@@ -1,14 +1,25 @@
 """The reaction to a lost link: read from the autopilot, shown, and compared with the scenario."""
 
+from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
 
+from autopilot_bridge.links.memory_link import MemoryLink
 from autopilot_bridge.stacks.link_loss import parameters_of
 from autopilot_bridge.stacks.stacks import Stack, stack_named
 from autopilot_bridge.vehicle import client_events as bridge
 from autopilot_bridge.vehicle.parameters import Parameter, ParametersResult
-from mission_service.commands import Announce, AnyCommand, ClearAlarm, RaiseAlarm
+from mission_service.commands import (
+    Announce,
+    AnyCommand,
+    ClearAlarm,
+    Hold,
+    RaiseAlarm,
+    StartMission,
+    UploadMission,
+)
 from mission_service.config.scenario import load_scenario
 from mission_service.core.core import Core
 from mission_service.errors import ScenarioError
@@ -21,6 +32,8 @@ from mission_service.vehicles.parameter_reports import (
     RETRY_US,
     ParameterReports,
 )
+from tests.service.people_flights import Fly, flights_in
+from tests.service.test_failsafes import times_s
 
 PX4, COPTER = stack_named("px4", "plane"), stack_named("ardupilot", "copter")
 NONE = {
@@ -135,6 +148,52 @@ def test_the_state_of_a_vehicle_shows_the_reaction() -> None:
 def test_a_reaction_that_arduplane_lacks_is_rejected(wanted: str) -> None:
     with pytest.raises(ScenarioError, match="an ArduPlane has no reaction lost_link"):
         core_of(wanted, stack="ardupilot", kind="plane")
+
+
+# In flight --------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def fly(tmp_path: Path) -> Iterator[Fly]:
+    yield from flights_in(tmp_path)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("stack", ["px4", "ardupilot"])
+def test_a_failsafe_after_a_lost_link_is_as_shown_and_left_alone(fly: Fly, stack: str) -> None:
+    """Only the link to the vehicle is cut: the service still receives its telemetry."""
+    flight = fly(f'vehicles.0.stack="{stack}"', 'vehicles.0.lost_link="return"')
+    rig = flight.sim.rigs[0]
+    flight.run(10.0)
+    assert flight.state_view.vehicles["hawk"].lost_link == "continues"
+    assert "lost_link/hawk" in flight.state_view.alarms
+    wanted = {"px4": ("NAV_DLL_ACT", 2.0), "ardupilot": ("FS_LONG_ACTN", 1.0)}
+    rig.mock.parameters.change(*wanted[stack])
+    if stack == "ardupilot":
+        rig.mock.parameters.change("FS_GCS_ENABL", 1.0)
+    rig.gateway.read_back(lambda items, stack: 0, flight.sim.link_us)
+    flight.run(390.0)
+    shown = {"px4": "holds after 10 s, returns after 15 s", "ardupilot": "returns after 5 s"}
+    assert flight.state_view.vehicles["hawk"].lost_link == shown[stack]
+    assert "lost_link/hawk" not in flight.state_view.alarms
+    assert flight.mode == "mission"
+    up = rig._up
+    rig._up = MemoryLink(loss=1.0)
+    flight.run(4.0)
+    assert flight.mode == "mission"
+    if stack == "px4":
+        flight.run(8.0)
+        assert flight.mode == "hold"
+    flight.run(6.0)
+    assert flight.mode == "return"
+    assert "not ordered" in flight.state_view.alarms["mode/hawk"].text
+    rig._up = up
+    left_s = flight.now_s
+    flight.run(60.0)
+    assert flight.mode == "return"
+    lines = flight.over()  # also verifies a replay of the journal
+    for kind in (UploadMission, StartMission, Hold):
+        assert not [at_s for at_s in times_s(lines, kind) if at_s >= left_s]
 
 
 # Reading ----------------------------------------------------------------------------------------
