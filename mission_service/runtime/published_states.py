@@ -54,6 +54,11 @@ class VehicleState(msgspec.Struct, tag="vehicle/1", tag_field="schema"):
     armed: bool = False
     current_seq: int | None = None  # index of the current item of the mission on board
     battery_pct: float | None = None
+    # In flight: the time until the vehicle must fly home (negative: since then), the time of the
+    # flight home (null: unknown, or the wind prevents it), and the source that counts.
+    time_on_task_s: int | None = None
+    time_home_s: int | None = None
+    energy_source: str = ""
     position_good: bool = True
     position_fix: str = ""
     order: str = ""  # an operator's order in force: hold, return

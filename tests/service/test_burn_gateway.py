@@ -116,7 +116,8 @@ def test_the_emptiest_battery_is_reported_when_it_changes() -> None:
         battery(6, 1, 59, 11.8),
     )
     events = list(gateway_of(client).events(9))
-    assert events == [BatteryUpdated(1000, "drake", percent) for percent in (80.0, 60.0, 59.0)]
+    reports = ((None, 12.0), (80.0, 12.0), (60.0, 11.9), (59.0, 11.8))
+    assert events == [BatteryUpdated(1000, "drake", *report) for report in reports]
 
 
 def test_the_fix_is_reported_when_it_changes() -> None:
