@@ -107,8 +107,8 @@ def acts(commands: list[AnyCommand]) -> list[AnyCommand]:
 
 def test_it_is_sent_home_while_its_time_in_the_air_still_takes_it_there(land: Landscape) -> None:
     flight = Flight(land, *LONG)
-    # A quarter turn, 1,140 m at 12 m/s, and a reserve of 100 s: after 797 s.
-    assert not returns(flight.at(150.0, later_s=793.0))
+    # 1,200 m at 12 m/s, and a reserve of 100 s: after 800 s.
+    assert not returns(flight.at(150.0, later_s=795.0))
     assert flight.planner.left_at_s == []
     commands = flight.at(150.0, later_s=10.0)
     assert returns(commands)
