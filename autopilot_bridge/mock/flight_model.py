@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.items import MissionItem, params_of
 from autopilot_bridge.mock.battery import Battery
-from autopilot_bridge.mock.body import Body, Place
+from autopilot_bridge.mock.body import HIGH_ENOUGH_M, Body, Place
 from autopilot_bridge.mock.item_flight import Target, loitered, passed
 from autopilot_bridge.mock.kinematics import Limits
 from autopilot_bridge.mock.mission_sequencer import (
@@ -384,7 +384,10 @@ class FlightModel(Body):
         return max(self.motion.altitude_m, self.frame.altitude_m + self.return_m)
 
     def _return(self, now_s: float) -> bool:
-        """Fly home; a plane circles there, a copter lands. Return True when it has landed."""
+        """Fly home; a plane circles there, a copter lands. Return True when it has landed.
+
+        Copters climb to their return height before they fly home (ArduCopter 4.6 and PX4 1.17).
+        """
         if self.stack.vehicle == "plane":
             self.loiter((0.0, 0.0), self._return_amsl_m, DEFAULT_RADIUS_M)
             return False
@@ -392,7 +395,10 @@ class FlightModel(Body):
             return True
         if self.distance((0.0, 0.0)) < 1.0:
             return self._down((0.0, 0.0), now_s)
-        self.loiter((0.0, 0.0), self._return_amsl_m, 0.0)
+        motion = self.motion
+        low = motion.altitude_m < self._return_amsl_m - HIGH_ENOUGH_M
+        place = (motion.north_m, motion.east_m) if low else (0.0, 0.0)
+        self.loiter(place, self._return_amsl_m, 0.0)
         return False
 
     def _return_item(self, now_s: float) -> bool:

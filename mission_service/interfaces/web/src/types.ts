@@ -38,6 +38,9 @@ export interface Vehicle {
   armed: boolean;
   current_seq: number | null;
   battery_pct: number | null;
+  time_on_task_s: number | null; // until it must fly home; negative after this time
+  time_home_s: number | null; // of the flight home
+  energy_source: string;
   position_good: boolean;
   position_fix: string;
   order: string; // an operator's order in force: hold, return
