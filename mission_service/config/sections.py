@@ -267,7 +267,7 @@ class VehicleSection(Section):
     battery_reserve_pct: Annotated[float, Field(ge=0, le=90)] = 20.0
     battery_min_voltage_v: Positive | None = None
     # The return of a copter: the height above home to which it climbs first, and its ground speed.
-    return_height_m: NotNegative = 60.0
+    return_height_m: NotNegative | None = None  # default: 60 with PX4, 15 with ArduPilot
     return_speed_m_s: Positive | None = None  # default: airspeed_m_s
     climb_m_s: Positive = 3.0
     autostart: bool = False

@@ -11,7 +11,9 @@ from firemodel.landscape.landscape import Landscape
 from mission_service import events
 from mission_service.commands import AnyCommand, ClearAlarm, RaiseAlarm, ReportEnergy
 from mission_service.config.scenario import Scenario
+from mission_service.config.sections import VehicleSection
 from mission_service.fire.scenario_fire import weather_of
+from mission_service.guidance.registry import way_of
 from mission_service.vehicles.availability import GOING_HOME, named_mode
 from mission_service.vehicles.endurance import home_s
 from mission_service.vehicles.energy import EnergyEstimate, estimate, times_left
@@ -20,6 +22,7 @@ from mission_service.vehicles.way_home import Vector
 
 ENERGY, OVERDUE = "energy", "overdue"
 EVERY_S, REPORT_EVERY_S = 1.0, 10.0
+RETURN_HEIGHTS_M = {"px4": 60.0, "ardupilot": 15.0}  # RTL_RETURN_ALT, ArduCopter's RTL_ALT
 FRESH_S = 120.0  # an older measured wind is replaced by the wind of the scenario
 LITTLE_S, ENOUGH_S = 180.0, 240.0  # time on task at which the alarm is raised and cleared
 OVERDUE_AFTER_S = 15.0  # the order to return takes effect in the meantime
@@ -31,6 +34,7 @@ class EnergyWatch:
     def __init__(self, scenario: Scenario, landscape: Landscape) -> None:
         self._weather = weather_of(scenario)
         self._landscape = landscape
+        self._return_height_m = way_of(scenario).return_height_m(scenario, landscape)
 
     def battery(self, vehicle: Vehicle, event: events.BatteryUpdated) -> None:
         """Apply a report of the battery."""
@@ -71,7 +75,15 @@ class EnergyWatch:
         if not times or fix is None:
             return None
         home_amsl_m = event.altitude_amsl_m - event.altitude_relative_m
-        return estimate(times, home_s(vehicle, fix, self._wind(vehicle, at_s), home_amsl_m), at_s)
+        return_amsl_m = home_amsl_m + self._height_m(vehicle.section)
+        return estimate(times, home_s(vehicle, fix, self._wind(vehicle, at_s), return_amsl_m), at_s)
+
+    def _height_m(self, section: VehicleSection) -> float:
+        """Return the height above home at which the vehicle returns: ordered, given or usual."""
+        if self._return_height_m is not None:
+            return self._return_height_m
+        given = section.return_height_m
+        return RETURN_HEIGHTS_M[section.stack] if given is None else given
 
     def _wind(self, vehicle: Vehicle, at_s: float) -> Vector:
         """Return the velocity of the air (x, y) on the map, as measured or by the scenario."""

@@ -18,15 +18,15 @@ def must_return(vehicle: Vehicle) -> bool:
     return found is not None and found.time_on_task_s <= 0.0 and not vehicle.energy.flies_on
 
 
-def home_s(vehicle: Vehicle, fix: PositionFix, wind_m_s: Vector, home_amsl_m: float) -> float:
+def home_s(vehicle: Vehicle, fix: PositionFix, wind_m_s: Vector, return_amsl_m: float) -> float:
     """Return the seconds until the vehicle is over home; infinity if the wind prevents it.
 
-    ``wind_m_s`` is the velocity of the air (x, y). Copters, and planes with PX4, climb to the
-    return height before they fly home; ArduPlane climbs on the way.
+    ``wind_m_s`` is the velocity of the air (x, y). Copters, and planes with PX4, climb to
+    ``return_amsl_m`` before they fly home; ArduPlane climbs on the way.
     """
     section = vehicle.section
     home_m = (vehicle.home_m[0] - fix.x_m, vehicle.home_m[1] - fix.y_m)
-    climb_m = max(home_amsl_m + section.return_height_m - fix.altitude_m, 0.0)
+    climb_m = max(return_amsl_m - fix.altitude_m, 0.0)
     climb_s = climb_m / section.climb_m_s
     if section.kind == "copter":
         speed_m_s = section.return_speed_m_s or section.airspeed_m_s
@@ -36,7 +36,7 @@ def home_s(vehicle: Vehicle, fix: PositionFix, wind_m_s: Vector, home_amsl_m: fl
     heading = (fix.east_m_s - wind_m_s[0], fix.north_m_s - wind_m_s[1])
     radius_m = section.turn_radius_m if math.hypot(*heading) > MIN_SPEED_M_S else 0.0
     straight_s = plane_home_s(home_m, heading, wind_m_s, airspeed_m_s, radius_m)
-    return climb_s + straight_s if section.stack == "px4" else max(climb_s, straight_s)
+    return climb_s + straight_s if section.stack == "px4" else straight_s
 
 
 def time_up_words(vehicle: Vehicle, at_s: float) -> str:

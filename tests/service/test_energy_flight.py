@@ -63,7 +63,8 @@ def test_it_returns_when_the_charge_takes_it_home_and_leaves_the_reserve(land: L
     assert found[-1].source == "battery"
     assert found[-1].time_home_s == pytest.approx(100, abs=2)
     assert found[-1].time_on_task_s == pytest.approx(200, abs=40)
-    flown_s, raised = 0, {}
+    flown_s = 0
+    raised: dict[str, str] = {}
     while not flight.core.vehicles["hawk"].sent_home:
         flown_s += 10
         battery(flight, math.ceil(40.0 - (10 + flown_s) / 30.0))
