@@ -39,7 +39,7 @@ class EnergyWatch:
     def battery(self, vehicle: Vehicle, event: events.BatteryUpdated) -> None:
         """Apply a report of the battery."""
         min_v = vehicle.section.battery_min_voltage_v
-        vehicle.battery.update(event, vehicle.availability.airborne, min_v)
+        vehicle.battery.apply(event, vehicle.availability.airborne, min_v)
 
     def moved(
         self, vehicle: Vehicle, event: events.Telemetry, was_airborne: bool

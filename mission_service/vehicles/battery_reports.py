@@ -32,7 +32,7 @@ class Confirmed:
     _new: float | None = None
     _since_s: float = 0.0
 
-    def update(self, value: float, at_s: float, may_rise: bool = True) -> None:
+    def consider(self, value: float, at_s: float, may_rise: bool = True) -> None:
         """Use a value that is near the last one; otherwise begin to wait, or continue."""
         if self.value is not None and abs(value - self.value) <= self.step:
             self.value, self._new = value, None
@@ -61,7 +61,7 @@ class UseRate:
     used: float = 0.0  # amount used in this time
     _last: tuple[float, float] | None = None  # time and amount left
 
-    def update(self, left: float, at_s: float) -> None:
+    def learn(self, left: float, at_s: float) -> None:
         """Update the rate by the amount that is left in flight.
 
         The first values have the weight of a mean; later the rate is an exponential average.
@@ -101,20 +101,20 @@ class BatteryReports:
     _used_mah: float = 0.0  # in this flight, by the autopilot or by integration of the current
     _consumed_mah: float | None = None  # as last reported
 
-    def update(self, report: BatteryUpdated, airborne: bool, min_voltage_v: float | None) -> None:
+    def apply(self, report: BatteryUpdated, airborne: bool, min_voltage_v: float | None) -> None:
         """Apply a report. A voltage of 0 and a percentage without a voltage of 0 % are not used."""
         at_s = report.at_us / 1e6
         self._update_voltage(report.voltage_v, at_s, min_voltage_v)
         if report.percent is not None and (report.percent > 0.0 or report.voltage_v is not None):
-            self.level.update(report.percent, at_s, may_rise=not airborne)
+            self.level.consider(report.percent, at_s, may_rise=not airborne)
         if report.time_remaining_s is not None:
-            self.empty_at.update(at_s + report.time_remaining_s, at_s)
+            self.empty_at.consider(at_s + report.time_remaining_s, at_s)
         else:
             self.empty_at = Confirmed(TIME_STEP_S)
         if airborne:
             self._use_charge(report, at_s)
             if self.level.value is not None:
-                self.level_rate.update(self.level.value, at_s)
+                self.level_rate.learn(self.level.value, at_s)
         self._consumed_mah = report.consumed_mah
         self.reported_at_s = at_s
 
@@ -171,4 +171,4 @@ class BatteryReports:
             used_mah = 0.0
         if used_mah >= 0.0:
             self._used_mah += used_mah
-        self.charge_rate.update(-self._used_mah, at_s)
+        self.charge_rate.learn(-self._used_mah, at_s)

@@ -31,7 +31,7 @@ def flown(
     """Report a battery of this endurance from takeoff on, in whole per cent, every ten seconds."""
     for number in range(int(until_s / 10.0) + 1):
         percent = math.ceil(from_pct - 100.0 * number * 10.0 / endurance_s)
-        battery.update(report(number * 10.0, float(percent)), True, None)
+        battery.apply(report(number * 10.0, float(percent)), True, None)
     return battery
 
 
@@ -56,7 +56,7 @@ def test_no_time_is_estimated_before_a_rate_is_learned() -> None:
     assert times_left(SECTION, battery, 60.0, 60.0) == []
     constant = BatteryReports()
     for number in range(100):
-        constant.update(report(number * 10.0, 100.0), True, None)
+        constant.apply(report(number * 10.0, 100.0), True, None)
     assert times_left(SECTION, constant, 1000.0, 1000.0) == []
 
 
@@ -65,7 +65,7 @@ def test_the_learned_rate_is_kept_when_the_battery_is_changed() -> None:
     battery.end_flight()
     assert battery.level_pct(710.0) is None
     for at_s in (720.0, 745.0):
-        battery.update(report(at_s, 100.0), False, None)
+        battery.apply(report(at_s, 100.0), False, None)
     assert least(battery, 745.0).until_empty_s == pytest.approx(1000.0, rel=0.08)
 
 
@@ -74,7 +74,7 @@ def test_a_heavier_load_shortens_the_time_left() -> None:
     before_s = least(battery, 400.0).until_empty_s
     for number in range(60):
         percent = math.ceil(80.0 - 100.0 * number * 10.0 / 1000.0)
-        battery.update(report(400.0 + number * 10.0, float(percent)), True, None)
+        battery.apply(report(400.0 + number * 10.0, float(percent)), True, None)
     left = least(battery, 990.0)
     assert before_s == pytest.approx(1600.0, rel=0.08)
     assert left.until_empty_s == pytest.approx(210.0, rel=0.2)  # 21 % at 1 % in 10 s
@@ -87,33 +87,33 @@ def test_a_heavier_load_shortens_the_time_left() -> None:
 def test_a_single_wrong_report_changes_nothing(wrong: tuple[float | None, float | None]) -> None:
     section = SECTION.model_copy(update={"battery_min_voltage_v": 10.5})
     battery, undisturbed = (flown(BatteryReports(), 1500.0, 600.0) for _ in range(2))
-    battery.update(report(603.0, *wrong), True, 10.5)
+    battery.apply(report(603.0, *wrong), True, 10.5)
     battery.settle(606.0)
     for each in (battery, undisturbed):
-        each.update(report(610.0, 60.0), True, 10.5)
+        each.apply(report(610.0, 60.0), True, 10.5)
     assert least(battery, 630.0, section) == least(undisturbed, 630.0, section)
 
 
 def test_a_charge_that_stays_low_is_used_and_one_that_rises_in_flight_is_not() -> None:
     battery = flown(BatteryReports(), 1500.0, 600.0)
-    battery.update(report(605.0, 12.0), True, None)
+    battery.apply(report(605.0, 12.0), True, None)
     assert battery.level_pct(605.0) == 60.0
     battery.settle(626.0)  # no other report has arrived
     assert battery.level_pct(626.0) == 12.0
     assert least(battery, 626.0).until_home_s < 0.0
     for second in range(60):
-        battery.update(report(630.0 + second, 90.0), True, None)
+        battery.apply(report(630.0 + second, 90.0), True, None)
     assert battery.level_pct(690.0) == 12.0
     battery.end_flight()
     for at_s in (700.0, 725.0):
-        battery.update(report(at_s, 90.0), False, None)
+        battery.apply(report(at_s, 90.0), False, None)
     assert battery.level_pct(725.0) == 90.0
 
 
 def test_a_charge_below_the_reserve_counts_before_a_rate_is_learned() -> None:
     battery = BatteryReports()
     for at_s in (0.0, 21.0):
-        battery.update(report(at_s, 15.0), True, None)
+        battery.apply(report(at_s, 15.0), True, None)
     left = least(battery, 21.0)
     assert left.until_home_s == pytest.approx(-LANDS_S)
     assert not EnergyEstimate(21.0, *left[:2], 500.0, left.until_empty_s).runs_out  # unknown
@@ -124,7 +124,7 @@ def test_a_fall_that_no_flight_causes_is_no_rate_of_discharge() -> None:
     battery = BatteryReports()
     for second in range(0, 900, 2):
         percent = float(max(100 - 100 * second // 60, 50))
-        battery.update(report(float(second), percent), True, None)
+        battery.apply(report(float(second), percent), True, None)
     assert battery.level_pct(898.0) == 50.0
     assert times_left(SECTION, battery, 898.0, 898.0) == []
 
@@ -135,7 +135,7 @@ def test_without_reports_the_charge_continues_to_fall() -> None:
     assert silent_s == pytest.approx(20.0, abs=3.0)
     unchanged = flown(BatteryReports(), 1000.0, 500.0)
     for number in range(30):
-        unchanged.update(report(510.0 + number * 10.0, 50.0), True, None)
+        unchanged.apply(report(510.0 + number * 10.0, 50.0), True, None)
     assert unchanged.level_pct(800.0) == 50.0
 
 
@@ -148,7 +148,7 @@ def test_the_used_charge_shows_a_change_sooner_than_the_percentage(by: str) -> N
         used_mah += current_a * 10.0 / 3.6
         percent = float(math.ceil(100.0 - used_mah / 5000.0 * 100.0))
         values = (None, used_mah) if by == "consumed" else (current_a, None)
-        battery.update(report(at_s, percent, 12.0, *values), True, None)
+        battery.apply(report(at_s, percent, 12.0, *values), True, None)
     times = {each.source: each for each in times_left(SECTION, battery, 0.0, 1000.0)}
     truly_s = (5000.0 - used_mah) * 3.6 / 20.0
     assert times["current"].until_empty_s == pytest.approx(truly_s, rel=0.2)
@@ -158,9 +158,9 @@ def test_the_used_charge_shows_a_change_sooner_than_the_percentage(by: str) -> N
 
 def test_the_autopilots_estimate_counts_after_it_has_lasted() -> None:
     battery = BatteryReports()
-    battery.update(report(0.0, 80.0, 12.0, None, None, 5.0), True, None)  # wrong
+    battery.apply(report(0.0, 80.0, 12.0, None, None, 5.0), True, None)  # wrong
     for second in range(1, 40):
-        battery.update(report(float(second), 80.0, 12.0, None, None, 800.0 - second), True, None)
+        battery.apply(report(float(second), 80.0, 12.0, None, None, 800.0 - second), True, None)
         left = times_left(SECTION, battery, 0.0, float(second))
         assert all(each.until_home_s > 200.0 for each in left)
     left_s = least(battery, 39.0)
@@ -172,12 +172,12 @@ def test_the_autopilots_estimate_counts_after_it_has_lasted() -> None:
 def test_a_low_voltage_counts_after_it_has_lasted() -> None:
     battery = BatteryReports()
     for second in range(10):
-        battery.update(report(float(second), None, 10.2), True, 10.5)
-    battery.update(report(10.0, None, 0.0), True, 10.5)  # a wrong value hides nothing
+        battery.apply(report(float(second), None, 10.2), True, 10.5)
+    battery.apply(report(10.0, None, 0.0), True, 10.5)  # a wrong value hides nothing
     assert times_left(SECTION, battery, 0.0, 10.0) == []
-    battery.update(report(21.0, None, 10.2), True, 10.5)
+    battery.apply(report(21.0, None, 10.2), True, 10.5)
     assert [each.source for each in times_left(SECTION, battery, 0.0, 21.0)] == ["voltage"]
-    battery.update(report(22.0, None, 10.9), True, 10.5)
+    battery.apply(report(22.0, None, 10.9), True, 10.5)
     assert times_left(SECTION, battery, 0.0, 22.0) == []
 
 
