@@ -403,14 +403,18 @@ class Gateway:
         """Return the state of the battery with the least charge, on a change and periodically."""
         self._batteries[event.battery_id] = event
         lowest = min(self._batteries.values(), key=_charge_pct)
-        percent = None if lowest.percent is None else float(lowest.percent)
+        # Floats, as the journal returns them.
+        percent, consumed_mah, remaining_s = (
+            None if value is None else float(value)
+            for value in (lowest.percent, lowest.consumed_mah, lowest.remaining_s)
+        )
         before = self._battery_reported
         is_new = before is None or percent != before.percent
         if before is not None and not is_new and now_us - before.at_us < BATTERY_EVERY_US:
             return None
         self._battery_reported = BatteryUpdated(
             *(now_us, self.name, percent, lowest.voltage_v, lowest.current_a),
-            *(lowest.consumed_mah, lowest.remaining_s),
+            *(consumed_mah, remaining_s),
         )
         return self._battery_reported
 
