@@ -122,7 +122,7 @@ def test_the_emptiest_battery_is_reported_when_it_changes() -> None:
 
 def test_an_unchanged_battery_is_reported_every_half_minute_in_floats() -> None:
     client, clock = Client(), MissionClock(0, wall=False)
-    gateway = Gateway("drake", client, clock)
+    gateway = Gateway("drake", client, clock)  # type: ignore[arg-type]
     found: list[Any] = []
     for second in range(0, 70, 10):
         clock.now_us = second * 1_000_000
