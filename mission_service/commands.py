@@ -115,6 +115,18 @@ class ClearAlarm(Command, frozen=True, tag=True):
     alarm: str
 
 
+class ReportEnergy(Command, frozen=True, tag=True):
+    """Report how long the vehicle's energy lasts; None without an estimate, as on the ground.
+
+    ``time_on_task_s`` is the time until the vehicle must fly home, negative after this time, by
+    ``source``. ``time_home_s`` is the time of the flight home; None if the wind prevents it.
+    """
+
+    time_on_task_s: int | None
+    time_home_s: int | None
+    source: str
+
+
 class BroadcastMessage(Command, frozen=True, tag=True):
     """Send a message to the UAVs that other processes control."""
 
@@ -168,6 +180,7 @@ AnyCommand = (
     | Announce
     | RaiseAlarm
     | ClearAlarm
+    | ReportEnergy
     | BroadcastMessage
     | ClimbAndHold
     | ProposePlan

@@ -268,9 +268,17 @@ class PeerLinkChanged(Event, frozen=True, tag=True):
 
 
 class BatteryUpdated(Event, frozen=True, tag=True):
-    """The remaining battery charge has changed."""
+    """The state of the battery with the least charge; None where the vehicle reports no value.
 
-    percent: Percent
+    Reported when the charge has changed, and otherwise every half minute. ``consumed_mah`` counts
+    from the start of the autopilot; ``time_remaining_s`` is the autopilot's own estimate.
+    """
+
+    percent: Percent | None
+    voltage_v: float | None = None
+    current_a: float | None = None
+    consumed_mah: float | None = None
+    time_remaining_s: float | None = None
 
 
 class GpsFixChanged(Event, frozen=True, tag=True):

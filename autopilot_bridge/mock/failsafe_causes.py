@@ -51,12 +51,28 @@ class Battery:
         share = 1.0 if self.percent is None else self.percent / 100.0
         return VOLTS_EMPTY + (VOLTS_FULL - VOLTS_EMPTY) * share
 
+    def current_a(self, airborne: bool) -> float | None:
+        """Return the mean current in flight; None if the battery does not drain."""
+        if self.endurance_s is None:
+            return None
+        return CAPACITY_MAH * 3.6 / self.endurance_s if airborne else 0.0
+
+    @property
+    def consumed_mah(self) -> float:
+        """The charge that was used since the battery was full."""
+        return 0.0 if self.percent is None else CAPACITY_MAH * (1.0 - self.percent / 100.0)
+
+    def remaining_s(self, airborne: bool) -> float:
+        """Return the autopilot's estimate of the time until the battery is empty; 0 without one."""
+        if self.endurance_s is None or self.percent is None or not airborne:
+            return 0.0
+        return self.endurance_s * self.percent / 100.0
+
     def low_text(self, ardupilot: bool) -> tuple[int, str]:
         """Return the severity and the text that the stack sends when the charge is low."""
         if not ardupilot:
             return 2, "Low battery\t"
-        used_mah = CAPACITY_MAH * (1.0 - (self.percent or 0.0) / 100.0)
-        return 4, f"Battery 1 is low {self.volts:.2f}V used {used_mah:.0f} mAh"
+        return 4, f"Battery 1 is low {self.volts:.2f}V used {self.consumed_mah:.0f} mAh"
 
 
 # "glide" is ArduPlane's FBWA without throttle.

@@ -8,7 +8,7 @@ from typing import Literal
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.items import MissionItem, params_of
-from autopilot_bridge.mock.body import Body, Place
+from autopilot_bridge.mock.body import HIGH_ENOUGH_M, Body, Place
 from autopilot_bridge.mock.failsafe_causes import Battery, FailsafeReaction
 from autopilot_bridge.mock.item_flight import Target, loitered, passed
 from autopilot_bridge.mock.kinematics import Limits
@@ -71,7 +71,7 @@ class FlightModel(Body):
     target: Target | None = None
     payload: Payload = field(init=False)
     radius_m: float = DEFAULT_RADIUS_M  # radius of a hold, negative if anticlockwise
-    return_m: float = 60.0  # a copter's minimum height above home during its return
+    return_m: float = 60.0  # minimum height above home during the return; not of ArduPlane
     orbit_m_s: float = 1.0  # speed of PX4 multirotors on the circle
     _hold_at: tuple[float, float, float] = field(init=False)
     _cruise_m_s: float = field(init=False)
@@ -403,20 +403,29 @@ class FlightModel(Body):
         self._disarm_at_s = now_s + DISARM_AFTER_S.get((self.stack.name, self.stack.vehicle), 2.0)
 
     def _return_altitude_amsl_m(self) -> float:
-        if self.stack.vehicle == "plane":
+        if (self.stack.name, self.stack.vehicle) == ("ardupilot", "plane"):
             return self.frame.altitude_m + 100.0
         return max(self.motion.altitude_m, self.frame.altitude_m + self.return_m)
 
     def _return(self, now_s: float) -> bool:
-        """Fly home; a plane circles there, a copter lands. Return True when it has landed."""
+        """Fly home; a plane circles there, a copter lands. Return True when it has landed.
+
+        Copters, and planes with PX4, climb to their return height before they fly home (ArduCopter
+        4.6, PX4 1.17).
+        """
+        low = self.motion.altitude_m < self._return_amsl_m - HIGH_ENOUGH_M
         if self.stack.vehicle == "plane":
-            self.loiter((0.0, 0.0), self._return_amsl_m, DEFAULT_RADIUS_M)
+            climbs = low and self.stack.name == "px4"
+            self.loiter(
+                self._hold_at[:2] if climbs else (0.0, 0.0), self._return_amsl_m, DEFAULT_RADIUS_M
+            )
             return False
         if not self.airborne:
             return True
         if self.distance((0.0, 0.0)) < 1.0:
             return self._down((0.0, 0.0), now_s)
-        self.loiter((0.0, 0.0), self._return_amsl_m, 0.0)
+        place = (self.motion.north_m, self.motion.east_m) if low else (0.0, 0.0)
+        self.loiter(place, self._return_amsl_m, 0.0)
         return False
 
     def _return_item(self, now_s: float) -> bool:

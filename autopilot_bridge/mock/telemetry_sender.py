@@ -164,7 +164,10 @@ class TelemetrySender:
         if SYS_STATUS in due:
             self._send(telemetry_source.sys_status(percent, flight.battery.volts, self.unhealthy))
         if BATTERY_STATUS in due:
-            self._send(telemetry_source.battery_status(percent, flight.battery.volts))
+            battery = flight.battery
+            used = (battery.current_a(flight.airborne), battery.consumed_mah)
+            own_s = battery.remaining_s(flight.airborne) if self._stack.name == "px4" else 0.0
+            self._send(telemetry_source.battery_status(percent, battery.volts, *used, own_s))
         if GPS in due:
             place = flight.frame.global_position(motion)
             fix = (3, 10) if flight.gps else (1, 0)

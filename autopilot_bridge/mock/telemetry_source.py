@@ -63,10 +63,23 @@ def sys_status(percent: int, voltage_v: float, unhealthy: int = 0) -> Message:
     )
 
 
-def battery_status(percent: int, voltage_v: float) -> Message:
-    """Return a BATTERY_STATUS; the first cell has the total voltage, as without cell sensors."""
+def battery_status(
+    percent: int,
+    voltage_v: float,
+    current_a: float | None = None,
+    consumed_mah: float = 0.0,
+    remaining_s: float = 0.0,
+) -> Message:
+    """Return a BATTERY_STATUS; the first cell has the total voltage, as without cell sensors.
+
+    ``remaining_s`` is PX4's own estimate; 0 means that there is none, as with ArduPilot.
+    """
     voltages = [round(voltage_v * 1e3)] + [65535] * 9
-    return mavlink.MAVLink_battery_status_message(0, 0, 0, 32767, voltages, -1, 0, 0, percent)
+    current_ca = -1 if current_a is None else round(current_a * 100.0)
+    used = (current_ca, round(consumed_mah), -1)
+    message = mavlink.MAVLink_battery_status_message(0, 0, 0, 32767, voltages, *used, percent)
+    message.time_remaining = round(remaining_s)
+    return message
 
 
 def landed_state(stack: Stack, flight: FlightModel) -> Message:

@@ -100,13 +100,18 @@ class Status:
 
 @dataclass(frozen=True, slots=True)
 class Battery(Status):
-    """The state of a battery, reported when it changes; unknown values are None."""
+    """The state of a battery, reported when it changes and every ten seconds; unknown: None.
+
+    ``consumed_mah`` is the charge that was used; ``remaining_s`` is the autopilot's own estimate.
+    """
 
     at_us: int
     battery_id: int
     percent: int | None
     voltage_v: float | None
     current_a: float | None
+    consumed_mah: int | None = None
+    remaining_s: int | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -106,6 +106,8 @@ def battery(message: Message, at_us: int) -> Battery:
         _percent(message.battery_remaining),
         sum(cells) / 1e3 if any(cells) else None,
         current_ca / 100.0 if current_ca >= 0 else None,
+        message.current_consumed if message.current_consumed >= 0 else None,
+        message.time_remaining if message.time_remaining > 0 else None,
     )
 
 
@@ -162,6 +164,7 @@ ReportedOnChange = (
 REPORTED_ON_CHANGE = get_args(ReportedOnChange)
 # Messages that contain the autopilot's time since boot on both stacks. In other messages the time
 # may be 0 or the time since the boot of a gimbal.
+BATTERY_EVERY_US = 10_000_000
 TIMED = ("GLOBAL_POSITION_INT", "ATTITUDE", "SYSTEM_TIME")
 
 
@@ -172,12 +175,20 @@ class Changes:
         self._last: dict[tuple[str, int], ReportedOnChange] = {}
 
     def has(self, event: ReportedOnChange) -> bool:
-        """Store a state, and return whether it differs from the last state of the same kind."""
+        """Return whether a state differs from the last reported one of its kind, and store it.
+
+        The state of a battery is reported again every ``BATTERY_EVERY_US``: an unchanged charge
+        shows that the battery does not discharge, which missing reports do not.
+        """
         number = event.battery_id if isinstance(event, Battery) else 0
         key = (type(event).__name__, number)
         before = self._last.get(key)
-        self._last[key] = event
-        return before is None or before.without_time() != event.without_time()
+        changed = before is None or before.without_time() != event.without_time()
+        if before is not None and isinstance(event, Battery):
+            changed |= event.at_us - before.at_us >= BATTERY_EVERY_US
+        if changed:
+            self._last[key] = event
+        return changed
 
 
 class Telemetry:

@@ -263,6 +263,13 @@ class VehicleSection(Section):
     gimbal_pitch_deg: Annotated[float, Field(ge=-90, le=0)] | None = None
     endurance_s: Positive | None = None  # maximum time in the air; the recall is earlier
     endurance_reserve_s: NotNegative = 120.0  # remaining endurance on arrival at home
+    # Remaining charge after the landing, and the voltage below which the vehicle returns.
+    battery_reserve_pct: Annotated[float, Field(ge=0, le=90)] = 20.0
+    battery_min_voltage_v: Positive | None = None
+    # The return of a copter: the height above home to which it climbs first, and its ground speed.
+    return_height_m: NotNegative | None = None  # default: 60 with PX4, 15 with ArduPilot
+    return_speed_m_s: Positive | None = None  # default: airspeed_m_s
+    climb_m_s: Positive = 3.0
     autostart: bool = False
     # The reaction to a lost link that the autopilot's parameters must cause; None: any.
     lost_link: Literal["continue", "hold", "return", "land"] | None = None

@@ -19,6 +19,7 @@ from mission_service.core.autopilot_reports import (
 )
 from mission_service.core.continuation import Continuation
 from mission_service.core.decision_engine import DecisionEngine
+from mission_service.core.energy_watch import EnergyWatch
 from mission_service.core.lost_link import reaction_compared
 from mission_service.core.mission_starts import WAITS, MissionStarts
 from mission_service.core.operator_orders import OperatorOrders, hold_again
@@ -75,6 +76,7 @@ class Core:
             )
             for section in scenario.flown
         }
+        self._energy = EnergyWatch(scenario, landscape)
         self._starts = MissionStarts(scenario, self.traffic, self.guidance)
         self._results = RequestResults(self.guidance, self._starts)
         self._continuation = Continuation(
@@ -162,7 +164,11 @@ class Core:
     ) -> list[AnyCommand]:
         match event:
             case events.Telemetry():
-                return self._telemetry(vehicle, event.at_us / 1e6, decision, was)
+                watched = self._energy.moved(vehicle, event, was.airborne)
+                return [*watched, *self._telemetry(vehicle, event.at_us / 1e6, decision, was)]
+            case events.BatteryUpdated():
+                self._energy.battery(vehicle, event)
+                return []
             case events.ModeChanged():
                 return self._mode_changed(vehicle, event, was)
             case events.VehicleRebooted():
@@ -255,7 +261,7 @@ class Core:
             return [*commands, *self._on_the_ground(vehicle, fix)]
         if self._starts.is_due(vehicle, at_s):
             return [*commands, *self._starts.start_mission(vehicle, at_s)]
-        if vehicle.pending is None and must_return(vehicle, fix):
+        if vehicle.pending is None and must_return(vehicle):
             led_home = self.guidance.way_home(vehicle, fix)
             return [*commands, *(self._send_home(vehicle, fix) if led_home is None else led_home)]
         return [*commands, *self.guidance.lead(vehicle, fix)]
@@ -301,7 +307,9 @@ class Core:
         vehicle.end_intentions()
         vehicle.sent_home = vehicle.waits_for_operator = True
         flown_min = (fix.at_s - vehicle.availability.took_off_at_s) / 60.0
-        words = f"sent home after {flown_min:.0f} min in the air: its endurance is nearly exhausted"
+        found = vehicle.energy.estimate
+        why = "its endurance is nearly exhausted" if found is None else found.words
+        words = f"sent home after {flown_min:.0f} min in the air: {why}"
         return [announce(vehicle, words), Return(vehicle.name)]
 
     def _return_again(self, vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
@@ -365,6 +373,7 @@ class Core:
         vehicle.waits_for_operator = True
         vehicle.sent_home = vehicle.going_home = False
         ended = self._end_intentions(vehicle, "the vehicle was disarmed")
+        ended += self._energy.ended(vehicle)
         ended += back_under_control(vehicle)
         if not has_landed:
             return [*ended, announce(vehicle, f"disarmed {WAITS}", warning=True)]

@@ -21,6 +21,7 @@ from mission_service.vehicles.availability import (
     GOING_HOME,
     LEADS_TO,
     MISSION,
+    MeasuredWind,
     VehicleAvailability,
 )
 
@@ -111,8 +112,9 @@ class DecisionEngine:
 
     def _wind_measured(self, availability: VehicleAvailability, event: events.WindMeasured) -> None:
         if availability.airborne:  # on the ground the estimate is unreliable
-            availability.wind_m_s = event.speed_m_s
-            self.planners[event.vehicle].wind(event.speed_m_s, event.from_deg, event.at_us / 1e6)
+            at_s = event.at_us / 1e6
+            availability.measured_wind = MeasuredWind(at_s, event.speed_m_s, event.from_deg)
+            self.planners[event.vehicle].wind(event.speed_m_s, event.from_deg, at_s)
 
     def _on_link(
         self,

@@ -11,6 +11,7 @@ from mission_service.core.decision_engine import DecisionEngine
 from mission_service.guidance.registry import way_of
 from mission_service.vehicles.approvals import MissionApprovals
 from mission_service.vehicles.availability import named_mode
+from mission_service.vehicles.endurance import time_up_words
 from mission_service.vehicles.vehicle_state import Vehicle, announce
 
 HOLD_AGAIN_S = 3.0
@@ -69,8 +70,14 @@ class OperatorOrders:
         if obstacle:
             words = f"{REJECTED} {vehicle.name}: {obstacle}"
             return [announce(vehicle, words, warning=True)]
+        time_up = self._time_up(vehicle, event)
+        if time_up and not event.confirmed:
+            question = f"{CONFIRM} {vehicle.name}: {event.order} beyond its energy: {time_up}"
+            words = f"{question}; repeat the order with confirmation to execute it"
+            return [announce(vehicle, words, warning=True)]
         was_taken_over = vehicle.availability.taken_over
         if self.decision_engine.apply_order(vehicle.name, event):
+            vehicle.energy.flies_on = bool(time_up)
             ended = back_under_control(vehicle) if was_taken_over else []
             if event.order in ("hold", "return"):
                 ended += self._withdrawn(vehicle, f"{event.order} by {event.by}")
@@ -88,6 +95,11 @@ class OperatorOrders:
         question = f"{CONFIRM} {vehicle.name}: {event.order} would end {chosen}"
         words = f"{question}; repeat the order with confirmation to execute it"
         return [announce(vehicle, words, warning=True)]
+
+    def _time_up(self, vehicle: Vehicle, event: events.OrderGiven) -> str:
+        """Return why an order to fly needs a confirmation: the energy left; "" if it needs none."""
+        flies = event.order in ("start", "resume")
+        return time_up_words(vehicle, event.at_us / 1e6) if flies else ""
 
     def _obstacle(self, vehicle: Vehicle, order: events.Order) -> str:
         """Return why an order cannot be executed, even if confirmed; "" without an obstacle."""

@@ -28,6 +28,14 @@ FIGURES: dict[str, tuple[str, tuple[str, ...]]] = {
     "vehicles_online": ("Vehicles whose link is up.", ()),
     "vehicle_online": ("1 while the vehicle's link is up.", ("vehicle",)),
     "vehicle_battery_percent": ("Battery charge that the vehicle reports.", ("vehicle",)),
+    "vehicle_time_on_task_seconds": (
+        "Time until the vehicle must fly home; negative after this time; absent on the ground.",
+        ("vehicle",),
+    ),
+    "vehicle_time_home_seconds": (
+        "Time of the vehicle's flight home; absent on the ground.",
+        ("vehicle",),
+    ),
     "telemetry_age_seconds": (
         "Mission time since the vehicle's last position; absent before the first.",
         ("vehicle",),
@@ -122,6 +130,10 @@ def _of_vehicles(context: RunContext) -> dict[str, Samples]:
         add("vehicle_online", (name,), state.link == "online")
         if state.battery_pct is not None:
             add("vehicle_battery_percent", (name,), state.battery_pct)
+        if state.time_on_task_s is not None:
+            add("vehicle_time_on_task_seconds", (name,), state.time_on_task_s)
+        if state.time_home_s is not None:
+            add("vehicle_time_home_seconds", (name,), state.time_home_s)
         fix = state_view.telemetry.get(name)
         if fix is not None:
             add("telemetry_age_seconds", (name,), (context.clock.now_us - fix.at_us) / 1e6)

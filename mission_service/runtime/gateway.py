@@ -1,5 +1,6 @@
 """Translates a client's events for the core, and the core's commands for the client. Sans-IO."""
 
+import math
 from collections import deque
 from collections.abc import Callable, Iterator
 from typing import ClassVar
@@ -66,6 +67,7 @@ GOOD_FIXES = ("3d", "dgps", "rtk float", "rtk fixed", "static", "ppp")
 MIN_SEVERITY = mavlink.MAV_SEVERITY_INFO
 TEXT_AGAIN_AFTER_US = 10_000_000
 MAX_TEXTS_KEPT = 32
+BATTERY_EVERY_US = 30_000_000  # between reports of an unchanged charge
 
 StatusChanged = (
     SystemStateChanged | LandedStateChanged | FenceStatusChanged | EstimatorStatusChanged
@@ -173,7 +175,8 @@ class Gateway:
         self._parameters = parameters
         self._drops: dict[int, Drop] = {}  # unfinished drops by the number that the client assigned
         self._queued: deque[VehicleEvent] = deque()  # events that the gateway itself creates
-        self._battery_pct: dict[int, float] = {}
+        self._batteries: dict[int, bridge.Battery] = {}
+        self._battery_reported: BatteryUpdated | None = None
         # The last event of each type that is yielded only after a change.
         self._last: dict[type, VehicleEvent] = {}
         self._status: dict[type, StatusChanged] = {}  # the newest event of each kind
@@ -200,6 +203,7 @@ class Gateway:
         self._recognise = recognise
         self._mode_reported = False
         self._last.clear()
+        self._battery_reported = None
         self._airspeed, self._thrust = MeanAirspeed(), ThrustMonitor()
         stack = self.client.stack
         if stack is not None and self._connected and not self._lost:
@@ -406,10 +410,23 @@ class Gateway:
         return self._drop_finished(command, event.outcome, event.reason)
 
     def _battery(self, event: bridge.Battery, now_us: int) -> VehicleEvent | None:
-        if event.percent is None:
+        """Return the state of the battery with the least charge, on a change and periodically."""
+        self._batteries[event.battery_id] = event
+        lowest = min(self._batteries.values(), key=_charge_pct)
+        # Floats, as the journal returns them.
+        percent, consumed_mah, remaining_s = (
+            None if value is None else float(value)
+            for value in (lowest.percent, lowest.consumed_mah, lowest.remaining_s)
+        )
+        before = self._battery_reported
+        is_new = before is None or percent != before.percent
+        if before is not None and not is_new and now_us - before.at_us < BATTERY_EVERY_US:
             return None
-        self._battery_pct[event.battery_id] = float(event.percent)
-        return self._changed(BatteryUpdated(now_us, self.name, min(self._battery_pct.values())))
+        self._battery_reported = BatteryUpdated(
+            *(now_us, self.name, percent, lowest.voltage_v, lowest.current_a),
+            *(consumed_mah, remaining_s),
+        )
+        return self._battery_reported
 
     def _gps_fix(self, event: bridge.GpsFix, now_us: int) -> VehicleEvent | None:
         return self._changed(GpsFixChanged(now_us, self.name, event.fix in GOOD_FIXES, event.fix))
@@ -456,7 +473,7 @@ class Gateway:
         self._status[type(status)] = status
         return status
 
-    def _changed(self, event: BatteryUpdated | GpsFixChanged) -> VehicleEvent | None:
+    def _changed(self, event: GpsFixChanged) -> VehicleEvent | None:
         """Return the event, or None if it repeats the last event of its kind."""
         before = self._last.get(type(event))
         self._last[type(event)] = event
@@ -488,6 +505,11 @@ class Gateway:
         bridge.FenceStatus: _status_changed,
         bridge.EstimatorStatus: _status_changed,
     }
+
+
+def _charge_pct(battery: bridge.Battery) -> float:
+    """Return the charge in percent; a battery without a percentage counts as fuller than others."""
+    return math.inf if battery.percent is None else battery.percent
 
 
 def printable(text: str) -> str:

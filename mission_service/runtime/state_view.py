@@ -25,6 +25,7 @@ from mission_service.commands import (
     ProposeMission,
     ProposePlan,
     RaiseAlarm,
+    ReportEnergy,
     UploadMission,
     WithdrawMission,
     WithdrawPlan,
@@ -84,7 +85,7 @@ OF_FIRE = ("edge", "input")  # prefixes of alarms about the fire, which persist 
 OF_FLIGHT = (
     *("link", "silent", "position", "battery", "mission", "order", "abort", "near"),
     *("mode", "state", "fence", "estimator", "autopilot", "front", "landed", "unrecorded"),
-    *("observer", "sensor", "estimate", "lost_link"),
+    *("observer", "sensor", "estimate", "lost_link", "energy", "overdue"),
     *OF_FIRE,
 )
 
@@ -350,10 +351,13 @@ class StateView(Notices):
         self._touch(f"telemetry/{fix.vehicle}")
 
     def _battery(self, vehicle: VehicleState, event: BatteryUpdated) -> None:
+        if event.percent is None:
+            return
         name, vehicle.battery_pct = vehicle.vehicle, event.percent
         if event.percent < LOW_BATTERY_PCT:
             self.alarm(f"battery/{name}", f"{name}: battery low", "warning", name)
-        elif event.percent >= GOOD_BATTERY_PCT:
+        elif event.percent >= GOOD_BATTERY_PCT and not vehicle.armed:
+            # In flight a charge does not rise: a wrong value must not hide a low battery.
             self.clear_alarm(f"battery/{name}")
 
     def _uploaded(self, vehicle: VehicleState, event: UploadFinished) -> None:
@@ -397,7 +401,7 @@ class StateView(Notices):
     def _commanded(self, vehicle: VehicleState, command: AnyCommand) -> None:
         name = vehicle.vehicle
         match command:
-            case DirectionDecision() | Orbit() | ChangeSpeed():
+            case DirectionDecision() | Orbit() | ChangeSpeed() | ReportEnergy():
                 self._led(vehicle, command)
             case UploadMission() | ProposeMission():
                 self._sent(name, command)
@@ -424,8 +428,15 @@ class StateView(Notices):
             case _:
                 pass
 
-    def _led(self, vehicle: VehicleState, command: DirectionDecision | Orbit | ChangeSpeed) -> None:
+    def _led(
+        self,
+        vehicle: VehicleState,
+        command: DirectionDecision | Orbit | ChangeSpeed | ReportEnergy,
+    ) -> None:
         match command:
+            case ReportEnergy():
+                vehicle.time_on_task_s = command.time_on_task_s
+                vehicle.time_home_s, vehicle.energy_source = command.time_home_s, command.source
             case DirectionDecision():
                 vehicle.direction = command.direction
                 statistics = self.statistics.vehicles[vehicle.vehicle]

@@ -3,6 +3,7 @@
 import contextlib
 import heapq
 from collections.abc import Callable
+from dataclasses import replace
 from datetime import datetime, timedelta
 from pathlib import Path
 
@@ -71,12 +72,16 @@ def memory_link(section: LinkSection, seed: int) -> MemoryLink:
 
 def mock_of(section: VehicleSection, landscape: Landscape) -> MockAutopilot:
     """Return the mock autopilot of a vehicle on the ground at its home."""
-    return MockAutopilot(
+    mock = MockAutopilot(
         stack_named(section.stack, section.kind),
         LocalFrame(*home_of(section, landscape)),
         system_id=section.system_id,
         airspeed_m_s=section.airspeed_m_s,
     )
+    if section.kind == "copter":  # the wind slows it down at this airspeed
+        fastest_m_s = max(section.max_airspeed_m_s, section.airspeed_m_s)
+        mock.flight.limits = replace(mock.flight.limits, max_airspeed_m_s=fastest_m_s)
+    return mock
 
 
 class SimulatedVehicle:

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, field, fields
+from typing import NamedTuple
 
 import numpy as np
 
@@ -45,6 +46,14 @@ def named_mode(mode: str) -> str:
     return f"mode {mode.removeprefix('mode ')}" if mode else "an unknown mode"
 
 
+class MeasuredWind(NamedTuple):
+    """The wind that a vehicle measured, and the direction from which it blows."""
+
+    at_s: float
+    speed_m_s: float
+    from_deg: float
+
+
 @dataclass(slots=True)
 class VehicleAvailability:
     """The state that determines whether planners may use a vehicle."""
@@ -54,7 +63,7 @@ class VehicleAvailability:
     recalled: bool = False  # whether the vehicle flies home, or is ordered home
     recalled_on_ground: bool = False  # whether the vehicle was ordered home before takeoff
     took_off_at_s: float = np.inf
-    wind_m_s: float = 0.0
+    measured_wind: MeasuredWind | None = None
     mode: str = ""  # mode in the last report
     armed: bool = False
     mode_is_ordered: bool = True  # False if the autopilot or the pilot selected the mode
@@ -140,7 +149,7 @@ class VehicleAvailability:
         the vehicle is armed. A watchdog may restart an autopilot in flight.
         """
         ordered = self.mode_is_ordered and not self.airborne
-        fresh = VehicleAvailability(self.online, wind_m_s=self.wind_m_s, fix=self.fix)
+        fresh = VehicleAvailability(self.online, measured_wind=self.measured_wind, fix=self.fix)
         fresh.mode, fresh.armed, fresh.mode_is_ordered = self.mode, self.armed, ordered
         fresh.recalled = self.recalled and self.armed
         fresh.recalled_on_ground = fresh.recalled and self.recalled_on_ground

@@ -1,21 +1,48 @@
-"""Decides when the remaining endurance of a vehicle is needed for its flight home. Pure."""
+"""Decides when the remaining energy of a vehicle is needed for its flight home. Pure."""
 
 import math
 
 from mission_service.position_fix import PositionFix
+from mission_service.vehicles.energy import EnergyEstimate, estimate, times_left
 from mission_service.vehicles.vehicle_state import Vehicle
+from mission_service.vehicles.way_home import Vector, copter_home_s, plane_home_s
+
+MIN_SPEED_M_S = 1.0  # the heading of a slower vehicle is unknown
 
 
-def must_return(vehicle: Vehicle, fix: PositionFix) -> bool:
-    """Return whether the remaining endurance is needed for the flight home and the reserve."""
-    section = vehicle.section
+def must_return(vehicle: Vehicle) -> bool:
+    """Return whether the remaining energy is needed for the flight home and the reserve."""
     if vehicle.sent_home or vehicle.going_home:
         return not vehicle.sent_home
-    if section.endurance_s is None:
-        return False
-    against_m_s = max(
-        section.airspeed_m_s - vehicle.availability.wind_m_s, section.airspeed_m_s / 3
-    )
-    home_s = math.dist((fix.x_m, fix.y_m), vehicle.home_m) / against_m_s
-    flown_s = fix.at_s - vehicle.availability.took_off_at_s
-    return flown_s + home_s + section.endurance_reserve_s >= section.endurance_s
+    found = vehicle.energy.estimate
+    return found is not None and found.time_on_task_s <= 0.0 and not vehicle.energy.flies_on
+
+
+def home_s(vehicle: Vehicle, fix: PositionFix, wind_m_s: Vector, return_amsl_m: float) -> float:
+    """Return the seconds until the vehicle is over home; infinity if the wind prevents it.
+
+    ``wind_m_s`` is the velocity of the air (x, y). Copters, and planes with PX4, climb to
+    ``return_amsl_m`` before they fly home; ArduPlane climbs on the way.
+    """
+    section = vehicle.section
+    home_m = (vehicle.home_m[0] - fix.x_m, vehicle.home_m[1] - fix.y_m)
+    climb_m = max(return_amsl_m - fix.altitude_m, 0.0)
+    climb_s = climb_m / section.climb_m_s
+    if section.kind == "copter":
+        speed_m_s = section.return_speed_m_s or section.airspeed_m_s
+        fastest_m_s = max(section.max_airspeed_m_s, speed_m_s)
+        return climb_s + copter_home_s(home_m, wind_m_s, speed_m_s, fastest_m_s)
+    airspeed_m_s = section.return_speed_m_s or section.airspeed_m_s
+    heading = (fix.east_m_s - wind_m_s[0], fix.north_m_s - wind_m_s[1])
+    radius_m = section.turn_radius_m if math.hypot(*heading) > MIN_SPEED_M_S else 0.0
+    straight_s = plane_home_s(home_m, heading, wind_m_s, airspeed_m_s, radius_m)
+    return climb_s + straight_s if section.stack == "px4" else straight_s
+
+
+def time_up_words(vehicle: Vehicle, at_s: float) -> str:
+    """Return why a vehicle lacks the energy to fly on, or to start; "" if it has enough."""
+    found: EnergyEstimate | None = vehicle.energy.estimate
+    if not vehicle.availability.airborne:
+        times = times_left(vehicle.section, vehicle.battery, 0.0, at_s)
+        found = estimate(times, 0.0, at_s)
+    return found.words if found is not None and found.time_on_task_s <= 0.0 else ""

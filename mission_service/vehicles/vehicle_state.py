@@ -14,6 +14,8 @@ from mission_service.commands import Announce
 from mission_service.config.sections import VehicleSection
 from mission_service.missions.landing import Landing
 from mission_service.vehicles.availability import VehicleAvailability
+from mission_service.vehicles.battery_reports import BatteryReports
+from mission_service.vehicles.energy import EnergyState
 
 Floats = NDArray[np.float64]
 HISTORY_LENGTH = 20  # number of phases that the error about an invalid transition lists
@@ -93,7 +95,7 @@ class Vehicle:
     waits_for_operator: bool = False
     start_again_at_s: float | None = None
     return_again_at_s: float | None = None
-    going_home: bool = False  # whether the endurance is nearly exhausted
+    going_home: bool = False  # whether the energy left is needed for the flight home
     sent_home: bool = False
     next_mission: Pending | None = None  # the mission that is proposed or being uploaded
     mission_phases: deque[MissionPhase] = field(
@@ -104,6 +106,8 @@ class Vehicle:
     # Time since which the measured airspeed differs from the commanded airspeed.
     airspeed_differs_since_s: float | None = None
     airspeed_alarm: bool = False
+    battery: BatteryReports = field(default_factory=BatteryReports)
+    energy: EnergyState = field(default_factory=EnergyState)
     text_at_s: float | None = None  # time of the last text that raised an alarm
     flown_line: shapely.LineString | None = None  # path of the confirmed mission on board
     lost_link: str = ""  # its reaction to a lost link, in words; empty if unknown

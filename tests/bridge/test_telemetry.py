@@ -86,7 +86,7 @@ def test_values_that_the_autopilot_lacks_are_none() -> None:
     unknown = mavlink.MAVLink_sys_status_message(0, 0, 0, 0, 65535, -1, -1, 0, 0, 0, 0, 0, 0)
     assert battery_of_system(unknown, 7) == Battery(7, 0, None, None, None)
     cells = [65535] * 10
-    status = mavlink.MAVLink_battery_status_message(1, 0, 0, 32767, cells, -1, 0, 0, -1)
+    status = mavlink.MAVLink_battery_status_message(1, 0, 0, 32767, cells, -1, -1, 0, -1)
     assert battery(status, 7) == Battery(7, 1, None, None, None)
     no_satellites = mavlink.MAVLink_gps_raw_int_message(1, 0, 0, 0, 0, 0, 0, 0, 0, 255)
     assert gps_fix(no_satellites, 7) == GpsFix(7, "no gps", None)
@@ -97,7 +97,22 @@ def test_values_that_the_autopilot_lacks_are_none() -> None:
 def test_batteries_add_up_their_cells() -> None:
     cells = [4100, 4050, 4000] + [65535] * 7
     status = mavlink.MAVLink_battery_status_message(0, 0, 0, 32767, cells, 1250, 0, 0, 66)
-    assert battery(status, 7) == Battery(7, 0, 66, 12.15, 12.5)
+    assert battery(status, 7) == Battery(7, 0, 66, 12.15, 12.5, 0)
+
+
+def test_the_used_charge_and_the_autopilots_estimate_are_decoded() -> None:
+    cells = [12_000] + [65535] * 9
+    status = mavlink.MAVLink_battery_status_message(
+        *(0, 0, 0, 32767, cells, 1250, 830, -1, 66), time_remaining=540
+    )
+    assert battery(status, 7) == Battery(7, 0, 66, 12.0, 12.5, 830, 540)
+
+
+def test_an_unchanged_battery_is_reported_every_ten_seconds() -> None:
+    telemetry = Telemetry()
+    status = mavlink.MAVLink_battery_status_message(0, 0, 0, 32767, [65535] * 10, -1, -1, 0, 80)
+    found = [each for second in range(31) for each in telemetry.events(status, second * 1_000_000)]
+    assert [event.at_us for event in found] == [0, 10_000_000, 20_000_000, 30_000_000]
 
 
 def test_unhealthy_sensors_are_reported_by_name() -> None:

@@ -116,7 +116,25 @@ def test_the_emptiest_battery_is_reported_when_it_changes() -> None:
         battery(6, 1, 59, 11.8),
     )
     events = list(gateway_of(client).events(9))
-    assert events == [BatteryUpdated(1000, "drake", percent) for percent in (80.0, 60.0, 59.0)]
+    reports = ((None, 12.0), (80.0, 12.0), (60.0, 11.9), (59.0, 11.8))
+    assert events == [BatteryUpdated(1000, "drake", *report) for report in reports]
+
+
+def test_an_unchanged_battery_is_reported_every_half_minute_in_floats() -> None:
+    client, clock = Client(), MissionClock(0, wall=False)
+    gateway = Gateway("drake", client, clock)  # type: ignore[arg-type]
+    found: list[Any] = []
+    for second in range(0, 70, 10):
+        clock.now_us = second * 1_000_000
+        client.outgoing = [bridge.Battery(clock.now_us, 0, 80, 12.0, 15.0, 900, 1200)]
+        found += list(gateway.events(clock.now_us))
+    values = (80.0, 12.0, 15.0, 900.0, 1200.0)
+    assert len(found) == 3
+    for event in found:
+        shown: tuple[Any, ...] = (event.percent, event.voltage_v, event.current_a)
+        shown = (*shown, event.consumed_mah, event.time_remaining_s)
+        assert shown == values
+        assert all(isinstance(value, float) for value in shown)
 
 
 def test_the_fix_is_reported_when_it_changes() -> None:

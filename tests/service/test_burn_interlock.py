@@ -399,7 +399,8 @@ def permitted(history: list[Happening], drop: Drop, at_us: int, section: BurnSec
     places = [thing for thing in since_restart if isinstance(thing, Telemetry)]
     if not (fixes and batteries and modes and places):
         return False
-    if not (fixes[-1].good and batteries[-1].percent >= section.min_battery_pct):
+    percent = batteries[-1].percent
+    if percent is None or not (fixes[-1].good and percent >= section.min_battery_pct):
         return False
     if not (modes[-1].armed and modes[-1].mode == "mission"):
         return False

@@ -5,7 +5,13 @@ from pathlib import Path
 
 import pytest
 
-from mission_service.commands import Announce, DirectionDecision, Orbit, UploadMission
+from mission_service.commands import (
+    Announce,
+    DirectionDecision,
+    Orbit,
+    ReportEnergy,
+    UploadMission,
+)
 from mission_service.config.scenario import load_run, load_scenario
 from mission_service.errors import ScenarioError
 from mission_service.events import (
@@ -68,6 +74,27 @@ def test_alarms_are_raised_once_and_cleared(state_view: StateView) -> None:
     assert not state_view.alarms
     assert state_view.cleared[0].alarm == "link/hawk"
     assert state_view.cleared[0].cleared_at_us == 7
+
+
+def test_a_low_battery_stays_an_alarm_until_the_vehicle_is_on_the_ground(
+    state_view: StateView,
+) -> None:
+    state_view.apply(ModeChanged(1, "hawk", 3, True, "mission"), [])
+    state_view.apply(BatteryUpdated(2, "hawk", 12.0), [])
+    for percent in (100.0, None):
+        state_view.apply(BatteryUpdated(3, "hawk", percent), [])
+        assert "battery/hawk" in state_view.alarms
+    state_view.apply(ModeChanged(4, "hawk", 3, False, "hold"), [])
+    state_view.apply(BatteryUpdated(5, "hawk", 100.0), [])
+    assert "battery/hawk" not in state_view.alarms
+
+
+def test_the_times_left_by_the_energy_are_shown_until_the_landing(state_view: StateView) -> None:
+    state_view.apply(LinkRestored(70, "hawk"), [ReportEnergy("hawk", 720, 180, "battery")])
+    shown = state_view.vehicles["hawk"]
+    assert (shown.time_on_task_s, shown.time_home_s, shown.energy_source) == (720, 180, "battery")
+    state_view.apply(LinkRestored(80, "hawk"), [ReportEnergy("hawk", None, None, "")])
+    assert (shown.time_on_task_s, shown.time_home_s, shown.energy_source) == (None, None, "")
 
 
 def test_announcements_are_bounded_and_numbered(state_view: StateView) -> None:

@@ -187,8 +187,8 @@ class BurnFlight(Guidance):
             case GpsFixChanged():
                 self._fix_good = event.good
                 return [] if event.good else self._stop(f"the position fix was lost ({event.fix})")
-            case BatteryUpdated():
-                return self._battery_reported(vehicle, event)
+            case BatteryUpdated(percent=percent) if percent is not None:
+                return self._battery_reported(vehicle, percent)
             case DropFinished():
                 return self._drop_finished(event)
             case WindMeasured() if vehicle.availability.airborne:
@@ -530,12 +530,12 @@ class BurnFlight(Guidance):
             return self._withdraw(f"{named_mode(event.mode)} was not ordered by the service")
         return []
 
-    def _battery_reported(self, vehicle: Vehicle, event: BatteryUpdated) -> list[AnyCommand]:
-        self._battery_pct = event.percent
+    def _battery_reported(self, vehicle: Vehicle, percent: float) -> list[AnyCommand]:
+        self._battery_pct = percent
         if not self._battery_low:
             return []
         vehicle.going_home = vehicle.availability.airborne
-        return self._stop(f"the battery is at {event.percent:.0f} %")
+        return self._stop(f"the battery is at {percent:.0f} %")
 
     @property
     def _battery_low(self) -> bool:

@@ -199,8 +199,8 @@ class Interlock:
                 vehicle.fix = event
             case ModeChanged():
                 self._mode_changed(vehicle, event)
-            case BatteryUpdated():
-                vehicle.battery_pct = event.percent
+            case BatteryUpdated(percent=percent) if percent is not None:
+                vehicle.battery_pct = percent
             case GpsFixChanged():
                 vehicle.fix_good = event.good
             case HostTime():

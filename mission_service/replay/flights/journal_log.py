@@ -156,7 +156,8 @@ def _log_event(event: AnyEvent) -> LogEvent | None:
         case WindMeasured():
             return bridge.Wind(event.at_us, event.from_deg, event.speed_m_s)
         case BatteryUpdated():
-            return bridge.Battery(event.at_us, 0, round(event.percent), None, None)
+            percent = None if event.percent is None else round(event.percent)
+            return bridge.Battery(event.at_us, 0, percent, event.voltage_v, event.current_a)
         case GpsFixChanged():
             return bridge.GpsFix(event.at_us, event.fix, None)
         case _:

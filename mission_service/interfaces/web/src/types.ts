@@ -41,6 +41,9 @@ export interface Vehicle {
   lost_link: string; // reaction to a lost link; empty if unknown
   return_height_m: number | null;
   fence_action: string;
+  time_on_task_s: number | null; // until it must fly home; negative after this time
+  time_home_s: number | null; // of the flight home
+  energy_source: string;
   position_good: boolean;
   position_fix: string;
   order: string; // an operator's order in force: hold, return

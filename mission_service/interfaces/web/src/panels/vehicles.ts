@@ -143,6 +143,7 @@ export class VehiclesPanel {
       ["Order", vehicle.order || null],
       ["Battery", vehicle.battery_pct === null ? "unknown" : `${vehicle.battery_pct.toFixed(0)} %`],
       ["If the link is lost", lostLinkText(vehicle)],
+      ["Energy", energyText(vehicle)],
       ["Position", vehicle.position_good ? null : `NOT GOOD: ${vehicle.position_fix}`],
       ["Height", fix ? `${metres(fix.height_agl_m)} above ground` : "–"],
       ["Motion", fix ? `${speed(fix.ground_speed_m_s)}, heading ${fix.heading_deg.toFixed(0)}°` : "–"],
@@ -176,8 +177,21 @@ function shortState(vehicle: Vehicle): string {
   if (vehicle.link === "lost") return "LINK LOST";
   if (vehicle.link === "never heard") return "no heartbeat yet";
   const battery = vehicle.battery_pct === null ? "" : ` · ${vehicle.battery_pct.toFixed(0)} %`;
+  const energy = vehicle.time_on_task_s === null ? "" : ` · ${timesText(vehicle)}`;
   const order = vehicle.order ? ` · ${vehicle.order.toUpperCase()}` : "";
-  return `${vehicle.mode || "mode?"}${battery}${order}`;
+  return `${vehicle.mode || "mode?"}${battery}${energy}${order}`;
+}
+
+/** The times left by the vehicle's energy: "12 min on task, 3 min home". */
+function timesText(vehicle: Vehicle): string {
+  const onTaskS = vehicle.time_on_task_s ?? 0;
+  const onTask = onTaskS > 0 ? `${Math.floor(onTaskS / 60)} min on task` : "NO TIME ON TASK";
+  const home = vehicle.time_home_s === null ? "no way home against the wind" : `${Math.ceil(vehicle.time_home_s / 60)} min home`;
+  return `${onTask}, ${home}`;
+}
+
+function energyText(vehicle: Vehicle): string | null {
+  return vehicle.time_on_task_s === null ? null : `${timesText(vehicle)}, by its ${vehicle.energy_source}`;
 }
 
 /** The reaction to a lost link, the height of a return and the reaction to a breached fence. */

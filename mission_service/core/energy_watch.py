@@ -1,0 +1,171 @@
+"""Updates the estimate of each vehicle's energy, reports it, and raises the alarms about it. Pure.
+
+Alarms: ``energy`` if little time is left, severe if the energy does not suffice for the flight
+home; ``overdue`` (severe) if the vehicle should fly home and does not, because an operator's hold,
+a mode that its autopilot or pilot selected, or a missing position prevents the order to return.
+"""
+
+import math
+
+from firemodel.landscape.landscape import Landscape
+from mission_service import events
+from mission_service.commands import AnyCommand, ClearAlarm, RaiseAlarm, ReportEnergy
+from mission_service.config.scenario import Scenario
+from mission_service.config.sections import VehicleSection
+from mission_service.fire.scenario_fire import weather_of
+from mission_service.guidance.registry import way_of
+from mission_service.vehicles.availability import GOING_HOME, named_mode
+from mission_service.vehicles.endurance import home_s
+from mission_service.vehicles.energy import EnergyEstimate, estimate, times_left
+from mission_service.vehicles.vehicle_state import Vehicle, announce
+from mission_service.vehicles.way_home import Vector
+
+ENERGY, OVERDUE = "energy", "overdue"
+EVERY_S, REPORT_EVERY_S = 1.0, 10.0
+RETURN_HEIGHTS_M = {"px4": 60.0, "ardupilot": 15.0}  # RTL_RETURN_ALT, ArduCopter's RTL_ALT
+FRESH_S = 120.0  # an older measured wind is replaced by the wind of the scenario
+LITTLE_S, ENOUGH_S = 180.0, 240.0  # time on task at which the alarm is raised and cleared
+OVERDUE_AFTER_S = 15.0  # the order to return takes effect in the meantime
+
+
+class EnergyWatch:
+    """The estimates of the energy of all vehicles; the vehicles store the state."""
+
+    def __init__(self, scenario: Scenario, landscape: Landscape) -> None:
+        self._weather = weather_of(scenario)
+        self._landscape = landscape
+        self._return_height_m = way_of(scenario).return_height_m(scenario, landscape)
+
+    def battery(self, vehicle: Vehicle, event: events.BatteryUpdated) -> None:
+        """Apply a report of the battery."""
+        min_v = vehicle.section.battery_min_voltage_v
+        vehicle.battery.apply(event, vehicle.availability.airborne, min_v)
+
+    def moved(
+        self, vehicle: Vehicle, event: events.Telemetry, was_airborne: bool
+    ) -> list[AnyCommand]:
+        """Update the estimate of a vehicle that has reported its position."""
+        state, at_s = vehicle.energy, event.at_us / 1e6
+        vehicle.battery.settle(at_s)
+        if not vehicle.availability.airborne:
+            return self.ended(vehicle) if was_airborne else []
+        before = state.estimate
+        if before is not None and 0.0 <= at_s - before.at_s < EVERY_S:
+            return []
+        state.estimate = self._estimate(vehicle, event)
+        return [
+            *_report(vehicle, at_s),
+            *_low(vehicle, state.estimate),
+            *_overdue(vehicle, at_s),
+        ]
+
+    def ended(self, vehicle: Vehicle) -> list[AnyCommand]:
+        """End the estimate of a flight; the learned rates remain."""
+        state = vehicle.energy
+        vehicle.battery.end_flight()
+        state.flies_on, state.time_up_since_s = False, None
+        shown, state.estimate = state.estimate is not None, None
+        commands = [*_low(vehicle, None), *_overdue(vehicle, 0.0)]
+        return [*commands, ReportEnergy(vehicle.name, None, None, "")] if shown else commands
+
+    def _estimate(self, vehicle: Vehicle, event: events.Telemetry) -> EnergyEstimate | None:
+        at_s, fix = event.at_us / 1e6, vehicle.availability.fix
+        flown_s = at_s - vehicle.availability.took_off_at_s
+        times = times_left(vehicle.section, vehicle.battery, flown_s, at_s)
+        if not times or fix is None:
+            return None
+        home_amsl_m = event.altitude_amsl_m - event.altitude_relative_m
+        return_amsl_m = home_amsl_m + self._height_m(vehicle.section)
+        return estimate(times, home_s(vehicle, fix, self._wind(vehicle, at_s), return_amsl_m), at_s)
+
+    def _height_m(self, section: VehicleSection) -> float:
+        """Return the height above home at which the vehicle returns: ordered, given or usual."""
+        if self._return_height_m is not None:
+            return self._return_height_m
+        given = section.return_height_m
+        return RETURN_HEIGHTS_M[section.stack] if given is None else given
+
+    def _wind(self, vehicle: Vehicle, at_s: float) -> Vector:
+        """Return the velocity of the air (x, y) on the map, as measured or by the scenario."""
+        wind = vehicle.availability.measured_wind
+        if wind is not None and at_s - wind.at_s <= FRESH_S:
+            speed_m_s, from_deg = wind.speed_m_s, wind.from_deg
+        else:
+            entry = self._weather.weather_at(at_s)
+            speed_m_s, from_deg = entry.wind_speed_m_s, entry.wind_from_deg
+        toward_rad = math.radians(self._landscape.grid_deg(from_deg + 180.0))
+        return speed_m_s * math.sin(toward_rad), speed_m_s * math.cos(toward_rad)
+
+
+def _report(vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
+    """Report the estimate every ``REPORT_EVERY_S``, and its end."""
+    state, found = vehicle.energy, vehicle.energy.estimate
+    if found is None:
+        was_reported, state.reported_at_s = state.reported_at_s > -math.inf, -math.inf
+        return [ReportEnergy(vehicle.name, None, None, "")] if was_reported else []
+    if 0.0 <= at_s - state.reported_at_s < REPORT_EVERY_S:
+        return []
+    state.reported_at_s = at_s
+    reachable = math.isfinite(found.time_home_s)
+    home = round(found.time_home_s) if reachable else None
+    on_task = round(found.time_on_task_s) if reachable else -1
+    return [ReportEnergy(vehicle.name, on_task, home, found.source)]
+
+
+def _low(vehicle: Vehicle, found: EnergyEstimate | None) -> list[AnyCommand]:
+    """Raise or clear the alarm about little energy."""
+    state, before = vehicle.energy, vehicle.energy.low
+    if found is None:
+        state.low = ""
+    elif found.runs_out:
+        state.low = "severe"
+    elif found.time_on_task_s < LITTLE_S or (before and found.time_on_task_s < ENOUGH_S):
+        state.low = "warning"
+    else:
+        state.low = ""
+    if state.low == before or found is None or not state.low:
+        return [ClearAlarm(vehicle.name, ENERGY)] if before and not state.low else []
+    if state.low == "warning":
+        return [RaiseAlarm(vehicle.name, ENERGY, f"little energy: {found.words}", "warning")]
+    words = f"its energy does not suffice for the flight home: {found.words}"
+    return [
+        announce(vehicle, words, warning=True),
+        RaiseAlarm(vehicle.name, ENERGY, words, "severe"),
+    ]
+
+
+def _overdue(vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
+    """Raise or clear the alarm about a vehicle that should fly home and does not."""
+    state, found = vehicle.energy, vehicle.energy.estimate
+    goes_home = vehicle.going_home or vehicle.availability.mode in GOING_HOME
+    if found is None or found.time_on_task_s > 0.0 or goes_home:
+        state.time_up_since_s = None
+        was_overdue, state.overdue = state.overdue, False
+        return [ClearAlarm(vehicle.name, OVERDUE)] if was_overdue else []
+    if state.time_up_since_s is None:
+        state.time_up_since_s = at_s
+    if state.overdue or at_s - state.time_up_since_s < OVERDUE_AFTER_S:
+        return []
+    state.overdue = True
+    words = f"must fly home, but {_obstacle(vehicle)}: {found.words}; order its return"
+    return [
+        announce(vehicle, words, warning=True),
+        RaiseAlarm(vehicle.name, OVERDUE, words, "severe"),
+    ]
+
+
+def _obstacle(vehicle: Vehicle) -> str:
+    """Return why a vehicle that should fly home does not."""
+    availability = vehicle.availability
+    mode = named_mode(availability.mode)
+    if availability.taken_over:
+        return f"its autopilot or pilot selected {mode}"
+    if vehicle.ordered == "hold":
+        return "an operator ordered a hold"
+    if vehicle.energy.flies_on:
+        return "an operator confirmed that it flies on"
+    if not availability.position_good:
+        return "it has no position fix"
+    if vehicle.sent_home:
+        return f"it stays in {mode}"
+    return f"no return is ordered in {mode}"

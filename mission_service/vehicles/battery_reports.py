@@ -1,0 +1,174 @@
+"""Keeps what a vehicle's battery reports state, and how fast the vehicle discharges it. Pure.
+
+A value that differs much from the previous one is used only after it has lasted ``CONFIRMED_S``:
+neither a single wrong value nor the end of one orders a return. In the air, a charge that rises
+much is not used: batteries are exchanged on the ground. A charge that falls faster than
+``MAX_DISCHARGE_PCT_S`` is used, but counts as a correction, not as a discharge (the simulated
+battery of PX4 falls to 50 % within half a minute, and stays there).
+"""
+
+import math
+from dataclasses import dataclass, field
+
+from mission_service.events import BatteryUpdated
+
+CONFIRMED_S = 20.0
+LEVEL_STEP_PCT = 10.0  # larger changes of the charge must last
+TIME_STEP_S = 180.0  # larger changes of the time at which the autopilot expects an empty battery
+LEARN_EVERY_S = 30.0
+MAX_DISCHARGE_PCT_S = 100.0 / 240.0  # a full battery in four minutes
+LEVEL_SMOOTHING_S, CHARGE_SMOOTHING_S = 300.0, 120.0  # time constants
+MIN_LEARNED_S, MIN_LEARNED_PCT = 120.0, 3.0  # flight and discharge before a rate is used
+MIN_SHARE_PCT = 10.0  # discharge before the charge of one per cent is used
+MAX_GAP_S = 60.0  # no current is integrated over a longer gap between reports
+
+
+@dataclass(slots=True)
+class Confirmed:
+    """A value, whose large changes are used only after they have lasted ``CONFIRMED_S``."""
+
+    step: float
+    value: float | None = None
+    _new: float | None = None
+    _since_s: float = 0.0
+
+    def consider(self, value: float, at_s: float, may_rise: bool = True) -> None:
+        """Use a value that is near the last one; otherwise begin to wait, or continue."""
+        if self.value is not None and abs(value - self.value) <= self.step:
+            self.value, self._new = value, None
+        elif self.value is not None and value > self.value and not may_rise:
+            self._new = None
+        else:
+            if self._new is None or abs(value - self._new) > self.step:
+                self._since_s = at_s
+            self._new = value
+            self.settle(at_s)
+
+    def settle(self, at_s: float) -> None:
+        """Use the new value if it has lasted."""
+        if self._new is not None and at_s - self._since_s >= CONFIRMED_S:
+            self.value, self._new = self._new, None
+
+
+@dataclass(slots=True)
+class UseRate:
+    """The smoothed use of a quantity per second in flight, which is kept between flights."""
+
+    smoothing_s: float
+    max_per_s: float = math.inf
+    per_s: float = 0.0
+    seen_s: float = 0.0  # time in flight from which the rate results
+    used: float = 0.0  # amount used in this time
+    _last: tuple[float, float] | None = None  # time and amount left
+
+    def learn(self, left: float, at_s: float) -> None:
+        """Update the rate by the amount that is left in flight.
+
+        The first values have the weight of a mean; later the rate is an exponential average.
+        """
+        if self._last is None:
+            self._last = at_s, left
+            return
+        span_s, used = at_s - self._last[0], self._last[1] - left
+        if span_s < LEARN_EVERY_S:
+            return
+        self._last = at_s, left
+        if abs(used) / span_s > self.max_per_s:
+            return
+        self.seen_s += span_s
+        self.used += used
+        weight = max(1.0 - math.exp(-span_s / self.smoothing_s), span_s / self.seen_s)
+        self.per_s = max(self.per_s + weight * (used / span_s - self.per_s), 0.0)
+
+    def end_flight(self) -> None:
+        """Begin anew with the next flight; the rate remains."""
+        self._last = None
+
+
+@dataclass(slots=True)
+class BatteryReports:
+    """The reports of one vehicle's battery, and the rates learned from them."""
+
+    level: Confirmed = field(default_factory=lambda: Confirmed(LEVEL_STEP_PCT))  # percent
+    empty_at: Confirmed = field(default_factory=lambda: Confirmed(TIME_STEP_S))  # by the autopilot
+    level_rate: UseRate = field(
+        default_factory=lambda: UseRate(LEVEL_SMOOTHING_S, MAX_DISCHARGE_PCT_S)
+    )
+    charge_rate: UseRate = field(default_factory=lambda: UseRate(CHARGE_SMOOTHING_S))  # mAh
+    voltage_v: float | None = None
+    low_voltage_since_s: float | None = None
+    reported_at_s: float = -math.inf
+    _used_mah: float = 0.0  # in this flight, by the autopilot or by integration of the current
+    _consumed_mah: float | None = None  # as last reported
+
+    def apply(self, report: BatteryUpdated, airborne: bool, min_voltage_v: float | None) -> None:
+        """Apply a report. A voltage of 0 and a percentage without a voltage of 0 % are not used."""
+        at_s = report.at_us / 1e6
+        self._update_voltage(report.voltage_v, at_s, min_voltage_v)
+        if report.percent is not None and (report.percent > 0.0 or report.voltage_v is not None):
+            self.level.consider(report.percent, at_s, may_rise=not airborne)
+        if report.time_remaining_s is not None:
+            self.empty_at.consider(at_s + report.time_remaining_s, at_s)
+        else:
+            self.empty_at = Confirmed(TIME_STEP_S)
+        if airborne:
+            self._use_charge(report, at_s)
+            if self.level.value is not None:
+                self.level_rate.learn(self.level.value, at_s)
+        self._consumed_mah = report.consumed_mah
+        self.reported_at_s = at_s
+
+    def settle(self, at_s: float) -> None:
+        """Use the new values that have lasted, although no further report has arrived."""
+        self.level.settle(at_s)
+        self.empty_at.settle(at_s)
+
+    def end_flight(self) -> None:
+        """Begin anew with the next flight, perhaps with another battery; the rates remain."""
+        self.level, self.empty_at = Confirmed(LEVEL_STEP_PCT), Confirmed(TIME_STEP_S)
+        self.level_rate.end_flight()
+        self.charge_rate.end_flight()
+        self.low_voltage_since_s, self._used_mah = None, 0.0
+
+    def level_pct(self, at_s: float) -> float | None:
+        """Return the charge in percent; without recent reports, continued at the usual rate."""
+        if self.level.value is None:
+            return None
+        silent_s = at_s - self.reported_at_s
+        rate = self.level_rate.per_s if silent_s > MAX_GAP_S else 0.0
+        return max(self.level.value - rate * silent_s, 0.0)
+
+    def discharge_pct_s(self) -> float | None:
+        """Return the percent used per second; None before it is learned."""
+        rate = self.level_rate
+        known = rate.seen_s >= MIN_LEARNED_S and rate.used >= MIN_LEARNED_PCT and rate.per_s > 0.0
+        return rate.per_s if known else None
+
+    def discharge_by_charge_pct_s(self) -> float | None:
+        """Return the percent used per second by the current; None before it is learned."""
+        level, charge = self.level_rate, self.charge_rate
+        known = level.used >= MIN_SHARE_PCT and charge.seen_s >= MIN_LEARNED_S
+        if not known or charge.used <= 0.0 or charge.per_s <= 0.0:
+            return None
+        return charge.per_s * level.used / charge.used
+
+    def _update_voltage(self, volts: float | None, at_s: float, min_v: float | None) -> None:
+        if volts is None or volts <= 0.0:
+            return
+        self.voltage_v = volts
+        if min_v is None or volts >= min_v:
+            self.low_voltage_since_s = None
+        elif self.low_voltage_since_s is None:
+            self.low_voltage_since_s = at_s
+
+    def _use_charge(self, report: BatteryUpdated, at_s: float) -> None:
+        consumed, before = report.consumed_mah, self._consumed_mah
+        if consumed is not None:
+            used_mah = consumed - before if before is not None else 0.0
+        elif report.current_a is not None and at_s - self.reported_at_s <= MAX_GAP_S:
+            used_mah = report.current_a * (at_s - self.reported_at_s) / 3.6
+        else:
+            used_mah = 0.0
+        if used_mah >= 0.0:
+            self._used_mah += used_mah
+        self.charge_rate.learn(-self._used_mah, at_s)

@@ -1,0 +1,113 @@
+"""Computes the duration of a vehicle's flight home in a steady wind. Pure.
+
+Positions and velocities are (x, y) on the map: metres to the east and to the north. The wind is the
+velocity of the air.
+
+A plane flies one turn of constant radius (through the air) and then straight. In the frame of the
+air, home moves against the wind, and the plane reaches it when the length of the shortest such path
+equals the distance flown through the air. A copter turns in place and keeps its ground speed, as
+far as its maximum airspeed permits.
+"""
+
+import math
+from collections.abc import Callable
+
+Vector = tuple[float, float]
+
+ITERATIONS = 50
+STEPS = 400  # of the search in a wind that is faster than the vehicle
+WHOLE_TURN_RAD = math.tau - 1e-9  # a longer turn results from rounding: the turn is 0
+
+
+def plane_home_s(
+    home_m: Vector, through_air_m_s: Vector, wind_m_s: Vector, airspeed_m_s: float, radius_m: float
+) -> float:
+    """Return the seconds until a plane is at home; infinity if the wind prevents this.
+
+    ``home_m`` is the position of home relative to the plane. Only the direction of
+    ``through_air_m_s``, the plane's velocity relative to the air, is used. A home inside both turns
+    of the plane counts as reached by the longer turn.
+    """
+    wind = math.hypot(*wind_m_s)
+    distance_m = math.hypot(*home_m)
+
+    def excess_m(after_s: float) -> float:
+        """Return the length of the path to home at this time, minus the distance flown."""
+        place_m = (home_m[0] - wind_m_s[0] * after_s, home_m[1] - wind_m_s[1] * after_s)
+        return _turn_and_line_m(place_m, through_air_m_s, radius_m) - airspeed_m_s * after_s
+
+    if distance_m == 0.0:
+        return 0.0
+    if wind < airspeed_m_s:
+        longest_s = (distance_m + (2.0 + math.tau) * radius_m) / (airspeed_m_s - wind)
+        return _root(excess_m, 0.0, longest_s)
+    first_s, last_s = _reachable_s(home_m, wind_m_s, airspeed_m_s)
+    before_s = first_s
+    for step in range(STEPS + 1) if first_s < math.inf else ():
+        after_s = first_s + (last_s - first_s) * step / STEPS
+        if excess_m(after_s) <= 0.0:
+            return _root(excess_m, before_s, after_s)
+        before_s = after_s
+    return math.inf
+
+
+def copter_home_s(
+    home_m: Vector, wind_m_s: Vector, speed_m_s: float, max_airspeed_m_s: float
+) -> float:
+    """Return the seconds until a copter is at home; infinity if the wind prevents this.
+
+    ``speed_m_s`` is its speed over the ground.
+    """
+    distance_m = math.hypot(*home_m)
+    if distance_m == 0.0:
+        return 0.0
+    along_m_s = (wind_m_s[0] * home_m[0] + wind_m_s[1] * home_m[1]) / distance_m
+    across_m_s = (wind_m_s[0] * home_m[1] - wind_m_s[1] * home_m[0]) / distance_m
+    if abs(across_m_s) >= max_airspeed_m_s:
+        return math.inf
+    fastest_m_s = along_m_s + math.sqrt(max_airspeed_m_s**2 - across_m_s**2)
+    return distance_m / min(speed_m_s, fastest_m_s) if fastest_m_s > 0.0 else math.inf
+
+
+def _turn_and_line_m(place_m: Vector, heading: Vector, radius_m: float) -> float:
+    """Return the length of the shortest path of one turn and a straight line to a position."""
+    return min(_one_side_m(place_m, heading, radius_m, side) for side in (1.0, -1.0))
+
+
+def _one_side_m(place_m: Vector, heading: Vector, radius_m: float, side: float) -> float:
+    """Return the length of a left (``side`` 1) or right (-1) turn and the line to a position.
+
+    The result is infinite for a position inside the turn.
+    """
+    start_rad = math.atan2(heading[1], heading[0]) - side * math.pi / 2.0  # seen from the centre
+    x_m = place_m[0] + radius_m * math.cos(start_rad)
+    y_m = place_m[1] + radius_m * math.sin(start_rad)
+    off_m = math.hypot(x_m, y_m)
+    if off_m < radius_m:
+        return math.inf
+    line_m = math.sqrt(off_m**2 - radius_m**2)
+    leaves_rad = math.atan2(y_m, x_m) - side * math.atan2(line_m, radius_m)
+    turn_rad = side * (leaves_rad - start_rad) % math.tau
+    return (turn_rad if turn_rad < WHOLE_TURN_RAD else 0.0) * radius_m + line_m
+
+
+def _reachable_s(home_m: Vector, wind_m_s: Vector, airspeed_m_s: float) -> tuple[float, float]:
+    """Return the first and last time at which a straight flight in a faster wind reaches home."""
+    excess = max(wind_m_s[0] ** 2 + wind_m_s[1] ** 2 - airspeed_m_s**2, 1e-6)
+    along = wind_m_s[0] * home_m[0] + wind_m_s[1] * home_m[1]
+    square = along**2 - excess * (home_m[0] ** 2 + home_m[1] ** 2)
+    if along <= 0.0 or square < 0.0:
+        return math.inf, math.inf
+    root = math.sqrt(square)
+    return (along - root) / excess, (along + root) / excess
+
+
+def _root(excess_m: Callable[[float], float], low_s: float, high_s: float) -> float:
+    """Return the time between two times at which the excess falls to 0, by bisection."""
+    for _ in range(ITERATIONS):
+        middle_s = (low_s + high_s) / 2.0
+        if excess_m(middle_s) > 0.0:
+            low_s = middle_s
+        else:
+            high_s = middle_s
+    return high_s
