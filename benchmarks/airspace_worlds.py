@@ -83,18 +83,23 @@ def world_of(seed: int, margin_m: float = 60.0) -> World:
         )
         for number in range(count)
     ]
-    volumes, requests = [], []
+    volumes: list[dict[str, Any]] = []
+    requests: list[AnyOperatorEvent] = []
     for number in range(int(random.integers(2, 6))):
         volume = _volume(random, f"volume {number}")
         closes_s = float(random.uniform(60.0, FLIES_S * 0.8))
         kind = random.choice(["always", "later", "operator"])
         if kind == "operator":
-            limits = {key: volume.get(key) for key in ("floor_amsl_m", "ceiling_amsl_m")}
             for_s = float(random.uniform(100.0, 900.0)) if random.random() < 0.5 else None
             corners = tuple(map(tuple, volume["corners"]))
             at_us = round((START_S + closes_s) * 1e6)
             requests.append(
-                AirspaceClosed(at_us, "ann", "desk", volume["name"], corners, **limits, for_s=for_s)
+                AirspaceClosed(
+                    *(at_us, "ann", "desk", volume["name"], corners),
+                    floor_amsl_m=volume.get("floor_amsl_m"),
+                    ceiling_amsl_m=volume.get("ceiling_amsl_m"),
+                    for_s=for_s,
+                )
             )
             if random.random() < 0.3:
                 opens_us = at_us + round(float(random.uniform(50.0, 300.0)) * 1e6)

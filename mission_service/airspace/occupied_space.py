@@ -17,6 +17,7 @@ from shapely.geometry.base import BaseGeometry
 from autopilot_bridge.items import MissionItem, has_position
 from firemodel.landscape.landscape import Landscape
 
+Point = tuple[float, float]  # x, y in metres
 Position = tuple[float, float, float]  # x, y, altitude above mean sea level, in metres
 
 RELATIVE_FRAMES = (
@@ -24,6 +25,7 @@ RELATIVE_FRAMES = (
     mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT,
 )
 WIDER = 1.3  # multiple of the radius that a loiter occupies, because loiters are flown wider
+BEHIND_RAD = math.radians(120.0)  # targets farther from the course may be reached by either side
 TURN_STEP_RAD = math.radians(15.0)
 
 
@@ -57,39 +59,49 @@ def straight(start: Position, end: Position) -> Part:
     return Part(shapely.LineString([start[:2], end[:2]]), low_m, high_m)
 
 
-def turn_towards(
-    start: Position, velocity_m_s: tuple[float, float], target: tuple[float, float], radius_m: float
-) -> list[tuple[float, float]]:
-    """Return the points (x, y) of the turn from the present course to a target, from the start.
+def turns_towards(
+    start_m: Point, velocity_m_s: Point, target_m: Point, radius_m: float
+) -> list[list[Point]]:
+    """Return the points (x, y) of the turns from the present course to a target.
 
-    The list has only the start if the vehicle is slower than 1 m/s, or already flies towards the
-    target. A target inside the turn's circle is reached after at most one full turn.
+    There are two turns, to either side, if the target is behind; otherwise there is one. A turn has
+    only the start if the vehicle is slower than 1 m/s, or already flies towards the target. A
+    target inside the circle of the turn is not reached; the turn then ends after a full circle.
+
+    Args:
+        start_m: Position (x, y) in metres.
+        velocity_m_s: Velocity over ground (east, north).
+        target_m: Position (x, y) in metres.
+        radius_m: Radius of the turn.
     """
-    x_m, y_m = start[:2]
-    speed_m_s = math.hypot(*velocity_m_s)
-    points = [(x_m, y_m)]
-    if speed_m_s < 1.0 or radius_m <= 0.0:
-        return points
-    course = math.atan2(velocity_m_s[0], velocity_m_s[1])  # clockwise from north
-    off = _wrapped(math.atan2(target[0] - x_m, target[1] - y_m) - course)
-    side = 1.0 if off >= 0.0 else -1.0  # 1: to the right
+    if math.hypot(*velocity_m_s) < 1.0 or radius_m <= 0.0:
+        return [[start_m]]
+    course = math.atan2(*velocity_m_s)  # clockwise from north
+    off = _wrapped(math.atan2(target_m[0] - start_m[0], target_m[1] - start_m[1]) - course)
+    sides = (1.0, -1.0) if abs(off) > BEHIND_RAD else (math.copysign(1.0, off),)
+    return [_turn(start_m, course, target_m, radius_m, side) for side in sides]
+
+
+def _turn(
+    start_m: Point, course: float, target_m: Point, radius_m: float, side: float
+) -> list[Point]:
+    """Return the points of a turn to the right (``side`` = 1) or to the left (-1)."""
+    points = [start_m]
     centre = (
-        x_m + side * radius_m * math.cos(course),
-        y_m - side * radius_m * math.sin(course),
+        start_m[0] + side * radius_m * math.cos(course),
+        start_m[1] - side * radius_m * math.sin(course),
     )
-    turned = 0.0
-    while turned < math.tau:
-        ahead = course + side * turned
+    for step in range(round(math.tau / TURN_STEP_RAD)):
+        ahead = course + side * step * TURN_STEP_RAD
         at = (
             centre[0] - side * radius_m * math.cos(ahead),
             centre[1] + side * radius_m * math.sin(ahead),
         )
-        off = _wrapped(math.atan2(target[0] - at[0], target[1] - at[1]) - ahead)
-        if turned > 0.0:
+        if step > 0:
             points.append(at)
-        if side * off <= TURN_STEP_RAD:
+        left = side * _wrapped(math.atan2(target_m[0] - at[0], target_m[1] - at[1]) - ahead)
+        if abs(left) <= TURN_STEP_RAD:
             break
-        turned += TURN_STEP_RAD
     return points
 
 

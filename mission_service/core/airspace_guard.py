@@ -27,7 +27,7 @@ from mission_service.airspace.occupied_space import (
     mission_places,
     path_parts,
     straight,
-    turn_towards,
+    turns_towards,
 )
 from mission_service.airspace.routes import Detours, exits_from
 from mission_service.airspace.volumes import Volume, polygon_of, volumes_of
@@ -48,7 +48,7 @@ from mission_service.config.scenario import Scenario
 from mission_service.guidance.protocol import Guidance
 from mission_service.position_fix import PositionFix
 from mission_service.vehicles.airspace_state import AirspaceState, Evasion
-from mission_service.vehicles.availability import MISSION
+from mission_service.vehicles.availability import GOING_HOME, MISSION
 from mission_service.vehicles.missions_sent import MissionsSent
 from mission_service.vehicles.vehicle_state import Vehicle, announce
 
@@ -57,6 +57,7 @@ CHANGED = "the airspace has changed"
 BEFORE_ENTRY_S = 25.0  # a vehicle without a new mission holds this time before it would enter
 ACTS_AGAIN_S = 15.0  # longer than an upload
 START_AGAIN_S = 10.0
+STARTS_WITHIN_S = 2.0  # until a vehicle flies a mission that is sent now
 RETURN_ABOVE_M = 150.0  # returns are checked up to this height above home
 STRAIGHT_HOME_M = 400.0
 CUTS_M = (0.0, 150.0, 300.0, 600.0)  # lengths by which a mission's path is shortened, in turn
@@ -150,8 +151,6 @@ class AirspaceGuard:
         A mission is led around closed volumes if possible. A withheld command raises an alarm.
         """
         airspace = self.airspace_at(at_s)
-        if not airspace.is_limited:
-            return list(commands)
         found: list[AnyCommand] = []
         for command in commands:
             match command:
@@ -181,7 +180,7 @@ class AirspaceGuard:
                     vehicle.drop_upload()
                     vehicle.not_before_s = at_s + START_AGAIN_S
                     state.withheld = True
-                    words = f"a mission ({command.why}) is not sent: it would enter {conflict}"
+                    words = f"a mission is not sent, because it would enter {conflict}"
                     return self._raised(vehicle, words)
                 sent = led_around
         state.sent[sent.mission_id] = self._places(vehicle, sent)
@@ -232,6 +231,7 @@ class AirspaceGuard:
             self._return_parts(vehicle, fix), self._landscape, _position(fix)
         )
         if conflict is None:
+            self._states[vehicle.name].home_clear = self._version
             return [command]
         return self._evade(vehicle, fix, airspace, conflict, at_s, returns=True) or [command]
 
@@ -255,7 +255,7 @@ class AirspaceGuard:
                 state.current_seq = event.current_seq
             case events.ModeChanged():
                 state.began_at = None
-                if not event.armed:
+                if not event.armed or event.mode in GOING_HOME:
                     state.evasion = Evasion.NONE
             case _:
                 pass
@@ -263,7 +263,7 @@ class AirspaceGuard:
     def _put_on_board(
         self, state: AirspaceState, mission_id: int, places: tuple[MissionPlace, ...]
     ) -> None:
-        state.on_board_id, state.on_board, state.current_seq = mission_id, places, 0
+        state.on_board_id, state.on_board = mission_id, places
         state.sent = {number: sent for number, sent in state.sent.items() if number > mission_id}
         if mission_id != state.evasion_id:
             state.evasion = Evasion.NONE
@@ -292,9 +292,9 @@ class AirspaceGuard:
         if not self._may_move(vehicle):
             return self._raised(vehicle, f"{words}; it is not under control of the service")
         if at_s < state.acts_again_at_s or vehicle.pending is not None:
-            return self._raised(vehicle, words)
-        if inside is not None and self._flies_out(vehicle, fix):
-            return self._raised(vehicle, f"{words} and flies out")
+            return []
+        if inside is not None and self._flies_out(vehicle):
+            return []
         if inside is None and not self._is_urgent(vehicle, fix, airspace):
             if vehicle.due != CHANGED:
                 vehicle.due = vehicle.due or CHANGED
@@ -312,6 +312,9 @@ class AirspaceGuard:
         if now == state.checked and not state.conflict:
             return
         state.checked = now
+        if mode in GOING_HOME and state.home_clear == self._version:
+            state.conflict = ""  # checked when the return was ordered
+            return
         parts = self._flown_parts(vehicle, fix)
         state.conflict = airspace.conflict(parts, self._landscape, _position(fix)) or ""
 
@@ -323,7 +326,7 @@ class AirspaceGuard:
                 return []
             left = [place for place in state.on_board if place.seq >= state.current_seq]
             return mission_parts(left or state.on_board[-1:], [_position(fix)])
-        if mode in ("return", "land"):
+        if mode in GOING_HOME:
             return self._return_parts(vehicle, fix)
         if mode in ("guided", "orbit") and state.orbit is not None:
             return [state.orbit]
@@ -341,18 +344,31 @@ class AirspaceGuard:
         home_altitude_m = self._home_altitude_m(vehicle)
         high_m = max(fix.altitude_m, home_altitude_m + RETURN_ABOVE_M)
         home = (*vehicle.home_m, home_altitude_m)
-        route = [*self._turn(vehicle, fix, vehicle.home_m), home]
-        return [Part(part.shape, home_altitude_m, high_m) for part in path_parts(route)]
+        routes = [[*entry, home] for entry in self._entries(vehicle, fix, vehicle.home_m)]
+        parts = [part for route in routes for part in path_parts(route)]
+        return [Part(part.shape, home_altitude_m, high_m) for part in parts]
 
-    def _turn(
+    def _entries(
         self, vehicle: Vehicle, fix: PositionFix, target_m: tuple[float, float]
-    ) -> list[Position]:
-        """Return the positions of the turn towards a target, beginning at the vehicle."""
-        plane = vehicle.section.kind == "plane"
-        radius_m = vehicle.section.turn_radius_m if plane else 0.0
-        speed = (fix.east_m_s, fix.north_m_s)
-        points = turn_towards(_position(fix), speed, target_m, radius_m)
-        return [(x_m, y_m, fix.altitude_m) for x_m, y_m in points]
+    ) -> list[list[Position]]:
+        """Return the positions of the possible turns towards a target, each from the vehicle.
+
+        The vehicle first flies on until the mission is on board. In a turn to the rear the side is
+        not known. Wind widens a turn.
+        """
+        section = vehicle.section
+        if section.kind != "plane":
+            return [[_position(fix)]]
+        ahead_m = (fix.east_m_s * STARTS_WITHIN_S, fix.north_m_s * STARTS_WITHIN_S)
+        start = (fix.x_m + ahead_m[0], fix.y_m + ahead_m[1])
+        wider = 1.0 + vehicle.availability.wind_m_s / section.airspeed_m_s
+        turns = turns_towards(
+            start, (fix.east_m_s, fix.north_m_s), target_m, section.turn_radius_m * wider**2
+        )
+        height_m = fix.altitude_m
+        return [
+            [_position(fix), *((x_m, y_m, height_m) for x_m, y_m in points)] for points in turns
+        ]
 
     def _is_urgent(self, vehicle: Vehicle, fix: PositionFix, airspace: Airspace) -> bool:
         """Return whether a vehicle may enter a closed volume before a new mission is flown."""
@@ -370,7 +386,7 @@ class AirspaceGuard:
             for volume in airspace.blocked(low_m, high_m)
         )
 
-    def _flies_out(self, vehicle: Vehicle, fix: PositionFix) -> bool:
+    def _flies_out(self, vehicle: Vehicle) -> bool:
         """Return whether the vehicle flies the mission by which it leaves a volume."""
         state = self._states[vehicle.name]
         flown = vehicle.availability.mode == MISSION and state.on_board_id == state.evasion_id != 0
@@ -459,10 +475,9 @@ class AirspaceGuard:
             return None
         items = self._guidance.items(vehicle, path, fix)
         places = mission_places(items, self._landscape, self._home_altitude_m(vehicle))
-        if airspace.volume_at(_position(fix)) is None:
-            parts = mission_parts(places, self._turn(vehicle, fix, tuple(path[1])))
-            if airspace.conflict(parts, self._landscape, _position(fix)) is not None:
-                return None
+        outside = airspace.volume_at(_position(fix)) is None
+        if outside and self._mission_conflict(vehicle, places, airspace) is not None:
+            return None
         return self._upload(vehicle, path, fix, "fly home around closed airspace", Evasion.AROUND)
 
     def _upload(
@@ -482,6 +497,7 @@ class AirspaceGuard:
         vehicle.pending.evades = True
         vehicle.holding = True
         state.evasion, state.evasion_id = evasion, upload.mission_id
+        state.sent[upload.mission_id] = self._places(vehicle, upload)
         return upload
 
     def _straight_home(
@@ -493,10 +509,12 @@ class AirspaceGuard:
             return []
         if vehicle.pending is not None or vehicle.availability.mode != MISSION:
             return []
+        if fix.at_s < state.acts_again_at_s:
+            return []
         parts = self._return_parts(vehicle, fix)
         if airspace.conflict(parts, self._landscape, _position(fix)) is not None:
             return []
-        state.evasion = Evasion.NONE
+        state.home_clear, state.acts_again_at_s = self._version, fix.at_s + ACTS_AGAIN_S
         vehicle.sent_home = vehicle.waits_for_operator = True
         vehicle.end_intentions()
         return [announce(vehicle, "the way home is free"), Return(vehicle.name)]
@@ -551,8 +569,13 @@ class AirspaceGuard:
         fix = vehicle.availability.fix
         if fix is None or not vehicle.availability.airborne or not places:
             return airspace.conflict(mission_parts(places), self._landscape)
-        start = self._turn(vehicle, fix, places[0].position[:2])
-        return airspace.conflict(mission_parts(places, start), self._landscape, _position(fix))
+        first = next(
+            (p for p in places if math.dist(p.position[:2], (fix.x_m, fix.y_m)) > 1.0), places[-1]
+        )
+        parts = mission_parts(places)
+        for entry in self._entries(vehicle, fix, first.position[:2]):
+            parts += path_parts([*entry, first.position])
+        return airspace.conflict(parts, self._landscape, _position(fix))
 
     def _home_altitude_m(self, vehicle: Vehicle) -> float:
         return float(self._landscape.elevation_at(*vehicle.home_m))
@@ -563,7 +586,7 @@ class AirspaceGuard:
         self, vehicle: Vehicle, words: str, severity: Severity = "warning"
     ) -> list[AnyCommand]:
         state = self._states[vehicle.name]
-        if words == state.alarm:
+        if words == state.alarm or (state.withheld and state.evasion is not Evasion.NONE):
             return []
         state.alarm = words
         return [RaiseAlarm(vehicle.name, AIRSPACE, words, severity)]
