@@ -60,7 +60,7 @@ class Evasions:
         for place in exits_from((fix.x_m, fix.y_m), blocked, beyond_m):
             path = np.array([(fix.x_m, fix.y_m), place])
             items = self._guidance.items(vehicle, path, fix)
-            places = self._space.places(vehicle, items)
+            places = self._space.route(vehicle, items)
             parts = mission_parts(places, [position_of(fix)])
             if others.conflict(parts, self._landscape) is not None:
                 continue
@@ -78,7 +78,7 @@ class Evasions:
         if path is None or math.dist(path[-1], vehicle.home_m) > NEAR_HOME_M:
             return None
         items = self._guidance.items(vehicle, path, fix)
-        places = self._space.places(vehicle, items)
+        places = self._space.route(vehicle, items)
         outside = airspace.volume_at(position_of(fix)) is None
         parts = self._space.of_mission(vehicle, places)
         if outside and airspace.conflict(parts, self._landscape, position_of(fix)) is not None:
@@ -103,7 +103,7 @@ class Evasions:
         vehicle.pending.evades = True
         vehicle.holding = True
         state.evasion, state.evasion_id = evasion, upload.mission_id
-        state.sent[upload.mission_id] = self._space.places(vehicle, items)
+        state.sent[upload.mission_id] = self._space.route(vehicle, items)
         return upload
 
     def around(
@@ -113,7 +113,7 @@ class Evasions:
         fix = vehicle.availability.fix
         if fix is None:
             return None
-        places = self._space.places(vehicle, command.items)
+        places = self._space.route(vehicle, command.items)
         start = position_of(fix) if vehicle.availability.airborne else None
         positions = [place.position for place in places]
         altitudes = [fix.altitude_m, *(position[2] for position in positions)]
@@ -129,7 +129,7 @@ class Evasions:
                 break
             cut = shapely.get_coordinates(substring(line, 0.0, line.length - cut_m))
             items = self._guidance.items(vehicle, cut, fix)
-            parts = self._space.of_mission(vehicle, self._space.places(vehicle, items))
+            parts = self._space.of_mission(vehicle, self._space.route(vehicle, items))
             if airspace.conflict(parts, self._landscape, start) is None:
                 return msgspec.structs.replace(command, items=items)
         return None

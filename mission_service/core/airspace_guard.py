@@ -128,7 +128,7 @@ class AirspaceGuard:
         state = self._states[vehicle.name]
         sent = command
         if command.mission_id != state.evasion_id:
-            conflict = self._conflict(vehicle, self._space.places(vehicle, command.items), airspace)
+            conflict = self._conflict(vehicle, self._space.route(vehicle, command.items), airspace)
             if conflict is not None:
                 led_around = None
                 if self._moves:
@@ -140,7 +140,7 @@ class AirspaceGuard:
                     words = f"a mission is not sent, because it would enter {conflict}"
                     return self._raised(vehicle, words)
                 sent = led_around
-        state.sent[sent.mission_id] = self._space.places(vehicle, sent.items)
+        state.sent[sent.mission_id] = self._space.route(vehicle, sent.items)
         state.withheld = False
         return [sent]
 

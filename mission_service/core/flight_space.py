@@ -37,7 +37,7 @@ class FlightSpace:
     def __init__(self, landscape: Landscape) -> None:
         self._landscape = landscape
 
-    def places(self, vehicle: Vehicle, items: Sequence[MissionItem]) -> tuple[MissionPlace, ...]:
+    def route(self, vehicle: Vehicle, items: Sequence[MissionItem]) -> tuple[MissionPlace, ...]:
         """Return the positions of a mission."""
         return mission_places(items, self._landscape, self._home_altitude_m(vehicle))
 
