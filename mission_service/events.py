@@ -517,6 +517,26 @@ class Rejected(OperatorEvent, frozen=True, tag=True):
     plan_hash: str
 
 
+class AirspaceClosed(OperatorEvent, frozen=True, tag=True):
+    """A volume of airspace is closed to all vehicles from now on.
+
+    ``corners`` are latitude and longitude in degrees. A limit of None means the ground, or no upper
+    limit. The volume opens after ``for_s``, or never by itself if this is None.
+    """
+
+    name: str
+    corners: tuple[tuple[Latitude, Longitude], ...]
+    floor_amsl_m: Altitude | None = None
+    ceiling_amsl_m: Altitude | None = None
+    for_s: DurationS | None = None
+
+
+class AirspaceOpened(OperatorEvent, frozen=True, tag=True):
+    """The closed volume with this name is open again."""
+
+    name: str
+
+
 class Aborted(OperatorEvent, frozen=True, tag=True):
     """An operator ordered an abort: drops end, and vehicles climb to the safe height and hold."""
 
@@ -637,6 +657,8 @@ AnyOperatorEvent = (
     | Approved
     | Rejected
     | Aborted
+    | AirspaceClosed
+    | AirspaceOpened
     | OperatorHeartbeat
     | OrderGiven
     | MissionRequested

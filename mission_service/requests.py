@@ -361,6 +361,60 @@ class Wind(FireRequest, frozen=True):
     from_deg: Annotated[float, Meta(ge=0, le=360)]
 
 
+class Close(Request, frozen=True):
+    """Close a volume of airspace: no vehicle may enter it, and vehicles inside leave it."""
+
+    makes = events.AirspaceClosed
+    role = "fly"
+    path = "/airspace/{do}"
+    operation = "airspace_{do}"
+    example: ClassVar = {
+        "name": "helicopter",
+        "corners": [[36.3642, -84.1409], [36.3661, -84.1391], [36.3642, -84.1391]],
+        "floor_amsl_m": 300.0,
+        "ceiling_amsl_m": 900.0,
+        "for_s": 1800.0,
+    }
+
+    name: Name
+    corners: Annotated[
+        tuple[tuple[Latitude, Longitude], ...],
+        Meta(min_length=3, max_length=1000, description="Latitude and longitude of each corner."),
+    ]
+    floor_amsl_m: Annotated[
+        Annotated[float, Meta(ge=-1000, le=20_000)] | None,
+        Meta(description="Lower limit above mean sea level; null: the ground."),
+    ] = None
+    ceiling_amsl_m: Annotated[
+        Annotated[float, Meta(ge=-1000, le=20_000)] | None,
+        Meta(description="Upper limit above mean sea level; null: none."),
+    ] = None
+    for_s: Annotated[
+        Annotated[float, Meta(gt=0, le=MAX_DURATION_S)] | None,
+        Meta(description="Time after which the volume opens; null: until it is opened."),
+    ] = None
+
+    def event(self, at_us: int) -> events.AnyOperatorEvent:
+        """Return the event ``AirspaceClosed``; raises RequestError for an impossible volume."""
+        refuse_no_polygon("close", self.corners)
+        floor_m, ceiling_m = self.floor_amsl_m, self.ceiling_amsl_m
+        if floor_m is not None and ceiling_m is not None and floor_m >= ceiling_m:
+            raise RequestError("close: ceiling_amsl_m must be above floor_amsl_m")
+        return super().event(at_us)
+
+
+class Open(Request, frozen=True):
+    """Open a closed volume of airspace again."""
+
+    makes = events.AirspaceOpened
+    role = "fly"
+    path = "/airspace/{do}"
+    operation = "airspace_{do}"
+    example: ClassVar = {"name": "helicopter"}
+
+    name: Name
+
+
 class Present(Request, frozen=True):
     """Report that the user is present; send this request every few seconds."""
 
@@ -495,7 +549,7 @@ class Replay(Request, frozen=True):
         raise RequestError("replay: this run is not a replay")
 
 
-OF_EVERY_RUN = (Abort, Correct, Observe, Raster, Erase, Undo, Redo, Lit, Wind, Present)
+OF_EVERY_RUN = (Abort, Correct, Observe, Raster, Erase, Undo, Redo, Lit, Wind, Present, Close, Open)
 OF_VEHICLES = (Hold, Resume, Return, Start, Renew, Accept, Refuse, Settings)
 
 

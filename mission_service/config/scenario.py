@@ -19,6 +19,7 @@ from pydantic import (
 
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.links.link_address import parse_link
+from mission_service.config.airspace_section import AirspaceSection
 from mission_service.config.fire_sections import (
     EnsembleSection,
     EstimateSection,
@@ -88,6 +89,7 @@ class Scenario(Section):
     formation: FormationSection = FormationSection()
     burn: BurnSection | None = None
     mission: MissionSection = MissionSection()
+    airspace: AirspaceSection = AirspaceSection()
     link: LinkSection = LinkSection()
 
     @model_validator(mode="after")
@@ -106,6 +108,7 @@ class Scenario(Section):
         times = [entry.at_s for entry in self.weather]
         if times and (times != sorted(set(times)) or times[0] != 0):
             raise ValueError("weather entries must start at at_s = 0 and have increasing times")
+        _refuse_high_vehicles(self.vehicles, self.airspace.max_altitude_agl_m)
         if self.duration_s <= self.start_s:
             raise ValueError("duration_s must be later than start_s")
         return self
@@ -136,6 +139,16 @@ class Scenario(Section):
         if self.only is None:
             return self.vehicles
         return tuple(vehicle for vehicle in self.vehicles if vehicle.name == self.only)
+
+
+def _refuse_high_vehicles(vehicles: tuple[VehicleSection, ...], max_agl_m: float | None) -> None:
+    """Raise ValueError for a vehicle whose missions are above the airspace's limit."""
+    for vehicle in vehicles if max_agl_m is not None else ():
+        if max_agl_m is not None and vehicle.altitude_agl_m > max_agl_m:
+            raise ValueError(
+                f"{vehicle.name}: altitude_agl_m = {vehicle.altitude_agl_m:g} is above "
+                f"airspace.max_altitude_agl_m = {max_agl_m:g}"
+            )
 
 
 def _refuse_shared_ports(vehicles: tuple[VehicleSection, ...]) -> None:

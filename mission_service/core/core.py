@@ -10,6 +10,7 @@ from firemodel.landscape.landscape import Landscape
 from mission_service import events
 from mission_service.commands import Announce, AnyCommand, Hold, Return, StartMission, UploadMission
 from mission_service.config.scenario import Scenario
+from mission_service.core.airspace_guard import AirspaceGuard
 from mission_service.core.airspeed_watch import airspeed_compared
 from mission_service.core.autopilot_reports import (
     back_under_control,
@@ -77,6 +78,9 @@ class Core:
             for section in scenario.flown
         }
         self._energy = EnergyWatch(scenario, landscape)
+        self.airspace = AirspaceGuard(
+            scenario, landscape, self.vehicles, self._missions, self.guidance
+        )
         self._starts = MissionStarts(scenario, self.traffic, self.guidance)
         self._results = RequestResults(self.guidance, self._starts)
         self._continuation = Continuation(
@@ -100,7 +104,7 @@ class Core:
         Raises KeyError for a vehicle that is not in the scenario.
         """
         at_s = event.at_us / 1e6
-        commands = self._handle(event)
+        commands = self.airspace.checked(self._handle(event), at_s)
         if self._approvals is not None and not isinstance(event, events.MissionAccepted):
             commands = self._approvals.held_back(commands, self.vehicles, at_s)
         commands = [command for command in commands if not self._withheld(command)]
@@ -144,10 +148,26 @@ class Core:
             availability.estimator_healthy,
         )
         decision = self.decision_engine.apply(event)
+        self.airspace.apply(event)
         commands = self._answer(vehicle, event, decision, was)
-        return [*commands, *self.guidance.on_vehicle(vehicle, event)]
+        commands += self.guidance.on_vehicle(vehicle, event)
+        return self._kept_out(vehicle, event, commands)
+
+    def _kept_out(
+        self, vehicle: Vehicle, event: events.VehicleEvent, commands: list[AnyCommand]
+    ) -> list[AnyCommand]:
+        """Add the commands that keep a vehicle out of closed airspace; they replace others."""
+        if not isinstance(event, events.Telemetry):
+            return commands
+        evades = self.airspace.watch(vehicle, event.at_us / 1e6)
+        if any(type(command) in LEADS_TO for command in evades):
+            commands = [command for command in commands if type(command) not in LEADS_TO]
+        return [*commands, *evades]
 
     def _on_operator(self, event: events.AnyOperatorEvent) -> list[AnyCommand]:
+        return [*self.airspace.on_operator(event), *self._requested(event)]
+
+    def _requested(self, event: events.AnyOperatorEvent) -> list[AnyCommand]:
         if isinstance(event, events.Resumed):  # the restart leaves links and commands unconfirmed
             self.decision_engine.apply_restart(event)
             for vehicle in self.vehicles.values():
@@ -249,7 +269,7 @@ class Core:
             return self._return_again(vehicle, at_s)
         if vehicle.ordered == "hold":
             return hold_again(vehicle, at_s)
-        if self._takes_no_decision(vehicle):
+        if self._takes_no_decision(vehicle) or self.airspace.leads(vehicle.name):
             return []
         commands: list[AnyCommand] = []
         if self._approvals is not None:

@@ -46,7 +46,7 @@ class RequestResults:
         """Record that a mission is on board; return the command to start it, if a start is due."""
         vehicle.flown_line, vehicle.accepted = pending.line, pending
         vehicle.takes_off = pending.takes_off
-        if vehicle.ordered:  # the hold was ordered during the upload
+        if vehicle.ordered and not pending.evades:  # the hold was ordered during the upload
             vehicle.hold_again_at_s = at_s
             return []
         if not vehicle.started and vehicle.section.autostart and not vehicle.availability.recalled:

@@ -18,6 +18,7 @@ from mission_service.missions.mission_figures import Figures
 from mission_service.requests import HASH
 from mission_service.runtime.play_head import ReplayState
 from mission_service.runtime.published_states import (
+    AirspaceStatus,
     Alarm,
     Announcement,
     ItemState,
@@ -27,6 +28,7 @@ from mission_service.runtime.published_states import (
     SourceState,
     TelemetryState,
     VehicleState,
+    VolumeState,
 )
 
 AT_US, UNIX_US = 4_215_300_000, 1_795_304_000_000_000
@@ -117,6 +119,25 @@ LAND = LandscapeExtent(
     500,
     500,
 )
+AIRSPACE = AirspaceStatus(
+    AT_US,
+    [
+        VolumeState(
+            "helicopter",
+            {
+                "type": "Polygon",
+                "coordinates": [
+                    [[-84.141, 36.364], [-84.139, 36.366], [-84.137, 36.362], [-84.141, 36.364]]
+                ],
+            },
+            None,
+            900.0,
+            3_600_000_000,
+            7_200_000_000,
+        )
+    ],
+    120.0,
+)
 STATE = FullState(
     4711,
     STATUS,
@@ -133,6 +154,7 @@ STATE = FullState(
     "islam_hu_damped",
     PLANNER,
     sources=[SOURCE],
+    airspace=AIRSPACE,
 )
 FIGURES = Figures(6, 2980.0, 248.0, 118.0, 36.3524, -84.1588, 842.0, 3310.0, False, [])
 PREVIEW = Preview(AT_US, "hawk", HASH, (ITEM,), FIGURES, MissionDifference(2, 4, 3, 84.0))
@@ -173,7 +195,7 @@ OF: dict[type, msgspec.Struct] = {
     type(each): each
     for each in (
         *(TELEMETRY, VEHICLE, MISSION, ALARM, ANNOUNCEMENT, REPLAY, STATE, PREVIEW, IMPORTANCE),
-        *(SOURCE, IMAGE),
+        *(SOURCE, IMAGE, AIRSPACE),
         ServiceStatus(AT_US, UNIX_US, True, "default", "islam_hu_damped", ("hawk",)),
         Alarms(AT_US, (ALARM,)),
         Reply("7f3a", "hold", AT_US, True, event="OrderGiven", messages=("hawk: holds",)),

@@ -1,7 +1,7 @@
 """Defines the states that interfaces publish, as flat JSON with units in the keys."""
 
 import math
-from typing import Literal
+from typing import Any, Literal
 
 import msgspec
 
@@ -36,6 +36,29 @@ class OrbitState(msgspec.Struct):
     altitude_amsl_m: float
     radius_m: float
     view_width_m: float
+
+
+class VolumeState(msgspec.Struct):
+    """A closed volume of airspace; ``geometry`` is GeoJSON (longitude, latitude).
+
+    A limit of None means the ground, or no upper limit. The volume is closed from ``from_us`` until
+    ``until_us`` (mission time; None: until an operator opens the volume).
+    """
+
+    name: str
+    geometry: dict[str, Any]
+    floor_amsl_m: float | None
+    ceiling_amsl_m: float | None
+    from_us: int
+    until_us: int | None
+
+
+class AirspaceStatus(msgspec.Struct, tag="airspace/1", tag_field="schema"):
+    """The closed volumes of the run, and the highest altitude above ground (None: no limit)."""
+
+    at_us: int
+    volumes: list[VolumeState]
+    max_altitude_agl_m: float | None
 
 
 class VehicleState(msgspec.Struct, tag="vehicle/1", tag_field="schema"):

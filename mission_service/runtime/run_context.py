@@ -1,13 +1,20 @@
 """Holds the objects of a run that HTTP, MQTT, metrics and Cursor on Target may use."""
 
 import asyncio
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from shapely.geometry import mapping
+
 from autopilot_bridge.items import Items
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.weather import Weather
+from mission_service.airspace.volumes import Volume
 from mission_service.config.scenario import Scenario
 from mission_service.config.service_section import ServiceSection
 from mission_service.core.core import Core
@@ -16,12 +23,15 @@ from mission_service.missions.mission_figures import Figures, figures_of
 from mission_service.runtime.engine import Engine
 from mission_service.runtime.gateway import MissionClock
 from mission_service.runtime.play_head import ReplayState
+from mission_service.runtime.published_states import AirspaceStatus, VolumeState
 from mission_service.runtime.request_handler import RequestHandler
 from mission_service.runtime.state_view import StateView
 from mission_service.runtime.vehicle_links import Link
 
 if TYPE_CHECKING:
     from mission_service.fire.estimated_fire import EstimatedFire
+
+Floats = NDArray[np.float64]
 
 
 class RunContext:
@@ -109,6 +119,12 @@ class RunContext:
             else of_burn.weather_at(at_s)
         )
 
+    def airspace(self) -> AirspaceStatus:
+        """Return the closed volumes of the run."""
+        volumes = [_volume_state(volume, self.landscape) for volume in self.core.airspace.volumes]
+        limit_m = self.scenario.airspace.max_altitude_agl_m
+        return AirspaceStatus(self.clock.now_us, volumes, limit_m)
+
     def preview(self, vehicle: str) -> Items | None:
         """Return the mission that the service would send to the vehicle now, without sending it.
 
@@ -145,3 +161,17 @@ class RunContext:
             "plan_hash": state_view.plan_hash,
             "drops": drops,
         }
+
+
+def _volume_state(volume: Volume, landscape: Landscape) -> VolumeState:
+    def lon_lat(places_m: Floats) -> Floats:
+        lat_deg, lon_deg = landscape.lat_lon_of(places_m[:, 0], places_m[:, 1])
+        return np.round(np.column_stack([lon_deg, lat_deg]), 7)
+
+    floor_m = volume.floor_m if math.isfinite(volume.floor_m) else None
+    ceiling_m = volume.ceiling_m if math.isfinite(volume.ceiling_m) else None
+    until_us = round(volume.until_s * 1e6) if math.isfinite(volume.until_s) else None
+    geometry = mapping(shapely.transform(volume.area_m, lon_lat))
+    return VolumeState(
+        volume.name, geometry, floor_m, ceiling_m, round(volume.from_s * 1e6), until_us
+    )

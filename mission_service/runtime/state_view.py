@@ -34,6 +34,8 @@ from mission_service.config.scenario import Scenario
 from mission_service.core.lost_link import reaction_of
 from mission_service.events import (
     Aborted,
+    AirspaceClosed,
+    AirspaceOpened,
     AnyEvent,
     AnyOperatorEvent,
     BatteryUpdated,
@@ -86,6 +88,7 @@ OF_FLIGHT = (
     *("link", "silent", "position", "battery", "mission", "order", "abort", "near"),
     *("mode", "state", "fence", "estimator", "autopilot", "front", "landed", "unrecorded"),
     *("observer", "sensor", "estimate", "lost_link", "energy", "overdue"),
+    *("airspace", "airspeed", "thrust"),
     *OF_FIRE,
 )
 
@@ -144,7 +147,7 @@ class StateView(Notices):
         self._failed_sensors: tuple[str, ...] = ()
         self._sources_due_us = at_us
         self._sources_shown: tuple[tuple[str, str, str, int], ...] = ()
-        self._touch("status", "fire", "burn", "alarms", "announcements", "sources")
+        self._touch("status", "fire", "burn", "airspace", "alarms", "announcements", "sources")
         for name in self.vehicles:
             self._touch(f"vehicle/{name}", f"mission/{name}")
         for number, line in enumerate(warnings, start=1):
@@ -224,7 +227,8 @@ class StateView(Notices):
         """Process a request; orders to the vehicles ``not_ordered`` were refused or are pending."""
         if isinstance(event, OperatorHeartbeat):
             return
-        self._touch("burn")
+        of_airspace = isinstance(event, AirspaceClosed | AirspaceOpened)
+        self._touch("airspace" if of_airspace else "burn")
         match event:
             case WindSet():
                 self.wind_set = event

@@ -55,6 +55,7 @@ class Pending:
     line: shapely.LineString
     takes_off: bool = False  # whether the first item is a takeoff
     due: str = ""  # the reason why the mission was due at once
+    evades: bool = False  # whether the mission leaves or avoids closed airspace
 
 
 @dataclass(frozen=True)

@@ -78,8 +78,8 @@ def test_a_new_client_gets_all_and_then_what_changes(flying: World) -> None:
         await reader.until(1)
         kinds = {event for event, _, _ in reader.events}
         assert kinds == {
-            "vehicle", "telemetry", "mission", "fire", "sources", "burn", "alarms", "announcements",
-            "status",
+            "vehicle", "telemetry", "mission", "fire", "sources", "burn", "airspace", "alarms",
+            "announcements", "status",
         }  # fmt: skip
         numbers = [number for _, number, _ in reader.events]
         assert numbers == sorted(numbers)

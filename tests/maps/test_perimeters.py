@@ -16,7 +16,7 @@ import shapely
 
 from firemodel.errors import FireModelError
 from firemodel.landscape.readers.rasters import read_landscape
-from mission_service.interfaces.maps import uploaded_shapes
+from mission_service import uploaded_shapes
 from mission_service.interfaces.maps.perimeter_export import perimeter_geojson
 from mission_service.interfaces.maps.perimeter_import import (
     LARGEST_BYTES,

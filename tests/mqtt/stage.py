@@ -48,7 +48,9 @@ def context_of(
         estimate=world,
         state_view=state_view,
         recording=SimpleNamespace(trouble=""),
-        core=SimpleNamespace(guidance=SimpleNamespace(estimated_fire=None)),
+        core=SimpleNamespace(
+            guidance=SimpleNamespace(estimated_fire=None), airspace=SimpleNamespace(volumes=())
+        ),
     )
     service.announce = functools.partial(Engine.announce, service)
     return RunContext(

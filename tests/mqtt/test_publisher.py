@@ -57,7 +57,7 @@ def test_a_late_subscriber_gets_all_states_and_a_present_one_the_end(broker: Mos
                 topics = ("status", f"{hawk}/state", f"{hawk}/mission", "fire/front", "alarm")
                 await until(lambda: all(early.of(topic) for topic in topics))
             async with listening(broker.port) as late:
-                await until(lambda: len(late.messages) >= 5)
+                await until(lambda: len(late.messages) >= 6)
                 assert [m.topic.value for m in late.messages if not m.retain] == []
                 schemas = [late.last(topic)["schema"] for topic in topics]
                 assert schemas == ["status/1", "vehicle/1", "mission/1", "front/1", "alarms/1"]

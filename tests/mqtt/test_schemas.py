@@ -26,7 +26,7 @@ UNITS = ("_us", "_s", "_m", "_m_s", "_deg", "_pct", "_ha", "_acres", "_c")
 COUNTS = {"system_id", "current_seq", "mission_id", "command", "frame", "id", "alpha", "params"}
 COUNTS |= {"decisions", "reversals", "importance_back", "importance_front", "front_cells"}
 COUNTS |= {"uploads_accepted", "uploads_failed", "drops_done", "drops_refused", "drops_unknown"}
-COUNTS |= {"points", "coordinates", "reversal_margin"}
+COUNTS |= {"points", "corners", "coordinates", "reversal_margin"}
 COUNTS |= {"speed", "jumps"}
 
 

@@ -14,7 +14,7 @@ from mission_service.guidance.burn.lines.ignition_lines import (
     line_across,
     upwind_of,
 )
-from mission_service.guidance.visibility_graph import VisibilityGraph
+from mission_service.visibility_graph import VisibilityGraph
 
 SOUTH = -math.pi / 2
 BOX = shapely.box(0.0, 0.0, 100.0, 80.0)

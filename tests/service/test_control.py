@@ -20,6 +20,8 @@ from mission_service.core.request_events import REQUESTS, RequestScope, event_of
 from mission_service.errors import ControlError, MissionServiceError, RequestError
 from mission_service.events import (
     Aborted,
+    AirspaceClosed,
+    AirspaceOpened,
     AnyEvent,
     AnyOperatorEvent,
     Approved,
@@ -59,12 +61,18 @@ CORNERS = [[36.0, -84.0], [36.0, -83.99], [36.01, -83.99]]
 PLACES = ((36.0, -84.0), (36.0, -83.99), (36.01, -83.99))
 
 # One valid request of each kind, and its event.
+SQUARE = ((36.0, -84.0), (36.1, -84.0), (36.1, -84.1))
 GOOD: list[tuple[dict[str, Any], AnyOperatorEvent]] = [
     ({"do": "plan"}, PlanRequested(*EVENT)),
     ({"do": "plan", "line_spacing_m": 30, "drop_spacing_m": 6.5}, PlanRequested(*EVENT, 30.0, 6.5)),
     ({"do": "approve", "hash": HASH}, Approved(*EVENT, HASH)),
     ({"do": "reject", "hash": HASH}, Rejected(*EVENT, HASH)),
     ({"do": "abort"}, Aborted(*EVENT)),
+    (
+        {"do": "close", "name": "TFR", "corners": SQUARE, "ceiling_amsl_m": 900, "for_s": 60},
+        AirspaceClosed(*EVENT, "TFR", SQUARE, ceiling_amsl_m=900.0, for_s=60.0),
+    ),
+    ({"do": "open", "name": "TFR"}, AirspaceOpened(*EVENT, "TFR")),
     ({"do": "go", "item": "weather"}, ChecklistAnswered(*EVENT, "weather", True)),
     ({"do": "no-go", "item": "payload"}, ChecklistAnswered(*EVENT, "payload", False)),
     (

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
 from mission_service.guidance.front.informative.legs import leg, unburned_ground
-from mission_service.guidance.visibility_graph import VisibilityGraph
+from mission_service.visibility_graph import VisibilityGraph
 
 Floats = NDArray[np.float64]
 

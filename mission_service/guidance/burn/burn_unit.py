@@ -18,7 +18,7 @@ from firemodel.landscape.readers.shapes import box_of, read_shapes
 from mission_service.config.sections import BurnSection
 from mission_service.errors import MissionServiceError
 from mission_service.guidance.burn.lines.ignition_lines import only_areas
-from mission_service.guidance.visibility_graph import VisibilityGraph
+from mission_service.visibility_graph import VisibilityGraph
 
 Floats = NDArray[np.float64]
 Corners = tuple[tuple[float, float], ...]  # lat_deg, lon_deg

@@ -61,6 +61,8 @@ class Frames:
                 return context.state_view.sources()
             case "burn":
                 return context.burn()
+            case "airspace":
+                return context.airspace()
             case "replay":
                 return None if context.replay is None else context.replay()
             case "alarms":

@@ -8,6 +8,7 @@ from mission_service.missions.mission_figures import Figures
 from mission_service.requests import Role
 from mission_service.runtime.play_head import ReplayState
 from mission_service.runtime.published_states import (
+    AirspaceStatus,
     Alarm,
     Announcement,
     ItemState,
@@ -83,6 +84,7 @@ class FullState(msgspec.Struct):
     planner: dict[str, Any]
     replay: ReplayState | None = None  # None: a live run
     sources: list[SourceState] = []
+    airspace: AirspaceStatus | None = None
 
 
 class MissionDifference(msgspec.Struct):

@@ -12,7 +12,7 @@ from mission_service.interfaces.api.models import FullState, RequestResult, land
 from mission_service.interfaces.api.openapi import OPERATOR_FIELDS, V1, route, struct, structs
 from mission_service.interfaces.api.planner_routes import planner_of
 from mission_service.interfaces.api.responses import ApiError, answer
-from mission_service.runtime.published_states import Announcement
+from mission_service.runtime.published_states import AirspaceStatus, Announcement
 
 LARGEST = 2**53
 BY, STATION = OPERATOR_FIELDS["by"]["description"], OPERATOR_FIELDS["station"]["description"]
@@ -20,7 +20,7 @@ Since = Annotated[int, Query(ge=0, le=LARGEST, description="The version that the
 
 
 def add(routes: APIRouter, api: ApiContext) -> None:
-    """Add ``/state``, ``/live``, ``/announcements`` and ``/abort``."""
+    """Add ``/state``, ``/airspace``, ``/live``, ``/announcements`` and ``/abort``."""
     land = land_of(api.context)
 
     @routes.get(
@@ -47,8 +47,15 @@ def add(routes: APIRouter, api: ApiContext) -> None:
                 planner_of(context),
                 None if context.replay is None else context.replay(),
                 state_view.sources(),
+                context.airspace(),
             )
         )
+
+    @routes.get(
+        f"{V1}/airspace", **route("look", "Closed volumes of airspace.", struct(AirspaceStatus))
+    )
+    async def airspace() -> Response:
+        return answer(api.context.airspace())
 
     text = {"type": "string"}
     event = {"type": "object", "properties": {"event": text, "id": text, "data": text}}

@@ -21,7 +21,7 @@ from firemodel.outputs.front_files import M2_PER_ACRE
 from firemodel.spread.front import multipolygon
 from mission_service.interfaces.maps.geometry_limits import MAX_PAIRS, max_repaired, pairs_near
 from mission_service.interfaces.maps.mercator import outline_of
-from mission_service.interfaces.maps.uploaded_shapes import LARGEST_BYTES, WGS84, Drawn, features_in
+from mission_service.uploaded_shapes import LARGEST_BYTES, WGS84, Drawn, features_in
 
 __all__ = ["LARGEST_BYTES", "Perimeter", "read_perimeter"]
 

@@ -14,6 +14,7 @@ import msgspec
 from mission_service.interfaces.mqtt.payloads import Alarms, Reply, ServiceStatus
 from mission_service.runtime.play_head import ReplayState
 from mission_service.runtime.published_states import (
+    AirspaceStatus,
     Announcement,
     MissionState,
     TelemetryState,
@@ -81,6 +82,15 @@ MISSION = Topic(
 FRONT = Topic(
     "fire/front", "front/1", 0, True, "each 10 s, and within 2 s after a correction of the fire"
 )
+AIRSPACE = Topic(
+    "airspace",
+    AirspaceStatus,
+    0,
+    True,
+    "the closed volumes, on change",
+    "airspace",
+    lambda context, name: context.airspace(),
+)
 ALARM = Topic(
     "alarm",
     Alarms,
@@ -103,6 +113,18 @@ REPLAY = Topic(
 EVENT = Topic("event", Announcement, 1, False, "each announcement")
 COMMAND = Topic("cmd/{}", "command/1", 1, False, "sent by clients; reply on `cmd/NAME/reply`")
 REPLY = Topic("cmd/{}/reply", Reply, 1, False, "each command received, once")
-TOPICS = (STATUS, TELEMETRY, VEHICLE, MISSION, FRONT, ALARM, REPLAY, EVENT, COMMAND, REPLY)
+TOPICS = (
+    STATUS,
+    TELEMETRY,
+    VEHICLE,
+    MISSION,
+    FRONT,
+    AIRSPACE,
+    ALARM,
+    REPLAY,
+    EVENT,
+    COMMAND,
+    REPLY,
+)
 PARTS = {topic.part: topic for topic in TOPICS if topic.part}
 POLLED = tuple(topic for topic in TOPICS if topic.build and not topic.part)

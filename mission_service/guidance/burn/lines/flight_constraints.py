@@ -12,7 +12,7 @@ from firemodel.ellipses.point_observations import Simulation
 from mission_service.config.sections import BurnSection
 from mission_service.guidance.burn.burn_unit import BurnUnit
 from mission_service.guidance.burn.lines.hazard import Hazard
-from mission_service.guidance.visibility_graph import VisibilityGraph
+from mission_service.visibility_graph import VisibilityGraph
 
 Floats = NDArray[np.float64]
 # Returns the fire that spreads from the given sources (n, 3: x, y, at_s) only.

@@ -11,7 +11,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely.geometry.base import BaseGeometry
 
-from mission_service.guidance.visibility_graph import Vertex, VisibilityGraph
+from mission_service.visibility_graph import Vertex, VisibilityGraph
 
 Floats = NDArray[np.float64]
 

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from mission_service.events import FrontsEstimated
 from mission_service.guidance.front.informative.front_nodes import Front, front_of
 from mission_service.guidance.front.informative.legs import unburned_ground
-from mission_service.guidance.visibility_graph import VisibilityGraph
+from mission_service.visibility_graph import VisibilityGraph
 
 Floats = NDArray[np.float64]
 # Vehicles do not fly along shorter fronts.

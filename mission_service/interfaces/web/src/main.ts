@@ -4,6 +4,7 @@ import "./style.css";
 import type { Map as MapView } from "maplibre-gl";
 import { Alarms } from "./alarms.ts";
 import { get, whenUnauthorised } from "./api.ts";
+import { AIRSPACE_GROUPS, airspaceLayers, followAirspace } from "./airspace_layer.ts";
 import { BURN_GROUPS, burnLayers, followBurn } from "./burn_layer.ts";
 import { askForToken, showHelp } from "./dialogs.ts";
 import { byId } from "./dom.ts";
@@ -31,7 +32,7 @@ import type { LonLat } from "./types.ts";
 import { fetchTracks, followVehicles, VEHICLE_GROUPS, vehicleLayers } from "./vehicles_layer.ts";
 
 const groups: Record<string, Group> = {
-  ...FIRE_GROUPS, ...OBSERVATION_GROUPS, ...IMAGE_GROUPS, ...VEHICLE_GROUPS, ...BURN_GROUPS,
+  ...FIRE_GROUPS, ...OBSERVATION_GROUPS, ...IMAGE_GROUPS, ...VEHICLE_GROUPS, ...BURN_GROUPS, ...AIRSPACE_GROUPS,
 };
 const store = new Store();
 const TRACKS_AGAIN_MS = 10_000;
@@ -80,6 +81,7 @@ async function makeMapOnce(): Promise<void> {
     fireLayers,
     observationLayers,
     imageLayers,
+    airspaceLayers,
     burnLayers,
     vehicleLayers,
   ]);
@@ -95,6 +97,7 @@ async function makeMapOnce(): Promise<void> {
   ];
   followVehicles(made, store);
   followBurn(made, store);
+  followAirspace(made, store);
   store.changed("all");
   Object.assign(window, { missionMap: made }); // for the console, and for tests
   byId("map").dataset.ready = "yes";

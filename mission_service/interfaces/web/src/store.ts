@@ -4,6 +4,7 @@
 import { ask, BASE, errorText, get, Refused } from "./api.ts";
 import { backoffS, EventReader, type StreamEvent } from "./live.ts";
 import type {
+  Airspace,
   Alarm,
   Burn,
   Fire,
@@ -29,6 +30,7 @@ export type Topic =
   | "sources" // of observations
   | "images" // of sensors, and the selected one
   | "burn"
+  | "airspace"
   | "alarms"
   | "announcements"
   | "status"
@@ -237,6 +239,9 @@ export class Store {
         break;
       case "burn":
         this.state.burn = part as Burn | null;
+        break;
+      case "airspace":
+        this.state.airspace = part as Airspace;
         break;
       case "alarms":
         this.state.alarms = part as Alarm[];

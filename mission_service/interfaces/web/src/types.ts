@@ -311,6 +311,21 @@ export interface Replay {
   jumps: number; // changes when the replay jumps to another time
 }
 
+/** A closed volume of airspace; a limit of null means the ground, or no upper limit. */
+export interface Volume {
+  name: string;
+  geometry: GeoJSON.Geometry;
+  floor_amsl_m: number | null;
+  ceiling_amsl_m: number | null;
+  from_us: number;
+  until_us: number | null;
+}
+
+export interface Airspace {
+  volumes: Volume[];
+  max_altitude_agl_m: number | null;
+}
+
 /** The response of /state: the complete state for a new page. */
 export interface State {
   version: number;
@@ -329,4 +344,5 @@ export interface State {
   planner: Planner;
   replay: Replay | null; // null: a live run
   sources: Source[];
+  airspace: Airspace;
 }

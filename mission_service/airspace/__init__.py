@@ -1,0 +1,1 @@
+"""The airspace of a run: volumes that are closed to vehicles, and checks of planned flights."""

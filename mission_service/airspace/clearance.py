@@ -1,0 +1,97 @@
+"""Checks the space that a vehicle occupies against closed volumes and the altitude limit."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from shapely.geometry.base import BaseGeometry
+
+from firemodel.landscape.landscape import Landscape
+from mission_service.airspace.occupied_space import Part, Position
+from mission_service.airspace.volumes import Volume
+
+ROUNDING_M = 0.5  # tolerance of the altitude limit, because altitudes in missions are rounded
+
+
+@dataclass(frozen=True, slots=True)
+class Margins:
+    """The distances that planned flights keep from closed volumes, in metres."""
+
+    horizontal_m: float
+    vertical_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class Airspace:
+    """The closed volumes at one time, the margins, and the highest altitude above ground."""
+
+    volumes: tuple[Volume, ...]
+    margins: Margins
+    max_altitude_agl_m: float | None = None
+
+    @property
+    def is_limited(self) -> bool:
+        """Whether any limit applies."""
+        return bool(self.volumes) or self.max_altitude_agl_m is not None
+
+    def volume_at(self, position: Position) -> Volume | None:
+        """Return a closed volume that contains a position, without margins, or None."""
+        return next((volume for volume in self.volumes if volume.contains(*position)), None)
+
+    def blocked(self, lowest_m: float, highest_m: float) -> list[Volume]:
+        """Return the volumes that concern flights between two altitudes, with the margin."""
+        up_m = self.margins.vertical_m
+        return [
+            volume
+            for volume in self.volumes
+            if volume.floor_m - up_m < highest_m and lowest_m < volume.ceiling_m + up_m
+        ]
+
+    def conflict(
+        self, parts: Iterable[Part], landscape: Landscape, start: Position | None = None
+    ) -> str | None:
+        """Return the limit that the occupied space violates, in words; None without a conflict.
+
+        A flight that begins at ``start`` within the margin of a volume may use the distance that
+        it has there, so that it can leave the margin.
+        """
+        parts = list(parts)
+        for volume in self.volumes:
+            if self._enters(parts, volume, start):
+                return f"the closed volume {volume.name!r}"
+        if self.max_altitude_agl_m is None:
+            return None
+        for part in parts:
+            above_m = _highest_above_ground_m(part, landscape)
+            if above_m > self.max_altitude_agl_m + ROUNDING_M:
+                return f"the limit of {self.max_altitude_agl_m:g} m above the ground"
+        return None
+
+    def _enters(self, parts: Sequence[Part], volume: Volume, start: Position | None) -> bool:
+        margin_m, up_m = self.margins.horizontal_m, self.margins.vertical_m
+        if start is not None:
+            inside = volume.floor_m - up_m < start[2] < volume.ceiling_m + up_m
+            if inside:
+                off_m = float(shapely.distance(volume.area_m, shapely.Point(start[:2])))
+                margin_m = min(margin_m, max(off_m - 1.0, 0.0))
+        for part in parts:
+            if part.highest_m <= volume.floor_m - up_m or part.lowest_m >= volume.ceiling_m + up_m:
+                continue
+            if shapely.dwithin(volume.area_m, part.shape, margin_m):
+                return True
+        return False
+
+
+def blocked_area(volumes: Iterable[Volume], margin_m: float) -> BaseGeometry:
+    """Return the union of the volumes' areas, enlarged by a margin."""
+    areas = [volume.area_m.buffer(margin_m, quad_segs=4) for volume in volumes]
+    return shapely.union_all(areas)
+
+
+def _highest_above_ground_m(part: Part, landscape: Landscape) -> float:
+    """Return the largest height above the lowest ground under a part of a flight."""
+    line = part.shape.exterior if isinstance(part.shape, shapely.Polygon) else part.shape
+    points = shapely.get_coordinates(shapely.segmentize(line, landscape.cell_size_m / 2.0))
+    ground_m = landscape.elevation_at(points[:, 0], points[:, 1])
+    return part.highest_m - float(np.min(ground_m))

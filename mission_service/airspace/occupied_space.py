@@ -1,0 +1,149 @@
+"""The space that a vehicle occupies while it executes a command, for checks against volumes.
+
+A leg occupies all altitudes between its ends, because autopilots differ in where on a leg they
+climb. A loiter occupies its whole disc.
+"""
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import shapely
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from shapely.geometry.base import BaseGeometry
+
+from autopilot_bridge.items import MissionItem, has_position
+from firemodel.landscape.landscape import Landscape
+
+Point = tuple[float, float]  # x, y in metres
+Position = tuple[float, float, float]  # x, y, altitude above mean sea level, in metres
+
+RELATIVE_FRAMES = (
+    mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT,
+    mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT,
+)
+WIDER = 1.3  # multiple of the radius that a loiter occupies, because loiters are flown wider
+BEHIND_RAD = math.radians(120.0)  # targets farther from the course may be reached by either side
+TURN_STEP_RAD = math.radians(15.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """A part of the occupied space: a horizontal shape (x, y in metres) and its altitudes."""
+
+    shape: BaseGeometry
+    lowest_m: float
+    highest_m: float
+
+
+class MissionPlace(NamedTuple):
+    """A position of a mission: the radius of the loiter there (0: none) and the item's index."""
+
+    position: Position
+    radius_m: float
+    seq: int
+
+
+def disc(x_m: float, y_m: float, radius_m: float, lowest_m: float, highest_m: float) -> Part:
+    """Return the space of a loiter."""
+    return Part(shapely.Point(x_m, y_m).buffer(radius_m), lowest_m, highest_m)
+
+
+def straight(start: Position, end: Position) -> Part:
+    """Return the space of a straight flight."""
+    low_m, high_m = sorted((start[2], end[2]))
+    if start[:2] == end[:2]:
+        return Part(shapely.Point(start[:2]), low_m, high_m)
+    return Part(shapely.LineString([start[:2], end[:2]]), low_m, high_m)
+
+
+def turns_towards(
+    start_m: Point, velocity_m_s: Point, target_m: Point, radius_m: float
+) -> list[list[Point]]:
+    """Return the points (x, y) of the turns from the present course to a target.
+
+    There are two turns, to either side, if the target is behind; otherwise there is one. A turn has
+    only the start if the vehicle is slower than 1 m/s, or already flies towards the target. A
+    target inside the circle of the turn is not reached; the turn then ends after a full circle.
+
+    Args:
+        start_m: Position (x, y) in metres.
+        velocity_m_s: Velocity over ground (east, north).
+        target_m: Position (x, y) in metres.
+        radius_m: Radius of the turn.
+    """
+    if math.hypot(*velocity_m_s) < 1.0 or radius_m <= 0.0:
+        return [[start_m]]
+    course = math.atan2(*velocity_m_s)  # clockwise from north
+    off = _wrapped(math.atan2(target_m[0] - start_m[0], target_m[1] - start_m[1]) - course)
+    sides = (1.0, -1.0) if abs(off) > BEHIND_RAD else (math.copysign(1.0, off),)
+    return [_turn(start_m, course, target_m, radius_m, side) for side in sides]
+
+
+def _turn(
+    start_m: Point, course: float, target_m: Point, radius_m: float, side: float
+) -> list[Point]:
+    """Return the points of a turn to the right (``side`` = 1) or to the left (-1)."""
+    points = [start_m]
+    centre = (
+        start_m[0] + side * radius_m * math.cos(course),
+        start_m[1] - side * radius_m * math.sin(course),
+    )
+    for step in range(round(math.tau / TURN_STEP_RAD)):
+        ahead = course + side * step * TURN_STEP_RAD
+        at = (
+            centre[0] - side * radius_m * math.cos(ahead),
+            centre[1] + side * radius_m * math.sin(ahead),
+        )
+        if step > 0:
+            points.append(at)
+        left = side * _wrapped(math.atan2(target_m[0] - at[0], target_m[1] - at[1]) - ahead)
+        if abs(left) <= TURN_STEP_RAD:
+            break
+    return points
+
+
+def _wrapped(angle: float) -> float:
+    return (angle + math.pi) % math.tau - math.pi
+
+
+def path_parts(points: Sequence[Position]) -> list[Part]:
+    """Return the space of a path through positions."""
+    return [straight(start, end) for start, end in itertools.pairwise(points)]
+
+
+def mission_places(
+    items: Sequence[MissionItem], landscape: Landscape, home_altitude_m: float
+) -> tuple[MissionPlace, ...]:
+    """Return the positions of a mission in the order of flight.
+
+    The last is the first unlimited loiter, because later items are not flown by themselves.
+    """
+    found: list[MissionPlace] = []
+    for seq, item in enumerate(items):
+        if not has_position(item.command) or item.command == mavlink.MAV_CMD_DO_LAND_START:
+            continue
+        x_m, y_m = landscape.xy_of_lat_lon(item.x / 1e7, item.y / 1e7)
+        altitude_m = item.z + (home_altitude_m if item.frame in RELATIVE_FRAMES else 0.0)
+        position = (float(x_m), float(y_m), altitude_m)
+        found.append(MissionPlace(position, _radius_m(item), seq))
+        if item.command == mavlink.MAV_CMD_NAV_LOITER_UNLIM:
+            break
+    return tuple(found)
+
+
+def _radius_m(item: MissionItem) -> float:
+    if item.command == mavlink.MAV_CMD_NAV_LOITER_UNLIM:
+        return abs(item.param3)
+    return abs(item.param2) if item.command == mavlink.MAV_CMD_NAV_LOITER_TO_ALT else 0.0
+
+
+def mission_parts(places: Sequence[MissionPlace], start: Sequence[Position] = ()) -> list[Part]:
+    """Return the space of a mission that is entered along the positions ``start``."""
+    parts = path_parts([*start, *(place.position for place in places)])
+    for (x_m, y_m, altitude_m), radius_m, _ in places:
+        if radius_m > 0.0:
+            parts.append(disc(x_m, y_m, WIDER * radius_m, altitude_m, altitude_m))
+    return parts

@@ -1,0 +1,140 @@
+"""Volumes of airspace that are closed to the vehicles, in the coordinates of the landscape."""
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from shapely.geometry.base import BaseGeometry
+
+from firemodel.landscape.landscape import Landscape
+from mission_service.airspace.volume_files import volumes_in
+from mission_service.config.airspace_section import AirspaceSection, AreaSection, ClosedVolume
+from mission_service.errors import ScenarioError
+
+OUTSIDE = "the area outside the allowed areas"
+FAR_M = 100_000.0  # distance beyond the allowed areas up to which the area outside is closed
+
+
+@dataclass(frozen=True, slots=True)
+class Volume:
+    """A volume that is closed to all vehicles for a time.
+
+    Args:
+        name: The name, which is unique in a run.
+        area_m: The horizontal extent; x, y in metres of the landscape.
+        floor_m: Lower limit, in metres above mean sea level; -inf: the ground.
+        ceiling_m: Upper limit, in metres above mean sea level; inf: none.
+        from_s: Mission time from which the volume is closed.
+        until_s: Mission time at which the volume opens again; inf: never.
+    """
+
+    name: str
+    area_m: BaseGeometry
+    floor_m: float = -math.inf
+    ceiling_m: float = math.inf
+    from_s: float = 0.0
+    until_s: float = math.inf
+
+    def is_closed(self, at_s: float, lead_s: float = 0.0) -> bool:
+        """Return whether the volume is closed at a mission time, or within ``lead_s``."""
+        return self.from_s - lead_s <= at_s < self.until_s
+
+    def contains(self, x_m: float, y_m: float, altitude_m: float) -> bool:
+        """Return whether a position is inside the volume."""
+        inside = self.floor_m <= altitude_m <= self.ceiling_m
+        return inside and bool(shapely.intersects_xy(self.area_m, x_m, y_m))
+
+
+def volumes_of(section: AirspaceSection, landscape: Landscape) -> tuple[Volume, ...]:
+    """Return all closed volumes of a scenario, including those in its files.
+
+    Raises ScenarioError for a file that cannot be read, or if two volumes have the same name.
+    """
+    entries = [*section.closed]
+    for path in section.files:
+        entries += volumes_in(path)
+    names = [entry.name for entry in entries]
+    repeated = sorted({name for name in names if names.count(name) > 1})
+    if repeated:
+        raise ScenarioError(
+            f"airspace: two closed volumes have the name {repeated[0]!r}; rename one of them"
+        )
+    found = [volume_of(entry, landscape) for entry in entries]
+    if section.allowed:
+        found.append(Volume(OUTSIDE, _outside(section.allowed, landscape)))
+    return tuple(found)
+
+
+def volume_of(entry: ClosedVolume, landscape: Landscape) -> Volume:
+    """Return the closed volume that an entry of the scenario describes.
+
+    A floor above the ground begins above the lowest ground of the area, and a ceiling above the
+    ground ends above the highest ground, so that the volume is never too small.
+    """
+    area_m = area_of(entry, landscape)
+    lowest_m, highest_m = 0.0, 0.0
+    if entry.floor_agl_m is not None or entry.ceiling_agl_m is not None:
+        lowest_m, highest_m = ground_range_m(area_m, landscape)
+    floor_m, ceiling_m = -math.inf, math.inf
+    if entry.floor_amsl_m is not None:
+        floor_m = entry.floor_amsl_m
+    elif entry.floor_agl_m is not None:
+        floor_m = lowest_m + entry.floor_agl_m
+    if entry.ceiling_amsl_m is not None:
+        ceiling_m = entry.ceiling_amsl_m
+    elif entry.ceiling_agl_m is not None:
+        ceiling_m = highest_m + entry.ceiling_agl_m
+    until_s = math.inf if entry.until_s is None else entry.until_s
+    return Volume(entry.name, area_m, floor_m, ceiling_m, entry.from_s, until_s)
+
+
+def area_of(entry: AreaSection, landscape: Landscape) -> BaseGeometry:
+    """Return the area of an entry (x, y in metres); raises ScenarioError for an empty area."""
+    if entry.corners is not None:
+        return polygon_of(entry.name, entry.corners, landscape)
+    assert entry.lat_deg is not None
+    assert entry.lon_deg is not None
+    assert entry.radius_m is not None
+    centre = landscape.xy_of_lat_lon(entry.lat_deg, entry.lon_deg)
+    _require_finite(entry.name, centre)
+    # The polygon around the circle is at most 0.5 % larger.
+    return shapely.Point(centre).buffer(entry.radius_m / math.cos(math.pi / 64.0), quad_segs=16)
+
+
+def polygon_of(
+    name: str, corners: Sequence[tuple[float, float]], landscape: Landscape
+) -> BaseGeometry:
+    """Return the polygon with these corners (lat, lon); raises ScenarioError if it has no area."""
+    places_m = np.array([landscape.xy_of_lat_lon(*corner) for corner in corners], dtype=float)
+    _require_finite(name, places_m.ravel())
+    area = shapely.make_valid(shapely.Polygon(places_m))
+    if area.area <= 0.0:
+        raise ScenarioError(f"airspace: {name}: the corners have no area; give them in order")
+    return area
+
+
+def _require_finite(name: str, places: Iterable[float]) -> None:
+    if not np.isfinite(np.asarray(places, dtype=float)).all():
+        raise ScenarioError(f"airspace: {name}: is too far from the landscape; correct its place")
+
+
+def ground_range_m(area_m: BaseGeometry, landscape: Landscape) -> tuple[float, float]:
+    """Return the lowest and the highest ground of an area; off the grid the edge counts."""
+    west_m, south_m, east_m, north_m = area_m.bounds
+    size_m = landscape.cell_size_m
+    count = [
+        min(400, math.ceil(side_m / size_m) + 2) for side_m in (east_m - west_m, north_m - south_m)
+    ]
+    x_m, y_m = np.meshgrid(
+        np.linspace(west_m, east_m, count[0]), np.linspace(south_m, north_m, count[1])
+    )
+    near = shapely.dwithin(area_m, shapely.points(x_m, y_m), 2.0 * size_m)
+    ground_m = np.asarray(landscape.elevation_at(x_m, y_m))[near]
+    return float(ground_m.min()), float(ground_m.max())
+
+
+def _outside(allowed: Iterable[AreaSection], landscape: Landscape) -> BaseGeometry:
+    inside = shapely.union_all([area_of(entry, landscape) for entry in allowed])
+    return shapely.box(*inside.bounds).buffer(FAR_M).difference(inside)

@@ -1,0 +1,135 @@
+"""Plans the flights that keep vehicles out of closed airspace: around it, out of it, or a hold."""
+
+import math
+from dataclasses import replace
+
+import msgspec
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from shapely.ops import substring
+
+from firemodel.landscape.landscape import Landscape
+from mission_service.airspace.clearance import Airspace, blocked_area
+from mission_service.airspace.occupied_space import WIDER, mission_parts
+from mission_service.airspace.routes import exits_from
+from mission_service.commands import UploadMission
+from mission_service.core.closed_airspace import ClosedAirspace
+from mission_service.core.flight_space import FlightSpace, position_of
+from mission_service.guidance.protocol import Guidance
+from mission_service.position_fix import PositionFix
+from mission_service.vehicles.airspace_state import AirspaceState, Evasion
+from mission_service.vehicles.missions_sent import MissionsSent
+from mission_service.vehicles.vehicle_state import Vehicle
+
+Floats = NDArray[np.float64]
+NEAR_HOME_M = 400.0  # a way around that ends farther from home does not lead home
+BEYOND_M = 20.0  # distance of the loiter outside from the margin of a volume
+CUTS_M = (0.0, 150.0, 300.0, 600.0)  # lengths by which a mission's path is shortened, in turn
+
+
+class Evasions:
+    """The missions by which vehicles avoid or leave closed volumes."""
+
+    def __init__(
+        self,
+        landscape: Landscape,
+        closed: ClosedAirspace,
+        space: FlightSpace,
+        missions: MissionsSent,
+        guidance: Guidance,
+    ) -> None:
+        self._landscape = landscape
+        self._closed = closed
+        self._space = space
+        self._missions = missions
+        self._guidance = guidance
+
+    def way_out(
+        self, vehicle: Vehicle, fix: PositionFix, airspace: Airspace, state: AirspaceState
+    ) -> UploadMission | None:
+        """Return the mission out of the volumes around a vehicle, with a loiter outside."""
+        near = airspace.blocked(fix.altitude_m - 1.0, fix.altitude_m + 1.0)
+        margin_m = airspace.margins.horizontal_m
+        here = shapely.Point(fix.x_m, fix.y_m)
+        around = [each for each in near if shapely.dwithin(each.area_m, here, margin_m)]
+        far = tuple(each for each in airspace.volumes if each not in around)
+        others = replace(airspace, volumes=far)
+        beyond_m = WIDER * vehicle.section.loiter_radius_m + BEYOND_M
+        blocked = blocked_area(around or near, margin_m)
+        for place in exits_from((fix.x_m, fix.y_m), blocked, beyond_m):
+            path = np.array([(fix.x_m, fix.y_m), place])
+            items = self._guidance.items(vehicle, path, fix)
+            places = self._space.route(vehicle, items)
+            parts = mission_parts(places, [position_of(fix)])
+            if others.conflict(parts, self._landscape) is not None:
+                continue
+            if airspace.conflict(parts[-1:], self._landscape) is not None:  # the loiter outside
+                continue
+            return self._upload(vehicle, path, fix, "leave closed airspace", state, Evasion.EXIT)
+        return None
+
+    def way_home(
+        self, vehicle: Vehicle, fix: PositionFix, airspace: Airspace, state: AirspaceState
+    ) -> UploadMission | None:
+        """Return the mission home around the volumes; the autopilot's return follows near home."""
+        straight_home = np.array([(fix.x_m, fix.y_m), vehicle.home_m])
+        path = self._closed.detours(airspace.volumes, vehicle.section).around(straight_home)
+        if path is None or math.dist(path[-1], vehicle.home_m) > NEAR_HOME_M:
+            return None
+        items = self._guidance.items(vehicle, path, fix)
+        places = self._space.route(vehicle, items)
+        outside = airspace.volume_at(position_of(fix)) is None
+        parts = self._space.of_mission(vehicle, places)
+        if outside and airspace.conflict(parts, self._landscape, position_of(fix)) is not None:
+            return None
+        why = "fly home around closed airspace"
+        return self._upload(vehicle, path, fix, why, state, Evasion.AROUND)
+
+    def _upload(
+        self,
+        vehicle: Vehicle,
+        path: Floats,
+        fix: PositionFix,
+        why: str,
+        state: AirspaceState,
+        evasion: Evasion,
+    ) -> UploadMission:
+        """Return the upload of an evasion, which is started as soon as it is on board."""
+        vehicle.drop_upload()
+        items = self._guidance.items(vehicle, path, fix)
+        upload = self._missions.upload(vehicle, path, items, fix, why, keeps_apart=True)
+        assert vehicle.pending is not None
+        vehicle.pending.evades = True
+        vehicle.holding = True
+        state.evasion, state.evasion_id = evasion, upload.mission_id
+        state.sent[upload.mission_id] = self._space.route(vehicle, items)
+        return upload
+
+    def around(
+        self, vehicle: Vehicle, command: UploadMission, airspace: Airspace
+    ) -> UploadMission | None:
+        """Return the mission on a path around the closed volumes, or None."""
+        fix = vehicle.availability.fix
+        if fix is None:
+            return None
+        places = self._space.route(vehicle, command.items)
+        start = position_of(fix) if vehicle.availability.airborne else None
+        positions = [place.position for place in places]
+        altitudes = [fix.altitude_m, *(position[2] for position in positions)]
+        near = airspace.blocked(min(altitudes), max(altitudes))
+        path = np.array([position[:2] for position in positions])
+        here = np.array([(fix.x_m, fix.y_m)])
+        if len(path) == 1 or math.dist(path[0], here[0]) > 1.0:
+            path = np.vstack([here, path])
+        around = self._closed.detours(near, vehicle.section).around(path)
+        for cut_m in CUTS_M if around is not None else ():
+            line = shapely.LineString(around)
+            if line.length - cut_m < vehicle.section.min_leg_m:
+                break
+            cut = shapely.get_coordinates(substring(line, 0.0, line.length - cut_m))
+            items = self._guidance.items(vehicle, cut, fix)
+            parts = self._space.of_mission(vehicle, self._space.route(vehicle, items))
+            if airspace.conflict(parts, self._landscape, start) is None:
+                return msgspec.structs.replace(command, items=items)
+        return None

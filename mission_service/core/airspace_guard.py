@@ -1,0 +1,386 @@
+"""Keeps all vehicles out of closed airspace: checks each command, and each flight again. Pure.
+
+Each command is checked before it is sent (``checked``), whichever module has caused it. A mission
+that would enter a closed volume is led around it, or not sent. When a volume closes, and at each
+report of a position, the flight that a vehicle has begun is checked (``watch``). A vehicle that
+would enter gets a new mission from its planner; if it has none in time, it holds before the volume.
+A vehicle inside leaves by the shortest way and holds outside.
+"""
+
+import math
+from collections.abc import Iterable, Mapping
+
+import shapely
+
+from firemodel.landscape.landscape import Landscape
+from mission_service import events
+from mission_service.airspace.clearance import Airspace
+from mission_service.airspace.occupied_space import (
+    WIDER,
+    MissionPlace,
+    disc,
+    straight,
+)
+from mission_service.airspace.volumes import Volume
+from mission_service.commands import (
+    AnyCommand,
+    ClearAlarm,
+    ClimbAndHold,
+    Hold,
+    Orbit,
+    RaiseAlarm,
+    Return,
+    Severity,
+    StartMission,
+    UploadMission,
+)
+from mission_service.config.scenario import Scenario
+from mission_service.core.airspace_evasions import Evasions
+from mission_service.core.closed_airspace import ClosedAirspace
+from mission_service.core.flight_space import FlightSpace, position_of
+from mission_service.guidance.protocol import Guidance
+from mission_service.position_fix import PositionFix
+from mission_service.vehicles.airspace_state import AirspaceState, Evasion
+from mission_service.vehicles.availability import GOING_HOME, MISSION
+from mission_service.vehicles.missions_sent import MissionsSent
+from mission_service.vehicles.vehicle_state import Vehicle, announce
+
+AIRSPACE = "airspace"
+CHANGED = "the airspace has changed"
+BEFORE_ENTRY_S = 25.0  # a vehicle without a new mission holds this time before it would enter
+ACTS_AGAIN_S = 15.0  # longer than an upload
+START_AGAIN_S = 10.0
+
+
+class AirspaceGuard:
+    """The closed volumes of a run, and the checks of all vehicles' flights against them."""
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        landscape: Landscape,
+        vehicles: Mapping[str, Vehicle],
+        missions: MissionsSent,
+        guidance: Guidance,
+    ) -> None:
+        """Read the scenario's volumes. Raises ScenarioError for a file that cannot be read."""
+        self._closed = ClosedAirspace(scenario.airspace, landscape)
+        self._space = FlightSpace(landscape)
+        self._evasions = Evasions(landscape, self._closed, self._space, missions, guidance)
+        self._landscape = landscape
+        self._vehicles = vehicles
+        self._moves = not scenario.way.prescribed  # a burn's vehicle has its own safe climb
+        self._states = {name: AirspaceState() for name in vehicles}
+
+    @property
+    def volumes(self) -> tuple[Volume, ...]:
+        """The volumes that are, were or will be closed."""
+        return self._closed.volumes
+
+    def on_operator(self, event: events.AnyOperatorEvent) -> list[AnyCommand]:
+        """Apply an operator's event: close or open a volume; an order ends an evasion."""
+        match event:
+            case events.AirspaceClosed():
+                return self._announced(self._closed.close(event))
+            case events.AirspaceOpened():
+                return self._announced(self._closed.open(event))
+            case events.OrderGiven() | events.Aborted():
+                named = "" if isinstance(event, events.Aborted) else event.vehicle
+                for name in self._vehicles:
+                    if named in ("", name):
+                        self._states[name].evasion = Evasion.NONE
+                        self._states[name].checked = ()
+            case _:
+                pass
+        return []
+
+    def _announced(self, words: str) -> list[AnyCommand]:
+        first = next(iter(self._vehicles.values()), None)
+        return [] if first is None else [announce(first, words, warning=True)]
+
+    # The check before sending -----------------------------------------------------------------
+
+    def checked(self, commands: Iterable[AnyCommand], at_s: float) -> list[AnyCommand]:
+        """Return the commands without those that lead into closed airspace.
+
+        A mission is led around closed volumes if possible. A withheld command raises an alarm.
+        """
+        airspace = self._closed.at(at_s)
+        found: list[AnyCommand] = []
+        for command in commands:
+            match command:
+                case UploadMission():
+                    found += self._checked_upload(command, airspace, at_s)
+                case StartMission():
+                    found += self._checked_start(command, airspace, at_s)
+                case Orbit() | ClimbAndHold():
+                    found += self._checked_place(command, airspace)
+                case Return():
+                    found += self._checked_return(command, airspace, at_s)
+                case _:
+                    found.append(command)
+        return found
+
+    def _checked_upload(
+        self, command: UploadMission, airspace: Airspace, at_s: float
+    ) -> list[AnyCommand]:
+        vehicle = self._vehicles[command.vehicle]
+        state = self._states[vehicle.name]
+        sent = command
+        if command.mission_id != state.evasion_id:
+            conflict = self._conflict(vehicle, self._space.route(vehicle, command.items), airspace)
+            if conflict is not None:
+                led_around = None
+                if self._moves:
+                    led_around = self._evasions.around(vehicle, command, airspace)
+                if led_around is None:
+                    vehicle.drop_upload()
+                    vehicle.not_before_s = at_s + START_AGAIN_S
+                    state.withheld = True
+                    words = f"a mission is not sent, because it would enter {conflict}"
+                    return self._raised(vehicle, words)
+                sent = led_around
+        state.sent[sent.mission_id] = self._space.route(vehicle, sent.items)
+        state.withheld = False
+        return [sent]
+
+    def _checked_start(
+        self, command: StartMission, airspace: Airspace, at_s: float
+    ) -> list[AnyCommand]:
+        vehicle = self._vehicles[command.vehicle]
+        state = self._states[vehicle.name]
+        if not state.on_board or state.on_board_id == state.evasion_id != 0:
+            return [command]
+        conflict = self._conflict(vehicle, state.on_board, airspace)
+        state.withheld = conflict is not None
+        if conflict is None:
+            return [command]
+        vehicle.end_intentions()
+        if vehicle.availability.airborne:
+            vehicle.holding, vehicle.due = True, vehicle.due or CHANGED
+        else:
+            vehicle.start_again_at_s = at_s + START_AGAIN_S
+        return self._raised(vehicle, f"is not started: its mission would enter {conflict}")
+
+    def _checked_place(self, command: Orbit | ClimbAndHold, airspace: Airspace) -> list[AnyCommand]:
+        vehicle = self._vehicles[command.vehicle]
+        fix = vehicle.availability.fix
+        if fix is None:
+            return [command]
+        x_m, y_m = self._landscape.xy_of_lat_lon(command.lat_deg, command.lon_deg)
+        radius_m = abs(command.radius_m) if isinstance(command, Orbit) else 0.0
+        target = (float(x_m), float(y_m), command.altitude_amsl_m)
+        place = disc(target[0], target[1], WIDER * radius_m + 1.0, target[2], target[2])
+        parts = [straight(position_of(fix), target), place]
+        conflict = airspace.conflict(parts, self._landscape, position_of(fix))
+        if conflict is not None and isinstance(command, Orbit):
+            return self._raised(vehicle, f"an orbit is not ordered: it would enter {conflict}")
+        self._states[vehicle.name].orbit = place
+        return [command]  # a climb out of the reach of flames is more urgent
+
+    def _checked_return(self, command: Return, airspace: Airspace, at_s: float) -> list[AnyCommand]:
+        vehicle = self._vehicles[command.vehicle]
+        if not self._may_move(vehicle) or vehicle.pending is not None:
+            return [command]
+        fix = vehicle.availability.fix
+        assert fix is not None
+        parts = self._space.of_return(vehicle, fix)
+        conflict = airspace.conflict(parts, self._landscape, position_of(fix))
+        if conflict is None:
+            self._states[vehicle.name].home_clear = self._closed.version
+            return [command]
+        return self._evade(vehicle, fix, airspace, conflict, at_s, returns=True) or [command]
+
+    # Flights under way ------------------------------------------------------------------------
+
+    def apply(self, event: events.VehicleEvent) -> None:
+        """Record which mission is on board, and how far it is flown."""
+        state = self._states[event.vehicle]
+        match event:
+            case events.UploadFinished():
+                places = state.sent.get(event.mission_id)
+                if event.outcome == "accepted" and places is not None:
+                    self._put_on_board(state, event.mission_id, places)
+            case events.MissionReadBack():
+                places = state.sent.get(event.mission_id)
+                if places is not None:
+                    self._put_on_board(state, event.mission_id, places)
+                elif event.mission_id != state.on_board_id:
+                    state.on_board, state.on_board_id = (), 0
+            case events.MissionProgress():
+                state.current_seq = event.current_seq
+            case events.ModeChanged():
+                state.began_at = None
+                if not event.armed or event.mode in GOING_HOME:
+                    state.evasion = Evasion.NONE
+            case _:
+                pass
+
+    def _put_on_board(
+        self, state: AirspaceState, mission_id: int, places: tuple[MissionPlace, ...]
+    ) -> None:
+        state.on_board_id, state.on_board = mission_id, places
+        state.sent = {number: sent for number, sent in state.sent.items() if number > mission_id}
+        if mission_id != state.evasion_id:
+            state.evasion = Evasion.NONE
+
+    def leads(self, name: str) -> bool:
+        """Return whether a vehicle flies home around closed volumes, which no planner changes."""
+        return self._states[name].evasion is Evasion.AROUND
+
+    def watch(self, vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
+        """Check the present flight of a vehicle; return the commands that keep it out."""
+        airspace = self._closed.at(at_s)
+        state, fix = self._states[vehicle.name], vehicle.availability.fix
+        if fix is None or not (airspace.is_limited or state.alarm or state.evasion_id):
+            return []
+        availability = vehicle.availability
+        if not (availability.airborne and availability.armed):
+            return self._lowered(vehicle) if not availability.armed else []
+        if state.began_at is None:
+            state.began_at = position_of(fix)
+        inside = airspace.volume_at(position_of(fix))
+        self._check_again(vehicle, fix, airspace)
+        conflict = f"the closed volume {inside.name!r}" if inside is not None else state.conflict
+        if not conflict:
+            return [*self._lowered(vehicle), *self._straight_home(vehicle, fix, airspace)]
+        words = f"is inside {conflict}" if inside is not None else f"would enter {conflict}"
+        if not self._may_move(vehicle):
+            return self._raised(vehicle, f"{words}; it is not under control of the service")
+        if at_s < state.acts_again_at_s or vehicle.pending is not None:
+            return []
+        if inside is not None and self._flies_out(vehicle):
+            return []
+        if inside is None and not self._is_urgent(vehicle, fix, airspace):
+            if vehicle.due != CHANGED:
+                vehicle.due = vehicle.due or CHANGED
+                vehicle.not_before_s = min(vehicle.not_before_s, at_s)
+            return self._raised(vehicle, f"{words}: a new mission is due")
+        returns = availability.recalled
+        commands = self._evade(vehicle, fix, airspace, conflict, at_s, returns)
+        return commands or self._raised(vehicle, words, "severe")
+
+    def _check_again(self, vehicle: Vehicle, fix: PositionFix, airspace: Airspace) -> None:
+        """Check the route that the vehicle flies, if anything has changed since the last check."""
+        state = self._states[vehicle.name]
+        mode = vehicle.availability.mode
+        now: tuple[object, ...] = (self._closed.version, mode, state.on_board_id, state.began_at)
+        if now == state.checked and not state.conflict:
+            return
+        state.checked = now
+        if mode in GOING_HOME and state.home_clear == self._closed.version:
+            state.conflict = ""  # checked when the return was ordered
+            return
+        parts = self._space.of_flight(vehicle, fix, state)
+        state.conflict = airspace.conflict(parts, self._landscape, position_of(fix)) or ""
+
+    def _is_urgent(self, vehicle: Vehicle, fix: PositionFix, airspace: Airspace) -> bool:
+        """Return whether a vehicle may enter a closed volume before a new mission is flown."""
+        if vehicle.availability.mode != MISSION:
+            return True
+        state = self._states[vehicle.name]
+        speed_m_s = max(math.hypot(fix.east_m_s, fix.north_m_s), vehicle.section.airspeed_m_s)
+        near_m = speed_m_s * BEFORE_ENTRY_S + airspace.margins.horizontal_m
+        near_m += 2.0 * WIDER * vehicle.section.loiter_radius_m
+        parts = self._space.of_flight(vehicle, fix, state)
+        high_m = max([fix.altitude_m, *(part.highest_m for part in parts)])
+        low_m = min([fix.altitude_m, *(part.lowest_m for part in parts)])
+        here = shapely.Point(fix.x_m, fix.y_m)
+        return any(
+            shapely.dwithin(volume.area_m, here, near_m)
+            for volume in airspace.blocked(low_m, high_m)
+        )
+
+    def _flies_out(self, vehicle: Vehicle) -> bool:
+        """Return whether the vehicle flies the mission by which it leaves a volume."""
+        state = self._states[vehicle.name]
+        flown = vehicle.availability.mode == MISSION and state.on_board_id == state.evasion_id != 0
+        return flown and state.evasion in (Evasion.EXIT, Evasion.AROUND)
+
+    # Evasions ---------------------------------------------------------------------------------
+
+    def _may_move(self, vehicle: Vehicle) -> bool:
+        """Return whether the service may move a vehicle out of closed airspace."""
+        availability = vehicle.availability
+        if not self._moves or availability.fix is None:
+            return False
+        led = availability.online and availability.airborne and not availability.taken_over
+        return led and availability.position_good and vehicle.unconfirmed is None
+
+    def _evade(
+        self,
+        vehicle: Vehicle,
+        fix: PositionFix,
+        airspace: Airspace,
+        conflict: str,
+        at_s: float,
+        returns: bool,
+    ) -> list[AnyCommand]:
+        """Return the commands for a vehicle that would enter a volume, or is inside."""
+        state = self._states[vehicle.name]
+        state.acts_again_at_s = at_s + ACTS_AGAIN_S
+        position = position_of(fix)
+        inside = airspace.volume_at(position) is not None
+        if returns:
+            around = self._evasions.way_home(vehicle, fix, airspace, state)
+            if around is not None:
+                words = f"flies home around {conflict}"
+                return [*self._raised(vehicle, words), announce(vehicle, words), around]
+        stays = self._space.of_hold(vehicle, position)
+        if not inside and airspace.conflict([stays], self._landscape) is None:
+            state.evasion, vehicle.holding = Evasion.HOLD, not vehicle.ordered
+            words = f"holds before {conflict}"
+            if vehicle.availability.mode == "hold":
+                return self._raised(vehicle, words)
+            return [*self._raised(vehicle, words), announce(vehicle, words), Hold(vehicle.name)]
+        leaves = self._evasions.way_out(vehicle, fix, airspace, state)
+        if leaves is None:
+            return self._raised(vehicle, f"finds no way out of {conflict}", "severe")
+        words = f"leaves {conflict}"
+        return [*self._raised(vehicle, words), announce(vehicle, words, warning=True), leaves]
+
+    def _straight_home(
+        self, vehicle: Vehicle, fix: PositionFix, airspace: Airspace
+    ) -> list[AnyCommand]:
+        """Return the order to return, once the straight way home is free."""
+        state = self._states[vehicle.name]
+        if state.evasion is not Evasion.AROUND or not self._may_move(vehicle):
+            return []
+        if vehicle.pending is not None or vehicle.availability.mode != MISSION:
+            return []
+        if fix.at_s < state.acts_again_at_s:
+            return []
+        parts = self._space.of_return(vehicle, fix)
+        if airspace.conflict(parts, self._landscape, position_of(fix)) is not None:
+            return []
+        state.home_clear, state.acts_again_at_s = self._closed.version, fix.at_s + ACTS_AGAIN_S
+        vehicle.sent_home = vehicle.waits_for_operator = True
+        vehicle.end_intentions()
+        return [announce(vehicle, "the way home is free"), Return(vehicle.name)]
+
+    def _conflict(
+        self, vehicle: Vehicle, places: tuple[MissionPlace, ...], airspace: Airspace
+    ) -> str | None:
+        """Return the limit that a mission violates if it begins now."""
+        fix = vehicle.availability.fix
+        start = position_of(fix) if fix is not None and vehicle.availability.airborne else None
+        parts = self._space.of_mission(vehicle, places)
+        return airspace.conflict(parts, self._landscape, start)
+
+    # Alarms -----------------------------------------------------------------------------------
+
+    def _raised(
+        self, vehicle: Vehicle, words: str, severity: Severity = "warning"
+    ) -> list[AnyCommand]:
+        state = self._states[vehicle.name]
+        if words == state.alarm or (state.withheld and state.evasion is not Evasion.NONE):
+            return []
+        state.alarm = words
+        return [RaiseAlarm(vehicle.name, AIRSPACE, words, severity)]
+
+    def _lowered(self, vehicle: Vehicle) -> list[AnyCommand]:
+        state = self._states[vehicle.name]
+        if not state.alarm or state.withheld or state.evasion is not Evasion.NONE:
+            return []
+        state.alarm = ""
+        return [ClearAlarm(vehicle.name, AIRSPACE)]

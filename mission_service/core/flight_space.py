@@ -1,0 +1,110 @@
+"""Computes the space that vehicles occupy in the flights that they have begun, or would begin."""
+
+import math
+from collections.abc import Sequence
+
+from autopilot_bridge.items import MissionItem
+from firemodel.landscape.landscape import Landscape
+from mission_service.airspace.occupied_space import (
+    WIDER,
+    MissionPlace,
+    Part,
+    Position,
+    disc,
+    mission_parts,
+    mission_places,
+    path_parts,
+    turns_towards,
+)
+from mission_service.position_fix import PositionFix
+from mission_service.vehicles.airspace_state import AirspaceState
+from mission_service.vehicles.availability import GOING_HOME, MISSION
+from mission_service.vehicles.vehicle_state import Vehicle
+
+STARTS_WITHIN_S = 2.0  # until a vehicle flies a mission that is sent now
+RETURN_ABOVE_M = 150.0  # returns are checked up to this height above home
+COPTER_REACH_M = 20.0
+
+
+def position_of(fix: PositionFix) -> Position:
+    """Return x, y and altitude of a vehicle."""
+    return fix.x_m, fix.y_m, fix.altitude_m
+
+
+class FlightSpace:
+    """The space of flights over a landscape."""
+
+    def __init__(self, landscape: Landscape) -> None:
+        self._landscape = landscape
+
+    def route(self, vehicle: Vehicle, items: Sequence[MissionItem]) -> tuple[MissionPlace, ...]:
+        """Return the positions of a mission."""
+        return mission_places(items, self._landscape, self._home_altitude_m(vehicle))
+
+    def of_mission(self, vehicle: Vehicle, places: Sequence[MissionPlace]) -> list[Part]:
+        """Return the space of a mission that would begin now."""
+        fix, parts = vehicle.availability.fix, mission_parts(places)
+        if fix is None or not vehicle.availability.airborne or not places:
+            return parts
+        here = (fix.x_m, fix.y_m)
+        away = (place for place in places if math.dist(place.position[:2], here) > 1.0)
+        first = next(away, places[-1])
+        for entry in self._entries(vehicle, fix, first.position[:2]):
+            parts += path_parts([*entry, first.position])
+        return parts
+
+    def of_flight(self, vehicle: Vehicle, fix: PositionFix, state: AirspaceState) -> list[Part]:
+        """Return the space of the flight that the vehicle has begun, by its mode."""
+        mode = vehicle.availability.mode
+        if mode == MISSION:
+            if not state.on_board:
+                return []
+            left = [place for place in state.on_board if place.seq >= state.current_seq]
+            return mission_parts(left or state.on_board[-1:], [position_of(fix)])
+        if mode in GOING_HOME:
+            return self.of_return(vehicle, fix)
+        if mode in ("guided", "orbit") and state.orbit is not None:
+            return [state.orbit]
+        return [self.of_hold(vehicle, state.began_at or position_of(fix))]
+
+    def of_hold(self, vehicle: Vehicle, position: Position) -> Part:
+        """Return the space of a hold that begins at a position."""
+        section = vehicle.section
+        plane = section.kind == "plane"
+        reach_m = 2.0 * WIDER * section.loiter_radius_m if plane else COPTER_REACH_M
+        return disc(position[0], position[1], reach_m, position[2], position[2])
+
+    def of_return(self, vehicle: Vehicle, fix: PositionFix) -> list[Part]:
+        """Return the space of the autopilot's return: straight home, at any altitude it may use."""
+        home_altitude_m = self._home_altitude_m(vehicle)
+        high_m = max(fix.altitude_m, home_altitude_m + RETURN_ABOVE_M)
+        home = (*vehicle.home_m, home_altitude_m)
+        routes = [[*entry, home] for entry in self._entries(vehicle, fix, vehicle.home_m)]
+        parts = [part for route in routes for part in path_parts(route)]
+        return [Part(part.shape, home_altitude_m, high_m) for part in parts]
+
+    def _entries(
+        self, vehicle: Vehicle, fix: PositionFix, target_m: tuple[float, float]
+    ) -> list[list[Position]]:
+        """Return the positions of the possible turns towards a target, each from the vehicle.
+
+        The vehicle first flies on until the mission is on board. In a turn to the rear the side is
+        not known. Wind widens a turn.
+        """
+        section = vehicle.section
+        if section.kind != "plane":
+            return [[position_of(fix)]]
+        ahead_m = (fix.east_m_s * STARTS_WITHIN_S, fix.north_m_s * STARTS_WITHIN_S)
+        start = (fix.x_m + ahead_m[0], fix.y_m + ahead_m[1])
+        wind = vehicle.availability.measured_wind
+        wider = 1.0 + (0.0 if wind is None else wind.speed_m_s / section.airspeed_m_s)
+        turns = turns_towards(
+            start, (fix.east_m_s, fix.north_m_s), target_m, section.turn_radius_m * wider**2
+        )
+        height_m = fix.altitude_m
+        return [
+            [position_of(fix), *((x_m, y_m, height_m) for x_m, y_m in points)] for points in turns
+        ]
+
+    def _home_altitude_m(self, vehicle: Vehicle) -> float:
+        return float(self._landscape.elevation_at(*vehicle.home_m))

@@ -1,0 +1,51 @@
+// Closed volumes of airspace on the map, with their limits; volumes of another time are paler.
+
+import type { Map as MapView } from "maplibre-gl";
+import { collection, empty, feature, fillLayer, type Group, labelLayer, type Layers, lineLayer, show } from "./map.ts";
+import type { Store } from "./store.ts";
+import type { Volume } from "./types.ts";
+import { clock } from "./units.ts";
+
+const COLOUR = "#4a148c";
+
+export const airspaceLayers: Layers = {
+  sources: { airspace: empty() },
+  layers: [
+    fillLayer("airspace-area", "airspace", {
+      "fill-color": COLOUR, "fill-opacity": ["case", ["get", "closed"], 0.22, 0.06],
+    }),
+    lineLayer("airspace-outline", "airspace", {
+      "line-color": COLOUR, "line-width": ["case", ["get", "closed"], 3, 1.5], "line-dasharray": [3, 1],
+    }),
+    labelLayer("airspace-name", "airspace", COLOUR, { "text-field": ["get", "label"], "text-size": 14 }),
+  ],
+};
+
+export const AIRSPACE_GROUPS: Record<string, Group> = {
+  airspace: { label: "Closed airspace", layers: airspaceLayers.layers.map(({ id }) => id), shown: true },
+};
+
+export function followAirspace(map: MapView, store: Store): void {
+  let shown = "";
+  const update = (): void => {
+    const volumes = store.state?.airspace.volumes ?? [];
+    const closed = volumes.map((volume) => isClosed(volume, store.nowS * 1e6));
+    const key = JSON.stringify([volumes.map(({ name, from_us }) => [name, from_us]), closed]);
+    if (key === shown) return;
+    shown = key;
+    show(map, "airspace", collection(volumes.map((volume, place) =>
+      feature(volume.geometry, { closed: closed[place], label: labelOf(volume, closed[place]!) }))));
+  };
+  store.on(["airspace", "telemetry", "status"], update);
+}
+
+const isClosed = ({ from_us, until_us }: Volume, atUs: number): boolean =>
+  from_us <= atUs && (until_us === null || atUs < until_us);
+
+function labelOf(volume: Volume, closed: boolean): string {
+  const floor = volume.floor_amsl_m === null ? "ground" : `${Math.round(volume.floor_amsl_m)} m`;
+  const ceiling = volume.ceiling_amsl_m === null ? "no upper limit" : `${Math.round(volume.ceiling_amsl_m)} m`;
+  const until = volume.until_us === null ? "" : ` until ${clock(volume.until_us / 1e6)}`;
+  const when = closed ? `closed${until}` : `closed from ${clock(volume.from_us / 1e6)}${until}`;
+  return `${volume.name}\n${floor} to ${ceiling}\n${when}`;
+}
