@@ -36,6 +36,7 @@ from mission_service.cli.replay_commands import replay
 from mission_service.cli.report_commands import report
 from mission_service.cli.request_commands import request
 from mission_service.cli.satellite_command import satellite_pixels
+from mission_service.cli.sortie_commands import sortie
 from mission_service.cli.token_commands import token
 from mission_service.cli.tune_commands import tune
 from mission_service.runtime.clocks import now_text
@@ -85,7 +86,7 @@ def main() -> None:
 request.add_command(satellite_pixels)
 
 GROUPS = (fire, bench, mission, signing, lost_link, experiment, tune, burn, request, log)
-for command in (*GROUPS, mock, token, replay, report, observe, plan):
+for command in (*GROUPS, mock, token, replay, report, observe, plan, sortie):
     main.add_command(command)
 
 

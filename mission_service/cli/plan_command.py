@@ -80,7 +80,7 @@ def _what_if(
 
     numbers = _numbers(counts)
     if output is not None:
-        _check_picture(output)
+        check_picture(output)
     loaded = flying(load_scenario(scenario, overrides))
     section = vehicle_of(loaded, vehicle)
     landscape = landscape_of(loaded)
@@ -97,7 +97,7 @@ def _what_if(
         click.echo(table_of(found, section.name, minutes))
 
 
-def _check_picture(path: Path) -> None:
+def check_picture(path: Path) -> None:
     """Raise OptionError unless a PNG can be written to a path."""
     from firemodel.outputs.whole_file import check_target
 

@@ -15,14 +15,13 @@ from mission_service.config.sections import VehicleSection
 from mission_service.fire.scenario_fire import weather_of
 from mission_service.guidance.registry import way_of
 from mission_service.vehicles.availability import GOING_HOME, named_mode
-from mission_service.vehicles.endurance import home_s
+from mission_service.vehicles.endurance import home_s, usual_return_height_m
 from mission_service.vehicles.energy import EnergyEstimate, estimate, times_left
 from mission_service.vehicles.vehicle_state import Vehicle, announce
 from mission_service.vehicles.way_home import Vector
 
 ENERGY, OVERDUE = "energy", "overdue"
 EVERY_S, REPORT_EVERY_S = 1.0, 10.0
-RETURN_HEIGHTS_M = {"px4": 60.0, "ardupilot": 15.0}  # RTL_RETURN_ALT, ArduCopter's RTL_ALT
 FRESH_S = 120.0  # an older measured wind is replaced by the wind of the scenario
 LITTLE_S, ENOUGH_S = 180.0, 240.0  # time on task at which the alarm is raised and cleared
 OVERDUE_AFTER_S = 15.0  # the order to return takes effect in the meantime
@@ -82,8 +81,7 @@ class EnergyWatch:
         """Return the height above home at which the vehicle returns: ordered, given or usual."""
         if self._return_height_m is not None:
             return self._return_height_m
-        given = section.return_height_m
-        return RETURN_HEIGHTS_M[section.stack] if given is None else given
+        return usual_return_height_m(section)
 
     def _wind(self, vehicle: Vehicle, at_s: float) -> Vector:
         """Return the velocity of the air (x, y) on the map, as measured or by the scenario."""

@@ -2,11 +2,13 @@
 
 import math
 
+from mission_service.config.sections import VehicleSection
 from mission_service.position_fix import PositionFix
 from mission_service.vehicles.energy import EnergyEstimate, estimate, times_left
 from mission_service.vehicles.vehicle_state import Vehicle
 from mission_service.vehicles.way_home import Vector, copter_home_s, plane_home_s
 
+RETURN_HEIGHTS_M = {"px4": 60.0, "ardupilot": 15.0}  # RTL_RETURN_ALT, ArduCopter's RTL_ALT
 MIN_SPEED_M_S = 1.0  # the heading of a slower vehicle is unknown
 
 
@@ -18,25 +20,60 @@ def must_return(vehicle: Vehicle) -> bool:
     return found is not None and found.time_on_task_s <= 0.0 and not vehicle.energy.flies_on
 
 
+def usual_return_height_m(section: VehicleSection) -> float:
+    """Return the height above home to which a vehicle climbs before it flies home."""
+    given = section.return_height_m
+    return RETURN_HEIGHTS_M[section.stack] if given is None else given
+
+
 def home_s(vehicle: Vehicle, fix: PositionFix, wind_m_s: Vector, return_amsl_m: float) -> float:
     """Return the seconds until the vehicle is over home; infinity if the wind prevents it.
 
     ``wind_m_s`` is the velocity of the air (x, y). Copters, and planes with PX4, climb to
     ``return_amsl_m`` before they fly home; ArduPlane climbs on the way.
     """
-    section = vehicle.section
     home_m = (vehicle.home_m[0] - fix.x_m, vehicle.home_m[1] - fix.y_m)
     climb_m = max(return_amsl_m - fix.altitude_m, 0.0)
+    return return_s(vehicle.section, home_m, (fix.east_m_s, fix.north_m_s), wind_m_s, climb_m)
+
+
+def return_s(
+    section: VehicleSection,
+    home_m: Vector,
+    over_ground_m_s: Vector,
+    wind_m_s: Vector,
+    climb_m: float,
+) -> float:
+    """Return the seconds of a flight home; infinity if the wind prevents it.
+
+    ``home_m`` is the position of home relative to the vehicle, ``over_ground_m_s`` the vehicle's
+    velocity, and ``wind_m_s`` that of the air, each (x, y). Copters, and planes with PX4, climb
+    ``climb_m`` before they fly home; ArduPlane climbs on the way.
+    """
     climb_s = climb_m / section.climb_m_s
     if section.kind == "copter":
         speed_m_s = section.return_speed_m_s or section.airspeed_m_s
         fastest_m_s = max(section.max_airspeed_m_s, speed_m_s)
         return climb_s + copter_home_s(home_m, wind_m_s, speed_m_s, fastest_m_s)
     airspeed_m_s = section.return_speed_m_s or section.airspeed_m_s
-    heading = (fix.east_m_s - wind_m_s[0], fix.north_m_s - wind_m_s[1])
+    heading = (over_ground_m_s[0] - wind_m_s[0], over_ground_m_s[1] - wind_m_s[1])
     radius_m = section.turn_radius_m if math.hypot(*heading) > MIN_SPEED_M_S else 0.0
     straight_s = plane_home_s(home_m, heading, wind_m_s, airspeed_m_s, radius_m)
     return climb_s + straight_s if section.stack == "px4" else straight_s
+
+
+def outbound_s(section: VehicleSection, task_m: Vector, wind_m_s: Vector, climb_m: float) -> float:
+    """Return the seconds from takeoff to a task; infinity if the wind prevents the flight.
+
+    ``task_m`` is the position of the task relative to home, ``wind_m_s`` the velocity of the air,
+    each (x, y). Copters climb ``climb_m`` first; planes climb on the way.
+    """
+    climb_s = climb_m / section.climb_m_s
+    speed_m_s = section.airspeed_m_s
+    if section.kind == "copter":
+        fastest_m_s = max(section.max_airspeed_m_s, speed_m_s)
+        return climb_s + copter_home_s(task_m, wind_m_s, speed_m_s, fastest_m_s)
+    return max(climb_s, plane_home_s(task_m, task_m, wind_m_s, speed_m_s, 0.0))
 
 
 def time_up_words(vehicle: Vehicle, at_s: float) -> str:
