@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 MAX_BATTERIES = 500
 
 
-class _Duration(click.ParamType):
+class _Duration(click.ParamType[int]):
     """A duration in a unit, converted to whole seconds; ``max_s`` is the longest."""
 
     name = "number"
@@ -27,7 +27,7 @@ class _Duration(click.ParamType):
     def __init__(self, unit_s: float, max_s: int, min_s: int = 0) -> None:
         self.unit_s, self.max_s, self.min_s = unit_s, max_s, min_s
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int:
         """Return the whole seconds; refuse a value out of the range."""
         try:
             time_s = float(value) * self.unit_s
@@ -211,7 +211,7 @@ def _pools(text: str) -> int | dict[str, int]:
     parts = [part.strip().rpartition("=") for part in text.split(",")]
     kinds = [kind.strip() for kind, _, _ in parts]
     valid = all(n.isascii() and n.isdecimal() and 1 <= int(n) <= MAX_BATTERIES for _, _, n in parts)
-    if valid and kinds == [""]:
+    if valid and "=" not in text and len(parts) == 1:
         return int(parts[0][2])
     if not valid or len(set(kinds)) < len(kinds) or not set(kinds) <= {"plane", "copter"}:
         raise OptionError(

@@ -15,7 +15,7 @@ def clock(at_s: float) -> str:
 
 def length(time_s: float) -> str:
     """Return a duration, such as "40 s", "12 min", "1 h 40 min" or "12 h"."""
-    if time_s < 60.0:
+    if time_s < 59.5:
         return f"{time_s:.0f} s"
     hours, minutes = divmod(round(time_s / 60.0), 60)
     parts = [f"{hours} h"] * bool(hours) + [f"{minutes} min"] * bool(minutes)

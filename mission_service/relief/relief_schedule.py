@@ -50,7 +50,7 @@ class Late(NamedTuple):
 class _Option(NamedTuple):
     """A sortie that an aircraft could fly next."""
 
-    index: int
+    number: int  # of the aircraft
     battery: tuple[int, str]  # charged at, name
     takeoff_s: int
     arrival_s: int
@@ -149,12 +149,12 @@ class ReliefSchedule:
         """Return the key of the best option: the least delay, then by the choice."""
         late_s = max(option.arrival_s - free_s, 0)
         short_s = max(option.arrival_s - target_s, 0)
-        by_choice = -option.leaves_s if self.choice.longest else self.landed_s[option.index]
-        return late_s, short_s, by_choice, option.index
+        by_choice = -option.leaves_s if self.choice.longest else self.landed_s[option.number]
+        return late_s, short_s, by_choice, option.number
 
     def _landing(self, option: _Option, leaves_s: int) -> int:
         """Return the time of the landing after a departure at ``leaves_s`` or a little earlier."""
-        aircraft = self.watch.aircraft[option.index]
+        aircraft = self.watch.aircraft[option.number]
         home_s = aircraft.back_s + aircraft.landing_s
         shortest_s = option.arrival_s + self.watch.overlap_s + home_s
         found = self.movements[aircraft.home].latest(leaves_s + home_s, shortest_s)
@@ -162,7 +162,7 @@ class ReliefSchedule:
 
     def _fly(self, option: _Option, landing_s: int) -> None:
         """Add a sortie, and the charge of its battery."""
-        aircraft = self.watch.aircraft[option.index]
+        aircraft = self.watch.aircraft[option.number]
         leaves_s = landing_s - aircraft.landing_s - aircraft.back_s
         name = option.battery[1]
         self.sorties.append(
@@ -172,7 +172,7 @@ class ReliefSchedule:
         )
         self.movements[aircraft.home].add(option.takeoff_s)
         self.movements[aircraft.home].add(landing_s)
-        self.landed_s[option.index] = landing_s
+        self.landed_s[option.number] = landing_s
         batteries = self.charged_s[aircraft.pool]
         batteries.remove(option.battery)
         if self.chargers_s:
@@ -217,8 +217,8 @@ class ReliefSchedule:
     def phase(self) -> tuple[object, ...]:
         """Return what the further schedule depends on, relative to the next relief.
 
-        Aircraft, batteries and chargers of a kind are interchangeable. Times that are long past
-        are equal.
+        The batteries of a pool are interchangeable, and so are the chargers. Times that are long
+        past are equal.
         """
         now_s = min(self.free_s)
         oldest_s = now_s - self._lookback_s

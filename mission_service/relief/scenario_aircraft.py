@@ -30,7 +30,7 @@ def scenario_aircraft(
     """
     winds = list(_winds(scenario, landscape, duration_s))
     homes: list[Vector] = []
-    found = []
+    found: list[WatchAircraft] = []
     for section in scenario.vehicles:
         if section.endurance_s is None:
             raise ScenarioError(

@@ -2,32 +2,28 @@
 
 from functools import cache
 from itertools import product
+from typing import Any
 
 from mission_service.relief.watch import Watch, WatchAircraft
 
 MIN_S = 60  # a step of the search
 
-
-def aircraft(name: str = "hawk", **changes: object) -> WatchAircraft:
-    """Return an aircraft: 5 min there, 5 min back, 2 min landing, 40 min of 50 on task."""
-    given: dict[str, object] = {
-        "name": name,
-        "pool": "plane",
-        "home": 0,
-        "out_s": 300,
-        "back_s": 300,
-        "landing_s": 0,
-        "endurance_s": 3000,
-        "reserve_s": 0,
-    }
-    return WatchAircraft(**{**given, **changes})  # type: ignore[arg-type]
+Crew = tuple[tuple[str, int], ...]  # phase and remaining steps of each aircraft
+Times = tuple[int, ...]  # remaining steps of each battery
 
 
-def watch(count: int, batteries: int, chargers: int, **changes: object) -> Watch:
-    """Return a watch of equal aircraft for 12 h: charging 60 min, swap 5 min, no overlap."""
-    given: dict[str, object] = {
-        "aircraft": tuple(aircraft(f"hawk-{n + 1}") for n in range(count)),
-        "batteries": (("plane", batteries),),
+def aircraft(name: str = "hawk", **changes: Any) -> WatchAircraft:
+    """Return an aircraft: 5 min there, 40 min on task, 5 min back, no landing and no reserve."""
+    given = {"pool": "battery", "home": 0, "out_s": 300, "back_s": 300, "landing_s": 0}
+    given |= {"endurance_s": 3000, "reserve_s": 0}
+    return WatchAircraft(name=name, **{**given, **changes})
+
+
+def watch(count: int, batteries: int, chargers: int, **changes: Any) -> Watch:
+    """Return a watch of equal aircraft for 12 h: charge 60 min, swap 5 min, no overlap."""
+    given = {
+        "aircraft": tuple(aircraft(f"hawk{n + 1}") for n in range(count)),
+        "batteries": (("battery", batteries),),
         "chargers": chargers,
         "charge_s": 3600,
         "swap_s": 300,
@@ -36,90 +32,81 @@ def watch(count: int, batteries: int, chargers: int, **changes: object) -> Watch
         "on_task": 1,
         "duration_s": 12 * 3600,
     }
-    return Watch(**{**given, **changes})  # type: ignore[arg-type]
+    return Watch(**{**given, **changes})
 
 
-# The search: time goes in steps of one minute, and in each step each aircraft on the ground may
-# take off and each on task may leave. A state is the multiset of aircraft (phase, remaining steps)
-# and of batteries (steps until charged, or waiting for a charger after some steps).
+class Search:
+    """All plans of a small watch, in steps of one minute.
 
-
-def best_coverage(small: Watch) -> tuple[int, int]:
-    """Return the best possible time (s) of the first lapse, and the best covered time (s).
-
-    All aircraft must be equal, and times be whole minutes. At the start they have just arrived, or
-    are on the ground.
+    In each step each aircraft on the ground that is ready may take off with a charged battery, and
+    each aircraft on task may leave. The watch begins with the required aircraft on task, as far as
+    there are that many. All aircraft are equal; overlap and spacing are 0.
     """
-    one = small.aircraft[0]
-    out, back = one.out_s // MIN_S, (one.back_s + one.landing_s) // MIN_S
-    on_task = one.max_on_task_s // MIN_S
-    charge, swap = small.charge_s // MIN_S, small.swap_s // MIN_S
-    steps = small.duration_s // MIN_S
-    Crew = tuple[tuple[str, int], ...]
 
-    def landed(crew: Crew, batteries: tuple[int, ...], waiting: tuple[int, ...]) -> tuple:
-        """Let all times advance by one step."""
-        new_crew, new_waiting = [], [max(each - 1, 0) for each in waiting]
+    def __init__(self, small: Watch) -> None:
+        one = small.aircraft[0]
+        self.watch = small
+        self.out, self.back = one.out_s // MIN_S, (one.back_s + one.landing_s) // MIN_S
+        self.on_task = one.max_on_task_s // MIN_S
+        self.charge, self.swap = small.charge_s // MIN_S, small.swap_s // MIN_S
+        self.best = cache(self._best)
+
+    def optimum(self) -> tuple[int, int]:
+        """Return the latest possible first lapse (s) and the largest covered time (s)."""
+        count, batteries = len(self.watch.aircraft), self.watch.batteries[0][1]
+        flying = min(self.watch.on_task, count, batteries)
+        crew = [("task", self.on_task)] * flying + [("ground", 0)] * (count - flying)
+        steps = self.watch.duration_s // MIN_S
+        first, total = self.best(steps, tuple(sorted(crew)), (0,) * (batteries - flying), ())
+        return first * MIN_S, total * MIN_S
+
+    def _best(self, steps: int, crew: Crew, batteries: Times, waiting: Times) -> tuple[int, int]:
+        """Return the most steps until the first lapse, and the most covered steps.
+
+        ``batteries`` has the steps until each battery is charged and exchanged, ``waiting`` the
+        steps until each of the other batteries can be charged.
+        """
+        if steps == 0:
+            return 0, 0
+        first = total = 0
+        for moves in {tuple(sorted(each)) for each in product(*map(self._moves, crew))}:
+            takeoffs = sum(each == ("out", self.out) for each in moves) - sum(
+                each == ("out", self.out) for each in crew
+            )
+            if takeoffs > batteries.count(0):
+                continue
+            present = sum(phase == "task" for phase, _ in moves) >= self.watch.on_task
+            then = self._after(moves, tuple(sorted(batteries)[takeoffs:]), waiting)
+            later_first, later_total = self.best(steps - 1, *then)
+            first = max(first, 1 + later_first if present else 0)
+            total = max(total, present + later_total)
+        return first, total
+
+    def _moves(self, state: tuple[str, int]) -> list[tuple[str, int]]:
+        """Return what an aircraft may do now."""
+        phase, left = state
+        if phase == "ground" and left == 0:
+            return [state, ("out", self.out)]
+        if phase == "task":
+            return [("back", self.back)] if left == 0 else [state, ("back", self.back)]
+        return [state]
+
+    def _after(self, crew: Crew, batteries: Times, waiting: Times) -> tuple[Crew, Times, Times]:
+        """Return the state after a step, in which free chargers take waiting batteries."""
+        queue = sorted(max(each - 1, 0) for each in waiting)
+        then = []
         for phase, left in crew:
             if phase == "out" and left == 1:
-                new_crew.append(("task", on_task))
+                then.append(("task", self.on_task))
             elif phase == "back" and left == 1:
-                new_crew.append(("ground", swap))
-                new_waiting.append(swap)
+                then.append(("ground", self.swap))
+                queue = sorted([*queue, self.swap])
             else:
-                new_crew.append((phase, max(left - 1, 0)))
-        return new_crew, [max(each - 1, 0) for each in batteries], sorted(new_waiting)
-
-    def charging(batteries: list[int], waiting: list[int]) -> tuple[list[int], list[int]]:
-        """Put waiting batteries on free chargers; their time includes the later swap."""
-        busy = sum(each > swap for each in batteries)
-        while waiting and waiting[0] == 0 and busy < small.chargers:
-            waiting.pop(0)
-            batteries.append(charge + swap)
-            busy += 1
-        return batteries, waiting
-
-    @cache
-    def covered(step: int, crew: Crew, batteries: tuple[int, ...], waiting: tuple[int, ...]):
-        """Return the best (steps until the first lapse, covered steps) separately."""
-        if step == steps:
-            return 0, 0
-        best_first = best_total = 0
-        moves = []
-        for phase, left in crew:
-            if phase == "ground" and left == 0:
-                moves.append(("stay", "take off"))
-            elif phase == "task":
-                moves.append(("leave",) if left == 0 else ("stay", "leave"))
-            else:
-                moves.append(("stay",))
-        for chosen in set(tuple(each) for each in product(*moves)):
-            ready = sum(each == 0 for each in batteries)
-            takeoffs = chosen.count("take off")
-            if takeoffs > ready:
-                continue
-            now = []
-            for (phase, left), move in zip(crew, chosen, strict=True):
-                now.append(
-                    ("out", out)
-                    if move == "take off"
-                    else ("back", back)
-                    if move == "leave"
-                    else (phase, left)
-                )
-            left_batteries = sorted(batteries)[takeoffs:]
-            present = sum(phase == "task" for phase, _ in now) >= small.on_task
-            then, charged, queue = landed(tuple(now), tuple(left_batteries), waiting)
-            charged, queue = charging(charged, queue)
-            first, total = covered(
-                step + 1, tuple(sorted(then)), tuple(sorted(charged)), tuple(queue)
-            )
-            best_first = max(best_first, 1 + first if present else 0)
-            best_total = max(best_total, present + total)
-        return best_first, best_total
-
-    flying = min(small.on_task, len(small.aircraft), small.batteries[0][1])
-    crew = [("task", on_task)] * flying + [("ground", 0)] * (len(small.aircraft) - flying)
-    ready = (0,) * (small.batteries[0][1] - flying)
-    first, total = covered(0, tuple(sorted(crew)), ready, ())
-    return first * MIN_S, total * MIN_S
+                then.append((phase, max(left - 1, 0)))
+        charged = [max(each - 1, 0) for each in batteries]
+        while queue and queue[0] == 0:
+            if sum(each > self.swap for each in charged) >= self.watch.chargers:
+                break
+            queue.pop(0)
+            charged.append(self.charge + self.swap)
+        return tuple(sorted(then)), tuple(sorted(charged)), tuple(queue)
