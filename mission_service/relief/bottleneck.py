@@ -1,7 +1,7 @@
 """Finds the smallest addition of batteries, chargers and aircraft that prevents all lapses. Pure.
 
 The additions are tried: one thing more, then two, and so on; batteries before chargers before
-aircraft.
+aircraft. If many things lack, things are left out of a large addition, one by one.
 """
 
 from collections.abc import Iterator
@@ -11,7 +11,11 @@ from itertools import combinations_with_replacement
 from mission_service.relief.relief_plan import is_kept
 from mission_service.relief.watch import Watch
 
-MAX_MORE = 8  # maximum number of things added in all
+MAX_TRIED = 6  # maximum number of things of which all combinations are tried
+MAX_OF_KIND = 20  # maximum number of things of a kind in a larger addition
+
+
+_Kind = tuple[str, str | int]  # "battery" and pool, "charger" and "", "aircraft" and index
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,19 +45,31 @@ class Addition:
 
 
 def smallest_addition(watch: Watch) -> Addition | None:
-    """Return the smallest addition with which a watch has no lapse; None if it needs more."""
+    """Return an addition with which a watch has no lapse; None if even many things do not suffice.
+
+    Up to ``MAX_TRIED`` things no smaller addition suffices. A larger addition contains nothing that
+    can be left out.
+    """
     kinds = _kinds(watch)
-    everything = [kind for kind in kinds for _ in range(MAX_MORE)]
-    if not is_kept(_with(watch, everything)):
+    sizes = (kinds * count for count in range(1, MAX_OF_KIND + 1))
+    chosen = next((each for each in sizes if is_kept(_with(watch, each))), None)
+    if chosen is None:
         return None
-    for total in range(1, MAX_MORE + 1):
-        for chosen in combinations_with_replacement(kinds, total):
-            if is_kept(_with(watch, list(chosen))):
-                return _addition(watch, list(chosen))
-    return None
+    for total in range(1, MAX_TRIED + 1):
+        for tried in combinations_with_replacement(kinds, total):
+            if is_kept(_with(watch, list(tried))):
+                return _addition(watch, list(tried))
+    return _addition(watch, _thinned(watch, chosen))
 
 
-_Kind = tuple[str, str | int]  # "battery" and pool, "charger" and "", "aircraft" and index
+def _thinned(watch: Watch, chosen: list[_Kind]) -> list[_Kind]:
+    """Return an addition without the things that can be left out, tried in turn by kind."""
+    for kind in reversed(chosen):
+        fewer = chosen.copy()
+        fewer.remove(kind)
+        if is_kept(_with(watch, fewer)):
+            chosen = fewer
+    return chosen
 
 
 def _kinds(watch: Watch) -> list[_Kind]:

@@ -1,6 +1,6 @@
 """Describes the plan of a watch in words and as a table. Pure."""
 
-from mission_service.relief.bottleneck import MAX_MORE, Addition
+from mission_service.relief.bottleneck import MAX_OF_KIND, Addition
 from mission_service.relief.relief_plan import CONTINUED_S, TOO_FAR
 from mission_service.relief.watch import NEVER_S, ReliefPlan, Watch, WatchAircraft
 
@@ -34,7 +34,7 @@ def summary(watch: Watch, plan: ReliefPlan, addition: Addition | None) -> str:
         return f"not kept up at all: {first.reason}"
     more = len(plan.lapses) - 1
     others = f", and {more} more time{'s' * (more > 1)} later" if more else ""
-    remedy = f"up to {MAX_MORE} more batteries, chargers and aircraft do not remove this"
+    remedy = f"{MAX_OF_KIND} more of everything do not remove this"
     if addition is not None:
         remedy = f"{addition.words} {addition.verb()} this"
     lasts = length(first.end_s - first.start_s)

@@ -103,17 +103,22 @@ class ReliefSchedule:
             self.free_s[station] = until_s
             return True
         self.short_handovers += target_s < arrival_s <= free_s
-        leaves_s = best.leaves_s
         if first and self.choice.staggered:
-            leaves_s = min(leaves_s, arrival_s + self._share_s(best, station))
-        self._fly(best, self._landing(best, leaves_s))
-        self.free_s[station] = self.sorties[-1].leaves_s
+            best = self._relieved_early(best, station)
+        self._fly(best)
+        self.free_s[station] = best.leaves_s
         return True
 
-    def _share_s(self, option: _Option, station: int) -> int:
-        """Return the time on task of the first aircraft at a station if reliefs are staggered."""
+    def _relieved_early(self, option: _Option, station: int) -> _Option:
+        """Return the first sortie at a station with an early end, later for each station."""
+        aircraft = self.watch.aircraft[option.number]
         share_s = (option.leaves_s - option.arrival_s) * (station + 1) // self.watch.on_task
-        return max(share_s, self.watch.overlap_s + MIN_USEFUL_S)
+        leaves_s = min(option.leaves_s, max(option.arrival_s, 0) + share_s)
+        latest_s = leaves_s + aircraft.back_s + aircraft.landing_s
+        landing_s = self._latest_landing(aircraft, option.takeoff_s, 0, latest_s)
+        if landing_s is None:
+            return option
+        return option._replace(leaves_s=landing_s - aircraft.landing_s - aircraft.back_s)
 
     def _option(self, index: int, target_s: int, free_s: int) -> _Option | None:
         """Return the next sortie of an aircraft; None if no battery fits or it adds nothing."""
@@ -128,20 +133,22 @@ class ReliefSchedule:
         takeoff_s = movements.latest(target_s - aircraft.out_s, ready_s)
         if takeoff_s is None:
             takeoff_s = movements.earliest(max(ready_s, target_s - aircraft.out_s))
-        landing_s = self._latest_landing(aircraft, takeoff_s, free_s)
+        max_s = aircraft.max_flight_s
+        landing_s = self._latest_landing(aircraft, takeoff_s, free_s, takeoff_s + max_s)
         while landing_s is None:
             takeoff_s = movements.earliest(takeoff_s + 1 + watch.spacing_s // 4)
-            landing_s = self._latest_landing(aircraft, takeoff_s, free_s)
+            landing_s = self._latest_landing(aircraft, takeoff_s, free_s, takeoff_s + max_s)
         arrival_s = takeoff_s + aircraft.out_s
         leaves_s = landing_s - aircraft.landing_s - aircraft.back_s
         return _Option(index, batteries[0], takeoff_s, arrival_s, leaves_s)
 
-    def _latest_landing(self, aircraft: WatchAircraft, takeoff_s: int, free_s: int) -> int | None:
+    def _latest_landing(
+        self, aircraft: WatchAircraft, takeoff_s: int, free_s: int, latest_s: int
+    ) -> int | None:
         """Return the latest free time of the landing with which a sortie serves the watch."""
         arrival_s = takeoff_s + aircraft.out_s
         min_leaves_s = max(arrival_s + self.watch.overlap_s, free_s) + MIN_USEFUL_S
         shortest_s = min_leaves_s + aircraft.back_s + aircraft.landing_s
-        latest_s = takeoff_s + aircraft.max_flight_s
         from_s = max(shortest_s, takeoff_s + self.watch.spacing_s)
         return self.movements[aircraft.home].latest(latest_s, from_s)
 
@@ -152,24 +159,13 @@ class ReliefSchedule:
         by_choice = -option.leaves_s if self.choice.longest else self.landed_s[option.number]
         return late_s, short_s, by_choice, option.number
 
-    def _landing(self, option: _Option, leaves_s: int) -> int:
-        """Return the time of the landing after a departure at ``leaves_s`` or a little earlier."""
-        aircraft = self.watch.aircraft[option.number]
-        home_s = aircraft.back_s + aircraft.landing_s
-        shortest_s = option.arrival_s + self.watch.overlap_s + home_s
-        found = self.movements[aircraft.home].latest(leaves_s + home_s, shortest_s)
-        return option.leaves_s + home_s if found is None else found
-
-    def _fly(self, option: _Option, landing_s: int) -> None:
+    def _fly(self, option: _Option) -> None:
         """Add a sortie, and the charge of its battery."""
         aircraft = self.watch.aircraft[option.number]
-        leaves_s = landing_s - aircraft.landing_s - aircraft.back_s
+        landing_s = option.leaves_s + aircraft.back_s + aircraft.landing_s
         name = option.battery[1]
-        self.sorties.append(
-            PlannedSortie(
-                aircraft.name, name, option.takeoff_s, option.arrival_s, leaves_s, landing_s
-            )
-        )
+        times_s = (option.takeoff_s, option.arrival_s, option.leaves_s, landing_s)
+        self.sorties.append(PlannedSortie(aircraft.name, name, *times_s))
         self.movements[aircraft.home].add(option.takeoff_s)
         self.movements[aircraft.home].add(landing_s)
         self.landed_s[option.number] = landing_s

@@ -51,18 +51,25 @@ def draw_relief(path: Path, watch: Watch, plan: ReliefPlan, name: str, words: st
     _set_ticks(below, end_s)
     below.set_xlabel("time since the first takeoff (h:min)")
     colours = {
-        "on the way there": OUT,
+        "flight out": OUT,
         "on task": TASK,
-        "return and landing": BACK,
-        "battery in flight": FLOWN,
-        "waiting for its charge": EMPTY,
+        "return, landing": BACK,
+        "battery flown": FLOWN,
+        "to be charged": EMPTY,
         "charging": CHARGING,
         "charged": READY,
     }
     handles = [Patch(color=colour, label=label) for label, colour in colours.items()]
     if plan.lapses:
         handles.append(Patch(color=LAPSE, alpha=0.2, label="too few on task"))
-    figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False)
+    figure.legend(
+        handles=handles,
+        loc="outside lower center",
+        ncols=len(handles),
+        frameon=False,
+        fontsize=9,
+        columnspacing=1.4,
+    )
     figure.suptitle(f"{name}: {words}", fontsize=11, wrap=True)
     with whole_file(path) as part:
         figure.savefig(part, format="png")

@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mission_service.relief.bottleneck import Addition, smallest_addition
-from mission_service.relief.relief_plan import TOO_FAR, is_kept, plan_watch
-from mission_service.relief.relief_schedule import NO_AIRCRAFT, NO_BATTERY, SPACING
+from mission_service.relief.relief_plan import TOO_FAR, is_kept, plan_watch, planned
+from mission_service.relief.relief_schedule import NO_AIRCRAFT, NO_BATTERY, SPACING, Choice
 from mission_service.relief.watch import Lapse, ReliefPlan, Watch
 from tests.service.relief_worlds import Search, aircraft, watch
 
@@ -123,6 +123,20 @@ def test_the_end_of_a_slowly_failing_plan_is_found_beyond_the_watch() -> None:
     assert plan.lapses == ()
     longer = plan_watch(replace(short, duration_s=12 * H))
     assert plan.kept_until_s == longer.lapses[0].start_s
+
+
+def test_an_early_relief_is_after_the_begin_of_the_watch() -> None:
+    # Takeoffs 3 min apart: the first aircraft arrives 8 min before the watch begins.
+    crew = (
+        aircraft("one", out_s=142, back_s=30, landing_s=2, endurance_s=1200),
+        aircraft("two", out_s=30, back_s=30, landing_s=165, endurance_s=1200),
+        aircraft("three", out_s=30, back_s=30, landing_s=0, endurance_s=1200),
+    )
+    crowded = watch(3, 3, 0, aircraft=crew, swap_s=0, spacing_s=180, on_task=3, duration_s=600)
+    for longest in (False, True):
+        plan = planned(crowded, Choice(longest, staggered=True))
+        check(crowded, plan)
+        assert all(each.leaves_s >= plan.begins_s for each in plan.sorties)
 
 
 # Invariants.
