@@ -2,13 +2,14 @@
 
 import json
 import math
+from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
-from mission_service.cli.options import JSON, OVERRIDE
+from mission_service.cli.options import JSON, OVERRIDE, Command
 from mission_service.errors import OptionError
 
 if TYPE_CHECKING:
@@ -17,31 +18,24 @@ if TYPE_CHECKING:
     from mission_service.relief.watch import ReliefPlan, Watch, WatchAircraft
 
 MAX_BATTERIES = 500
+DAY_S = 24 * 3600
 
 
-class _Duration(click.ParamType[int]):
-    """A duration in a unit, converted to whole seconds; ``max_s`` is the longest."""
+def _duration_option(
+    name: str, unit_s: float, limits_s: tuple[int, int], default: float, words: str
+) -> Callable[[Command], Command]:
+    """Return a decorator that adds an option in a unit; its value becomes whole seconds."""
 
-    name = "number"
+    def in_seconds(context: click.Context, parameter: click.Parameter, value: float) -> int:
+        low_s, high_s = limits_s
+        if not low_s <= value * unit_s <= high_s:
+            low, high = low_s / unit_s, high_s / unit_s
+            raise click.BadParameter(f"{value:g}: give a number from {low:g} to {high:g}")
+        return math.ceil(value * unit_s)
 
-    def __init__(self, unit_s: float, max_s: int, min_s: int = 0) -> None:
-        self.unit_s, self.max_s, self.min_s = unit_s, max_s, min_s
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int:
-        """Return the whole seconds; refuse a value out of the range."""
-        try:
-            time_s = float(value) * self.unit_s
-        except ValueError:
-            self.fail(f"{value!r} is not a number", param, ctx)
-        if not self.min_s <= time_s <= self.max_s:
-            low, high = self.min_s / self.unit_s, self.max_s / self.unit_s
-            self.fail(f"{value}: give a number from {low:g} to {high:g}", param, ctx)
-        return math.ceil(time_s)
-
-
-HOURS = _Duration(3600.0, 7 * 24 * 3600, 60)
-MINUTES = _Duration(60.0, 24 * 3600)
-SECONDS = _Duration(1.0, 600)
+    return click.option(
+        name, type=float, callback=in_seconds, default=default, show_default=True, help=words
+    )
 
 
 @click.group()
@@ -51,7 +45,7 @@ def sortie() -> None:
 
 @sortie.command("plan")
 @click.argument("scenario")
-@click.option("--hours", type=HOURS, default="12", show_default=True, help="Length of the watch.")
+@_duration_option("--hours", 3600.0, (60, 7 * DAY_S), 12.0, "Length of the watch.")
 @click.option(
     "--on-task",
     type=click.IntRange(1, 50),
@@ -73,29 +67,19 @@ def sortie() -> None:
     show_default=True,
     help="Number of batteries that can be charged at a time.",
 )
-@click.option(
-    "--charge-min", type=MINUTES, default="60", show_default=True, help="Time of a charge."
-)
-@click.option(
+@_duration_option("--charge-min", 60.0, (0, DAY_S), 60.0, "Time of a charge.")
+@_duration_option(
     "--swap-min",
-    type=MINUTES,
-    default="5",
-    show_default=True,
-    help="Time on the ground to exchange the battery and to inspect the aircraft.",
+    60.0,
+    (0, DAY_S),
+    5.0,
+    "Time on the ground to exchange the battery and to inspect the aircraft.",
 )
-@click.option(
-    "--overlap-min",
-    type=MINUTES,
-    default="2",
-    show_default=True,
-    help="Time on task of both aircraft at a relief.",
+@_duration_option(
+    "--overlap-min", 60.0, (0, DAY_S), 2.0, "Time on task of both aircraft at a relief."
 )
-@click.option(
-    "--spacing-s",
-    type=SECONDS,
-    default="60",
-    show_default=True,
-    help="Minimum time between two takeoffs or landings at a home.",
+@_duration_option(
+    "--spacing-s", 1.0, (0, 600), 60.0, "Minimum time between two takeoffs or landings at a home."
 )
 @click.option(
     "--task",

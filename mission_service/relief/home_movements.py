@@ -10,7 +10,7 @@ class HomeMovements:
         self.spacing_s = spacing_s
         self.times_s: list[int] = []
 
-    def add(self, at_s: int) -> None:
+    def occupy(self, at_s: int) -> None:
         """Add a takeoff or a landing."""
         insort(self.times_s, at_s)
 

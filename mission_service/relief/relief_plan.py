@@ -33,10 +33,10 @@ def is_kept(watch: Watch) -> bool:
 
 def _never_late(schedule: ReliefSchedule) -> bool:
     """Return whether a schedule has no late relief within its watch."""
-    phases: dict[tuple[object, ...], int] = {}
-    while not schedule.late and schedule.step(schedule.watch.duration_s):
+    states: dict[tuple[object, ...], int] = {}
+    while not schedule.late and schedule.plan_next(schedule.watch.duration_s):
         schedule.forget_old_movements()
-        if _period_s(schedule, phases) is not None:
+        if _period_s(schedule, states) is not None:
             return True
     return not schedule.late
 
@@ -80,25 +80,25 @@ def planned(watch: Watch, choice: Choice) -> ReliefPlan:
     if not schedule.landed_s:
         lapse = Lapse(0, watch.duration_s, TOO_FAR)
         return ReliefPlan(0, (), (), (lapse,), 0.0, 0, None, 0)
-    phases: dict[tuple[object, ...], int] = {}
+    states: dict[tuple[object, ...], int] = {}
     repeats_s = None
-    while schedule.step(watch.duration_s):
+    while schedule.plan_next(watch.duration_s):
         schedule.forget_old_movements()
-        repeats_s = repeats_s or _period_s(schedule, phases)
+        repeats_s = repeats_s or _period_s(schedule, states)
     count, short = len(schedule.sorties), schedule.short_handovers
     lapses = _lapses(watch, schedule.sorties, schedule.late)
-    while not schedule.late and repeats_s is None and schedule.step(CONTINUED_S):
+    while not schedule.late and repeats_s is None and schedule.plan_next(CONTINUED_S):
         schedule.forget_old_movements()
-        repeats_s = _period_s(schedule, phases)
+        repeats_s = _period_s(schedule, states)
     return _shifted(watch, schedule, count, short, lapses, repeats_s)
 
 
-def _period_s(schedule: ReliefSchedule, phases: dict[tuple[object, ...], int]) -> int | None:
-    """Return the time since the schedule was in the same phase; None if it is in a new phase."""
+def _period_s(schedule: ReliefSchedule, states: dict[tuple[object, ...], int]) -> int | None:
+    """Return the time since the schedule was in the same state; None if the state is new."""
     if schedule.late or len(schedule.sorties) < schedule.watch.on_task:
         return None
     now_s = min(schedule.free_s)
-    before_s = phases.setdefault(schedule.phase(), now_s)
+    before_s = states.setdefault(schedule.relative_state(), now_s)
     return now_s - before_s if before_s < now_s else None
 
 

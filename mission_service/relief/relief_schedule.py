@@ -86,7 +86,7 @@ class ReliefSchedule:
         homes = 1 + max((each.home for each in watch.aircraft), default=-1)
         self.movements = [HomeMovements(watch.spacing_s) for _ in range(homes)]
 
-    def step(self, until_s: int) -> bool:
+    def plan_next(self, until_s: int) -> bool:
         """Plan the next sortie; return False if it would arrive at ``until_s`` or later."""
         station = min(range(len(self.free_s)), key=lambda each: (self.free_s[each], each))
         free_s = self.free_s[station]
@@ -166,8 +166,8 @@ class ReliefSchedule:
         name = option.battery[1]
         times_s = (option.takeoff_s, option.arrival_s, option.leaves_s, landing_s)
         self.sorties.append(PlannedSortie(aircraft.name, name, *times_s))
-        self.movements[aircraft.home].add(option.takeoff_s)
-        self.movements[aircraft.home].add(landing_s)
+        self.movements[aircraft.home].occupy(option.takeoff_s)
+        self.movements[aircraft.home].occupy(landing_s)
         self.landed_s[option.number] = landing_s
         batteries = self.charged_s[aircraft.pool]
         batteries.remove(option.battery)
@@ -210,7 +210,7 @@ class ReliefSchedule:
         crowd = 2 * len(watch.aircraft) + 2
         return out_s + watch.overlap_s + watch.swap_s + 2 * watch.spacing_s * crowd
 
-    def phase(self) -> tuple[object, ...]:
+    def relative_state(self) -> tuple[object, ...]:
         """Return what the further schedule depends on, relative to the next relief.
 
         The batteries of a pool are interchangeable, and so are the chargers. Times that are long

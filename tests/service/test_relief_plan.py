@@ -4,7 +4,7 @@ import random
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import pairwise
+from itertools import pairwise, product
 from typing import Any
 
 import pytest
@@ -76,6 +76,19 @@ def test_the_smallest_addition_is_one_aircraft_if_only_an_aircraft_lacks() -> No
     assert found == Addition((), 0, ("hawk1",))
 
 
+def test_from_a_large_addition_nothing_can_be_left_out() -> None:
+    # Four stations of 40 min, and 50 + 5 + 60 + 5 min until a battery flies again: 12 batteries.
+    poor = watch(1, 1, 0, on_task=4)
+    found = smallest_addition(poor)
+    assert found is not None
+    batteries, copies = dict(found.batteries)["battery"], [0] * len(found.aircraft)
+    assert batteries + 1 >= 12
+    assert is_kept(poor.with_more({"battery": batteries}, found.chargers, copies))
+    assert not is_kept(poor.with_more({"battery": batteries - 1}, found.chargers, copies))
+    assert not is_kept(poor.with_more({"battery": batteries}, found.chargers - 1, copies))
+    assert not is_kept(poor.with_more({"battery": batteries}, found.chargers, copies[1:]))
+
+
 def test_an_addition_of_several_things_is_named_in_full() -> None:
     found = Addition((("plane", 2), ("copter", 1)), 1, ("owl", "owl"))
     assert found.words == (
@@ -127,16 +140,14 @@ def test_the_end_of_a_slowly_failing_plan_is_found_beyond_the_watch() -> None:
     assert plan.kept_until_s == longer.lapses[0].start_s
 
 
-def test_an_early_relief_is_after_the_begin_of_the_watch() -> None:
-    # Takeoffs 3 min apart: the first aircraft arrives 8 min before the watch begins.
-    crew = (
-        aircraft("one", out_s=142, back_s=30, landing_s=2, endurance_s=1200),
-        aircraft("two", out_s=30, back_s=30, landing_s=165, endurance_s=1200),
-        aircraft("three", out_s=30, back_s=30, landing_s=0, endurance_s=1200),
-    )
-    crowded = watch(3, 3, 0, aircraft=crew, swap_s=0, spacing_s=180, on_task=3, duration_s=600)
-    for longest in (False, True):
-        plan = planned(crowded, Choice(longest, staggered=True))
+def test_no_first_aircraft_leaves_before_the_watch_begins() -> None:
+    # With such a spacing the first aircraft arrives long before the watch begins.
+    near = {"out_s": 30, "back_s": 30, "endurance_s": 1200}
+    far = {**near, "back_s": 271, "landing_s": 300}
+    crew = tuple(aircraft(f"uav{n}", **each) for n, each in enumerate([near, far, near, near]))
+    crowded = watch(4, 2, 0, aircraft=crew, swap_s=0, spacing_s=600, on_task=2, duration_s=600)
+    for longest, staggered in product((False, True), repeat=2):
+        plan = planned(crowded, Choice(longest, staggered))
         check(crowded, plan)
         assert all(each.leaves_s >= plan.begins_s for each in plan.sorties)
 

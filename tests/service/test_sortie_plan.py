@@ -174,7 +174,7 @@ def test_a_given_task_replaces_the_position_of_the_fire() -> None:
         (("default", "--batteries", "6", "--hours", "nan"), "from 0.0166667 to 168"),
         (("default", "--batteries", "6", "--hours", "999"), "from 0.0166667 to 168"),
         (("default", "--batteries", "6", "--charge-min", "-1"), "from 0 to 1440"),
-        (("default", "--batteries", "6", "--swap-min", "soon"), "not a number"),
+        (("default", "--batteries", "6", "--swap-min", "soon"), "not a valid float"),
         (("default", "--batteries", "6", "--on-task", "0"), "--on-task"),
         (("default", "--batteries", "6", "--task", "north"), "LAT,LON"),
         (("default", "--batteries", "6", "--task", "36,nan"), "LAT,LON"),
