@@ -28,17 +28,24 @@ def summary(watch: Watch, plan: ReliefPlan, addition: Addition | None) -> str:
         kept = f"kept up for {length(watch.duration_s)}"
         if plan.short_handovers:
             kept += f", with {plan.short_handovers} reliefs that overlap less"
-        return f"{kept}; {_afterwards(plan)}"
+        return kept if _ends_the_search(watch, plan) else f"{kept}; {_afterwards(plan)}"
     first = plan.lapses[0]
     if first.reason == TOO_FAR:
         return f"not kept up at all: {first.reason}"
-    more = len(plan.lapses) - 1
-    others = f", and {more} more time{'s' * (more > 1)} later" if more else ""
+    others = ""
+    if len(plan.lapses) > 1:
+        total_s = sum(each.end_s - each.start_s for each in plan.lapses)
+        others = f" ({len(plan.lapses)} lapses, {length(total_s)} in all)"
     remedy = f"{MAX_OF_KIND} more of everything do not remove this"
     if addition is not None:
         remedy = f"{addition.words} {addition.verb()} this"
     lasts = length(first.end_s - first.start_s)
     return f"lapses at {clock(first.start_s)} for {lasts}{others}: {first.reason}; {remedy}"
+
+
+def _ends_the_search(watch: Watch, plan: ReliefPlan) -> bool:
+    """Return whether the plan was not continued beyond the watch."""
+    return watch.duration_s >= CONTINUED_S and plan.repeats_s is None
 
 
 def _afterwards(plan: ReliefPlan) -> str:

@@ -10,7 +10,10 @@ from mission_service.relief.watch import Lapse, PlannedSortie, ReliefPlan, Watch
 
 CONTINUED_S = 7 * 24 * 3600  # a plan without a lapse is continued to here to find the first lapse
 MAX_SMALLER = 1000  # number of smaller watches that are compared
-TOO_FAR = "no aircraft can stay on task: its endurance is too short for the flights there and back"
+TOO_FAR = (
+    "no aircraft can stay on task: its endurance is too short for the flights there and back and "
+    "for the overlap"
+)
 
 
 def plan_watch(watch: Watch) -> ReliefPlan:

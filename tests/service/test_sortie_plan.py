@@ -117,6 +117,28 @@ def test_the_sentence_of_a_kept_watch_states_its_period() -> None:
     assert words == "kept up for 12 h; it repeats every 1 h 20 min and can be kept up for any time"
 
 
+def test_the_sentence_states_the_number_and_the_total_of_lapses() -> None:
+    # 40 min on task and 15 min until the next arrival: lapses from 40, 95 and 150 min on.
+    alone = watch(1, 9, 0, duration_s=10800)
+    assert summary(alone, plan_watch(alone), None).startswith(
+        "lapses at 0:45 for 15 min (3 lapses, 45 min in all): no aircraft ready; "
+    )
+
+
+def test_the_sentence_states_what_follows_after_the_watch() -> None:
+    short = watch(2, 12, 0, duration_s=2 * 3600)  # twelve sorties of 40 min
+    assert summary(short, plan_watch(short), None) == (
+        "kept up for 2 h; if continued, it lapses at 8:05"
+    )
+    week = watch(2, 300, 0, duration_s=7 * 24 * 3600)
+    assert summary(week, plan_watch(week), None) == "kept up for 168 h"
+
+
+def test_the_sentence_of_a_task_that_is_too_far_names_no_remedy() -> None:
+    far = replace(watch(1, 1, 1), aircraft=(aircraft(endurance_s=640),))
+    assert summary(far, plan_watch(far), None).startswith("not kept up at all: no aircraft can")
+
+
 def test_the_table_has_a_line_for_each_sortie_with_its_charge() -> None:
     result = sortie_plan("default", "--batteries", "1", "--hours", "2", *ENDURANCE)
     lines = result.stdout.splitlines()
