@@ -81,7 +81,8 @@ class AirspaceGuard:
         """Apply an operator's event: close or open a volume; an order ends an evasion."""
         match event:
             case events.AirspaceClosed():
-                return self._announced(self._closed.close(event))
+                announced = self._announced(self._closed.close(event))
+                return [*announced, *self._unreachable(event.at_us / 1e6)]
             case events.AirspaceOpened():
                 return self._announced(self._closed.open(event))
             case events.OrderGiven() | events.Aborted():
@@ -97,6 +98,24 @@ class AirspaceGuard:
     def _announced(self, words: str) -> list[AnyCommand]:
         first = next(iter(self._vehicles.values()), None)
         return [] if first is None else [announce(first, words, warning=True)]
+
+    def _unreachable(self, at_s: float) -> list[AnyCommand]:
+        """Raise alarms for vehicles without a link that may be in closed airspace, or enter it."""
+        airspace, found = self._closed.at(at_s), []
+        for vehicle in self._vehicles.values():
+            fix, availability = vehicle.availability.fix, vehicle.availability
+            if fix is None or availability.online or not availability.airborne:
+                continue
+            position = position_of(fix)
+            inside = airspace.volume_at(position)
+            parts = self._space.of_flight(vehicle, fix, self._states[vehicle.name])
+            conflict = airspace.conflict(parts, self._landscape, position)
+            if inside is not None:
+                conflict = f"the closed volume {inside.name!r}"
+            if conflict is not None:
+                words = f"its link is lost: it may be inside {conflict}, or enter it"
+                found += self._raised(vehicle, words, "severe")
+        return found
 
     # The check before sending -----------------------------------------------------------------
 
@@ -193,8 +212,11 @@ class AirspaceGuard:
 
     # Flights under way ------------------------------------------------------------------------
 
-    def apply(self, event: events.VehicleEvent) -> None:
-        """Record which mission is on board, and how far it is flown."""
+    def apply(self, event: events.VehicleEvent) -> list[AnyCommand]:
+        """Record which mission is on board, and how far it is flown.
+
+        Returns an alarm if the link to a vehicle is lost that may be in closed airspace.
+        """
         state = self._states[event.vehicle]
         match event:
             case events.UploadFinished():
@@ -213,8 +235,11 @@ class AirspaceGuard:
                 state.began_at = None
                 if not event.armed or event.mode in GOING_HOME:
                     state.evasion = Evasion.NONE
+            case events.LinkLost():
+                return self._unreachable(event.at_us / 1e6)
             case _:
                 pass
+        return []
 
     def _put_on_board(
         self, state: AirspaceState, mission_id: int, places: tuple[MissionPlace, ...]

@@ -148,8 +148,8 @@ class Core:
             availability.estimator_healthy,
         )
         decision = self.decision_engine.apply(event)
-        self.airspace.apply(event)
-        commands = self._answer(vehicle, event, decision, was)
+        unreachable = self.airspace.apply(event)
+        commands = [*unreachable, *self._answer(vehicle, event, decision, was)]
         commands += self.guidance.on_vehicle(vehicle, event)
         return self._kept_out(vehicle, event, commands)
 
