@@ -56,7 +56,8 @@ class VehicleState(msgspec.Struct, tag="vehicle/1", tag_field="schema"):
     battery_pct: float | None = None
     position_good: bool = True
     position_fix: str = ""
-    order: str = ""  # an operator's order in force: hold, return
+    order: str = ""  # an operator's order in force: hold, return, land
+    landing: str = ""  # phase of a landing: waiting, sending, approach, final, going around
     direction: str = ""
     decisions: int = 0
     reversals: int = 0

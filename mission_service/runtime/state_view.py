@@ -25,6 +25,7 @@ from mission_service.commands import (
     ProposeMission,
     ProposePlan,
     RaiseAlarm,
+    ShowLanding,
     UploadMission,
     WithdrawMission,
     WithdrawPlan,
@@ -82,7 +83,7 @@ OF_FIRE = ("edge", "input")  # prefixes of alarms about the fire, which persist 
 OF_FLIGHT = (
     *("link", "silent", "position", "battery", "mission", "order", "abort", "near"),
     *("mode", "state", "fence", "estimator", "autopilot", "front", "landed", "unrecorded"),
-    *("observer", "sensor", "estimate"),
+    *("observer", "sensor", "estimate", "landing"),
     *OF_FIRE,
 )
 
@@ -251,7 +252,8 @@ class StateView(Notices):
                 pass
 
     def _ordered(self, event: OrderGiven, not_ordered: set[str]) -> None:
-        order = event.order if event.order in ("hold", "return") else ""
+        held = "hold" if event.order == "go-around" else ""
+        order = event.order if event.order in ("hold", "return", "land") else held
         for name, vehicle in self.vehicles.items():
             if event.vehicle in ("", name) and name not in not_ordered:
                 self._order(vehicle, order)
@@ -389,7 +391,7 @@ class StateView(Notices):
     def _commanded(self, vehicle: VehicleState, command: AnyCommand) -> None:
         name = vehicle.vehicle
         match command:
-            case DirectionDecision() | Orbit() | ChangeSpeed():
+            case DirectionDecision() | Orbit() | ChangeSpeed() | ShowLanding():
                 self._led(vehicle, command)
             case UploadMission() | ProposeMission():
                 self._sent(name, command)
@@ -416,7 +418,11 @@ class StateView(Notices):
             case _:
                 pass
 
-    def _led(self, vehicle: VehicleState, command: DirectionDecision | Orbit | ChangeSpeed) -> None:
+    def _led(
+        self,
+        vehicle: VehicleState,
+        command: DirectionDecision | Orbit | ChangeSpeed | ShowLanding,
+    ) -> None:
         match command:
             case DirectionDecision():
                 vehicle.direction = command.direction
@@ -434,6 +440,9 @@ class StateView(Notices):
                 vehicle.orbit = OrbitState(*circle, command.radius_m, view_width_m)
             case ChangeSpeed():
                 vehicle.ordered_airspeed_m_s = command.airspeed_m_s
+            case ShowLanding():
+                vehicle.landing = "" if command.phase == "none" else command.phase
+                vehicle.order = "hold" if command.holds else vehicle.order
         vehicle.at_us = self.at_us
         self._touch(f"vehicle/{vehicle.vehicle}")
 
