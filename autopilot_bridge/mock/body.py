@@ -26,7 +26,7 @@ GLIDE = math.tan(math.radians(6.0))
 IN_PLACE_M = 2.0  # at a shorter horizontal distance, a copter climbs or sinks vertically
 HIGH_ENOUGH_M = 1.5
 WIDER_M = 12.0  # observed with radii of 100 and 150 m: 11 m at 12.6 m/s, 13 m at 22 m/s
-FLOATS_S = 5.0  # time from the flare of a PX4 plane until it rests
+FLOATS_S = 6.3  # time from the flare of a PX4 plane until it rests
 FALL_M_S = 8.0  # speed of a copter without power
 CIRCLE_RATE_RAD_S = math.radians(20.0)  # ArduCopter's CIRCLE_RATE
 

@@ -38,7 +38,7 @@ Floats = NDArray[np.float64]
 
 # PX4 flares towards the point of NAV_LAND and then floats: its planes come to rest this time of
 # flight beyond the point (PX4 1.17 in simulation).
-PX4_FLOATS_S = 5.0
+PX4_FLOATS_S = 6.3
 CLIMB_SLOPE = 0.08  # assumed climb after a go-around, which is less than planes climb
 CLIMBS_WITH_CONTINUE = 1.0  # param 1 of CONTINUE_AND_CHANGE_ALT: continue when climbed to it
 
