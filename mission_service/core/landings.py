@@ -83,7 +83,7 @@ class Landings:
                 return str(error)
         return ""
 
-    def begin(self, vehicle: Vehicle, why: str, at_s: float) -> list[AnyCommand]:
+    def land(self, vehicle: Vehicle, why: str, at_s: float) -> list[AnyCommand]:
         """Begin a landing, or wait until the field is free; ``obstacle`` must be empty."""
         vehicle.ordered, vehicle.hold_again_at_s = "", None
         vehicle.end_intentions()
@@ -100,12 +100,15 @@ class Landings:
 
     def goes_around(self, vehicle: Vehicle) -> bool:
         """Return whether a vehicle that is ordered to hold must first go around."""
-        return vehicle.landing_state.phase in (LandingPhase.FINAL, LandingPhase.GOING_AROUND)
+        return vehicle.landing_state.landing_phase in (
+            LandingPhase.FINAL,
+            LandingPhase.GOING_AROUND,
+        )
 
     def go_around(self, vehicle: Vehicle, why: str, at_s: float) -> list[AnyCommand]:
         """Break off the last leg of a landing; the vehicle then holds."""
         words = announce(vehicle, f"goes around: {why}", warning=True)
-        if vehicle.landing_state.phase is LandingPhase.GOING_AROUND:
+        if vehicle.landing_state.landing_phase is LandingPhase.GOING_AROUND:
             return [words]
         vehicle.end_intentions()
         vehicle.sent_home = vehicle.going_home = False
@@ -148,7 +151,7 @@ class Landings:
         obstacle = self.obstacle(vehicle)
         if obstacle:
             return self._raise(vehicle, f"it circles above home and cannot land: {obstacle}")
-        return self.begin(vehicle, "its endurance is nearly exhausted", at_s)
+        return self.land(vehicle, "its endurance is nearly exhausted", at_s)
 
     def found_flying(self, vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
         """Continue a landing, because the vehicle flies the landing mission on board again."""
@@ -173,7 +176,7 @@ class Landings:
     def uploaded(self, vehicle: Vehicle, event: UploadFinished) -> list[AnyCommand]:
         """Start the landing mission after its upload, or repeat a failed upload."""
         state = vehicle.landing_state
-        if state.phase is not LandingPhase.SENDING:
+        if state.landing_phase is not LandingPhase.SENDING:
             return []
         if event.outcome != "accepted":
             return self._failed(
@@ -184,7 +187,7 @@ class Landings:
 
     def command_finished(self, vehicle: Vehicle, event: CommandFinished) -> list[AnyCommand]:
         """Handle a refused start of the landing mission, or a refused go-around."""
-        phase = vehicle.landing_state.phase
+        phase = vehicle.landing_state.landing_phase
         if event.accepted:
             return []
         if event.command == "fly landing" and phase is LandingPhase.SENDING:
@@ -200,15 +203,19 @@ class Landings:
         state = vehicle.landing_state
         if self._lands_after_return(vehicle, fix):
             return self._land_after_return(vehicle, fix.at_s)
-        commands = self._MOVED[state.phase](self, vehicle, fix)
-        if state.active and not state.alarm and fix.at_s - state.since_s > LIMITS_S[state.phase]:
-            words = f"the phase {state.name} has lasted {LIMITS_S[state.phase]:.0f} s"
+        commands = self._MOVED[state.landing_phase](self, vehicle, fix)
+        if (
+            state.active
+            and not state.alarm
+            and fix.at_s - state.since_s > LIMITS_S[state.landing_phase]
+        ):
+            words = f"the phase {state.shown} has lasted {LIMITS_S[state.landing_phase]:.0f} s"
             commands += self._raise(vehicle, words)
         return commands
 
     def restarted(self, vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
         """End a landing that had not begun when the service restarted: the vehicle holds."""
-        phase = vehicle.landing_state.phase
+        phase = vehicle.landing_state.landing_phase
         if phase not in (LandingPhase.WAITING, LandingPhase.SENDING):
             return []
         holds = not vehicle.sent_home  # otherwise it returns again
@@ -319,8 +326,8 @@ class Landings:
             state = other.landing_state
             if other is vehicle or math.dist(other.home_m, vehicle.home_m) > FIELD_M:
                 continue
-            waits_longer = state.phase is LandingPhase.WAITING
-            if own.phase is LandingPhase.WAITING:
+            waits_longer = state.landing_phase is LandingPhase.WAITING
+            if own.landing_phase is LandingPhase.WAITING:
                 waits_longer &= (state.since_s, other.name) < (own.since_s, vehicle.name)
             if state.uses_field or waits_longer:
                 return other.name

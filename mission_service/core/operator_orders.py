@@ -129,7 +129,7 @@ class OperatorOrders:
                 return self._landings.go_around(vehicle, f"{order} ordered by {by}", at_s)
             return self._hold(vehicle, by, at_s, f"{order} ordered")
         if order == "land":
-            return self._landings.begin(vehicle, f"ordered by {by}", at_s)
+            return self._landings.land(vehicle, f"ordered by {by}", at_s)
         return [*self._landings.end(vehicle), *self._fly(vehicle, order, by, at_s)]
 
     def _fly(self, vehicle: Vehicle, order: events.Order, by: str, at_s: float) -> list[AnyCommand]:

@@ -63,24 +63,24 @@ class LandingState:
     alarm: bool = False  # whether the alarm about the landing is raised
 
     @property
-    def phase(self) -> LandingPhase:
+    def landing_phase(self) -> LandingPhase:
         """The phase now."""
         return self.phases[-1]
 
     @property
-    def name(self) -> LandingPhaseName:
+    def shown(self) -> LandingPhaseName:
         """The phase as commands and interfaces name it."""
-        return self.phase.value
+        return self.landing_phase.value
 
     @property
     def active(self) -> bool:
         """Whether the vehicle lands, or waits for its landing."""
-        return self.phase is not LandingPhase.NONE
+        return self.landing_phase is not LandingPhase.NONE
 
     @property
     def uses_field(self) -> bool:
         """Whether other vehicles must wait with their landings."""
-        return self.phase not in (LandingPhase.NONE, LandingPhase.WAITING)
+        return self.landing_phase not in (LandingPhase.NONE, LandingPhase.WAITING)
 
     def enter(self, phase: LandingPhase, at_s: float, vehicle: str) -> None:
         """Change the phase. Raises InvalidTransitionError."""

@@ -164,7 +164,7 @@ class Vehicle:
         assert (self.next_mission is not None) == (phase in UNDECIDED), f"{self.name}: {phase}"
         is_accepted = self.accepted is not None and line is self.accepted.line
         assert line is None or is_accepted, f"{self.name}: flies a line that was not accepted"
-        landing = self.landing_state.name
+        landing = self.landing_state.shown
         assert landing == self.availability.landing, f"{self.name}: landing {landing}"
         assert self.ordered or self.hold_again_at_s is None, f"{self.name}: holds without an order"
 

@@ -84,7 +84,7 @@ class Vehicles:
         return self.handle(MissionProgress(self.at_us, name, seq))
 
     def phase(self, name: str = "hawk") -> str:
-        return self.core.vehicles[name].landing_state.name
+        return self.core.vehicles[name].landing_state.shown
 
     def approaches(self, name: str = "hawk") -> None:
         """Let a vehicle be ordered to land, accept the mission and fly to the approach."""

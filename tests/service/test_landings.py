@@ -237,7 +237,7 @@ def test_before_the_last_leg_a_hold_and_a_go_around_hold_at_once(land: Landscape
     for order in ("hold", "go-around"):
         flight = Vehicles(land)
         flight.approaches()
-        commands = flight.order(order)  # type: ignore[arg-type]
+        commands = flight.order(order)
         assert to_vehicle(commands) == [Hold("hawk")]
         assert shown(commands) == ["none"]
         assert flight.core.vehicles["hawk"].ordered == "hold"
@@ -266,7 +266,8 @@ def test_a_landed_vehicle_is_not_started(land: Landscape) -> None:
     for _ in range(30):
         flight.at(0.0, away_deg=0.0)
         flight.answer_uploads()
-    assert every(flight.sent, StartMission) == every(flight.sent, Land) == []
+    assert every(flight.sent, StartMission) == []
+    assert every(flight.sent, Land) == []
     assert every(flight.order("start"), StartMission) == [StartMission("hawk")]
 
 
@@ -323,8 +324,10 @@ PHASES = ("waiting", "sending", "approach", "final", "going around")
 def two(land: Landscape, *overrides: str) -> Vehicles:
     """Return two vehicles with homes at the same field."""
     hawk = load_scenario("demo").vehicles[0]
-    home = (f"vehicles.1.home_lat_deg={hawk.home_lat_deg}",)
-    home += (f"vehicles.1.home_lon_deg={hawk.home_lon_deg + 0.001}",)
+    home = (
+        f"vehicles.1.home_lat_deg={hawk.home_lat_deg}",
+        f"vehicles.1.home_lon_deg={hawk.home_lon_deg + 0.001}",
+    )
     return Vehicles(land, *home, *overrides, count=2)
 
 
@@ -499,6 +502,6 @@ def test_the_service_gives_no_order_to_a_vehicle_that_lands(land: Landscape) -> 
     flight = Vehicles(land)
     flight.is_on_last_leg()
     for order in ("hold", "return"):
-        given = OrderGiven(flight.at_us, "service", "", "hawk", order)  # type: ignore[arg-type]
+        given = OrderGiven(flight.at_us, "service", "", "hawk", order)
         assert to_vehicle(flight.handle(given)) == []
     assert flight.phase() == "final"
