@@ -201,6 +201,8 @@ class Landings:
     def moved(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand]:
         """Advance or begin the landing of a vehicle at its new position."""
         state = vehicle.landing_state
+        if vehicle.unconfirmed is not None:
+            return []  # wait until its mission is read back
         if self._lands_after_return(vehicle, fix):
             return self._land_after_return(vehicle, fix.at_s)
         commands = self._MOVED[state.landing_phase](self, vehicle, fix)
@@ -213,17 +215,6 @@ class Landings:
             commands += self._raise(vehicle, words)
         return commands
 
-    def restarted(self, vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
-        """End a landing that had not begun when the service restarted: the vehicle holds."""
-        phase = vehicle.landing_state.landing_phase
-        if phase not in (LandingPhase.WAITING, LandingPhase.SENDING):
-            return []
-        holds = not vehicle.sent_home  # otherwise it returns again
-        if holds:
-            vehicle.ordered, vehicle.hold_again_at_s = "hold", at_s
-        words = announce(vehicle, "landing ended: the service was restarted", warning=True)
-        return [*self.end(vehicle, holds), words]
-
     def read_back(self, vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
         """Compare the landing with the mode and the mission read back after a restart."""
         state, accepted = vehicle.landing_state, vehicle.accepted
@@ -234,7 +225,8 @@ class Landings:
             return self.found_flying(vehicle, at_s) if continues else []
         if vehicle.section.kind == "copter" or in_landing or self.goes_around(vehicle):
             return []
-        return self._stop(vehicle, "its landing mission is not flown", at_s)
+        why = "the service was restarted, and the landing mission is not flown"
+        return self._stop(vehicle, why, at_s)
 
     # Phases -----------------------------------------------------------------------------------
 

@@ -52,9 +52,6 @@ class OperatorOrders:
                     *self._to_each("", lambda vehicle: self._abort(vehicle, event)),
                     *self._to_each("", lambda vehicle: self._withdrawn(vehicle, why)),
                 ]
-            case events.Resumed():
-                at_s = event.at_us / 1e6
-                return self._to_each("", lambda vehicle: self._landings.restarted(vehicle, at_s))
             case events.MissionRequested():
                 return self._to_each(
                     event.vehicle, lambda vehicle: self._request_mission(vehicle, event.by)

@@ -162,6 +162,21 @@ def test_ordered_during_an_upload_only_the_landing_is_flown(land: Landscape) -> 
     assert to_vehicle(flight.answer_uploads()) == [Land("hawk")]
 
 
+def test_while_it_waits_the_mission_of_an_earlier_upload_is_not_started(land: Landscape) -> None:
+    flight = two(land, "vehicles.0.autostart=true")
+    flight.approaches("kite")
+    flight.order("hold")
+    flight.mode("hold")
+    flight.order("resume")
+    flight.at(CRUISE_M)
+    assert flight.core.vehicles["hawk"].pending is not None
+    flight.order("land")
+    assert flight.phase() == "waiting"
+    flight.sent.clear()
+    flight.answer_uploads()
+    assert to_vehicle(flight.sent) == []
+
+
 def test_a_copter_lands_by_its_return(land: Landscape) -> None:
     flight = Vehicles(land, COPTER)
     commands = flight.order("land")
@@ -455,6 +470,8 @@ def restart(flight: Vehicles, mode: str, mission_id: int) -> None:
     flight.handle(Resumed(flight.at_us, "service", "", 5.0))
     flight.handle(VehicleConnected(flight.at_us, "hawk", "a stack", True))
     flight.mode(mode)
+    flight.at(CRUISE_M)
+    assert to_vehicle(flight.sent) == []
     flight.handle(MissionReadBack(flight.at_us, "hawk", mission_id, 5))
 
 
@@ -472,12 +489,12 @@ def test_after_a_restart_a_landing_that_is_flown_continues(land: Landscape, phas
     assert to_vehicle(flight.sent) == []
 
 
-@pytest.mark.parametrize("phase", ["sending", "approach"])
+@pytest.mark.parametrize("phase", ["waiting", "sending", "approach"])
 @pytest.mark.parametrize("mode", ["mission", "hold"])
 def test_after_a_restart_a_landing_that_is_not_flown_ends_in_a_hold(
     land: Landscape, phase: str, mode: str
 ) -> None:
-    flight = Vehicles(land, ARDUPLANE)
+    flight = two(land, ARDUPLANE)
     phase_reached(flight, phase)
     flight.mode(mode)
     restart(flight, mode, 0)
