@@ -165,16 +165,29 @@ def test_ordered_during_an_upload_only_the_landing_is_flown(land: Landscape) -> 
 def test_while_it_waits_the_mission_of_an_earlier_upload_is_not_started(land: Landscape) -> None:
     flight = two(land, "vehicles.0.autostart=true")
     flight.approaches("kite")
-    flight.order("hold")
-    flight.mode("hold")
-    flight.order("resume")
+    flight.handle(VehicleRebooted(flight.at_us, "hawk"))  # autostart would start it again
+    flight.mode("mission")
     flight.at(CRUISE_M)
+    flight.mode("hold")
     assert flight.core.vehicles["hawk"].pending is not None
     flight.order("land")
     assert flight.phase() == "waiting"
     flight.sent.clear()
     flight.answer_uploads()
     assert to_vehicle(flight.sent) == []
+
+
+def test_the_mission_of_an_earlier_landing_is_not_taken_for_the_new_one(land: Landscape) -> None:
+    flight = Vehicles(land)
+    flight.approaches()
+    flight.order("hold")
+    flight.order("land")
+    flight.mode("mission")
+    flight.at(CRUISE_M)
+    assert flight.phase() == "sending"
+    flight.answer_uploads()
+    flight.at(CRUISE_M)
+    assert flight.phase() == "approach"
 
 
 def test_a_copter_lands_by_its_return(land: Landscape) -> None:
@@ -462,15 +475,15 @@ def test_a_failed_landing_at_the_end_of_the_endurance_leaves_it_above_home(land:
 # Restarts of the service ------------------------------------------------------------------------
 
 
-def restart(flight: Vehicles, mode: str, mission_id: int) -> None:
+def restart(flight: Vehicles, mode: str, mission_id: int, armed: bool = True) -> None:
     """Restart the service from a snapshot; the vehicle then reports a mode and a mission."""
     flight.core = pickle.loads(pickle.dumps(flight.core))
     flight.sent.clear()
     flight.at_s += 5.0
     flight.handle(Resumed(flight.at_us, "service", "", 5.0))
     flight.handle(VehicleConnected(flight.at_us, "hawk", "a stack", True))
-    flight.mode(mode)
-    flight.at(CRUISE_M)
+    flight.mode(mode, armed=armed)
+    flight.at(CRUISE_M if armed else 0.0)
     assert to_vehicle(flight.sent) == []
     flight.handle(MissionReadBack(flight.at_us, "hawk", mission_id, 5))
 
@@ -503,6 +516,29 @@ def test_after_a_restart_a_landing_that_is_not_flown_ends_in_a_hold(
     assert flight.core.vehicles["hawk"].ordered == "hold"
     assert to_vehicle(flight.sent) != []
     assert set(map(type, to_vehicle(flight.sent))) == {Hold}
+
+
+def test_after_a_landing_and_a_restart_a_start_needs_another_mission(land: Landscape) -> None:
+    flight = Vehicles(land)
+    flight.is_on_last_leg()
+    landing_id = last_mission_id(flight)
+    flight.at(0.0, away_deg=0.0)
+    flight.mode("mission", armed=False)
+    restart(flight, "mission", landing_id, armed=False)
+    assert every(flight.order("start"), StartMission) == []
+    flight.at(0.0, away_deg=0.0)
+    flight.answer_uploads()
+    flight.at(0.0, later_s=5.0, away_deg=0.0)
+    (upload,) = every(flight.sent, UploadMission)
+    assert not upload.lands
+    assert every(flight.sent, StartMission) == [StartMission("hawk")]
+
+
+def test_on_the_ground_no_landing_is_flown_whatever_part_of_the_core_asks(land: Landscape) -> None:
+    flight = Vehicles(land)
+    assert not flight.core._withheld(Land("hawk"))
+    flight.mode("mission", armed=False)
+    assert flight.core._withheld(Land("hawk"))
 
 
 def test_after_a_restart_a_go_around_ends_in_its_hold(land: Landscape) -> None:
