@@ -28,7 +28,8 @@ from mission_service.errors import ScenarioError
 from mission_service.events import CommandFinished, MissionProgress, UploadFinished
 from mission_service.missions.landing_mission import LandingMission, landing_mission
 from mission_service.position_fix import PositionFix
-from mission_service.vehicles.availability import MISSION
+from mission_service.vehicles.availability import GOING_HOME, MISSION, named_mode
+from mission_service.vehicles.endurance import must_return
 from mission_service.vehicles.landing_state import LIMITS_S, LandingPhase
 from mission_service.vehicles.missions_sent import MissionsSent
 from mission_service.vehicles.traffic import TrafficManager
@@ -45,6 +46,7 @@ COPTER_FINAL_M, COPTER_NEAR_M = 15.0, 30.0  # height and distance from home of t
 COPTER_AROUND_M = 30.0  # height above home after a multirotor's go-around
 REACHED_M = 10.0  # the height of a go-around counts as reached this far below it
 HOME_WITHIN_M = 500.0
+LANDS_BELOW_M = 40.0  # in a return below this height the autopilot is landing
 LANDS_EARLIER_S = 120.0  # for the landing itself, at the end of the endurance
 
 
@@ -76,6 +78,8 @@ class Landings:
             return "its link is lost: order land again when the link is restored"
         if not availability.position_good:
             return "it has no position fix"
+        if availability.mode in GOING_HOME and availability.height_m < LANDS_BELOW_M:
+            return f"it is landing already, in {named_mode(availability.mode)}"
         if vehicle.section.kind == "plane":
             try:
                 self._mission(vehicle, availability.fix)
@@ -223,8 +227,10 @@ class Landings:
         if not state.active:
             continues = in_landing and not vehicle.ordered
             return self.found_flying(vehicle, at_s) if continues else []
-        if vehicle.section.kind == "copter" or in_landing or self.goes_around(vehicle):
+        if in_landing or self.goes_around(vehicle):
             return []
+        if vehicle.section.kind == "copter" and state.landing_phase is LandingPhase.APPROACH:
+            return [] if vehicle.mode in GOING_HOME else [Return(vehicle.name)]
         why = "the service was restarted, and the landing mission is not flown"
         return self._stop(vehicle, why, at_s)
 
@@ -235,6 +241,11 @@ class Landings:
 
     def _waiting(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand]:
         availability = vehicle.availability
+        if must_return(vehicle, fix):
+            vehicle.sent_home = True
+            self.decision_engine.recall(vehicle.name, fix.at_s)
+            words = announce(vehicle, "waits for its landing at home: its endurance ends")
+            return [words, Return(vehicle.name)]
         fit = availability.position_good and not availability.in_failsafe
         if fit and self._first_at_field(vehicle) is None:
             return self._land(vehicle, fix.at_s)

@@ -143,6 +143,14 @@ def test_without_a_clear_approach_the_order_is_rejected_and_the_flight_continues
     assert flight.phase() == "none"
 
 
+def test_a_plane_that_lands_by_its_return_is_not_sent_around(land: Landscape) -> None:
+    flight = Vehicles(land)
+    flight.order("return")
+    flight.mode("return")
+    flight.at(30.0, away_deg=0.002)
+    assert "rejected: hawk: it is landing already" in texts(flight.order("land"))
+
+
 def test_a_landing_needs_no_approval(land: Landscape) -> None:
     flight = Vehicles(land, 'mission.approval="each"')
     assert len(landing_uploads(flight.order("land"))) == 1
@@ -436,6 +444,20 @@ def test_a_vehicle_that_waits_too_long_raises_an_alarm_and_waits_on(land: Landsc
     assert flight.phase() == "waiting"
 
 
+def test_a_vehicle_that_waits_is_sent_home_at_the_end_of_its_endurance(land: Landscape) -> None:
+    flight = two(land, "vehicles.0.endurance_s=1000", ARDUPLANE)
+    flight.approaches("kite")
+    flight.order("land")
+    flight.mode("hold")
+    assert to_vehicle(flight.at(CRUISE_M, later_s=100.0)) == []
+    assert to_vehicle(flight.at(CRUISE_M, later_s=800.0)) == [Return("hawk")]
+    flight.mode("return")
+    assert to_vehicle(flight.at(CRUISE_M, away_deg=0.002)) == []
+    assert flight.phase() == "waiting"
+    flight.mode("mission", "kite", armed=False)
+    assert len(landing_uploads(flight.at(CRUISE_M, away_deg=0.002))) == 1
+
+
 def test_at_other_fields_vehicles_land_at_the_same_time(land: Landscape) -> None:
     flight = two(land, "vehicles.1.home_lat_deg=36.36")
     assert shown(flight.order("land", "")) == ["sending", "sending"]
@@ -539,6 +561,16 @@ def test_on_the_ground_no_landing_is_flown_whatever_part_of_the_core_asks(land: 
     assert not flight.core._withheld(Land("hawk"))
     flight.mode("mission", armed=False)
     assert flight.core._withheld(Land("hawk"))
+
+
+@pytest.mark.parametrize("mode", ["return", "mission"])
+def test_after_a_restart_a_copter_returns_again_if_it_does_not(land: Landscape, mode: str) -> None:
+    flight = Vehicles(land, COPTER)
+    flight.order("land")
+    flight.mode(mode)
+    restart(flight, mode, 0)
+    assert to_vehicle(flight.sent) == ([] if mode == "return" else [Return("hawk")])
+    assert flight.phase() == "approach"
 
 
 def test_after_a_restart_a_go_around_ends_in_its_hold(land: Landscape) -> None:
