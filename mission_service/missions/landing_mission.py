@@ -39,6 +39,8 @@ Floats = NDArray[np.float64]
 # PX4 flares towards the point of NAV_LAND and then floats: its planes come to rest this time of
 # flight beyond the point (PX4 1.17 in simulation).
 PX4_FLOATS_S = 6.3
+# ArduPlane plans its flare without the headwind (ArduPlane 4.6.2 in simulation).
+ARDUPLANE_SHORT_S = 1.3
 CLIMB_SLOPE = 0.08  # assumed climb after a go-around, which is less than planes climb
 CLIMBS_WITH_CONTINUE = 1.0  # param 1 of CONTINUE_AND_CHANGE_ALT: continue when climbed to it
 
@@ -111,9 +113,9 @@ def landing_mission(
 
 
 def _floats_m(section: VehicleSection, headwind_m_s: float) -> float:
-    """Return the distance from the point of NAV_LAND to the place of rest."""
+    """Return the distance from the point of NAV_LAND to the place of rest, negative if before."""
     if section.stack != "px4":
-        return 0.0
+        return -ARDUPLANE_SHORT_S * headwind_m_s
     return PX4_FLOATS_S * max(section.min_airspeed_m_s - headwind_m_s, 0.0)
 
 
