@@ -14,6 +14,7 @@ from mission_service.peer_messages import AnyMessage
 Direction = Literal["clockwise", "anticlockwise"]
 Level = Literal["info", "warning"]
 Severity = Literal["warning", "severe"]
+LandingPhaseName = Literal["none", "waiting", "sending", "approach", "final", "going around"]
 REJECTED = "rejected:"  # prefix of the announcement that a request was not carried out
 CONFIRM = "confirm:"  # prefix of the announcement that an order needs confirmation
 
@@ -27,13 +28,15 @@ class Command(msgspec.Struct, frozen=True, tag=True, tag_field="type"):
 class UploadMission(Command, frozen=True, tag=True):
     """Replace the vehicle's mission; ``why`` is shown to operators.
 
-    A mission with ``keeps_apart`` separates two vehicles and needs no approval.
+    A mission with ``keeps_apart`` separates two vehicles, and a mission with ``lands`` lands at
+    home; neither needs an approval.
     """
 
     mission_id: int
     why: str
     items: tuple[MissionItem, ...]
     keeps_apart: bool = False
+    lands: bool = False
 
 
 class ProposeMission(Command, frozen=True, tag=True):
@@ -62,6 +65,28 @@ class Hold(Command, frozen=True, tag=True):
 
 class Return(Command, frozen=True, tag=True):
     """Fly home and land."""
+
+
+class Land(Command, frozen=True, tag=True):
+    """Fly the landing mission on board; a vehicle on the ground is not armed."""
+
+
+class GoAround(Command, frozen=True, tag=True):
+    """Break off a landing on its last leg: climb to this altitude, and hold at this position."""
+
+    lat_deg: float
+    lon_deg: float
+    altitude_amsl_m: float
+
+
+class ShowLanding(Command, frozen=True, tag=True):
+    """Show the phase of a vehicle's landing.
+
+    If ``holds``, the landing was broken off, and the vehicle holds until an operator's order.
+    """
+
+    phase: LandingPhaseName
+    holds: bool = False
 
 
 class Orbit(Command, frozen=True, tag=True):
@@ -174,6 +199,9 @@ AnyCommand = (
     | StartMission
     | Hold
     | Return
+    | Land
+    | GoAround
+    | ShowLanding
     | Orbit
     | ChangeSpeed
     | DirectionDecision
@@ -194,6 +222,8 @@ ORDER_NAMES: dict[type[AnyCommand], str] = {
     StartMission: "start mission",
     Hold: "hold",
     Return: "return",
+    Land: "fly landing",
+    GoAround: "go around",
     Orbit: "orbit",
     ChangeSpeed: "change speed",
     ClimbAndHold: "climb and hold",

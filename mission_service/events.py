@@ -572,7 +572,7 @@ class FireReachedEdge(OperatorEvent, frozen=True, tag=True):
     lon_deg: Longitude
 
 
-Order = Literal["hold", "resume", "return", "start"]
+Order = Literal["hold", "resume", "return", "start", "land", "go-around"]
 
 
 class OrderGiven(OperatorEvent, frozen=True, tag=True):

@@ -12,6 +12,7 @@ from collections.abc import Iterable, Mapping
 
 import shapely
 
+from autopilot_bridge.items import MissionItem
 from firemodel.landscape.landscape import Landscape
 from mission_service import events
 from mission_service.airspace.clearance import Airspace
@@ -150,7 +151,7 @@ class AirspaceGuard:
             conflict = self._conflict(vehicle, self._space.route(vehicle, command.items), airspace)
             if conflict is not None:
                 led_around = None
-                if self._moves:
+                if self._moves and not command.lands:
                     led_around = self._evasions.around(vehicle, command, airspace)
                 if led_around is None:
                     vehicle.drop_upload()
@@ -209,6 +210,20 @@ class AirspaceGuard:
             self._states[vehicle.name].home_clear = self._closed.version
             return [command]
         return self._evade(vehicle, fix, airspace, conflict, at_s, returns=True) or [command]
+
+    def return_obstacle(self, vehicle: Vehicle, fix: PositionFix) -> str:
+        """Return why a vehicle cannot fly straight home now; "" if the way is free."""
+        parts = self._space.of_return(vehicle, fix)
+        conflict = self._closed.at(fix.at_s).conflict(parts, self._landscape, position_of(fix))
+        return "" if conflict is None else f"its way home would enter {conflict}"
+
+    def mission_obstacle(self, vehicle: Vehicle, items: tuple[MissionItem, ...]) -> str:
+        """Return why a vehicle cannot fly a mission now; "" if the mission is free."""
+        fix = vehicle.availability.fix
+        assert fix is not None
+        places = self._space.route(vehicle, items)
+        conflict = self._conflict(vehicle, places, self._closed.at(fix.at_s))
+        return "" if conflict is None else f"its mission would enter {conflict}"
 
     # Flights under way ------------------------------------------------------------------------
 
@@ -271,7 +286,10 @@ class AirspaceGuard:
             return [*self._lowered(vehicle), *self._straight_home(vehicle, fix, airspace)]
         words = f"is inside {conflict}" if inside is not None else f"would enter {conflict}"
         if not self._may_move(vehicle):
-            return self._raised(vehicle, f"{words}; it is not under control of the service")
+            why = "it is not under control of the service"
+            if vehicle.landing_state.active:
+                why = "it is landing"
+            return self._raised(vehicle, f"{words}; {why}")
         if at_s < state.acts_again_at_s or vehicle.pending is not None:
             return []
         if inside is not None and self._flies_out(vehicle):
@@ -327,7 +345,7 @@ class AirspaceGuard:
     def _may_move(self, vehicle: Vehicle) -> bool:
         """Return whether the service may move a vehicle out of closed airspace."""
         availability = vehicle.availability
-        if not self._moves or availability.fix is None:
+        if not self._moves or availability.fix is None or vehicle.landing_state.active:
             return False
         led = availability.online and availability.airborne and not availability.taken_over
         return led and availability.position_good and vehicle.unconfirmed is None

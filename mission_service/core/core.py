@@ -8,7 +8,15 @@ from typing import ClassVar, NamedTuple
 
 from firemodel.landscape.landscape import Landscape
 from mission_service import events
-from mission_service.commands import Announce, AnyCommand, Hold, Return, StartMission, UploadMission
+from mission_service.commands import (
+    Announce,
+    AnyCommand,
+    Hold,
+    Land,
+    Return,
+    StartMission,
+    UploadMission,
+)
 from mission_service.config.scenario import Scenario
 from mission_service.core.airspace_guard import AirspaceGuard
 from mission_service.core.airspeed_watch import airspeed_compared
@@ -21,6 +29,7 @@ from mission_service.core.autopilot_reports import (
 from mission_service.core.continuation import Continuation
 from mission_service.core.decision_engine import DecisionEngine
 from mission_service.core.energy_watch import EnergyWatch
+from mission_service.core.landings import Landings
 from mission_service.core.lost_link import reaction_compared
 from mission_service.core.mission_starts import WAITS, MissionStarts
 from mission_service.core.operator_orders import OperatorOrders, hold_again
@@ -82,9 +91,21 @@ class Core:
             scenario, landscape, self.vehicles, self._missions, self.guidance
         )
         self._starts = MissionStarts(scenario, self.traffic, self.guidance)
-        self._results = RequestResults(self.guidance, self._starts)
+        self._landings = Landings(
+            landscape,
+            self.decision_engine,
+            self.vehicles,
+            self.traffic,
+            self._missions,
+            self.airspace,
+        )
+        self._results = RequestResults(self.guidance, self._starts, self._landings)
         self._continuation = Continuation(
-            self._way.prescribed, self.decision_engine, self.guidance, self._results
+            self._way.prescribed,
+            self.decision_engine,
+            self.guidance,
+            self._results,
+            self._landings,
         )
         self._orders = OperatorOrders(
             scenario,
@@ -92,6 +113,7 @@ class Core:
             self.vehicles,
             self._starts.start_mission,
             self._approvals,
+            self._landings,
         )
 
     @property
@@ -130,6 +152,8 @@ class Core:
         if availability.taken_over and (availability.airborne or not uploads):
             if uploads:
                 vehicle.drop_upload()
+            return True
+        if isinstance(command, Land) and not availability.airborne:
             return True
         on_ground = isinstance(command, StartMission) and not availability.airborne
         return on_ground and vehicle.waits_for_operator
@@ -251,6 +275,7 @@ class Core:
 
     def _progressed(self, vehicle: Vehicle, event: events.MissionProgress) -> list[AnyCommand]:
         vehicle.takes_off &= event.current_seq == 0  # after item 0 the takeoff is complete
+        self._landings.progressed(vehicle, event)
         return []
 
     def _parameters_reported(
@@ -265,8 +290,9 @@ class Core:
             return []
         if availability.taken_over and availability.airborne:
             return []
-        if availability.recalled:
-            return self._return_again(vehicle, at_s)
+        if vehicle.landing_state.active or availability.recalled:
+            landing = self._landings.moved(vehicle, fix)
+            return [*landing, *self._return_again(vehicle, at_s)]
         if vehicle.ordered == "hold":
             return hold_again(vehicle, at_s)
         if self._takes_no_decision(vehicle) or self.airspace.leads(vehicle.name):
@@ -353,6 +379,12 @@ class Core:
             return self._start_ended(vehicle)
         if availability.recalled and not was.recalled:
             return [_announce_return(vehicle, event.mode)]
+        if event.mode == MISSION and was.mode != MISSION:
+            found = self._landings.found_flying(vehicle, event.at_us / 1e6)
+            if found:
+                return [*back_under_control(vehicle), *found]
+        if vehicle.landing_state.active:
+            return back_under_control(vehicle) if was.taken_over else []
         if (was.recalled or was.taken_over) and event.mode == MISSION:
             vehicle.flown_line = None
             return [*back_under_control(vehicle), announce(vehicle, "back in its mission")]
@@ -371,9 +403,12 @@ class Core:
         return [*taken_over(vehicle), *self._end_intentions(vehicle, why)]
 
     def _end_intentions(self, vehicle: Vehicle, why: str) -> list[AnyCommand]:
-        """Cancel the vehicle's pending commands and its proposed mission."""
+        """Cancel the vehicle's pending commands, its landing and its proposed mission."""
         vehicle.end_intentions()
-        return [] if self._approvals is None else [*self._approvals.withdraw(vehicle, why)]
+        ended = self._landings.end(vehicle)
+        return (
+            ended if self._approvals is None else [*ended, *self._approvals.withdraw(vehicle, why)]
+        )
 
     def _was_overridden(self, vehicle: Vehicle, was: "_Was") -> bool:
         """Return whether the autopilot or the pilot changed the mode of a vehicle on the ground."""

@@ -87,7 +87,8 @@ class VehicleState(msgspec.Struct, tag="vehicle/1", tag_field="schema"):
     energy_source: str = ""
     position_good: bool = True
     position_fix: str = ""
-    order: str = ""  # an operator's order in force: hold, return
+    order: str = ""  # an operator's order in force: hold, return, land
+    landing: str = ""  # phase of a landing: waiting, sending, approach, final, going around
     direction: str = ""
     decisions: int = 0
     reversals: int = 0

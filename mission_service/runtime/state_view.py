@@ -26,6 +26,7 @@ from mission_service.commands import (
     ProposePlan,
     RaiseAlarm,
     ReportEnergy,
+    ShowLanding,
     UploadMission,
     WithdrawMission,
     WithdrawPlan,
@@ -88,7 +89,7 @@ OF_FLIGHT = (
     *("link", "silent", "position", "battery", "mission", "order", "abort", "near"),
     *("mode", "state", "fence", "estimator", "autopilot", "front", "landed", "unrecorded"),
     *("observer", "sensor", "estimate", "lost_link", "energy", "overdue"),
-    *("airspace", "airspeed", "thrust"),
+    *("airspace", "airspeed", "thrust", "landing"),
     *OF_FIRE,
 )
 
@@ -258,7 +259,8 @@ class StateView(Notices):
                 pass
 
     def _ordered(self, event: OrderGiven, not_ordered: set[str]) -> None:
-        order = event.order if event.order in ("hold", "return") else ""
+        held = "hold" if event.order == "go-around" else ""
+        order = event.order if event.order in ("hold", "return", "land") else held
         for name, vehicle in self.vehicles.items():
             if event.vehicle in ("", name) and name not in not_ordered:
                 self._order(vehicle, order)
@@ -405,7 +407,7 @@ class StateView(Notices):
     def _commanded(self, vehicle: VehicleState, command: AnyCommand) -> None:
         name = vehicle.vehicle
         match command:
-            case DirectionDecision() | Orbit() | ChangeSpeed() | ReportEnergy():
+            case DirectionDecision() | Orbit() | ChangeSpeed() | ReportEnergy() | ShowLanding():
                 self._led(vehicle, command)
             case UploadMission() | ProposeMission():
                 self._sent(name, command)
@@ -435,7 +437,7 @@ class StateView(Notices):
     def _led(
         self,
         vehicle: VehicleState,
-        command: DirectionDecision | Orbit | ChangeSpeed | ReportEnergy,
+        command: DirectionDecision | Orbit | ChangeSpeed | ReportEnergy | ShowLanding,
     ) -> None:
         match command:
             case ReportEnergy():
@@ -457,6 +459,9 @@ class StateView(Notices):
                 vehicle.orbit = OrbitState(*circle, command.radius_m, view_width_m)
             case ChangeSpeed():
                 vehicle.ordered_airspeed_m_s = command.airspeed_m_s
+            case ShowLanding():
+                vehicle.landing = "" if command.phase == "none" else command.phase
+                vehicle.order = "hold" if command.holds else vehicle.order
         vehicle.at_us = self.at_us
         self._touch(f"vehicle/{vehicle.vehicle}")
 

@@ -46,7 +46,8 @@ export interface Vehicle {
   energy_source: string;
   position_good: boolean;
   position_fix: string;
-  order: string; // an operator's order in force: hold, return
+  order: string; // an operator's order in force: hold, return, land
+  landing: string; // phase of a landing: waiting, sending, approach, final, going around
   direction: string;
   decisions: number;
   reversals: number;
