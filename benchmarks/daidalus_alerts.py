@@ -5,12 +5,13 @@ the scenario H1 (every second) and one state for each of several configurations.
 projected as DAIDALUS does: onto the tangent plane of a sphere with 60 nmi to a degree.
 """
 
-import argparse
 import csv
 import math
 import re
 from pathlib import Path
 from typing import NamedTuple
+
+import click
 
 from mission_service.surveillance.alerting import (
     ALERT_SETS,
@@ -209,13 +210,13 @@ def compared(folder: Path) -> list[Agreement]:
     ]
 
 
-def main() -> None:
+@click.command(help=__doc__)
+@click.argument("folder", type=click.Path(exists=True, file_okay=False, path_type=Path))
+def main(folder: Path) -> None:
     """Print the agreement; exit with code 1 if a level differs."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("folder", type=Path)
-    found = compared(parser.parse_args().folder)
+    found = compared(folder)
     for each in found:
-        print(each)
+        click.echo(each)
     raise SystemExit(not all(each.holds for each in found))
 
 

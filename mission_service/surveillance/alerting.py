@@ -111,7 +111,7 @@ class AlertHistory:
         raised_us = self.raised_at_us
         persists = (
             raised_us is not None
-            and 0 < self.level
+            and self.level > 0
             and filtered < self.level
             and at_us - raised_us < 1e6 * alerts.persistence_s
         )

@@ -10,6 +10,7 @@ from mission_service.commands import (
     AnyCommand,
     ClimbAndHold,
     Hold,
+    HoldAt,
     Orbit,
     Return,
     StartMission,
@@ -31,6 +32,7 @@ LEADS_TO: dict[type[AnyCommand], tuple[str, ...]] = {
     Return: ("return",),
     Orbit: ("guided", "orbit", "hold"),
     ClimbAndHold: ("guided", "hold"),
+    HoldAt: ("guided", "hold"),
 }
 # The modes that last until another order. The service may end before the vehicle reports the mode.
 LASTING: dict[type[AnyCommand], str] = {Hold: "hold", Return: "return"}

@@ -12,6 +12,7 @@ from mission_service.runtime.published_states import (
     Announcement,
     ItemState,
     MissionState,
+    NearbyAircraft,
     SourceState,
     TelemetryState,
     VehicleState,
@@ -83,6 +84,7 @@ class FullState(msgspec.Struct):
     planner: dict[str, Any]
     replay: ReplayState | None = None  # None: a live run
     sources: list[SourceState] = []
+    aircraft: list[NearbyAircraft] = []
 
 
 class MissionDifference(msgspec.Struct):

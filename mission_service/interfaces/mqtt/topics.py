@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import msgspec
 
-from mission_service.interfaces.mqtt.payloads import Alarms, Reply, ServiceStatus
+from mission_service.interfaces.mqtt.payloads import Aircraft, Alarms, Reply, ServiceStatus
 from mission_service.runtime.play_head import ReplayState
 from mission_service.runtime.published_states import (
     Announcement,
@@ -92,6 +92,15 @@ ALARM = Topic(
         context.state_view.at_us, tuple(context.state_view.alarms.values())
     ),
 )
+AIRCRAFT = Topic(
+    "aircraft",
+    Aircraft,
+    0,
+    False,
+    "other aircraft near the vehicles, on change, at most twice a second",
+    "aircraft",
+    lambda context, name: Aircraft(context.state_view.at_us, tuple(context.state_view.aircraft())),
+)
 REPLAY = Topic(
     "replay",
     ReplayState,
@@ -103,6 +112,18 @@ REPLAY = Topic(
 EVENT = Topic("event", Announcement, 1, False, "each announcement")
 COMMAND = Topic("cmd/{}", "command/1", 1, False, "sent by clients; reply on `cmd/NAME/reply`")
 REPLY = Topic("cmd/{}/reply", Reply, 1, False, "each command received, once")
-TOPICS = (STATUS, TELEMETRY, VEHICLE, MISSION, FRONT, ALARM, REPLAY, EVENT, COMMAND, REPLY)
+TOPICS = (
+    STATUS,
+    TELEMETRY,
+    VEHICLE,
+    MISSION,
+    FRONT,
+    ALARM,
+    AIRCRAFT,
+    REPLAY,
+    EVENT,
+    COMMAND,
+    REPLY,
+)
 PARTS = {topic.part: topic for topic in TOPICS if topic.part}
 POLLED = tuple(topic for topic in TOPICS if topic.build and not topic.part)
