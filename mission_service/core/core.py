@@ -97,7 +97,7 @@ class Core:
         )
         self._other_aircraft: OtherAircraft | None = None
         if scenario.surveillance is not None:
-            self._other_aircraft = OtherAircraft(scenario.surveillance, landscape)
+            self._other_aircraft = OtherAircraft(scenario.surveillance, scenario, landscape)
 
     @property
     def _way(self) -> WayOfFlying:

@@ -24,17 +24,19 @@ from mission_service.commands import (
     Severity,
     UploadMission,
 )
+from mission_service.config.scenario import Scenario
 from mission_service.config.surveillance_section import SurveillanceSection
-from mission_service.ground_distance import offset_m
+from mission_service.ground_distance import distance_m, offset_m
 from mission_service.surveillance.alerting import ALERT_SETS, CORRECTIVE, WARNING, AlertHistory
 from mission_service.surveillance.well_clear import Encounter, violation
-from mission_service.vehicles.availability import MISSION
+from mission_service.vehicles.availability import AIRBORNE_M, MISSION
 from mission_service.vehicles.vehicle_state import Vehicle, announce
 
 ALARM = "aircraft"
 LOW_M = 20.0  # below this height above ground a vehicle takes off or lands: no order is given
 AGAIN_US = 5_000_000  # an order that the journal lost in a crash is given again after this time
 MIN_DESCENT_M = 10.0  # a smaller descent is a hold
+UNDER_M = 1000.0  # a vehicle within this horizontal distance is under another vehicle
 AROUND = 2.0  # loiter radii around the hold in which the terrain is considered
 LANDINGS = (mavlink.MAV_CMD_NAV_LAND, mavlink.MAV_CMD_NAV_VTOL_LAND)
 
@@ -58,9 +60,17 @@ class _Surroundings:
 class OtherAircraft:
     """The alerts about other aircraft, and their resolution."""
 
-    def __init__(self, section: SurveillanceSection, landscape: Landscape) -> None:
+    def __init__(
+        self, section: SurveillanceSection, scenario: Scenario, landscape: Landscape
+    ) -> None:
         self._section = section
         self._landscape = landscape
+        self._separation_m = scenario.mission.separation_m
+        # Vehicles that descend keep their order of heights, and their vertical separation.
+        ranked = sorted(scenario.vehicles, key=lambda each: each.altitude_agl_m)
+        self._layer_m = {
+            each.name: rank * scenario.mission.separation_m for rank, each in enumerate(ranked)
+        }
         self._around: dict[str, _Surroundings] = {}
 
     def _of(self, name: str) -> _Surroundings:
@@ -126,7 +136,7 @@ class OtherAircraft:
         ]
         for key, level in before.items():
             if airborne and level > 0 and key not in seen:
-                words = f"aircraft {key} is not received any longer; its alert ends"
+                words = f"aircraft {key} is no longer received or compared; its alert ends"
                 commands.append(announce(vehicle, words, warning=True))
         commands += self._alarm(vehicle, near, levels, seen, encounters)
         return commands + self._resolve(vehicle, near, levels, event.at_us)
@@ -191,7 +201,8 @@ class OtherAircraft:
     def _lower(self, vehicle: Vehicle, own: events.Telemetry) -> tuple[float, float, float] | None:
         """Return the position of a lower hold; None for a hold at the present altitude.
 
-        The height ``descend_to_agl_m`` is above the highest terrain around the position.
+        The height ``descend_to_agl_m`` is above the highest terrain around the position. A vehicle
+        of a higher layer stays above those of lower layers, and above a vehicle that is under it.
         """
         ground_m = own.altitude_amsl_m - own.altitude_relative_m
         x_m, y_m = self._landscape.xy_of_lat_lon(own.lat_deg, own.lon_deg)
@@ -205,10 +216,23 @@ class OtherAircraft:
             if not all(inside):
                 return None  # the terrain is not known
             ground_m = float(np.max(self._landscape.elevation_at(east_m, north_m)))
-        altitude_m = round(ground_m + self._section.descend_to_agl_m, 1)
+        height_m = self._section.descend_to_agl_m + self._layer_m[vehicle.name]
+        altitude_m = round(max(ground_m + height_m, self._above_others_m(own)), 1)
         if altitude_m > own.altitude_amsl_m - MIN_DESCENT_M:
             return None
         return own.lat_deg, own.lon_deg, altitude_m
+
+    def _above_others_m(self, own: events.Telemetry) -> float:
+        """Return the lowest altitude above the vehicles of the run that are under a vehicle."""
+        floor_m = -math.inf
+        for name, near in sorted(self._around.items()):
+            other = near.own
+            if name == own.vehicle or other is None or other.altitude_relative_m < AIRBORNE_M:
+                continue
+            places = (own.lat_deg, own.lon_deg), (other.lat_deg, other.lon_deg)
+            if distance_m(*places) < UNDER_M and other.altitude_amsl_m < own.altitude_amsl_m:
+                floor_m = max(floor_m, other.altitude_amsl_m + self._separation_m)
+        return floor_m
 
 
 def _corrective(history: AlertHistory) -> bool:

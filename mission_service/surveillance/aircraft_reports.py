@@ -39,7 +39,9 @@ class AircraftReports:
         used = section or SurveillanceSection()
         self.table = AircraftTable(used.range_m, used.qnh_hpa, used.ignored)
         self._due_us = -(2**63)
-        self._reported: set[str] = set()  # vehicles whose last event contains aircraft
+        # Vehicles whose last event contains no aircraft. A run, also a resumed one, begins with an
+        # event for each vehicle, which ends the alerts of an interrupted run.
+        self._empty: set[str] = set()
 
     def decoder(self, source: AircraftSource) -> AircraftDecoder:
         """Return a decoder for a source, for each connection."""
@@ -60,15 +62,15 @@ class AircraftReports:
         if self.section is None or at_us < self._due_us:
             return
         self._due_us = at_us + EVERY_US
-        own = [
-            OwnPosition(name, fix.lat_deg, fix.lon_deg, fix.altitude_amsl_m)
+        own = {
+            name: OwnPosition(name, fix.lat_deg, fix.lon_deg, fix.altitude_amsl_m)
             for name, fix in fixes.items()
             if at_us - fix.at_us <= FRESH_US
-        ]
-        self.table.update_region(own)
+        }
+        self.table.update_region(own.values())
         self.table.expire(at_us)
-        for each in own:
-            aircraft = self.table.near(each, at_us)
-            if aircraft or each.vehicle in self._reported:
-                yield AircraftReported(at_us, each.vehicle, aircraft)
-            (self._reported.add if aircraft else self._reported.discard)(each.vehicle)
+        for name in fixes:
+            aircraft = self.table.near(own[name], at_us) if name in own else ()
+            if aircraft or name not in self._empty:
+                yield AircraftReported(at_us, name, aircraft)
+            (self._empty.discard if aircraft else self._empty.add)(name)
