@@ -3,7 +3,8 @@
 Only aircraft inside ``region`` are kept, so that a feed of a whole country costs little: decoders
 check a position against the region before they decode the rest of a report. An aircraft is
 identified by its 24-bit ICAO address, so that several sources contribute to one track. The position
-is that of one source, until this source is silent for ``SOURCE_S``.
+is that of one source, until this source is silent for ``SOURCE_S``. An aircraft is reported after
+two positions that are consistent, and a position that is too far from the last one is not used.
 """
 
 import math
@@ -18,6 +19,8 @@ MAX_AIRCRAFT = 5000
 MAX_REPORTED = 50  # for each vehicle; the nearest aircraft
 MAX_AGE_S = 20.0  # of a position; older positions are not extrapolated
 SOURCE_S = 3.0
+SLACK_M = 1000.0  # errors of positions and of their times
+MAX_JUMPS = 3  # consecutive positions that contradict a track, before the track begins again
 MAX_SPEED_M_S, MAX_CLIMB_M_S = 700.0, 150.0
 MIN_ALTITUDE_M, MAX_ALTITUDE_M = -500.0, 30_000.0
 MAX_CALLSIGN = 20
@@ -68,6 +71,14 @@ class Track:
     east_m_s: float = 0.0
     climb_m_s: float = 0.0
     callsign: str = ""
+    confirmed: bool = False  # by a second position
+    jumps: int = 0  # consecutive positions that contradicted the track
+
+    def agrees(self, lat_deg: float, lon_deg: float, at_us: int) -> bool:
+        """Return whether an aircraft can have flown from the last position to this one."""
+        reach_m = SLACK_M + MAX_SPEED_M_S * max(at_us - self.at_us, 0) / 1e6
+        north_m, east_m = offset_m((self.lat_deg, self.lon_deg), (lat_deg, lon_deg))
+        return abs(north_m) <= reach_m and abs(east_m) <= reach_m
 
 
 class OwnPosition(NamedTuple):
@@ -129,8 +140,8 @@ class AircraftTable:
         """Set the position (lat_deg, lon_deg, altitude_amsl_m) of an aircraft.
 
         Returns the track, whose velocity and callsign the decoder may set. Returns None if the
-        position is not used: it is outside the region or implausible, the aircraft is ignored, or
-        another source reports the aircraft.
+        position is not used: it is outside the region, implausible, or too far from the last one,
+        the aircraft is ignored, or another source reports the aircraft.
         """
         lat_deg, lon_deg, altitude_m = position
         if not self.region.has(lat_deg, lon_deg):
@@ -148,6 +159,13 @@ class AircraftTable:
             if at_us - track.at_us < 1e6 * SOURCE_S:
                 return None
             track.source = source
+        if track.agrees(lat_deg, lon_deg, at_us):
+            track.confirmed, track.jumps = True, 0
+        elif track.confirmed and track.jumps < MAX_JUMPS:
+            track.jumps += 1
+            return None
+        else:
+            track.confirmed, track.jumps = False, 0
         track.at_us, track.lat_deg, track.lon_deg = at_us, lat_deg, lon_deg
         track.altitude_amsl_m = altitude_m
         return track
@@ -175,7 +193,7 @@ class AircraftTable:
         lat_deg = self._range_m / M_PER_DEG
         found = []
         for key, track in self.tracks.items():
-            if abs(track.lat_deg - own.lat_deg) <= lat_deg:
+            if track.confirmed and abs(track.lat_deg - own.lat_deg) <= lat_deg:
                 age_s = max(at_us - track.at_us, 0) / 1e6
                 north_m, east_m = offset_m(
                     (own.lat_deg, own.lon_deg), (track.lat_deg, track.lon_deg)

@@ -247,6 +247,7 @@ def test_events_are_due_once_a_second_with_extrapolated_positions() -> None:
     reports = AircraftReports(SurveillanceSection())
     decoder = reports.decoder(AircraftSource(format="sbs", address="127.0.0.1:30003"))
     assert events_at(reports, 0) == [AircraftReported(0, "hawk", ())]
+    decoder.decode(sbs_lines(CRAFT), 400_000)
     decoder.decode(sbs_lines(CRAFT), 500_000)
     assert events_at(reports, 900_000) == []
     (event,) = events_at(reports, 2_500_000)
@@ -263,7 +264,7 @@ def test_a_vehicle_without_a_new_position_has_no_aircraft() -> None:
     reports = AircraftReports(SurveillanceSection())
     decoder = reports.decoder(AircraftSource(format="sbs", address="127.0.0.1:30003"))
     events_at(reports, 0)
-    decoder.decode(sbs_lines(CRAFT), 500_000)
+    decoder.decode(2 * sbs_lines(CRAFT), 500_000)
     assert events_at(reports, 1_000_000)[0].aircraft
     assert events_at(reports, 7_000_000, Fix(1_000_000)) == [
         AircraftReported(7_000_000, "hawk", ())
@@ -276,9 +277,31 @@ def test_at_most_fifty_aircraft_are_reported_the_nearest() -> None:
     decoder = reports.decoder(AircraftSource(format="sbs", address="127.0.0.1:30003"))
     for number in range(80):
         craft = replace(CRAFT, address=number, lat_deg=HOME[0] + 0.001 * (80 - number))
-        decoder.decode(sbs_lines(craft), 1_000_000)
+        decoder.decode(2 * sbs_lines(craft), 1_000_000)
     (event,) = events_at(reports, 1_000_000)
     assert [each.aircraft for each in event.aircraft] == [f"{n:06x}" for n in range(30, 80)]
+
+
+def test_an_aircraft_is_reported_after_two_positions_that_agree() -> None:
+    reports = AircraftReports(SurveillanceSection())
+    decoder = reports.decoder(AircraftSource(format="sbs", address="127.0.0.1:30003"))
+    events_at(reports, 0)
+
+    def shown(at_us: int, *positions: Aircraft) -> list[float]:
+        for each in positions:
+            decoder.decode(sbs_lines(each), at_us)
+        own = OwnPosition("hawk", *HOME, 500.0)
+        return [round(each.lat_deg, 2) for each in reports.table.near(own, at_us)]
+
+    far = replace(CRAFT, lat_deg=36.5)
+    assert shown(1_000_000, CRAFT) == []
+    assert shown(2_000_000, far) == [], "the two positions contradict each other"
+    assert shown(3_000_000, CRAFT) == []
+    assert shown(4_000_000, CRAFT) == [36.4]
+    assert shown(5_000_000, far) == [36.4], "a wrong position is not used"
+    assert shown(5_000_000, CRAFT) == [36.4]
+    assert shown(6_000_000, far, far, far, far) == [], "the track begins again"
+    assert shown(7_000_000, far) == [36.5]
 
 
 def test_without_the_table_there_are_no_events() -> None:
