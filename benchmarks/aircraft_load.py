@@ -127,7 +127,7 @@ def measured(form: str, radius_m: float, seconds: int) -> tuple[float, int]:
         for number in range(BATCHES):
             at_us = second * 1_000_000 + number * 250_000
             feed(messages[number * size : (number + 1) * size], at_us)
-            for event in reports.due({name: fix}, at_us):
+            for event in reports.events_due({name: fix}, at_us):
                 event_body(event)
                 core.handle(event)
         if second >= 3:

@@ -159,7 +159,7 @@ def of_table(folder: Path) -> Agreement:
     for row in list(csv.reader(gold.read_text().splitlines(), skipinitialspace=True))[2:]:
         at_s = float(row[0])
         encounter = encounter_of(*states[at_s])
-        found.level(history.update(alerts, encounter, round(at_s * 1e6)), int(row[4]))
+        found.level(history.add_encounter(alerts, encounter, round(at_s * 1e6)), int(row[4]))
         for number in (1, 2, 3):
             found.time(_time_in_s(encounter, alerts, number), _gold_s(row[4 + number]))
     return found
@@ -173,7 +173,7 @@ def of_batch(folder: Path) -> Agreement:
     history = AlertHistory()
     states = scenario_of(folder / "Scenarios/H1.daa")
     for level, (at_s, pair) in zip(levels, states.items(), strict=False):
-        found.level(history.update(alerts, encounter_of(*pair), round(at_s * 1e6)), level)
+        found.level(history.add_encounter(alerts, encounter_of(*pair), round(at_s * 1e6)), level)
     return found
 
 
@@ -194,7 +194,7 @@ def of_example(folder: Path, name: str, alerts: AlertSet) -> Agreement:
         found.time(_time_in_s(encounter, alerts, int(number)), _gold_s(text))
     level = re.search(r"^Alert Level (\d) with", gold, re.MULTILINE)
     assert level is not None, f"{path}: no alert level"
-    found.level(AlertHistory().update(alerts, encounter, 0), int(level[1]))
+    found.level(AlertHistory().add_encounter(alerts, encounter, 0), int(level[1]))
     return found
 
 

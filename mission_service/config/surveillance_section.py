@@ -40,7 +40,7 @@ class AircraftSource(Section):
         return int(self.address.rpartition(":")[2])
 
     @property
-    def name(self) -> str:
+    def label(self) -> str:
         """The name of the source in alarms and reports."""
         return f"{self.format} {self.address}"
 

@@ -125,7 +125,7 @@ class OtherAircraft:
         encounters = {key: _encounter(near, each, event.at_us) for key, each in seen.items()}
         histories = {key: near.histories.get(key) or AlertHistory() for key in seen}
         for key, encounter in encounters.items():
-            histories[key].update(alerts, encounter, event.at_us)
+            histories[key].add_encounter(alerts, encounter, event.at_us)
         near.histories = histories
         levels = {key: each.level for key, each in histories.items()}
         near.resolved = {key for key in sorted(near.resolved) if levels.get(key, 0) > 0}

@@ -70,12 +70,14 @@ class SourceReceiver:
         if data:
             self._decoder.decode(data, self._context.clock.now_us)
         if self._failure:
-            return f"no aircraft from {self.source.name}: {self._failure}"
+            return f"no aircraft from {self.source.label}: {self._failure}"
         if dropped:
             kilobytes = MAX_BUFFER / EVERY_S / 1024
-            return f"{self.source.name} sends more than {kilobytes:.0f} kB/s; the rest is discarded"
+            return (
+                f"{self.source.label} sends more than {kilobytes:.0f} kB/s; the rest is discarded"
+            )
         if clock_us() - self._received_us > self._silent_us:
-            return f"no data from {self.source.name} for {self._silent_us / 1e6:.0f} s"
+            return f"no data from {self.source.label} for {self._silent_us / 1e6:.0f} s"
         return ""
 
     async def receive(self) -> None:
@@ -145,7 +147,7 @@ async def receive_aircraft(context: RunContext, section: SurveillanceSection) ->
         for each in receivers:
             group.create_task(each.receive())
         while True:
-            problems = {each.source.name: text for each in receivers if (text := each.pump())}
+            problems = {each.source.label: text for each in receivers if (text := each.pump())}
             if clock_us() >= quiet_until_us:
                 context.state_view.show_alarms(ALARM, problems, "warning")
             await asyncio.sleep(EVERY_S)

@@ -190,7 +190,7 @@ class Engine:
             return
         for name, gateway in self._gateways.items():
             self.aircraft.take_seen(name, gateway.aircraft, at_us)
-        for reported in self.aircraft.due(self.state_view.telemetry, at_us):
+        for reported in self.aircraft.events_due(self.state_view.telemetry, at_us):
             self._handle(reported, now_us)
         for report in self.sensors.reports(at_us):
             try:

@@ -45,14 +45,14 @@ class AircraftReports:
 
     def decoder(self, source: AircraftSource) -> AircraftDecoder:
         """Return a decoder for a source, for each connection."""
-        return DECODERS[source.format](self.table, source.name)
+        return DECODERS[source.format](self.table, source.label)
 
     def take_seen(self, vehicle: str, seen: deque[AircraftSeen], at_us: int) -> None:
         """Remove and use what a vehicle's ADS-B receiver has seen; ``at_us`` is mission time."""
         while seen:
             apply_seen(self.table, vehicle, seen.popleft(), at_us)
 
-    def due(self, fixes: Mapping[str, _Fix], at_us: int) -> Iterator[AircraftReported]:
+    def events_due(self, fixes: Mapping[str, _Fix], at_us: int) -> Iterator[AircraftReported]:
         """Yield the events that are due at a mission time: at most one a second and vehicle.
 
         Args:

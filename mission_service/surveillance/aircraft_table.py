@@ -47,7 +47,7 @@ class Region(NamedTuple):
     north_deg: float
     east_deg: float
 
-    def has(self, lat_deg: float, lon_deg: float) -> bool:
+    def encloses(self, lat_deg: float, lon_deg: float) -> bool:
         """Return whether a position is inside; False for values that are not numbers."""
         return (
             self.south_deg <= lat_deg <= self.north_deg
@@ -144,7 +144,7 @@ class AircraftTable:
         the aircraft is ignored, or another source reports the aircraft.
         """
         lat_deg, lon_deg, altitude_m = position
-        if not self.region.has(lat_deg, lon_deg):
+        if not self.region.encloses(lat_deg, lon_deg):
             self.tracks.pop(key, None)
             return None
         if key in self._ignored or not MIN_ALTITUDE_M <= altitude_m <= MAX_ALTITUDE_M:

@@ -100,7 +100,7 @@ class AlertHistory:
     raised_at_us: int | None = None  # time of the last rise, until a pause
     values: deque[int] = field(default_factory=deque)  # the last n values
 
-    def update(self, alerts: AlertSet, encounter: Encounter, at_us: int) -> int:
+    def add_encounter(self, alerts: AlertSet, encounter: Encounter, at_us: int) -> int:
         """Add an encounter at a mission time, which increases; return the alert level."""
         value = self._value(alerts, encounter, at_us)
         if self.at_us is None or at_us - self.at_us > 1e6 * alerts.hysteresis_s:

@@ -58,7 +58,7 @@ class CotTrackDecoder:
             raise ValueError("an event has no point")
         place = float(point.get("lat", "")), float(point.get("lon", ""))
         key = _key_of(root.get("uid", ""))
-        if not self._table.region.has(*place):
+        if not self._table.region.encloses(*place):
             self._table.remove(key)
             return
         altitude_m = float(point.get("hae", UNKNOWN_M))

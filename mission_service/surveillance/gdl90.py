@@ -65,7 +65,7 @@ class Gdl90Decoder:
         if body[1] & 15 not in ICAO_ADDRESSES:
             key = f"~{key}"
         altitude, flags = bits >> 44 & 0xFFF, bits >> 40 & 15
-        if not self._table.region.has(lat_deg, lon_deg) or not flags & AIRBORNE:
+        if not self._table.region.encloses(lat_deg, lon_deg) or not flags & AIRBORNE:
             self._table.remove(key)
             return
         if altitude == NO_ALTITUDE:

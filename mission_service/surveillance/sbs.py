@@ -57,7 +57,7 @@ class SbsDecoder:
                 return
         else:
             place = float(lat), float(fields[LON])
-            if not table.region.has(*place):
+            if not table.region.encloses(*place):
                 table.remove(key)
                 return
             if fields[ON_GROUND].strip() in ("1", "-1"):

@@ -240,7 +240,7 @@ class Fix:
 
 
 def events_at(reports: AircraftReports, at_us: int, fix: Fix | None = None) -> list[Any]:
-    return list(reports.due({"hawk": fix or Fix(at_us)}, at_us))
+    return list(reports.events_due({"hawk": fix or Fix(at_us)}, at_us))
 
 
 def test_events_are_due_once_a_second_with_extrapolated_positions() -> None:

@@ -114,7 +114,7 @@ def test_daidalus_example_has_the_times_and_levels_of_its_gold_output(
         found = violation(encounter, each.volume, alerts.lookahead_s)
         assert found is not None
         assert found[0] == pytest.approx(time_s, abs=0.01)
-    assert AlertHistory().update(alerts, encounter, 0) == level
+    assert AlertHistory().add_encounter(alerts, encounter, 0) == level
 
 
 def head_on(in_s: float) -> Encounter:
@@ -130,7 +130,7 @@ ALERTS = AlertSet((AlertLevel(VOLUME, 30.0, 50.0), AlertLevel(VOLUME, 10.0, 20.0
 def levels(*encounters: Encounter, step_s: float = 1.0) -> list[int]:
     history = AlertHistory()
     return [
-        history.update(ALERTS, each, round(number * step_s * 1e6))
+        history.add_encounter(ALERTS, each, round(number * step_s * 1e6))
         for number, each in enumerate(encounters)
     ]
 

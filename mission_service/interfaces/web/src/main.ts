@@ -2,6 +2,7 @@
 
 import "./style.css";
 import type { Map as MapView } from "maplibre-gl";
+import { AIRCRAFT_GROUPS, aircraftLayers, followAircraft } from "./aircraft_layer.ts";
 import { Alarms } from "./alarms.ts";
 import { get, whenUnauthorised } from "./api.ts";
 import { BURN_GROUPS, burnLayers, followBurn } from "./burn_layer.ts";
@@ -31,7 +32,8 @@ import type { LonLat } from "./types.ts";
 import { fetchTracks, followVehicles, VEHICLE_GROUPS, vehicleLayers } from "./vehicles_layer.ts";
 
 const groups: Record<string, Group> = {
-  ...FIRE_GROUPS, ...OBSERVATION_GROUPS, ...IMAGE_GROUPS, ...VEHICLE_GROUPS, ...BURN_GROUPS,
+  ...FIRE_GROUPS, ...OBSERVATION_GROUPS, ...IMAGE_GROUPS, ...VEHICLE_GROUPS, ...AIRCRAFT_GROUPS,
+  ...BURN_GROUPS,
 };
 const store = new Store();
 const TRACKS_AGAIN_MS = 10_000;
@@ -81,6 +83,7 @@ async function makeMapOnce(): Promise<void> {
     observationLayers,
     imageLayers,
     burnLayers,
+    aircraftLayers,
     vehicleLayers,
   ]);
   map = made;
@@ -94,6 +97,7 @@ async function makeMapOnce(): Promise<void> {
     followImages(made, store),
   ];
   followVehicles(made, store);
+  followAircraft(made, store);
   followBurn(made, store);
   store.changed("all");
   Object.assign(window, { missionMap: made }); // for the console, and for tests
