@@ -10,7 +10,6 @@ import socket
 from typing import Any
 
 from mission_service.config.surveillance_section import AircraftSource, SurveillanceSection
-from mission_service.interfaces.cot.cot_sender import joined_group
 from mission_service.runtime.clocks import clock_us
 from mission_service.runtime.run_context import RunContext
 from mission_service.surveillance.aircraft_table import AircraftDecoder
@@ -123,6 +122,8 @@ class SourceReceiver:
 def _listening(address: tuple[Any, ...], family: int) -> socket.socket:
     """Return a socket for datagrams to an address, or to a multicast group. Raises OSError."""
     if ipaddress.ip_address(address[0]).is_multicast:
+        from mission_service.interfaces.cot.cot_sender import joined_group  # imports the maps
+
         return joined_group(address, family)
     listener = socket.socket(family, socket.SOCK_DGRAM)
     try:
