@@ -62,5 +62,5 @@ class SurveillanceSection(Section):
         "buffered_en_route",
     ] = "small_uas"
     # The order of the service at a corrective alert, in force until an operator's order.
-    resolution: Resolution = "none"
+    resolution: Resolution = "descend"
     descend_to_agl_m: Annotated[float, Field(ge=20, le=300)] = 40.0  # for "descend"

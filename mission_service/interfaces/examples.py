@@ -100,7 +100,7 @@ SOURCE = SourceState(
 AIRCRAFT = NearbyAircraft(
     *(AT_US, "a4c2f1", "N417EA", 36.402118, -84.118402, 812.4),
     *(61.7, 214.5, -1.95, 0.62, "sbs 127.0.0.1:30003"),
-    *(2, "hawk", 4684.0, 251.2),
+    *("corrective", "hawk", 4684.0, 251.2),
 )
 STATUS = StatusState(AT_US, UNIX_US, "default", "islam_hu_damped", 7200.0, [], False)
 FIRE = {

@@ -157,11 +157,13 @@ class SourceState(msgspec.Struct, tag="source/1", tag_field="schema"):
     position_sd_m: float | None  # standard deviation of the position of the last observation
 
 
+AircraftAlert = Literal["none", "preventive", "corrective", "warning"]
+
+
 class NearbyAircraft(msgspec.Struct, tag="aircraft/1", tag_field="schema"):
     """Another aircraft, relative to the vehicle with the highest alert or the smallest distance.
 
-    ``alert`` is 0 (none), 1 (preventive), 2 (corrective) or 3 (warning). ``age_s`` is the age of
-    the position that was extrapolated to ``at_us``.
+    ``age_s`` is the age of the position that was extrapolated to ``at_us``.
     """
 
     at_us: int
@@ -175,7 +177,7 @@ class NearbyAircraft(msgspec.Struct, tag="aircraft/1", tag_field="schema"):
     climb_m_s: float
     age_s: float
     source: str
-    alert: int
+    alert: AircraftAlert
     vehicle: str
     distance_m: float  # horizontal
     above_m: float  # height above the vehicle; negative below it

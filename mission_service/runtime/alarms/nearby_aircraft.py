@@ -1,10 +1,17 @@
 """Derives the other aircraft that interfaces show, from events and commands. Pure."""
 
 import math
+from typing import get_args
 
 from mission_service.events import AircraftReported, AircraftState
 from mission_service.ground_distance import offset_m
-from mission_service.runtime.published_states import NearbyAircraft, TelemetryState
+from mission_service.runtime.published_states import (
+    AircraftAlert,
+    NearbyAircraft,
+    TelemetryState,
+)
+
+ALERTS: tuple[AircraftAlert, ...] = get_args(AircraftAlert)  # by level
 
 
 class AircraftView:
@@ -42,7 +49,7 @@ class AircraftView:
 
 
 def _order(state: NearbyAircraft) -> tuple[int, float]:
-    return -state.alert, state.distance_m
+    return -ALERTS.index(state.alert), state.distance_m
 
 
 def _state(at_us: int, aircraft: AircraftState, level: int, fix: TelemetryState) -> NearbyAircraft:
@@ -60,7 +67,7 @@ def _state(at_us: int, aircraft: AircraftState, level: int, fix: TelemetryState)
         aircraft.climb_m_s,
         aircraft.age_s,
         aircraft.source,
-        level,
+        ALERTS[level],
         fix.vehicle,
         round(math.hypot(north_m, east_m), 1),
         round(aircraft.altitude_amsl_m - fix.altitude_amsl_m, 1),

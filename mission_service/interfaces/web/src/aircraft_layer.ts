@@ -10,9 +10,8 @@ import { feet } from "./units.ts";
 const EVERY_MS = 300;
 const AHEAD_S = 60;
 const M_PER_DEG = 111_195;
-// No alert, preventive, corrective, warning.
-const COLOURS = ["#455a64", "#8a6d00", "#d84315", "#c40000"];
-const ALERTS = ["", "traffic", "CORRECTIVE", "WARNING"];
+const COLOURS = { none: "#455a64", preventive: "#8a6d00", corrective: "#d84315", warning: "#c40000" };
+const URGENCY = ["warning", "corrective", "preventive", "none"]; // labels of the first are drawn first
 const COLOUR: ExpressionSpecification = ["get", "colour"];
 
 export const aircraftLayers: Layers = {
@@ -36,7 +35,7 @@ export const aircraftLayers: Layers = {
         "text-variable-anchor": ["left", "right", "top", "bottom"],
         "text-radial-offset": 1.3,
         "text-optional": true,
-        "symbol-sort-key": ["-", 0, ["get", "alert"]],
+        "symbol-sort-key": ["get", "order"],
       },
       paint: { "text-color": COLOUR, "text-halo-color": "#fff", "text-halo-width": 2.5 },
     },
@@ -49,7 +48,7 @@ export const AIRCRAFT_GROUPS: Record<string, Group> = {
 
 /** Keep the other aircraft up to date. */
 export function followAircraft(map: MapView, store: Store): void {
-  COLOURS.forEach((colour, alert) => map.addImage(`aircraft-${alert}`, icon(colour), { pixelRatio: 2 }));
+  for (const [alert, colour] of Object.entries(COLOURS)) map.addImage(`aircraft-${alert}`, icon(colour), { pixelRatio: 2 });
   const refresh = coalesced(async () => {
     const aircraft = store.state?.aircraft ?? [];
     show(map, "aircraft", collection(aircraft.map(mark)));
@@ -58,14 +57,13 @@ export function followAircraft(map: MapView, store: Store): void {
   store.on(["aircraft"], refresh);
 }
 
-const colourOf = (each: Aircraft): string => COLOURS[each.alert] ?? COLOURS[0]!;
-
 function mark(each: Aircraft): GeoJSON.Feature {
   return feature(point([each.lon_deg, each.lat_deg]), {
     icon: `aircraft-${each.alert}`,
     track: each.track_deg,
     alert: each.alert,
-    colour: colourOf(each),
+    order: URGENCY.indexOf(each.alert),
+    colour: COLOURS[each.alert],
     label: labelOf(each),
   });
 }
@@ -78,7 +76,7 @@ export function labelOf(each: Aircraft): string {
     each.callsign || each.aircraft,
     `${sign}${height.toFixed(0)} m (${sign}${feet(height).toFixed(0)} ft)${trend}`,
   ];
-  if (each.alert) lines.push(`${ALERTS[each.alert]} for ${each.vehicle}`);
+  if (each.alert !== "none") lines.push(`${each.alert.toUpperCase()} for ${each.vehicle}`);
   return lines.join("\n");
 }
 
@@ -89,7 +87,7 @@ function ahead(each: Aircraft): GeoJSON.Feature {
   const north = each.lat_deg + moved * Math.cos(course);
   const east = each.lon_deg + (moved * Math.sin(course)) / Math.cos((each.lat_deg * Math.PI) / 180);
   const here: LonLat = [each.lon_deg, each.lat_deg];
-  return feature(line([here, [east, north]]), { colour: colourOf(each) });
+  return feature(line([here, [east, north]]), { colour: COLOURS[each.alert] });
 }
 
 /** A pointed triangle towards the north, unlike the vehicles of the run, with a white rim. */

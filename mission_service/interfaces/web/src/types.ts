@@ -139,7 +139,7 @@ export interface Aircraft {
   climb_m_s: number;
   age_s: number;
   source: string;
-  alert: number; // 0 none, 1 preventive, 2 corrective, 3 warning
+  alert: "none" | "preventive" | "corrective" | "warning";
   vehicle: string;
   distance_m: number;
   above_m: number; // negative: below the vehicle
