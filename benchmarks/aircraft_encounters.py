@@ -14,6 +14,7 @@ import statistics
 import tempfile
 from collections.abc import Callable
 from dataclasses import astuple, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -120,11 +121,11 @@ def main(encounters: int, seed: int, kind: str, stack: str) -> None:
         for _ in range(encounters):
             sim.run_until(sim.clock.now_us / 1e6 + BETWEEN_S)
             in_s = rng.uniform(40.0, 80.0)
-            place = in_child(lambda in_s=in_s: place_in(sim, in_s))
+            place = in_child(partial(place_in, sim, in_s))
             intruder = intruder_to(place, sim.clock.now_us / 1e6, in_s, rng)
             for each in RESOLUTIONS:
                 seconds = round(in_s + AFTER_S)
-                run = lambda each=each, i=intruder, s=seconds: flown(sim, i, each, s)  # noqa: E731
+                run = partial(flown, sim, intruder, each, seconds)
                 results[each].append(in_child(run))
     click.echo(f"{encounters} encounters of a {stack} {kind}, seed {seed}")
     click.echo("resolution  distance m: median   worst   not well clear   near collision")

@@ -25,10 +25,14 @@ DECODERS: dict[str, Callable[[AircraftTable, str], AircraftDecoder]] = {
 
 
 class _Fix(Protocol):
-    at_us: int
-    lat_deg: float
-    lon_deg: float
-    altitude_amsl_m: float
+    @property
+    def at_us(self) -> int: ...
+    @property
+    def lat_deg(self) -> float: ...
+    @property
+    def lon_deg(self) -> float: ...
+    @property
+    def altitude_amsl_m(self) -> float: ...
 
 
 class AircraftReports:
