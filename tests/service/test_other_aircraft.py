@@ -162,7 +162,7 @@ def test_on_the_ground_there_are_no_alerts(land: Landscape) -> None:
 
 
 def test_each_resolution_gives_its_order_once_for_a_conflict(land: Landscape) -> None:
-    sent = {"hold": Hold, "descend": HoldAt, "return": Return}
+    sent: dict[str, type[Command]] = {"hold": Hold, "descend": HoldAt, "return": Return}
     for resolution, kind in sent.items():
         aloft = Aloft(land, resolution)
         near = aloft.aircraft(2500.0)

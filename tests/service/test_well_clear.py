@@ -155,3 +155,9 @@ def test_an_alert_persists_four_seconds_and_until_the_early_time() -> None:
 
 def test_a_more_severe_alert_replaces_one_that_persists() -> None:
     assert levels(*[head_on(25.0)] * 2, *[head_on(9.0)] * 2) == [1, 1, 1, 2]
+
+
+def test_the_time_to_equal_heights_extends_the_volume_of_a_climbing_aircraft() -> None:
+    beside = Encounter(500.0, 0.0, 300.0, 0.0, 0.0, -10.0)  # equal heights in 30 s
+    assert violation(beside, VOLUMES[1], 90.0) == pytest.approx((10.0, 43.716), abs=1e-3)
+    assert violation(beside, VOLUMES[0], 90.0) == pytest.approx((16.284, 43.716), abs=1e-3)
