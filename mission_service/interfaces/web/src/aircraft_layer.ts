@@ -34,6 +34,7 @@ export const aircraftLayers: Layers = {
         "text-justify": "auto",
         "text-variable-anchor": ["left", "right", "top", "bottom"],
         "text-radial-offset": 1.3,
+        "text-max-width": 30,
         "text-optional": true,
         "symbol-sort-key": ["get", "order"],
       },
