@@ -8,6 +8,7 @@ from typing import Literal
 import msgspec
 
 from autopilot_bridge.items import MissionItem
+from mission_service.events import Order
 from mission_service.ignition_plan import IgnitionPlan
 from mission_service.peer_messages import AnyMessage
 
@@ -166,6 +167,31 @@ class ClimbAndHold(Command, frozen=True, tag=True):
     altitude_amsl_m: float
 
 
+class HoldAt(Command, frozen=True, tag=True):
+    """Fly to a position and altitude, and hold there; planes circle."""
+
+    lat_deg: float
+    lon_deg: float
+    altitude_amsl_m: float
+
+
+class AlertOnAircraft(Command, frozen=True, tag=True):
+    """The alert level (0 to 3) of a vehicle about another aircraft has changed."""
+
+    aircraft: str
+    level: int
+
+
+class OrderByService(Command, frozen=True, tag=True):
+    """Give the vehicle an order of the service: the event ``OrderGiven`` by ``service`` follows.
+
+    ``hold_at`` is that of the event.
+    """
+
+    order: Order
+    hold_at: tuple[float, float, float] | None = None
+
+
 class ProposePlan(Command, frozen=True, tag=True):
     """Propose an ignition plan, which an operator approves by the plan's hash."""
 
@@ -211,6 +237,9 @@ AnyCommand = (
     | ReportEnergy
     | BroadcastMessage
     | ClimbAndHold
+    | HoldAt
+    | AlertOnAircraft
+    | OrderByService
     | ProposePlan
     | WithdrawPlan
     | Drop
@@ -227,4 +256,5 @@ ORDER_NAMES: dict[type[AnyCommand], str] = {
     Orbit: "orbit",
     ChangeSpeed: "change speed",
     ClimbAndHold: "climb and hold",
+    HoldAt: "hold at",
 }

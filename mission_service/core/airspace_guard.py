@@ -28,6 +28,7 @@ from mission_service.commands import (
     ClearAlarm,
     ClimbAndHold,
     Hold,
+    HoldAt,
     Orbit,
     RaiseAlarm,
     Return,
@@ -133,7 +134,7 @@ class AirspaceGuard:
                     found += self._checked_upload(command, airspace, at_s)
                 case StartMission():
                     found += self._checked_start(command, airspace, at_s)
-                case Orbit() | ClimbAndHold():
+                case Orbit() | ClimbAndHold() | HoldAt():
                     found += self._checked_place(command, airspace)
                 case Return():
                     found += self._checked_return(command, airspace, at_s)
@@ -182,13 +183,18 @@ class AirspaceGuard:
             vehicle.start_again_at_s = at_s + START_AGAIN_S
         return self._raised(vehicle, f"is not started: its mission would enter {conflict}")
 
-    def _checked_place(self, command: Orbit | ClimbAndHold, airspace: Airspace) -> list[AnyCommand]:
+    def _checked_place(
+        self, command: Orbit | ClimbAndHold | HoldAt, airspace: Airspace
+    ) -> list[AnyCommand]:
         vehicle = self._vehicles[command.vehicle]
         fix = vehicle.availability.fix
         if fix is None:
             return [command]
         x_m, y_m = self._landscape.xy_of_lat_lon(command.lat_deg, command.lon_deg)
-        radius_m = abs(command.radius_m) if isinstance(command, Orbit) else 0.0
+        section = vehicle.section
+        radius_m = section.loiter_radius_m if section.kind == "plane" else 0.0
+        if isinstance(command, Orbit):
+            radius_m = abs(command.radius_m)
         target = (float(x_m), float(y_m), command.altitude_amsl_m)
         place = disc(target[0], target[1], WIDER * radius_m + 1.0, target[2], target[2])
         parts = [straight(position_of(fix), target), place]
@@ -196,7 +202,8 @@ class AirspaceGuard:
         if conflict is not None and isinstance(command, Orbit):
             return self._raised(vehicle, f"an orbit is not ordered: it would enter {conflict}")
         self._states[vehicle.name].orbit = place
-        return [command]  # a climb out of the reach of flames is more urgent
+        # A climb out of the reach of flames, or out of the way of other aircraft, is more urgent.
+        return [command]
 
     def _checked_return(self, command: Return, airspace: Airspace, at_s: float) -> list[AnyCommand]:
         vehicle = self._vehicles[command.vehicle]

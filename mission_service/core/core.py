@@ -12,6 +12,7 @@ from mission_service.commands import (
     Announce,
     AnyCommand,
     Hold,
+    HoldAt,
     Land,
     Return,
     StartMission,
@@ -33,6 +34,7 @@ from mission_service.core.landings import Landings
 from mission_service.core.lost_link import reaction_compared
 from mission_service.core.mission_starts import WAITS, MissionStarts
 from mission_service.core.operator_orders import OperatorOrders, hold_again
+from mission_service.core.other_aircraft import OtherAircraft
 from mission_service.core.request_results import RequestResults
 from mission_service.guidance.protocol import Decision, Guidance
 from mission_service.guidance.registry import way_of
@@ -115,6 +117,9 @@ class Core:
             self._approvals,
             self._landings,
         )
+        self._other_aircraft: OtherAircraft | None = None
+        if scenario.surveillance is not None:
+            self._other_aircraft = OtherAircraft(scenario.surveillance, scenario, landscape)
 
     @property
     def _way(self) -> WayOfFlying:
@@ -126,6 +131,8 @@ class Core:
         Raises KeyError for a vehicle that is not in the scenario.
         """
         at_s = event.at_us / 1e6
+        if self._other_aircraft is not None:
+            self._other_aircraft.on_event(event)
         commands = self.airspace.checked(self._handle(event), at_s)
         if self._approvals is not None and not isinstance(event, events.MissionAccepted):
             commands = self._approvals.held_back(commands, self.vehicles, at_s)
@@ -135,8 +142,10 @@ class Core:
             self.decision_engine.on_command(command, at_s)
             if isinstance(command, StartMission):
                 self.vehicles[command.vehicle].start_under_way = True
-            elif isinstance(command, Hold):
+            elif isinstance(command, Hold | HoldAt):
                 self.vehicles[command.vehicle].hold_under_way_s = at_s
+            if self._other_aircraft is not None:
+                self._other_aircraft.on_command(command)
         return commands
 
     def _withheld(self, command: AnyCommand) -> bool:
@@ -272,6 +281,12 @@ class Core:
     ) -> list[AnyCommand]:
         vehicle.airspeed_m_s = event.airspeed_m_s
         return []
+
+    def _aircraft_reported(
+        self, vehicle: Vehicle, event: events.AircraftReported
+    ) -> list[AnyCommand]:
+        aircraft = self._other_aircraft
+        return [] if aircraft is None else aircraft.reported(vehicle, event)
 
     def _progressed(self, vehicle: Vehicle, event: events.MissionProgress) -> list[AnyCommand]:
         vehicle.takes_off &= event.current_seq == 0  # after item 0 the takeoff is complete
@@ -465,6 +480,7 @@ class Core:
         events.AirspeedMeasured: _airspeed_measured,
         events.MissionProgress: _progressed,
         events.ParametersReported: _parameters_reported,
+        events.AircraftReported: _aircraft_reported,
     }
 
 

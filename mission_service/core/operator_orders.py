@@ -4,7 +4,15 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from mission_service import events
-from mission_service.commands import CONFIRM, REJECTED, AnyCommand, Hold, Return, StartMission
+from mission_service.commands import (
+    CONFIRM,
+    REJECTED,
+    AnyCommand,
+    Hold,
+    HoldAt,
+    Return,
+    StartMission,
+)
 from mission_service.config.scenario import Scenario
 from mission_service.core.autopilot_reports import back_under_control
 from mission_service.core.decision_engine import DecisionEngine
@@ -84,6 +92,7 @@ class OperatorOrders:
             ended = back_under_control(vehicle) if was_taken_over else []
             if event.order in ("hold", "return", "land"):
                 ended += self._withdrawn(vehicle, f"{event.order} by {event.by}")
+            vehicle.hold_at = event.hold_at
             return [*self._order(vehicle, event.order, event.by, event.at_us / 1e6), *ended]
         if event.by == events.SERVICE:
             words = f"no order is sent: it stays in {named_mode(vehicle.availability.mode)}"
@@ -120,6 +129,7 @@ class OperatorOrders:
     def _abort(self, vehicle: Vehicle, event: events.Aborted) -> list[AnyCommand]:
         """Order a hold, which begins after any mode that the autopilot or pilot has selected."""
         at_s, mode = event.at_us / 1e6, named_mode(vehicle.availability.mode)
+        vehicle.hold_at = None
         if self.decision_engine.apply_abort(vehicle.name):
             if self._landings.goes_around(vehicle):
                 return self._landings.go_around(vehicle, f"aborted by {event.by}", at_s)
@@ -183,7 +193,7 @@ class OperatorOrders:
         if not availability.online or not (availability.airborne or availability.armed):
             vehicle.hold_again_at_s = at_s
             return [words, *ended]
-        return [words, *ended, Hold(vehicle.name)]
+        return [words, *ended, _hold_of(vehicle)]
 
     def _cancel_return(self, vehicle: Vehicle) -> None:
         vehicle.sent_home = vehicle.going_home = False
@@ -265,4 +275,9 @@ def hold_again(vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
     if not (availability.airborne or availability.armed):
         return []  # the vehicle is on the ground and disarmed
     vehicle.hold_again_at_s = at_s + HOLD_AGAIN_S
-    return [Hold(vehicle.name)]
+    return [_hold_of(vehicle)]
+
+
+def _hold_of(vehicle: Vehicle) -> Hold | HoldAt:
+    """Return the command of the hold that is ordered."""
+    return Hold(vehicle.name) if vehicle.hold_at is None else HoldAt(vehicle.name, *vehicle.hold_at)

@@ -11,6 +11,7 @@ RETRY_S = 5.0
 START_AGAIN_S = 10.0
 # These commands are sent often, so only their refusals are announced.
 UNANNOUNCED = ("orbit", "change speed")
+HOLDS = ("hold", "hold at")
 
 
 class RequestResults:
@@ -78,7 +79,7 @@ class RequestResults:
         if event.command == "start mission":
             vehicle.start_under_way = False
             vehicle.start_again_at_s = None
-        if event.command == "hold":
+        if event.command in HOLDS:
             vehicle.hold_under_way_s = None
             if vehicle.ordered == "hold" and event.accepted:
                 vehicle.hold_again_at_s = None

@@ -12,6 +12,7 @@ from mission_service.commands import (
     ClimbAndHold,
     GoAround,
     Hold,
+    HoldAt,
     Land,
     LandingPhaseName,
     Orbit,
@@ -37,6 +38,7 @@ LEADS_TO: dict[type[AnyCommand], tuple[str, ...]] = {
     GoAround: ("hold", "guided", MISSION),
     Orbit: ("guided", "orbit", "hold"),
     ClimbAndHold: ("guided", "hold"),
+    HoldAt: ("guided", "hold"),
 }
 # The modes that last until another order. The service may end before the vehicle reports the mode.
 LASTING: dict[type[AnyCommand], str] = {Hold: "hold", Return: "return"}

@@ -94,6 +94,8 @@ class Vehicle:
     ordered: Literal["", "hold"] = ""  # order of an operator
     hold_under_way_s: float | None = None  # time at which a hold without acknowledgement was sent
     hold_again_at_s: float | None = None  # time of the next hold, until the autopilot accepts it
+    # Latitude, longitude and altitude (m AMSL) of a hold that is not at the current position.
+    hold_at: tuple[float, float, float] | None = None
     # The vehicle has flown; the next start requires an operator's order.
     waits_for_operator: bool = False
     start_again_at_s: float | None = None

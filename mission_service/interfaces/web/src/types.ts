@@ -133,6 +133,25 @@ export interface Source {
   position_sd_m: number | null;
 }
 
+/** Another aircraft, relative to the vehicle with the highest alert or the smallest distance. */
+export interface Aircraft {
+  at_us: number;
+  aircraft: string; // ICAO address in hexadecimal digits, or another identifier
+  callsign: string;
+  lat_deg: number;
+  lon_deg: number;
+  altitude_amsl_m: number;
+  ground_speed_m_s: number;
+  track_deg: number;
+  climb_m_s: number;
+  age_s: number;
+  source: string;
+  alert: "none" | "preventive" | "corrective" | "warning";
+  vehicle: string;
+  distance_m: number;
+  above_m: number; // negative: below the vehicle
+}
+
 /** Properties of an observation in GET /fire/observations. */
 export interface Observation {
   number: number;
@@ -346,4 +365,5 @@ export interface State {
   replay: Replay | null; // null: a live run
   sources: Source[];
   airspace: Airspace;
+  aircraft: Aircraft[];
 }
