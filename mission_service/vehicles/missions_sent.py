@@ -42,7 +42,7 @@ class MissionsSent:
         line = shapely.simplify(shapely.LineString(path_m), LINE_TOLERANCE_M)
         takes_off = bool(items) and items[0].command == MAV_CMD_NAV_TAKEOFF
         line = shapely.LineString(shapely.get_coordinates(line))
-        sent = Pending(mission_id, line, takes_off, vehicle.due, lands)
+        sent = Pending(mission_id, line, takes_off, vehicle.due, lands=lands)
         vehicle.enter(MissionPhase.UPLOADING, sent)
         vehicle.uploaded_at_s = fix.at_s
         vehicle.due = ""
