@@ -290,7 +290,7 @@ class AirspaceGuard:
         self._check_again(vehicle, fix, airspace)
         conflict = f"the closed volume {inside.name!r}" if inside is not None else state.conflict
         if not conflict:
-            return [*self._lowered(vehicle), *self._straight_home(vehicle, fix, airspace)]
+            return [*self._lowered(vehicle), *self._goes_home(vehicle, fix, airspace)]
         words = f"is inside {conflict}" if inside is not None else f"would enter {conflict}"
         if not self._may_move(vehicle):
             why = "it is not under control of the service"
@@ -389,24 +389,32 @@ class AirspaceGuard:
         words = f"leaves {conflict}"
         return [*self._raised(vehicle, words), announce(vehicle, words, warning=True), leaves]
 
-    def _straight_home(
+    def _goes_home(
         self, vehicle: Vehicle, fix: PositionFix, airspace: Airspace
     ) -> list[AnyCommand]:
-        """Return the order to return, once the straight way home is free."""
-        state = self._states[vehicle.name]
-        if state.evasion is not Evasion.AROUND or not self._may_move(vehicle):
+        """Return the order to return, once the straight way home is free.
+
+        A vehicle that was sent home and holds, because no way was free, also gets a mission around
+        the volumes as soon as there is one.
+        """
+        state, at_s = self._states[vehicle.name], fix.at_s
+        waits = vehicle.sent_home and state.evasion in (Evasion.HOLD, Evasion.EXIT)
+        flies = state.evasion is Evasion.AROUND and vehicle.availability.mode == MISSION
+        if not (waits or flies) or not self._may_move(vehicle):
             return []
-        if vehicle.pending is not None or vehicle.availability.mode != MISSION:
-            return []
-        if fix.at_s < state.acts_again_at_s:
+        if vehicle.pending is not None or at_s < state.acts_again_at_s:
             return []
         parts = self._space.of_return(vehicle, fix)
-        if airspace.conflict(parts, self._landscape, position_of(fix)) is not None:
+        if airspace.conflict(parts, self._landscape, position_of(fix)) is None:
+            state.home_clear, state.acts_again_at_s = self._closed.version, at_s + ACTS_AGAIN_S
+            vehicle.sent_home = vehicle.waits_for_operator = True
+            vehicle.end_intentions()
+            return [announce(vehicle, "the way home is free"), Return(vehicle.name)]
+        around = self._evasions.way_home(vehicle, fix, airspace, state) if waits else None
+        if around is None:
             return []
-        state.home_clear, state.acts_again_at_s = self._closed.version, fix.at_s + ACTS_AGAIN_S
-        vehicle.sent_home = vehicle.waits_for_operator = True
-        vehicle.end_intentions()
-        return [announce(vehicle, "the way home is free"), Return(vehicle.name)]
+        state.acts_again_at_s = at_s + ACTS_AGAIN_S
+        return [announce(vehicle, "flies home around closed airspace"), around]
 
     def _conflict(
         self, vehicle: Vehicle, places: tuple[MissionPlace, ...], airspace: Airspace

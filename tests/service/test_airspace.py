@@ -454,6 +454,31 @@ def test_a_vehicle_without_a_link_is_reported_when_a_volume_closes_over_it(fly: 
     assert alarm.text.startswith("its link is lost: it may be inside the closed volume 'copter'")
 
 
+def test_a_vehicle_that_cannot_return_holds_and_returns_when_the_way_is_free(fly: Fly) -> None:
+    flight = fly()
+    flight.run(150)
+    flight.submit(closed_at(flight.now_us, HAWK_HOME, 300.0))
+    flight.run(1.0)
+    flight.submit(OrderGiven(flight.now_us, *ANN, "hawk", "return"))
+    flight.run(60)
+    assert flight.mode == "hold"
+    assert "airspace/hawk" in flight.state_view.alarms
+    flight.submit(AirspaceOpened(flight.now_us, *ANN, "copter"))
+    flight.run(30)
+    assert flight.mode == "return"
+    assert "airspace/hawk" not in flight.state_view.alarms
+    flight.over()
+
+
+def test_a_landing_into_closed_airspace_is_refused(fly: Fly) -> None:
+    flight = fly()
+    flight.run(150)
+    flight.submit(closed_at(flight.now_us, HAWK_HOME, 300.0))
+    lines = flight.submit(OrderGiven(flight.now_us, *ANN, "hawk", "land"))
+    assert "its mission would enter the closed volume 'copter'" in " ".join(lines)
+    flight.over()
+
+
 def test_closing_a_name_twice_and_opening_an_unknown_name_are_refused(fly: Fly) -> None:
     flight = fly()
     flight.run(5.0)
