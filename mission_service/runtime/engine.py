@@ -188,10 +188,11 @@ class Engine:
         """
         if self.recording.trouble:
             return
-        for name, gateway in self._gateways.items():
-            self.aircraft.take_seen(name, gateway.aircraft, at_us)
-        for reported in self.aircraft.events_due(self.state_view.telemetry, at_us):
-            self._handle(reported, now_us)
+        if self.aircraft.section is not None:
+            for name, gateway in self._gateways.items():
+                self.aircraft.take_seen(name, gateway.aircraft, at_us)
+            for reported in self.aircraft.events_due(self.state_view.telemetry, at_us):
+                self._handle(reported, now_us)
         for report in self.sensors.reports(at_us):
             try:
                 self.submit(report, now_us)
