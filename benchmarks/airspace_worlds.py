@@ -112,7 +112,7 @@ def world_of(seed: int, margin_m: float = 60.0) -> World:
         volumes.append(volume)
     for vehicle in vehicles:
         at_s = float(random.uniform(100.0, FLIES_S))
-        order = str(random.choice(["hold", "return", "none"]))
+        order = str(random.choice(["hold", "return", "land", "none"]))
         if order != "none":
             requests.append(
                 OrderGiven(round((START_S + at_s) * 1e6), "ann", "desk", vehicle.name, order)  # type: ignore[arg-type]

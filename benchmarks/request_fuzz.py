@@ -199,7 +199,7 @@ class RequestGenerator:
                 return str(rng.choice([*self._hashes() * 3, "0" * 64]))
             case "item":
                 return str(rng.choice([*self._items, "no such item"]))
-            case "points":
+            case "points" | "corners":
                 return self._points()
             case "rows":
                 return self._rows()

@@ -8,12 +8,14 @@ from typing import Literal
 import msgspec
 
 from autopilot_bridge.items import MissionItem
+from mission_service.events import Order
 from mission_service.ignition_plan import IgnitionPlan
 from mission_service.peer_messages import AnyMessage
 
 Direction = Literal["clockwise", "anticlockwise"]
 Level = Literal["info", "warning"]
 Severity = Literal["warning", "severe"]
+LandingPhaseName = Literal["none", "waiting", "sending", "approach", "final", "going around"]
 REJECTED = "rejected:"  # prefix of the announcement that a request was not carried out
 CONFIRM = "confirm:"  # prefix of the announcement that an order needs confirmation
 
@@ -27,13 +29,15 @@ class Command(msgspec.Struct, frozen=True, tag=True, tag_field="type"):
 class UploadMission(Command, frozen=True, tag=True):
     """Replace the vehicle's mission; ``why`` is shown to operators.
 
-    A mission with ``keeps_apart`` separates two vehicles and needs no approval.
+    A mission with ``keeps_apart`` separates two vehicles, and a mission with ``lands`` lands at
+    home; neither needs an approval.
     """
 
     mission_id: int
     why: str
     items: tuple[MissionItem, ...]
     keeps_apart: bool = False
+    lands: bool = False
 
 
 class ProposeMission(Command, frozen=True, tag=True):
@@ -62,6 +66,28 @@ class Hold(Command, frozen=True, tag=True):
 
 class Return(Command, frozen=True, tag=True):
     """Fly home and land."""
+
+
+class Land(Command, frozen=True, tag=True):
+    """Fly the landing mission on board; a vehicle on the ground is not armed."""
+
+
+class GoAround(Command, frozen=True, tag=True):
+    """Break off a landing on its last leg: climb to this altitude, and hold at this position."""
+
+    lat_deg: float
+    lon_deg: float
+    altitude_amsl_m: float
+
+
+class ShowLanding(Command, frozen=True, tag=True):
+    """Show the phase of a vehicle's landing.
+
+    If ``holds``, the landing was broken off, and the vehicle holds until an operator's order.
+    """
+
+    phase: LandingPhaseName
+    holds: bool = False
 
 
 class Orbit(Command, frozen=True, tag=True):
@@ -141,6 +167,31 @@ class ClimbAndHold(Command, frozen=True, tag=True):
     altitude_amsl_m: float
 
 
+class HoldAt(Command, frozen=True, tag=True):
+    """Fly to a position and altitude, and hold there; planes circle."""
+
+    lat_deg: float
+    lon_deg: float
+    altitude_amsl_m: float
+
+
+class AlertOnAircraft(Command, frozen=True, tag=True):
+    """The alert level (0 to 3) of a vehicle about another aircraft has changed."""
+
+    aircraft: str
+    level: int
+
+
+class OrderByService(Command, frozen=True, tag=True):
+    """Give the vehicle an order of the service: the event ``OrderGiven`` by ``service`` follows.
+
+    ``hold_at`` is that of the event.
+    """
+
+    order: Order
+    hold_at: tuple[float, float, float] | None = None
+
+
 class ProposePlan(Command, frozen=True, tag=True):
     """Propose an ignition plan, which an operator approves by the plan's hash."""
 
@@ -174,6 +225,9 @@ AnyCommand = (
     | StartMission
     | Hold
     | Return
+    | Land
+    | GoAround
+    | ShowLanding
     | Orbit
     | ChangeSpeed
     | DirectionDecision
@@ -183,6 +237,9 @@ AnyCommand = (
     | ReportEnergy
     | BroadcastMessage
     | ClimbAndHold
+    | HoldAt
+    | AlertOnAircraft
+    | OrderByService
     | ProposePlan
     | WithdrawPlan
     | Drop
@@ -194,7 +251,10 @@ ORDER_NAMES: dict[type[AnyCommand], str] = {
     StartMission: "start mission",
     Hold: "hold",
     Return: "return",
+    Land: "fly landing",
+    GoAround: "go around",
     Orbit: "orbit",
     ChangeSpeed: "change speed",
     ClimbAndHold: "climb and hold",
+    HoldAt: "hold at",
 }

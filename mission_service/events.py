@@ -334,6 +334,35 @@ class ParametersReported(Event, frozen=True, tag=True):
     missing: tuple[str, ...] = ()
 
 
+class AircraftState(msgspec.Struct, frozen=True):
+    """Another aircraft near a vehicle, with the position extrapolated to the event's time.
+
+    ``aircraft`` is the ICAO address in hexadecimal digits or another identifier, and ``age_s`` the
+    time since the position was received from ``source``.
+    """
+
+    aircraft: Name
+    callsign: str
+    lat_deg: Latitude
+    lon_deg: Longitude
+    altitude_amsl_m: Altitude
+    velocity_north_m_s: Velocity
+    velocity_east_m_s: Velocity
+    climb_m_s: Velocity
+    age_s: DurationS
+    source: str
+
+
+class AircraftReported(Event, frozen=True, tag=True):
+    """The other aircraft within range of a vehicle, once a second while there are any.
+
+    The event without aircraft follows when the last aircraft has left. Only runs with the table
+    ``[surveillance]`` have this event.
+    """
+
+    aircraft: tuple[AircraftState, ...]
+
+
 class DropFinished(Event, frozen=True, tag=True):
     """The outcome of one ``Drop``, which is unknown if neither ``done`` nor ``refused`` is set."""
 
@@ -572,19 +601,21 @@ class FireReachedEdge(OperatorEvent, frozen=True, tag=True):
     lon_deg: Longitude
 
 
-Order = Literal["hold", "resume", "return", "start"]
+Order = Literal["hold", "resume", "return", "start", "land", "go-around"]
 
 
 class OrderGiven(OperatorEvent, frozen=True, tag=True):
     """An operator's order to one vehicle, or to all vehicles if ``vehicle`` is empty.
 
     A ``confirmed`` order may end a mode that the autopilot or the pilot selected, such as a
-    failsafe.
+    failsafe. A hold with ``hold_at`` is at this position and altitude (latitude, longitude, m AMSL)
+    instead of the current position.
     """
 
     vehicle: str
     order: Order
     confirmed: bool = False
+    hold_at: tuple[Latitude, Longitude, Altitude] | None = None
 
 
 SERVICE = "service"  # ``by`` in the service's own orders; interfaces refuse this name
@@ -701,6 +732,7 @@ VehicleEvent = (
     | FenceStatusChanged
     | EstimatorStatusChanged
     | ParametersReported
+    | AircraftReported
     | DropFinished
     | HostTime
 )

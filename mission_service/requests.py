@@ -463,6 +463,16 @@ class Return(OrderRequest, frozen=True):
     """Fly home."""
 
 
+class Land(OrderRequest, frozen=True):
+    """Land at home: planes by a mission into the wind, multirotors by a return."""
+
+
+class GoAround(OrderRequest, frozen=True, tag="go-around"):
+    """Break off the landing, climb and hold. On the last leg, hold and abort go around too."""
+
+    operation = "go_around"
+
+
 class Start(OrderRequest, frozen=True):
     """Arm and fly the mission on board."""
 
@@ -550,7 +560,7 @@ class Replay(Request, frozen=True):
 
 
 OF_EVERY_RUN = (Abort, Correct, Observe, Raster, Erase, Undo, Redo, Lit, Wind, Present, Close, Open)
-OF_VEHICLES = (Hold, Resume, Return, Start, Renew, Accept, Refuse, Settings)
+OF_VEHICLES = (Hold, Resume, Return, Land, GoAround, Start, Renew, Accept, Refuse, Settings)
 
 
 def refuse_no_polygon(do: str, points: tuple[tuple[float, float], ...]) -> None:

@@ -16,6 +16,7 @@ from autopilot_bridge.links.codec import Codec, Message
 from autopilot_bridge.missions.transfer import Kind, TransferResult, TransferTiming
 from autopilot_bridge.stacks.stacks import Stack
 from autopilot_bridge.vehicle import orders
+from autopilot_bridge.vehicle.aircraft_seen import ADSB_VEHICLE, aircraft_seen
 from autopilot_bridge.vehicle.camera_telemetry import MESSAGES as CAMERA_MESSAGES
 from autopilot_bridge.vehicle.camera_telemetry import camera_event
 from autopilot_bridge.vehicle.client_events import (
@@ -38,6 +39,7 @@ from autopilot_bridge.vehicle.transfer_queue import TransferQueue
 from autopilot_bridge.vehicle.transfer_states import Job, StartItem, VehicleState
 
 HEARTBEAT_EVERY_US = 1_000_000
+COMPONENT_MESSAGES = CAMERA_MESSAGES | {ADSB_VEHICLE}  # of the vehicle, from any component
 NEVER_US = 1 << 62
 
 
@@ -219,8 +221,11 @@ class NativeClient:
 
     def receive_message(self, message: Message, now_us: int) -> None:
         """Process a message from any sender on the link."""
-        if message.get_type() in CAMERA_MESSAGES and message.get_srcSystem() == self._target_system:
-            self._receive_camera(message, now_us)
+        kind = message.get_type()
+        if kind in COMPONENT_MESSAGES and message.get_srcSystem() == self._target_system:
+            self._receive_component(message, now_us)
+            if kind == ADSB_VEHICLE:
+                return
         if self._from_vehicle(message):
             for whole in self._texts.receive(message):
                 self._receive(whole, now_us)
@@ -288,9 +293,10 @@ class NativeClient:
         source = (message.get_srcSystem(), message.get_srcComponent())
         return source == (self._target_system, AUTOPILOT)
 
-    def _receive_camera(self, message: Message, now_us: int) -> None:
-        """Process a message of the vehicle's camera or gimbal, which may be separate components."""
-        event = None if self.stack is None else camera_event(message, now_us)
+    def _receive_component(self, message: Message, now_us: int) -> None:
+        """Process a message of a camera, gimbal or ADS-B receiver, which may be a component."""
+        decode = aircraft_seen if message.get_type() == ADSB_VEHICLE else camera_event
+        event = None if self.stack is None else decode(message, now_us)
         if event is not None:
             self._events.append(event)
 

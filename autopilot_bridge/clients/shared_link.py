@@ -10,12 +10,16 @@ import heapq
 from collections import deque
 from typing import NamedTuple
 
-from autopilot_bridge.clients.native import HEARTBEAT_EVERY_US, NativeClient, gcs_heartbeat
+from autopilot_bridge.clients.native import (
+    COMPONENT_MESSAGES,
+    HEARTBEAT_EVERY_US,
+    NativeClient,
+    gcs_heartbeat,
+)
 from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.links.codec import Codec, Message
 from autopilot_bridge.missions.transfer import TransferTiming
 from autopilot_bridge.stacks.stacks import stack_of
-from autopilot_bridge.vehicle.camera_telemetry import MESSAGES as CAMERA_MESSAGES
 from autopilot_bridge.vehicle.client_events import ClientEvent
 from autopilot_bridge.vehicle.message_rates import ALL_RATES_HZ, RatesHz
 from autopilot_bridge.vehicle.monitor import AUTOPILOT
@@ -100,14 +104,14 @@ class SharedLink:
         touched: dict[int, bool] = {}
         for message in messages:
             kind = message.get_type()
-            if message.get_srcComponent() != AUTOPILOT and kind not in CAMERA_MESSAGES:
+            if message.get_srcComponent() != AUTOPILOT and kind not in COMPONENT_MESSAGES:
                 continue
             system = message.get_srcSystem()
             client = self.clients.get(system) or self._detected(message, system)
             if client is not None and self._is_accepted(remote, system, message, now_us):
                 client.receive_message(message, now_us)
                 # Telemetry changes a timer only if it causes a message to be sent.
-                telemetry = kind in MESSAGES or kind in CAMERA_MESSAGES
+                telemetry = kind in MESSAGES or kind in COMPONENT_MESSAGES
                 touched[system] = not telemetry or bool(self._outgoing)
         for system, timer in touched.items():
             self._refresh(system, timer)
@@ -134,7 +138,7 @@ class SharedLink:
     def _is_accepted(self, remote: str, system: int, message: Message, now_us: int) -> bool:
         """Return whether to accept a message of this system from this remote."""
         source = self._sources.get(system)
-        if message.get_srcComponent() != AUTOPILOT:  # a camera, which binds no vehicle to a remote
+        if message.get_srcComponent() != AUTOPILOT:  # a camera or receiver, which binds no vehicle
             return source is not None and source.remote == remote
         if source is None:
             timeout_us = self._heartbeat_timeout_us

@@ -80,6 +80,12 @@ BOUNDS: Final[dict[str, tuple[Bound, ...]]] = {
     "CAMERA_FOV_STATUS": tuple(Bound(field, 0.0, 360.0) for field in ("hfov", "vfov")),
     "CAMERA_INFORMATION": tuple(Bound(field, 0.0, 10_000.0) for field in _LENS),
     "CAMERA_THERMAL_RANGE": (Bound("max", -100.0, 5000.0),),
+    "ADSB_VEHICLE": (
+        Bound("lat", -90e7, 90e7),
+        Bound("lon", -180e7, 180e7),
+        Bound("altitude", LOWEST_M * 1e3, HIGHEST_M * 1e3),
+        Bound("heading", 0, 36_000),
+    ),
     "CAMERA_TRACKING_GEO_STATUS": (
         Bound("lat", -90e7, 90e7, 2**31 - 1),
         Bound("lon", -180e7, 180e7, 2**31 - 1),

@@ -26,6 +26,8 @@ GLIDE = math.tan(math.radians(6.0))
 IN_PLACE_M = 2.0  # at a shorter horizontal distance, a copter climbs or sinks vertically
 HIGH_ENOUGH_M = 1.5
 WIDER_M = 12.0  # observed with radii of 100 and 150 m: 11 m at 12.6 m/s, 13 m at 22 m/s
+SHORT_S = 1.3  # ArduPlane: distance before the point, divided by the headwind
+FLOATS_S = 6.3  # time from the flare of a PX4 plane until it rests
 FALL_M_S = 8.0  # speed of a copter without power
 CIRCLE_RATE_RAD_S = math.radians(20.0)  # ArduCopter's CIRCLE_RATE
 
@@ -151,12 +153,24 @@ class Body:
         leg = (place[0] - start[0], place[1] - start[1])
         left = (place[0] - self.motion.north_m, place[1] - self.motion.east_m)
         length = max(math.hypot(*leg), 1.0)
-        ahead_m = max((left[0] * leg[0] + left[1] * leg[1]) / length, 0.0)
+        ahead_m = (left[0] * leg[0] + left[1] * leg[1]) / length
+        ahead_m = max(ahead_m + self._floats_m(leg[0] / length, leg[1] / length), 0.0)
         self.follow(start, place, min(ground_m + ahead_m * GLIDE, self.motion.altitude_m))
         if self.motion.altitude_m > ground_m + 0.1:
             return False
         self.touch(ground_m)
         return True
+
+    def _floats_m(self, north: float, east: float) -> float:
+        """Return how far beyond its landing point a plane comes to rest, on this course.
+
+        A PX4 plane in simulation flares at the point and floats on, at about its minimum airspeed.
+        ArduPlane rests before the point in a headwind, and at the point without wind.
+        """
+        along_m_s = self.wind.north_m_s * north + self.wind.east_m_s * east
+        if self.stack.name != "px4":
+            return SHORT_S * along_m_s
+        return FLOATS_S * max(self.limits.min_airspeed_m_s + along_m_s, 0.0)
 
     def fall(self) -> None:
         """Move one step without power: a plane sinks at its maximum rate, a copter falls."""

@@ -133,6 +133,8 @@ class CommandServer:
         else:
             handlers[mavlink.MAV_CMD_DO_SET_MISSION_CURRENT] = self._set_current
             handlers[mavlink.MAV_CMD_DO_LAND_START] = self._land_start
+        if self._plane and not self._px4:
+            handlers[mavlink.MAV_CMD_DO_GO_AROUND] = self._go_around
         if self._px4 or not self._plane:
             handlers[mavlink.MAV_CMD_NAV_LAND] = self._change_to("land")
         return handlers
@@ -211,6 +213,9 @@ class CommandServer:
         flight.set_mode("mission", now_s)
         flight.go_to(commands.index(mavlink.MAV_CMD_DO_LAND_START), now_s)
         return ACCEPTED
+
+    def _go_around(self, request: CommandRequest, flight: FlightModel, now_s: float) -> int:
+        return ACCEPTED if flight.go_around(now_s) else FAILED
 
     def _reposition(self, request: CommandRequest, flight: FlightModel, now_s: float) -> int:
         _, flags, radius_m, direction = request.params

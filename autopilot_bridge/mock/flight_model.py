@@ -10,7 +10,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from autopilot_bridge.items import MissionItem, params_of
 from autopilot_bridge.mock.body import HIGH_ENOUGH_M, Body, Place
 from autopilot_bridge.mock.failsafe_causes import Battery, FailsafeReaction
-from autopilot_bridge.mock.item_flight import Target, loitered, passed
+from autopilot_bridge.mock.item_flight import Target, climbed_ahead, loitered, passed
 from autopilot_bridge.mock.kinematics import Limits
 from autopilot_bridge.mock.mission_sequencer import (
     DEFAULT_RADIUS_M,
@@ -40,6 +40,12 @@ Mode = Literal[
 
 GLIDES_AT_M_S = 3.0  # minimum sink rate of a vehicle whose engine has failed
 GLIDES_BY = 0.7  # airspeed after an engine failure, as a fraction of the airspeed before
+FLARES_BELOW_M = 3.0  # below this height ArduPlane refuses a go-around
+# After these items a plane continues from its position, not from that of the item.
+LEFT_ON_COURSE = (
+    mavlink.MAV_CMD_NAV_LOITER_TO_ALT,
+    mavlink.MAV_CMD_NAV_CONTINUE_AND_CHANGE_ALT,
+)
 # A copter lands at its estimated position after this time without satellites, with the default
 # parameters of the stacks (FS_EKF_ACTION = 1; PX4 without a remote control).
 BLIND_AFTER_S = {("ardupilot", "copter"): 8.0, ("px4", "copter"): 5.0}
@@ -311,12 +317,15 @@ class FlightModel(Body):
             self.loiter(target.leg_start, altitude_m, DEFAULT_RADIUS_M)
             done = self.motion.altitude_m >= altitude_m - 2.0
         elif item.command in LOITERS:
-            done = loitered(self, target, place, self._altitude(item), now_s)
+            following = self._following()
+            done = loitered(self, target, place, self._altitude(item), now_s, following)
         elif item.command in WAYPOINTS:
             done = passed(self, target, place, self._altitude(item), now_s)
         elif item.command == mavlink.MAV_CMD_NAV_DELAY:
             self.loiter(target.leg_start, target.begun_amsl_m, DEFAULT_RADIUS_M)
             done = now_s - target.begun_at_s >= item.param1
+        elif item.command == mavlink.MAV_CMD_NAV_CONTINUE_AND_CHANGE_ALT:
+            done = climbed_ahead(self, target, self._altitude(item))
         elif item.command in LANDINGS:
             done = self.airborne and self._land(target, place, now_s)
         elif item.command == mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH:
@@ -331,6 +340,27 @@ class FlightModel(Body):
         item = target.item
         return self.frame.local(item) if item.x or item.y else target.leg_start
 
+    def _following(self) -> Place | None:
+        """Return the position of the next NAV item, if it has one."""
+        _, seq = next_of(self.items, self.current + 1, dict(self._jumps))
+        item = None if seq is None else self.items[seq]
+        return self.frame.local(item) if item is not None and (item.x or item.y) else None
+
+    def go_around(self, now_s: float) -> bool:
+        """Execute DO_GO_AROUND as ArduPlane does; return whether it is accepted.
+
+        The plane must fly a landing, and not have begun its flare.
+        """
+        lands = self.mode == "mission" and self.target is not None
+        lands = lands and self.airborne and self.items[self.current].command in LANDINGS
+        if not lands or self.motion.altitude_m - self.ground_amsl_m < FLARES_BELOW_M:
+            return False
+        following = self.current + 1
+        ahead = mavlink.MAV_CMD_NAV_CONTINUE_AND_CHANGE_ALT
+        climbs = following < len(self.items) and self.items[following].command == ahead
+        self.go_to(following if climbs else self.current - 1, now_s)
+        return True
+
     def _altitude(self, item: MissionItem) -> float:
         return self.frame.altitude_amsl_m(item, self.ground_amsl_m)
 
@@ -341,7 +371,8 @@ class FlightModel(Body):
         self._hold_at = (*self._place(ended), self.motion.altitude_m)
         self.go_to(flown + 1, now_s)
         if self.target is not None:
-            if ended.item.command not in TAKEOFFS:
+            plane_down = ended.item.command in LEFT_ON_COURSE and self.stack.vehicle == "plane"
+            if ended.item.command not in TAKEOFFS and not plane_down:
                 self.target.leg_start = self._place(ended)
             return
         self.current = flown

@@ -7,10 +7,13 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.items import MissionItem
 from autopilot_bridge.mock.body import Body, Place, wider_m
+from autopilot_bridge.mock.kinematics import wrap
 from autopilot_bridge.mock.mission_sequencer import DEFAULT_RADIUS_M, acceptance_m, loiter_radius_m
 from autopilot_bridge.stacks.item_treatment import TERRAIN_FRAMES
 
 NEAR_M = 5.0  # acceptance radius of a copter that does not stop
+EXIT_RAD = math.radians(8.0)  # a plane leaves a loiter within this angle of its next leg
+AHEAD_M = 10_000.0
 STOP_WITHIN_M = 2.0  # acceptance radius of a copter that stops
 
 
@@ -25,10 +28,21 @@ class Target:
     arrived_at_s: float | None = None
     turned_rad: float = 0.0
     last_bearing: float | None = None
+    leg_course_rad: float | None = None  # course of a leg without an end
 
 
-def loitered(body: Body, target: Target, centre: Place, altitude_m: float, now_s: float) -> bool:
-    """Fly one step of a loiter; return True at its end. Time and turns count from the arrival."""
+def loitered(
+    body: Body,
+    target: Target,
+    centre: Place,
+    altitude_m: float,
+    now_s: float,
+    following: Place | None = None,
+) -> bool:
+    """Fly one step of a loiter; return True at its end. Time and turns count from the arrival.
+
+    A plane leaves a loiter to an altitude when it heads for the next item, at ``following``.
+    """
     item = target.item
     radius_m = loiter_radius_m(item, body.stack)
     turns = item.command == mavlink.MAV_CMD_NAV_LOITER_TURNS
@@ -45,7 +59,7 @@ def loitered(body: Body, target: Target, centre: Place, altitude_m: float, now_s
             return False
         target.arrived_at_s = now_s
     if item.command == mavlink.MAV_CMD_NAV_LOITER_TO_ALT:
-        return abs(body.motion.altitude_m - altitude_m) < 2.0
+        return abs(body.motion.altitude_m - altitude_m) < 2.0 and _heads_for(body, following)
     if not turns:
         return now_s - target.arrived_at_s >= item.param1
     bearing = math.atan2(body.motion.east_m - centre[1], body.motion.north_m - centre[0])
@@ -54,6 +68,26 @@ def loitered(body: Body, target: Target, centre: Place, altitude_m: float, now_s
         target.turned_rad += abs(change)
     target.last_bearing = bearing
     return target.turned_rad >= item.param1 * math.tau
+
+
+def _heads_for(body: Body, following: Place | None) -> bool:
+    """Return whether a plane flies towards a place, as far as one time step allows."""
+    if following is None or body.stack.vehicle == "copter":
+        return True
+    motion = body.motion
+    course = math.atan2(following[1] - motion.east_m, following[0] - motion.north_m)
+    return abs(wrap(course - motion.course_rad)) < EXIT_RAD
+
+
+def climbed_ahead(body: Body, target: Target, altitude_m: float) -> bool:
+    """Fly one step of CONTINUE_AND_CHANGE_ALT: straight ahead, until the altitude is reached."""
+    motion = body.motion
+    if target.leg_course_rad is None:
+        target.leg_course_rad = motion.course_rad
+    north, east = math.cos(target.leg_course_rad), math.sin(target.leg_course_rad)
+    ahead = (target.leg_start[0] + AHEAD_M * north, target.leg_start[1] + AHEAD_M * east)
+    body.follow(target.leg_start, ahead, altitude_m)
+    return abs(motion.altitude_m - altitude_m) < 2.0
 
 
 def passed(body: Body, target: Target, place: Place, altitude_m: float, now_s: float) -> bool:

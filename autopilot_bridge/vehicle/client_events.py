@@ -5,6 +5,7 @@ from typing import ClassVar, Literal
 
 from autopilot_bridge.missions.transfer import Kind, TransferResult
 from autopilot_bridge.stacks.stacks import Stack
+from autopilot_bridge.vehicle.aircraft_seen import AircraftSeen
 from autopilot_bridge.vehicle.camera_telemetry import CameraEvent
 from autopilot_bridge.vehicle.parameters import ParametersResult
 
@@ -330,6 +331,7 @@ ClientEvent = (
     | Rebooted
     | TelemetryEvent
     | CameraEvent
+    | AircraftSeen
     | MissionProgress
     | ItemReached
     | TransferFinished

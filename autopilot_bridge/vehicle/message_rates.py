@@ -68,6 +68,8 @@ CAMERA_RATES_HZ: RatesHz = {
     mavlink.MAVLINK_MSG_ID_CAMERA_INFORMATION: 0.2,
     mavlink.MAVLINK_MSG_ID_CAMERA_THERMAL_RANGE: 1.0,
 }
+# ArduPilot sends one aircraft at each interval, PX4 each aircraft once.
+AIRCRAFT_RATES_HZ: RatesHz = {mavlink.MAVLINK_MSG_ID_ADSB_VEHICLE: 20.0}
 # Sources: PX4 1.17 streams/, ArduPilot 4.6.2 GCS_Common.cpp.
 _OF_THE_OTHER_STACK = {
     "px4": (

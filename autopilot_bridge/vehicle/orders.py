@@ -24,6 +24,8 @@ SAME_PLACE = Place(mavlink.MAV_FRAME_GLOBAL, 2**31 - 1, 2**31 - 1, NAN)
 PX4_MAX_ORBIT_RADIUS_M = 1000.0  # MC_ORBIT_RAD_MAX of multirotors
 PLANE_MAX_RADIUS_M = 32767.0
 
+GO_AROUND_CLIMB_M = 30.0  # height above home up to which ArduPlane keeps its heading
+
 PX4_MAX_ACTUATORS = 6
 SERVO_US = (500.0, 2500.0)  # minimum and maximum pulse width of servos
 GRIPPER_RELEASE = float(mavlink.GRIPPER_ACTION_RELEASE)
@@ -126,6 +128,18 @@ def land(stack: Stack) -> Steps:
     if stack.name == "ardupilot" and stack.vehicle == "plane":
         return (Step(mavlink.MAV_CMD_DO_LAND_START),)
     return set_mode(stack, "land")
+
+
+def go_around(stack: Stack, lat_deg: float, lon_deg: float, altitude_amsl_m: float) -> Steps:
+    """Return the step that breaks off a landing on its last leg.
+
+    ArduPlane climbs straight ahead, and continues with the item after the landing; a mission that
+    lands therefore contains the place of a go-around. Other vehicles fly to the position and hold
+    there.
+    """
+    if stack.name == "ardupilot" and stack.vehicle == "plane":
+        return (Step(mavlink.MAV_CMD_DO_GO_AROUND, (GO_AROUND_CLIMB_M,)),)
+    return reposition(stack, lat_deg, lon_deg, altitude_amsl_m)
 
 
 def reposition(stack: Stack, lat_deg: float, lon_deg: float, altitude_amsl_m: float) -> Steps:
@@ -334,7 +348,12 @@ ORDERS = {
     "return": Order(_of_stack(return_home), urgent=True, through_mavsdk=_of_stack(return_home)),
     "return height": Order(_of_stack(return_height)),  # height_m above home
     "land": Order(_of_stack(land), urgent=True),
+    "fly landing": Order(_of_stack(resume), through_mavsdk=_of_stack(resume)),
+    # lat_deg, lon_deg, altitude_amsl_m
+    "go around": Order(_of_stack(go_around), urgent=True, timing=AT_ONCE),
     "reposition": Order(_of_stack(reposition)),  # lat_deg, lon_deg, altitude_amsl_m
+    # As "reposition", but before all other commands: lat_deg, lon_deg, altitude_amsl_m
+    "hold at": Order(_of_stack(reposition), urgent=True),
     # lat_deg, lon_deg, altitude_amsl_m
     "climb and hold": Order(_of_stack(climb_and_hold), urgent=True, timing=AT_ONCE),
     "orbit": Order(_of_stack(orbit)),  # lat_deg, lon_deg, altitude_amsl_m, radius_m[, speed_m_s]

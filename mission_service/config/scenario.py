@@ -43,6 +43,7 @@ from mission_service.config.sections import (
     VehicleSection,
 )
 from mission_service.config.service_section import ServiceSection
+from mission_service.config.surveillance_section import SurveillanceSection
 from mission_service.errors import OptionError, ScenarioError
 from mission_service.value_errors import got, missing_key, remedy, schema_at
 
@@ -91,6 +92,7 @@ class Scenario(Section):
     mission: MissionSection = MissionSection()
     airspace: AirspaceSection = AirspaceSection()
     link: LinkSection = LinkSection()
+    surveillance: SurveillanceSection | None = None
 
     @model_validator(mode="after")
     def _consistent(self) -> "Scenario":
@@ -105,6 +107,9 @@ class Scenario(Section):
         if self.fire.initial_cells is not None and not self.ignition:
             raise ValueError("fire.initial_cells needs an ignition, from which the fire grows")
         self.way.check(self)
+        resolves = self.surveillance is not None and self.surveillance.resolution != "none"
+        if resolves and self.burn_flown is not None:
+            raise ValueError('surveillance.resolution must be "none" in a burn: operators abort')
         times = [entry.at_s for entry in self.weather]
         if times and (times != sorted(set(times)) or times[0] != 0):
             raise ValueError("weather entries must start at at_s = 0 and have increasing times")

@@ -12,6 +12,7 @@ from collections.abc import Iterable, Mapping
 
 import shapely
 
+from autopilot_bridge.items import MissionItem
 from firemodel.landscape.landscape import Landscape
 from mission_service import events
 from mission_service.airspace.clearance import Airspace
@@ -27,6 +28,7 @@ from mission_service.commands import (
     ClearAlarm,
     ClimbAndHold,
     Hold,
+    HoldAt,
     Orbit,
     RaiseAlarm,
     Return,
@@ -81,7 +83,8 @@ class AirspaceGuard:
         """Apply an operator's event: close or open a volume; an order ends an evasion."""
         match event:
             case events.AirspaceClosed():
-                return self._announced(self._closed.close(event))
+                announced = self._announced(self._closed.close(event))
+                return [*announced, *self._unreachable(event.at_us / 1e6)]
             case events.AirspaceOpened():
                 return self._announced(self._closed.open(event))
             case events.OrderGiven() | events.Aborted():
@@ -98,6 +101,24 @@ class AirspaceGuard:
         first = next(iter(self._vehicles.values()), None)
         return [] if first is None else [announce(first, words, warning=True)]
 
+    def _unreachable(self, at_s: float) -> list[AnyCommand]:
+        """Raise alarms for vehicles without a link that may be in closed airspace, or enter it."""
+        airspace, found = self._closed.at(at_s), []
+        for vehicle in self._vehicles.values():
+            fix, availability = vehicle.availability.fix, vehicle.availability
+            if fix is None or availability.online or not availability.airborne:
+                continue
+            position = position_of(fix)
+            inside = airspace.volume_at(position)
+            parts = self._space.of_flight(vehicle, fix, self._states[vehicle.name])
+            conflict = airspace.conflict(parts, self._landscape, position)
+            if inside is not None:
+                conflict = f"the closed volume {inside.name!r}"
+            if conflict is not None:
+                words = f"its link is lost: it may be inside {conflict}, or enter it"
+                found += self._raised(vehicle, words, "severe")
+        return found
+
     # The check before sending -----------------------------------------------------------------
 
     def checked(self, commands: Iterable[AnyCommand], at_s: float) -> list[AnyCommand]:
@@ -113,7 +134,7 @@ class AirspaceGuard:
                     found += self._checked_upload(command, airspace, at_s)
                 case StartMission():
                     found += self._checked_start(command, airspace, at_s)
-                case Orbit() | ClimbAndHold():
+                case Orbit() | ClimbAndHold() | HoldAt():
                     found += self._checked_place(command, airspace)
                 case Return():
                     found += self._checked_return(command, airspace, at_s)
@@ -131,7 +152,7 @@ class AirspaceGuard:
             conflict = self._conflict(vehicle, self._space.route(vehicle, command.items), airspace)
             if conflict is not None:
                 led_around = None
-                if self._moves:
+                if self._moves and not command.lands:
                     led_around = self._evasions.around(vehicle, command, airspace)
                 if led_around is None:
                     vehicle.drop_upload()
@@ -162,13 +183,18 @@ class AirspaceGuard:
             vehicle.start_again_at_s = at_s + START_AGAIN_S
         return self._raised(vehicle, f"is not started: its mission would enter {conflict}")
 
-    def _checked_place(self, command: Orbit | ClimbAndHold, airspace: Airspace) -> list[AnyCommand]:
+    def _checked_place(
+        self, command: Orbit | ClimbAndHold | HoldAt, airspace: Airspace
+    ) -> list[AnyCommand]:
         vehicle = self._vehicles[command.vehicle]
         fix = vehicle.availability.fix
         if fix is None:
             return [command]
         x_m, y_m = self._landscape.xy_of_lat_lon(command.lat_deg, command.lon_deg)
-        radius_m = abs(command.radius_m) if isinstance(command, Orbit) else 0.0
+        section = vehicle.section
+        radius_m = section.loiter_radius_m if section.kind == "plane" else 0.0
+        if isinstance(command, Orbit):
+            radius_m = abs(command.radius_m)
         target = (float(x_m), float(y_m), command.altitude_amsl_m)
         place = disc(target[0], target[1], WIDER * radius_m + 1.0, target[2], target[2])
         parts = [straight(position_of(fix), target), place]
@@ -176,7 +202,8 @@ class AirspaceGuard:
         if conflict is not None and isinstance(command, Orbit):
             return self._raised(vehicle, f"an orbit is not ordered: it would enter {conflict}")
         self._states[vehicle.name].orbit = place
-        return [command]  # a climb out of the reach of flames is more urgent
+        # A climb out of the reach of flames, or out of the way of other aircraft, is more urgent.
+        return [command]
 
     def _checked_return(self, command: Return, airspace: Airspace, at_s: float) -> list[AnyCommand]:
         vehicle = self._vehicles[command.vehicle]
@@ -191,10 +218,27 @@ class AirspaceGuard:
             return [command]
         return self._evade(vehicle, fix, airspace, conflict, at_s, returns=True) or [command]
 
+    def return_obstacle(self, vehicle: Vehicle, fix: PositionFix) -> str:
+        """Return why a vehicle cannot fly straight home now; "" if the way is free."""
+        parts = self._space.of_return(vehicle, fix)
+        conflict = self._closed.at(fix.at_s).conflict(parts, self._landscape, position_of(fix))
+        return "" if conflict is None else f"its way home would enter {conflict}"
+
+    def mission_obstacle(self, vehicle: Vehicle, items: tuple[MissionItem, ...]) -> str:
+        """Return why a vehicle cannot fly a mission now; "" if the mission is free."""
+        fix = vehicle.availability.fix
+        assert fix is not None
+        places = self._space.route(vehicle, items)
+        conflict = self._conflict(vehicle, places, self._closed.at(fix.at_s))
+        return "" if conflict is None else f"its mission would enter {conflict}"
+
     # Flights under way ------------------------------------------------------------------------
 
-    def apply(self, event: events.VehicleEvent) -> None:
-        """Record which mission is on board, and how far it is flown."""
+    def apply(self, event: events.VehicleEvent) -> list[AnyCommand]:
+        """Record which mission is on board, and how far it is flown.
+
+        Returns an alarm if the link to a vehicle is lost that may be in closed airspace.
+        """
         state = self._states[event.vehicle]
         match event:
             case events.UploadFinished():
@@ -213,8 +257,11 @@ class AirspaceGuard:
                 state.began_at = None
                 if not event.armed or event.mode in GOING_HOME:
                     state.evasion = Evasion.NONE
+            case events.LinkLost():
+                return self._unreachable(event.at_us / 1e6)
             case _:
                 pass
+        return []
 
     def _put_on_board(
         self, state: AirspaceState, mission_id: int, places: tuple[MissionPlace, ...]
@@ -243,10 +290,13 @@ class AirspaceGuard:
         self._check_again(vehicle, fix, airspace)
         conflict = f"the closed volume {inside.name!r}" if inside is not None else state.conflict
         if not conflict:
-            return [*self._lowered(vehicle), *self._straight_home(vehicle, fix, airspace)]
+            return [*self._lowered(vehicle), *self._goes_home(vehicle, fix, airspace)]
         words = f"is inside {conflict}" if inside is not None else f"would enter {conflict}"
         if not self._may_move(vehicle):
-            return self._raised(vehicle, f"{words}; it is not under control of the service")
+            why = "it is not under control of the service"
+            if vehicle.landing_state.active:
+                why = "it is landing"
+            return self._raised(vehicle, f"{words}; {why}")
         if at_s < state.acts_again_at_s or vehicle.pending is not None:
             return []
         if inside is not None and self._flies_out(vehicle):
@@ -302,7 +352,7 @@ class AirspaceGuard:
     def _may_move(self, vehicle: Vehicle) -> bool:
         """Return whether the service may move a vehicle out of closed airspace."""
         availability = vehicle.availability
-        if not self._moves or availability.fix is None:
+        if not self._moves or availability.fix is None or vehicle.landing_state.active:
             return False
         led = availability.online and availability.airborne and not availability.taken_over
         return led and availability.position_good and vehicle.unconfirmed is None
@@ -339,24 +389,32 @@ class AirspaceGuard:
         words = f"leaves {conflict}"
         return [*self._raised(vehicle, words), announce(vehicle, words, warning=True), leaves]
 
-    def _straight_home(
+    def _goes_home(
         self, vehicle: Vehicle, fix: PositionFix, airspace: Airspace
     ) -> list[AnyCommand]:
-        """Return the order to return, once the straight way home is free."""
-        state = self._states[vehicle.name]
-        if state.evasion is not Evasion.AROUND or not self._may_move(vehicle):
+        """Return the order to return, once the straight way home is free.
+
+        A vehicle that was sent home and holds, because no way was free, also gets a mission around
+        the volumes as soon as there is one.
+        """
+        state, at_s = self._states[vehicle.name], fix.at_s
+        waits = vehicle.sent_home and state.evasion in (Evasion.HOLD, Evasion.EXIT)
+        flies = state.evasion is Evasion.AROUND and vehicle.availability.mode == MISSION
+        if not (waits or flies) or not self._may_move(vehicle):
             return []
-        if vehicle.pending is not None or vehicle.availability.mode != MISSION:
-            return []
-        if fix.at_s < state.acts_again_at_s:
+        if vehicle.pending is not None or at_s < state.acts_again_at_s:
             return []
         parts = self._space.of_return(vehicle, fix)
-        if airspace.conflict(parts, self._landscape, position_of(fix)) is not None:
+        if airspace.conflict(parts, self._landscape, position_of(fix)) is None:
+            state.home_clear, state.acts_again_at_s = self._closed.version, at_s + ACTS_AGAIN_S
+            vehicle.sent_home = vehicle.waits_for_operator = True
+            vehicle.end_intentions()
+            return [announce(vehicle, "the way home is free"), Return(vehicle.name)]
+        around = self._evasions.way_home(vehicle, fix, airspace, state) if waits else None
+        if around is None:
             return []
-        state.home_clear, state.acts_again_at_s = self._closed.version, fix.at_s + ACTS_AGAIN_S
-        vehicle.sent_home = vehicle.waits_for_operator = True
-        vehicle.end_intentions()
-        return [announce(vehicle, "the way home is free"), Return(vehicle.name)]
+        state.acts_again_at_s = at_s + ACTS_AGAIN_S
+        return [announce(vehicle, "flies home around closed airspace"), around]
 
     def _conflict(
         self, vehicle: Vehicle, places: tuple[MissionPlace, ...], airspace: Airspace

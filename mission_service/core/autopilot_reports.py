@@ -45,7 +45,8 @@ def reported(vehicle: Vehicle, event: events.VehicleEvent) -> list[AnyCommand]:
             return [announce(vehicle, "landing", warning=True)]
         case events.LandedStateChanged():
             mode = vehicle.availability.mode
-            lands = mode in GOING_HOME  # after a landing the autopilot disarms
+            # After a landing the autopilot disarms.
+            lands = mode in GOING_HOME or vehicle.landing_state.active
             down = vehicle.availability.airborne and event.state == "on ground" and not lands
             words = f"on the ground in {named_mode(mode)}, and armed"
             return _alarm(vehicle, LANDED, down, words, "severe")

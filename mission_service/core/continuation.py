@@ -3,12 +3,18 @@
 from mission_service import events
 from mission_service.commands import AnyCommand, Return, StartMission
 from mission_service.core.decision_engine import DecisionEngine
+from mission_service.core.landings import Landings
 from mission_service.core.mission_starts import WAITS
 from mission_service.core.request_results import RequestResults
 from mission_service.guidance.protocol import Guidance
 from mission_service.vehicles.availability import GOING_HOME, MISSION
 from mission_service.vehicles.reconciliation import in_words, recognised
-from mission_service.vehicles.vehicle_state import UnconfirmedState, Vehicle, announce
+from mission_service.vehicles.vehicle_state import (
+    Pending,
+    UnconfirmedState,
+    Vehicle,
+    announce,
+)
 
 
 class Continuation:
@@ -20,11 +26,13 @@ class Continuation:
         decision_engine: DecisionEngine,
         guidance: Guidance,
         results: RequestResults,
+        landings: Landings,
     ) -> None:
         self._prescribed = prescribed
         self.decision_engine = decision_engine
         self.guidance = guidance
         self._results = results
+        self._landings = landings
 
     def read_back(self, vehicle: Vehicle, event: events.MissionReadBack) -> list[AnyCommand]:
         """Continue with the mission read back after a restart; in a burn, announce the mission."""
@@ -39,7 +47,10 @@ class Continuation:
         vehicle.read_back = recognised(vehicle, was, event)
         if vehicle.read_back == "new":
             assert was.pending is not None
-            accepted = self._results.accepted(vehicle, was.pending, at_s)
+            accepted = self._accepted(vehicle, was.pending, at_s)
+        landing = self._landings.read_back(vehicle, at_s)
+        if landing or vehicle.landing_state.active:
+            return [words, *accepted, *landing]
         sent_home = was.recalled and not vehicle.ordered and not availability.taken_over
         if sent_home and availability.airborne and vehicle.mode not in GOING_HOME:
             self.decision_engine.recall(vehicle.name, at_s)
@@ -53,6 +64,13 @@ class Continuation:
             return [words, *accepted, *self._continued_on_ground(vehicle, was, at_s)]
         starts = any(isinstance(command, StartMission) for command in accepted)
         return [words, *accepted, *self._continued_in_air(vehicle, was, starts)]
+
+    def _accepted(self, vehicle: Vehicle, pending: Pending, at_s: float) -> list[AnyCommand]:
+        """Record the mission that was being uploaded; a landing mission is not started."""
+        if not pending.lands:
+            return self._results.accepted(vehicle, pending, at_s)
+        vehicle.flown_line, vehicle.accepted, vehicle.takes_off = None, pending, False
+        return []
 
     def _continued_on_ground(
         self, vehicle: Vehicle, was: UnconfirmedState, at_s: float

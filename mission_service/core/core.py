@@ -8,7 +8,16 @@ from typing import ClassVar, NamedTuple
 
 from firemodel.landscape.landscape import Landscape
 from mission_service import events
-from mission_service.commands import Announce, AnyCommand, Hold, Return, StartMission, UploadMission
+from mission_service.commands import (
+    Announce,
+    AnyCommand,
+    Hold,
+    HoldAt,
+    Land,
+    Return,
+    StartMission,
+    UploadMission,
+)
 from mission_service.config.scenario import Scenario
 from mission_service.core.airspace_guard import AirspaceGuard
 from mission_service.core.airspeed_watch import airspeed_compared
@@ -21,9 +30,11 @@ from mission_service.core.autopilot_reports import (
 from mission_service.core.continuation import Continuation
 from mission_service.core.decision_engine import DecisionEngine
 from mission_service.core.energy_watch import EnergyWatch
+from mission_service.core.landings import Landings
 from mission_service.core.lost_link import reaction_compared
 from mission_service.core.mission_starts import WAITS, MissionStarts
 from mission_service.core.operator_orders import OperatorOrders, hold_again
+from mission_service.core.other_aircraft import OtherAircraft
 from mission_service.core.request_results import RequestResults
 from mission_service.guidance.protocol import Decision, Guidance
 from mission_service.guidance.registry import way_of
@@ -82,9 +93,21 @@ class Core:
             scenario, landscape, self.vehicles, self._missions, self.guidance
         )
         self._starts = MissionStarts(scenario, self.traffic, self.guidance)
-        self._results = RequestResults(self.guidance, self._starts)
+        self._landings = Landings(
+            landscape,
+            self.decision_engine,
+            self.vehicles,
+            self.traffic,
+            self._missions,
+            self.airspace,
+        )
+        self._results = RequestResults(self.guidance, self._starts, self._landings)
         self._continuation = Continuation(
-            self._way.prescribed, self.decision_engine, self.guidance, self._results
+            self._way.prescribed,
+            self.decision_engine,
+            self.guidance,
+            self._results,
+            self._landings,
         )
         self._orders = OperatorOrders(
             scenario,
@@ -92,7 +115,11 @@ class Core:
             self.vehicles,
             self._starts.start_mission,
             self._approvals,
+            self._landings,
         )
+        self._other_aircraft: OtherAircraft | None = None
+        if scenario.surveillance is not None:
+            self._other_aircraft = OtherAircraft(scenario.surveillance, scenario, landscape)
 
     @property
     def _way(self) -> WayOfFlying:
@@ -104,6 +131,8 @@ class Core:
         Raises KeyError for a vehicle that is not in the scenario.
         """
         at_s = event.at_us / 1e6
+        if self._other_aircraft is not None:
+            self._other_aircraft.on_event(event)
         commands = self.airspace.checked(self._handle(event), at_s)
         if self._approvals is not None and not isinstance(event, events.MissionAccepted):
             commands = self._approvals.held_back(commands, self.vehicles, at_s)
@@ -113,8 +142,10 @@ class Core:
             self.decision_engine.on_command(command, at_s)
             if isinstance(command, StartMission):
                 self.vehicles[command.vehicle].start_under_way = True
-            elif isinstance(command, Hold):
+            elif isinstance(command, Hold | HoldAt):
                 self.vehicles[command.vehicle].hold_under_way_s = at_s
+            if self._other_aircraft is not None:
+                self._other_aircraft.on_command(command)
         return commands
 
     def _withheld(self, command: AnyCommand) -> bool:
@@ -130,6 +161,8 @@ class Core:
         if availability.taken_over and (availability.airborne or not uploads):
             if uploads:
                 vehicle.drop_upload()
+            return True
+        if isinstance(command, Land) and not availability.airborne:
             return True
         on_ground = isinstance(command, StartMission) and not availability.airborne
         return on_ground and vehicle.waits_for_operator
@@ -148,8 +181,8 @@ class Core:
             availability.estimator_healthy,
         )
         decision = self.decision_engine.apply(event)
-        self.airspace.apply(event)
-        commands = self._answer(vehicle, event, decision, was)
+        unreachable = self.airspace.apply(event)
+        commands = [*unreachable, *self._answer(vehicle, event, decision, was)]
         commands += self.guidance.on_vehicle(vehicle, event)
         return self._kept_out(vehicle, event, commands)
 
@@ -249,8 +282,15 @@ class Core:
         vehicle.airspeed_m_s = event.airspeed_m_s
         return []
 
+    def _aircraft_reported(
+        self, vehicle: Vehicle, event: events.AircraftReported
+    ) -> list[AnyCommand]:
+        aircraft = self._other_aircraft
+        return [] if aircraft is None else aircraft.reported(vehicle, event)
+
     def _progressed(self, vehicle: Vehicle, event: events.MissionProgress) -> list[AnyCommand]:
         vehicle.takes_off &= event.current_seq == 0  # after item 0 the takeoff is complete
+        self._landings.progressed(vehicle, event)
         return []
 
     def _parameters_reported(
@@ -265,8 +305,9 @@ class Core:
             return []
         if availability.taken_over and availability.airborne:
             return []
-        if availability.recalled:
-            return self._return_again(vehicle, at_s)
+        if vehicle.landing_state.active or availability.recalled:
+            landing = self._landings.moved(vehicle, fix)
+            return [*landing, *self._return_again(vehicle, at_s)]
         if vehicle.ordered == "hold":
             return hold_again(vehicle, at_s)
         if self._takes_no_decision(vehicle) or self.airspace.leads(vehicle.name):
@@ -353,6 +394,12 @@ class Core:
             return self._start_ended(vehicle)
         if availability.recalled and not was.recalled:
             return [_announce_return(vehicle, event.mode)]
+        if event.mode == MISSION and was.mode != MISSION:
+            found = self._landings.found_flying(vehicle, event.at_us / 1e6)
+            if found:
+                return [*back_under_control(vehicle), *found]
+        if vehicle.landing_state.active:
+            return back_under_control(vehicle) if was.taken_over else []
         if (was.recalled or was.taken_over) and event.mode == MISSION:
             vehicle.flown_line = None
             return [*back_under_control(vehicle), announce(vehicle, "back in its mission")]
@@ -371,9 +418,12 @@ class Core:
         return [*taken_over(vehicle), *self._end_intentions(vehicle, why)]
 
     def _end_intentions(self, vehicle: Vehicle, why: str) -> list[AnyCommand]:
-        """Cancel the vehicle's pending commands and its proposed mission."""
+        """Cancel the vehicle's pending commands, its landing and its proposed mission."""
         vehicle.end_intentions()
-        return [] if self._approvals is None else [*self._approvals.withdraw(vehicle, why)]
+        ended = self._landings.end(vehicle)
+        return (
+            ended if self._approvals is None else [*ended, *self._approvals.withdraw(vehicle, why)]
+        )
 
     def _was_overridden(self, vehicle: Vehicle, was: "_Was") -> bool:
         """Return whether the autopilot or the pilot changed the mode of a vehicle on the ground."""
@@ -430,6 +480,7 @@ class Core:
         events.AirspeedMeasured: _airspeed_measured,
         events.MissionProgress: _progressed,
         events.ParametersReported: _parameters_reported,
+        events.AircraftReported: _aircraft_reported,
     }
 
 

@@ -10,7 +10,7 @@ from typing import ClassVar
 
 from firemodel.landscape.landscape import Landscape
 from mission_service import events
-from mission_service.commands import AnyCommand, UploadMission
+from mission_service.commands import AnyCommand, ShowLanding, UploadMission
 from mission_service.config.scenario import Scenario
 from mission_service.fire.observed_window import without_speckles
 from mission_service.guidance.protocol import Decision, ReadsFronts, Steered
@@ -63,6 +63,19 @@ class DecisionEngine:
         """Record a command that is sent; the modes that it causes are expected from now on."""
         if type(command) in LEADS_TO:
             self.availability[command.vehicle].on_sent(type(command), at_s)
+        elif isinstance(command, ShowLanding):
+            self.show_landing(command, at_s)
+
+    def show_landing(self, shown: ShowLanding, at_s: float) -> None:
+        """Record the phase of a landing; no effect if the phase is recorded already.
+
+        When a landing begins, the mode counts as commanded, and the vehicle leaves the plans.
+        """
+        availability = self.availability[shown.vehicle]
+        if shown.phase != "none" and availability.landing == "none":
+            availability.mode_is_ordered, availability.hold_is_ordered = True, False
+            self.planners[shown.vehicle].left(at_s)
+        availability.landing = shown.phase
 
     def apply_restart(self, event: events.Resumed) -> None:
         """Apply a restart of the service: no vehicle is connected."""
@@ -76,8 +89,10 @@ class DecisionEngine:
             return False
         if availability.needs_confirmation(event.order) and not event.confirmed:
             return False
+        if event.order == "land":  # takes effect when the landing begins
+            return True
         availability.mode_is_ordered = True
-        availability.hold_is_ordered = event.order == "hold"
+        availability.hold_is_ordered = event.order in ("hold", "go-around")
         if event.order == "return":
             self.recall(name, event.at_us / 1e6)
         else:
@@ -225,6 +240,7 @@ class DecisionEngine:
             return None
         row, col = (float(value) for value in self._landscape.row_col_of(x_m, y_m))
         at_s = telemetry.at_us / 1e6
+        availability.height_m = telemetry.altitude_relative_m
         velocity = (telemetry.velocity_east_m_s, telemetry.velocity_north_m_s)
         availability.fix = PositionFix(
             at_s, row, col, x_m, y_m, telemetry.altitude_amsl_m, *velocity

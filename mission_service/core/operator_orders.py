@@ -4,10 +4,19 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from mission_service import events
-from mission_service.commands import CONFIRM, REJECTED, AnyCommand, Hold, Return, StartMission
+from mission_service.commands import (
+    CONFIRM,
+    REJECTED,
+    AnyCommand,
+    Hold,
+    HoldAt,
+    Return,
+    StartMission,
+)
 from mission_service.config.scenario import Scenario
 from mission_service.core.autopilot_reports import back_under_control
 from mission_service.core.decision_engine import DecisionEngine
+from mission_service.core.landings import Landings
 from mission_service.guidance.registry import way_of
 from mission_service.vehicles.approvals import MissionApprovals
 from mission_service.vehicles.availability import named_mode
@@ -31,6 +40,7 @@ class OperatorOrders:
         vehicles: dict[str, Vehicle],
         start: Start,
         approvals: MissionApprovals | None,
+        landings: Landings,
     ) -> None:
         self._resumes_mission = way_of(scenario).resumes_mission
         self._renews_missions = way_of(scenario).along_front or approvals is not None
@@ -38,6 +48,7 @@ class OperatorOrders:
         self.vehicles = vehicles
         self._start = start
         self._approvals = approvals
+        self._landings = landings
 
     def handle(self, event: events.AnyOperatorEvent) -> list[AnyCommand]:
         """Apply an operator's event and return the commands that it causes."""
@@ -79,8 +90,9 @@ class OperatorOrders:
         if self.decision_engine.apply_order(vehicle.name, event):
             vehicle.energy.flies_on = bool(time_up)
             ended = back_under_control(vehicle) if was_taken_over else []
-            if event.order in ("hold", "return"):
+            if event.order in ("hold", "return", "land"):
                 ended += self._withdrawn(vehicle, f"{event.order} by {event.by}")
+            vehicle.hold_at = event.hold_at
             return [*self._order(vehicle, event.order, event.by, event.at_us / 1e6), *ended]
         if event.by == events.SERVICE:
             words = f"no order is sent: it stays in {named_mode(vehicle.availability.mode)}"
@@ -104,6 +116,10 @@ class OperatorOrders:
     def _obstacle(self, vehicle: Vehicle, order: events.Order) -> str:
         """Return why an order cannot be executed, even if confirmed; "" without an obstacle."""
         availability, on_board = vehicle.availability, self._resumes_mission
+        if refusal := availability.refuses(order):
+            return refusal
+        if order == "land":
+            return self._landings.obstacle(vehicle)
         if order == "start" and vehicle.ordered:
             return "a hold is ordered: order resume first"
         if order == "resume" and on_board and availability.airborne and not availability.online:
@@ -113,19 +129,30 @@ class OperatorOrders:
     def _abort(self, vehicle: Vehicle, event: events.Aborted) -> list[AnyCommand]:
         """Order a hold, which begins after any mode that the autopilot or pilot has selected."""
         at_s, mode = event.at_us / 1e6, named_mode(vehicle.availability.mode)
+        vehicle.hold_at = None
         if self.decision_engine.apply_abort(vehicle.name):
+            if self._landings.goes_around(vehicle):
+                return self._landings.go_around(vehicle, f"aborted by {event.by}", at_s)
             return self._hold(vehicle, event.by, at_s, "aborted")
         vehicle.ordered, vehicle.hold_again_at_s = "hold", at_s
         vehicle.end_intentions()
+        ended = self._landings.end(vehicle, holds=True)
         words = f"aborted by {event.by}; stays in {mode}, which its autopilot or pilot selected"
-        return [announce(vehicle, words, warning=True)]
+        return [*ended, announce(vehicle, words, warning=True)]
 
     def _order(
         self, vehicle: Vehicle, order: events.Order, by: str, at_s: float
     ) -> list[AnyCommand]:
+        if order in ("hold", "go-around"):
+            if self._landings.goes_around(vehicle):
+                return self._landings.go_around(vehicle, f"{order} ordered by {by}", at_s)
+            return self._hold(vehicle, by, at_s, f"{order} ordered")
+        if order == "land":
+            return self._landings.land(vehicle, f"ordered by {by}", at_s)
+        return [*self._landings.end(vehicle), *self._fly(vehicle, order, by, at_s)]
+
+    def _fly(self, vehicle: Vehicle, order: events.Order, by: str, at_s: float) -> list[AnyCommand]:
         match order:
-            case "hold":
-                return self._hold(vehicle, by, at_s, "hold ordered")
             case "return":
                 vehicle.ordered, vehicle.hold_again_at_s = "", None
                 vehicle.end_intentions()
@@ -145,7 +172,7 @@ class OperatorOrders:
                 return [announce(vehicle, f"{words}, but {why}", warning=True)]
             case "resume":
                 return self._resume(vehicle, by)
-            case "start":
+            case _:  # start
                 vehicle.started, vehicle.waits_for_operator, vehicle.refusal = True, False, None
                 vehicle.return_again_at_s = None
                 self._cancel_return(vehicle)
@@ -160,12 +187,13 @@ class OperatorOrders:
         vehicle.ordered, vehicle.hold_again_at_s = "hold", at_s + HOLD_AGAIN_S
         vehicle.end_intentions()
         self._cancel_return(vehicle)
+        ended = self._landings.end(vehicle, holds=True)
         words = announce(vehicle, f"{why} by {by}", warning=True)
         availability = vehicle.availability
         if not availability.online or not (availability.airborne or availability.armed):
             vehicle.hold_again_at_s = at_s
-            return [words]
-        return [words, Hold(vehicle.name)]
+            return [words, *ended]
+        return [words, *ended, _hold_of(vehicle)]
 
     def _cancel_return(self, vehicle: Vehicle) -> None:
         vehicle.sent_home = vehicle.going_home = False
@@ -247,4 +275,9 @@ def hold_again(vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
     if not (availability.airborne or availability.armed):
         return []  # the vehicle is on the ground and disarmed
     vehicle.hold_again_at_s = at_s + HOLD_AGAIN_S
-    return [Hold(vehicle.name)]
+    return [_hold_of(vehicle)]
+
+
+def _hold_of(vehicle: Vehicle) -> Hold | HoldAt:
+    """Return the command of the hold that is ordered."""
+    return Hold(vehicle.name) if vehicle.hold_at is None else HoldAt(vehicle.name, *vehicle.hold_at)

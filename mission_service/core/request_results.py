@@ -2,6 +2,7 @@
 
 from mission_service import events
 from mission_service.commands import AnyCommand, Hold
+from mission_service.core.landings import Landings
 from mission_service.core.mission_starts import MissionStarts
 from mission_service.guidance.protocol import Guidance
 from mission_service.vehicles.vehicle_state import MissionPhase, Pending, Vehicle, announce
@@ -10,13 +11,15 @@ RETRY_S = 5.0
 START_AGAIN_S = 10.0
 # These commands are sent often, so only their refusals are announced.
 UNANNOUNCED = ("orbit", "change speed")
+HOLDS = ("hold", "hold at")
 
 
 class RequestResults:
     """Applies the results of uploads and commands to their vehicles."""
 
-    def __init__(self, guidance: Guidance, starts: MissionStarts) -> None:
+    def __init__(self, guidance: Guidance, starts: MissionStarts, landings: Landings) -> None:
         self.guidance = guidance
+        self._landings = landings
         self._starts = starts
 
     def upload_finished(self, vehicle: Vehicle, event: events.UploadFinished) -> list[AnyCommand]:
@@ -26,6 +29,8 @@ class RequestResults:
         vehicle.upload_ended_at_s = event.at_us / 1e6
         pending, accepted = vehicle.pending, event.outcome == "accepted"
         vehicle.enter(MissionPhase.ACCEPTED if accepted else MissionPhase.FAILED)
+        if pending.lands:
+            return self._landing_finished(vehicle, pending, event)
         if accepted:
             return self.accepted(vehicle, pending, event.at_us / 1e6)
         vehicle.flown_line = None
@@ -46,6 +51,8 @@ class RequestResults:
         """Record that a mission is on board; return the command to start it, if a start is due."""
         vehicle.flown_line, vehicle.accepted = pending.line, pending
         vehicle.takes_off = pending.takes_off
+        if vehicle.landing_state.active:  # the landing was ordered during the upload
+            return []
         if vehicle.ordered and not pending.evades:  # the hold was ordered during the upload
             vehicle.hold_again_at_s = at_s
             return []
@@ -57,18 +64,31 @@ class RequestResults:
             return self._starts.start_mission(vehicle, at_s)
         return []
 
+    def _landing_finished(
+        self, vehicle: Vehicle, pending: Pending, event: events.UploadFinished
+    ) -> list[AnyCommand]:
+        """Apply the outcome of the upload of a landing mission, which only a landing starts."""
+        vehicle.flown_line = None
+        if event.outcome == "accepted":
+            vehicle.accepted, vehicle.takes_off = pending, False
+        return self._landings.uploaded(vehicle, event)
+
     def command_finished(self, vehicle: Vehicle, event: events.CommandFinished) -> list[AnyCommand]:
         """Handle the result of a command; a refused start or return is repeated later."""
         was_starting = event.command == "start mission" and vehicle.start_under_way
         if event.command == "start mission":
             vehicle.start_under_way = False
             vehicle.start_again_at_s = None
-        if event.command == "hold":
+        if event.command in HOLDS:
             vehicle.hold_under_way_s = None
             if vehicle.ordered == "hold" and event.accepted:
                 vehicle.hold_again_at_s = None
         if event.command == "return" and event.accepted:
             vehicle.return_again_at_s = None
+        if event.command in ("fly landing", "go around") and vehicle.landing_state.active:
+            handled = self._landings.command_finished(vehicle, event)
+            if handled:
+                return handled
         if event.accepted:
             unannounced = event.command in UNANNOUNCED or self._starts.was_announced(vehicle, event)
             return [] if unannounced else [announce(vehicle, f"{event.command}: accepted")]

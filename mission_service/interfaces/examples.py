@@ -13,7 +13,7 @@ from mission_service.interfaces.api.models import (
     StatusState,
 )
 from mission_service.interfaces.maps.draped_images import MapImage
-from mission_service.interfaces.mqtt.payloads import Alarms, Reply, ServiceStatus
+from mission_service.interfaces.mqtt.payloads import Aircraft, Alarms, Reply, ServiceStatus
 from mission_service.missions.mission_figures import Figures
 from mission_service.requests import HASH
 from mission_service.runtime.play_head import ReplayState
@@ -24,6 +24,7 @@ from mission_service.runtime.published_states import (
     ItemState,
     Mission,
     MissionState,
+    NearbyAircraft,
     OrbitState,
     SourceState,
     TelemetryState,
@@ -101,6 +102,11 @@ SOURCE = SourceState(
     2.0,
     6.5,
 )
+AIRCRAFT = NearbyAircraft(
+    *(AT_US, "a4c2f1", "N417EA", 36.402118, -84.118402, 812.4),
+    *(61.7, 214.5, -1.95, 0.62, "sbs 127.0.0.1:30003"),
+    *("corrective", "hawk", 4684.0, 251.2),
+)
 STATUS = StatusState(AT_US, UNIX_US, "default", "islam_hu_damped", 7200.0, [], False)
 FIRE = {
     "schema": "fire/1",
@@ -155,6 +161,7 @@ STATE = FullState(
     PLANNER,
     sources=[SOURCE],
     airspace=AIRSPACE,
+    aircraft=[AIRCRAFT],
 )
 FIGURES = Figures(6, 2980.0, 248.0, 118.0, 36.3524, -84.1588, 842.0, 3310.0, False, [])
 PREVIEW = Preview(AT_US, "hawk", HASH, (ITEM,), FIGURES, MissionDifference(2, 4, 3, 84.0))
@@ -195,9 +202,10 @@ OF: dict[type, msgspec.Struct] = {
     type(each): each
     for each in (
         *(TELEMETRY, VEHICLE, MISSION, ALARM, ANNOUNCEMENT, REPLAY, STATE, PREVIEW, IMPORTANCE),
-        *(SOURCE, IMAGE, AIRSPACE),
+        *(SOURCE, IMAGE, AIRSPACE, AIRCRAFT),
         ServiceStatus(AT_US, UNIX_US, True, "default", "islam_hu_damped", ("hawk",)),
         Alarms(AT_US, (ALARM,)),
+        Aircraft(AT_US, (AIRCRAFT,)),
         Reply("7f3a", "hold", AT_US, True, event="OrderGiven", messages=("hawk: holds",)),
     )
 }

@@ -31,6 +31,7 @@ from mission_service.journal.journal_file import Journal, header_of
 from mission_service.journal.private_files import refuse_links, writable_by_others
 from mission_service.journal.recovery import InterruptedRun, rename_old, resumed, unfinished
 from mission_service.journal.snapshot import Frozen, Known, restore
+from mission_service.live.aircraft_sources import receive_aircraft
 from mission_service.live.estimate_worker import EstimateWorker
 from mission_service.live.interface_setup import (
     RunInterface,
@@ -146,6 +147,8 @@ async def serve(
             lambda context: retention.maintain(clock),
             lambda context: worker.fold_inputs(),
         ]
+        if scenario.surveillance is not None:
+            tasks.append(partial(receive_aircraft, section=scenario.surveillance))
         is_over = await _run_tasks(context, tasks, exchange, check, stop, latest_us)
         # After SIGTERM, sent by a supervisor, the next start resumes the run.
         terminated = signal.SIGTERM in signals

@@ -1,10 +1,12 @@
-"""Plans the landing that PX4 requires at the end of every mission of a fixed-wing vehicle.
+"""Plans the approach of a fixed-wing vehicle to home, and the landing at the end of its missions.
 
 With PX4's default for planes (MIS_TKO_LAND_REQ = 2) a mission without a landing is rejected. The
 landing follows the unlimited loiter, so the landing is flown only if an operator selects its items.
+``landing_mission.py`` plans the missions that only land.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +33,17 @@ def needs_landing(section: VehicleSection) -> bool:
     return section.landing and (section.stack, section.kind) == ("px4", "plane")
 
 
+class Approach(NamedTuple):
+    """A straight approach to home from a clockwise loiter, both clear of the terrain.
+
+    ``centre_m`` is the x, y of the loiter's centre; ``height_m`` of the loiter is above home.
+    """
+
+    course_deg: float
+    height_m: float
+    centre_m: Floats
+
+
 class Landing:
     """The landing at the end of a vehicle's missions, if required, into the scenario's wind."""
 
@@ -38,14 +51,15 @@ class Landing:
         """Plan the landing at the scenario's start. Raises ScenarioError if none is possible."""
         self._section = section
         self._landscape = landscape
-        self._weather = weather_of(scenario) if needs_landing(section) else None
+        self._needed = needs_landing(section)
+        self._weather = weather_of(scenario) if section.kind == "plane" else None
         self._items: tuple[MissionItem, ...] = ()
         self._wind_from_deg = math.nan  # wind direction for which the items are planned
         self.items_at(scenario.start_s)
 
     def items_at(self, at_s: float) -> tuple[MissionItem, ...]:
         """Return the items of a landing into the wind at a mission time; () if none is needed."""
-        if self._weather is None:
+        if self._weather is None or not self._needed:
             return ()
         wind_from_deg = self._weather.weather_at(at_s).wind_from_deg
         if wind_from_deg != self._wind_from_deg:
@@ -53,16 +67,35 @@ class Landing:
             self._wind_from_deg = wind_from_deg
         return self._items
 
+    def wind_at(self, at_s: float) -> tuple[float, float]:
+        """Return speed (m/s) and direction (from, degrees) of the scenario's wind at a time."""
+        assert self._weather is not None, "multirotors land without a mission"
+        weather = self._weather.weather_at(at_s)
+        return weather.wind_speed_m_s, weather.wind_from_deg
+
 
 def landing_of(
     section: VehicleSection, landscape: Landscape, wind_from_deg: float
 ) -> tuple[MissionItem, ...]:
     """Return DO_LAND_START, a loiter down to the approach height, and a landing at home.
 
-    The course is ``landing_course_deg`` if this is set. Otherwise the course is as close to the
-    wind direction as a terrain clearance of ``CLEARANCE_M`` under approach and loiter permits.
     Altitudes are above home, as required for touchdown. Raises ScenarioError if no approach is
     clear.
+    """
+    approach = approach_of(section, landscape, wind_from_deg)
+    home = round(section.home_lat_deg * 1e7), round(section.home_lon_deg * 1e7)
+    return (
+        MissionItem(mavlink.MAV_CMD_DO_LAND_START, mavlink.MAV_FRAME_MISSION, 0, 0, 0.0),
+        *approach_items(section, landscape, approach, home),
+    )
+
+
+def approach_of(section: VehicleSection, landscape: Landscape, wind_from_deg: float) -> Approach:
+    """Return the approach to home.
+
+    The course is ``landing_course_deg`` if this is set. Otherwise the course is as close to the
+    wind direction as a terrain clearance of ``CLEARANCE_M`` under approach and loiter permits.
+    Raises ScenarioError if no approach is clear.
     """
     home_m = np.array(landscape.xy_of_lat_lon(section.home_lat_deg, section.home_lon_deg))
     given = section.landing_course_deg
@@ -71,7 +104,7 @@ def landing_of(
         for height_m in APPROACH_HEIGHTS_M:
             centre_m = _centre(home_m, course_deg, height_m, section.loiter_radius_m)
             if _is_clear(home_m, course_deg, height_m, centre_m, section, landscape):
-                return _items(section, landscape, centre_m, height_m)
+                return Approach(course_deg % 360.0, height_m, centre_m)
     where = "in any direction" if given is None else f"on landing_course_deg = {given:g}"
     raise ScenarioError(
         f"{section.name}: no landing approach to home {where} clears the terrain by "
@@ -80,20 +113,22 @@ def landing_of(
     )
 
 
-def _forward(course_deg: float) -> Floats:
+def forward_of(course_deg: float) -> Floats:
+    """Return the unit vector (x, y) of a course."""
     course = math.radians(course_deg)
     return np.array([math.sin(course), math.cos(course)])
 
 
-def _glide_m(height_m: float) -> float:
+def glide_m(height_m: float) -> float:
+    """Return the length of the glide from a height over the ground, in metres."""
     return height_m / math.tan(math.radians(GLIDE_DEG))
 
 
 def _centre(home_m: Floats, course_deg: float, height_m: float, radius_m: float) -> Floats:
     """Return the centre of a clockwise loiter that the vehicle leaves at the top of the glide."""
-    ahead = _forward(course_deg)
+    ahead = forward_of(course_deg)
     right = np.array([ahead[1], -ahead[0]])
-    return np.asarray(home_m - _glide_m(height_m) * ahead + radius_m * right)
+    return np.asarray(home_m - glide_m(height_m) * ahead + radius_m * right)
 
 
 def _is_clear(
@@ -105,40 +140,56 @@ def _is_clear(
     landscape: Landscape,
 ) -> bool:
     """Return whether the loiter and the glide are clear of the terrain."""
-    if landscape.elevation_m is None:
-        return True
-    home_altitude_m = float(landscape.elevation_at(*home_m))
     spacing_m = landscape.cell_size_m / 2.0
-    back_m = np.arange(UNCHECKED_M, _glide_m(height_m) + spacing_m, spacing_m)
-    glide = home_m - back_m[:, None] * _forward(course_deg)
+    back_m = np.arange(UNCHECKED_M, glide_m(height_m) + spacing_m, spacing_m)
+    glide = home_m - back_m[:, None] * forward_of(course_deg)
     heights = back_m * math.tan(math.radians(GLIDE_DEG))
+    points, heights_m = with_rings(glide, heights, centre_m, height_m, section)
+    return clears(points, heights_m, home_m, landscape)
+
+
+def with_rings(
+    line_m: Floats,
+    line_heights_m: Floats,
+    centre_m: Floats,
+    height_m: float,
+    section: VehicleSection,
+) -> tuple[Floats, Floats]:
+    """Return the points (n, 2) of a line and of a loiter around a place, and their heights (n,)."""
     turns = np.linspace(0.0, math.tau, 72, endpoint=False)
     rings = [
         centre_m + share * section.loiter_radius_m * np.column_stack([np.cos(turns), np.sin(turns)])
         for share in (1.0, 1.3)
     ]
-    points = np.vstack([glide, *rings])
-    if not all(landscape.contains(float(x), float(y)) for x, y in points):
+    heights_m = np.concatenate([line_heights_m, np.full(2 * len(turns), height_m)])
+    return np.vstack([line_m, *rings]), heights_m
+
+
+def clears(points_m: Floats, heights_m: Floats, home_m: Floats, landscape: Landscape) -> bool:
+    """Return whether points (n, 2) at heights above home (n,) clear the terrain.
+
+    Points lower than the clearance, which are near home, may only not be below the terrain of home.
+    """
+    if landscape.elevation_m is None:
+        return True
+    if not all(landscape.contains(float(x), float(y)) for x, y in points_m):
         return False
-    needed = np.concatenate([heights, np.full(2 * len(turns), height_m)]) - CLEARANCE_M
-    # The last part of the glide is lower than the clearance.
-    ground = landscape.elevation_at(points[:, 0], points[:, 1]) - home_altitude_m
-    return bool(np.all(ground <= np.maximum(needed, 0.0)))
+    ground_m = landscape.elevation_at(points_m[:, 0], points_m[:, 1])
+    above_home_m = ground_m - float(landscape.elevation_at(*home_m))
+    return bool(np.all(above_home_m <= np.maximum(heights_m - CLEARANCE_M, 0.0)))
 
 
-def _items(
-    section: VehicleSection, landscape: Landscape, centre_m: Floats, height_m: float
-) -> tuple[MissionItem, ...]:
-    lat_deg, lon_deg = landscape.lat_lon_of(*centre_m)
+def approach_items(
+    section: VehicleSection, landscape: Landscape, approach: Approach, touchdown: tuple[int, int]
+) -> tuple[MissionItem, MissionItem]:
+    """Return the loiter down to the approach height, and the landing at a place in 1e-7 degrees."""
     relative = mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT
     return (
-        MissionItem(mavlink.MAV_CMD_DO_LAND_START, mavlink.MAV_FRAME_MISSION, 0, 0, 0.0),
         MissionItem(
             mavlink.MAV_CMD_NAV_LOITER_TO_ALT,
             relative,
-            round(float(lat_deg) * 1e7),
-            round(float(lon_deg) * 1e7),
-            height_m,
+            *place_e7(landscape, approach.centre_m),
+            approach.height_m,
             param1=1.0,  # exit on the course to the landing
             param2=section.loiter_radius_m,
             param4=1.0,  # along the tangent
@@ -146,8 +197,13 @@ def _items(
         MissionItem(
             mavlink.MAV_CMD_NAV_LAND,
             relative,
-            round(section.home_lat_deg * 1e7),
-            round(section.home_lon_deg * 1e7),
+            *touchdown,
             0.0,
         ),
     )
+
+
+def place_e7(landscape: Landscape, place_m: Floats) -> tuple[int, int]:
+    """Return the latitude and the longitude of a place (x, y) in 1e-7 degrees."""
+    lat_deg, lon_deg = landscape.lat_lon_of(float(place_m[0]), float(place_m[1]))
+    return round(float(lat_deg) * 1e7), round(float(lon_deg) * 1e7)

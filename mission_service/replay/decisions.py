@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
-from mission_service.commands import DirectionDecision, Return
+from mission_service.commands import DirectionDecision, Return, ShowLanding
 from mission_service.config.rule_lookup import faults_of, rules
 from mission_service.config.scenario import Scenario
 from mission_service.core.core import Core
@@ -92,6 +92,8 @@ def decisions_alone(
             at_us = content.at_us
             _apply_request(content, core, excluded)
         elif not entry.is_event:
+            if isinstance(content, ShowLanding):
+                excluded.landing_shown(content)
             decision_engine.on_command(content, at_us / 1e6)  # type: ignore[arg-type]
         elif entry.is_event:
             event: VehicleEvent = content  # type: ignore[assignment]
@@ -110,6 +112,13 @@ class _Excluded:
 
     held: set[str]
     unclear: set[str]
+
+    def landing_shown(self, shown: ShowLanding) -> None:
+        """Apply a phase of a landing, which ends a hold, or ends in a hold."""
+        if shown.holds:
+            self.held.add(shown.vehicle)
+        elif shown.phase != "none":
+            self.held.discard(shown.vehicle)
 
 
 def _initial_state(journal: JournalReader, scenario: Scenario) -> tuple[Core, _Excluded]:
@@ -154,11 +163,13 @@ def _apply_order(
 ) -> None:
     if event.order == "start" and name in held:
         return
+    if decision_engine.availability[name].refuses(event.order):
+        return
     if not decision_engine.apply_order(name, event):
         return
     if event.order == "hold":
         held.add(name)
-    else:
+    elif event.order != "land":  # a landing is shown when it begins
         held.discard(name)
 
 

@@ -35,6 +35,7 @@ from mission_service.commands import (
     Drop,
     Hold,
     Level,
+    OrderByService,
     UploadMission,
 )
 from mission_service.config.rule_lookup import blamed
@@ -53,6 +54,7 @@ from mission_service.events import (
     HostTime,
     LinesSkipped,
     Observed,
+    OrderGiven,
     PeerLinkChanged,
     PeerMessage,
     Resumed,
@@ -76,6 +78,7 @@ from mission_service.runtime.gateway import Gateway
 from mission_service.runtime.run_statistics import RunStatistics
 from mission_service.runtime.state_view import StateView
 from mission_service.sensors.sensor_files import SensorFiles
+from mission_service.surveillance.aircraft_reports import AircraftReports
 
 NO_BURN = "the scenario has no burn"
 HOST_TIME_EVERY_US = 1_000_000
@@ -132,6 +135,7 @@ class Engine:
         self.sensors = sensors_of(scenario, estimate.landscape)
         self._sensor_files = SensorFiles()
         self.estimate = estimate
+        self.aircraft = AircraftReports(scenario.surveillance)
         self.state_view = state_view
         self.recording = GuardedJournal(journal)
         self._missions = MissionsHeld()
@@ -144,7 +148,8 @@ class Engine:
         self._broadcast = broadcast
         self._acknowledged: dict[tuple[str, str], int] = {}
         self._unrecorded = UnrecordedEvents()
-        self._held_back: deque[DropFinished | UploadFinished] = deque()
+        # Events that follow from commands, to be handled after these commands.
+        self._held_back: deque[DropFinished | UploadFinished | OrderGiven] = deque()
         self._interlock = lock_of(scenario, estimate.landscape)
         self.defect: RefusedEventError | None = None  # set when memory and journal differ
 
@@ -177,9 +182,17 @@ class Engine:
         self.check_estimate(now_us)
 
     def take_reports(self, at_us: int, now_us: int) -> None:
-        """Handle new reports of the sensors at a mission time, and announce refused reports."""
+        """Handle new reports of aircraft and of the sensors at a mission time.
+
+        Refused reports of sensors are announced.
+        """
         if self.recording.trouble:
             return
+        if self.aircraft.section is not None:
+            for name, gateway in self._gateways.items():
+                self.aircraft.take_seen(name, gateway.aircraft, at_us)
+            for reported in self.aircraft.events_due(self.state_view.telemetry, at_us):
+                self._handle(reported, now_us)
         for report in self.sensors.reports(at_us):
             try:
                 self.submit(report, now_us)
@@ -468,6 +481,10 @@ class Engine:
         for command in commands if may_act else ():
             if isinstance(command, BroadcastMessage):
                 self._broadcast(command.message)
+            elif isinstance(command, OrderByService):
+                named = (command.vehicle, command.order)
+                order = OrderGiven(event.at_us, SERVICE, "", *named, hold_at=command.hold_at)
+                self._held_back.append(order)
             elif self._unrecorded.keeps_mode(command, self.state_view):
                 pass
             elif (refused := self._refused(command)) is not None:

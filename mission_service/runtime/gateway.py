@@ -13,6 +13,7 @@ from autopilot_bridge.errors import BridgeError
 from autopilot_bridge.items import MissionItem
 from autopilot_bridge.stacks.stacks import Stack
 from autopilot_bridge.vehicle import client_events as bridge
+from autopilot_bridge.vehicle.aircraft_seen import AircraftSeen
 from autopilot_bridge.vehicle.camera_telemetry import (
     CameraEvent,
     FieldOfView,
@@ -21,7 +22,12 @@ from autopilot_bridge.vehicle.camera_telemetry import (
     ImageCaptured,
     TrackedPlace,
 )
-from autopilot_bridge.vehicle.message_rates import CAMERA_RATES_HZ, RATES_HZ, RatesHz
+from autopilot_bridge.vehicle.message_rates import (
+    AIRCRAFT_RATES_HZ,
+    CAMERA_RATES_HZ,
+    RATES_HZ,
+    RatesHz,
+)
 from autopilot_bridge.vehicle.orders import Dropper
 from mission_service.commands import (
     ORDER_NAMES,
@@ -68,6 +74,7 @@ MIN_SEVERITY = mavlink.MAV_SEVERITY_INFO
 TEXT_AGAIN_AFTER_US = 10_000_000
 MAX_TEXTS_KEPT = 32
 BATTERY_EVERY_US = 30_000_000  # between reports of an unchanged charge
+MAX_AIRCRAFT_KEPT = 5000  # reports of other aircraft between two calls of the engine
 
 StatusChanged = (
     SystemStateChanged | LandedStateChanged | FenceStatusChanged | EstimatorStatusChanged
@@ -84,7 +91,8 @@ BETWEEN_POSITIONS_US = 1_000_000  # mission time is that of the last position
 def rates_hz(scenario: Scenario) -> RatesHz:
     """Return the messages requested from the vehicles of a scenario, with their rates in Hz."""
     camera_hz = CAMERA_RATES_HZ if scenario.estimate.sensors else {}
-    return {**RATES_HZ, **camera_hz, **way_of(scenario).rates_hz}
+    aircraft_hz = {} if scenario.surveillance is None else AIRCRAFT_RATES_HZ
+    return {**RATES_HZ, **camera_hz, **aircraft_hz, **way_of(scenario).rates_hz}
 
 
 def camera_reports_of(scenario: Scenario, vehicle: str) -> CameraReports | None:
@@ -192,6 +200,8 @@ class Gateway:
         self._mode_reported = False  # since the start or the last ``read_back``
         # The kind and the text of each alarm; an empty text ends the alarm.
         self.link_alarms: deque[tuple[str, str]] = deque()
+        # Other aircraft that the vehicle's receiver has seen, which the engine removes.
+        self.aircraft: deque[AircraftSeen] = deque(maxlen=MAX_AIRCRAFT_KEPT)
         self._connected = False  # whether the connection was reported
         self._lost = False
 
@@ -483,12 +493,16 @@ class Gateway:
 
     # ``_translate`` handles the events that need the link's clock. The core does not use the events
     # that neither this table nor ``_translate`` contains.
+    def _aircraft_seen(self, event: AircraftSeen, now_us: int) -> None:
+        self.aircraft.append(event)
+
     _TRANSLATIONS: ClassVar[dict[type[bridge.ClientEvent], Callable[..., VehicleEvent | None]]] = {
         bridge.SameSystemId: _link_alarm,
         bridge.RemoteChanged: _link_alarm,
         bridge.Implausible: _link_alarm,
         bridge.AlarmEnded: _link_alarm,
         bridge.ClockChanged: _clock_changed,
+        AircraftSeen: _aircraft_seen,
         bridge.Rebooted: _rebooted,
         bridge.MissionProgress: _progressed,
         bridge.ModeChanged: _mode_changed,

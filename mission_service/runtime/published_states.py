@@ -87,7 +87,8 @@ class VehicleState(msgspec.Struct, tag="vehicle/1", tag_field="schema"):
     energy_source: str = ""
     position_good: bool = True
     position_fix: str = ""
-    order: str = ""  # an operator's order in force: hold, return
+    order: str = ""  # an operator's order in force: hold, return, land
+    landing: str = ""  # phase of a landing: waiting, sending, approach, final, going around
     direction: str = ""
     decisions: int = 0
     reversals: int = 0
@@ -186,6 +187,32 @@ class SourceState(msgspec.Struct, tag="source/1", tag_field="schema"):
     age_s: float | None  # of the latest observation, at ``at_us``
     usual_interval_s: float | None  # median interval between observations
     position_sd_m: float | None  # standard deviation of the position of the last observation
+
+
+AircraftAlert = Literal["none", "preventive", "corrective", "warning"]
+
+
+class NearbyAircraft(msgspec.Struct, tag="aircraft/1", tag_field="schema"):
+    """Another aircraft, relative to the vehicle with the highest alert or the smallest distance.
+
+    ``age_s`` is the age of the position that was extrapolated to ``at_us``.
+    """
+
+    at_us: int
+    aircraft: str  # ICAO address in hexadecimal digits, or another identifier
+    callsign: str
+    lat_deg: float
+    lon_deg: float
+    altitude_amsl_m: float
+    ground_speed_m_s: float
+    track_deg: float
+    climb_m_s: float
+    age_s: float
+    source: str
+    alert: AircraftAlert
+    vehicle: str
+    distance_m: float  # horizontal
+    above_m: float  # height above the vehicle; negative below it
 
 
 class DropState(msgspec.Struct, tag="drop/1", tag_field="schema"):

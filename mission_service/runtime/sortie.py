@@ -9,7 +9,9 @@ from mission_service.commands import (
     Announce,
     AnyCommand,
     ClimbAndHold,
+    GoAround,
     Hold,
+    Land,
     Return,
     StartMission,
     UploadMission,
@@ -79,7 +81,7 @@ class Sortie:
         match command:
             case UploadMission():
                 self.sent += 1
-            case StartMission() | Hold() | Return() | ClimbAndHold():
+            case StartMission() | Hold() | Return() | Land() | GoAround() | ClimbAndHold():
                 self.commands[type(command).__name__] += 1
             case Announce():
                 self.announcements[command.level] += 1

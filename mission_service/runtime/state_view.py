@@ -15,6 +15,7 @@ from firemodel.spread.edge import AtEdge
 from mission_service.commands import (
     CONFIRM,
     REJECTED,
+    AlertOnAircraft,
     Announce,
     AnyCommand,
     ChangeSpeed,
@@ -26,6 +27,7 @@ from mission_service.commands import (
     ProposePlan,
     RaiseAlarm,
     ReportEnergy,
+    ShowLanding,
     UploadMission,
     WithdrawMission,
     WithdrawPlan,
@@ -34,6 +36,7 @@ from mission_service.config.scenario import Scenario
 from mission_service.core.lost_link import reaction_of
 from mission_service.events import (
     Aborted,
+    AircraftReported,
     AirspaceClosed,
     AirspaceOpened,
     AnyEvent,
@@ -66,11 +69,13 @@ from mission_service.events import (
 from mission_service.fire.camera import camera_of
 from mission_service.ignition_plan import IgnitionPlan
 from mission_service.missions.mission_hash import mission_hash
+from mission_service.runtime.alarms.nearby_aircraft import AircraftView
 from mission_service.runtime.alarms.notices import Notices
 from mission_service.runtime.observation_sources import ObservationSources
 from mission_service.runtime.published_states import (
     Mission,
     MissionState,
+    NearbyAircraft,
     OrbitState,
     SourceState,
     TelemetryState,
@@ -88,7 +93,7 @@ OF_FLIGHT = (
     *("link", "silent", "position", "battery", "mission", "order", "abort", "near"),
     *("mode", "state", "fence", "estimator", "autopilot", "front", "landed", "unrecorded"),
     *("observer", "sensor", "estimate", "lost_link", "energy", "overdue"),
-    *("airspace", "airspeed", "thrust"),
+    *("airspace", "airspeed", "thrust", "landing", "aircraft"),
     *OF_FIRE,
 )
 
@@ -132,6 +137,7 @@ class StateView(Notices):
         }
         self.missions = {name: MissionState(at_us, name) for name in self.vehicles}
         self.telemetry: dict[str, TelemetryState] = {}
+        self._aircraft = AircraftView()
         self.plan: IgnitionPlan | None = None
         self.plan_hash = ""
         self.fire_version = 1  # increases when operators change the fire
@@ -148,6 +154,8 @@ class StateView(Notices):
         self._sources_due_us = at_us
         self._sources_shown: tuple[tuple[str, str, str, int], ...] = ()
         self._touch("status", "fire", "burn", "airspace", "alarms", "announcements", "sources")
+        if scenario.surveillance is not None:
+            self._touch("aircraft")
         for name in self.vehicles:
             self._touch(f"vehicle/{name}", f"mission/{name}")
         for number, line in enumerate(warnings, start=1):
@@ -258,7 +266,8 @@ class StateView(Notices):
                 pass
 
     def _ordered(self, event: OrderGiven, not_ordered: set[str]) -> None:
-        order = event.order if event.order in ("hold", "return") else ""
+        held = "hold" if event.order == "go-around" else ""
+        order = event.order if event.order in ("hold", "return", "land") else held
         for name, vehicle in self.vehicles.items():
             if event.vehicle in ("", name) and name not in not_ordered:
                 self._order(vehicle, order)
@@ -278,6 +287,10 @@ class StateView(Notices):
         match event:
             case Telemetry():
                 self._moved(event)
+                return
+            case AircraftReported():
+                self._aircraft.on_reported(event)
+                self._touch("aircraft")
                 return
             case Observed() | MissionProgress(current_seq=vehicle.current_seq):
                 return
@@ -405,17 +418,14 @@ class StateView(Notices):
     def _commanded(self, vehicle: VehicleState, command: AnyCommand) -> None:
         name = vehicle.vehicle
         match command:
-            case DirectionDecision() | Orbit() | ChangeSpeed() | ReportEnergy():
+            case DirectionDecision() | Orbit() | ChangeSpeed() | ReportEnergy() | ShowLanding():
                 self._led(vehicle, command)
             case UploadMission() | ProposeMission():
                 self._sent(name, command)
             case Announce():
                 self.announce(name, command.text, command.level)
-            case RaiseAlarm():
-                text = f"{name}: {command.text}"
-                self.alarm(f"{command.alarm}/{name}", text, command.severity, name)
-            case ClearAlarm():
-                self.clear_alarm(f"{command.alarm}/{name}")
+            case RaiseAlarm() | ClearAlarm() | AlertOnAircraft():
+                self._alerted(name, command)
             case WithdrawMission():
                 proposed = self.missions[name].proposed
                 if proposed and proposed.mission_id == command.mission_id:
@@ -432,10 +442,21 @@ class StateView(Notices):
             case _:
                 pass
 
+    def _alerted(self, name: str, command: RaiseAlarm | ClearAlarm | AlertOnAircraft) -> None:
+        match command:
+            case RaiseAlarm():
+                text = f"{name}: {command.text}"
+                self.alarm(f"{command.alarm}/{name}", text, command.severity, name)
+            case ClearAlarm():
+                self.clear_alarm(f"{command.alarm}/{name}")
+            case AlertOnAircraft():
+                self._aircraft.on_level(name, command.aircraft, command.level)
+                self._touch("aircraft")
+
     def _led(
         self,
         vehicle: VehicleState,
-        command: DirectionDecision | Orbit | ChangeSpeed | ReportEnergy,
+        command: DirectionDecision | Orbit | ChangeSpeed | ReportEnergy | ShowLanding,
     ) -> None:
         match command:
             case ReportEnergy():
@@ -457,6 +478,9 @@ class StateView(Notices):
                 vehicle.orbit = OrbitState(*circle, command.radius_m, view_width_m)
             case ChangeSpeed():
                 vehicle.ordered_airspeed_m_s = command.airspeed_m_s
+            case ShowLanding():
+                vehicle.landing = "" if command.phase == "none" else command.phase
+                vehicle.order = "hold" if command.holds else vehicle.order
         vehicle.at_us = self.at_us
         self._touch(f"vehicle/{vehicle.vehicle}")
 
@@ -504,6 +528,10 @@ class StateView(Notices):
         return self.statistics.sources.states(
             self.at_us, problems, contradictions, self._failed_sensors
         )
+
+    def aircraft(self) -> list[NearbyAircraft]:
+        """Return the other aircraft near the vehicles."""
+        return self._aircraft.nearby(self.telemetry)
 
     def _alarms_of(self, prefix: str) -> dict[str, str]:
         """Return the texts of the alarms ``prefix/NAME`` by name."""

@@ -41,7 +41,7 @@ class Proposal:
 class MissionApprovals:
     """The proposals of missions, each of which is sent when an operator accepts its hash.
 
-    A mission that separates two vehicles is sent at once and replaces a proposal.
+    A mission that separates two vehicles, or that lands, is sent at once and replaces a proposal.
     """
 
     def __init__(self, path_tolerance_m: float, horizon_m: float) -> None:
@@ -63,9 +63,10 @@ class MissionApprovals:
         for command in commands:
             if not isinstance(command, UploadMission):
                 found.append(command)
-            elif command.keeps_apart:
+            elif command.keeps_apart or command.lands:
                 vehicle = vehicles[command.vehicle]
-                found += [*self.withdraw(vehicle, "the vehicle gives way to another"), command]
+                why = "the vehicle lands" if command.lands else "the vehicle gives way to another"
+                found += [*self.withdraw(vehicle, why), command]
             else:
                 found += self._propose(command, vehicles[command.vehicle], at_s)
         return found

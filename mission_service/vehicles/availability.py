@@ -10,7 +10,11 @@ from mission_service.commands import (
     ORDER_NAMES,
     AnyCommand,
     ClimbAndHold,
+    GoAround,
     Hold,
+    HoldAt,
+    Land,
+    LandingPhaseName,
     Orbit,
     Return,
     StartMission,
@@ -30,8 +34,11 @@ LEADS_TO: dict[type[AnyCommand], tuple[str, ...]] = {
     UploadMission: (MISSION, "hold"),
     Hold: ("hold", "guided"),
     Return: ("return",),
+    Land: (MISSION,),
+    GoAround: ("hold", "guided", MISSION),
     Orbit: ("guided", "orbit", "hold"),
     ClimbAndHold: ("guided", "hold"),
+    HoldAt: ("guided", "hold"),
 }
 # The modes that last until another order. The service may end before the vehicle reports the mode.
 LASTING: dict[type[AnyCommand], str] = {Hold: "hold", Return: "return"}
@@ -64,6 +71,8 @@ class VehicleAvailability:
     recalled_on_ground: bool = False  # whether the vehicle was ordered home before takeoff
     took_off_at_s: float = np.inf
     measured_wind: MeasuredWind | None = None
+    height_m: float = 0.0  # last reported height above home
+    landing: LandingPhaseName = "none"  # the phase of a landing that the service controls
     mode: str = ""  # mode in the last report
     armed: bool = False
     mode_is_ordered: bool = True  # False if the autopilot or the pilot selected the mode
@@ -99,6 +108,7 @@ class VehicleAvailability:
     def flies(self) -> bool:
         """Whether planners may use the vehicle: online, airborne, under control, position good."""
         counted_on = self.online and self.airborne and not self.recalled
+        counted_on &= self.landing == "none"
         return counted_on and self.position_good and not self.taken_over
 
     def leading_to(self, mode: str, at_s: float) -> set[type[AnyCommand]]:
@@ -155,6 +165,17 @@ class VehicleAvailability:
         fresh.recalled_on_ground = fresh.recalled and self.recalled_on_ground
         for each in fields(self):
             setattr(self, each.name, getattr(fresh, each.name))
+
+    def refuses(self, order: Order) -> str:
+        """Return why an order is not possible in this phase of a landing; "" if it is."""
+        if order == "go-around":
+            return "it is not landing" if self.landing == "none" else ""
+        if order == "land":
+            return "" if self.landing == "none" else f"it is landing already ({self.landing})"
+        if order != "hold" and self.landing in ("final", "going around"):
+            last_leg = "on its last leg: order go-around first"
+            return last_leg if self.landing == "final" else "it goes around: order it in the hold"
+        return ""
 
     def needs_confirmation(self, order: Order) -> bool:
         """Return whether an order would end a mode that the autopilot or pilot selected."""

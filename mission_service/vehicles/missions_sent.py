@@ -28,10 +28,12 @@ class MissionsSent:
         fix: PositionFix,
         why: str,
         keeps_apart: bool = False,
+        lands: bool = False,
     ) -> UploadMission:
         """Return the upload of a mission along a path (n, 2), and record it as pending.
 
-        If ``keeps_apart``, the mission separates two vehicles and needs no approval.
+        If ``keeps_apart``, the mission separates two vehicles; if ``lands``, it only lands. Such
+        missions need no approval.
         """
         mission_id = self._next_id
         self._next_id += 1
@@ -40,8 +42,8 @@ class MissionsSent:
         line = shapely.simplify(shapely.LineString(path_m), LINE_TOLERANCE_M)
         takes_off = bool(items) and items[0].command == MAV_CMD_NAV_TAKEOFF
         line = shapely.LineString(shapely.get_coordinates(line))
-        sent = Pending(mission_id, line, takes_off, vehicle.due)
+        sent = Pending(mission_id, line, takes_off, vehicle.due, lands=lands)
         vehicle.enter(MissionPhase.UPLOADING, sent)
         vehicle.uploaded_at_s = fix.at_s
         vehicle.due = ""
-        return UploadMission(vehicle.name, mission_id, why, items, keeps_apart)
+        return UploadMission(vehicle.name, mission_id, why, items, keeps_apart, lands)

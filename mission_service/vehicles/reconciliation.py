@@ -33,7 +33,7 @@ def recognised(
     if pending is not None and event.mission_id == pending.mission_id:
         return "new"
     if accepted is not None and event.mission_id == accepted.mission_id:
-        vehicle.flown_line = None if vehicle.holding else accepted.line
+        vehicle.flown_line = None if vehicle.holding or accepted.lands else accepted.line
         return "same"
     vehicle.accepted = None
     return "unknown"

@@ -89,7 +89,7 @@ class TrafficManager:
         flown.compared = self._missions_below(name)
 
     def forget(self, name: str) -> None:
-        """Delete the mission of a vehicle on the ground."""
+        """Delete the mission of a vehicle that lands or is on the ground."""
         self._all[name].track = self._all[name].gave_way_to = None
 
     def min_altitudes(self, name: str) -> LeastAltitude:

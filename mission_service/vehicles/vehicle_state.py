@@ -16,6 +16,7 @@ from mission_service.missions.landing import Landing
 from mission_service.vehicles.availability import VehicleAvailability
 from mission_service.vehicles.battery_reports import BatteryReports
 from mission_service.vehicles.energy import EnergyState
+from mission_service.vehicles.landing_state import LandingState
 
 Floats = NDArray[np.float64]
 HISTORY_LENGTH = 20  # number of phases that the error about an invalid transition lists
@@ -56,6 +57,7 @@ class Pending:
     takes_off: bool = False  # whether the first item is a takeoff
     due: str = ""  # the reason why the mission was due at once
     evades: bool = False  # whether the mission leaves or avoids closed airspace
+    lands: bool = False  # whether the mission only lands
 
 
 @dataclass(frozen=True)
@@ -92,6 +94,8 @@ class Vehicle:
     ordered: Literal["", "hold"] = ""  # order of an operator
     hold_under_way_s: float | None = None  # time at which a hold without acknowledgement was sent
     hold_again_at_s: float | None = None  # time of the next hold, until the autopilot accepts it
+    # Latitude, longitude and altitude (m AMSL) of a hold that is not at the current position.
+    hold_at: tuple[float, float, float] | None = None
     # The vehicle has flown; the next start requires an operator's order.
     waits_for_operator: bool = False
     start_again_at_s: float | None = None
@@ -103,6 +107,7 @@ class Vehicle:
         default_factory=lambda: deque([MissionPhase.NONE], HISTORY_LENGTH)
     )
     refusal: Refusal | None = None
+    landing_state: LandingState = field(default_factory=LandingState)
     airspeed_m_s: float | None = None  # mean of measured airspeeds
     # Time since which the measured airspeed differs from the commanded airspeed.
     airspeed_differs_since_s: float | None = None
@@ -167,6 +172,8 @@ class Vehicle:
         assert (self.next_mission is not None) == (phase in UNDECIDED), f"{self.name}: {phase}"
         is_accepted = self.accepted is not None and line is self.accepted.line
         assert line is None or is_accepted, f"{self.name}: flies a line that was not accepted"
+        landing = self.landing_state.shown
+        assert landing == self.availability.landing, f"{self.name}: landing {landing}"
         assert self.ordered or self.hold_again_at_s is None, f"{self.name}: holds without an order"
 
     def end_intentions(self) -> None:

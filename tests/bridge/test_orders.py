@@ -197,6 +197,23 @@ def test_arduplane_starts_from_the_mode_of_its_return_which_does_not_arm() -> No
     assert pair.mock.flight.airborne
 
 
+def test_arduplane_refuses_a_go_around_outside_a_landing() -> None:
+    pair = airborne(PLANE)
+    ended = outcome(pair, pair.client.command("go around", pair.now_us, *PLACE, 450.0))
+    assert not ended.accepted
+    assert "DO_GO_AROUND failed" in ended.reason
+
+
+@pytest.mark.parametrize("stack", [PX4, PX4_COPTER, COPTER], ids=lambda s: f"{s.name}-{s.vehicle}")
+def test_other_vehicles_go_around_to_a_place_and_height(stack: Stack) -> None:
+    pair = airborne(stack)
+    before_m = distances_m(pair, PLACE)[-1]
+    accepted(pair, pair.client.command("go around", pair.now_us, *PLACE, 450.0))
+    pair.run_for(120.0)
+    assert distances_m(pair, PLACE)[-1] < min(before_m, 100.0)
+    assert pair.of(Position)[-1].altitude_amsl_m == pytest.approx(450.0, abs=3.0)
+
+
 def test_arduplane_lands_only_by_its_mission() -> None:
     pair = airborne(PLANE)
     ended = outcome(pair, pair.client.command("land", pair.now_us))

@@ -375,7 +375,7 @@ def test_no_value_that_is_not_finite_becomes_an_event(kind: str, value: float) -
             assert all(math.isfinite(n) for n in numbers if isinstance(n, float)), field
 
 
-TEXTS = ("text", "file_url", "cam_definition_uri")
+TEXTS = ("text", "file_url", "cam_definition_uri", "callsign")
 
 
 @pytest.mark.parametrize("kind", sorted(set(BOUNDS) - {"MISSION_ITEM"}))

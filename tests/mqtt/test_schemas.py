@@ -13,6 +13,7 @@ import pytest
 from benchmarks.mosquitto import MOSQUITTO, Mosquitto
 from benchmarks.mqtt_schemas import FOLDER, command_file, documents, file_of, page, texts
 from mission_service.core.request_events import REPLAY, RequestScope, event_of
+from mission_service.events import AircraftReported, AircraftState
 from mission_service.interfaces.examples import REPLAY as REPLAY_STATE
 from mission_service.interfaces.mqtt.command_gate import TAKEN, CommandGate
 from mission_service.interfaces.mqtt.topics import COMMAND, TOPICS
@@ -119,6 +120,10 @@ def test_what_is_really_sent_fits_and_has_a_topic_of_the_list(tmp_path: Path) ->
             await until(lambda: stage.publisher.connected)
             stage.moves(1_000_000)
             stage.announce("a line")
+            place = (36.36, -84.14, 800.0)
+            other = AircraftState("a4c2f1", "N417EA", *place, 40.0, 0.0, 0.0, 0.5, "sbs")
+            reported = AircraftReported(1_000_000, stage.name, (other,))
+            stage.context.state_view.apply(reported, [])
             stage.context.state_view.alarm("x", "wrong")
             stage.context.ring()
             await listener.publish("cmd/hold", b"{}")

@@ -13,7 +13,9 @@ from mission_service.commands import (
     AnyCommand,
     ChangeSpeed,
     ClimbAndHold,
+    GoAround,
     Hold,
+    Land,
     Orbit,
     Return,
     StartMission,
@@ -21,18 +23,20 @@ from mission_service.commands import (
 )
 
 Source = Literal["start-up", "service", "transfer", "pilot", "failsafe"]
-ModeCommand = StartMission | Hold | Return | Orbit | ClimbAndHold
+ModeCommand = StartMission | Hold | Return | Land | GoAround | Orbit | ClimbAndHold
 Ordered = ModeCommand | ChangeSpeed
 
 NAMES: dict[type[AnyCommand], str] = {
     StartMission: "start mission",
     Hold: "hold",
     Return: "return",
+    Land: "fly landing",
+    GoAround: "go around",
     Orbit: "orbit",
     ClimbAndHold: "climb and hold",
     ChangeSpeed: "change speed",
 }
-URGENT = (Hold, Return, ClimbAndHold)  # they replace all commands that have not ended
+URGENT = (Hold, Return, GoAround, ClimbAndHold)  # they replace all commands that have not ended
 CRUISE_M, CLIMB_M_S, DESCENT_M_S = 120.0, 8.0, 4.0
 # The mode that each failsafe selects; it depends on the vehicle's parameters.
 FAILSAFES = {
@@ -64,6 +68,8 @@ class Autopilot:
     armed: bool = False
     chosen_by: Source = "start-up"
     mission: int = 0  # number of the mission on board; 0 if no mission can be flown
+    lands: bool = False  # whether that mission only lands
+    climbs_away: bool = False  # whether it goes around, and then circles at CRUISE_M
     seq: int = 0
     trouble: str = ""  # the active failsafe
     climbs_to_m: float = 0.0  # ordered altitude of a climb and hold
@@ -96,12 +102,14 @@ class Autopilot:
 
     def change(self, mode: str, chosen_by: Source) -> None:
         """Change the mode; ``chosen_by`` is also updated if the mode stays the same."""
-        self.mode, self.chosen_by = mode, chosen_by
+        self.mode, self.chosen_by, self.climbs_away = mode, chosen_by, False
 
     def mode_of(self, command: ModeCommand) -> str:
         """Return the mode to which a command leads on this stack."""
         match command:
-            case StartMission():
+            case StartMission() | Land():
+                return "mission"
+            case GoAround() if self.stack == "ardupilot":
                 return "mission"
             case Hold():
                 return "hold"
@@ -120,8 +128,14 @@ class Autopilot:
             self.armed = True
         elif not self.armed and isinstance(command, Orbit | ClimbAndHold):
             return "not armed"
+        if isinstance(command, Land) and not self.mission:
+            return "no valid mission"
+        in_landing = self.mode == "mission" and self.lands and self.in_air
+        if isinstance(command, GoAround) and self.stack == "ardupilot" and not in_landing:
+            return "it is not landing"
         self.change(self.mode_of(command), "service")
-        self.climbs_to_m = CRUISE_M if isinstance(command, ClimbAndHold) else 0.0
+        self.climbs_away = isinstance(command, GoAround)
+        self.climbs_to_m = CRUISE_M if isinstance(command, ClimbAndHold | GoAround) else 0.0
         return ""
 
     def fly(self, seconds: float) -> None:
@@ -129,6 +143,10 @@ class Autopilot:
         if not self.armed:
             return
         match self.mode:
+            case "mission" if self.lands and not self.climbs_away:
+                if self._toward(self.home_m, seconds):
+                    self._climb(0.0, seconds)
+                    self.seq = 99
             case "mission":
                 self._toward(self._on_circle(), seconds)
                 self._climb(CRUISE_M, seconds)
@@ -143,7 +161,8 @@ class Autopilot:
                 self._climb(max(self.height_m, self.climbs_to_m), seconds)
             case _:
                 pass
-        if self.mode in ("return", "land") and not self.in_air:
+        landing = self.mode in ("return", "land") or (self.mode == "mission" and self.lands)
+        if landing and not self.in_air:
             self.land()
 
     def _on_circle(self) -> tuple[float, float]:
@@ -235,7 +254,8 @@ class Bridge:
             return None
         upload, flown = self.uploads.pop(0), self.autopilot
         if outcome == "accepted" or on_board:
-            flown.mission, flown.seq = upload.mission_id, 0
+            flown.mission, flown.seq, flown.lands = upload.mission_id, 0, upload.lands
+            flown.climbs_away = False
         elif flown.stack == "ardupilot" and outcome != "superseded":
             flown.mission = 0
         if outcome == "accepted" and self.pauses and flown.mode == "hold":

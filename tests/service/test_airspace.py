@@ -14,11 +14,25 @@ from mission_service.airspace.occupied_space import Part, disc, straight, turns_
 from mission_service.airspace.routes import Detours, exits_from
 from mission_service.airspace.volume_files import volumes_in
 from mission_service.airspace.volumes import OUTSIDE, Volume, volumes_of
-from mission_service.commands import AnyCommand, Hold, Return, StartMission, UploadMission
+from mission_service.commands import (
+    AnyCommand,
+    Hold,
+    RaiseAlarm,
+    Return,
+    StartMission,
+    UploadMission,
+)
 from mission_service.config.airspace_section import AirspaceSection
 from mission_service.config.scenario import load_scenario
 from mission_service.errors import ScenarioError
-from mission_service.events import AirspaceClosed, AirspaceOpened, AnyEvent, OrderGiven, Telemetry
+from mission_service.events import (
+    AirspaceClosed,
+    AirspaceOpened,
+    AnyEvent,
+    LinkLost,
+    OrderGiven,
+    Telemetry,
+)
 from mission_service.fire.scenario_fire import landscape_of
 from tests.service.people_flights import ANN, Fly, flights_in
 
@@ -427,6 +441,42 @@ def test_a_pilots_vehicle_is_reported_and_left_alone(fly: Fly) -> None:
     closed = next(n for n, entry in enumerate(entries) if isinstance(entry, AirspaceClosed))
     sent = (UploadMission, Hold, Return, StartMission)
     assert not [entry for entry in entries[closed:] if isinstance(entry, sent)]
+
+
+def test_a_vehicle_without_a_link_is_reported_when_a_volume_closes_over_it(fly: Fly) -> None:
+    flight = fly()
+    flight.run(150)
+    place = here(flight)
+    flight.sim.core.handle(LinkLost(flight.now_us, "hawk", 5.0))
+    commands = flight.sim.core.handle(closed_at(flight.now_us, place))
+    (alarm,) = (command for command in commands if isinstance(command, RaiseAlarm))
+    assert alarm.severity == "severe"
+    assert alarm.text.startswith("its link is lost: it may be inside the closed volume 'copter'")
+
+
+def test_a_vehicle_that_cannot_return_holds_and_returns_when_the_way_is_free(fly: Fly) -> None:
+    flight = fly()
+    flight.run(150)
+    flight.submit(closed_at(flight.now_us, HAWK_HOME, 300.0))
+    flight.run(1.0)
+    flight.submit(OrderGiven(flight.now_us, *ANN, "hawk", "return"))
+    flight.run(60)
+    assert flight.mode == "hold"
+    assert "airspace/hawk" in flight.state_view.alarms
+    flight.submit(AirspaceOpened(flight.now_us, *ANN, "copter"))
+    flight.run(30)
+    assert flight.mode == "return"
+    assert "airspace/hawk" not in flight.state_view.alarms
+    flight.over()
+
+
+def test_a_landing_into_closed_airspace_is_refused(fly: Fly) -> None:
+    flight = fly()
+    flight.run(150)
+    flight.submit(closed_at(flight.now_us, HAWK_HOME, 300.0))
+    lines = flight.submit(OrderGiven(flight.now_us, *ANN, "hawk", "land"))
+    assert "its mission would enter the closed volume 'copter'" in " ".join(lines)
+    flight.over()
 
 
 def test_closing_a_name_twice_and_opening_an_unknown_name_are_refused(fly: Fly) -> None:

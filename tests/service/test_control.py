@@ -134,6 +134,8 @@ GOOD: list[tuple[dict[str, Any], AnyOperatorEvent]] = [
     ({"do": "resume"}, OrderGiven(*EVENT, "", "resume")),
     ({"do": "return"}, OrderGiven(*EVENT, "", "return")),
     ({"do": "start"}, OrderGiven(*EVENT, "", "start")),
+    ({"do": "land", "vehicle": "hawk"}, OrderGiven(*EVENT, "hawk", "land")),
+    ({"do": "go-around"}, OrderGiven(*EVENT, "", "go-around")),
     ({"do": "renew", "vehicle": "hawk"}, MissionRequested(*EVENT, "hawk")),
     ({"do": "accept", "vehicle": "hawk", "hash": HASH}, MissionAccepted(*EVENT, "hawk", HASH)),
     ({"do": "refuse", "vehicle": "hawk", "hash": HASH}, MissionRefused(*EVENT, "hawk", HASH)),

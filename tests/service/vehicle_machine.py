@@ -30,7 +30,10 @@ OUTCOMES = ("accepted", "accepted", "rejected", "failed", "unknown", "cancelled"
 STEPS_S = (0.1, 0.5, 1.0, 3.0, 10.0, 30.0, 120.0)
 WHICH = st.integers(0, 1)  # index of a vehicle of the scenario
 READ = st.sampled_from(["same", "same", "other", "nothing", "later"])
-WORDS = ("resume", "start", "hold", "return", "resume", "start", "hold all", "start all", "abort")
+WORDS = (
+    *("resume", "start", "hold", "return", "resume", "start", "hold all", "start all", "abort"),
+    *("land", "land", "go-around", "land all"),
+)
 
 
 class VehicleMachine(RuleBasedStateMachine):

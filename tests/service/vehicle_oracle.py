@@ -13,9 +13,12 @@ from mission_service.commands import (
     AnyCommand,
     ChangeSpeed,
     ClimbAndHold,
+    GoAround,
     Hold,
+    Land,
     Orbit,
     Return,
+    ShowLanding,
     StartMission,
     UploadMission,
 )
@@ -39,7 +42,7 @@ from mission_service.events import (
 )
 from tests.service.autopilot_model import NAMES, Source
 
-Licence = Literal["", "hold", "return", "lead"]
+Licence = Literal["", "hold", "return", "land", "lead"]
 Judged = Literal["ordered", "not ordered", "either"]
 
 AIRBORNE_M = 15.0
@@ -78,6 +81,7 @@ class VehicleRecord:
     fence_breached: bool = False
     home: bool = False  # ordered home by an operator or by the service
     held: bool = False  # held by an operator
+    landing: str = "none"  # phase of a landing as the core shows it
     licence: Licence = ""  # operators' orders since the last mode that was not ordered
     effects: list[Effect] = field(default_factory=list)
     # Modes of orders that were answered before a restart, until the vehicle reports a mode.
@@ -235,6 +239,10 @@ class Oracle:
         found: list[Violation] = []
         confirmed = event.confirmed
         refused = order == "start" and record.held
+        if _rejected(commands, name):
+            committed = record.landing in ("final", "going around")
+            if order in ("land", "go-around") or (committed and order != "hold"):
+                return found
         if self._must_ask(record, order) and not (confirmed or asked or refused):
             found.append(Violation("no question", words))
         if asked and (confirmed or not self._may_ask(record, order)):
@@ -263,11 +271,19 @@ class Oracle:
         match order:
             case "hold":
                 record.held, record.home, record.licence = True, False, "hold"
-                due = Hold
+                due = GoAround if _has(commands, GoAround, name) else Hold
             case "return":
                 record.held, record.home, record.licence = False, True, "return"
                 record.needs_order = True
                 due = Return
+            case "go-around":
+                # It holds now or after its go-around, unless it is not landing.
+                if _has(commands, Hold, name) or _has(commands, GoAround, name):
+                    record.held, record.home, record.licence = True, False, "hold"
+            case "land":
+                if _lands(commands, name):
+                    record.held, record.home, record.licence = False, False, "land"
+                    record.needs_order = True
             case "start" if record.held:
                 return []
             case "start" | "resume":
@@ -286,7 +302,8 @@ class Oracle:
         flies = record.online and record.airborne and record.armed and record.mode not in GOING_HOME
         if self._burn:  # it already holds at the safe height, and without a position it cannot hold
             return []
-        if flies and record.judged == "ordered" and not _has(commands, Hold, name):
+        stops = _has(commands, Hold, name) or _has(commands, GoAround, name)
+        if flies and record.judged == "ordered" and not stops:
             return [Violation("order not carried out", f"abort of {name} in {record.mode!r}")]
         return []
 
@@ -304,6 +321,9 @@ class Oracle:
             f"needs an order {record.needs_order}, licence {record.licence!r}"
         )
         self._note(record, command)
+        if isinstance(command, ShowLanding):
+            record.landing = command.phase
+            record.held |= command.holds
         return [Violation(kind, words)] if kind else []
 
     def _breaks(self, record: VehicleRecord, command: AnyCommand) -> str:
@@ -311,6 +331,11 @@ class Oracle:
         name = type(command).__name__
         led = record.licence == "lead"
         match command:
+            case Land() | UploadMission(lands=True) | GoAround():
+                if isinstance(command, Land) and not record.airborne:
+                    return "Land on the ground"
+                taken = record.taken and record.licence not in ("land", "hold")
+                return f"{name} to one that was taken" if taken else ""
             case StartMission() if not record.armed and not led:
                 if record.held:
                     return "started while held"
@@ -345,8 +370,12 @@ class Oracle:
         """Record the modes to which a command may lead, and its effect on later commands."""
         hold_like = ("guided", "hold", "orbit")
         match command:
+            case Land():
+                modes: tuple[str, ...] = ("mission",)
+            case GoAround():
+                modes = (*hold_like, "mission")
             case StartMission():
-                modes: tuple[str, ...] = ("mission", "guided", "takeoff")
+                modes = ("mission", "guided", "takeoff")
             case Hold():
                 modes = ("hold", "guided")
             case Return():
@@ -367,6 +396,15 @@ def _asks(command: AnyCommand, name: str) -> bool:
     if not isinstance(command, Announce) or command.vehicle != name:
         return False
     return command.text.startswith(QUESTION)
+
+
+def _rejected(commands: Iterable[AnyCommand], name: str) -> bool:
+    lines = (each for each in commands if isinstance(each, Announce) and each.vehicle == name)
+    return any(line.text.startswith("rejected:") for line in lines)
+
+
+def _lands(commands: Iterable[AnyCommand], name: str) -> bool:
+    return any(isinstance(each, ShowLanding) and each.vehicle == name for each in commands)
 
 
 def _has(commands: Iterable[AnyCommand], kind: type[AnyCommand], name: str) -> bool:

@@ -160,7 +160,8 @@ class FormationFlight(Guidance):
         availability = vehicle.availability
         if not availability.airborne or availability.fix is None:
             return False
-        return bool(vehicle.ordered) or availability.recalled or not state.guided
+        lands = availability.landing != "none"
+        return bool(vehicle.ordered) or availability.recalled or lands or not state.guided
 
     def _receive(self, vehicle: Vehicle, message: AnyMessage) -> list[AnyCommand]:
         """Apply a peer's message; return one warning per sender about rejected messages."""

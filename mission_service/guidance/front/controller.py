@@ -136,7 +136,10 @@ class FrontFlight(Guidance):
         """Record the missions sent; report parts of the front when monitoring ends or resumes."""
         for command in leaving:
             if isinstance(command, UploadMission):
-                self.traffic.on_mission(command.vehicle, command.items)
+                if command.lands:
+                    self.traffic.forget(command.vehicle)
+                else:
+                    self.traffic.on_mission(command.vehicle, command.items)
         names = vehicles if isinstance(event, OperatorEvent) else (event.vehicle,)
         availability = {name: vehicle.availability for name, vehicle in vehicles.items()}
         commands = self._watch.standing_alarms() if isinstance(event, Resumed) else []

@@ -59,6 +59,8 @@ class Frames:
                 return context.fire()
             case "sources":
                 return context.state_view.sources()
+            case "aircraft":
+                return context.state_view.aircraft()
             case "burn":
                 return context.burn()
             case "airspace":

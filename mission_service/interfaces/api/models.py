@@ -13,6 +13,7 @@ from mission_service.runtime.published_states import (
     Announcement,
     ItemState,
     MissionState,
+    NearbyAircraft,
     SourceState,
     TelemetryState,
     VehicleState,
@@ -85,6 +86,7 @@ class FullState(msgspec.Struct):
     replay: ReplayState | None = None  # None: a live run
     sources: list[SourceState] = []
     airspace: AirspaceStatus | None = None
+    aircraft: list[NearbyAircraft] = []
 
 
 class MissionDifference(msgspec.Struct):

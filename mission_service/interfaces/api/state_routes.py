@@ -1,4 +1,4 @@
-"""Defines the routes of the whole state, the live stream, the announcements and the abort."""
+"""Defines the routes of the whole state, the live stream, announcements, aircraft and abort."""
 
 from typing import Annotated
 
@@ -12,7 +12,7 @@ from mission_service.interfaces.api.models import FullState, RequestResult, land
 from mission_service.interfaces.api.openapi import OPERATOR_FIELDS, V1, route, struct, structs
 from mission_service.interfaces.api.planner_routes import planner_of
 from mission_service.interfaces.api.responses import ApiError, answer
-from mission_service.runtime.published_states import AirspaceStatus, Announcement
+from mission_service.runtime.published_states import AirspaceStatus, Announcement, NearbyAircraft
 
 LARGEST = 2**53
 BY, STATION = OPERATOR_FIELDS["by"]["description"], OPERATOR_FIELDS["station"]["description"]
@@ -20,7 +20,7 @@ Since = Annotated[int, Query(ge=0, le=LARGEST, description="The version that the
 
 
 def add(routes: APIRouter, api: ApiContext) -> None:
-    """Add ``/state``, ``/airspace``, ``/live``, ``/announcements`` and ``/abort``."""
+    """Add the routes of state, airspace, other aircraft, live stream, announcements and abort."""
     land = land_of(api.context)
 
     @routes.get(
@@ -48,6 +48,7 @@ def add(routes: APIRouter, api: ApiContext) -> None:
                 None if context.replay is None else context.replay(),
                 state_view.sources(),
                 context.airspace(),
+                state_view.aircraft(),
             )
         )
 
@@ -79,6 +80,13 @@ def add(routes: APIRouter, api: ApiContext) -> None:
     )
     async def announcements(after: Annotated[int, Query(ge=0, le=LARGEST)] = 0) -> Response:
         return answer([line for line in api.context.state_view.announcements if line.id > after])
+
+    @routes.get(
+        f"{V1}/aircraft",
+        **route("look", "Other aircraft near the vehicles.", structs(NearbyAircraft)),
+    )
+    async def aircraft() -> Response:
+        return answer(api.context.state_view.aircraft())
 
     @routes.post(
         f"{V1}/abort",

@@ -9,7 +9,7 @@ import msgspec
 from msgspec import Meta
 
 from mission_service.requests import PRINTED, VISIBLE
-from mission_service.runtime.published_states import Alarm
+from mission_service.runtime.published_states import Alarm, NearbyAircraft
 
 CommandId = Annotated[str, Meta(min_length=1, max_length=80, pattern=VISIBLE)]
 OperatorName = Annotated[str, Meta(min_length=1, max_length=70, pattern=PRINTED)]
@@ -39,6 +39,13 @@ class Alarms(msgspec.Struct, tag="alarms/1", tag_field="schema"):
 
     at_us: int
     alarms: tuple[Alarm, ...]
+
+
+class Aircraft(msgspec.Struct, tag="nearby/1", tag_field="schema"):
+    """All other aircraft near the vehicles."""
+
+    at_us: int
+    aircraft: tuple[NearbyAircraft, ...]
 
 
 class Command(msgspec.Struct, tag="command/1", tag_field="schema"):

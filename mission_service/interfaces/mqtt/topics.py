@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import msgspec
 
-from mission_service.interfaces.mqtt.payloads import Alarms, Reply, ServiceStatus
+from mission_service.interfaces.mqtt.payloads import Aircraft, Alarms, Reply, ServiceStatus
 from mission_service.runtime.play_head import ReplayState
 from mission_service.runtime.published_states import (
     AirspaceStatus,
@@ -102,6 +102,15 @@ ALARM = Topic(
         context.state_view.at_us, tuple(context.state_view.alarms.values())
     ),
 )
+AIRCRAFT = Topic(
+    "aircraft",
+    Aircraft,
+    0,
+    False,
+    "other aircraft near the vehicles, on change, at most twice a second",
+    "aircraft",
+    lambda context, name: Aircraft(context.state_view.at_us, tuple(context.state_view.aircraft())),
+)
 REPLAY = Topic(
     "replay",
     ReplayState,
@@ -121,6 +130,7 @@ TOPICS = (
     FRONT,
     AIRSPACE,
     ALARM,
+    AIRCRAFT,
     REPLAY,
     EVENT,
     COMMAND,

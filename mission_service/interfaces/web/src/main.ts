@@ -2,6 +2,7 @@
 
 import "./style.css";
 import type { Map as MapView } from "maplibre-gl";
+import { AIRCRAFT_GROUPS, aircraftLayers, followAircraft } from "./aircraft_layer.ts";
 import { Alarms } from "./alarms.ts";
 import { get, whenUnauthorised } from "./api.ts";
 import { AIRSPACE_GROUPS, airspaceLayers, followAirspace } from "./airspace_layer.ts";
@@ -32,7 +33,8 @@ import type { LonLat } from "./types.ts";
 import { fetchTracks, followVehicles, VEHICLE_GROUPS, vehicleLayers } from "./vehicles_layer.ts";
 
 const groups: Record<string, Group> = {
-  ...FIRE_GROUPS, ...OBSERVATION_GROUPS, ...IMAGE_GROUPS, ...VEHICLE_GROUPS, ...BURN_GROUPS, ...AIRSPACE_GROUPS,
+  ...FIRE_GROUPS, ...OBSERVATION_GROUPS, ...IMAGE_GROUPS, ...VEHICLE_GROUPS, ...AIRCRAFT_GROUPS,
+  ...BURN_GROUPS, ...AIRSPACE_GROUPS,
 };
 const store = new Store();
 const TRACKS_AGAIN_MS = 10_000;
@@ -83,6 +85,7 @@ async function makeMapOnce(): Promise<void> {
     imageLayers,
     airspaceLayers,
     burnLayers,
+    aircraftLayers,
     vehicleLayers,
   ]);
   map = made;
@@ -96,6 +99,7 @@ async function makeMapOnce(): Promise<void> {
     followImages(made, store),
   ];
   followVehicles(made, store);
+  followAircraft(made, store);
   followBurn(made, store);
   followAirspace(made, store);
   store.changed("all");

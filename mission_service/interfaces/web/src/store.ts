@@ -4,6 +4,7 @@
 import { ask, BASE, errorText, get, Refused } from "./api.ts";
 import { backoffS, EventReader, type StreamEvent } from "./live.ts";
 import type {
+  Aircraft,
   Airspace,
   Alarm,
   Burn,
@@ -28,6 +29,7 @@ export type Topic =
   | "mission"
   | "fire"
   | "sources" // of observations
+  | "aircraft" // other aircraft
   | "images" // of sensors, and the selected one
   | "burn"
   | "airspace"
@@ -236,6 +238,9 @@ export class Store {
         break;
       case "sources":
         this.state.sources = part as Source[];
+        break;
+      case "aircraft":
+        this.state.aircraft = part as Aircraft[];
         break;
       case "burn":
         this.state.burn = part as Burn | null;

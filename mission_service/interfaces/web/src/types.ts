@@ -46,7 +46,8 @@ export interface Vehicle {
   energy_source: string;
   position_good: boolean;
   position_fix: string;
-  order: string; // an operator's order in force: hold, return
+  order: string; // an operator's order in force: hold, return, land
+  landing: string; // phase of a landing: waiting, sending, approach, final, going around
   direction: string;
   decisions: number;
   reversals: number;
@@ -130,6 +131,25 @@ export interface Source {
   age_s: number | null; // at the time of `at_us`
   usual_interval_s: number | null;
   position_sd_m: number | null;
+}
+
+/** Another aircraft, relative to the vehicle with the highest alert or the smallest distance. */
+export interface Aircraft {
+  at_us: number;
+  aircraft: string; // ICAO address in hexadecimal digits, or another identifier
+  callsign: string;
+  lat_deg: number;
+  lon_deg: number;
+  altitude_amsl_m: number;
+  ground_speed_m_s: number;
+  track_deg: number;
+  climb_m_s: number;
+  age_s: number;
+  source: string;
+  alert: "none" | "preventive" | "corrective" | "warning";
+  vehicle: string;
+  distance_m: number;
+  above_m: number; // negative: below the vehicle
 }
 
 /** Properties of an observation in GET /fire/observations. */
@@ -345,4 +365,5 @@ export interface State {
   replay: Replay | null; // null: a live run
   sources: Source[];
   airspace: Airspace;
+  aircraft: Aircraft[];
 }

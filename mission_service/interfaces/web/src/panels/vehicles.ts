@@ -16,6 +16,8 @@ const ORDERS: [string, string, string][] = [
   ["hold", "Hold", "Circle or hover at the current place"],
   ["resume", "Resume", "Continue under the planner"],
   ["return", "Return", "Fly home"],
+  ["land", "Land", "Land at home, into the wind"],
+  ["go-around", "Go around", "Break off the landing, climb and hold"],
   ["start", "Start", "Arm and fly the mission on board"],
 ];
 
@@ -141,6 +143,7 @@ export class VehiclesPanel {
         `link ${vehicle.link === "never heard" ? "not connected" : vehicle.link}, mode ${vehicle.mode || "unknown"}, ${vehicle.armed ? "armed" : "disarmed"}`,
       ],
       ["Order", vehicle.order || null],
+      ["Landing", vehicle.landing || null],
       ["Battery", vehicle.battery_pct === null ? "unknown" : `${vehicle.battery_pct.toFixed(0)} %`],
       ["If the link is lost", lostLinkText(vehicle)],
       ["Energy", energyText(vehicle)],
@@ -178,7 +181,8 @@ function shortState(vehicle: Vehicle): string {
   if (vehicle.link === "never heard") return "no heartbeat yet";
   const battery = vehicle.battery_pct === null ? "" : ` · ${vehicle.battery_pct.toFixed(0)} %`;
   const energy = vehicle.time_on_task_s === null ? "" : ` · ${timesText(vehicle)}`;
-  const order = vehicle.order ? ` · ${vehicle.order.toUpperCase()}` : "";
+  const landing = vehicle.landing ? ` · LANDING: ${vehicle.landing}` : "";
+  const order = landing || (vehicle.order ? ` · ${vehicle.order.toUpperCase()}` : "");
   return `${vehicle.mode || "mode?"}${battery}${energy}${order}`;
 }
 

@@ -1,0 +1,59 @@
+"""Decodes other aircraft that an ADS-B receiver on board has received (ADSB_VEHICLE)."""
+
+from dataclasses import dataclass
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from autopilot_bridge.links.codec import Message
+from autopilot_bridge.links.field_limits import out_of_bounds
+
+ADSB_VEHICLE = "ADSB_VEHICLE"
+NEEDED = mavlink.ADSB_FLAGS_VALID_COORDS | mavlink.ADSB_FLAGS_VALID_ALTITUDE
+
+
+@dataclass(frozen=True, slots=True)
+class AircraftSeen:
+    """Another aircraft; speeds and track are None if unknown.
+
+    ``altitude_m`` is above the sea, or the altitude in the standard atmosphere if
+    ``pressure_altitude`` is set. ``age_s`` is the time since the receiver heard the aircraft.
+    """
+
+    at_us: int
+    icao_address: int
+    lat_deg: float
+    lon_deg: float
+    altitude_m: float
+    pressure_altitude: bool
+    track_deg: float | None
+    ground_speed_m_s: float | None
+    climb_m_s: float | None
+    callsign: str
+    age_s: float
+
+
+def aircraft_seen(message: Message, at_us: int) -> AircraftSeen | None:
+    """Decode an ADSB_VEHICLE; return None without a position and an altitude, or for a simulation.
+
+    ``ADSB_FLAGS_SIMULATED`` marks aircraft of a test; ``at_us`` is the time of reception.
+    """
+    flags = message.flags
+    real = not flags & mavlink.ADSB_FLAGS_SIMULATED
+    if flags & NEEDED != NEEDED or not real or out_of_bounds(message) is not None:
+        return None
+    motion = flags & mavlink.ADSB_FLAGS_VALID_VELOCITY
+    callsign = message.callsign if flags & mavlink.ADSB_FLAGS_VALID_CALLSIGN else ""
+    vertical = flags & mavlink.ADSB_FLAGS_VERTICAL_VELOCITY_VALID
+    return AircraftSeen(
+        at_us,
+        message.ICAO_address & 0xFFFFFF,
+        message.lat / 1e7,
+        message.lon / 1e7,
+        message.altitude / 1e3,
+        message.altitude_type == mavlink.ADSB_ALTITUDE_TYPE_PRESSURE_QNH,
+        message.heading / 100.0 if flags & mavlink.ADSB_FLAGS_VALID_HEADING else None,
+        message.hor_velocity / 100.0 if motion else None,
+        message.ver_velocity / 100.0 if vertical or motion else None,
+        callsign if isinstance(callsign, str) else callsign.decode("ascii", "replace"),
+        float(message.tslc),
+    )

@@ -1,0 +1,107 @@
+// Other aircraft: a symbol in the colour of the alert, its name, relative height, and its way in the next minute.
+
+import type { ExpressionSpecification, Map as MapView } from "maplibre-gl";
+import { coalesced } from "./coalesce.ts";
+import { collection, empty, feature, FONT, type Group, type Layers, line, lineLayer, point, show } from "./map.ts";
+import type { Store } from "./store.ts";
+import type { Aircraft, LonLat } from "./types.ts";
+import { feet } from "./units.ts";
+
+const EVERY_MS = 300;
+const AHEAD_S = 60;
+const M_PER_DEG = 111_195;
+const COLOURS = { none: "#455a64", preventive: "#8a6d00", corrective: "#d84315", warning: "#c40000" };
+const URGENCY = ["warning", "corrective", "preventive", "none"]; // labels of the first are drawn first
+const COLOUR: ExpressionSpecification = ["get", "colour"];
+
+export const aircraftLayers: Layers = {
+  sources: { aircraft: empty(), "aircraft-ahead": empty() },
+  layers: [
+    lineLayer("aircraft-ahead", "aircraft-ahead", { "line-color": COLOUR, "line-width": 2, "line-dasharray": [2, 1.5] }),
+    {
+      id: "aircraft",
+      type: "symbol",
+      source: "aircraft",
+      layout: {
+        ...FONT,
+        "icon-image": ["get", "icon"],
+        "icon-rotate": ["get", "track"],
+        "icon-rotation-alignment": "map",
+        "icon-allow-overlap": true,
+        "icon-ignore-placement": true,
+        "text-field": ["get", "label"],
+        "text-size": 13,
+        "text-justify": "auto",
+        "text-variable-anchor": ["left", "right", "top", "bottom"],
+        "text-radial-offset": 1.3,
+        "text-max-width": 30,
+        "text-optional": true,
+        "symbol-sort-key": ["get", "order"],
+      },
+      paint: { "text-color": COLOUR, "text-halo-color": "#fff", "text-halo-width": 2.5 },
+    },
+  ],
+};
+
+export const AIRCRAFT_GROUPS: Record<string, Group> = {
+  aircraft: { label: "Other aircraft", layers: ["aircraft-ahead", "aircraft"], shown: true },
+};
+
+/** Keep the other aircraft up to date. */
+export function followAircraft(map: MapView, store: Store): void {
+  for (const [alert, colour] of Object.entries(COLOURS)) map.addImage(`aircraft-${alert}`, icon(colour), { pixelRatio: 2 });
+  const refresh = coalesced(async () => {
+    const aircraft = store.state?.aircraft ?? [];
+    show(map, "aircraft", collection(aircraft.map(mark)));
+    show(map, "aircraft-ahead", collection(aircraft.filter((each) => each.ground_speed_m_s > 1).map(ahead)));
+  }, EVERY_MS);
+  store.on(["aircraft"], refresh);
+}
+
+function mark(each: Aircraft): GeoJSON.Feature {
+  return feature(point([each.lon_deg, each.lat_deg]), {
+    icon: `aircraft-${each.alert}`,
+    track: each.track_deg,
+    alert: each.alert,
+    order: URGENCY.indexOf(each.alert),
+    colour: COLOURS[each.alert],
+    label: labelOf(each),
+  });
+}
+
+/** The name, the height above or below the vehicle, climb or descent, and the alert. */
+export function labelOf(each: Aircraft): string {
+  const [sign, height] = [each.above_m < 0 ? "−" : "+", Math.abs(each.above_m)];
+  const trend = each.climb_m_s > 1 ? " ↑" : each.climb_m_s < -1 ? " ↓" : "";
+  const lines = [
+    each.callsign || each.aircraft,
+    `${sign}${height.toFixed(0)} m (${sign}${feet(height).toFixed(0)} ft)${trend}`,
+  ];
+  if (each.alert !== "none") lines.push(`${each.alert.toUpperCase()} for ${each.vehicle}`);
+  return lines.join("\n");
+}
+
+/** The way in the next minute. */
+function ahead(each: Aircraft): GeoJSON.Feature {
+  const course = (each.track_deg * Math.PI) / 180;
+  const moved = (AHEAD_S * each.ground_speed_m_s) / M_PER_DEG;
+  const north = each.lat_deg + moved * Math.cos(course);
+  const east = each.lon_deg + (moved * Math.sin(course)) / Math.cos((each.lat_deg * Math.PI) / 180);
+  const here: LonLat = [each.lon_deg, each.lat_deg];
+  return feature(line([here, [east, north]]), { colour: COLOURS[each.alert] });
+}
+
+/** A pointed triangle towards the north, unlike the vehicles of the run, with a white rim. */
+function icon(colour: string): ImageData {
+  const canvas = document.createElement("canvas");
+  canvas.width = canvas.height = 56;
+  const pen = canvas.getContext("2d")!;
+  const shape = new Path2D("M28 5 L48 49 L28 38 L8 49 Z");
+  pen.lineJoin = "round";
+  pen.lineWidth = 6;
+  pen.strokeStyle = "#ffffff";
+  pen.stroke(shape);
+  pen.fillStyle = colour;
+  pen.fill(shape);
+  return pen.getImageData(0, 0, 56, 56);
+}

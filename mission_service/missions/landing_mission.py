@@ -1,0 +1,165 @@
+"""Plans the missions of fixed-wing vehicles that only land: to the approach, down, into the wind.
+
+The approach is that of ``landing.py``. The mission also determines where the vehicle holds after a
+go-around: straight ahead if the terrain there is clear, otherwise above the loiter of the approach.
+ArduPlane flies to this place by the items after the landing, PX4 by a command.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from autopilot_bridge.items import (
+    MissionItem,
+    camera_trigger,
+    change_speed,
+    speed_type,
+    waypoint,
+)
+from firemodel.landscape.landscape import Landscape
+from mission_service.config.sections import VehicleSection
+from mission_service.missions.from_path import LeastAltitude, leg_altitudes_m, no_least
+from mission_service.missions.landing import (
+    UNCHECKED_M,
+    Approach,
+    approach_items,
+    approach_of,
+    clears,
+    forward_of,
+    glide_m,
+    place_e7,
+    with_rings,
+)
+
+Floats = NDArray[np.float64]
+
+# PX4 flares towards the point of NAV_LAND and then floats: its planes come to rest this time of
+# flight beyond the point (PX4 1.17 in simulation).
+PX4_FLOATS_S = 6.3
+# ArduPlane plans its flare without the headwind (ArduPlane 4.6.2 in simulation).
+ARDUPLANE_SHORT_S = 1.3
+CLIMB_SLOPE = 0.08  # assumed climb after a go-around, which is less than planes climb
+CLIMBS_WITH_CONTINUE = 1.0  # param 1 of CONTINUE_AND_CHANGE_ALT: continue when climbed to it
+
+
+class LandingMission(NamedTuple):
+    """A mission that only lands.
+
+    ``final_seq`` is the index of its last leg, NAV_LAND. A go-around leads to ``height_m`` above
+    home at the position ``around`` (latitude, longitude). The last leg begins closer to home than
+    ``final_m``.
+    """
+
+    items: tuple[MissionItem, ...]
+    final_seq: int
+    course_deg: float
+    height_m: float
+    final_m: float
+    around: tuple[float, float]
+
+
+def landing_mission(
+    section: VehicleSection,
+    landscape: Landscape,
+    wind: tuple[float, float],
+    start_m: tuple[float, float],
+    min_at: LeastAltitude = no_least,
+) -> LandingMission:
+    """Return the mission that lands a plane at home.
+
+    Args:
+        section: The vehicle.
+        landscape: The terrain.
+        wind: Speed in m/s, and the direction from which the wind blows in degrees.
+        start_m: The position of the vehicle, x, y in metres.
+        min_at: The minimum altitude of the way to the approach, besides that above the terrain.
+
+    Raises:
+        ScenarioError: No approach is clear of the terrain.
+    """
+    wind_m_s, wind_from_deg = wind
+    approach = approach_of(section, landscape, wind_from_deg)
+    home_m = np.array(landscape.xy_of_lat_lon(section.home_lat_deg, section.home_lon_deg))
+    headwind_m_s = wind_m_s * math.cos(math.radians(approach.course_deg - wind_from_deg))
+    short_m = _floats_m(section, headwind_m_s) * forward_of(approach.course_deg)
+    approach = approach._replace(centre_m=approach.centre_m - short_m)
+    around_m = _around(section, landscape, approach, home_m)
+    items = [
+        change_speed(speed_type(section.kind), section.airspeed_m_s),
+        *([] if section.camera_trigger_m is None else [camera_trigger(0.0)]),
+        _to_approach(section, landscape, approach, start_m, min_at),
+    ]
+    touchdown = place_e7(landscape, home_m - short_m)
+    down, land = approach_items(section, landscape, approach, touchdown)
+    if section.stack == "px4":
+        items += [
+            MissionItem(mavlink.MAV_CMD_DO_LAND_START, mavlink.MAV_FRAME_MISSION, 0, 0, 0.0),
+            *(down, land),
+        ]
+    else:  # DO_LAND_START would keep ArduPlane from arming later, if RTL_AUTOLAND is 0
+        items += [down, land, *_around_items(section, landscape, around_m, approach.height_m)]
+    lat_deg, lon_deg = landscape.lat_lon_of(float(around_m[0]), float(around_m[1]))
+    return LandingMission(
+        tuple(items),
+        items.index(land),
+        approach.course_deg,
+        approach.height_m,
+        glide_m(approach.height_m) + 3.0 * section.loiter_radius_m,
+        (float(lat_deg), float(lon_deg)),
+    )
+
+
+def _floats_m(section: VehicleSection, headwind_m_s: float) -> float:
+    """Return the distance from the point of NAV_LAND to the place of rest, negative if before."""
+    if section.stack != "px4":
+        return -ARDUPLANE_SHORT_S * headwind_m_s
+    return PX4_FLOATS_S * max(section.min_airspeed_m_s - headwind_m_s, 0.0)
+
+
+def _to_approach(
+    section: VehicleSection,
+    landscape: Landscape,
+    approach: Approach,
+    start_m: tuple[float, float],
+    min_at: LeastAltitude,
+) -> MissionItem:
+    """Return the waypoint over the approach's loiter, at an altitude that is clear on the way."""
+    points = np.array([start_m, approach.centre_m])
+    around_m = 1.5 * section.loiter_radius_m
+    altitude_m = leg_altitudes_m(points, landscape, section.altitude_agl_m, around_m, min_at)[-1]
+    lat_deg, lon_deg = landscape.lat_lon_of(*approach.centre_m)
+    return waypoint(float(lat_deg), float(lon_deg), altitude_m)
+
+
+def _around(
+    section: VehicleSection, landscape: Landscape, approach: Approach, home_m: Floats
+) -> Floats:
+    """Return the centre of the loiter after a go-around."""
+    ahead = forward_of(approach.course_deg)
+    right = np.array([ahead[1], -ahead[0]])
+    length_m = approach.height_m / CLIMB_SLOPE
+    centre_m = np.asarray(home_m + length_m * ahead + section.loiter_radius_m * right)
+    along_m = np.arange(UNCHECKED_M, length_m, landscape.cell_size_m / 2.0)
+    climb = home_m + along_m[:, None] * ahead
+    points_m, heights_m = with_rings(
+        climb, CLIMB_SLOPE * along_m, centre_m, approach.height_m, section
+    )
+    clear = clears(points_m, heights_m, home_m, landscape)
+    return centre_m if clear else approach.centre_m
+
+
+def _around_items(
+    section: VehicleSection, landscape: Landscape, around_m: Floats, height_m: float
+) -> list[MissionItem]:
+    """Return the items after the landing, by which ArduPlane climbs ahead and then holds."""
+    relative = mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT
+    place = place_e7(landscape, around_m)
+    radius_m = section.loiter_radius_m
+    climb, hold = mavlink.MAV_CMD_NAV_CONTINUE_AND_CHANGE_ALT, mavlink.MAV_CMD_NAV_LOITER_UNLIM
+    return [
+        MissionItem(climb, relative, 0, 0, height_m, param1=CLIMBS_WITH_CONTINUE),
+        MissionItem(hold, relative, *place, height_m, param3=radius_m),
+    ]

@@ -1,0 +1,80 @@
+"""Makes the events about other aircraft once a second, from the reports of all sources. Pure."""
+
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping
+from typing import Protocol
+
+from autopilot_bridge.vehicle.aircraft_seen import AircraftSeen
+from mission_service.config.surveillance_section import AircraftSource, SurveillanceSection
+from mission_service.events import AircraftReported
+from mission_service.surveillance.adsb_vehicle import apply_seen
+from mission_service.surveillance.aircraft_table import AircraftDecoder, AircraftTable, OwnPosition
+from mission_service.surveillance.beast import BeastDecoder
+from mission_service.surveillance.cot_tracks import CotTrackDecoder
+from mission_service.surveillance.gdl90 import Gdl90Decoder
+from mission_service.surveillance.sbs import SbsDecoder
+
+EVERY_US = 1_000_000
+FRESH_US = 5_000_000  # a vehicle with an older position is not compared
+DECODERS: dict[str, Callable[[AircraftTable, str], AircraftDecoder]] = {
+    "sbs": SbsDecoder,
+    "beast": BeastDecoder,
+    "gdl90": Gdl90Decoder,
+    "cot": CotTrackDecoder,
+}
+
+
+class _Fix(Protocol):
+    @property
+    def at_us(self) -> int: ...
+    @property
+    def lat_deg(self) -> float: ...
+    @property
+    def lon_deg(self) -> float: ...
+    @property
+    def altitude_amsl_m(self) -> float: ...
+
+
+class AircraftReports:
+    """The aircraft near the vehicles of a run; without a table [surveillance] there are none."""
+
+    def __init__(self, section: SurveillanceSection | None) -> None:
+        self.section = section
+        used = section or SurveillanceSection()
+        self.table = AircraftTable(used.range_m, used.qnh_hpa, used.ignored)
+        self._due_us = -(2**63)
+        # Vehicles whose last event contains no aircraft. A run, also a resumed one, begins with an
+        # event for each vehicle, which ends the alerts of an interrupted run.
+        self._empty: set[str] = set()
+
+    def decoder(self, source: AircraftSource) -> AircraftDecoder:
+        """Return a decoder for a source, for each connection."""
+        return DECODERS[source.format](self.table, source.label)
+
+    def take_seen(self, vehicle: str, seen: deque[AircraftSeen], at_us: int) -> None:
+        """Remove and use what a vehicle's ADS-B receiver has seen; ``at_us`` is mission time."""
+        while seen:
+            apply_seen(self.table, vehicle, seen.popleft(), at_us)
+
+    def events_due(self, fixes: Mapping[str, _Fix], at_us: int) -> Iterator[AircraftReported]:
+        """Yield the events that are due at a mission time: at most one a second and vehicle.
+
+        Args:
+            fixes: The last positions of the vehicles, by name.
+            at_us: The mission time.
+        """
+        if self.section is None or at_us < self._due_us:
+            return
+        self._due_us = at_us + EVERY_US
+        own = {
+            name: OwnPosition(name, fix.lat_deg, fix.lon_deg, fix.altitude_amsl_m)
+            for name, fix in fixes.items()
+            if at_us - fix.at_us <= FRESH_US
+        }
+        self.table.update_region(own.values())
+        self.table.expire(at_us)
+        for name in fixes:
+            aircraft = self.table.near(own[name], at_us) if name in own else ()
+            if aircraft or name not in self._empty:
+                yield AircraftReported(at_us, name, aircraft)
+            (self._empty.discard if aircraft else self._empty.add)(name)

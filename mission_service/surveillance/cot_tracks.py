@@ -1,0 +1,91 @@
+"""Decodes air tracks among Cursor on Target events (XML), received by UDP or TCP. Pure.
+
+An air track is an event with the type ``a-*-A…``. Used are ``point`` (``lat``, ``lon``, ``hae``)
+and ``detail/track`` (``course``, ``speed`` in m/s, and ``slope`` in degrees). ``hae`` counts as the
+altitude above the sea; an event with an unknown ``hae`` is not used. The uid ``ICAO-…`` or
+``ICAO…`` contains the address of an aircraft. Source: MITRE, *Cursor-on-Target Message Router
+User's Guide*, base event 2.0.
+"""
+
+import math
+import re
+from xml.etree import ElementTree
+
+from mission_service.surveillance.aircraft_table import (
+    AircraftTable,
+    Track,
+    callsign_of,
+    set_climb,
+    set_course,
+)
+
+END = b"</event>"
+MAX_EVENT = 65_535  # bytes; longer data are discarded
+MAX_UID = 64
+UNKNOWN_M = 9_999_999.0
+MAX_SLOPE_DEG = 60.0
+_AIR_TRACK = re.compile(rb"""\stype\s*=\s*["']a-[^"'-]+-A""")
+_ICAO = re.compile(r"icao[-_. ]?([0-9a-f]{6})", re.IGNORECASE)
+
+
+class CotTrackDecoder:
+    """The decoder of one source."""
+
+    def __init__(self, table: AircraftTable, source: str) -> None:
+        """Update ``table`` with the events of ``source``."""
+        self.rejected = 0
+        self._table = table
+        self._source = source
+        self._rest = b""
+
+    def decode(self, data: bytes, at_us: int) -> None:
+        """Process received bytes; an incomplete last event is completed by the next bytes."""
+        *events, rest = (self._rest + data).split(END)
+        self._rest = rest if len(rest) <= MAX_EVENT else b""
+        for event in events:
+            begin = event.rfind(b"<event")
+            if begin >= 0 and _AIR_TRACK.search(event, begin):
+                try:
+                    self._event(event[begin:] + END, at_us)
+                except (ElementTree.ParseError, ValueError):
+                    self.rejected += 1
+
+    def _event(self, text: bytes, at_us: int) -> None:
+        """Process an event. Raises ParseError or ValueError for one that cannot be read."""
+        root = ElementTree.fromstring(text)  # without a DOCTYPE, which precedes the element
+        point = root.find("point")
+        if point is None:
+            raise ValueError("an event has no point")
+        place = float(point.get("lat", "")), float(point.get("lon", ""))
+        key = _key_of(root.get("uid", ""))
+        if not self._table.region.encloses(*place):
+            self._table.remove(key)
+            return
+        altitude_m = float(point.get("hae", UNKNOWN_M))
+        track = self._table.place(key, self._source, at_us, (*place, altitude_m))
+        if track is None:
+            return
+        detail = root.find("detail")
+        if detail is not None:
+            self._detail(detail, track)
+
+    def _detail(self, detail: ElementTree.Element, track: Track) -> None:
+        contact, motion = detail.find("contact"), detail.find("track")
+        if contact is not None:
+            track.callsign = callsign_of(contact.get("callsign", ""))
+        if motion is not None:
+            speed_m_s = float(motion.get("speed", "0"))
+            self.rejected += not set_course(track, speed_m_s, float(motion.get("course", "0")))
+            slope_deg = float(motion.get("slope", "0"))
+            if abs(slope_deg) <= MAX_SLOPE_DEG:
+                set_climb(track, speed_m_s * math.tan(math.radians(slope_deg)))
+
+
+def _key_of(uid: str) -> str:
+    """Return the identifier of a uid. Raises ValueError without a usable uid."""
+    found = _ICAO.search(uid)
+    if found is not None:
+        return found[1].lower()
+    if not uid or len(uid) > MAX_UID or not uid.isprintable():
+        raise ValueError("an event has no usable uid")
+    return f"cot:{uid}"
