@@ -262,7 +262,7 @@ class VehicleSection(Section):
     camera_trigger_m: Annotated[float, Field(ge=1, le=1000)] | None = None
     gimbal_pitch_deg: Annotated[float, Field(ge=-90, le=0)] | None = None
     endurance_s: Positive | None = None  # maximum time in the air; the recall is earlier
-    endurance_reserve_s: NotNegative = 120.0  # remaining endurance on arrival at home
+    endurance_reserve_s: NotNegative = 120.0  # remaining on arrival at home; at least the landing
     # Remaining charge after the landing, and the voltage below which the vehicle returns.
     battery_reserve_pct: Annotated[float, Field(ge=0, le=90)] = 20.0
     battery_min_voltage_v: Positive | None = None

@@ -81,12 +81,14 @@ def times_left(
 ) -> list[TimeLeft]:
     """Return the time left by each source that has a value.
 
-    ``endurance_reserve_s`` includes the landing; ``battery_reserve_pct`` remains after it.
+    The landing is flown within ``endurance_reserve_s``, or within the longer time that it needs;
+    ``battery_reserve_pct`` remains after the landing.
     """
     found = []
     if section.endurance_s is not None:
         left_s = section.endurance_s - flown_s
-        found.append(TimeLeft("endurance_s", left_s - section.endurance_reserve_s, left_s))
+        reserve_s = max(section.endurance_reserve_s, landing_s(section))
+        found.append(TimeLeft("endurance_s", left_s - reserve_s, left_s))
     lands_s, reserve_pct = landing_s(section), section.battery_reserve_pct
     level_pct = battery.level_pct(at_s)
     if level_pct is not None:

@@ -182,10 +182,10 @@ def test_a_low_voltage_counts_after_it_has_lasted() -> None:
 
 
 def test_the_source_with_the_least_time_on_task_counts() -> None:
-    section = SECTION.model_copy(update={"endurance_s": 3000.0, "endurance_reserve_s": 100.0})
+    section = SECTION.model_copy(update={"endurance_s": 3300.0, "endurance_reserve_s": 400.0})
     battery = flown(BatteryReports(), 2000.0, 600.0)
     assert least(battery, 600.0, section).source == "battery"
-    shorter = section.model_copy(update={"endurance_s": 900.0})
+    shorter = section.model_copy(update={"endurance_s": 1200.0})
     assert least(battery, 600.0, shorter).source == "endurance_s"
     found = estimate(times_left(section, BatteryReports(), 600.0, 600.0), 250.0, 600.0)
     assert found is not None
@@ -200,3 +200,12 @@ def test_a_plane_lands_after_a_circle_and_a_glide() -> None:
     glide_m = 120.0 / math.tan(math.radians(4.5))
     assert landing_s(plane) == pytest.approx((glide_m + math.tau * 100.0) / 14.0)
     assert landing_s(plane.model_copy(update={"kind": "copter"})) == 60.0
+
+
+def test_the_reserve_of_the_endurance_is_at_least_the_time_of_the_landing() -> None:
+    section = SECTION.model_copy(update={"endurance_s": 1000.0, "endurance_reserve_s": 100.0})
+    (left,) = times_left(section, BatteryReports(), 0.0, 0.0)
+    assert landing_s(section) > 200.0
+    assert left.until_home_s == pytest.approx(1000.0 - landing_s(section))
+    copter = section.model_copy(update={"kind": "copter"})
+    assert times_left(copter, BatteryReports(), 0.0, 0.0)[0].until_home_s == 900.0

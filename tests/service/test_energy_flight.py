@@ -159,7 +159,7 @@ def test_one_on_its_way_home_whose_energy_does_not_suffice_raises_a_severe_alarm
     assert returns(flight.at(150.0, later_s=810.0))
     flight.mode("return")
     assert "energy" not in alarms(fly(flight, 60.0))
-    commands = fly(flight, 60.0)  # it has not come nearer
+    commands = fly(flight, 260.0)  # it has not come nearer
     assert alarms(commands) == {"energy": "severe"}
 
 

@@ -509,7 +509,7 @@ def test_a_restart_in_the_air_leaves_it_alone_until_it_is_in_its_mission(land: L
 
 
 def test_it_is_led_home_in_time_and_comes_back_after_a_new_start(land: Landscape) -> None:
-    flight = Flight(land, "vehicles.0.endurance_s=400", "vehicles.0.endurance_reserve_s=100")
+    flight = Flight(land, "vehicles.0.endurance_s=800", "vehicles.0.endurance_reserve_s=500")
     flight.orbiting()
     early = flight.for_s(200.0)
     assert flight.agent.home_m is None

@@ -30,7 +30,7 @@ from mission_service.fire.scenario_fire import landscape_of
 
 NAV_TAKEOFF = 22
 LONG = (
-    *("vehicles.0.endurance_s=1000", "vehicles.0.endurance_reserve_s=100"),
+    *("vehicles.0.endurance_s=1200", "vehicles.0.endurance_reserve_s=300"),
     "weather.0.wind_speed_m_s=0",
 )
 
@@ -107,7 +107,7 @@ def acts(commands: list[AnyCommand]) -> list[AnyCommand]:
 
 def test_it_is_sent_home_while_its_time_in_the_air_still_takes_it_there(land: Landscape) -> None:
     flight = Flight(land, *LONG)
-    # 1,200 m at 12 m/s, and a reserve of 100 s: after 800 s.
+    # 1,200 m at 12 m/s, and a reserve of 300 s: after 800 s.
     assert not returns(flight.at(150.0, later_s=795.0))
     assert flight.planner.left_at_s == []
     commands = flight.at(150.0, later_s=10.0)
@@ -136,7 +136,7 @@ def test_wind_reported_on_the_ground_is_ignored(land: Landscape) -> None:
 
 
 def test_a_refused_return_is_ordered_again(land: Landscape) -> None:
-    flight = Flight(land, "vehicles.0.endurance_s=300")
+    flight = Flight(land, "vehicles.0.endurance_s=600")
     assert returns(flight.at(150.0, later_s=300.0))
     flight.handle(CommandFinished(flight.at_us, "hawk", "return", False, "not now"))
     assert acts(flight.at(150.0, later_s=5.0)) == []
@@ -145,7 +145,7 @@ def test_a_refused_return_is_ordered_again(land: Landscape) -> None:
 
 
 def test_landed_it_gets_a_mission_that_takes_off_and_waits_for_an_operator(land: Landscape) -> None:
-    flight = Flight(land, "vehicles.0.endurance_s=300")
+    flight = Flight(land, "vehicles.0.endurance_s=600")
     flight.at(150.0, later_s=300.0)
     flight.mode("return")
     flight.mode("return", armed=False)
