@@ -257,6 +257,38 @@ def test_abort_by_button_and_by_keyboard_holds_the_vehicles(
     wait_for(lambda: orders(fire) == {""}, 30, "all fly on")
 
 
+def volumes(service: Service) -> list[str]:
+    return [volume["name"] for volume in service.get("airspace")["volumes"]]
+
+
+def test_airspace_is_closed_with_a_pen_and_opened_with_a_click(
+    desktop: tuple[Page, Seen], fire: Service
+) -> None:
+    page, _ = desktop
+    home = fire.get("state")["vehicles"][0]
+    north = (home["home_lat_deg"] + 0.02, home["home_lon_deg"])  # away from the vehicles
+    page.evaluate("center => missionMap.jumpTo({ center })", [north[1], north[0]])
+    page.click("#tools .closed")
+    draw(page, [place_of(page, *place) for place in ring(*north)])
+    expect(page.locator("#question")).to_contain_text("Close this airspace")
+    assert volumes(fire) == []
+    page.get_by_role("button", name="Yes, do it").click()
+    wait_for(lambda: volumes(fire) == ["area 1"], 30, "the airspace is closed")
+    page.keyboard.press("v")
+
+    def is_drawn() -> bool:
+        layers = {"layers": ["airspace-area"]}
+        found = page.evaluate("layers => missionMap.queryRenderedFeatures(layers)", layers)
+        return len(found) > 0
+
+    wait_for(is_drawn, 30, "the volume is drawn")
+    state_view(page, "airspace")
+    page.mouse.click(*place_of(page, *north))
+    expect(page.locator("#question")).to_contain_text('Open the airspace "area 1"')
+    page.get_by_role("button", name="Yes, do it").click()
+    wait_for(lambda: volumes(fire) == [], 30, "the airspace is open again")
+
+
 def test_by_keyboard_alone(desktop: tuple[Page, Seen], fire: Service) -> None:
     page, _ = desktop
     page.keyboard.press("?")

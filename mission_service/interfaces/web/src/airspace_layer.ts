@@ -1,6 +1,10 @@
-// Closed volumes of airspace on the map, with their limits; volumes of another time are paler.
+// Closed volumes of airspace on the map, with their limits; volumes of a later time are paler. A click
+// on a volume offers to open it.
 
 import type { Map as MapView } from "maplibre-gl";
+import { attempt, lacking, showMessage } from "./actions.ts";
+import { post } from "./api.ts";
+import { confirmed } from "./dialogs.ts";
 import { collection, empty, feature, fillLayer, type Group, labelLayer, type Layers, lineLayer, show } from "./map.ts";
 import type { Store } from "./store.ts";
 import type { Volume } from "./types.ts";
@@ -28,17 +32,30 @@ export const AIRSPACE_GROUPS: Record<string, Group> = {
 export function followAirspace(map: MapView, store: Store): void {
   let shown = "";
   const update = (): void => {
-    const volumes = store.state?.airspace.volumes ?? [];
+    const volumes = (store.state?.airspace.volumes ?? []).filter((volume) => !isOver(volume, store.nowS * 1e6));
     const closed = volumes.map((volume) => isClosed(volume, store.nowS * 1e6));
     const key = JSON.stringify([volumes.map(({ name, from_us }) => [name, from_us]), closed]);
     if (key === shown) return;
     shown = key;
     show(map, "airspace", collection(volumes.map((volume, place) =>
-      feature(volume.geometry, { closed: closed[place], label: labelOf(volume, closed[place]!) }))));
+      feature(volume.geometry, { name: volume.name, closed: closed[place], label: labelOf(volume, closed[place]!) }))));
   };
   store.on(["airspace", "telemetry", "status"], update);
+  map.on("click", "airspace-area", ({ features, point }) => {
+    const name = String(features?.[0]?.properties.name ?? "");
+    if (name && !map.queryRenderedFeatures(point, { layers: ["vehicles"] }).length) void open(store, name);
+  });
 }
 
+async function open(store: Store, name: string): Promise<void> {
+  const reason = lacking(store, "fly");
+  if (reason) return showMessage(reason, true);
+  if (await confirmed(`Open the airspace "${name}" to all vehicles again?`)) {
+    await attempt("Open airspace", () => post("airspace/open", { name }));
+  }
+}
+
+const isOver = ({ until_us }: Volume, atUs: number): boolean => until_us !== null && atUs >= until_us;
 const isClosed = ({ from_us, until_us }: Volume, atUs: number): boolean =>
   from_us <= atUs && (until_us === null || atUs < until_us);
 

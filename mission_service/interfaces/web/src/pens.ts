@@ -1,4 +1,4 @@
-// Pens that draw corrections of the fire on a canvas over the map. One finger, stylus or mouse draws;
+// Pens that draw corrections of the fire, and closed airspace, on a canvas over the map. One finger, stylus or mouse draws;
 // two fingers and the wheel move the map. After the first use of a stylus, a single finger (or the
 // palm) moves the map too. With the keyboard, Space adds a corner at the centre of the map and Enter
 // ends the stroke.
@@ -8,8 +8,9 @@ import { h } from "./dom.ts";
 import { simplified, uncrossed } from "./geo.ts";
 
 export type State = "burned" | "burning" | "unburned";
+export type Pen = State | "closed"; // closed: airspace
 export type Shape = "point" | "line" | "polygon";
-export type Tool = { pen: State; shape: Shape } | { eraser: true; radiusPx: number } | null;
+export type Tool = { pen: Pen; shape: Shape } | { eraser: true; radiusPx: number } | null;
 
 export interface Stroke {
   tool: Exclude<Tool, null>;
@@ -17,7 +18,9 @@ export interface Stroke {
   radiusM: number; // of the eraser
 }
 
-export const COLOURS: Record<State, string> = { burned: "#5a1a00", burning: "#d40000", unburned: "#00529b" };
+export const COLOURS: Record<Pen, string> = {
+  burned: "#5a1a00", burning: "#d40000", unburned: "#00529b", closed: "#4a148c",
+};
 const TOLERANCE_PX = 1.5;
 const MAX_POINTS = 900;
 const ERASER_COLOUR = "#444444";

@@ -1,25 +1,29 @@
-// The toolbar: state of the fire that a pen draws, shape and time of the stroke; eraser, undo, redo.
+// The toolbar: what a pen draws (a state of the fire, or closed airspace), shape and time of the
+// stroke; eraser, undo, redo.
 
 import { attempt, lacking, showMessage } from "./actions.ts";
 import { post } from "./api.ts";
-import { closeHelp } from "./dialogs.ts";
+import { closeHelp, confirmed } from "./dialogs.ts";
 import { byId, h, setReason, setText } from "./dom.ts";
 import { shortcut } from "./keys.ts";
-import type { Pens, Shape, State, Stroke, Tool } from "./pens.ts";
+import type { Pen, Pens, Shape, Stroke, Tool } from "./pens.ts";
 import type { Store } from "./store.ts";
+import type { Role } from "./types.ts";
 import { moment } from "./units.ts";
 
-const PENS: [State, string, string][] = [
+const PENS: [Pen, string, string][] = [
   ["burned", "Burned", "b"],
   ["burning", "Burning", "f"],
   ["unburned", "Unburned", "u"],
+  ["closed", "Closed", "x"],
 ];
+const TITLES: Partial<Record<Pen, string>> = { closed: "Closed airspace" };
 const SHAPES: [Shape, string, string][] = [["point", "Point", "1"], ["line", "Line", "2"], ["polygon", "Area", "3"]];
 const ERASER_PX = 22;
 
 export class Toolbar {
   private shape: Shape = "line";
-  private pen: State | "eraser" | null = null;
+  private pen: Pen | "eraser" | null = null;
   private buttons = new Map<string, HTMLButtonElement>();
   private atSlider = h("input", { type: "checkbox", id: "for-slider" });
   private when = h("span", {}, "now");
@@ -33,7 +37,7 @@ export class Toolbar {
     byId("tools").append(
       one("move", "Move", "Move the map (V)", () => this.selectPen(null)),
       ...PENS.map(([state, label, key]) =>
-        one(state, label, `${label} here (${key.toUpperCase()})`, () => this.selectPen(state)),
+        one(state, label, `${TITLES[state] ?? label} here (${key.toUpperCase()})`, () => this.selectPen(state)),
       ),
       h("hr"),
       ...SHAPES.map(([shape, label, key]) => one(shape, label, `${label} (${key})`, () => this.selectShape(shape))),
@@ -46,7 +50,7 @@ export class Toolbar {
     );
     shortcut("v", "Move the map", () => this.selectPen(null));
     for (const [state, label, key] of PENS) {
-      shortcut(key, `Pen: ${label.toLowerCase()}; Space adds a corner, Enter ends the stroke`, () => this.selectPen(state));
+      shortcut(key, `Pen: ${(TITLES[state] ?? label).toLowerCase()}; Space adds a corner, Enter ends the stroke`, () => this.selectPen(state));
     }
     for (const [shape, label, key] of SHAPES) {
       shortcut(key, `Shape of the pen: ${label.toLowerCase()}`, () => this.selectShape(shape));
@@ -63,8 +67,8 @@ export class Toolbar {
     this.renew();
   }
 
-  private selectPen(pen: State | "eraser" | null): void {
-    const reason = pen ? lacking(this.store, "correct") : "";
+  private selectPen(pen: Pen | "eraser" | null): void {
+    const reason = pen ? lacking(this.store, roleOf(pen)) : "";
     if (reason) return showMessage(reason, true);
     this.pen = pen;
     this.applyTool();
@@ -82,17 +86,17 @@ export class Toolbar {
         ? null
         : this.pen === "eraser"
           ? { eraser: true, radiusPx: ERASER_PX }
-          : { pen: this.pen, shape: this.shape };
+          : { pen: this.pen, shape: this.pen === "closed" ? "polygon" : this.shape };
     this.pens()?.use(tool);
     this.renew();
   }
 
   private renew(): void {
-    const pressed = new Set<string>([this.pen ?? "move", this.shape]);
+    const pressed = new Set<string>([this.pen ?? "move", this.pen === "closed" ? "polygon" : this.shape]);
     const reason = lacking(this.store, "correct");
     for (const [key, button] of this.buttons) {
       if (key !== "undo" && key !== "redo") button.setAttribute("aria-pressed", String(pressed.has(key)));
-      if (key !== "move") setReason(button, reason);
+      if (key !== "move") setReason(button, lacking(this.store, roleOf(key)));
     }
     setReason(this.atSlider, reason || (this.store.inMin === 0 ? "The slider is at now" : ""));
     setText(this.when, `for ${moment(this.inMin)}`);
@@ -115,7 +119,20 @@ export class Toolbar {
       const [lat_deg, lon_deg] = points[0]!;
       return attempt("Erase", () => post("fire/erase", { lat_deg, lon_deg, radius_m: Math.round(radiusM) }));
     }
+    if (tool.pen === "closed") return this.closeAirspace(points);
     const body = { state: tool.pen, shape: tool.shape, points, in_s: this.inMin * 60 };
     return attempt(`Correction (${tool.pen}, ${moment(this.inMin)})`, () => post("fire/corrections", body));
   }
+
+  /** Close the airspace over an area after a confirmation. */
+  private async closeAirspace(corners: [number, number][]): Promise<boolean> {
+    const names = new Set(this.store.state?.airspace.volumes.map(({ name }) => name));
+    let number = 1;
+    while (names.has(`area ${number}`)) number += 1;
+    const question = "Close this airspace to all vehicles, at all altitudes, until it is opened? Vehicles inside leave it.";
+    if (!(await confirmed(question))) return false;
+    return attempt("Close airspace", () => post("airspace/close", { name: `area ${number}`, corners }));
+  }
 }
+
+const roleOf = (key: string): Role => (key === "closed" ? "fly" : "correct");
