@@ -383,15 +383,15 @@ class Close(Request, frozen=True):
     ]
     floor_amsl_m: Annotated[
         Annotated[float, Meta(ge=-1000, le=20_000)] | None,
-        Meta(description="Lower limit above mean sea level; null: the ground."),
+        Meta(description="Lower limit above mean sea level; without it: the ground."),
     ] = None
     ceiling_amsl_m: Annotated[
         Annotated[float, Meta(ge=-1000, le=20_000)] | None,
-        Meta(description="Upper limit above mean sea level; null: none."),
+        Meta(description="Upper limit above mean sea level; without it: no limit."),
     ] = None
     for_s: Annotated[
         Annotated[float, Meta(gt=0, le=MAX_DURATION_S)] | None,
-        Meta(description="Time after which the volume opens; null: until it is opened."),
+        Meta(description="Time after which the volume opens; without it: when it is opened."),
     ] = None
 
     def event(self, at_us: int) -> events.AnyOperatorEvent:
@@ -468,7 +468,7 @@ class Land(OrderRequest, frozen=True):
 
 
 class GoAround(OrderRequest, frozen=True, tag="go-around"):
-    """Break off the landing, climb and hold. On the last leg, hold and abort go around too."""
+    """Break off the landing, climb and hold. On its last leg, hold and abort do the same."""
 
     operation = "go_around"
 
