@@ -428,8 +428,9 @@ class Present(Request, frozen=True):
 class OrderRequest(Request, frozen=True):
     """An order to a vehicle.
 
-    The reply to an order without ``confirmed`` that would end a mode selected by the autopilot or
-    the pilot, such as a failsafe, is a line that begins with ``confirm:``.
+    The reply to an order without ``confirmed`` is a line that begins with ``confirm:``, if the
+    order would end a mode selected by the autopilot or the pilot, such as a failsafe, or would use
+    the energy that is needed for the flight home.
     """
 
     role = "fly"
@@ -441,7 +442,8 @@ class OrderRequest(Request, frozen=True):
     confirmed: Annotated[
         bool,
         Meta(
-            description="Execute the order even if it ends a mode that autopilot or pilot selected."
+            description="Execute the order even if it ends a mode that autopilot or pilot selected, "
+            "or uses the energy for the flight home."
         ),
     ] = False
 
