@@ -442,8 +442,8 @@ class OrderRequest(Request, frozen=True):
     confirmed: Annotated[
         bool,
         Meta(
-            description="Execute the order even if it ends a mode that autopilot or pilot selected, "
-            "or uses the energy for the flight home."
+            description="Execute the order even if it ends a mode that autopilot or pilot "
+            "selected, or uses the energy for the flight home."
         ),
     ] = False
 
