@@ -43,7 +43,7 @@ SPREADS_M = {"spread": 200_000.0, "near": 18_000.0}
 Feed = Callable[[list[bytes], int], None]  # one batch of messages, time in us
 
 
-def traffic(radius_m: float, home: tuple[float, float], seed: int) -> list[Aircraft]:
+def aircraft_around(radius_m: float, home: tuple[float, float], seed: int) -> list[Aircraft]:
     """Return aircraft evenly spread in a disc around a position."""
     rng, found = random.Random(seed), []
     for number in range(AIRCRAFT):
@@ -114,7 +114,7 @@ def measured(form: str, radius_m: float, seconds: int) -> tuple[float, int]:
     core, section = Core(scenario, landscape_of(scenario)), scenario.vehicles[0]
     home = (section.home_lat_deg, section.home_lon_deg)
     reports, codec = AircraftReports(scenario.surveillance), Codec(1, ADSB_COMPONENT)
-    feed, crafts = feed_of(form, reports), traffic(radius_m, home, 1)
+    feed, crafts = feed_of(form, reports), aircraft_around(radius_m, home, 1)
     name = section.name
     core.handle(VehicleConnected(0, name, "px4 plane", True))
     used_s = 0.0

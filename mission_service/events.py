@@ -605,11 +605,11 @@ Order = Literal["hold", "resume", "return", "start", "land", "go-around"]
 
 
 class OrderGiven(OperatorEvent, frozen=True, tag=True):
-    """An operator's order to one vehicle, or to all vehicles if ``vehicle`` is empty.
+    """An order of an operator, or of the service (``SERVICE``), to one vehicle or to all ("").
 
     A ``confirmed`` order may end a mode that the autopilot or the pilot selected, such as a
-    failsafe. A hold with ``hold_at`` is at this position and altitude (latitude, longitude, m AMSL)
-    instead of the current position.
+    failsafe, and may use the energy that is needed for the flight home. A hold with ``hold_at`` is
+    at this position and altitude (latitude, longitude, m AMSL) instead of the current position.
     """
 
     vehicle: str

@@ -383,15 +383,15 @@ class Close(Request, frozen=True):
     ]
     floor_amsl_m: Annotated[
         Annotated[float, Meta(ge=-1000, le=20_000)] | None,
-        Meta(description="Lower limit above mean sea level; null: the ground."),
+        Meta(description="Lower limit above mean sea level; without it: the ground."),
     ] = None
     ceiling_amsl_m: Annotated[
         Annotated[float, Meta(ge=-1000, le=20_000)] | None,
-        Meta(description="Upper limit above mean sea level; null: none."),
+        Meta(description="Upper limit above mean sea level; without it: no limit."),
     ] = None
     for_s: Annotated[
         Annotated[float, Meta(gt=0, le=MAX_DURATION_S)] | None,
-        Meta(description="Time after which the volume opens; null: until it is opened."),
+        Meta(description="Time after which the volume opens; without it: when it is opened."),
     ] = None
 
     def event(self, at_us: int) -> events.AnyOperatorEvent:
@@ -428,8 +428,9 @@ class Present(Request, frozen=True):
 class OrderRequest(Request, frozen=True):
     """An order to a vehicle.
 
-    The reply to an order without ``confirmed`` that would end a mode selected by the autopilot or
-    the pilot, such as a failsafe, is a line that begins with ``confirm:``.
+    The reply to an order without ``confirmed`` is a line that begins with ``confirm:``, if the
+    order would end a mode selected by the autopilot or the pilot, such as a failsafe, or would use
+    the energy that is needed for the flight home.
     """
 
     role = "fly"
@@ -441,7 +442,8 @@ class OrderRequest(Request, frozen=True):
     confirmed: Annotated[
         bool,
         Meta(
-            description="Execute the order even if it ends a mode that autopilot or pilot selected."
+            description="Execute the order even if it ends a mode that autopilot or pilot "
+            "selected, or uses the energy for the flight home."
         ),
     ] = False
 
@@ -468,7 +470,7 @@ class Land(OrderRequest, frozen=True):
 
 
 class GoAround(OrderRequest, frozen=True, tag="go-around"):
-    """Break off the landing, climb and hold. On the last leg, hold and abort go around too."""
+    """Break off the landing, climb and hold. On its last leg, hold and abort do the same."""
 
     operation = "go_around"
 

@@ -15,8 +15,8 @@ NEEDED = mavlink.ADSB_FLAGS_VALID_COORDS | mavlink.ADSB_FLAGS_VALID_ALTITUDE
 class AircraftSeen:
     """Another aircraft; speeds and track are None if unknown.
 
-    ``altitude_m`` is above the sea, or the altitude in the standard atmosphere if
-    ``pressure_altitude`` is set. ``age_s`` is the time since the receiver heard the aircraft.
+    ``altitude_m`` is above mean sea level, or the altitude in the standard atmosphere if
+    ``pressure_altitude`` is set. ``age_s`` is the time since the last reception of the aircraft.
     """
 
     at_us: int

@@ -41,20 +41,20 @@ class Airspace:
 
     def blocked(self, lowest_m: float, highest_m: float) -> list[Volume]:
         """Return the volumes that concern flights between two altitudes, with the margin."""
-        up_m = self.margins.vertical_m
+        margin_m = self.margins.vertical_m
         return [
             volume
             for volume in self.volumes
-            if volume.floor_m - up_m < highest_m and lowest_m < volume.ceiling_m + up_m
+            if volume.floor_m - margin_m < highest_m and lowest_m < volume.ceiling_m + margin_m
         ]
 
     def conflict(
         self, parts: Iterable[Part], landscape: Landscape, start: Position | None = None
     ) -> str | None:
-        """Return the limit that the occupied space violates, in words; None without a conflict.
+        """Return the airspace that the parts would enter, in words; None without a conflict.
 
-        A flight that begins at ``start`` within the margin of a volume may use the distance that
-        it has there, so that it can leave the margin.
+        For a flight that begins at ``start`` within the margin of a volume, the horizontal margin
+        is the distance of ``start`` from the volume, so that the flight can leave the margin.
         """
         parts = list(parts)
         for volume in self.volumes:
@@ -65,18 +65,17 @@ class Airspace:
         for part in parts:
             above_m = _highest_above_ground_m(part, landscape)
             if above_m > self.max_altitude_agl_m + ROUNDING_M:
-                return f"the limit of {self.max_altitude_agl_m:g} m above the ground"
+                return f"the airspace above the limit of {self.max_altitude_agl_m:g} m above ground"
         return None
 
     def _enters(self, parts: Sequence[Part], volume: Volume, start: Position | None) -> bool:
-        margin_m, up_m = self.margins.horizontal_m, self.margins.vertical_m
-        if start is not None:
-            inside = volume.floor_m - up_m < start[2] < volume.ceiling_m + up_m
-            if inside:
-                off_m = float(shapely.distance(volume.area_m, shapely.Point(start[:2])))
-                margin_m = min(margin_m, max(off_m - 1.0, 0.0))
+        margin_m, vertical_m = self.margins.horizontal_m, self.margins.vertical_m
+        floor_m, ceiling_m = volume.floor_m - vertical_m, volume.ceiling_m + vertical_m
+        if start is not None and floor_m < start[2] < ceiling_m:
+            off_m = float(shapely.distance(volume.area_m, shapely.Point(start[:2])))
+            margin_m = min(margin_m, max(off_m - 1.0, 0.0))
         for part in parts:
-            if part.highest_m <= volume.floor_m - up_m or part.lowest_m >= volume.ceiling_m + up_m:
+            if part.highest_m <= floor_m or part.lowest_m >= ceiling_m:
                 continue
             if shapely.dwithin(volume.area_m, part.shape, margin_m):
                 return True

@@ -24,7 +24,9 @@ RELATIVE_FRAMES = (
     mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT,
     mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT,
 )
-WIDER = 1.3  # multiple of the radius that a loiter occupies, because loiters are flown wider
+LOITER_RADIUS_FACTOR = (
+    1.3  # multiple of the radius that a loiter occupies, because loiters are flown wider
+)
 BEHIND_RAD = math.radians(120.0)  # targets farther from the course may be reached by either side
 TURN_STEP_RAD = math.radians(15.0)
 
@@ -76,37 +78,38 @@ def turns_towards(
     """
     if math.hypot(*velocity_m_s) < 1.0 or radius_m <= 0.0:
         return [[start_m]]
-    course = math.atan2(*velocity_m_s)  # clockwise from north
-    off = _wrapped(math.atan2(target_m[0] - start_m[0], target_m[1] - start_m[1]) - course)
-    sides = (1.0, -1.0) if abs(off) > BEHIND_RAD else (math.copysign(1.0, off),)
-    return [_turn(start_m, course, target_m, radius_m, side) for side in sides]
+    course_rad = math.atan2(*velocity_m_s)  # clockwise from north
+    bearing_rad = math.atan2(target_m[0] - start_m[0], target_m[1] - start_m[1])
+    turn_rad = _wrapped_rad(bearing_rad - course_rad)
+    sides = (1.0, -1.0) if abs(turn_rad) > BEHIND_RAD else (math.copysign(1.0, turn_rad),)
+    return [_turn(start_m, course_rad, target_m, radius_m, side) for side in sides]
 
 
 def _turn(
-    start_m: Point, course: float, target_m: Point, radius_m: float, side: float
+    start_m: Point, course_rad: float, target_m: Point, radius_m: float, side: float
 ) -> list[Point]:
     """Return the points of a turn to the right (``side`` = 1) or to the left (-1)."""
     points = [start_m]
-    centre = (
-        start_m[0] + side * radius_m * math.cos(course),
-        start_m[1] - side * radius_m * math.sin(course),
+    centre_m = (
+        start_m[0] + side * radius_m * math.cos(course_rad),
+        start_m[1] - side * radius_m * math.sin(course_rad),
     )
     for step in range(round(math.tau / TURN_STEP_RAD)):
-        ahead = course + side * step * TURN_STEP_RAD
-        at = (
-            centre[0] - side * radius_m * math.cos(ahead),
-            centre[1] + side * radius_m * math.sin(ahead),
+        ahead_rad = course_rad + side * step * TURN_STEP_RAD
+        point_m = (
+            centre_m[0] - side * radius_m * math.cos(ahead_rad),
+            centre_m[1] + side * radius_m * math.sin(ahead_rad),
         )
         if step > 0:
-            points.append(at)
-        left = side * _wrapped(math.atan2(target_m[0] - at[0], target_m[1] - at[1]) - ahead)
-        if abs(left) <= TURN_STEP_RAD:
+            points.append(point_m)
+        bearing_rad = math.atan2(target_m[0] - point_m[0], target_m[1] - point_m[1])
+        if abs(_wrapped_rad(bearing_rad - ahead_rad)) <= TURN_STEP_RAD:
             break
     return points
 
 
-def _wrapped(angle: float) -> float:
-    return (angle + math.pi) % math.tau - math.pi
+def _wrapped_rad(angle_rad: float) -> float:
+    return (angle_rad + math.pi) % math.tau - math.pi
 
 
 def path_parts(points: Sequence[Position]) -> list[Part]:
@@ -145,5 +148,5 @@ def mission_parts(places: Sequence[MissionPlace], start: Sequence[Position] = ()
     parts = path_parts([*start, *(place.position for place in places)])
     for (x_m, y_m, altitude_m), radius_m, _ in places:
         if radius_m > 0.0:
-            parts.append(disc(x_m, y_m, WIDER * radius_m, altitude_m, altitude_m))
+            parts.append(disc(x_m, y_m, LOITER_RADIUS_FACTOR * radius_m, altitude_m, altitude_m))
     return parts

@@ -41,8 +41,8 @@ class Detours:
         route: list[Vertex] = [(float(path_m[0, 0]), float(path_m[0, 1]))]
         if inside[0]:
             route.append(self.nearest_outside(route[0]))
-        for place in np.flatnonzero(~inside).tolist():
-            target = (float(path_m[place, 0]), float(path_m[place, 1]))
+        for index in np.flatnonzero(~inside).tolist():
+            target = (float(path_m[index, 0]), float(path_m[index, 1]))
             if target == route[-1]:
                 continue
             way = self._way(route[-1], target, path_m)
@@ -120,8 +120,8 @@ def exits_from(place: Vertex, blocked: BaseGeometry, beyond_m: float) -> Sequenc
     wide = blocked.buffer(beyond_m, quad_segs=4)
     found: list[tuple[float, Vertex]] = []
     for number in range(EXIT_BEARINGS):
-        bearing = math.tau * number / EXIT_BEARINGS
-        ahead = (math.sin(bearing), math.cos(bearing))
+        bearing_rad = math.tau * number / EXIT_BEARINGS
+        ahead = (math.sin(bearing_rad), math.cos(bearing_rad))
         ray = shapely.LineString(
             [place, (place[0] + reach_m * ahead[0], place[1] + reach_m * ahead[1])]
         )

@@ -52,8 +52,8 @@ def _from_features(data: bytes, path: Path) -> list[ClosedVolume]:
             raise ScenarioError(
                 f"airspace: {path}: feature {number} ({name}) is not a polygon; draw it as polygon"
             )
-        for place, polygon in enumerate(polygons, start=1):
-            own = name if len(polygons) == 1 else f"{name} ({place})"
+        for part_number, polygon in enumerate(polygons, start=1):
+            own = name if len(polygons) == 1 else f"{name} ({part_number})"
             # A hole counts as closed too: the volume is never too small.
             corners = [(lat, lon) for lon, lat in polygon.exterior.coords[:-1]]
             found.append(_volume(path, own, corners, limits))

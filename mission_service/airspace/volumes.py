@@ -13,7 +13,7 @@ from mission_service.airspace.volume_files import volumes_in
 from mission_service.config.airspace_section import AirspaceSection, AreaSection, ClosedVolume
 from mission_service.errors import ScenarioError
 
-OUTSIDE = "the area outside the allowed areas"
+OUTSIDE = "outside the allowed areas"  # name of the volume
 FAR_M = 100_000.0  # distance beyond the allowed areas up to which the area outside is closed
 
 
@@ -117,7 +117,9 @@ def polygon_of(
 
 def _require_finite(name: str, places: Iterable[float]) -> None:
     if not np.isfinite(np.asarray(places, dtype=float)).all():
-        raise ScenarioError(f"airspace: {name}: is too far from the landscape; correct its place")
+        raise ScenarioError(
+            f"airspace: {name}: is too far from the landscape; correct its position"
+        )
 
 
 def ground_range_m(area_m: BaseGeometry, landscape: Landscape) -> tuple[float, float]:

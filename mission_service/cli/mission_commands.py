@@ -132,7 +132,7 @@ def signing_off(system_id: int | None, as_json: bool, **link: Any) -> None:
 
 @click.group("lost-link")
 def lost_link() -> None:
-    """Show or set what a vehicle does if its link to the station is lost.
+    """Show or set the reaction of a vehicle to a lost link to the station.
 
     The service must not be running on the same link.
     """

@@ -1,4 +1,4 @@
-"""Defines the table ``[airspace]``: volumes, ceiling and margins for all vehicles of a run."""
+"""Defines the table ``[airspace]``: closed volumes, altitude limit and margins of a run."""
 
 from pathlib import Path
 from typing import Annotated
@@ -67,8 +67,9 @@ class AirspaceSection(Section):
 
     ``closed`` are volumes that no vehicle may enter, as are the volumes in ``files`` (GeoJSON, KML,
     OpenAir). Vehicles stay inside the union of the ``allowed`` areas, if there are any, and below
-    ``max_altitude_agl_m``. Missions keep ``margin_m`` from closed volumes horizontally, or
-    ``vertical_margin_m`` vertically. A volume counts as closed from ``lead_s`` before its time.
+    ``max_altitude_agl_m``. Missions keep the horizontal distance ``margin_m`` or the vertical
+    distance ``vertical_margin_m`` from closed volumes. A volume counts as closed ``lead_s`` before
+    ``from_s``.
     """
 
     files: tuple[Path, ...] = ()

@@ -261,12 +261,13 @@ class VehicleSection(Section):
     # Distance between images along a mission's path, and pitch of the gimbal (-90: down).
     camera_trigger_m: Annotated[float, Field(ge=1, le=1000)] | None = None
     gimbal_pitch_deg: Annotated[float, Field(ge=-90, le=0)] | None = None
-    endurance_s: Positive | None = None  # maximum time in the air; the recall is earlier
+    endurance_s: Positive | None = None  # maximum time in the air
     endurance_reserve_s: NotNegative = 120.0  # remaining on arrival at home; at least the landing
     # Remaining charge after the landing, and the voltage below which the vehicle returns.
     battery_reserve_pct: Annotated[float, Field(ge=0, le=90)] = 20.0
     battery_min_voltage_v: Positive | None = None
-    # The return of a copter: the height above home to which it climbs first, and its ground speed.
+    # The return: the height above home to which copters, and planes with PX4, climb first; the
+    # speed (over the ground for copters, airspeed for planes); and the climb rate.
     return_height_m: NotNegative | None = None  # default: 60 with PX4, 15 with ArduPilot
     return_speed_m_s: Positive | None = None  # default: airspeed_m_s
     climb_m_s: Positive = 3.0

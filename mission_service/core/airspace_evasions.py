@@ -11,7 +11,7 @@ from shapely.ops import substring
 
 from firemodel.landscape.landscape import Landscape
 from mission_service.airspace.clearance import Airspace, blocked_area
-from mission_service.airspace.occupied_space import WIDER, mission_parts
+from mission_service.airspace.occupied_space import LOITER_RADIUS_FACTOR, mission_parts
 from mission_service.airspace.routes import exits_from
 from mission_service.commands import UploadMission
 from mission_service.core.closed_airspace import ClosedAirspace
@@ -25,7 +25,7 @@ from mission_service.vehicles.vehicle_state import Vehicle
 Floats = NDArray[np.float64]
 NEAR_HOME_M = 400.0  # a way around that ends farther from home does not lead home
 BEYOND_M = 20.0  # distance of the loiter outside from the margin of a volume
-CUTS_M = (0.0, 150.0, 300.0, 600.0)  # lengths by which a mission's path is shortened, in turn
+CUTS_M = (0.0, 150.0, 300.0, 600.0)  # the path is shortened by each length until it is free
 
 
 class Evasions:
@@ -55,7 +55,7 @@ class Evasions:
         around = [each for each in near if shapely.dwithin(each.area_m, here, margin_m)]
         far = tuple(each for each in airspace.volumes if each not in around)
         others = replace(airspace, volumes=far)
-        beyond_m = WIDER * vehicle.section.loiter_radius_m + BEYOND_M
+        beyond_m = LOITER_RADIUS_FACTOR * vehicle.section.loiter_radius_m + BEYOND_M
         blocked = blocked_area(around or near, margin_m)
         for place in exits_from((fix.x_m, fix.y_m), blocked, beyond_m):
             path = np.array([(fix.x_m, fix.y_m), place])

@@ -1,6 +1,6 @@
 """Keeps all vehicles out of closed airspace: checks each command, and each flight again. Pure.
 
-Each command is checked before it is sent (``checked``), whichever module has caused it. A mission
+Each command is checked before it is sent (``checked``), whichever module made it. A mission
 that would enter a closed volume is led around it, or not sent. When a volume closes, and at each
 report of a position, the flight that a vehicle has begun is checked (``watch``). A vehicle that
 would enter gets a new mission from its planner; if it has none in time, it holds before the volume.
@@ -17,7 +17,7 @@ from firemodel.landscape.landscape import Landscape
 from mission_service import events
 from mission_service.airspace.clearance import Airspace
 from mission_service.airspace.occupied_space import (
-    WIDER,
+    LOITER_RADIUS_FACTOR,
     MissionPlace,
     disc,
     straight,
@@ -71,7 +71,7 @@ class AirspaceGuard:
         self._evasions = Evasions(landscape, self._closed, self._space, missions, guidance)
         self._landscape = landscape
         self._vehicles = vehicles
-        self._moves = not scenario.way.prescribed  # a burn's vehicle has its own safe climb
+        self._diverts = not scenario.way.prescribed  # a burn's vehicle climbs to its safe height
         self._states = {name: AirspaceState() for name in vehicles}
 
     @property
@@ -152,7 +152,7 @@ class AirspaceGuard:
             conflict = self._conflict(vehicle, self._space.route(vehicle, command.items), airspace)
             if conflict is not None:
                 led_around = None
-                if self._moves and not command.lands:
+                if self._diverts and not command.lands:
                     led_around = self._evasions.around(vehicle, command, airspace)
                 if led_around is None:
                     vehicle.drop_upload()
@@ -196,25 +196,27 @@ class AirspaceGuard:
         if isinstance(command, Orbit):
             radius_m = abs(command.radius_m)
         target = (float(x_m), float(y_m), command.altitude_amsl_m)
-        place = disc(target[0], target[1], WIDER * radius_m + 1.0, target[2], target[2])
+        place = disc(
+            target[0], target[1], LOITER_RADIUS_FACTOR * radius_m + 1.0, target[2], target[2]
+        )
         parts = [straight(position_of(fix), target), place]
         conflict = airspace.conflict(parts, self._landscape, position_of(fix))
         if conflict is not None and isinstance(command, Orbit):
             return self._raised(vehicle, f"an orbit is not ordered: it would enter {conflict}")
         self._states[vehicle.name].orbit = place
-        # A climb out of the reach of flames, or out of the way of other aircraft, is more urgent.
+        # A climb away from the flames, or a descent away from another aircraft, is more urgent.
         return [command]
 
     def _checked_return(self, command: Return, airspace: Airspace, at_s: float) -> list[AnyCommand]:
         vehicle = self._vehicles[command.vehicle]
-        if not self._may_move(vehicle) or vehicle.pending is not None:
+        if not self._may_divert(vehicle) or vehicle.pending is not None:
             return [command]
         fix = vehicle.availability.fix
         assert fix is not None
         parts = self._space.of_return(vehicle, fix)
         conflict = airspace.conflict(parts, self._landscape, position_of(fix))
         if conflict is None:
-            self._states[vehicle.name].home_clear = self._closed.version
+            self._states[vehicle.name].home_clear_version = self._closed.version
             return [command]
         return self._evade(vehicle, fix, airspace, conflict, at_s, returns=True) or [command]
 
@@ -271,7 +273,7 @@ class AirspaceGuard:
         if mission_id != state.evasion_id:
             state.evasion = Evasion.NONE
 
-    def leads(self, name: str) -> bool:
+    def leads_home(self, name: str) -> bool:
         """Return whether a vehicle flies home around closed volumes, which no planner changes."""
         return self._states[name].evasion is Evasion.AROUND
 
@@ -292,7 +294,7 @@ class AirspaceGuard:
         if not conflict:
             return [*self._lowered(vehicle), *self._goes_home(vehicle, fix, airspace)]
         words = f"is inside {conflict}" if inside is not None else f"would enter {conflict}"
-        if not self._may_move(vehicle):
+        if not self._may_divert(vehicle):
             why = "it is not under control of the service"
             if vehicle.landing_state.active:
                 why = "it is landing"
@@ -318,7 +320,7 @@ class AirspaceGuard:
         if now == state.checked and not state.conflict:
             return
         state.checked = now
-        if mode in GOING_HOME and state.home_clear == self._closed.version:
+        if mode in GOING_HOME and state.home_clear_version == self._closed.version:
             state.conflict = ""  # checked when the return was ordered
             return
         parts = self._space.of_flight(vehicle, fix, state)
@@ -331,7 +333,7 @@ class AirspaceGuard:
         state = self._states[vehicle.name]
         speed_m_s = max(math.hypot(fix.east_m_s, fix.north_m_s), vehicle.section.airspeed_m_s)
         near_m = speed_m_s * BEFORE_ENTRY_S + airspace.margins.horizontal_m
-        near_m += 2.0 * WIDER * vehicle.section.loiter_radius_m
+        near_m += 2.0 * LOITER_RADIUS_FACTOR * vehicle.section.loiter_radius_m
         parts = self._space.of_flight(vehicle, fix, state)
         high_m = max([fix.altitude_m, *(part.highest_m for part in parts)])
         low_m = min([fix.altitude_m, *(part.lowest_m for part in parts)])
@@ -349,10 +351,10 @@ class AirspaceGuard:
 
     # Evasions ---------------------------------------------------------------------------------
 
-    def _may_move(self, vehicle: Vehicle) -> bool:
-        """Return whether the service may move a vehicle out of closed airspace."""
+    def _may_divert(self, vehicle: Vehicle) -> bool:
+        """Return whether the service may send a vehicle around or out of closed airspace."""
         availability = vehicle.availability
-        if not self._moves or availability.fix is None or vehicle.landing_state.active:
+        if not self._diverts or availability.fix is None or vehicle.landing_state.active:
             return False
         led = availability.online and availability.airborne and not availability.taken_over
         return led and availability.position_good and vehicle.unconfirmed is None
@@ -385,7 +387,7 @@ class AirspaceGuard:
             return [*self._raised(vehicle, words), announce(vehicle, words), Hold(vehicle.name)]
         leaves = self._evasions.way_out(vehicle, fix, airspace, state)
         if leaves is None:
-            return self._raised(vehicle, f"finds no way out of {conflict}", "severe")
+            return self._raised(vehicle, f"has no free way out of {conflict}", "severe")
         words = f"leaves {conflict}"
         return [*self._raised(vehicle, words), announce(vehicle, words, warning=True), leaves]
 
@@ -400,13 +402,16 @@ class AirspaceGuard:
         state, at_s = self._states[vehicle.name], fix.at_s
         waits = vehicle.sent_home and state.evasion in (Evasion.HOLD, Evasion.EXIT)
         flies = state.evasion is Evasion.AROUND and vehicle.availability.mode == MISSION
-        if not (waits or flies) or not self._may_move(vehicle):
+        if not (waits or flies) or not self._may_divert(vehicle):
             return []
         if vehicle.pending is not None or at_s < state.acts_again_at_s:
             return []
         parts = self._space.of_return(vehicle, fix)
         if airspace.conflict(parts, self._landscape, position_of(fix)) is None:
-            state.home_clear, state.acts_again_at_s = self._closed.version, at_s + ACTS_AGAIN_S
+            state.home_clear_version, state.acts_again_at_s = (
+                self._closed.version,
+                at_s + ACTS_AGAIN_S,
+            )
             vehicle.sent_home = vehicle.waits_for_operator = True
             vehicle.end_intentions()
             return [announce(vehicle, "the way home is free"), Return(vehicle.name)]
@@ -419,7 +424,7 @@ class AirspaceGuard:
     def _conflict(
         self, vehicle: Vehicle, places: tuple[MissionPlace, ...], airspace: Airspace
     ) -> str | None:
-        """Return the limit that a mission violates if it begins now."""
+        """Return the airspace that a mission would enter if it begins now."""
         fix = vehicle.availability.fix
         start = position_of(fix) if fix is not None and vehicle.availability.airborne else None
         parts = self._space.of_mission(vehicle, places)

@@ -31,7 +31,8 @@ class ClosedAirspace:
     def close(self, event: events.AirspaceClosed) -> str:
         """Close a volume and return the announcement, which may be that the request is refused."""
         if any(volume.name == event.name for volume in self.volumes):
-            return f"{REJECTED} {event.name!r} is closed already: open it first, or rename it"
+            exists = f"a closed volume {event.name!r} exists already"
+            return f"{REJECTED} {exists}: open it first, or give another name"
         try:
             area_m = polygon_of(event.name, event.corners, self._landscape)
         except ScenarioError as error:

@@ -310,7 +310,7 @@ class Core:
             return [*landing, *self._return_again(vehicle, at_s)]
         if vehicle.ordered == "hold":
             return hold_again(vehicle, at_s)
-        if self._takes_no_decision(vehicle) or self.airspace.leads(vehicle.name):
+        if self._takes_no_decision(vehicle) or self.airspace.leads_home(vehicle.name):
             return []
         commands: list[AnyCommand] = []
         if self._approvals is not None:
@@ -369,7 +369,7 @@ class Core:
         vehicle.sent_home = vehicle.waits_for_operator = True
         flown_min = (fix.at_s - vehicle.availability.took_off_at_s) / 60.0
         found = vehicle.energy.estimate
-        why = "its endurance is nearly exhausted" if found is None else found.words
+        why = "its energy is needed for the flight home" if found is None else found.words
         words = f"sent home after {flown_min:.0f} min in the air: {why}"
         return [announce(vehicle, words), Return(vehicle.name)]
 

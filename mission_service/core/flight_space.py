@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from autopilot_bridge.items import MissionItem
 from firemodel.landscape.landscape import Landscape
 from mission_service.airspace.occupied_space import (
-    WIDER,
+    LOITER_RADIUS_FACTOR,
     MissionPlace,
     Part,
     Position,
@@ -71,7 +71,7 @@ class FlightSpace:
         """Return the space of a hold that begins at a position."""
         section = vehicle.section
         plane = section.kind == "plane"
-        reach_m = 2.0 * WIDER * section.loiter_radius_m if plane else COPTER_REACH_M
+        reach_m = 2.0 * LOITER_RADIUS_FACTOR * section.loiter_radius_m if plane else COPTER_REACH_M
         return disc(position[0], position[1], reach_m, position[2], position[2])
 
     def of_return(self, vehicle: Vehicle, fix: PositionFix) -> list[Part]:
@@ -97,9 +97,9 @@ class FlightSpace:
         ahead_m = (fix.east_m_s * STARTS_WITHIN_S, fix.north_m_s * STARTS_WITHIN_S)
         start = (fix.x_m + ahead_m[0], fix.y_m + ahead_m[1])
         wind = vehicle.availability.measured_wind
-        wider = 1.0 + (0.0 if wind is None else wind.speed_m_s / section.airspeed_m_s)
+        radius_factor = 1.0 + (0.0 if wind is None else wind.speed_m_s / section.airspeed_m_s)
         turns = turns_towards(
-            start, (fix.east_m_s, fix.north_m_s), target_m, section.turn_radius_m * wider**2
+            start, (fix.east_m_s, fix.north_m_s), target_m, section.turn_radius_m * radius_factor**2
         )
         height_m = fix.altitude_m
         return [

@@ -105,7 +105,7 @@ class Landings:
         waits = announce(vehicle, f"waits with its landing until {first} has landed")
         return [words, *cleared, *shown, waits, *self._hold_in_mission(vehicle, at_s)]
 
-    def goes_around(self, vehicle: Vehicle) -> bool:
+    def must_go_around(self, vehicle: Vehicle) -> bool:
         """Return whether a vehicle that is ordered to hold must first go around."""
         return vehicle.landing_state.landing_phase in (
             LandingPhase.FINAL,
@@ -136,7 +136,7 @@ class Landings:
     # Events -----------------------------------------------------------------------------------
 
     def _lands_after_return(self, vehicle: Vehicle, fix: PositionFix) -> bool:
-        """Return whether a vehicle that has returned lands, because its endurance ends.
+        """Return whether a vehicle that has returned must land, because no time is left on task.
 
         ArduPlane would circle above home until the battery is empty. The other autopilots land.
         """
@@ -156,11 +156,11 @@ class Landings:
         return near and found.time_on_task_s <= 0.0
 
     def _land_after_return(self, vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
-        """Begin the landing of a vehicle whose endurance ends; raise an alarm if it cannot land."""
+        """Begin the landing of a vehicle that has returned; raise an alarm if it cannot land."""
         obstacle = self.obstacle(vehicle)
         if obstacle:
             return self._raise(vehicle, f"it circles above home and cannot land: {obstacle}")
-        return self.land(vehicle, "its endurance is nearly exhausted", at_s)
+        return self.land(vehicle, "no time is left on task", at_s)
 
     def found_flying(self, vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
         """Continue a landing, because the vehicle flies the landing mission on board again."""
@@ -220,7 +220,8 @@ class Landings:
             and not state.alarm
             and fix.at_s - state.since_s > LIMITS_S[state.landing_phase]
         ):
-            words = f"the phase {state.shown} has lasted {LIMITS_S[state.landing_phase]:.0f} s"
+            lasted_s = LIMITS_S[state.landing_phase]
+            words = f"the landing phase {state.shown!r} has lasted {lasted_s:.0f} s"
             commands += self._raise(vehicle, words)
         return commands
 
@@ -232,7 +233,7 @@ class Landings:
         if not state.active:
             continues = in_landing and not vehicle.ordered
             return self.found_flying(vehicle, at_s) if continues else []
-        if in_landing or self.goes_around(vehicle):
+        if in_landing or self.must_go_around(vehicle):
             return []
         if vehicle.section.kind == "copter" and state.landing_phase is LandingPhase.APPROACH:
             return [] if vehicle.mode in GOING_HOME else [Return(vehicle.name)]
@@ -249,7 +250,9 @@ class Landings:
         if must_return(vehicle):
             vehicle.sent_home = True
             self.decision_engine.recall(vehicle.name, fix.at_s)
-            words = announce(vehicle, "waits for its landing at home: its endurance ends")
+            words = announce(
+                vehicle, "returns, and waits for its landing at home: its energy is needed"
+            )
             return [words, Return(vehicle.name)]
         fit = availability.position_good and not availability.in_failsafe
         if fit and self._first_at_field(vehicle) is None:

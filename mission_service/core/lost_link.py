@@ -1,7 +1,7 @@
 """Compares a vehicle's reaction to a lost link with the scenario. Pure.
 
 The service reads and compares parameters, and never changes them: the alarm about a difference
-contains the command that does.
+contains the command that changes them.
 """
 
 from autopilot_bridge.errors import BridgeError
@@ -62,7 +62,7 @@ def _alarm(vehicle: Vehicle, words: str, severe: bool = False) -> RaiseAlarm:
 
 def _limits(loss: LinkLoss) -> str:
     """Return the height of a return and the reaction to a breached fence, in words."""
-    height = "" if loss.return_height_m is None else f"; returns at {loss.return_height_m:g} m"
+    height = "" if loss.return_height_m is None else f"; return height {loss.return_height_m:g} m"
     return f"{height}; fence: {loss.fence}"
 
 

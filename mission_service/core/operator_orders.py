@@ -83,7 +83,8 @@ class OperatorOrders:
             return [announce(vehicle, words, warning=True)]
         time_up = self._time_up(vehicle, event)
         if time_up and not event.confirmed:
-            question = f"{CONFIRM} {vehicle.name}: {event.order} beyond its energy: {time_up}"
+            lacks = f"its energy does not suffice to {event.order}: {time_up}"
+            question = f"{CONFIRM} {vehicle.name}: {lacks}"
             words = f"{question}; repeat the order with confirmation to execute it"
             return [announce(vehicle, words, warning=True)]
         was_taken_over = vehicle.availability.taken_over
@@ -131,7 +132,7 @@ class OperatorOrders:
         at_s, mode = event.at_us / 1e6, named_mode(vehicle.availability.mode)
         vehicle.hold_at = None
         if self.decision_engine.apply_abort(vehicle.name):
-            if self._landings.goes_around(vehicle):
+            if self._landings.must_go_around(vehicle):
                 return self._landings.go_around(vehicle, f"aborted by {event.by}", at_s)
             return self._hold(vehicle, event.by, at_s, "aborted")
         vehicle.ordered, vehicle.hold_again_at_s = "hold", at_s
@@ -144,7 +145,7 @@ class OperatorOrders:
         self, vehicle: Vehicle, order: events.Order, by: str, at_s: float
     ) -> list[AnyCommand]:
         if order in ("hold", "go-around"):
-            if self._landings.goes_around(vehicle):
+            if self._landings.must_go_around(vehicle):
                 return self._landings.go_around(vehicle, f"{order} ordered by {by}", at_s)
             return self._hold(vehicle, by, at_s, f"{order} ordered")
         if order == "land":

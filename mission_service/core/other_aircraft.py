@@ -56,7 +56,7 @@ class _Surroundings:
     histories: dict[str, AlertHistory] = field(default_factory=dict)
     alarm: tuple[str, int] | None = None  # aircraft and level of the alarm
     resolved: set[str] = field(default_factory=set)  # aircraft about which an order was given
-    asked_us: int | None = None  # time of the last order of the service
+    ordered_us: int | None = None  # time of the last order of the service
 
 
 class OtherAircraft:
@@ -138,7 +138,7 @@ class OtherAircraft:
         ]
         for key, level in before.items():
             if airborne and level > 0 and key not in seen:
-                words = f"aircraft {key} is no longer received or compared; its alert ends"
+                words = f"aircraft {key} is out of range or no longer received; its alert ends"
                 commands.append(announce(vehicle, words, warning=True))
         commands += self._alarm(vehicle, near, levels, seen, encounters)
         return commands + self._resolve(vehicle, near, levels, event.at_us)
@@ -176,10 +176,15 @@ class OtherAircraft:
         new = [key for key in new if key not in near.resolved]
         if self._section.resolution == "none" or not new or near.own is None:
             return []
-        asked = near.asked_us is not None and at_us - near.asked_us < AGAIN_US
-        if asked or vehicle.ordered or not vehicle.availability.flies or self._lands(vehicle, near):
+        just_ordered = near.ordered_us is not None and at_us - near.ordered_us < AGAIN_US
+        if (
+            just_ordered
+            or vehicle.ordered
+            or not vehicle.availability.flies
+            or self._lands(vehicle, near)
+        ):
             return []
-        near.asked_us = at_us
+        near.ordered_us = at_us
         if self._section.resolution == "return":
             return [OrderByService(vehicle.name, "return")]
         if self._section.resolution == "hold":

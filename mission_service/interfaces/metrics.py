@@ -46,7 +46,7 @@ FIGURES: dict[str, tuple[str, tuple[str, ...]]] = {
     "reversals_total": ("Decisions to turn back.", ("vehicle",)),
     "uploads_total": ("Missions sent, by result.", ("vehicle", "outcome")),
     "drops_total": ("Spheres ordered, by result.", ("vehicle", "outcome")),
-    "aircraft_tracked": ("Other aircraft in the region of the vehicles.", ()),
+    "aircraft_tracked": ("Other aircraft that are tracked near the vehicles.", ()),
     "aircraft_rejected_total": ("Damaged or implausible messages about other aircraft.", ()),
     "alarms_active": ("Active alarms, by kind.", ("kind",)),
     "announcements_total": ("Announcements to operators.", ()),

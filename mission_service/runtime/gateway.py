@@ -200,7 +200,7 @@ class Gateway:
         self._mode_reported = False  # since the start or the last ``read_back``
         # The kind and the text of each alarm; an empty text ends the alarm.
         self.link_alarms: deque[tuple[str, str]] = deque()
-        # Other aircraft that the vehicle's receiver has seen, which the engine removes.
+        # Reports of the vehicle's ADS-B receiver, which the engine removes.
         self.aircraft: deque[AircraftSeen] = deque(maxlen=MAX_AIRCRAFT_KEPT)
         self._connected = False  # whether the connection was reported
         self._lost = False

@@ -80,14 +80,14 @@ class VehicleState(msgspec.Struct, tag="vehicle/1", tag_field="schema"):
     lost_link: str = ""  # reaction to a lost link, in words; empty if unknown
     return_height_m: float | None = None  # of a return by the autopilot's parameters, above home
     fence_action: str = ""  # reaction to a breached fence
-    # In flight: the time until the vehicle must fly home (negative: since then), the time of the
-    # flight home (null: unknown, or the wind prevents it), and the source that counts.
+    # In flight: the time until the vehicle must fly home (negative after this time), the time of
+    # the flight home (null: unknown, or the wind prevents it), and the source of the estimate.
     time_on_task_s: int | None = None
     time_home_s: int | None = None
     energy_source: str = ""
     position_good: bool = True
     position_fix: str = ""
-    order: str = ""  # an operator's order in force: hold, return, land
+    order: str = ""  # the order in force: hold, return, land
     landing: str = ""  # phase of a landing: waiting, sending, approach, final, going around
     direction: str = ""
     decisions: int = 0

@@ -10,7 +10,7 @@ from mission_service.surveillance.aircraft_table import (
 
 
 def apply_seen(table: AircraftTable, vehicle: str, seen: AircraftSeen, at_us: int) -> None:
-    """Update a table with an aircraft that a vehicle's receiver has seen; ``at_us``: mission time.
+    """Update a table with an aircraft that a vehicle's receiver reports; ``at_us``: mission time.
 
     The altitude of a report is above the sea, or a pressure altitude.
     """

@@ -52,7 +52,7 @@ class AircraftReports:
         return DECODERS[source.format](self.table, source.label)
 
     def take_seen(self, vehicle: str, seen: deque[AircraftSeen], at_us: int) -> None:
-        """Remove and use what a vehicle's ADS-B receiver has seen; ``at_us`` is mission time."""
+        """Remove and apply the reports of a vehicle's ADS-B receiver; ``at_us`` is mission time."""
         while seen:
             apply_seen(self.table, vehicle, seen.popleft(), at_us)
 

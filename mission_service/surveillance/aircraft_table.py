@@ -219,8 +219,8 @@ def set_course(track: Track, speed_m_s: float, track_deg: float) -> bool:
     """Set the horizontal velocity by speed and track; return False for implausible values."""
     if not (0.0 <= speed_m_s <= MAX_SPEED_M_S and -360.0 <= track_deg <= 720.0):
         return False
-    course = math.radians(track_deg)
-    return set_velocity(track, speed_m_s * math.cos(course), speed_m_s * math.sin(course))
+    track_rad = math.radians(track_deg)
+    return set_velocity(track, speed_m_s * math.cos(track_rad), speed_m_s * math.sin(track_rad))
 
 
 def set_climb(track: Track, climb_m_s: float) -> bool:

@@ -29,7 +29,7 @@ class AirspaceState:
     conflict: str = ""  # the limit that the flight violates; empty without a conflict
     evasion: Evasion = Evasion.NONE
     evasion_id: int = 0  # mission of the evasion
-    home_clear: int = -1  # version of the airspace in which the straight way home was clear
+    home_clear_version: int = -1  # version of the airspace in which the straight way home was clear
     acts_again_at_s: float = -1e9
     alarm: str = ""  # text of the alarm; empty without an alarm
     withheld: bool = False  # whether the last mission or start was not sent

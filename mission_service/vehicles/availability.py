@@ -173,7 +173,7 @@ class VehicleAvailability:
         if order == "land":
             return "" if self.landing == "none" else f"it is landing already ({self.landing})"
         if order != "hold" and self.landing in ("final", "going around"):
-            last_leg = "on its last leg: order go-around first"
+            last_leg = "it is on its last leg: order go-around first"
             return last_leg if self.landing == "final" else "it goes around: order it in the hold"
         return ""
 

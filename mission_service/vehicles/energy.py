@@ -14,7 +14,7 @@ from mission_service.config.sections import VehicleSection
 from mission_service.missions.landing import GLIDE_DEG
 from mission_service.vehicles.battery_reports import CONFIRMED_S, BatteryReports
 
-SLOW = 0.7  # airspeed of a landing, as a fraction of the airspeed
+LANDING_SPEED_FACTOR = 0.7  # airspeed of a landing, as a fraction of the airspeed
 COPTER_LANDING_S = 60.0
 
 
@@ -42,14 +42,14 @@ class EnergyEstimate(NamedTuple):
 
     @property
     def words(self) -> str:
-        """The estimate for operators, such as "12 min on task, 3 min home (by its battery)"."""
+        """The estimate for operators, such as "12 min on task, 3 min home (source: battery)"."""
         on_task = f"{self.time_on_task_s / 60.0:.0f} min on task"
         if self.time_on_task_s <= 0.0:
             on_task = "no time left on task"
         home = f"{self.time_home_s / 60.0:.0f} min home"
         if math.isinf(self.time_home_s):
             home = "no way home against the wind"
-        return f"{on_task}, {home} (by its {self.source})"
+        return f"{on_task}, {home} (source: {self.source})"
 
 
 @dataclass(slots=True)
@@ -59,7 +59,7 @@ class EnergyState:
     estimate: EnergyEstimate | None = None
     reported_at_s: float = -math.inf
     flies_on: bool = False  # an operator confirmed an order to fly on beyond the limit
-    time_up_since_s: float | None = None  # since then it should be on its way home, but is not
+    time_up_since_s: float | None = None  # since then it is overdue on its way home
     overdue: bool = False  # whether the alarm is raised
     low: Literal["", "warning", "severe"] = ""  # severity of the alarm about little energy
 
@@ -73,7 +73,7 @@ def landing_s(section: VehicleSection) -> float:
         return COPTER_LANDING_S
     glide_m = section.altitude_agl_m / math.tan(math.radians(GLIDE_DEG))
     circle_m = math.tau * section.loiter_radius_m
-    return (glide_m + circle_m) / (SLOW * section.airspeed_m_s)
+    return (glide_m + circle_m) / (LANDING_SPEED_FACTOR * section.airspeed_m_s)
 
 
 def times_left(

@@ -30,7 +30,7 @@ class ParameterReports:
         self._station_id = station_id
         self._request: int | None = None  # id of the active request
         self._waiting: list[str] = []
-        self._asked = ""
+        self._requested = ""
         self._values: dict[str, float] = {}
         self._missing: list[str] = []
         self._due_us: int | None = None
@@ -74,11 +74,11 @@ class ParameterReports:
         stack = self._client.stack
         assert stack is not None  # of the request
         if event.result.outcome == "accepted":
-            self._values[self._asked] = event.result.parameters[0].value
+            self._values[self._requested] = event.result.parameters[0].value
         else:
-            self._missing.append(self._asked)
+            self._missing.append(self._requested)
         if self._waiting:
-            self._ask(now_us)
+            self._request_next(now_us)
             return []
         self._request = None
         self._plan_next(stack, now_us)
@@ -94,11 +94,11 @@ class ParameterReports:
             return
         self._values, self._missing = {}, []
         self._waiting, self._due_us = list(parameters_of(stack)), None
-        self._ask(now_us)
+        self._request_next(now_us)
 
-    def _ask(self, now_us: int) -> None:
-        self._asked = self._waiting.pop(0)
-        self._request = self._client.read_parameter(self._asked, now_us)
+    def _request_next(self, now_us: int) -> None:
+        self._requested = self._waiting.pop(0)
+        self._request = self._client.read_parameter(self._requested, now_us)
 
     def _plan_next(self, stack: Stack, now_us: int) -> None:
         if missing(stack, self._values) and self._tries < RETRIES:

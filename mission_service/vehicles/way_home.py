@@ -28,7 +28,7 @@ def plane_home_s(
     ``through_air_m_s``, the plane's velocity relative to the air, is used. A home inside both turns
     of the plane counts as reached by the longer turn.
     """
-    wind = math.hypot(*wind_m_s)
+    wind_speed_m_s = math.hypot(*wind_m_s)
     distance_m = math.hypot(*home_m)
 
     def excess_m(after_s: float) -> float:
@@ -38,8 +38,8 @@ def plane_home_s(
 
     if distance_m == 0.0:
         return 0.0
-    if wind < airspeed_m_s:
-        longest_s = (distance_m + (2.0 + math.tau) * radius_m) / (airspeed_m_s - wind)
+    if wind_speed_m_s < airspeed_m_s:
+        longest_s = (distance_m + (2.0 + math.tau) * radius_m) / (airspeed_m_s - wind_speed_m_s)
         return _root(excess_m, 0.0, longest_s)
     first_s, last_s = _reachable_s(home_m, wind_m_s, airspeed_m_s)
     before_s = first_s

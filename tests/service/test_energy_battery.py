@@ -190,7 +190,7 @@ def test_the_source_with_the_least_time_on_task_counts() -> None:
     found = estimate(times_left(section, BatteryReports(), 600.0, 600.0), 250.0, 600.0)
     assert found is not None
     assert (found.source, found.time_on_task_s, found.runs_out) == ("endurance_s", 2050.0, False)
-    assert found.words == "34 min on task, 4 min home (by its endurance_s)"
+    assert found.words == "34 min on task, 4 min home (source: endurance_s)"
 
 
 def test_a_plane_lands_after_a_circle_and_a_glide() -> None:

@@ -168,7 +168,10 @@ def test_an_order_to_fly_on_beyond_the_limit_needs_a_confirmation(land: Landscap
     assert returns(flight.at(150.0, later_s=810.0))
     flight.mode("return")
     (question,) = questions(order(flight, "resume"))
-    assert "resume beyond its energy: no time left on task, 2 min home (by its" in question
+    assert (
+        "its energy does not suffice to resume: no time left on task, 2 min home (source: "
+        in question
+    )
     assert flight.core.vehicles["hawk"].sent_home
     assert not questions(order(flight, "resume", confirmed=True))
     flight.mode("mission")

@@ -556,7 +556,7 @@ def test_after_a_landing_and_a_restart_a_start_needs_another_mission(land: Lands
     assert every(flight.sent, StartMission) == [StartMission("hawk")]
 
 
-def test_on_the_ground_no_landing_is_flown_whatever_part_of_the_core_asks(land: Landscape) -> None:
+def test_on_the_ground_no_landing_is_flown_by_any_order(land: Landscape) -> None:
     flight = Vehicles(land)
     assert not flight.core._withheld(Land("hawk"))
     flight.mode("mission", armed=False)

@@ -66,11 +66,11 @@ def alarms(commands: list[AnyCommand]) -> list[RaiseAlarm]:
     return [each for each in commands if isinstance(each, RaiseAlarm)]
 
 
-def test_without_a_wish_the_reaction_is_only_announced() -> None:
+def test_without_the_key_the_reaction_is_only_announced() -> None:
     core = core_of()
     for values, words in (
-        (NONE, "if the link is lost it continues; returns at 60 m; fence: hold"),
-        (RETURNS, "holds after 10 s, returns after 15 s; returns at 60 m; fence: hold"),
+        (NONE, "if the link is lost it continues; return height 60 m; fence: hold"),
+        (RETURNS, "holds after 10 s, returns after 15 s; return height 60 m; fence: hold"),
     ):
         commands = report(core, values)
         assert not alarms(commands)
@@ -101,13 +101,13 @@ def test_only_announcements_and_alarms_follow_from_parameters() -> None:
             assert all(isinstance(each, Announce | RaiseAlarm | ClearAlarm) for each in commands)
 
 
-def test_a_dangerous_value_is_a_severe_alarm_without_a_wish() -> None:
+def test_a_dangerous_value_is_a_severe_alarm_without_the_key() -> None:
     (alarm,) = alarms(report(core_of(), {**NONE, "NAV_DLL_ACT": 6.0}))
     assert alarm.severity == "severe"
     assert "NAV_DLL_ACT = 6: it disarms in the air" in alarm.text
 
 
-def test_an_unknown_reaction_is_an_alarm_only_with_a_wish() -> None:
+def test_an_unknown_reaction_is_an_alarm_only_with_the_key() -> None:
     values = {name: value for name, value in NONE.items() if name != "NAV_DLL_ACT"}
     assert not alarms(report(core_of(), values))
     (alarm,) = alarms(report(core_of("hold"), values))

@@ -119,7 +119,7 @@ def test_a_damaged_file_is_one_line_of_error(tmp_path: Path, content: str) -> No
     assert result.stderr.count("\n") == 1
 
 
-def test_warnings_and_impossible_wishes_are_shown(tmp_path: Path) -> None:
+def test_warnings_and_impossible_reactions_are_shown(tmp_path: Path) -> None:
     with served(stack_named("ardupilot", "plane")) as (mock, link):
         mock.parameters.change("FS_GCS_ENABL", 1.0)
         mock.parameters.change("FS_LONG_ACTN", 2.0)

@@ -1,4 +1,4 @@
-// Other aircraft: a symbol in the colour of the alert, its name, relative height, and its way in the next minute.
+// Other aircraft: a symbol in the colour of the alert, its name, relative height, and its path in the next minute.
 
 import type { ExpressionSpecification, Map as MapView } from "maplibre-gl";
 import { coalesced } from "./coalesce.ts";
@@ -81,7 +81,7 @@ export function labelOf(each: Aircraft): string {
   return lines.join("\n");
 }
 
-/** The way in the next minute. */
+/** The path in the next minute. */
 function ahead(each: Aircraft): GeoJSON.Feature {
   const course = (each.track_deg * Math.PI) / 180;
   const moved = (AHEAD_S * each.ground_speed_m_s) / M_PER_DEG;

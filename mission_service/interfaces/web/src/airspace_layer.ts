@@ -37,8 +37,8 @@ export function followAirspace(map: MapView, store: Store): void {
     const key = JSON.stringify([volumes.map(({ name, from_us }) => [name, from_us]), closed]);
     if (key === shown) return;
     shown = key;
-    show(map, "airspace", collection(volumes.map((volume, place) =>
-      feature(volume.geometry, { name: volume.name, closed: closed[place], label: labelOf(volume, closed[place]!) }))));
+    show(map, "airspace", collection(volumes.map((volume, index) =>
+      feature(volume.geometry, { name: volume.name, closed: closed[index], label: labelOf(volume, closed[index]!) }))));
   };
   store.on(["airspace", "telemetry", "status"], update);
   map.on("click", "airspace-area", ({ features, point }) => {

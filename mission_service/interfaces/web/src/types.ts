@@ -46,7 +46,7 @@ export interface Vehicle {
   energy_source: string;
   position_good: boolean;
   position_fix: string;
-  order: string; // an operator's order in force: hold, return, land
+  order: string; // the order in force: hold, return, land
   landing: string; // phase of a landing: waiting, sending, approach, final, going around
   direction: string;
   decisions: number;

@@ -195,14 +195,14 @@ function timesText(vehicle: Vehicle): string {
 }
 
 function energyText(vehicle: Vehicle): string | null {
-  return vehicle.time_on_task_s === null ? null : `${timesText(vehicle)}, by its ${vehicle.energy_source}`;
+  return vehicle.time_on_task_s === null ? null : `${timesText(vehicle)} (source: ${vehicle.energy_source})`;
 }
 
 /** The reaction to a lost link, the height of a return and the reaction to a breached fence. */
 function lostLinkText(vehicle: Vehicle): string | null {
   if (vehicle.link === "never heard") return null;
   if (!vehicle.lost_link) return "unknown";
-  const height = vehicle.return_height_m === null ? "" : `; returns at ${metres(vehicle.return_height_m)}`;
+  const height = vehicle.return_height_m === null ? "" : `; return height ${metres(vehicle.return_height_m)}`;
   return `${vehicle.lost_link}${height}; fence: ${vehicle.fence_action}`;
 }
 
