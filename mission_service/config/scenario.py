@@ -107,9 +107,8 @@ class Scenario(Section):
         if self.fire.initial_cells is not None and not self.ignition:
             raise ValueError("fire.initial_cells needs an ignition, from which the fire grows")
         self.way.check(self)
-        resolves = self.surveillance is not None and self.surveillance.resolution != "none"
-        if resolves and self.burn_flown is not None:
-            raise ValueError('surveillance.resolution must be "none" in a burn: operators abort')
+        if self.surveillance is not None:
+            _refuse_resolution(self, self.surveillance.resolution)
         times = [entry.at_s for entry in self.weather]
         if times and (times != sorted(set(times)) or times[0] != 0):
             raise ValueError("weather entries must start at at_s = 0 and have increasing times")
@@ -144,6 +143,18 @@ class Scenario(Section):
         if self.only is None:
             return self.vehicles
         return tuple(vehicle for vehicle in self.vehicles if vehicle.name == self.only)
+
+
+def _refuse_resolution(scenario: Scenario, resolution: str) -> None:
+    """Raise ValueError for a resolution of conflicts with other aircraft that cannot be flown."""
+    if resolution != "none" and scenario.burn_flown is not None:
+        raise ValueError('surveillance.resolution must be "none" in a burn: operators abort')
+    for vehicle in scenario.vehicles:
+        if resolution == "descend" and vehicle.backend == "mavsdk":
+            raise ValueError(
+                f'{vehicle.name}: backend = "mavsdk" cannot hold at another altitude; set '
+                'surveillance.resolution to "hold", "return" or "none"'
+            )
 
 
 def _refuse_high_vehicles(vehicles: tuple[VehicleSection, ...], max_agl_m: float | None) -> None:

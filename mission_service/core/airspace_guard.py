@@ -43,7 +43,7 @@ from mission_service.core.flight_space import FlightSpace, position_of
 from mission_service.guidance.protocol import Guidance
 from mission_service.position_fix import PositionFix
 from mission_service.vehicles.airspace_state import AirspaceState, Evasion
-from mission_service.vehicles.availability import GOING_HOME, MISSION
+from mission_service.vehicles.availability import GOING_HOME, LEADS_TO, MISSION
 from mission_service.vehicles.missions_sent import MissionsSent
 from mission_service.vehicles.vehicle_state import Vehicle, announce
 
@@ -218,7 +218,13 @@ class AirspaceGuard:
         if conflict is None:
             self._states[vehicle.name].home_clear_version = self._closed.version
             return [command]
-        return self._evade(vehicle, fix, airspace, conflict, at_s, returns=True) or [command]
+        evades = self._evade(vehicle, fix, airspace, conflict, at_s, returns=True)
+        if any(type(each) in LEADS_TO for each in evades):
+            return evades
+        if airspace.volume_at(position_of(fix)) is not None:
+            return [*evades, command]  # there is no other way out
+        words = f"no return is sent, because it would enter {conflict}"
+        return [*evades, announce(vehicle, words, warning=True)]
 
     def return_obstacle(self, vehicle: Vehicle, fix: PositionFix) -> str:
         """Return why a vehicle cannot fly straight home now; "" if the way is free."""

@@ -463,6 +463,10 @@ def test_a_vehicle_that_cannot_return_holds_and_returns_when_the_way_is_free(fly
     flight.run(60)
     assert flight.mode == "hold"
     assert "airspace/hawk" in flight.state_view.alarms
+    again = flight.submit(OrderGiven(flight.now_us, *ANN, "hawk", "return"))
+    assert "no return is sent" in " ".join(again)
+    flight.run(5)
+    assert flight.mode == "hold"
     flight.submit(AirspaceOpened(flight.now_us, *ANN, "copter"))
     flight.run(30)
     assert flight.mode == "return"

@@ -303,6 +303,13 @@ def test_a_burn_has_no_resolution() -> None:
     assert load_scenario("burn", ('surveillance.resolution="none"',)).surveillance is not None
 
 
+def test_a_descent_needs_the_native_client() -> None:
+    overrides = ('vehicles.0.backend="mavsdk"', "vehicles.0.link=udpin:127.0.0.1:14999")
+    with pytest.raises(ScenarioError, match="cannot hold at another altitude"):
+        load_scenario("default", (*overrides, 'surveillance={resolution="descend"}'))
+    load_scenario("default", (*overrides, 'surveillance={resolution="hold"}'))
+
+
 # Flights ---------------------------------------------------------------------------------------
 
 
