@@ -80,22 +80,20 @@ class AirspaceGuard:
         return self._closed.volumes
 
     def on_operator(self, event: events.AnyOperatorEvent) -> list[AnyCommand]:
-        """Apply an operator's event: close or open a volume; an order ends an evasion."""
+        """Apply an operator's event: close or open a volume."""
         match event:
             case events.AirspaceClosed():
                 announced = self._announced(self._closed.close(event))
                 return [*announced, *self._unreachable(event.at_us / 1e6)]
             case events.AirspaceOpened():
                 return self._announced(self._closed.open(event))
-            case events.OrderGiven() | events.Aborted():
-                named = "" if isinstance(event, events.Aborted) else event.vehicle
-                for name in self._vehicles:
-                    if named in ("", name):
-                        self._states[name].evasion = Evasion.NONE
-                        self._states[name].checked = ()
             case _:
-                pass
-        return []
+                return []
+
+    def end_evasion(self, name: str) -> None:
+        """End the evasion of a vehicle, because an order for it is executed."""
+        self._states[name].evasion = Evasion.NONE
+        self._states[name].checked = ()
 
     def _announced(self, words: str) -> list[AnyCommand]:
         first = next(iter(self._vehicles.values()), None)
@@ -207,7 +205,7 @@ class AirspaceGuard:
 
     def _checked_return(self, command: Return, airspace: Airspace, at_s: float) -> list[AnyCommand]:
         vehicle = self._vehicles[command.vehicle]
-        if not self._may_move(vehicle) or vehicle.pending is not None:
+        if not self._may_move(vehicle):
             return [command]
         fix = vehicle.availability.fix
         assert fix is not None
@@ -245,6 +243,11 @@ class AirspaceGuard:
                 places = state.sent.get(event.mission_id)
                 if event.outcome == "accepted" and places is not None:
                     self._put_on_board(state, event.mission_id, places)
+                    pending = self._vehicles[event.vehicle].pending
+                    # An upload that the evasion has superseded does not end the evasion.
+                    awaited = pending is not None and pending.mission_id == event.mission_id
+                    if awaited and event.mission_id != state.evasion_id:
+                        state.evasion = Evasion.NONE
             case events.MissionReadBack():
                 places = state.sent.get(event.mission_id)
                 if places is not None:
@@ -268,12 +271,19 @@ class AirspaceGuard:
     ) -> None:
         state.on_board_id, state.on_board = mission_id, places
         state.sent = {number: sent for number, sent in state.sent.items() if number > mission_id}
-        if mission_id != state.evasion_id:
-            state.evasion = Evasion.NONE
 
     def leads(self, name: str) -> bool:
-        """Return whether a vehicle flies home around closed volumes, which no planner changes."""
-        return self._states[name].evasion is Evasion.AROUND
+        """Return whether a vehicle that was sent home flies around closed volumes, or waits.
+
+        No planner changes this flight.
+        """
+        vehicle, state = self._vehicles[name], self._states[name]
+        return vehicle.sent_home and state.evasion is not Evasion.NONE
+
+    def leads_home(self, name: str) -> bool:
+        """Return whether a vehicle flies home around closed volumes now."""
+        around = self._states[name].evasion is Evasion.AROUND
+        return around and self._flies_out(self._vehicles[name])
 
     def watch(self, vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
         """Check the present flight of a vehicle; return the commands that keep it out."""
@@ -306,7 +316,7 @@ class AirspaceGuard:
                 vehicle.due = vehicle.due or CHANGED
                 vehicle.not_before_s = min(vehicle.not_before_s, at_s)
             return self._raised(vehicle, f"{words}: a new mission is due")
-        returns = availability.recalled
+        returns = availability.recalled or self.leads(vehicle.name)
         commands = self._evade(vehicle, fix, airspace, conflict, at_s, returns)
         return commands or self._raised(vehicle, words, "severe")
 
@@ -378,7 +388,8 @@ class AirspaceGuard:
                 return [*self._raised(vehicle, words), announce(vehicle, words), around]
         stays = self._space.of_hold(vehicle, position)
         if not inside and airspace.conflict([stays], self._landscape) is None:
-            state.evasion, vehicle.holding = Evasion.HOLD, not vehicle.ordered
+            vehicle.drop_upload()
+            state.evasion, vehicle.holding = Evasion.HOLD, not (vehicle.ordered or returns)
             words = f"holds before {conflict}"
             if vehicle.availability.mode == "hold":
                 return self._raised(vehicle, words)
@@ -394,13 +405,14 @@ class AirspaceGuard:
     ) -> list[AnyCommand]:
         """Return the order to return, once the straight way home is free.
 
-        A vehicle that was sent home and holds, because no way was free, also gets a mission around
-        the volumes as soon as there is one.
+        A vehicle that was sent home and does not fly there, because no way was free or the upload
+        or the start of its mission failed, also gets a mission around the volumes as soon as there
+        is one.
         """
         state, at_s = self._states[vehicle.name], fix.at_s
-        waits = vehicle.sent_home and state.evasion in (Evasion.HOLD, Evasion.EXIT)
-        flies = state.evasion is Evasion.AROUND and vehicle.availability.mode == MISSION
-        if not (waits or flies) or not self._may_move(vehicle):
+        flies = state.evasion is Evasion.AROUND and self._flies_out(vehicle)
+        waits = vehicle.sent_home and state.evasion is not Evasion.NONE and not flies
+        if not (waits or flies) or vehicle.start_under_way or not self._may_move(vehicle):
             return []
         if vehicle.pending is not None or at_s < state.acts_again_at_s:
             return []

@@ -1,0 +1,111 @@
+"""Vehicles that were sent home fly around closed airspace, whatever else happens on the way."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from autopilot_bridge.mock.fault_kinds import Faults
+from mission_service.commands import AnyCommand, Return, UploadMission
+from mission_service.events import AirspaceClosed, AirspaceOpened, AnyEvent, Order, OrderGiven
+from tests.service.people_flights import ANN, Flight, Fly, flights_in
+from tests.service.test_airspace import HAWK_HOME, here, inside_s, square
+
+AROUND, HALF_M = "fly home around closed airspace", 120.0
+
+
+@pytest.fixture
+def fly(tmp_path: Path) -> Iterator[Fly]:
+    yield from flights_in(tmp_path)
+
+
+def order(flight: Flight, order: Order) -> list[str]:
+    return flight.submit(OrderGiven(flight.now_us, *ANN, "hawk", order))
+
+
+def close_halfway(flight: Flight) -> tuple[float, float]:
+    """Close a volume between the vehicle and its home; return its centre."""
+    place = here(flight)
+    middle = ((place[0] + HAWK_HOME[0]) / 2.0, (place[1] + HAWK_HOME[1]) / 2.0)
+    flight.submit(AirspaceClosed(flight.now_us, *ANN, "copter", square(middle, HALF_M)))
+    return middle
+
+
+def came_home(flight: Flight, centre: tuple[float, float]) -> list[AnyEvent | AnyCommand]:
+    """Require that the vehicle was led around the volume, and then returned."""
+    entries = flight.over()
+    assert inside_s(entries, centre, HALF_M) == 0.0
+    sent = [entry for entry in entries if isinstance(entry, Return | UploadMission)]
+    around = [isinstance(entry, UploadMission) and entry.why == AROUND for entry in sent]
+    first = around.index(True)
+    assert isinstance(sent[-1], Return), "not home in the end"
+    assert all(around[first:-1]), f"{sent[first:]}"
+    return entries
+
+
+def test_a_return_that_is_ordered_again_is_led_around_again(fly: Fly) -> None:
+    flight = fly()
+    flight.run(150)
+    centre = close_halfway(flight)
+    flight.run(1.0)
+    order(flight, "return")
+    flight.run(0.5)  # during the upload
+    order(flight, "return")
+    flight.run(90)
+    came_home(flight, centre)
+
+
+def test_a_refused_mission_home_is_sent_again(fly: Fly) -> None:
+    flight = fly()
+    flight.run(150)
+    centre = close_halfway(flight)
+    flight.run(1.0)
+    server = flight.sim.rigs[0].mock.missions
+    server.faults = Faults(refuse={(0, seq): mavlink.MAV_MISSION_ERROR for seq in range(50)})
+    order(flight, "return")
+    flight.run(8.0)
+    server.faults = Faults()
+    assert flight.mode == "hold"
+    flight.run(90)
+    assert flight.mode == "return"
+    came_home(flight, centre)
+
+
+def test_an_order_that_is_rejected_does_not_end_the_flight_home(fly: Fly) -> None:
+    flight = fly()
+    flight.run(150)
+    centre = close_halfway(flight)
+    flight.run(1.0)
+    order(flight, "return")
+    flight.run(8.0)
+    assert flight.mode == "mission"
+    assert "not landing" in " ".join(order(flight, "go-around"))
+    flight.run(90)
+    came_home(flight, centre)
+
+
+def test_at_the_end_of_its_energy_it_waits_outside_until_the_way_is_free(fly: Fly) -> None:
+    flight = fly("vehicles.0.endurance_s=300", "vehicles.0.endurance_reserve_s=60")
+    flight.run(120)
+    vehicle = flight.sim.service.core.vehicles["hawk"]
+    while not vehicle.sent_home:
+        flight.run(1.0)
+    flight.run(10.0)
+    flight.submit(AirspaceClosed(flight.now_us, *ANN, "copter", square(here(flight), 200.0)))
+    flight.submit(AirspaceClosed(flight.now_us, *ANN, "home", square(HAWK_HOME, 100.0)))
+    closed_us = flight.now_us
+    flight.run(100)
+    assert flight.mode != "return"
+    assert "overdue/hawk" in flight.state_view.alarms
+    flight.submit(AirspaceOpened(flight.now_us, *ANN, "copter"))
+    flight.submit(AirspaceOpened(flight.now_us, *ANN, "home"))
+    flight.run(40)
+    assert flight.mode == "return"
+    entries = flight.over()
+    at_us, whys = 0, set()
+    for entry in entries:
+        at_us = getattr(entry, "at_us", at_us)
+        if isinstance(entry, UploadMission) and at_us > closed_us:
+            whys.add(entry.why)
+    assert whys <= {AROUND, "leave closed airspace"}, "a planner leads it"
