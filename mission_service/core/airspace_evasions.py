@@ -101,7 +101,7 @@ class Evasions:
         upload = self._missions.upload(vehicle, path, items, fix, why, keeps_apart=True)
         assert vehicle.pending is not None
         vehicle.pending.evades = True
-        vehicle.holding = True
+        vehicle.holding, vehicle.hold_again_at_s = True, None  # no hold interrupts the evasion
         state.evasion, state.evasion_id = evasion, upload.mission_id
         state.sent[upload.mission_id] = self._space.route(vehicle, items)
         return upload

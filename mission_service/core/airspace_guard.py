@@ -230,6 +230,14 @@ class AirspaceGuard:
         conflict = self._conflict(vehicle, places, self._closed.at(fix.at_s))
         return "" if conflict is None else f"its mission would enter {conflict}"
 
+    def flight_obstacle(self, vehicle: Vehicle, fix: PositionFix) -> str:
+        """Return why a vehicle cannot stay on its present flight; "" if the flight is free."""
+        inside = self._closed.at(fix.at_s).volume_at(position_of(fix))
+        if inside is not None:
+            return f"it is inside the closed volume {inside.name!r}"
+        conflict = self._states[vehicle.name].conflict
+        return f"it would enter {conflict}" if conflict else ""
+
     # Flights under way ------------------------------------------------------------------------
 
     def apply(self, event: events.VehicleEvent) -> list[AnyCommand]:

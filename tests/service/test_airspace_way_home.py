@@ -1,4 +1,4 @@
-"""Vehicles that were sent home fly around closed airspace, whatever else happens on the way."""
+"""Vehicles that were sent home or wait for a landing keep out of closed airspace all the way."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -7,7 +7,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.mock.fault_kinds import Faults
-from mission_service.commands import AnyCommand, Return, UploadMission
+from mission_service.commands import AnyCommand, Hold, Return, UploadMission
 from mission_service.events import AirspaceClosed, AirspaceOpened, AnyEvent, Order, OrderGiven
 from tests.service.people_flights import ANN, Flight, Fly, flights_in
 from tests.service.test_airspace import HAWK_HOME, here, inside_s, square
@@ -109,3 +109,57 @@ def test_at_the_end_of_its_energy_it_waits_outside_until_the_way_is_free(fly: Fl
         if isinstance(entry, UploadMission) and at_us > closed_us:
             whys.add(entry.why)
     assert whys <= {AROUND, "leave closed airspace"}, "a planner leads it"
+
+
+def two_copters(fly: Fly) -> Flight:
+    """Return a flight of two copters with one home: hawk lands, and kite waits to land."""
+    changes = [
+        change
+        for number in range(2)
+        for change in (
+            f'vehicles.{number}.kind="copter"',
+            f"vehicles.{number}.autostart=true",
+            f"vehicles.{number}.home_lat_deg={HAWK_HOME[0] + 0.0005 * number}",
+            f"vehicles.{number}.home_lon_deg={HAWK_HOME[1]}",
+        )
+    ]
+    flight = fly(*changes, rule="team.bumper")
+    flight.run(150)
+    for name in ("hawk", "kite"):
+        flight.submit(OrderGiven(flight.now_us, *ANN, name, "land"))
+        flight.run(3.0)
+    assert flight.state_view.vehicles["kite"].landing == "waiting"
+    return flight
+
+
+def of_kite(flight: Flight) -> tuple[float, float]:
+    fix = flight.state_view.telemetry["kite"]
+    return fix.lat_deg, fix.lon_deg
+
+
+def test_a_vehicle_that_waits_for_its_landing_leaves_a_volume_that_closes(fly: Fly) -> None:
+    flight = two_copters(fly)
+    centre = of_kite(flight)
+    flight.submit(AirspaceClosed(flight.now_us, *ANN, "copter", square(centre, 40.0)))
+    closed_us = flight.now_us
+    flight.run(30)
+    assert "landing ended: it is inside" in flight.state_view.alarms["landing/kite"].text
+    assert flight.state_view.vehicles["kite"].order == "hold"
+    assert max(abs(a - b) for a, b in zip(of_kite(flight), centre, strict=True)) > 40.0 / 111_200.0
+    at_us, holds = 0, 0
+    for entry in flight.over():
+        at_us = getattr(entry, "at_us", at_us)
+        holds += at_us > closed_us and isinstance(entry, Hold) and entry.vehicle == "kite"
+    assert holds == 0, "a hold interrupts its way out"
+
+
+def test_no_landing_begins_through_a_volume_that_has_closed_while_it_waited(fly: Fly) -> None:
+    flight = two_copters(fly)
+    place = of_kite(flight)
+    middle = ((place[0] + HAWK_HOME[0]) / 2.0, (place[1] + HAWK_HOME[1]) / 2.0)
+    flight.submit(AirspaceClosed(flight.now_us, *ANN, "copter", square(middle, 100.0)))
+    flight.run(300)
+    assert not flight.state_view.vehicles["hawk"].armed
+    assert "its way home would enter" in flight.state_view.alarms["landing/kite"].text
+    entries = flight.over()
+    assert not [e for e in entries if isinstance(e, Return) and e.vehicle == "kite"]
