@@ -488,3 +488,16 @@ def test_closing_a_name_twice_and_opening_an_unknown_name_are_refused(fly: Fly) 
     unknown = flight.submit(AirspaceOpened(flight.now_us, *ANN, "other"))
     assert "no closed volume 'other'; closed are: 'copter'" in " ".join(unknown)
     flight.over()
+
+
+def test_a_name_can_be_closed_again_after_its_time(fly: Fly) -> None:
+    flight = fly()
+    flight.run(5)
+    event = AirspaceClosed(flight.now_us, *ANN, "copter", square(FIRE, 250.0), for_s=10.0)
+    flight.submit(event)
+    flight.run(20)
+    lines = flight.submit(closed_at(flight.now_us, FIRE))
+    assert lines == ["airspace 'copter' closed by ann"]
+    (volume,) = flight.sim.service.core.airspace.volumes
+    assert volume.until_s == math.inf
+    flight.over()
