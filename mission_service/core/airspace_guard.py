@@ -157,7 +157,7 @@ class AirspaceGuard:
                     vehicle.not_before_s = at_s + START_AGAIN_S
                     state.withheld = True
                     words = f"a mission is not sent, because it would enter {conflict}"
-                    return self._raised(vehicle, words)
+                    return self._withheld(vehicle, words)
                 sent = led_around
         state.sent[sent.mission_id] = self._space.route(vehicle, sent.items)
         state.withheld = False
@@ -179,7 +179,7 @@ class AirspaceGuard:
             vehicle.holding, vehicle.due = True, vehicle.due or CHANGED
         else:
             vehicle.start_again_at_s = at_s + START_AGAIN_S
-        return self._raised(vehicle, f"is not started: its mission would enter {conflict}")
+        return self._withheld(vehicle, f"is not started: its mission would enter {conflict}")
 
     def _checked_place(
         self, command: Orbit | ClimbAndHold | HoldAt, airspace: Airspace
@@ -312,7 +312,9 @@ class AirspaceGuard:
         words = f"is inside {conflict}" if inside is not None else f"would enter {conflict}"
         if not self._may_move(vehicle):
             why = "it is not under control of the service"
-            if vehicle.landing_state.active:
+            if not self._moves:
+                why = "the vehicle of a burn is not moved"
+            elif vehicle.landing_state.active:
                 why = "it is landing"
             return self._raised(vehicle, f"{words}; {why}")
         if at_s < state.acts_again_at_s or vehicle.pending is not None:
@@ -335,6 +337,8 @@ class AirspaceGuard:
         now: tuple[object, ...] = (self._closed.version, mode, state.on_board_id, state.began_at)
         if now == state.checked and not state.conflict:
             return
+        if now != state.checked:
+            state.withheld = False
         state.checked = now
         if mode in GOING_HOME and state.home_clear == self._closed.version:
             state.conflict = ""  # checked when the return was ordered
@@ -451,14 +455,21 @@ class AirspaceGuard:
         self, vehicle: Vehicle, words: str, severity: Severity = "warning"
     ) -> list[AnyCommand]:
         state = self._states[vehicle.name]
-        if words == state.alarm or (state.withheld and state.evasion is not Evasion.NONE):
+        if words == state.alarm:
             return []
         state.alarm = words
         return [RaiseAlarm(vehicle.name, AIRSPACE, words, severity)]
 
+    def _withheld(self, vehicle: Vehicle, words: str) -> list[AnyCommand]:
+        """Raise the alarm about a command that is not sent, unless it states an evasion."""
+        evades = self._states[vehicle.name].evasion is not Evasion.NONE
+        return [] if evades else self._raised(vehicle, words)
+
     def _lowered(self, vehicle: Vehicle) -> list[AnyCommand]:
         state = self._states[vehicle.name]
-        if not state.alarm or state.withheld or state.evasion is not Evasion.NONE:
+        # A vehicle that an operator holds stays where it is after an evasion.
+        evades = state.evasion is not Evasion.NONE and not vehicle.ordered
+        if not state.alarm or state.withheld or evades:
             return []
         state.alarm = ""
         return [ClearAlarm(vehicle.name, AIRSPACE)]

@@ -163,3 +163,27 @@ def test_no_landing_begins_through_a_volume_that_has_closed_while_it_waited(fly:
     assert "its way home would enter" in flight.state_view.alarms["landing/kite"].text
     entries = flight.over()
     assert not [e for e in entries if isinstance(e, Return) and e.vehicle == "kite"]
+
+
+def test_the_alarm_of_a_held_vehicle_ends_when_its_flight_is_free(fly: Fly) -> None:
+    flight = fly()
+    flight.run(150)
+    order(flight, "hold")
+    flight.run(10)
+    flight.submit(AirspaceClosed(flight.now_us, *ANN, "copter", square(here(flight), 100.0)))
+    flight.run(2.0)
+    assert "leaves" in flight.state_view.alarms["airspace/hawk"].text
+    flight.run(60)
+    assert "airspace/hawk" not in flight.state_view.alarms
+    assert flight.state_view.vehicles["hawk"].order == "hold"
+    flight.over()
+
+
+def test_an_evasion_replaces_the_alarm_about_a_mission_that_was_not_sent(fly: Fly) -> None:
+    flight = fly()
+    flight.run(150)
+    state = flight.sim.service.core.airspace._states["hawk"]
+    state.withheld, state.alarm = True, "a mission is not sent"
+    flight.submit(AirspaceClosed(flight.now_us, *ANN, "copter", square(here(flight), 150.0)))
+    flight.run(2.0)
+    assert "leaves" in flight.state_view.alarms["airspace/hawk"].text
