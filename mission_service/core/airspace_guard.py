@@ -22,7 +22,7 @@ from mission_service.airspace.occupied_space import (
     disc,
     straight,
 )
-from mission_service.airspace.volumes import Volume
+from mission_service.airspace.volumes import Volume, require_homes_inside
 from mission_service.commands import (
     AnyCommand,
     ClearAlarm,
@@ -65,8 +65,9 @@ class AirspaceGuard:
         missions: MissionsSent,
         guidance: Guidance,
     ) -> None:
-        """Read the scenario's volumes. Raises ScenarioError for a file that cannot be read."""
+        """Read the scenario's volumes. Raises ScenarioError for a volume that cannot be used."""
         self._closed = ClosedAirspace(scenario.airspace, landscape)
+        require_homes_inside(scenario, landscape)
         self._space = FlightSpace(landscape)
         self._evasions = Evasions(landscape, self._closed, self._space, missions, guidance)
         self._landscape = landscape
