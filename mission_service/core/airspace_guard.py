@@ -302,6 +302,7 @@ class AirspaceGuard:
             return []
         availability = vehicle.availability
         if not (availability.airborne and availability.armed):
+            self._is_checked(state, (self._closed.version,))
             return self._lowered(vehicle) if not availability.armed else []
         if state.began_at is None:
             state.began_at = position_of(fix)
@@ -336,16 +337,20 @@ class AirspaceGuard:
         state = self._states[vehicle.name]
         mode = vehicle.availability.mode
         now: tuple[object, ...] = (self._closed.version, mode, state.on_board_id, state.began_at)
-        if now == state.checked and not state.conflict:
+        if self._is_checked(state, now) and not state.conflict:
             return
-        if now != state.checked:
-            state.withheld = False
-        state.checked = now
         if mode in GOING_HOME and state.home_clear == self._closed.version:
             state.conflict = ""  # checked when the return was ordered
             return
         parts = self._space.of_flight(vehicle, fix, state)
         state.conflict = airspace.conflict(parts, self._landscape, position_of(fix)) or ""
+
+    @staticmethod
+    def _is_checked(state: AirspaceState, now: tuple[object, ...]) -> bool:
+        """Return whether the last check considered the same; if not, nothing is withheld now."""
+        same = now == state.checked
+        state.checked, state.withheld = now, state.withheld and same
+        return same
 
     def _is_urgent(self, vehicle: Vehicle, fix: PositionFix, airspace: Airspace) -> bool:
         """Return whether a vehicle may enter a closed volume before a new mission is flown."""

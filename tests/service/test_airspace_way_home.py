@@ -187,3 +187,15 @@ def test_an_evasion_replaces_the_alarm_about_a_mission_that_was_not_sent(fly: Fl
     flight.submit(AirspaceClosed(flight.now_us, *ANN, "copter", square(here(flight), 150.0)))
     flight.run(2.0)
     assert "leaves" in flight.state_view.alarms["airspace/hawk"].text
+
+
+def test_the_alarm_about_a_mission_on_the_ground_ends_when_the_airspace_opens(fly: Fly) -> None:
+    corners = [list(place) for place in square(HAWK_HOME, 300.0)]
+    flight = fly(f'airspace.closed=[{{name="home", corners={corners}}}]')
+    flight.run(15)
+    assert "is not s" in flight.state_view.alarms["airspace/hawk"].text
+    order(flight, "hold")  # no further mission is planned
+    flight.submit(AirspaceOpened(flight.now_us, *ANN, "home"))
+    flight.run(2.0)
+    assert "airspace/hawk" not in flight.state_view.alarms
+    flight.over()
