@@ -8,7 +8,18 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.mock.fault_kinds import Faults
 from mission_service.commands import AnyCommand, Hold, Return, UploadMission
-from mission_service.events import AirspaceClosed, AirspaceOpened, AnyEvent, Order, OrderGiven
+from mission_service.events import (
+    AirspaceClosed,
+    AirspaceOpened,
+    AnyEvent,
+    MissionReadBack,
+    ModeChanged,
+    Order,
+    OrderGiven,
+    Resumed,
+    Telemetry,
+    VehicleConnected,
+)
 from tests.service.people_flights import ANN, Flight, Fly, flights_in
 from tests.service.test_airspace import HAWK_HOME, here, inside_s, square
 
@@ -199,3 +210,33 @@ def test_the_alarm_about_a_mission_on_the_ground_ends_when_the_airspace_opens(fl
     flight.run(2.0)
     assert "airspace/hawk" not in flight.state_view.alarms
     flight.over()
+
+
+@pytest.mark.parametrize("evades", [True, False])
+def test_after_a_restart_a_held_vehicle_flies_on_only_out_of_closed_airspace(
+    fly: Fly, evades: bool
+) -> None:
+    flight = fly()
+    flight.run(150)
+    order(flight, "hold")
+    flight.run(5.0)
+    if evades:
+        flight.submit(AirspaceClosed(flight.now_us, *ANN, "copter", square(here(flight), 150.0)))
+        flight.run(4.0)
+        assert flight.mode == "mission"
+    core = flight.sim.service.core
+    mission_id = core.airspace._states["hawk"].on_board_id
+    fix, at_us = flight.state_view.telemetry["hawk"], flight.now_us
+    place = (fix.lat_deg, fix.lon_deg, fix.altitude_amsl_m, 160.0, 0.0, 15.0, 0.0)
+    found = [
+        command
+        for event in (
+            Resumed(at_us, "service", "", 1.0),
+            VehicleConnected(at_us, "hawk", "px4 plane", True),
+            ModeChanged(at_us, "hawk", 0, True, "mission"),
+            MissionReadBack(at_us, "hawk", mission_id, 5),
+            *(Telemetry(at_us + step * 250_000, "hawk", *place) for step in range(1, 5)),
+        )
+        for command in core.handle(event)
+    ]
+    assert any(isinstance(command, Hold) for command in found) != evades
