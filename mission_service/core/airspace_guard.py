@@ -200,6 +200,12 @@ class AirspaceGuard:
         conflict = airspace.conflict(parts, self._landscape, position_of(fix))
         if conflict is not None and isinstance(command, Orbit):
             return self._raised(vehicle, f"an orbit is not ordered: it would enter {conflict}")
+        if conflict is not None and isinstance(command, HoldAt):
+            higher = self._evasions.higher_hold(
+                vehicle, fix, command, airspace, WIDER * radius_m + 1.0
+            )
+            if higher is not None:
+                return [higher]
         self._states[vehicle.name].orbit = place
         # A climb out of the reach of flames, or out of the way of other aircraft, is more urgent.
         return [command]

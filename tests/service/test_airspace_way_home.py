@@ -7,7 +7,7 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.mock.fault_kinds import Faults
-from mission_service.commands import AnyCommand, Hold, Return, UploadMission
+from mission_service.commands import AnyCommand, Hold, HoldAt, Return, UploadMission
 from mission_service.events import (
     AirspaceClosed,
     AirspaceOpened,
@@ -20,6 +20,7 @@ from mission_service.events import (
     Telemetry,
     VehicleConnected,
 )
+from tests.service.intruders import fly_past, meeting
 from tests.service.people_flights import ANN, Flight, Fly, flights_in
 from tests.service.test_airspace import HAWK_HOME, here, inside_s, square
 
@@ -240,3 +241,21 @@ def test_after_a_restart_a_held_vehicle_flies_on_only_out_of_closed_airspace(
         for command in core.handle(event)
     ]
     assert any(isinstance(command, Hold) for command in found) != evades
+
+
+def test_a_descent_below_an_aircraft_ends_above_closed_airspace(fly: Fly) -> None:
+    flight = fly('surveillance.resolution="descend"')
+    flight.run(120)
+    fix = flight.state_view.telemetry["hawk"]
+    ceiling_m = fix.altitude_amsl_m - 50.0
+    area = square(here(flight), 1500.0)
+    flight.submit(
+        AirspaceClosed(flight.now_us, *ANN, "below", area, ceiling_amsl_m=round(ceiling_m))
+    )
+    fly_past(flight.sim, meeting(flight.sim, 60.0, track_deg=200.0), 40)
+    flight.run(30)
+    entries = flight.over()
+    assert any(isinstance(entry, HoldAt | Hold) for entry in entries)
+    assert not [e for e in entries if isinstance(e, UploadMission) and e.keeps_apart]
+    lowest_m = min(e.altitude_amsl_m for e in entries[-400:] if isinstance(e, Telemetry))
+    assert ceiling_m < lowest_m < fix.altitude_amsl_m - 20.0
