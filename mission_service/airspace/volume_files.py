@@ -67,7 +67,8 @@ def _volume(path: Path, name: str, corners: list[LatLon], limits: dict[str, Any]
         first = error.errors()[0]
         where = ".".join(map(str, first["loc"])) or "limits"
         problem = first["msg"].removeprefix("Value error, ")
-        raise ScenarioError(f"airspace: {path}: {name}: {where}: {problem}") from None
+        line = " ".join(name.split())
+        raise ScenarioError(f"airspace: {path}: {line}: {where}: {problem}") from None
 
 
 def _from_openair(text: str, path: Path) -> list[ClosedVolume]:

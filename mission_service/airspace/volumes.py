@@ -11,6 +11,7 @@ from shapely.geometry.base import BaseGeometry
 from firemodel.landscape.landscape import Landscape
 from mission_service.airspace.volume_files import volumes_in
 from mission_service.config.airspace_section import AirspaceSection, AreaSection, ClosedVolume
+from mission_service.config.scenario import Scenario
 from mission_service.errors import ScenarioError
 
 OUTSIDE = "outside the allowed areas"  # name of the volume
@@ -86,8 +87,27 @@ def volume_of(entry: ClosedVolume, landscape: Landscape) -> Volume:
         ceiling_m = entry.ceiling_amsl_m
     elif entry.ceiling_agl_m is not None:
         ceiling_m = highest_m + entry.ceiling_agl_m
+    if floor_m >= ceiling_m:
+        raise ScenarioError(
+            f"airspace: {entry.name}: its ceiling ({ceiling_m:.0f} m above mean sea level) is not "
+            f"above its floor ({floor_m:.0f} m); correct one of them"
+        )
     until_s = math.inf if entry.until_s is None else entry.until_s
     return Volume(entry.name, area_m, floor_m, ceiling_m, entry.from_s, until_s)
+
+
+def require_homes_inside(scenario: Scenario, landscape: Landscape) -> None:
+    """Raise ScenarioError if a home is outside the allowed areas: no mission would be sent."""
+    if not scenario.airspace.allowed:
+        return
+    inside = shapely.union_all([area_of(entry, landscape) for entry in scenario.airspace.allowed])
+    for vehicle in scenario.vehicles:
+        home_m = landscape.xy_of_lat_lon(vehicle.home_lat_deg, vehicle.home_lon_deg)
+        if not shapely.intersects_xy(inside, *home_m):
+            raise ScenarioError(
+                f"airspace: the home of {vehicle.name} is outside the allowed areas, so no mission "
+                "would be sent; extend an area"
+            )
 
 
 def area_of(entry: AreaSection, landscape: Landscape) -> BaseGeometry:

@@ -262,6 +262,7 @@ def config() -> None:
 def config_check(file: str, overrides: tuple[str, ...], as_json: bool) -> None:
     """Check FILE and all files that it names."""
     from firemodel.errors import FireModelError
+    from mission_service.airspace.volumes import require_homes_inside, volumes_of
     from mission_service.config.rule_lookup import own_ways
     from mission_service.config.scenario import load_scenario, scenario_path
     from mission_service.errors import MissionServiceError, ScenarioError
@@ -271,10 +272,13 @@ def config_check(file: str, overrides: tuple[str, ...], as_json: bool) -> None:
     loaded = load_scenario(file, overrides)
     try:
         summary = check(loaded)
+        landscape = landscape_of(loaded)
+        volumes_of(loaded.airspace, landscape)
+        require_homes_inside(loaded, landscape)
         if loaded.vehicles and loaded.planner.rule not in own_ways():
             from mission_service.core.core import Core
 
-            Core(loaded, landscape_of(loaded))  # also creates the planners of other packages
+            Core(loaded, landscape)  # also creates the planners of other packages
     except (FireModelError, MissionServiceError) as error:  # the text does not name the file
         raise ScenarioError(f"{scenario_path(file)}: {error}") from None
     for line in summary["warnings"]:

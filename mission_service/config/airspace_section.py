@@ -23,7 +23,7 @@ class AreaSection(Section):
     corners: Annotated[tuple[tuple[Latitude, Longitude], ...], Field(min_length=3)] | None = None
     lat_deg: Latitude | None = None
     lon_deg: Longitude | None = None
-    radius_m: Positive | None = None
+    radius_m: Annotated[float, Field(gt=0, le=1_000_000)] | None = None
 
     @model_validator(mode="after")
     def _one_outline(self) -> "AreaSection":
@@ -76,8 +76,8 @@ class AirspaceSection(Section):
     closed: tuple[ClosedVolume, ...] = ()
     allowed: tuple[AreaSection, ...] = ()
     max_altitude_agl_m: Positive | None = None
-    margin_m: NotNegative = 60.0
-    vertical_margin_m: NotNegative = 15.0
+    margin_m: Annotated[float, Field(ge=0, le=10_000)] = 60.0
+    vertical_margin_m: Annotated[float, Field(ge=0, le=10_000)] = 15.0
     lead_s: NotNegative = 60.0
 
     @model_validator(mode="after")

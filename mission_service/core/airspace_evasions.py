@@ -11,9 +11,9 @@ from shapely.ops import substring
 
 from firemodel.landscape.landscape import Landscape
 from mission_service.airspace.clearance import Airspace, blocked_area
-from mission_service.airspace.occupied_space import LOITER_RADIUS_FACTOR, mission_parts
+from mission_service.airspace.occupied_space import LOITER_RADIUS_FACTOR, disc, mission_parts
 from mission_service.airspace.routes import exits_from
-from mission_service.commands import UploadMission
+from mission_service.commands import Hold, HoldAt, UploadMission
 from mission_service.core.closed_airspace import ClosedAirspace
 from mission_service.core.flight_space import FlightSpace, position_of
 from mission_service.guidance.protocol import Guidance
@@ -86,6 +86,33 @@ class Evasions:
         why = "fly home around closed airspace"
         return self._upload(vehicle, path, fix, why, state, Evasion.AROUND)
 
+    def higher_hold(
+        self,
+        vehicle: Vehicle,
+        fix: PositionFix,
+        command: HoldAt,
+        airspace: Airspace,
+        radius_m: float,
+    ) -> HoldAt | Hold | None:
+        """Return the lowest hold above the volumes into which a descent would lead, or None.
+
+        The highest is a hold at the present altitude.
+        """
+        up_m = airspace.margins.vertical_m
+        x_m, y_m = self._landscape.xy_of_lat_lon(command.lat_deg, command.lon_deg)
+        ceilings_m = [volume.ceiling_m + up_m + 1.0 for volume in airspace.volumes]
+        between_m = [up for up in ceilings_m if command.altitude_amsl_m < up < fix.altitude_m]
+        for altitude_m in [*sorted(between_m), fix.altitude_m]:
+            space = disc(float(x_m), float(y_m), radius_m, altitude_m, fix.altitude_m)
+            if airspace.conflict([space], self._landscape, position_of(fix)) is not None:
+                continue
+            if altitude_m == fix.altitude_m:
+                vehicle.hold_at = None
+                return Hold(vehicle.name)
+            vehicle.hold_at = (command.lat_deg, command.lon_deg, round(altitude_m, 1))
+            return HoldAt(vehicle.name, *vehicle.hold_at)
+        return None
+
     def _upload(
         self,
         vehicle: Vehicle,
@@ -101,7 +128,7 @@ class Evasions:
         upload = self._missions.upload(vehicle, path, items, fix, why, keeps_apart=True)
         assert vehicle.pending is not None
         vehicle.pending.evades = True
-        vehicle.holding = True
+        vehicle.holding, vehicle.hold_again_at_s = True, None  # no hold interrupts the evasion
         state.evasion, state.evasion_id = evasion, upload.mission_id
         state.sent[upload.mission_id] = self._space.route(vehicle, items)
         return upload

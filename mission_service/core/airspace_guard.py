@@ -22,7 +22,7 @@ from mission_service.airspace.occupied_space import (
     disc,
     straight,
 )
-from mission_service.airspace.volumes import Volume
+from mission_service.airspace.volumes import Volume, require_homes_inside
 from mission_service.commands import (
     AnyCommand,
     ClearAlarm,
@@ -65,8 +65,9 @@ class AirspaceGuard:
         missions: MissionsSent,
         guidance: Guidance,
     ) -> None:
-        """Read the scenario's volumes. Raises ScenarioError for a file that cannot be read."""
+        """Read the scenario's volumes. Raises ScenarioError for a volume that cannot be used."""
         self._closed = ClosedAirspace(scenario.airspace, landscape)
+        require_homes_inside(scenario, landscape)
         self._space = FlightSpace(landscape)
         self._evasions = Evasions(landscape, self._closed, self._space, missions, guidance)
         self._landscape = landscape
@@ -80,22 +81,20 @@ class AirspaceGuard:
         return self._closed.volumes
 
     def on_operator(self, event: events.AnyOperatorEvent) -> list[AnyCommand]:
-        """Apply an operator's event: close or open a volume; an order ends an evasion."""
+        """Apply an operator's event: close or open a volume."""
         match event:
             case events.AirspaceClosed():
                 announced = self._announced(self._closed.close(event))
                 return [*announced, *self._unreachable(event.at_us / 1e6)]
             case events.AirspaceOpened():
                 return self._announced(self._closed.open(event))
-            case events.OrderGiven() | events.Aborted():
-                named = "" if isinstance(event, events.Aborted) else event.vehicle
-                for name in self._vehicles:
-                    if named in ("", name):
-                        self._states[name].evasion = Evasion.NONE
-                        self._states[name].checked = ()
             case _:
-                pass
-        return []
+                return []
+
+    def end_evasion(self, name: str) -> None:
+        """End the evasion of a vehicle, because an order for it is executed."""
+        self._states[name].evasion = Evasion.NONE
+        self._states[name].checked = ()
 
     def _announced(self, words: str) -> list[AnyCommand]:
         first = next(iter(self._vehicles.values()), None)
@@ -159,7 +158,7 @@ class AirspaceGuard:
                     vehicle.not_before_s = at_s + START_AGAIN_S
                     state.withheld = True
                     words = f"a mission is not sent, because it would enter {conflict}"
-                    return self._raised(vehicle, words)
+                    return self._withheld(vehicle, words)
                 sent = led_around
         state.sent[sent.mission_id] = self._space.route(vehicle, sent.items)
         state.withheld = False
@@ -181,7 +180,7 @@ class AirspaceGuard:
             vehicle.holding, vehicle.due = True, vehicle.due or CHANGED
         else:
             vehicle.start_again_at_s = at_s + START_AGAIN_S
-        return self._raised(vehicle, f"is not started: its mission would enter {conflict}")
+        return self._withheld(vehicle, f"is not started: its mission would enter {conflict}")
 
     def _checked_place(
         self, command: Orbit | ClimbAndHold | HoldAt, airspace: Airspace
@@ -203,13 +202,19 @@ class AirspaceGuard:
         conflict = airspace.conflict(parts, self._landscape, position_of(fix))
         if conflict is not None and isinstance(command, Orbit):
             return self._raised(vehicle, f"an orbit is not ordered: it would enter {conflict}")
+        if conflict is not None and isinstance(command, HoldAt):
+            higher = self._evasions.higher_hold(
+                vehicle, fix, command, airspace, LOITER_RADIUS_FACTOR * radius_m + 1.0
+            )
+            if higher is not None:
+                return [higher]
         self._states[vehicle.name].orbit = place
         # A climb away from the flames, or a descent away from another aircraft, is more urgent.
         return [command]
 
     def _checked_return(self, command: Return, airspace: Airspace, at_s: float) -> list[AnyCommand]:
         vehicle = self._vehicles[command.vehicle]
-        if not self._may_divert(vehicle) or vehicle.pending is not None:
+        if not self._may_divert(vehicle):
             return [command]
         fix = vehicle.availability.fix
         assert fix is not None
@@ -240,6 +245,14 @@ class AirspaceGuard:
         conflict = self._conflict(vehicle, places, self._closed.at(fix.at_s))
         return "" if conflict is None else f"its mission would enter {conflict}"
 
+    def flight_obstacle(self, vehicle: Vehicle, fix: PositionFix) -> str:
+        """Return why a vehicle cannot stay on its present flight; "" if the flight is free."""
+        inside = self._closed.at(fix.at_s).volume_at(position_of(fix))
+        if inside is not None:
+            return f"it is inside the closed volume {inside.name!r}"
+        conflict = self._states[vehicle.name].conflict
+        return f"it would enter {conflict}" if conflict else ""
+
     # Flights under way ------------------------------------------------------------------------
 
     def apply(self, event: events.VehicleEvent) -> list[AnyCommand]:
@@ -253,6 +266,11 @@ class AirspaceGuard:
                 places = state.sent.get(event.mission_id)
                 if event.outcome == "accepted" and places is not None:
                     self._put_on_board(state, event.mission_id, places)
+                    pending = self._vehicles[event.vehicle].pending
+                    # An upload that the evasion has superseded does not end the evasion.
+                    awaited = pending is not None and pending.mission_id == event.mission_id
+                    if awaited and event.mission_id != state.evasion_id:
+                        state.evasion = Evasion.NONE
             case events.MissionReadBack():
                 places = state.sent.get(event.mission_id)
                 if places is not None:
@@ -276,12 +294,19 @@ class AirspaceGuard:
     ) -> None:
         state.on_board_id, state.on_board = mission_id, places
         state.sent = {number: sent for number, sent in state.sent.items() if number > mission_id}
-        if mission_id != state.evasion_id:
-            state.evasion = Evasion.NONE
+
+    def controls_return(self, name: str) -> bool:
+        """Return whether a vehicle that was sent home flies around closed volumes, or waits.
+
+        No planner changes this flight.
+        """
+        vehicle, state = self._vehicles[name], self._states[name]
+        return vehicle.sent_home and state.evasion is not Evasion.NONE
 
     def leads_home(self, name: str) -> bool:
-        """Return whether a vehicle flies home around closed volumes, which no planner changes."""
-        return self._states[name].evasion is Evasion.AROUND
+        """Return whether a vehicle flies home around closed volumes now."""
+        around = self._states[name].evasion is Evasion.AROUND
+        return around and self._flies_out(self._vehicles[name])
 
     def watch(self, vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
         """Check the present flight of a vehicle; return the commands that keep it out."""
@@ -291,6 +316,7 @@ class AirspaceGuard:
             return []
         availability = vehicle.availability
         if not (availability.airborne and availability.armed):
+            self._is_checked(state, (self._closed.version,))
             return self._lowered(vehicle) if not availability.armed else []
         if state.began_at is None:
             state.began_at = position_of(fix)
@@ -302,7 +328,9 @@ class AirspaceGuard:
         words = f"is inside {conflict}" if inside is not None else f"would enter {conflict}"
         if not self._may_divert(vehicle):
             why = "it is not under control of the service"
-            if vehicle.landing_state.active:
+            if not self._diverts:
+                why = "the vehicle of a burn is not diverted"
+            elif vehicle.landing_state.active:
                 why = "it is landing"
             return self._raised(vehicle, f"{words}; {why}")
         if at_s < state.acts_again_at_s or vehicle.pending is not None:
@@ -314,7 +342,7 @@ class AirspaceGuard:
                 vehicle.due = vehicle.due or CHANGED
                 vehicle.not_before_s = min(vehicle.not_before_s, at_s)
             return self._raised(vehicle, f"{words}: a new mission is due")
-        returns = availability.recalled
+        returns = availability.recalled or self.controls_return(vehicle.name)
         commands = self._evade(vehicle, fix, airspace, conflict, at_s, returns)
         return commands or self._raised(vehicle, words, "severe")
 
@@ -323,14 +351,20 @@ class AirspaceGuard:
         state = self._states[vehicle.name]
         mode = vehicle.availability.mode
         now: tuple[object, ...] = (self._closed.version, mode, state.on_board_id, state.began_at)
-        if now == state.checked and not state.conflict:
+        if self._is_checked(state, now) and not state.conflict:
             return
-        state.checked = now
         if mode in GOING_HOME and state.home_clear_version == self._closed.version:
             state.conflict = ""  # checked when the return was ordered
             return
         parts = self._space.of_flight(vehicle, fix, state)
         state.conflict = airspace.conflict(parts, self._landscape, position_of(fix)) or ""
+
+    @staticmethod
+    def _is_checked(state: AirspaceState, now: tuple[object, ...]) -> bool:
+        """Return whether the last check considered the same; if not, nothing is withheld now."""
+        same = now == state.checked
+        state.checked, state.withheld = now, state.withheld and same
+        return same
 
     def _is_urgent(self, vehicle: Vehicle, fix: PositionFix, airspace: Airspace) -> bool:
         """Return whether a vehicle may enter a closed volume before a new mission is flown."""
@@ -386,7 +420,8 @@ class AirspaceGuard:
                 return [*self._raised(vehicle, words), announce(vehicle, words), around]
         stays = self._space.of_hold(vehicle, position)
         if not inside and airspace.conflict([stays], self._landscape) is None:
-            state.evasion, vehicle.holding = Evasion.HOLD, not vehicle.ordered
+            vehicle.drop_upload()
+            state.evasion, vehicle.holding = Evasion.HOLD, not (vehicle.ordered or returns)
             words = f"holds before {conflict}"
             if vehicle.availability.mode == "hold":
                 return self._raised(vehicle, words)
@@ -402,13 +437,14 @@ class AirspaceGuard:
     ) -> list[AnyCommand]:
         """Return the order to return, once the straight way home is free.
 
-        A vehicle that was sent home and holds, because no way was free, also gets a mission around
-        the volumes as soon as there is one.
+        A vehicle that was sent home and does not fly there, because no way was free or the upload
+        or the start of its mission failed, also gets a mission around the volumes as soon as there
+        is one.
         """
         state, at_s = self._states[vehicle.name], fix.at_s
-        waits = vehicle.sent_home and state.evasion in (Evasion.HOLD, Evasion.EXIT)
-        flies = state.evasion is Evasion.AROUND and vehicle.availability.mode == MISSION
-        if not (waits or flies) or not self._may_divert(vehicle):
+        flies = state.evasion is Evasion.AROUND and self._flies_out(vehicle)
+        waits = vehicle.sent_home and state.evasion is not Evasion.NONE and not flies
+        if not (waits or flies) or vehicle.start_under_way or not self._may_divert(vehicle):
             return []
         if vehicle.pending is not None or at_s < state.acts_again_at_s:
             return []
@@ -442,14 +478,21 @@ class AirspaceGuard:
         self, vehicle: Vehicle, words: str, severity: Severity = "warning"
     ) -> list[AnyCommand]:
         state = self._states[vehicle.name]
-        if words == state.alarm or (state.withheld and state.evasion is not Evasion.NONE):
+        if words == state.alarm:
             return []
         state.alarm = words
         return [RaiseAlarm(vehicle.name, AIRSPACE, words, severity)]
 
+    def _withheld(self, vehicle: Vehicle, words: str) -> list[AnyCommand]:
+        """Raise the alarm about a command that is not sent, unless it states an evasion."""
+        evades = self._states[vehicle.name].evasion is not Evasion.NONE
+        return [] if evades else self._raised(vehicle, words)
+
     def _lowered(self, vehicle: Vehicle) -> list[AnyCommand]:
         state = self._states[vehicle.name]
-        if not state.alarm or state.withheld or state.evasion is not Evasion.NONE:
+        # A vehicle that an operator holds stays where it is after an evasion.
+        evades = state.evasion is not Evasion.NONE and not vehicle.ordered
+        if not state.alarm or state.withheld or evades:
             return []
         state.alarm = ""
         return [ClearAlarm(vehicle.name, AIRSPACE)]

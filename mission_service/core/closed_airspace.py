@@ -30,19 +30,20 @@ class ClosedAirspace:
 
     def close(self, event: events.AirspaceClosed) -> str:
         """Close a volume and return the announcement, which may be that the request is refused."""
-        if any(volume.name == event.name for volume in self.volumes):
+        at_s = event.at_us / 1e6
+        left = tuple(volume for volume in self.volumes if at_s < volume.until_s)
+        if any(volume.name == event.name for volume in left):
             exists = f"a closed volume {event.name!r} exists already"
             return f"{REJECTED} {exists}: open it first, or give another name"
         try:
             area_m = polygon_of(event.name, event.corners, self._landscape)
         except ScenarioError as error:
             return f"{REJECTED} {error}"
-        at_s = event.at_us / 1e6
         floor_m = -math.inf if event.floor_amsl_m is None else event.floor_amsl_m
         ceiling_m = math.inf if event.ceiling_amsl_m is None else event.ceiling_amsl_m
         until_s = math.inf if event.for_s is None else at_s + event.for_s
         volume = Volume(event.name, area_m, floor_m, ceiling_m, at_s, until_s)
-        self.volumes = (*self.volumes, volume)
+        self.volumes = (*left, volume)  # without volumes that have opened by their time
         return f"airspace {event.name!r} closed by {event.by}"
 
     def open(self, event: events.AirspaceOpened) -> str:

@@ -56,7 +56,10 @@ class Continuation:
             self.decision_engine.recall(vehicle.name, at_s)
             return [words, Return(vehicle.name)]
         if vehicle.ordered:
-            if vehicle.mode in ("mission", *GOING_HOME):
+            accepted_last = vehicle.accepted
+            evades = accepted_last is not None and accepted_last.evades
+            # The mission out of a closed volume replaces the hold.
+            if vehicle.mode in GOING_HOME or (vehicle.mode == MISSION and not evades):
                 vehicle.hold_again_at_s = at_s
             held = "an earlier order to hold applies until an operator orders resume"
             return [words, announce(vehicle, held, warning=True)]

@@ -116,6 +116,7 @@ class Core:
             self._starts.start_mission,
             self._approvals,
             self._landings,
+            self.airspace,
         )
         self._other_aircraft: OtherAircraft | None = None
         if scenario.surveillance is not None:
@@ -217,7 +218,8 @@ class Core:
     ) -> list[AnyCommand]:
         match event:
             case events.Telemetry():
-                watched = self._energy.moved(vehicle, event, was.airborne)
+                led_home = self.airspace.leads_home(vehicle.name)
+                watched = self._energy.moved(vehicle, event, was.airborne, led_home)
                 return [*watched, *self._telemetry(vehicle, event.at_us / 1e6, decision, was)]
             case events.BatteryUpdated():
                 self._energy.battery(vehicle, event)
@@ -286,7 +288,9 @@ class Core:
         self, vehicle: Vehicle, event: events.AircraftReported
     ) -> list[AnyCommand]:
         aircraft = self._other_aircraft
-        return [] if aircraft is None else aircraft.reported(vehicle, event)
+        if aircraft is None:
+            return []
+        return aircraft.reported(vehicle, event, self.airspace.controls_return(vehicle.name))
 
     def _progressed(self, vehicle: Vehicle, event: events.MissionProgress) -> list[AnyCommand]:
         vehicle.takes_off &= event.current_seq == 0  # after item 0 the takeoff is complete
@@ -310,7 +314,7 @@ class Core:
             return [*landing, *self._return_again(vehicle, at_s)]
         if vehicle.ordered == "hold":
             return hold_again(vehicle, at_s)
-        if self._takes_no_decision(vehicle) or self.airspace.leads_home(vehicle.name):
+        if self._takes_no_decision(vehicle) or self.airspace.controls_return(vehicle.name):
             return []
         commands: list[AnyCommand] = []
         if self._approvals is not None:

@@ -41,9 +41,12 @@ class EnergyWatch:
         vehicle.battery.apply(event, vehicle.availability.airborne, min_v)
 
     def moved(
-        self, vehicle: Vehicle, event: events.Telemetry, was_airborne: bool
+        self, vehicle: Vehicle, event: events.Telemetry, was_airborne: bool, led_home: bool
     ) -> list[AnyCommand]:
-        """Update the estimate of a vehicle that has reported its position."""
+        """Update the estimate of a vehicle that has reported its position.
+
+        ``led_home`` is whether the vehicle flies home by a mission around closed airspace.
+        """
         state, at_s = vehicle.energy, event.at_us / 1e6
         vehicle.battery.settle(at_s)
         if not vehicle.availability.airborne:
@@ -55,7 +58,7 @@ class EnergyWatch:
         return [
             *_report(vehicle, at_s),
             *_low(vehicle, state.estimate),
-            *_overdue(vehicle, at_s),
+            *_overdue(vehicle, at_s, led_home),
         ]
 
     def ended(self, vehicle: Vehicle) -> list[AnyCommand]:
@@ -64,7 +67,7 @@ class EnergyWatch:
         vehicle.battery.end_flight()
         state.flies_on, state.time_up_since_s = False, None
         shown, state.estimate = state.estimate is not None, None
-        commands = [*_low(vehicle, None), *_overdue(vehicle, 0.0)]
+        commands = [*_low(vehicle, None), *_overdue(vehicle, 0.0, led_home=False)]
         return [*commands, ReportEnergy(vehicle.name, None, None, "")] if shown else commands
 
     def _estimate(self, vehicle: Vehicle, event: events.Telemetry) -> EnergyEstimate | None:
@@ -132,10 +135,10 @@ def _low(vehicle: Vehicle, found: EnergyEstimate | None) -> list[AnyCommand]:
     ]
 
 
-def _overdue(vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
+def _overdue(vehicle: Vehicle, at_s: float, led_home: bool) -> list[AnyCommand]:
     """Raise or clear the alarm about a vehicle that should fly home and does not."""
     state, found = vehicle.energy, vehicle.energy.estimate
-    goes_home = vehicle.going_home or vehicle.availability.mode in GOING_HOME
+    goes_home = led_home or vehicle.going_home or vehicle.availability.mode in GOING_HOME
     if found is None or found.time_on_task_s > 0.0 or goes_home:
         state.time_up_since_s = None
         was_overdue, state.overdue = state.overdue, False

@@ -247,15 +247,29 @@ class Landings:
 
     def _waiting(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand]:
         availability = vehicle.availability
+        fit = availability.position_good and not availability.in_failsafe
+        closed = self._airspace.flight_obstacle(vehicle, fix) if fit else ""
+        if closed:
+            return self._stop(vehicle, closed, fix.at_s)
         if must_return(vehicle):
             vehicle.sent_home = True
             self.decision_engine.recall(vehicle.name, fix.at_s)
+            if self._airspace.return_obstacle(vehicle, fix):  # the airspace guard leads it home
+                blocked = "its way home would enter closed airspace"
+                why = f"landing ended: its energy is needed, and {blocked}"
+                return [
+                    announce(vehicle, why, warning=True),
+                    *self.end(vehicle),
+                    Return(vehicle.name),
+                ]
             words = announce(
                 vehicle, "returns, and waits for its landing at home: its energy is needed"
             )
             return [words, Return(vehicle.name)]
-        fit = availability.position_good and not availability.in_failsafe
         if fit and self._first_at_field(vehicle) is None:
+            obstacle = self.obstacle(vehicle)
+            if obstacle:
+                return self._stop(vehicle, obstacle, fix.at_s)
             return self._land(vehicle, fix.at_s)
         again_at_s = vehicle.landing_state.again_at_s
         if again_at_s is not None and fix.at_s < again_at_s:

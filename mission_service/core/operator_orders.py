@@ -14,6 +14,7 @@ from mission_service.commands import (
     StartMission,
 )
 from mission_service.config.scenario import Scenario
+from mission_service.core.airspace_guard import AirspaceGuard
 from mission_service.core.autopilot_reports import back_under_control
 from mission_service.core.decision_engine import DecisionEngine
 from mission_service.core.landings import Landings
@@ -41,6 +42,7 @@ class OperatorOrders:
         start: Start,
         approvals: MissionApprovals | None,
         landings: Landings,
+        airspace: AirspaceGuard,
     ) -> None:
         self._resumes_mission = way_of(scenario).resumes_mission
         self._renews_missions = way_of(scenario).along_front or approvals is not None
@@ -49,6 +51,7 @@ class OperatorOrders:
         self._start = start
         self._approvals = approvals
         self._landings = landings
+        self._airspace = airspace
 
     def handle(self, event: events.AnyOperatorEvent) -> list[AnyCommand]:
         """Apply an operator's event and return the commands that it causes."""
@@ -94,6 +97,7 @@ class OperatorOrders:
             if event.order in ("hold", "return", "land"):
                 ended += self._withdrawn(vehicle, f"{event.order} by {event.by}")
             vehicle.hold_at = event.hold_at
+            self._airspace.end_evasion(vehicle.name)
             return [*self._order(vehicle, event.order, event.by, event.at_us / 1e6), *ended]
         if event.by == events.SERVICE:
             words = f"no order is sent: it stays in {named_mode(vehicle.availability.mode)}"
@@ -131,6 +135,7 @@ class OperatorOrders:
         """Order a hold, which begins after any mode that the autopilot or pilot has selected."""
         at_s, mode = event.at_us / 1e6, named_mode(vehicle.availability.mode)
         vehicle.hold_at = None
+        self._airspace.end_evasion(vehicle.name)
         if self.decision_engine.apply_abort(vehicle.name):
             if self._landings.must_go_around(vehicle):
                 return self._landings.go_around(vehicle, f"aborted by {event.by}", at_s)

@@ -115,8 +115,13 @@ class OtherAircraft:
             near.climb_m_s += weight * (climb_m_s - near.climb_m_s)
         near.own = event
 
-    def reported(self, vehicle: Vehicle, event: events.AircraftReported) -> list[AnyCommand]:
-        """Return the changed alerts, the vehicle's alarm, and an order if one is due."""
+    def reported(
+        self, vehicle: Vehicle, event: events.AircraftReported, led_home: bool
+    ) -> list[AnyCommand]:
+        """Return the changed alerts, the vehicle's alarm, and an order if one is due.
+
+        ``led_home`` is whether closed airspace is on the way home of a vehicle that was sent home.
+        """
         near = self._of(vehicle.name)
         if near.own is None:
             return []
@@ -141,6 +146,8 @@ class OtherAircraft:
                 words = f"aircraft {key} is out of range or no longer received; its alert ends"
                 commands.append(announce(vehicle, words, warning=True))
         commands += self._alarm(vehicle, near, levels, seen, encounters)
+        if led_home:
+            return commands
         return commands + self._resolve(vehicle, near, levels, event.at_us)
 
     def _alarm(

@@ -35,6 +35,8 @@ class RequestResults:
             return self.accepted(vehicle, pending, event.at_us / 1e6)
         vehicle.flown_line = None
         vehicle.not_before_s = event.at_us / 1e6 + RETRY_S
+        if vehicle.ordered and pending.evades:  # the hold that the evasion replaced
+            vehicle.hold_again_at_s = vehicle.not_before_s
         failure = f"mission {event.mission_id} {event.outcome}: {event.reason}"
         words = f"{failure}; trying again in {RETRY_S:.0f} s"
         commands: list[AnyCommand] = [announce(vehicle, words, warning=True)]

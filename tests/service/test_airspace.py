@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapely
+from click.testing import CliRunner
 
 from firemodel.landscape.landscape import Landscape
 from mission_service.airspace.clearance import Airspace, Margins
@@ -14,6 +15,7 @@ from mission_service.airspace.occupied_space import Part, disc, straight, turns_
 from mission_service.airspace.routes import Detours, exits_from
 from mission_service.airspace.volume_files import volumes_in
 from mission_service.airspace.volumes import OUTSIDE, Volume, volumes_of
+from mission_service.cli.main import main
 from mission_service.commands import (
     AnyCommand,
     Hold,
@@ -122,6 +124,34 @@ def test_impossible_volumes_are_refused_in_one_line(entry: dict[str, object], pr
 def test_a_vehicle_above_the_limit_is_refused() -> None:
     with pytest.raises(ScenarioError, match=r"hawk: altitude_agl_m = 150 is above airspace\.max"):
         load_scenario("demo", ("airspace.max_altitude_agl_m=120",))
+
+
+@pytest.mark.parametrize(
+    ("change", "problem"),
+    [
+        ('files=["FOLDER/broken.kml"]', "is not GeoJSON, KML, KMZ or a zipped Shapefile"),
+        (
+            'closed=[{name="x", lat_deg=36.364, lon_deg=-84.141, radius_m=50, floor_agl_m=200,'
+            " ceiling_amsl_m=100}]",
+            "its ceiling (100 m above mean sea level) is not above its floor",
+        ),
+        (
+            'allowed=[{name="x", lat_deg=-84.141, lon_deg=36.364, radius_m=5000}]',  # exchanged
+            "the home of hawk is outside the allowed areas",
+        ),
+        ('closed=[{name="x", lat_deg=36.0, lon_deg=-84.1, radius_m=1e12}]', "radius_m"),
+        ("margin_m=1e9", "margin_m"),
+    ],
+)
+def test_config_check_reports_volumes_that_cannot_be_used(
+    tmp_path: Path, change: str, problem: str
+) -> None:
+    (tmp_path / "broken.kml").write_bytes(bytes(range(200, 256)))
+    override = f"airspace.{change}".replace("FOLDER", str(tmp_path))
+    result = CliRunner().invoke(main, ["config", "check", "demo", "--set", override])
+    said = f"{result.output}{result.exception}"
+    assert result.exit_code != 0
+    assert problem in said, said
 
 
 OPENAIR = """AC R
@@ -491,4 +521,17 @@ def test_closing_a_name_twice_and_opening_an_unknown_name_are_refused(fly: Fly) 
     assert "a closed volume 'copter' exists already" in " ".join(twice)
     unknown = flight.submit(AirspaceOpened(flight.now_us, *ANN, "other"))
     assert "no closed volume 'other'; closed are: 'copter'" in " ".join(unknown)
+    flight.over()
+
+
+def test_a_name_can_be_closed_again_after_its_time(fly: Fly) -> None:
+    flight = fly()
+    flight.run(5)
+    event = AirspaceClosed(flight.now_us, *ANN, "copter", square(FIRE, 250.0), for_s=10.0)
+    flight.submit(event)
+    flight.run(20)
+    lines = flight.submit(closed_at(flight.now_us, FIRE))
+    assert lines == ["airspace 'copter' closed by ann"]
+    (volume,) = flight.sim.service.core.airspace.volumes
+    assert volume.until_s == math.inf
     flight.over()
