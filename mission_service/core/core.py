@@ -406,6 +406,10 @@ class Core:
             return back_under_control(vehicle) if was.taken_over else []
         if (was.recalled or was.taken_over) and event.mode == MISSION:
             vehicle.flown_line = None
+            found_left = vehicle.energy.estimate
+            time_up = found_left is not None and found_left.time_on_task_s <= 0.0
+            # The pilot has ended the return; the end of its energy still sends it home later.
+            vehicle.sent_home &= time_up or self.airspace.leads(vehicle.name)
             return [*back_under_control(vehicle), announce(vehicle, "back in its mission")]
         return back_under_control(vehicle) if was.taken_over else []
 

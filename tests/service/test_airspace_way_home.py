@@ -256,3 +256,17 @@ def test_a_descent_below_an_aircraft_ends_above_closed_airspace(fly: Fly) -> Non
     assert not [e for e in entries if isinstance(e, UploadMission) and e.keeps_apart]
     lowest_m = min(e.altitude_amsl_m for e in entries[-400:] if isinstance(e, Telemetry))
     assert ceiling_m < lowest_m < fix.altitude_amsl_m - 20.0
+
+
+def test_after_a_pilot_has_ended_a_return_the_end_of_its_energy_sends_it_home(fly: Fly) -> None:
+    flight = fly("vehicles.0.endurance_s=420", "vehicles.0.endurance_reserve_s=60")
+    flight.run(150)
+    order(flight, "return")
+    flight.run(10.0)
+    # As its pilot would.
+    flight.sim.rigs[0].client.command("start mission", flight.sim.link_us)
+    flight.run(10.0)
+    assert flight.mode == "mission"
+    flight.run(110)
+    assert flight.mode == "return"
+    flight.over()
