@@ -120,17 +120,20 @@ class AirspaceGuard:
 
     # The check before sending -----------------------------------------------------------------
 
-    def checked(self, commands: Iterable[AnyCommand], at_s: float) -> list[AnyCommand]:
+    def checked(
+        self, commands: Iterable[AnyCommand], at_s: float, accepted: bool = False
+    ) -> list[AnyCommand]:
         """Return the commands without those that lead into closed airspace.
 
-        A mission is led around closed volumes if possible. A withheld command raises an alarm.
+        A mission is led around closed volumes if possible, but not a mission that an operator has
+        ``accepted``. A withheld command raises an alarm.
         """
         airspace = self._closed.at(at_s)
         found: list[AnyCommand] = []
         for command in commands:
             match command:
                 case UploadMission():
-                    found += self._checked_upload(command, airspace, at_s)
+                    found += self._checked_upload(command, airspace, at_s, accepted)
                 case StartMission():
                     found += self._checked_start(command, airspace, at_s)
                 case Orbit() | ClimbAndHold() | HoldAt():
@@ -142,7 +145,7 @@ class AirspaceGuard:
         return found
 
     def _checked_upload(
-        self, command: UploadMission, airspace: Airspace, at_s: float
+        self, command: UploadMission, airspace: Airspace, at_s: float, accepted: bool
     ) -> list[AnyCommand]:
         vehicle = self._vehicles[command.vehicle]
         state = self._states[vehicle.name]
@@ -151,7 +154,7 @@ class AirspaceGuard:
             conflict = self._conflict(vehicle, self._space.route(vehicle, command.items), airspace)
             if conflict is not None:
                 led_around = None
-                if self._diverts and not command.lands:
+                if self._diverts and not (command.lands or accepted):
                     led_around = self._evasions.around(vehicle, command, airspace)
                 if led_around is None:
                     vehicle.drop_upload()

@@ -134,8 +134,9 @@ class Core:
         at_s = event.at_us / 1e6
         if self._other_aircraft is not None:
             self._other_aircraft.on_event(event)
-        commands = self.airspace.checked(self._handle(event), at_s)
-        if self._approvals is not None and not isinstance(event, events.MissionAccepted):
+        accepted = isinstance(event, events.MissionAccepted)
+        commands = self.airspace.checked(self._handle(event), at_s, accepted)
+        if self._approvals is not None and not accepted:
             commands = self._approvals.held_back(commands, self.vehicles, at_s)
         commands = [command for command in commands if not self._withheld(command)]
         commands += self.guidance.further_commands(event, commands, self.vehicles)
@@ -409,7 +410,7 @@ class Core:
             found_left = vehicle.energy.estimate
             time_up = found_left is not None and found_left.time_on_task_s <= 0.0
             # The pilot has ended the return; the end of its energy still sends it home later.
-            vehicle.sent_home &= time_up or self.airspace.leads(vehicle.name)
+            vehicle.sent_home &= time_up or self.airspace.controls_return(vehicle.name)
             return [*back_under_control(vehicle), announce(vehicle, "back in its mission")]
         return back_under_control(vehicle) if was.taken_over else []
 

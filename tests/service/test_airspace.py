@@ -32,10 +32,12 @@ from mission_service.events import (
     AirspaceOpened,
     AnyEvent,
     LinkLost,
+    MissionAccepted,
     OrderGiven,
     Telemetry,
 )
 from mission_service.fire.scenario_fire import landscape_of
+from mission_service.missions.mission_hash import mission_hash
 from tests.service.people_flights import ANN, Fly, flights_in
 
 FIRE = (36.364232, -84.140907)
@@ -511,6 +513,26 @@ def test_a_landing_into_closed_airspace_is_refused(fly: Fly) -> None:
     lines = flight.submit(OrderGiven(flight.now_us, *ANN, "hawk", "land"))
     assert "its mission would enter the closed volume 'copter'" in " ".join(lines)
     flight.over()
+
+
+def test_an_accepted_mission_is_sent_as_accepted_or_not_at_all(fly: Fly) -> None:
+    flight = fly('mission.approval="each"')
+    flight.run(5.0)
+    proposed = flight.state_view.missions["hawk"].proposed
+    assert proposed is not None
+    middle = ((HAWK_HOME[0] + FIRE[0]) / 2.0, (HAWK_HOME[1] + FIRE[1]) / 2.0)
+    flight.submit(closed_at(flight.now_us, middle, 100.0))
+    flight.submit(MissionAccepted(flight.now_us, *ANN, "hawk", proposed.mission_hash))
+    assert "a mission is not sent" in flight.state_view.alarms["airspace/hawk"].text
+    flight.run(60.0)
+    other = flight.state_view.missions["hawk"].proposed
+    assert other is not None
+    assert other.mission_hash != proposed.mission_hash
+    flight.submit(MissionAccepted(flight.now_us, *ANN, "hawk", other.mission_hash))
+    flight.run(5.0)
+    entries = flight.over()
+    sent = [entry for entry in entries if isinstance(entry, UploadMission)]
+    assert [mission_hash(entry.items) for entry in sent] == [other.mission_hash]
 
 
 def test_closing_a_name_twice_and_opening_an_unknown_name_are_refused(fly: Fly) -> None:

@@ -259,7 +259,7 @@ def test_a_descent_below_an_aircraft_ends_above_closed_airspace(fly: Fly) -> Non
 
 
 def test_after_a_pilot_has_ended_a_return_the_end_of_its_energy_sends_it_home(fly: Fly) -> None:
-    flight = fly("vehicles.0.endurance_s=420", "vehicles.0.endurance_reserve_s=60")
+    flight = fly("vehicles.0.endurance_s=570", "vehicles.0.endurance_reserve_s=210")
     flight.run(150)
     order(flight, "return")
     flight.run(10.0)
