@@ -118,8 +118,8 @@ def _low(vehicle: Vehicle, found: EnergyEstimate | None) -> list[AnyCommand]:
     state, before = vehicle.energy, vehicle.energy.low
     if found is None:
         state.low = ""
-    elif found.runs_out:
-        state.low = "severe"
+    elif found.runs_out or (before == "severe" and found.time_on_task_s <= 0.0):
+        state.low = "severe"  # also while the time home varies on a circle
     elif found.time_on_task_s < LITTLE_S or (before and found.time_on_task_s < ENOUGH_S):
         state.low = "warning"
     else:

@@ -163,6 +163,18 @@ def test_one_on_its_way_home_whose_energy_does_not_suffice_raises_a_severe_alarm
     assert alarms(commands) == {"energy": "severe"}
 
 
+def test_the_severe_alarm_does_not_change_while_the_time_home_varies(land: Landscape) -> None:
+    flight = Flight(land, *LONG)
+    flight.at(150.0, later_s=810.0)
+    flight.mode("return")
+    fly(flight, 300.0)
+    flight.handle(WindMeasured(flight.at_us, "hawk", 14.0, 90.0))
+    later = fly(flight, 5.0)
+    flight.handle(WindMeasured(flight.at_us, "hawk", 14.0, 270.0))  # now the wind blows it home
+    later += fly(flight, 10.0)
+    assert "energy" not in alarms(later)
+
+
 def test_an_order_to_fly_on_beyond_the_limit_needs_a_confirmation(land: Landscape) -> None:
     flight = Flight(land, *LONG)
     assert returns(flight.at(150.0, later_s=810.0))
