@@ -60,11 +60,15 @@ class UseRate:
     seen_s: float = 0.0  # time in flight from which the rate results
     used: float = 0.0  # amount used in this time
     _last: tuple[float, float] | None = None  # time and amount left
+    _before: tuple[float, float, float] = (0.0, 0.0, 0.0)  # rate, time, use before the last span
+    _corrected: bool = False  # whether the last span contained a correction
 
     def learn(self, left: float, at_s: float) -> None:
         """Update the rate by the amount that is left in flight.
 
-        The first values have the weight of a mean; later the rate is an exponential average.
+        The first values have the weight of a mean; later the rate is an exponential average. A span
+        with a use above ``max_per_s`` is a correction. The spans before and after it, which may
+        contain its beginning and its end, do not count either.
         """
         if self._last is None:
             self._last = at_s, left
@@ -74,7 +78,13 @@ class UseRate:
             return
         self._last = at_s, left
         if abs(used) / span_s > self.max_per_s:
+            self.per_s, self.seen_s, self.used = self._before
+            self._corrected = True
             return
+        if self._corrected:
+            self._corrected = False
+            return
+        self._before = self.per_s, self.seen_s, self.used
         self.seen_s += span_s
         self.used += used
         weight = max(1.0 - math.exp(-span_s / self.smoothing_s), span_s / self.seen_s)

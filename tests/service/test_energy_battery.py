@@ -209,3 +209,14 @@ def test_the_reserve_of_the_endurance_is_at_least_the_time_of_the_landing() -> N
     assert left.until_home_s == pytest.approx(1000.0 - landing_s(section))
     copter = section.model_copy(update={"kind": "copter"})
     assert times_left(copter, BatteryReports(), 0.0, 0.0)[0].until_home_s == 900.0
+
+
+@pytest.mark.parametrize("begins_s", [0.0, 7.0, 19.0, 26.0, 45.0])
+def test_the_fall_of_px4s_simulated_battery_is_no_discharge(begins_s: float) -> None:
+    battery = BatteryReports()
+    for second in range(0, 900, 2):  # to 50 % within a minute of simulated time
+        fallen_pct = min(max(second - begins_s, 0.0) / 60.0, 1.0) * 50.0
+        battery.apply(report(float(second), math.ceil(100.0 - fallen_pct)), True, None)
+    assert battery.level_pct(900.0) == 50.0
+    assert battery.discharge_pct_s() is None
+    assert times_left(SECTION, battery, 900.0, 900.0) == []
