@@ -43,6 +43,7 @@ from mission_service.missions.landing import Landing
 from mission_service.position_fix import PositionFix
 from mission_service.vehicles.approvals import MissionApprovals
 from mission_service.vehicles.availability import (
+    GOING_HOME,
     LEADS_TO,
     MISSION,
     VehicleAvailability,
@@ -407,10 +408,11 @@ class Core:
             return back_under_control(vehicle) if was.taken_over else []
         if (was.recalled or was.taken_over) and event.mode == MISSION:
             vehicle.flown_line = None
-            found_left = vehicle.energy.estimate
-            time_up = found_left is not None and found_left.time_on_task_s <= 0.0
-            # The pilot has ended the return; the end of its energy still sends it home later.
-            vehicle.sent_home &= time_up or self.airspace.controls_return(vehicle.name)
+            if was.mode in GOING_HOME:
+                # The pilot has ended the return; the end of its energy sends it home again.
+                energy = vehicle.energy.estimate
+                time_up = energy is not None and energy.time_on_task_s <= 0.0
+                vehicle.sent_home &= time_up or self.airspace.controls_return(vehicle.name)
             return [*back_under_control(vehicle), announce(vehicle, "back in its mission")]
         return back_under_control(vehicle) if was.taken_over else []
 
