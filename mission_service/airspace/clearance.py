@@ -59,7 +59,7 @@ class Airspace:
         parts = list(parts)
         for volume in self.volumes:
             if self._enters(parts, volume, start):
-                return f"the closed volume {volume.name!r}"
+                return volume.words
         if self.max_altitude_agl_m is None:
             return None
         for part in parts:

@@ -9,7 +9,6 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from firemodel.landscape.landscape import Landscape
-from mission_service.airspace.volume_files import volumes_in
 from mission_service.config.airspace_section import AirspaceSection, AreaSection, ClosedVolume
 from mission_service.config.scenario import Scenario
 from mission_service.errors import ScenarioError
@@ -38,6 +37,11 @@ class Volume:
     from_s: float = 0.0
     until_s: float = math.inf
 
+    @property
+    def words(self) -> str:
+        """The volume in messages to operators."""
+        return f"the closed volume {self.name!r}"
+
     def is_closed(self, at_s: float, lead_s: float = 0.0) -> bool:
         """Return whether the volume is closed at a mission time, or within ``lead_s``."""
         return self.from_s - lead_s <= at_s < self.until_s
@@ -54,8 +58,10 @@ def volumes_of(section: AirspaceSection, landscape: Landscape) -> tuple[Volume, 
     Raises ScenarioError for a file that cannot be read, or if two volumes have the same name.
     """
     entries = [*section.closed]
-    for path in section.files:
-        entries += volumes_in(path)
+    if section.files:
+        from mission_service.airspace.volume_files import volumes_in  # imports GDAL
+
+        entries += [entry for path in section.files for entry in volumes_in(path)]
     names = [entry.name for entry in entries]
     repeated = sorted({name for name in names if names.count(name) > 1})
     if repeated:
