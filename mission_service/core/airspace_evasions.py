@@ -9,9 +9,15 @@ import shapely
 from numpy.typing import NDArray
 from shapely.ops import substring
 
+from autopilot_bridge.items import Items
 from firemodel.landscape.landscape import Landscape
 from mission_service.airspace.clearance import Airspace, blocked_area
-from mission_service.airspace.occupied_space import LOITER_RADIUS_FACTOR, disc, mission_parts
+from mission_service.airspace.occupied_space import (
+    LOITER_RADIUS_FACTOR,
+    MissionPlace,
+    disc,
+    mission_parts,
+)
 from mission_service.airspace.routes import exits_from
 from mission_service.commands import Hold, HoldAt, UploadMission
 from mission_service.core.closed_airspace import ClosedAirspace
@@ -66,7 +72,8 @@ class Evasions:
                 continue
             if airspace.conflict(parts[-1:], self._landscape) is not None:  # the loiter outside
                 continue
-            return self._upload(vehicle, path, fix, "leave closed airspace", state, Evasion.EXIT)
+            state.evasion = Evasion.EXIT
+            return self._upload(vehicle, path, items, places, fix, "leave closed airspace", state)
         return None
 
     def way_home(
@@ -83,8 +90,9 @@ class Evasions:
         parts = self._space.of_mission(vehicle, places)
         if outside and airspace.conflict(parts, self._landscape, position_of(fix)) is not None:
             return None
+        state.evasion = Evasion.AROUND
         why = "fly home around closed airspace"
-        return self._upload(vehicle, path, fix, why, state, Evasion.AROUND)
+        return self._upload(vehicle, path, items, places, fix, why, state)
 
     def higher_hold(
         self,
@@ -117,30 +125,36 @@ class Evasions:
         self,
         vehicle: Vehicle,
         path: Floats,
+        items: Items,
+        places: tuple[MissionPlace, ...],
         fix: PositionFix,
         why: str,
         state: AirspaceState,
-        evasion: Evasion,
     ) -> UploadMission:
         """Return the upload of an evasion, which is started as soon as it is on board."""
         vehicle.drop_upload()
-        items = self._guidance.items(vehicle, path, fix)
         upload = self._missions.upload(vehicle, path, items, fix, why, keeps_apart=True)
         assert vehicle.pending is not None
         vehicle.pending.evades = True
         vehicle.holding, vehicle.hold_again_at_s = True, None  # no hold interrupts the evasion
-        state.evasion, state.evasion_id = evasion, upload.mission_id
-        state.sent[upload.mission_id] = self._space.route(vehicle, items)
+        state.evasion_id = upload.mission_id
+        state.sent[upload.mission_id] = places
         return upload
 
     def around(
-        self, vehicle: Vehicle, command: UploadMission, airspace: Airspace
-    ) -> UploadMission | None:
-        """Return the mission on a path around the closed volumes, or None."""
+        self,
+        vehicle: Vehicle,
+        command: UploadMission,
+        places: tuple[MissionPlace, ...],
+        airspace: Airspace,
+    ) -> tuple[UploadMission, tuple[MissionPlace, ...]] | None:
+        """Return the mission on a path around the closed volumes and its positions, or None.
+
+        ``places`` are the positions of the mission ``command``.
+        """
         fix = vehicle.availability.fix
         if fix is None:
             return None
-        places = self._space.route(vehicle, command.items)
         start = position_of(fix) if vehicle.availability.airborne else None
         positions = [place.position for place in places]
         altitudes = [fix.altitude_m, *(position[2] for position in positions)]
@@ -156,7 +170,8 @@ class Evasions:
                 break
             cut = shapely.get_coordinates(substring(line, 0.0, line.length - cut_m))
             items = self._guidance.items(vehicle, cut, fix)
-            parts = self._space.of_mission(vehicle, self._space.route(vehicle, items))
+            cut_places = self._space.route(vehicle, items)
+            parts = self._space.of_mission(vehicle, cut_places)
             if airspace.conflict(parts, self._landscape, start) is None:
-                return msgspec.structs.replace(command, items=items)
+                return msgspec.structs.replace(command, items=items), cut_places
         return None

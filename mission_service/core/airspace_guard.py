@@ -107,12 +107,7 @@ class AirspaceGuard:
             fix, availability = vehicle.availability.fix, vehicle.availability
             if fix is None or availability.online or not availability.airborne:
                 continue
-            position = position_of(fix)
-            inside = airspace.volume_at(position)
-            parts = self._space.of_flight(vehicle, fix, self._states[vehicle.name])
-            conflict = airspace.conflict(parts, self._landscape, position)
-            if inside is not None:
-                conflict = f"the closed volume {inside.name!r}"
+            conflict = _inside(airspace, fix) or self._flight_conflict(vehicle, fix, airspace)
             if conflict is not None:
                 words = f"its link is lost: it may be inside {conflict}, or enter it"
                 found += self._raised(vehicle, words, "severe")
@@ -149,23 +144,24 @@ class AirspaceGuard:
     ) -> list[AnyCommand]:
         vehicle = self._vehicles[command.vehicle]
         state = self._states[vehicle.name]
-        sent = command
+        places = self._space.route(vehicle, command.items)
+        conflict = None
         if command.mission_id != state.evasion_id:
-            conflict = self._conflict(vehicle, self._space.route(vehicle, command.items), airspace)
-            if conflict is not None:
-                led_around = None
-                if self._diverts and not (command.lands or accepted):
-                    led_around = self._evasions.around(vehicle, command, airspace)
-                if led_around is None:
-                    vehicle.drop_upload()
-                    vehicle.not_before_s = at_s + START_AGAIN_S
-                    state.withheld = True
-                    words = f"a mission is not sent, because it would enter {conflict}"
-                    return self._withheld(vehicle, words)
-                sent = led_around
-        state.sent[sent.mission_id] = self._space.route(vehicle, sent.items)
+            conflict = self._conflict(vehicle, places, airspace)
+        if conflict is not None:
+            led_around = None
+            if self._diverts and not (command.lands or accepted):
+                led_around = self._evasions.around(vehicle, command, places, airspace)
+            if led_around is None:
+                vehicle.drop_upload()
+                vehicle.not_before_s = at_s + START_AGAIN_S
+                state.withheld = True
+                words = f"a mission is not sent, because it would enter {conflict}"
+                return self._withheld(vehicle, words)
+            command, places = led_around
+        state.sent[command.mission_id] = places
         state.withheld = False
-        return [sent]
+        return [command]
 
     def _checked_start(
         self, command: StartMission, airspace: Airspace, at_s: float
@@ -198,17 +194,14 @@ class AirspaceGuard:
         if isinstance(command, Orbit):
             radius_m = abs(command.radius_m)
         target = (float(x_m), float(y_m), command.altitude_amsl_m)
-        place = disc(
-            target[0], target[1], LOITER_RADIUS_FACTOR * radius_m + 1.0, target[2], target[2]
-        )
+        reach_m = LOITER_RADIUS_FACTOR * radius_m + 1.0
+        place = disc(target[0], target[1], reach_m, target[2], target[2])
         parts = [straight(position_of(fix), target), place]
         conflict = airspace.conflict(parts, self._landscape, position_of(fix))
         if conflict is not None and isinstance(command, Orbit):
             return self._raised(vehicle, f"an orbit is not ordered: it would enter {conflict}")
         if conflict is not None and isinstance(command, HoldAt):
-            higher = self._evasions.higher_hold(
-                vehicle, fix, command, airspace, LOITER_RADIUS_FACTOR * radius_m + 1.0
-            )
+            higher = self._evasions.higher_hold(vehicle, fix, command, airspace, reach_m)
             if higher is not None:
                 return [higher]
         self._states[vehicle.name].orbit = place
@@ -221,23 +214,21 @@ class AirspaceGuard:
             return [command]
         fix = vehicle.availability.fix
         assert fix is not None
-        parts = self._space.of_return(vehicle, fix)
-        conflict = airspace.conflict(parts, self._landscape, position_of(fix))
+        conflict = self._return_conflict(vehicle, fix, airspace)
         if conflict is None:
             self._states[vehicle.name].home_clear_version = self._closed.version
             return [command]
         evades = self._evade(vehicle, fix, airspace, conflict, at_s, returns=True)
         if any(type(each) in LEADS_TO for each in evades):
             return evades
-        if airspace.volume_at(position_of(fix)) is not None:
+        if _inside(airspace, fix):
             return [*evades, command]  # there is no other way out
         words = f"no return is sent, because it would enter {conflict}"
         return [*evades, announce(vehicle, words, warning=True)]
 
     def return_obstacle(self, vehicle: Vehicle, fix: PositionFix) -> str:
         """Return why a vehicle cannot fly straight home now; "" if the way is free."""
-        parts = self._space.of_return(vehicle, fix)
-        conflict = self._closed.at(fix.at_s).conflict(parts, self._landscape, position_of(fix))
+        conflict = self._return_conflict(vehicle, fix, self._closed.at(fix.at_s))
         return "" if conflict is None else f"its way home would enter {conflict}"
 
     def mission_obstacle(self, vehicle: Vehicle, items: tuple[MissionItem, ...]) -> str:
@@ -250,9 +241,9 @@ class AirspaceGuard:
 
     def flight_obstacle(self, vehicle: Vehicle, fix: PositionFix) -> str:
         """Return why a vehicle cannot stay on its present flight; "" if the flight is free."""
-        inside = self._closed.at(fix.at_s).volume_at(position_of(fix))
+        inside = _inside(self._closed.at(fix.at_s), fix)
         if inside is not None:
-            return f"it is inside the closed volume {inside.name!r}"
+            return f"it is inside {inside}"
         conflict = self._states[vehicle.name].conflict
         return f"it would enter {conflict}" if conflict else ""
 
@@ -280,8 +271,6 @@ class AirspaceGuard:
                     self._put_on_board(state, event.mission_id, places)
                 elif event.mission_id != state.on_board_id:
                     state.on_board, state.on_board_id = (), 0
-            case events.MissionProgress():
-                state.current_seq = event.current_seq
             case events.ModeChanged():
                 state.began_at = None
                 if not event.armed or event.mode in GOING_HOME:
@@ -319,13 +308,13 @@ class AirspaceGuard:
             return []
         availability = vehicle.availability
         if not (availability.airborne and availability.armed):
-            self._is_checked(state, (self._closed.version,))
+            self._note_check(state, (self._closed.version,))
             return self._lowered(vehicle) if not availability.armed else []
         if state.began_at is None:
             state.began_at = position_of(fix)
-        inside = airspace.volume_at(position_of(fix))
+        inside = _inside(airspace, fix)
         self._check_again(vehicle, fix, airspace)
-        conflict = f"the closed volume {inside.name!r}" if inside is not None else state.conflict
+        conflict = inside or state.conflict
         if not conflict:
             return [*self._lowered(vehicle), *self._goes_home(vehicle, fix, airspace)]
         words = f"is inside {conflict}" if inside is not None else f"would enter {conflict}"
@@ -354,17 +343,20 @@ class AirspaceGuard:
         state = self._states[vehicle.name]
         mode = vehicle.availability.mode
         now: tuple[object, ...] = (self._closed.version, mode, state.on_board_id, state.began_at)
-        if self._is_checked(state, now) and not state.conflict:
+        is_same = self._note_check(state, now)
+        if is_same and not state.conflict:
             return
         if mode in GOING_HOME and state.home_clear_version == self._closed.version:
             state.conflict = ""  # checked when the return was ordered
             return
-        parts = self._space.of_flight(vehicle, fix, state)
-        state.conflict = airspace.conflict(parts, self._landscape, position_of(fix)) or ""
+        state.conflict = self._flight_conflict(vehicle, fix, airspace) or ""
 
     @staticmethod
-    def _is_checked(state: AirspaceState, now: tuple[object, ...]) -> bool:
-        """Return whether the last check considered the same; if not, nothing is withheld now."""
+    def _note_check(state: AirspaceState, now: tuple[object, ...]) -> bool:
+        """Record what a check considers; return whether the last check considered the same.
+
+        If not, no command counts as withheld any more.
+        """
         same = now == state.checked
         state.checked, state.withheld = now, state.withheld and same
         return same
@@ -414,15 +406,13 @@ class AirspaceGuard:
         """Return the commands for a vehicle that would enter a volume, or is inside."""
         state = self._states[vehicle.name]
         state.acts_again_at_s = at_s + ACTS_AGAIN_S
-        position = position_of(fix)
-        inside = airspace.volume_at(position) is not None
         if returns:
             around = self._evasions.way_home(vehicle, fix, airspace, state)
             if around is not None:
                 words = f"flies home around {conflict}"
                 return [*self._raised(vehicle, words), announce(vehicle, words), around]
-        stays = self._space.of_hold(vehicle, position)
-        if not inside and airspace.conflict([stays], self._landscape) is None:
+        stays = self._space.of_hold(vehicle, position_of(fix))
+        if not _inside(airspace, fix) and airspace.conflict([stays], self._landscape) is None:
             vehicle.drop_upload()
             state.evasion, vehicle.holding = Evasion.HOLD, not (vehicle.ordered or returns)
             words = f"holds before {conflict}"
@@ -445,18 +435,15 @@ class AirspaceGuard:
         is one.
         """
         state, at_s = self._states[vehicle.name], fix.at_s
-        flies = state.evasion is Evasion.AROUND and self._flies_out(vehicle)
+        flies = self.leads_home(vehicle.name)
         waits = vehicle.sent_home and state.evasion is not Evasion.NONE and not flies
         if not (waits or flies) or vehicle.start_under_way or not self._may_divert(vehicle):
             return []
         if vehicle.pending is not None or at_s < state.acts_again_at_s:
             return []
-        parts = self._space.of_return(vehicle, fix)
-        if airspace.conflict(parts, self._landscape, position_of(fix)) is None:
-            state.home_clear_version, state.acts_again_at_s = (
-                self._closed.version,
-                at_s + ACTS_AGAIN_S,
-            )
+        if self._return_conflict(vehicle, fix, airspace) is None:
+            state.home_clear_version = self._closed.version
+            state.acts_again_at_s = at_s + ACTS_AGAIN_S
             vehicle.sent_home = vehicle.waits_for_operator = True
             vehicle.end_intentions()
             return [announce(vehicle, "the way home is free"), Return(vehicle.name)]
@@ -474,6 +461,20 @@ class AirspaceGuard:
         start = position_of(fix) if fix is not None and vehicle.availability.airborne else None
         parts = self._space.of_mission(vehicle, places)
         return airspace.conflict(parts, self._landscape, start)
+
+    def _flight_conflict(
+        self, vehicle: Vehicle, fix: PositionFix, airspace: Airspace
+    ) -> str | None:
+        """Return the airspace that the flight under way would enter."""
+        parts = self._space.of_flight(vehicle, fix, self._states[vehicle.name])
+        return airspace.conflict(parts, self._landscape, position_of(fix))
+
+    def _return_conflict(
+        self, vehicle: Vehicle, fix: PositionFix, airspace: Airspace
+    ) -> str | None:
+        """Return the airspace that a return would enter if it begins now."""
+        parts = self._space.of_return(vehicle, fix)
+        return airspace.conflict(parts, self._landscape, position_of(fix))
 
     # Alarms -----------------------------------------------------------------------------------
 
@@ -499,3 +500,9 @@ class AirspaceGuard:
             return []
         state.alarm = ""
         return [ClearAlarm(vehicle.name, AIRSPACE)]
+
+
+def _inside(airspace: Airspace, fix: PositionFix) -> str | None:
+    """Return the closed volume that contains a vehicle, in words, or None."""
+    volume = airspace.volume_at(position_of(fix))
+    return None if volume is None else volume.words

@@ -295,6 +295,7 @@ class Core:
         return aircraft.reported(vehicle, event, self.airspace.controls_return(vehicle.name))
 
     def _progressed(self, vehicle: Vehicle, event: events.MissionProgress) -> list[AnyCommand]:
+        vehicle.current_seq = event.current_seq
         vehicle.takes_off &= event.current_seq == 0  # after item 0 the takeoff is complete
         self._landings.progressed(vehicle, event)
         return []

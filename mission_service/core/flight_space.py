@@ -59,7 +59,7 @@ class FlightSpace:
         if mode == MISSION:
             if not state.on_board:
                 return []
-            left = [place for place in state.on_board if place.seq >= state.current_seq]
+            left = [place for place in state.on_board if place.seq >= vehicle.current_seq]
             return mission_parts(left or state.on_board[-1:], [position_of(fix)])
         if mode in GOING_HOME:
             return self.of_return(vehicle, fix)

@@ -49,7 +49,6 @@ class _Surroundings:
 
     own: events.Telemetry | None = None
     climb_m_s: float = 0.0
-    current_seq: int | None = None
     landing_items: frozenset[int] = frozenset()  # indices of landings in the mission on board
     sent: dict[int, frozenset[int]] = field(default_factory=dict)  # the same, by mission being sent
     landing: bool = False  # as EXTENDED_SYS_STATE reports
@@ -85,8 +84,6 @@ class OtherAircraft:
                 self._moved(self._of(event.vehicle), event)
             case events.LandedStateChanged():
                 self._of(event.vehicle).landing = event.state == "landing"
-            case events.MissionProgress():
-                self._of(event.vehicle).current_seq = event.current_seq
             case events.UploadFinished():
                 near = self._of(event.vehicle)
                 items = near.sent.pop(event.mission_id, None)
@@ -201,7 +198,7 @@ class OtherAircraft:
     def _lands(self, vehicle: Vehicle, near: _Surroundings) -> bool:
         """Return whether a vehicle is near the ground or on the last leg of a landing."""
         in_mission = vehicle.availability.mode == MISSION
-        last_leg = in_mission and near.current_seq in near.landing_items
+        last_leg = in_mission and vehicle.current_seq in near.landing_items
         assert near.own is not None
         last_leg |= vehicle.landing_state.landing_phase in LAST_LEG
         return near.landing or last_leg or self._height_m(near.own) < LOW_M

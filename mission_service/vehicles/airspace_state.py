@@ -22,7 +22,6 @@ class AirspaceState:
     sent: dict[int, tuple[MissionPlace, ...]] = field(default_factory=dict)  # by mission id
     on_board_id: int = 0
     on_board: tuple[MissionPlace, ...] = ()
-    current_seq: int = 0  # item that the vehicle flies
     orbit: Part | None = None  # space of the last orbit ordered
     began_at: Position | None = None  # position at which the present mode began
     checked: tuple[object, ...] = ()  # what the last check considered

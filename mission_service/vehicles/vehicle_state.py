@@ -117,6 +117,7 @@ class Vehicle:
     text_at_s: float | None = None  # time of the last text that raised an alarm
     flown_line: shapely.LineString | None = None  # path of the confirmed mission on board
     lost_link: str = ""  # its reaction to a lost link, in words; empty if unknown
+    current_seq: int = 0  # index of the mission item that the vehicle flies, as last reported
     takes_off: bool = False  # whether the vehicle flies the takeoff item of its mission
     uploaded_at_s: float = -1e9
     upload_ended_at_s: float = -1e9
