@@ -9,12 +9,7 @@ from mission_service.core.request_results import RequestResults
 from mission_service.guidance.protocol import Guidance
 from mission_service.vehicles.availability import GOING_HOME, MISSION
 from mission_service.vehicles.reconciliation import in_words, recognised
-from mission_service.vehicles.vehicle_state import (
-    Pending,
-    UnconfirmedState,
-    Vehicle,
-    announce,
-)
+from mission_service.vehicles.vehicle_state import UnconfirmedState, Vehicle, announce
 
 
 class Continuation:
@@ -47,7 +42,7 @@ class Continuation:
         vehicle.read_back = recognised(vehicle, was, event)
         if vehicle.read_back == "new":
             assert was.pending is not None
-            accepted = self._accepted(vehicle, was.pending, at_s)
+            accepted = self._results.accepted(vehicle, was.pending, at_s)
         landing = self._landings.read_back(vehicle, at_s)
         if landing or vehicle.landing_state.active:
             return [words, *accepted, *landing]
@@ -67,13 +62,6 @@ class Continuation:
             return [words, *accepted, *self._continued_on_ground(vehicle, was, at_s)]
         starts = any(isinstance(command, StartMission) for command in accepted)
         return [words, *accepted, *self._continued_in_air(vehicle, was, starts)]
-
-    def _accepted(self, vehicle: Vehicle, pending: Pending, at_s: float) -> list[AnyCommand]:
-        """Record the mission that was being uploaded; a landing mission is not started."""
-        if not pending.lands:
-            return self._results.accepted(vehicle, pending, at_s)
-        vehicle.flown_line, vehicle.accepted, vehicle.takes_off = None, pending, False
-        return []
 
     def _continued_on_ground(
         self, vehicle: Vehicle, was: UnconfirmedState, at_s: float

@@ -29,11 +29,12 @@ class RequestResults:
         vehicle.upload_ended_at_s = event.at_us / 1e6
         pending, accepted = vehicle.pending, event.outcome == "accepted"
         vehicle.enter(MissionPhase.ACCEPTED if accepted else MissionPhase.FAILED)
-        if pending.lands:
-            return self._landing_finished(vehicle, pending, event)
         if accepted:
-            return self.accepted(vehicle, pending, event.at_us / 1e6)
+            started = self.accepted(vehicle, pending, event.at_us / 1e6)
+            return self._landings.uploaded(vehicle, event) if pending.lands else started
         vehicle.flown_line = None
+        if pending.lands:
+            return self._landings.uploaded(vehicle, event)
         vehicle.not_before_s = event.at_us / 1e6 + RETRY_S
         if vehicle.ordered and pending.evades:  # the hold that the evasion replaced
             vehicle.hold_again_at_s = vehicle.not_before_s
@@ -50,9 +51,14 @@ class RequestResults:
         return commands
 
     def accepted(self, vehicle: Vehicle, pending: Pending, at_s: float) -> list[AnyCommand]:
-        """Record that a mission is on board; return the command to start it, if a start is due."""
-        vehicle.flown_line, vehicle.accepted = pending.line, pending
-        vehicle.takes_off = pending.takes_off
+        """Record that a mission is on board; return the command to start it, if a start is due.
+
+        Only a landing starts a mission that lands, which is not a path of a planner.
+        """
+        vehicle.flown_line = None if pending.lands else pending.line
+        vehicle.accepted, vehicle.takes_off = pending, pending.takes_off
+        if pending.lands:
+            return []
         if vehicle.landing_state.active:  # the landing was ordered during the upload
             return []
         if vehicle.ordered and not pending.evades:  # the hold was ordered during the upload
@@ -65,15 +71,6 @@ class RequestResults:
             vehicle.holding = False
             return self._starts.start_mission(vehicle, at_s)
         return []
-
-    def _landing_finished(
-        self, vehicle: Vehicle, pending: Pending, event: events.UploadFinished
-    ) -> list[AnyCommand]:
-        """Apply the outcome of the upload of a landing mission, which only a landing starts."""
-        vehicle.flown_line = None
-        if event.outcome == "accepted":
-            vehicle.accepted, vehicle.takes_off = pending, False
-        return self._landings.uploaded(vehicle, event)
 
     def command_finished(self, vehicle: Vehicle, event: events.CommandFinished) -> list[AnyCommand]:
         """Handle the result of a command; a refused start or return is repeated later."""
