@@ -86,10 +86,7 @@ class OperatorOrders:
             return [announce(vehicle, words, warning=True)]
         time_up = self._time_up(vehicle, event)
         if time_up and not event.confirmed:
-            lacks = f"its energy does not suffice to {event.order}: {time_up}"
-            question = f"{CONFIRM} {vehicle.name}: {lacks}"
-            words = f"{question}; repeat the order with confirmation to execute it"
-            return [announce(vehicle, words, warning=True)]
+            return _question(vehicle, f"its energy does not suffice to {event.order}: {time_up}")
         was_taken_over = vehicle.availability.taken_over
         if self.decision_engine.apply_order(vehicle.name, event):
             vehicle.energy.flies_on = bool(time_up)
@@ -109,9 +106,7 @@ class OperatorOrders:
             else "while its autopilot reports a failsafe"
         )
         chosen = f"{named_mode(availability.mode)}, {why}"
-        question = f"{CONFIRM} {vehicle.name}: {event.order} would end {chosen}"
-        words = f"{question}; repeat the order with confirmation to execute it"
-        return [announce(vehicle, words, warning=True)]
+        return _question(vehicle, f"{event.order} would end {chosen}")
 
     def _time_up(self, vehicle: Vehicle, event: events.OrderGiven) -> str:
         """Return why an order to fly needs a confirmation: the energy left; "" if it needs none."""
@@ -282,6 +277,13 @@ def hold_again(vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
         return []  # the vehicle is on the ground and disarmed
     vehicle.hold_again_at_s = at_s + HOLD_AGAIN_S
     return [_hold_of(vehicle)]
+
+
+def _question(vehicle: Vehicle, why: str) -> list[AnyCommand]:
+    """Return the reply to an order that needs a confirmation."""
+    question = f"{CONFIRM} {vehicle.name}: {why}"
+    words = f"{question}; repeat the order with confirmation to execute it"
+    return [announce(vehicle, words, warning=True)]
 
 
 def _hold_of(vehicle: Vehicle) -> Hold | HoldAt:
