@@ -13,10 +13,9 @@ from typing import NamedTuple
 
 import click
 
+from mission_service.ground_distance import M_PER_FT, M_PER_NMI
 from mission_service.surveillance.alerting import (
     ALERT_SETS,
-    M_PER_FT,
-    M_PER_NMI,
     AlertHistory,
     AlertLevel,
     AlertSet,

@@ -24,9 +24,7 @@ RELATIVE_FRAMES = (
     mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT,
     mavlink.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT,
 )
-LOITER_RADIUS_FACTOR = (
-    1.3  # multiple of the radius that a loiter occupies, because loiters are flown wider
-)
+LOITER_RADIUS_FACTOR = 1.3  # multiple of the radius: loiters are flown wider
 BEHIND_RAD = math.radians(120.0)  # targets farther from the course may be reached by either side
 TURN_STEP_RAD = math.radians(15.0)
 

@@ -12,9 +12,9 @@ from pydantic import ValidationError
 from firemodel.errors import FireModelError
 from mission_service.config.airspace_section import ClosedVolume
 from mission_service.errors import ScenarioError
+from mission_service.ground_distance import M_PER_FT, M_PER_NMI, offset_m, place_at
 from mission_service.uploaded_shapes import features_in
 
-FOOT_M, NAUTICAL_MILE_M, EARTH_M = 0.3048, 1852.0, 6_371_000.0
 ARC_STEP_DEG = 5.0
 LIMITS = ("floor_amsl_m", "floor_agl_m", "ceiling_amsl_m", "ceiling_agl_m", "from_s", "until_s")
 ALTITUDE = re.compile(
@@ -111,9 +111,9 @@ def _set_limit(limits: dict[str, Any], side: str, text: str | None, where: str) 
         )
     level, hundreds, number, unit, reference = match.groups()
     if level:
-        limits[f"{side}_amsl_m"] = float(hundreds) * 100.0 * FOOT_M
+        limits[f"{side}_amsl_m"] = float(hundreds) * 100.0 * M_PER_FT
         return
-    value_m = float(number) * (1.0 if unit == "M" else FOOT_M)
+    value_m = float(number) * (1.0 if unit == "M" else M_PER_FT)
     agl = reference in ("AGL", "GND", "ASFC", "SFC")
     limits[f"{side}_{'agl' if agl else 'amsl'}_m"] = value_m
 
@@ -127,9 +127,7 @@ def _corners(elements: list[dict[str, Any]], where: str) -> list[LatLon]:
             corners.append((element["location"][0], element["location"][1]))
         elif kind == "circle":
             # The polygon encloses the circle.
-            radius_m = (
-                element["radius"] * NAUTICAL_MILE_M / math.cos(math.radians(ARC_STEP_DEG / 2))
-            )
+            radius_m = element["radius"] * M_PER_NMI / math.cos(math.radians(ARC_STEP_DEG / 2))
             turns = range(int(360 / ARC_STEP_DEG))
             corners += [_ahead(element["center"], turn * ARC_STEP_DEG, radius_m) for turn in turns]
         elif kind == "arc":
@@ -144,7 +142,7 @@ def _arc(element: dict[str, Any]) -> list[LatLon]:
     centre, clockwise = element["center"], element["clockwise"]
     if "radius" in element:
         begin_deg, end_deg = element["start"], element["end"]
-        begin_m = end_m = element["radius"] * NAUTICAL_MILE_M
+        begin_m = end_m = element["radius"] * M_PER_NMI
     else:
         begin_deg, begin_m = _bearing(centre, element["start"])
         end_deg, end_m = _bearing(centre, element["end"])
@@ -160,15 +158,12 @@ def _arc(element: dict[str, Any]) -> list[LatLon]:
     ]
 
 
-def _ahead(centre: list[float], bearing_deg: float, distance_m: float) -> LatLon:
-    north_m = distance_m * math.cos(math.radians(bearing_deg))
-    east_m = distance_m * math.sin(math.radians(bearing_deg))
-    lat_deg = centre[0] + math.degrees(north_m / EARTH_M)
-    return lat_deg, centre[1] + math.degrees(east_m / EARTH_M / math.cos(math.radians(centre[0])))
+def _ahead(centre: LatLon, bearing_deg: float, distance_m: float) -> LatLon:
+    bearing_rad = math.radians(bearing_deg)
+    return place_at(centre, distance_m * math.cos(bearing_rad), distance_m * math.sin(bearing_rad))
 
 
-def _bearing(centre: list[float], place: list[float]) -> tuple[float, float]:
+def _bearing(centre: LatLon, place: LatLon) -> tuple[float, float]:
     """Return the bearing (degrees) and the distance (m) of a place from a centre."""
-    north_m = math.radians(place[0] - centre[0]) * EARTH_M
-    east_m = math.radians(place[1] - centre[1]) * EARTH_M * math.cos(math.radians(centre[0]))
+    north_m, east_m = offset_m(centre, place)
     return math.degrees(math.atan2(east_m, north_m)), math.hypot(east_m, north_m)

@@ -14,6 +14,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from autopilot_bridge.items import MissionItem
 from firemodel.landscape.landscape import Landscape
+from mission_service.airspace.occupied_space import LOITER_RADIUS_FACTOR
 from mission_service.config.scenario import Scenario
 from mission_service.config.sections import VehicleSection
 from mission_service.errors import ScenarioError
@@ -159,7 +160,7 @@ def with_rings(
     turns = np.linspace(0.0, math.tau, 72, endpoint=False)
     rings = [
         centre_m + share * section.loiter_radius_m * np.column_stack([np.cos(turns), np.sin(turns)])
-        for share in (1.0, 1.3)
+        for share in (1.0, LOITER_RADIUS_FACTOR)
     ]
     heights_m = np.concatenate([line_heights_m, np.full(2 * len(turns), height_m)])
     return np.vstack([line_m, *rings]), heights_m

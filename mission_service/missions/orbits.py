@@ -8,13 +8,13 @@ from numpy.typing import NDArray
 
 from autopilot_bridge.items import MissionItem, loiter_unlimited, takeoff
 from firemodel.landscape.landscape import Landscape
+from mission_service.airspace.occupied_space import LOITER_RADIUS_FACTOR
 from mission_service.commands import Orbit
 from mission_service.config.sections import VehicleSection
 
 Place = tuple[float, float]  # x, y in metres
 Floats = NDArray[np.float64]
 
-WIDER = 1.3  # multiple of the radius within which terrain counts, because circles are flown wider
 CLIMBS_FIRST_M = 100.0  # height above the leg's terrain to which a vehicle climbs before the leg
 CORRIDOR_M = 150.0  # distance to either side of a leg within which terrain counts
 
@@ -69,7 +69,7 @@ def altitude_amsl_m(
     landscape: Landscape, circle: Circle, altitude_agl_m: float, from_m: Place
 ) -> float:
     """Return the altitude that clears all terrain within a circle and on the leg to the circle."""
-    reach_m = WIDER * abs(circle.radius_m)
+    reach_m = LOITER_RADIUS_FACTOR * abs(circle.radius_m)
     ground_m = highest_ground_m(landscape, circle.centre_m, circle.centre_m, reach_m)
     if math.dist(from_m, circle.centre_m) > reach_m:
         ground_m = max(ground_m, highest_ground_m(landscape, from_m, circle.centre_m, CORRIDOR_M))

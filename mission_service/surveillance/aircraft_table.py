@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 from mission_service.events import AircraftState
-from mission_service.ground_distance import M_PER_DEG, offset_m
+from mission_service.ground_distance import M_PER_DEG, M_PER_FT, M_PER_NMI, offset_m
 
 MAX_AIRCRAFT = 5000
 MAX_REPORTED = 50  # for each vehicle; the nearest aircraft
@@ -25,7 +25,7 @@ MAX_SPEED_M_S, MAX_CLIMB_M_S = 700.0, 150.0
 MIN_ALTITUDE_M, MAX_ALTITUDE_M = -500.0, 30_000.0
 MAX_CALLSIGN = 20
 STANDARD_HPA = 1013.25
-M_PER_FT, M_S_PER_KNOT, M_S_PER_FPM = 0.3048, 1852.0 / 3600.0, 0.3048 / 60.0
+M_S_PER_KNOT, M_S_PER_FPM = M_PER_NMI / 3600.0, M_PER_FT / 60.0
 
 
 class AircraftDecoder(Protocol):

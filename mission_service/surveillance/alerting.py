@@ -10,9 +10,9 @@ from collections import deque
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
+from mission_service.ground_distance import M_PER_FT, M_PER_NMI
 from mission_service.surveillance.well_clear import Encounter, WellClearVolume, violation
 
-M_PER_FT, M_PER_NMI = 0.3048, 1852.0
 EPSILON_S = 1e-9
 CORRECTIVE, WARNING = 2, 3
 

@@ -18,6 +18,7 @@ from mission_service.surveillance.aircraft_table import (
     set_climb,
     set_course,
 )
+from mission_service.surveillance.delimited_data import complete_parts
 
 END = b"</event>"
 MAX_EVENT = 65_535  # bytes; longer data are discarded
@@ -40,8 +41,7 @@ class CotTrackDecoder:
 
     def decode(self, data: bytes, at_us: int) -> None:
         """Process received bytes; an incomplete last event is completed by the next bytes."""
-        *events, rest = (self._rest + data).split(END)
-        self._rest = rest if len(rest) <= MAX_EVENT else b""
+        events, self._rest = complete_parts(self._rest + data, END, MAX_EVENT)
         for event in events:
             begin = event.rfind(b"<event")
             if begin >= 0 and _AIR_TRACK.search(event, begin):

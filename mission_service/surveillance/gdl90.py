@@ -7,8 +7,8 @@ chapters 2 and 3.5.
 
 import fastcrc
 
+from mission_service.ground_distance import M_PER_FT
 from mission_service.surveillance.aircraft_table import (
-    M_PER_FT,
     M_S_PER_FPM,
     M_S_PER_KNOT,
     AircraftTable,
@@ -22,7 +22,6 @@ ICAO_ADDRESSES = (0, 2)  # address types: ADS-B or TIS-B with an ICAO address
 NO_ALTITUDE, NO_SPEED, NO_CLIMB = 0xFFF, 0xFFF, -2048
 AIRBORNE, TRACK_KIND, TRUE_TRACK = 8, 3, 1  # bits of the miscellaneous indicators
 DEG_PER_STEP = 180.0 / 2**23
-MAX_REST = 4096  # bytes of an incomplete message
 
 
 def crc_of(message: bytes) -> int:

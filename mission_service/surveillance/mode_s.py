@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mission_service.ground_distance import M_PER_FT
 from mission_service.surveillance.aircraft_table import (
-    M_PER_FT,
     M_S_PER_FPM,
     M_S_PER_KNOT,
     AircraftTable,

@@ -6,8 +6,8 @@ knots, degrees, feet per minute. Source: the port's de facto specification
 (http://woodair.net/sbs/article/barebones42_socket_data.htm).
 """
 
+from mission_service.ground_distance import M_PER_FT
 from mission_service.surveillance.aircraft_table import (
-    M_PER_FT,
     M_S_PER_FPM,
     M_S_PER_KNOT,
     AircraftTable,
@@ -15,6 +15,7 @@ from mission_service.surveillance.aircraft_table import (
     set_climb,
     set_course,
 )
+from mission_service.surveillance.delimited_data import complete_parts
 
 MAX_LINE = 300  # bytes; without a line end, longer data are discarded
 FIELDS = 22
@@ -34,8 +35,7 @@ class SbsDecoder:
 
     def decode(self, data: bytes, at_us: int) -> None:
         """Process received bytes; an incomplete last line is completed by the next bytes."""
-        *lines, rest = (self._rest + data).split(b"\n")
-        self._rest = rest if len(rest) <= MAX_LINE else b""
+        lines, self._rest = complete_parts(self._rest + data, b"\n", MAX_LINE)
         line = self._line
         for each in lines:
             if each[:4] == b"MSG,":

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 from mission_service.config.sections import VehicleSection
-from mission_service.missions.landing import GLIDE_DEG
+from mission_service.missions.landing import glide_m
 from mission_service.vehicles.battery_reports import CONFIRMED_S, BatteryReports
 
 LANDING_SPEED_FACTOR = 0.7  # airspeed of a landing, as a fraction of the airspeed
@@ -71,9 +71,10 @@ def landing_s(section: VehicleSection) -> float:
     """
     if section.kind == "copter":
         return COPTER_LANDING_S
-    glide_m = section.altitude_agl_m / math.tan(math.radians(GLIDE_DEG))
     circle_m = math.tau * section.loiter_radius_m
-    return (glide_m + circle_m) / (LANDING_SPEED_FACTOR * section.airspeed_m_s)
+    return (glide_m(section.altitude_agl_m) + circle_m) / (
+        LANDING_SPEED_FACTOR * section.airspeed_m_s
+    )
 
 
 def times_left(

@@ -151,9 +151,9 @@ def test_config_check_reports_volumes_that_cannot_be_used(
     (tmp_path / "broken.kml").write_bytes(bytes(range(200, 256)))
     override = f"airspace.{change}".replace("FOLDER", str(tmp_path))
     result = CliRunner().invoke(main, ["config", "check", "demo", "--set", override])
-    said = f"{result.output}{result.exception}"
+    output = f"{result.output}{result.exception}"
     assert result.exit_code != 0
-    assert problem in said, said
+    assert problem in output, output
 
 
 OPENAIR = """AC R

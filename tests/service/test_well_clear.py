@@ -8,10 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from benchmarks.daidalus_alerts import CYLINDER, State, encounter_of
+from mission_service.ground_distance import M_PER_FT, M_PER_NMI
 from mission_service.surveillance.alerting import (
     ALERT_SETS,
-    M_PER_FT,
-    M_PER_NMI,
     AlertHistory,
     AlertLevel,
     AlertSet,

@@ -3,9 +3,8 @@
 from typing import Any
 
 from mission_service.errors import RequestError
+from mission_service.ground_distance import M_PER_FT
 from mission_service.ignition_plan import IgnitionPlan
-
-M_PER_FT = 0.3048
 
 
 def in_feet(metres: float) -> int:
