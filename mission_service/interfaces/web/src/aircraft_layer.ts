@@ -2,14 +2,14 @@
 
 import type { ExpressionSpecification, Map as MapView } from "maplibre-gl";
 import { coalesced } from "./coalesce.ts";
-import { collection, empty, feature, FONT, type Group, type Layers, line, lineLayer, point, show } from "./map.ts";
+import { pointAt } from "./geo.ts";
+import { collection, empty, feature, type Group, iconLayer, type Layers, line, lineLayer, point, show } from "./map.ts";
 import type { Store } from "./store.ts";
 import type { Aircraft, LonLat } from "./types.ts";
 import { feet } from "./units.ts";
 
 const EVERY_MS = 300;
 const AHEAD_S = 60;
-const M_PER_DEG = 111_195;
 const COLOURS = { none: "#455a64", preventive: "#8a6d00", corrective: "#d84315", warning: "#c40000" };
 const URGENCY = ["warning", "corrective", "preventive", "none"]; // labels of the first are drawn first
 const COLOUR: ExpressionSpecification = ["get", "colour"];
@@ -18,28 +18,9 @@ export const aircraftLayers: Layers = {
   sources: { aircraft: empty(), "aircraft-ahead": empty() },
   layers: [
     lineLayer("aircraft-ahead", "aircraft-ahead", { "line-color": COLOUR, "line-width": 2, "line-dasharray": [2, 1.5] }),
-    {
-      id: "aircraft",
-      type: "symbol",
-      source: "aircraft",
-      layout: {
-        ...FONT,
-        "icon-image": ["get", "icon"],
-        "icon-rotate": ["get", "track"],
-        "icon-rotation-alignment": "map",
-        "icon-allow-overlap": true,
-        "icon-ignore-placement": true,
-        "text-field": ["get", "label"],
-        "text-size": 13,
-        "text-justify": "auto",
-        "text-variable-anchor": ["left", "right", "top", "bottom"],
-        "text-radial-offset": 1.3,
-        "text-max-width": 30,
-        "text-optional": true,
-        "symbol-sort-key": ["get", "order"],
-      },
-      paint: { "text-color": COLOUR, "text-halo-color": "#fff", "text-halo-width": 2.5 },
-    },
+    iconLayer("aircraft", "track", {
+      "text-size": 13, "text-radial-offset": 1.3, "symbol-sort-key": ["get", "order"],
+    }, COLOUR),
   ],
 };
 
@@ -83,12 +64,9 @@ export function labelOf(each: Aircraft): string {
 
 /** The path in the next minute. */
 function ahead(each: Aircraft): GeoJSON.Feature {
-  const course = (each.track_deg * Math.PI) / 180;
-  const moved = (AHEAD_S * each.ground_speed_m_s) / M_PER_DEG;
-  const north = each.lat_deg + moved * Math.cos(course);
-  const east = each.lon_deg + (moved * Math.sin(course)) / Math.cos((each.lat_deg * Math.PI) / 180);
   const here: LonLat = [each.lon_deg, each.lat_deg];
-  return feature(line([here, [east, north]]), { colour: COLOURS[each.alert] });
+  const there = pointAt(here, each.track_deg, AHEAD_S * each.ground_speed_m_s);
+  return feature(line([here, there]), { colour: COLOURS[each.alert] });
 }
 
 /** A pointed triangle towards the north, unlike the vehicles of the run, with a white rim. */

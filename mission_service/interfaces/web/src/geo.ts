@@ -6,7 +6,7 @@ const M_PER_DEG = 111194.9266;
 const RAD = Math.PI / 180;
 
 /** The point at `distanceM` from a point, in the direction `bearingDeg` (clockwise from north). */
-function pointAt(from: LonLat, bearingDeg: number, distanceM: number): LonLat {
+export function pointAt(from: LonLat, bearingDeg: number, distanceM: number): LonLat {
   const north = Math.cos(bearingDeg * RAD) * distanceM;
   const east = Math.sin(bearingDeg * RAD) * distanceM;
   return [from[0] + east / (M_PER_DEG * Math.cos(from[1] * RAD)), from[1] + north / M_PER_DEG];

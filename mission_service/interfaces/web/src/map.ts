@@ -5,6 +5,7 @@ import "maplibre-gl/dist/maplibre-gl.css";
 import {
   AttributionControl,
   type CircleLayerSpecification,
+  type ExpressionSpecification,
   type FillLayerSpecification,
   type GeoJSONSource,
   type LayerSpecification,
@@ -70,6 +71,33 @@ export const labelLayer = (
   layout: { ...FONT, ...text },
   paint: { "text-color": colour, "text-halo-color": "#fff", "text-halo-width": 2 },
   ...(more as Omit<More, "layout">),
+});
+
+/** A layer of turned icons, which are always drawn, with labels where there is room; data have `icon` and `label`. */
+export const iconLayer = (
+  id: string,
+  turn: string, // the property with the direction in degrees
+  more: SymbolLayerSpecification["layout"],
+  colour: string | ExpressionSpecification,
+): LayerSpecification => ({
+  id,
+  type: "symbol",
+  source: id,
+  layout: {
+    ...FONT,
+    "icon-image": ["get", "icon"],
+    "icon-rotate": ["get", turn],
+    "icon-rotation-alignment": "map",
+    "icon-allow-overlap": true,
+    "icon-ignore-placement": true,
+    "text-field": ["get", "label"],
+    "text-justify": "auto",
+    "text-variable-anchor": ["left", "right", "top", "bottom"],
+    "text-optional": true,
+    "text-max-width": 30,
+    ...more,
+  },
+  paint: { "text-color": colour, "text-halo-color": "#fff", "text-halo-width": 2.5 },
 });
 
 export function show(map: MapView, source: string, data: GeoJSON.GeoJSON): void {

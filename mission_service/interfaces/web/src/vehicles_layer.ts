@@ -5,7 +5,7 @@ import { get } from "./api.ts";
 import { coalesced } from "./coalesce.ts";
 import { circle } from "./geo.ts";
 import {
-  circleLayer, collection, empty, feature, fillLayer, FONT, type Group,
+  circleLayer, collection, empty, feature, fillLayer, type Group, iconLayer,
   labelLayer, type Layers, line, lineLayer, point, show,
 } from "./map.ts";
 import { type Store, TRACK_S, type TrackPoint } from "./store.ts";
@@ -48,28 +48,9 @@ export const vehicleLayers: Layers = {
     labelLayer("mission-number", "missions", "#0b3d91", {
       "text-field": ["get", "number"], "text-size": 13, "text-offset": [0.9, -0.9], "text-optional": true,
     }, { minzoom: 12, filter: ["==", ["get", "part"], "item"] }),
-    {
-      id: "vehicles",
-      type: "symbol",
-      source: "vehicles",
-      layout: {
-        ...FONT,
-        "icon-image": ["get", "icon"],
-        "icon-rotate": ["get", "heading"],
-        "icon-rotation-alignment": "map",
-        "icon-allow-overlap": true,
-        "icon-ignore-placement": true,
-        "text-field": ["get", "label"],
-        "text-size": 14,
-        "text-justify": "auto",
-        "text-variable-anchor": ["left", "right", "top", "bottom"],
-        "text-radial-offset": 1.6,
-        "text-optional": true,
-        "text-max-width": 30,
-        "symbol-sort-key": ["case", ["get", "chosen"], 0, 1],
-      },
-      paint: { "text-color": "#000", "text-halo-color": "#fff", "text-halo-width": 2.5 },
-    },
+    iconLayer("vehicles", "heading", {
+      "text-size": 14, "text-radial-offset": 1.6, "symbol-sort-key": ["case", ["get", "chosen"], 0, 1],
+    }, "#000"),
   ],
 };
 
