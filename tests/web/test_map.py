@@ -267,6 +267,7 @@ def test_airspace_is_closed_with_a_pen_and_opened_with_a_click(
     page, _ = desktop
     home = fire.get("state")["vehicles"][0]
     north = (home["home_lat_deg"] + 0.02, home["home_lon_deg"])  # away from the vehicles
+    center = page.evaluate("missionMap.getCenter().toArray()")
     page.evaluate("center => missionMap.jumpTo({ center })", [north[1], north[0]])
     page.click("#tools .closed")
     draw(page, [place_of(page, *place) for place in ring(*north)])
@@ -287,6 +288,7 @@ def test_airspace_is_closed_with_a_pen_and_opened_with_a_click(
     expect(page.locator("#question")).to_contain_text('Open the airspace "area 1"')
     page.get_by_role("button", name="Yes, do it").click()
     wait_for(lambda: volumes(fire) == [], 30, "the airspace is open again")
+    page.evaluate("center => missionMap.jumpTo({ center })", center)  # back to the fire
 
 
 def test_by_keyboard_alone(desktop: tuple[Page, Seen], fire: Service) -> None:
