@@ -25,7 +25,8 @@ from firemodel.arrays import Floats
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.weather import WeatherStream
 from firemodel.spread.front_rates import FrontRates
-from firemodel.spread.local_spread import SURFACE_ONLY, RateOptions, burnable_codes
+from firemodel.spread.local_spread import burnable_codes
+from firemodel.spread.rate_options import SURFACE_ONLY, RateOptions
 
 Integers = NDArray[np.int64]
 

@@ -71,7 +71,8 @@ from firemodel.spread.labels import (
     tips_with,
     without_unused,
 )
-from firemodel.spread.local_spread import RateOptions, perturbed
+from firemodel.spread.local_spread import perturbed
+from firemodel.spread.rate_options import RateOptions
 from firemodel.spread.rerate_kernels import (
     POINTS_PER_TIP,
     active_paths,

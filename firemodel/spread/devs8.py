@@ -42,7 +42,8 @@ from firemodel.spread.devs8_kernels import (
 from firemodel.spread.fire_scheme import Burning, Fire, Ignition
 from firemodel.spread.front import neighbours_of
 from firemodel.spread.heap import push
-from firemodel.spread.local_spread import RateOptions, beds_of, perturbed, tables_of, terrain_of
+from firemodel.spread.local_spread import beds_of, perturbed, tables_of, terrain_of
+from firemodel.spread.rate_options import RateOptions
 
 # The papers give no value for this threshold of ignition; des-fire uses 0.
 IGNITION_INTENSITY_KW_M = 0.0

@@ -13,7 +13,7 @@ from firemodel.landscape.landscape import Landscape
 from firemodel.physics.fuels import NON_BURNABLE
 from firemodel.physics.weather import Weather, WeatherStream
 from firemodel.spread.front import earliest_neighbour, front_polygons, multipolygon, neighbours_of
-from firemodel.spread.local_spread import SURFACE_ONLY, RateOptions
+from firemodel.spread.rate_options import SURFACE_ONLY, RateOptions
 
 UNBURNED, BURNING, BURNED, CANNOT_BURN = 0, 1, 2, 3
 

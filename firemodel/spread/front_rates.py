@@ -7,14 +7,8 @@ from firemodel.arrays import Floats
 from firemodel.compiled import compiled
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.weather import WeatherStream
-from firemodel.spread.local_spread import (
-    SURFACE_ONLY,
-    RateOptions,
-    Tables,
-    slowness_of,
-    tables_of,
-    terrain_of,
-)
+from firemodel.spread.local_spread import Tables, slowness_of, tables_of, terrain_of
+from firemodel.spread.rate_options import SURFACE_ONLY, RateOptions
 
 Integers = NDArray[np.int64]
 

@@ -16,7 +16,7 @@ from firemodel.arrays import Floats
 from firemodel.compiled import kernel
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import ROWS_AT_ONCE, Landscape
-from firemodel.physics import CrownMethod, rothermel
+from firemodel.physics import rothermel
 from firemodel.physics.crown_fire import METHODS, NO_CROWNS, SCOTT_REINHARDT
 from firemodel.physics.rothermel import FT_MIN_PER_M_S, FuelBed, fireline_intensity_kw_m, fuel_bed
 from firemodel.physics.weather import Weather, crown_ratio_from_base, wind_adjustment_factor
@@ -29,6 +29,7 @@ from firemodel.spread.crown_spread import (
     crowning_wind_of,
     with_crowns,
 )
+from firemodel.spread.rate_options import SURFACE_ONLY, RateOptions
 
 HEAT, CROWN = 6, 7  # places in ``Tables.terms``
 NO_FACTOR = np.ones(1, dtype=np.float32)
@@ -36,17 +37,6 @@ MAX_FACTOR = 1e6  # limit of factors of wind and spread rates
 
 _length_to_breadth = kernel(rothermel.length_to_breadth)
 _eccentricity = kernel(rothermel.eccentricity)
-
-
-class RateOptions(NamedTuple):
-    """The options of spread rates, which have the same names in scenarios and schemes."""
-
-    wind_limit: bool = False  # Rothermel's limit of the effective wind (see ``rothermel``)
-    crown: CrownMethod = "none"  # the method of ``crown_fire``
-    foliar_moisture_pct: float = 100.0  # moisture of the needles, for the ignition of crowns
-
-
-SURFACE_ONLY = RateOptions()
 
 
 class Terrain(NamedTuple):

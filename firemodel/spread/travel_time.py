@@ -11,14 +11,8 @@ from firemodel.arrays import Floats
 from firemodel.compiled import compiled, inlined, kernel
 from firemodel.landscape.landscape import Landscape
 from firemodel.physics.weather import Weather
-from firemodel.spread.local_spread import (
-    RateOptions,
-    Tables,
-    Terrain,
-    slowness_of,
-    tables_of,
-    terrain_of,
-)
+from firemodel.spread.local_spread import Tables, Terrain, slowness_of, tables_of, terrain_of
+from firemodel.spread.rate_options import RateOptions
 
 ONE, TWO, FOUR, SIX, SEVEN = (np.uint64(each) for each in (1, 2, 4, 6, 7))
 TOUCH = 1e-9  # a line with a smaller fraction in a cell only touches a corner of the cell

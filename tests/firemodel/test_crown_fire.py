@@ -2,15 +2,22 @@
 
 import csv
 import math
-from dataclasses import replace
+from dataclasses import fields, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+import rasterio
 from numpy.typing import NDArray
 
 import firemodel
+from firemodel.ensemble.draws import latin_draws
+from firemodel.ensemble.member_fires import Start
+from firemodel.ensemble.uncertainty import Uncertainty
 from firemodel.errors import FireModelError
 from firemodel.landscape.landscape import Landscape
+from firemodel.landscape.readers.rasters import read_landscape
+from firemodel.outputs.geotiff import write_rasters
 from firemodel.physics import CrownMethod, crown_fire, rothermel
 from firemodel.physics.rothermel import FT_MIN_PER_M_S, KW_M_PER_BTU_FT_S, M_PER_FT
 from firemodel.physics.weather import Weather, WeatherStream
@@ -19,7 +26,6 @@ from firemodel.spread.crown_spread import WIND_B, WIND_C, crowning_wind_of, with
 from firemodel.spread.local_spread import (
     CROWN,
     HEAT,
-    RateOptions,
     Tables,
     Terrain,
     crowned_head,
@@ -27,8 +33,9 @@ from firemodel.spread.local_spread import (
     tables_of,
     terrain_of,
 )
+from firemodel.spread.rate_options import RateOptions
 from firemodel.spread.schemes import SchemeName, new_fire
-from tests.firemodel.grids import landscape, steady, weather
+from tests.firemodel.grids import landscape, steady, weather, write_raster
 from tests.firemodel.shared import shared_file
 
 METHODS: tuple[CrownMethod, ...] = ("rothermel", "scott_reinhardt", "cruz")
@@ -291,3 +298,49 @@ def test_every_reference_row_of_behave_is_reproduced() -> None:
                 if row[column]:
                     reference = pytest.approx(float(row[column]), rel=1e-6, abs=1e-6)
                     assert value == reference, (row["case_id"], method, column)
+
+
+def test_bulk_density_is_read_in_landfires_unit(tmp_path: Path) -> None:
+    names = ("fuel", "elevation", "LC22_CC_230", "LC22_CH_230", "LC22_CBH_230", "LC22_CBD_230")
+    values = (10, 100, 60, 180, 5, 14)
+    bands = np.stack([np.full((20, 20), value, dtype=np.int16) for value in values])
+    land = read_landscape(write_raster(tmp_path / "stack.tif", bands, names))
+    assert land.canopy_bulk_density_kg_m3 is not None
+    assert land.canopy_bulk_density_kg_m3[0, 0] == pytest.approx(0.14)
+    bands[5] = 250
+    with pytest.raises(FireModelError, match="canopy_bulk_density is 250"):
+        read_landscape(write_raster(tmp_path / "dense.tif", bands, names))
+
+
+def test_the_digest_of_a_landscape_includes_the_bulk_density() -> None:
+    assert forest(density_kg_m3=0.1).digest() != forest(density_kg_m3=0.2).digest()
+
+
+def test_rasters_include_the_crown_fraction_if_crowns_are_computed(tmp_path: Path) -> None:
+    for crown in ("none", "cruz"):
+        fire = new_fire("anyangle", forest(), steady(9.0, 270.0), [(20, 20, 0.0)], crown=crown)
+        fire.advance(600.0)
+        paths = write_rasters(tmp_path, fire)
+        assert ("crown_fraction" in paths) == (crown == "cruz")
+    with rasterio.open(paths["crown_fraction"]) as file:
+        written = file.read(1)
+    assert written[20, 20] == pytest.approx(behaviour_of(fire).crown_fraction[20, 20])
+    assert written[0, 0] == -1.0
+
+
+def test_members_of_an_ensemble_crown_like_their_fire() -> None:
+    fire = new_fire("anyangle", forest(), steady(9.0, 270.0), [(20, 10, 0.0)], crown="cruz")
+    start = Start(fire)
+    draw = latin_draws(Uncertainty(*[0.0] * len(fields(Uncertainty))), 1, 1, start.fuels)[0]
+    member = start.member(draw, np.random.default_rng(0))
+    member.advance(600.0)
+    fire.advance(600.0)
+    assert np.array_equal(member.burned(), fire.burned())
+    window = start.window(member, draw)
+    here = (slice(window.top, None), slice(window.left, None))
+    expected = behaviour_of(fire).flame_length_m[here][: window.flame_m.shape[0]]
+    burned = np.isfinite(window.flame_m)
+    assert burned.sum() > 10
+    assert window.flame_m[burned] == pytest.approx(
+        expected[:, : window.flame_m.shape[1]][burned], rel=1e-5
+    )
