@@ -9,6 +9,7 @@ A vehicle inside leaves by the shortest way and holds outside.
 
 import math
 from collections.abc import Iterable, Mapping
+from typing import Literal
 
 import shapely
 
@@ -90,6 +91,15 @@ class AirspaceGuard:
                 return self._announced(self._closed.open(event))
             case _:
                 return []
+
+    def exit_step(self, name: str) -> Literal["", "sent", "on board", "flown"]:
+        """Return how far the mission has come by which a vehicle leaves a volume; "" without."""
+        state = self._states[name]
+        if state.evasion is not Evasion.EXIT:
+            return ""
+        if self._flies_out(self._vehicles[name]):
+            return "flown"
+        return "on board" if state.on_board_id == state.evasion_id else "sent"
 
     def end_evasion(self, name: str) -> None:
         """End the evasion of a vehicle, because an order for it is executed."""
