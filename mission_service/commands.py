@@ -19,6 +19,7 @@ LandingPhaseName = Literal["none", "waiting", "sending", "approach", "final", "g
 ClearingPhase = Literal[
     "ordered", "acknowledged", "waiting", "on its way", "out", "on the ground", "not reached"
 ]
+CLEARED: tuple[ClearingPhase, ...] = ("out", "on the ground")
 ClearingOutcome = Literal["in force", "complete", "cancelled"]
 REJECTED = "rejected:"  # prefix of the announcement that a request was not carried out
 CONFIRM = "confirm:"  # prefix of the announcement that an order needs confirmation

@@ -640,6 +640,7 @@ def _refuse_no_volume(
 ) -> None:
     """Raise RequestError if corners (lat_deg, lon_deg) and limits form no volume."""
     refuse_no_polygon(do, corners)
-    both = floor_amsl_m is not None and ceiling_amsl_m is not None
-    if both and floor_amsl_m >= ceiling_amsl_m:
+    if floor_amsl_m is None or ceiling_amsl_m is None:
+        return
+    if floor_amsl_m >= ceiling_amsl_m:
         raise RequestError(f"{do}: ceiling_amsl_m must be above floor_amsl_m")

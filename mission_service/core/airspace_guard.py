@@ -335,7 +335,7 @@ class AirspaceGuard:
             elif vehicle.landing_state.active:
                 why = "it is landing"
             return self._raised(vehicle, f"{words}; {why}")
-        if at_s < state.acts_again_at_s or vehicle.pending is not None:
+        if at_s < state.acts_again_at_s or _waits_for_upload(vehicle, inside is not None):
             return []
         if inside is not None and self._flies_out(vehicle):
             return []
@@ -516,3 +516,9 @@ def _inside(airspace: Airspace, fix: PositionFix) -> str | None:
     """Return the closed volume that contains a vehicle, in words, or None."""
     volume = airspace.volume_at(position_of(fix))
     return None if volume is None else volume.words
+
+
+def _waits_for_upload(vehicle: Vehicle, inside: bool) -> bool:
+    """Return whether an upload must end first; the way out of a volume replaces other missions."""
+    pending = vehicle.pending
+    return pending is not None and (pending.evades or not inside)

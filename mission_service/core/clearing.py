@@ -13,6 +13,7 @@ import math
 from mission_service import events
 from mission_service.airspace.volumes import Volume
 from mission_service.commands import (
+    CLEARED,
     REJECTED,
     Announce,
     AnyCommand,
@@ -29,13 +30,15 @@ from mission_service.core.clearing_phases import (
     SILENT,
     landing_phase,
     lands_by_itself,
+    longest_answer_s,
     on_ground,
     unanswered,
     unreachable,
+    waits_for_order,
 )
 from mission_service.core.clearing_predictions import ClearingPredictions
 from mission_service.core.landings import Landings
-from mission_service.vehicles.clearing_state import ENDED, ClearingProgress, ClearingState
+from mission_service.vehicles.clearing_state import ClearingProgress, ClearingState
 from mission_service.vehicles.vehicle_state import Vehicle, announce
 
 CLEARING = "clearing"  # kind of the alarm
@@ -43,7 +46,6 @@ EVERY_S = 0.5  # interval of the checks between events that may change a phase
 AGAIN_S = 10.0  # until a vehicle that could not land is ordered to land again
 CONNECTS_S = 10.0  # time after a restart in which links may be lost
 SHOWN_CHANGE_S = 5.0  # a smaller change of the predictions is not shown
-LANDS_WITHOUT_LINK = ("on its way",)
 
 Phase = tuple[ClearingPhase, str, list[AnyCommand]]
 
@@ -67,17 +69,20 @@ class AirspaceClearing:
         self._prescribed = prescribed  # a burn's vehicles are not landed by the service
         self._checked_at_s = -math.inf
         self._restarted_at_s = -math.inf
-        self._shown: ShowClearing | None = None
+        self.shown: ShowClearing | None = None
 
     # Requests ---------------------------------------------------------------------------------
 
     def refused(self, event: events.AnyOperatorEvent) -> list[AnyCommand]:
         """Return the announcement that a request is refused; [] for all other requests."""
         why = self._refusal(event)
-        first = next(iter(self._vehicles.values()), None)
-        if not why or first is None:
+        if not why:
             return []
-        return [announce(first, f"{REJECTED} {why}", warning=True)]
+        named = (
+            event.vehicle if isinstance(event, events.OrderGiven) else next(iter(self._vehicles))
+        )
+        refused = [each for name, each in self._vehicles.items() if named in ("", name)]
+        return [announce(each, f"{REJECTED} {why}", warning=True) for each in refused]
 
     def _refusal(self, event: events.AnyOperatorEvent) -> str:
         in_force = self.state.in_force
@@ -170,11 +175,11 @@ class AirspaceClearing:
 
     def _count_words(self) -> str:
         vehicles = self.state.vehicles.values()
-        ended = sum(each.phase in ENDED for each in vehicles)
+        ended = sum(each.phase in CLEARED for each in vehicles)
         words = f"{ended} of {len(vehicles)} {'on the ground' if self.state.lands else 'out'}"
         missed = sum(each.phase == "not reached" for each in vehicles)
         words += f", {missed} not reached" if missed else ""
-        expected_s = [each.expected_at_s for each in vehicles if each.phase not in ENDED]
+        expected_s = [each.expected_at_s for each in vehicles if each.phase not in CLEARED]
         known_s = [each for each in expected_s if each is not None]
         return f"{words}, last expected at {clock(max(known_s))}" if known_s else words
 
@@ -183,7 +188,7 @@ class AirspaceClearing:
         for name, progress in state.vehicles.items():
             vehicle = self._vehicles[name]
             lands = self._landings.must_go_around(vehicle) or lands_by_itself(vehicle)
-            left = progress.phase in ENDED or self._prescribed or lands or progress.other_order
+            left = progress.phase in CLEARED or self._prescribed or lands or progress.other_order
             if not (left or unreachable(vehicle)):
                 commands.append(OrderByService(name, "hold", by=event.by))
         ended = self._end("cancelled", f"cancelled by {event.by}: vehicles on their way hold")
@@ -223,9 +228,11 @@ class AirspaceClearing:
             else:
                 phase, why, given = self._leaving(vehicle, progress, volume, at_s)
             progress.phase, progress.why = phase, why
+            if before == "not reached" != phase:
+                progress.restate()
             commands += [*given, *self._reported(vehicle, progress, before, at_s)]
         self._predictions.update(state, volume, at_s)
-        if all(each.phase in ENDED for each in state.vehicles.values()):
+        if all(each.phase in CLEARED for each in state.vehicles.values()):
             return [*commands, *self._end("complete", self._count_words())]
         return [*commands, *self._show()]
 
@@ -250,7 +257,9 @@ class AirspaceClearing:
             progress.silent |= unanswered(progress, phase, at_s)
             if not progress.silent:
                 return phase, "", []
-            return "not reached", SILENT, self._landings.leave_queue(vehicle, at_s)
+            since_s = at_s if progress.ordered_at_s is None else progress.ordered_at_s
+            too_long = at_s - since_s >= longest_answer_s(vehicle)
+            return "not reached", SILENT, self._order_hold(vehicle, progress) if too_long else []
         if progress.silent:
             return "not reached", SILENT, []
         if lands_by_itself(vehicle):
@@ -282,11 +291,24 @@ class AirspaceClearing:
         if lost and at_s - self._restarted_at_s < CONNECTS_S:
             return progress.phase, progress.why, []
         progress.ordered_at_s = None  # it is ordered again as soon as it can be commanded
-        commands = self._landings.leave_queue(vehicle, at_s if lost else None)
+        if lost:
+            commands = self._order_hold(vehicle, progress)
+        else:  # the hold would end its failsafe or its pilot's mode
+            commands = self._landings.leave_queue(vehicle)
         overdue = progress.out_by_s is not None and at_s > progress.out_by_s
         if lost and overdue and vehicle.landing_state.active:  # it may have landed without a link
             commands += self._landings.end(vehicle)
         return "not reached", why, commands
+
+    def _order_hold(self, vehicle: Vehicle, progress: ClearingProgress) -> list[AnyCommand]:
+        """Order a vehicle that does not land yet to hold, so that no other vehicle waits for it.
+
+        The hold is repeated until it is acknowledged; the vehicle then lands after the others.
+        """
+        if not waits_for_order(vehicle) or progress.order_under_way is not None:
+            return []
+        progress.order_under_way, progress.ordered_at_s = "hold", None
+        return [OrderByService(vehicle.name, "hold", by=self.state.by)]
 
     def _leaving(
         self, vehicle: Vehicle, progress: ClearingProgress, volume: Volume, at_s: float
@@ -310,7 +332,7 @@ class AirspaceClearing:
         if why:
             return "not reached", why, []
         step = self._airspace.exit_step(vehicle.name)
-        if step and progress.ordered_at_s is None:
+        if progress.ordered_at_s is None:
             progress.ordered_at_s, progress.acknowledged = at_s, False
         phase: ClearingPhase = "acknowledged" if step == "on board" else "ordered"
         if step == "flown":
@@ -325,13 +347,14 @@ class AirspaceClearing:
         self, vehicle: Vehicle, progress: ClearingProgress, before: ClearingPhase, at_s: float
     ) -> list[AnyCommand]:
         """Raise or clear the alarm of a vehicle, and announce that it is out."""
+        was_inside = self.state.lands or progress.ordered_at_s is not None or progress.alarm != ""
         commands = self._alarmed(vehicle, progress, self._alarm(progress, at_s))
-        if progress.phase in ENDED and before not in ENDED and progress.ordered_at_s is not None:
+        if progress.phase in CLEARED and before not in CLEARED and was_inside:
             commands.append(announce(vehicle, f"{progress.phase}: {self._count_words()}"))
         return commands
 
     def _alarm(self, progress: ClearingProgress, at_s: float) -> str:
-        if progress.phase in ENDED:
+        if progress.phase in CLEARED:
             return ""
         if progress.phase == "not reached":
             return f"not cleared: {progress.why}; use the radio"
@@ -381,10 +404,12 @@ class AirspaceClearing:
             for name, progress in state.vehicles.items()
         )
         first = next(iter(self._vehicles))
-        shown = ShowClearing(first, state.volume, state.by, state.ordered_at_us, state.outcome, rows)
-        if self._shown is not None and _alike(shown, self._shown):
+        shown = ShowClearing(
+            first, state.volume, state.by, state.ordered_at_us, state.outcome, rows
+        )
+        if self.shown is not None and _alike(shown, self.shown):
             return []
-        self._shown = shown
+        self.shown = shown
         return [shown]
 
     def _volume(self, name: str, at_s: float) -> Volume | None:

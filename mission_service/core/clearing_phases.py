@@ -8,6 +8,7 @@ from mission_service.vehicles.landing_state import LandingPhase
 from mission_service.vehicles.vehicle_state import Vehicle
 
 UNANSWERED_S = 5.0  # time after which an order without an answer is reported
+UPLOADED_S = 15.0  # time after which another vehicle lands instead; uploads repeat lost messages
 SILENT = f"it has not answered for {UNANSWERED_S:.0f} s"
 
 
@@ -44,7 +45,29 @@ def landing_phase(vehicle: Vehicle, progress: ClearingProgress) -> ClearingPhase
         return "waiting" if holds else "ordered"
     if phase is LandingPhase.SENDING:
         return "acknowledged" if progress.acknowledged else "ordered"
+    if phase is LandingPhase.APPROACH and not _flies_home(vehicle):
+        return "acknowledged" if progress.acknowledged else "ordered"
     return "on its way"
+
+
+def _flies_home(vehicle: Vehicle) -> bool:
+    """Return whether a vehicle on its approach flies there: by a mission, or by a return."""
+    is_copter = vehicle.section.kind == "copter"
+    return not is_copter or vehicle.availability.mode in GOING_HOME
+
+
+def waits_for_order(vehicle: Vehicle) -> bool:
+    """Return whether a landing has been ordered that the vehicle does not fly yet."""
+    phase = vehicle.landing_state.landing_phase
+    if phase is LandingPhase.APPROACH:
+        return not _flies_home(vehicle)
+    return phase in (LandingPhase.WAITING, LandingPhase.SENDING)
+
+
+def longest_answer_s(vehicle: Vehicle) -> float:
+    """Return the time after which other vehicles do not wait for a vehicle without an answer."""
+    uploads = vehicle.landing_state.landing_phase is LandingPhase.SENDING
+    return UPLOADED_S if uploads else UNANSWERED_S
 
 
 def unanswered(progress: ClearingProgress, phase: ClearingPhase, at_s: float) -> bool:

@@ -2,6 +2,8 @@
 
 import math
 
+import shapely
+
 from firemodel.landscape.landscape import Landscape
 from mission_service.airspace.volumes import Volume
 from mission_service.core.clearing_times import (
@@ -117,13 +119,19 @@ class ClearingPredictions:
         self, vehicle: Vehicle, progress: ClearingProgress, volume: Volume, at_s: float
     ) -> None:
         """Predict when a vehicle leaves a volume, once its way out is planned."""
-        fix, pending = vehicle.availability.fix, vehicle.pending
-        if progress.phase in ("out", "on the ground", "not reached"):
+        fix, line = vehicle.availability.fix, _way_out(vehicle, progress)
+        if progress.phase in ("out", "on the ground", "not reached") or fix is None:
             progress.expected_at_s = None
-        elif fix is not None and pending is not None and pending.evades:
-            if progress.expected_at_s is None:
-                wind_m_s = self._energy.wind(vehicle, at_s)
-                flight_s = exit_s(vehicle, fix, pending.line, volume.area_m, wind_m_s)
-                progress.expected_at_s = at_s + flight_s
         elif progress.expected_at_s is not None:
             progress.expected_at_s = max(progress.expected_at_s, at_s)
+        elif line is not None:
+            wind_m_s = self._energy.wind(vehicle, at_s)
+            progress.expected_at_s = at_s + exit_s(vehicle, fix, line, volume.area_m, wind_m_s)
+
+
+def _way_out(vehicle: Vehicle, progress: ClearingProgress) -> shapely.LineString | None:
+    """Return the path by which a vehicle leaves a volume, if it is planned."""
+    pending = vehicle.pending
+    if pending is not None and pending.evades:
+        return pending.line
+    return vehicle.flown_line if progress.phase in ("acknowledged", "on its way") else None

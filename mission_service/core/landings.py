@@ -122,17 +122,16 @@ class Landings:
         shown = self._enter(vehicle, LandingPhase.GOING_AROUND, at_s)
         return [words, *shown, self._around(vehicle)]
 
-    def leave_queue(self, vehicle: Vehicle, again_at_s: float | None) -> list[AnyCommand]:
-        """End a landing before its approach, so that no other vehicle waits for it; then hold.
+    def leave_queue(self, vehicle: Vehicle) -> list[AnyCommand]:
+        """End a landing that has not begun, so that no other vehicle waits for it.
 
-        The hold is sent from ``again_at_s`` on until the autopilot accepts it; None: no command is
-        sent.
+        No command is sent to the vehicle, which counts as held until an operator's order.
         """
         if vehicle.landing_state.landing_phase not in (LandingPhase.WAITING, LandingPhase.SENDING):
             return []
         vehicle.drop_upload()
         vehicle.end_intentions()
-        vehicle.ordered, vehicle.hold_again_at_s = "hold", again_at_s
+        vehicle.ordered, vehicle.hold_again_at_s = "hold", None
         return self.end(vehicle, holds=True)
 
     def end(self, vehicle: Vehicle, holds: bool = False) -> list[AnyCommand]:

@@ -5,8 +5,6 @@ from dataclasses import dataclass, field
 from mission_service.commands import ClearingOutcome, ClearingPhase
 from mission_service.events import Order
 
-ENDED: tuple[ClearingPhase, ...] = ("out", "on the ground")
-
 
 @dataclass
 class ClearingProgress:
