@@ -205,7 +205,8 @@ class AirspaceClearing:
         if progress.order_under_way == event.order:
             progress.order_under_way = None
         elif event.order == "land":
-            progress.other_order = ""
+            progress.other_order, progress.acknowledged = "", False
+            progress.ordered_at_s, progress.silent = event.at_us / 1e6, False
         elif event.by != events.SERVICE:
             progress.other_order = f"{event.order} ordered by {event.by}"
 
