@@ -254,6 +254,7 @@ class AirspaceClearing:
             goes = progress.other_order.startswith("return")
             return ("on its way" if goes else "not reached"), progress.other_order, []
         if vehicle.landing_state.active:
+            self._note_command(vehicle, progress)
             phase = landing_phase(vehicle, progress)
             progress.silent |= unanswered(progress, phase, at_s)
             if not progress.silent:
@@ -266,6 +267,13 @@ class AirspaceClearing:
         if lands_by_itself(vehicle):
             return "on its way", "", []
         return self._order_landing(vehicle, progress, at_s)
+
+    @staticmethod
+    def _note_command(vehicle: Vehicle, progress: ClearingProgress) -> None:
+        """Await another answer if the vehicle's turn to land has come since its last order."""
+        began_s, since_s = vehicle.landing_state.since_s, progress.ordered_at_s
+        if waits_for_order(vehicle) and (since_s is None or began_s > since_s):
+            progress.ordered_at_s, progress.acknowledged = began_s, False
 
     def _order_landing(self, vehicle: Vehicle, progress: ClearingProgress, at_s: float) -> Phase:
         """Order a vehicle to land, or to hold if it cannot land."""

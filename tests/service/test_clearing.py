@@ -316,11 +316,11 @@ def test_it_survives_a_restart_of_the_service(land: Landscape) -> None:
         flight.mode("mission", name)
         flight.at(CRUISE_M, name)
         flight.handle(MissionReadBack(flight.at_us, name, 0, 5))
-    flight.at(CRUISE_M, first, later_s=12.0)
-    flight.at(CRUISE_M, second)
+        flight.answer("hold", name=name)
+        flight.mode("hold", name)
+    flight.at(CRUISE_M, first)
     assert flight.core.clearing.state.in_force
-    states = {each.landing_state.shown for each in flight.core.vehicles.values()}
-    assert states == {"waiting", "sending"}
+    assert [flight.phase(name) for name in (first, second)] == ["sending", "waiting"]
 
 
 # A volume -----------------------------------------------------------------------------------------
