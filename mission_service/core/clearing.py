@@ -232,7 +232,7 @@ class AirspaceClearing:
             if before == "not reached" != phase:
                 progress.restate()
             commands += [*given, *self._reported(vehicle, progress, before, at_s)]
-        self._predictions.update(state, volume, at_s)
+        self._predictions.predict(state, volume, at_s)
         if all(each.phase in CLEARED for each in state.vehicles.values()):
             return [*commands, *self._end("complete", self._count_words())]
         return [*commands, *self._show()]

@@ -46,7 +46,7 @@ class ClearingPredictions:
         away_m = math.inf if fix is None else math.dist((fix.x_m, fix.y_m), vehicle.home_m)
         return not vehicle.landing_state.active, on_task_s, away_m, vehicle.name
 
-    def update(self, state: ClearingState, volume: Volume | None, at_s: float) -> None:
+    def predict(self, state: ClearingState, volume: Volume | None, at_s: float) -> None:
         """Update the expected times of all vehicles, and state a time for those without one."""
         if volume is None:
             self._expect_landings(state, at_s)
