@@ -81,9 +81,9 @@ function titleOf({ volume, outcome }: Clearing): string {
   return `${what}: ${outcome}`;
 }
 
-function countsOf({ volume, out, vehicles, last_expected_us }: Clearing): string {
+function countsOf({ volume, vehicles_out, vehicles, last_expected_us }: Clearing): string {
   const missed = vehicles.filter(({ phase }) => phase === "not reached").length;
-  const parts = [`${out} of ${vehicles.length} ${volume ? "out" : "on the ground"}`];
+  const parts = [`${vehicles_out} of ${vehicles.length} ${volume ? "out" : "on the ground"}`];
   if (missed) parts.push(`${missed} NOT REACHED`);
   if (last_expected_us !== null) parts.push(`last expected at ${counter(last_expected_us / 1e6)}`);
   return parts.join(", ");

@@ -357,7 +357,7 @@ export interface Clearing {
   ordered_at_us: number;
   outcome: "in force" | "complete" | "cancelled";
   ended_at_us: number | null;
-  out: number;
+  vehicles_out: number;
   last_expected_us: number | null;
   vehicles: ClearedVehicle[];
 }
