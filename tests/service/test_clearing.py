@@ -223,6 +223,7 @@ def test_a_vehicle_that_cannot_land_holds_with_an_alarm_and_lands_later(land: La
 def test_no_vehicle_takes_off_and_those_on_the_ground_wait_for_an_order(land: Landscape) -> None:
     flight = Cleared(land, count=2)
     flight.mode("hold", "kite", armed=False)
+    flight.core.vehicles["kite"].waits_for_operator = False  # as before its first flight
     flight.clear()
     assert list(flight.core.clearing.state.vehicles) == ["hawk"]
     for order in ("start", "resume"):
