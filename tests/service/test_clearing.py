@@ -227,7 +227,7 @@ def test_no_vehicle_takes_off_and_those_on_the_ground_wait_for_an_order(land: La
     flight.clear()
     assert list(flight.core.clearing.state.vehicles) == ["hawk"]
     for order in ("start", "resume"):
-        refused = flight.order(order, "kite")  # type: ignore[arg-type]
+        refused = flight.order(order, "kite")
         assert "rejected: the airspace is being cleared" in texts(refused)
         assert not every(refused, StartMission)
     flight.lands("hawk")
@@ -330,18 +330,18 @@ def test_it_survives_a_restart_of_the_service(land: Landscape) -> None:
 def test_vehicles_leave_a_drawn_volume_and_it_stays_closed(land: Landscape) -> None:
     flight = Cleared(land)
     flight.at(CRUISE_M)
-    inside = {"away_deg": flight.core.vehicles["hawk"].section.home_lon_deg - FIRE[1]}
-    flight.at(CRUISE_M, **inside)
+    inside_deg = flight.core.vehicles["hawk"].section.home_lon_deg - FIRE[1]
+    flight.at(CRUISE_M, away_deg=inside_deg)
     flight.clear("tanker", 0.012)
-    commands = flight.at(CRUISE_M, later_s=0.25, **inside)
-    commands += flight.at(CRUISE_M, later_s=0.5, **inside)
+    commands = flight.at(CRUISE_M, later_s=0.25, away_deg=inside_deg)
+    commands += flight.at(CRUISE_M, later_s=0.5, away_deg=inside_deg)
     sent = flight.core.vehicles["hawk"].pending
     assert sent is not None
     assert sent.evades
     assert flight.row("hawk") == "ordered"
     flight.answer_uploads()
     flight.mode("mission")
-    flight.at(CRUISE_M, **inside)
+    flight.at(CRUISE_M, away_deg=inside_deg)
     row = last_shown(flight.sent).vehicles[0]
     assert row.phase == "on its way"
     assert row.expected_us is not None
@@ -352,10 +352,10 @@ def test_vehicles_leave_a_drawn_volume_and_it_stays_closed(land: Landscape) -> N
 
 def test_cancelling_opens_the_volume_that_was_closed_for_it(land: Landscape) -> None:
     flight = Cleared(land)
-    inside = {"away_deg": flight.core.vehicles["hawk"].section.home_lon_deg - FIRE[1]}
-    flight.at(CRUISE_M, **inside)
+    inside_deg = flight.core.vehicles["hawk"].section.home_lon_deg - FIRE[1]
+    flight.at(CRUISE_M, away_deg=inside_deg)
     flight.clear("tanker", 0.012)
-    flight.at(CRUISE_M, **inside)
+    flight.at(CRUISE_M, away_deg=inside_deg)
     assert Hold("hawk") in flight.cancel()
     assert flight.core.airspace.volumes == ()
     assert flight.core.vehicles["hawk"].ordered == "hold"
