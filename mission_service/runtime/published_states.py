@@ -63,9 +63,9 @@ class ClearingStatus(msgspec.Struct):
     """The progress of clearing the airspace: the last request, and each vehicle concerned.
 
     ``volume`` is the volume that vehicles leave; empty: they land. ``vehicles_out`` of the vehicles
-    are out, or on the ground. ``last_expected_us`` is the predicted time (mission time) at which the last
-    vehicle that is reached is out; None if none is expected. ``ended_at_us`` is None while vehicles
-    are not out. The vehicles are in the order in which they land.
+    are out, or on the ground. ``last_expected_us`` is the predicted time (mission time) at which
+    the last vehicle that is reached is out; None if none is expected. ``ended_at_us`` is None while
+    vehicles are not out. The vehicles are in the order in which they land.
     """
 
     volume: str
