@@ -8,7 +8,7 @@ from typing import Literal
 import msgspec
 
 from autopilot_bridge.items import MissionItem
-from mission_service.events import Order
+from mission_service.events import SERVICE, Order
 from mission_service.ignition_plan import IgnitionPlan
 from mission_service.peer_messages import AnyMessage
 
@@ -16,6 +16,11 @@ Direction = Literal["clockwise", "anticlockwise"]
 Level = Literal["info", "warning"]
 Severity = Literal["warning", "severe"]
 LandingPhaseName = Literal["none", "waiting", "sending", "approach", "final", "going around"]
+ClearingPhase = Literal[
+    "ordered", "acknowledged", "waiting", "on its way", "out", "on the ground", "not reached"
+]
+CLEARED: tuple[ClearingPhase, ...] = ("out", "on the ground")
+ClearingOutcome = Literal["in force", "complete", "cancelled"]
 REJECTED = "rejected:"  # prefix of the announcement that a request was not carried out
 CONFIRM = "confirm:"  # prefix of the announcement that an order needs confirmation
 
@@ -183,13 +188,43 @@ class AlertOnAircraft(Command, frozen=True, tag=True):
 
 
 class OrderByService(Command, frozen=True, tag=True):
-    """Give the vehicle an order of the service: the event ``OrderGiven`` by ``service`` follows.
+    """Give the vehicle an order: the event ``OrderGiven`` by ``by`` follows.
 
-    ``hold_at`` is that of the event.
+    ``hold_at`` is that of the event. ``by`` is the service, or the operator whose request to clear
+    the airspace the order carries out.
     """
 
     order: Order
     hold_at: tuple[float, float, float] | None = None
+    by: str = SERVICE
+
+
+class ClearedVehicle(msgspec.Struct, frozen=True):
+    """The progress of one vehicle while the airspace is cleared (mission time in microseconds).
+
+    ``why`` states why the vehicle is not reached. The vehicle should be out by ``out_by_us``, which
+    is stated once; ``expected_us`` is the present prediction. Both are None if none is possible.
+    """
+
+    vehicle: str
+    phase: ClearingPhase
+    why: str
+    out_by_us: int | None
+    expected_us: int | None
+
+
+class ShowClearing(Command, frozen=True, tag=True):
+    """Show the progress of clearing the airspace.
+
+    ``volume`` is the name of the volume that the vehicles leave; empty: all vehicles land.
+    ``vehicles`` are in the order in which they land.
+    """
+
+    volume: str
+    by: str
+    ordered_at_us: int
+    outcome: ClearingOutcome
+    vehicles: tuple[ClearedVehicle, ...]
 
 
 class ProposePlan(Command, frozen=True, tag=True):
@@ -240,6 +275,7 @@ AnyCommand = (
     | HoldAt
     | AlertOnAircraft
     | OrderByService
+    | ShowClearing
     | ProposePlan
     | WithdrawPlan
     | Drop

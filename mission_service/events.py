@@ -566,6 +566,23 @@ class AirspaceOpened(OperatorEvent, frozen=True, tag=True):
     name: str
 
 
+class ClearingOrdered(OperatorEvent, frozen=True, tag=True):
+    """All vehicles leave a volume of airspace, or land if ``volume`` is empty.
+
+    ``corners`` and limits are those of ``AirspaceClosed``; without corners the volume is a volume
+    of the run that is closed already.
+    """
+
+    volume: str = ""
+    corners: tuple[tuple[Latitude, Longitude], ...] = ()
+    floor_amsl_m: Altitude | None = None
+    ceiling_amsl_m: Altitude | None = None
+
+
+class ClearingCancelled(OperatorEvent, frozen=True, tag=True):
+    """The airspace is not cleared any longer: vehicles on their way hold."""
+
+
 class Aborted(OperatorEvent, frozen=True, tag=True):
     """An operator ordered an abort: drops end, and vehicles climb to the safe height and hold."""
 
@@ -690,6 +707,8 @@ AnyOperatorEvent = (
     | Aborted
     | AirspaceClosed
     | AirspaceOpened
+    | ClearingOrdered
+    | ClearingCancelled
     | OperatorHeartbeat
     | OrderGiven
     | MissionRequested

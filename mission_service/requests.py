@@ -90,6 +90,15 @@ Source = Annotated[
 RasterRow = Annotated[
     str, Meta(min_length=1, max_length=MAX_SIDE_CELLS, pattern=LETTERS, description="West to east.")
 ]
+# The vertical limits of a volume of airspace.
+FloorAmsl = Annotated[
+    Annotated[float, Meta(ge=-1000, le=20_000)] | None,
+    Meta(description="Lower limit above mean sea level; without it: the ground."),
+]
+CeilingAmsl = Annotated[
+    Annotated[float, Meta(ge=-1000, le=20_000)] | None,
+    Meta(description="Upper limit above mean sea level; without it: no limit."),
+]
 _MIN_POINTS = {"point": 1, "line": 2, "polygon": 3}
 HASH = "6b86b273ff34fce19d6b804eff5a3f5747ada4eaa22f1d49c01e52ddb7875b4b"
 PLACE = {"lat_deg": 36.364232, "lon_deg": -84.140907}
@@ -381,14 +390,8 @@ class Close(Request, frozen=True):
         tuple[tuple[Latitude, Longitude], ...],
         Meta(min_length=3, max_length=1000, description="Latitude and longitude of each corner."),
     ]
-    floor_amsl_m: Annotated[
-        Annotated[float, Meta(ge=-1000, le=20_000)] | None,
-        Meta(description="Lower limit above mean sea level; without it: the ground."),
-    ] = None
-    ceiling_amsl_m: Annotated[
-        Annotated[float, Meta(ge=-1000, le=20_000)] | None,
-        Meta(description="Upper limit above mean sea level; without it: no limit."),
-    ] = None
+    floor_amsl_m: FloorAmsl = None
+    ceiling_amsl_m: CeilingAmsl = None
     for_s: Annotated[
         Annotated[float, Meta(gt=0, le=MAX_DURATION_S)] | None,
         Meta(description="Time after which the volume opens; without it: when it is opened."),
@@ -396,10 +399,7 @@ class Close(Request, frozen=True):
 
     def event(self, at_us: int) -> events.AnyOperatorEvent:
         """Return the event ``AirspaceClosed``; raises RequestError for an impossible volume."""
-        refuse_no_polygon("close", self.corners)
-        floor_m, ceiling_m = self.floor_amsl_m, self.ceiling_amsl_m
-        if floor_m is not None and ceiling_m is not None and floor_m >= ceiling_m:
-            raise RequestError("close: ceiling_amsl_m must be above floor_amsl_m")
+        _refuse_no_volume("close", self.corners, self.floor_amsl_m, self.ceiling_amsl_m)
         return super().event(at_us)
 
 
@@ -413,6 +413,57 @@ class Open(Request, frozen=True):
     example: ClassVar = {"name": "helicopter"}
 
     name: Name
+
+
+class Clear(Request, frozen=True):
+    """Clear the airspace: all vehicles land, or leave a volume, which is then closed.
+
+    Without ``volume`` all vehicles land at home. With ``volume`` and ``corners`` the volume is
+    closed; with ``volume`` alone it is a volume that is closed already. No vehicle takes off until
+    the airspace is clear, or the request is cancelled.
+    """
+
+    makes = events.ClearingOrdered
+    role = "fly"
+    path = "/airspace/{do}"
+    operation = "airspace_{do}"
+    example: ClassVar = {
+        "volume": "air tanker",
+        "corners": [[36.3642, -84.1409], [36.3661, -84.1391], [36.3642, -84.1391]],
+        "floor_amsl_m": 300.0,
+        "ceiling_amsl_m": 900.0,
+    }
+
+    volume: Annotated[
+        str,
+        Meta(max_length=80, pattern=PRINTED, description="Name of the volume; empty: land."),
+    ] = ""
+    corners: Annotated[
+        tuple[tuple[Latitude, Longitude], ...],
+        Meta(max_length=1000, description="Latitude and longitude of each corner."),
+    ] = ()
+    floor_amsl_m: FloorAmsl = None
+    ceiling_amsl_m: CeilingAmsl = None
+
+    def event(self, at_us: int) -> events.AnyOperatorEvent:
+        """Return the event ``ClearingOrdered``; raises RequestError for an impossible volume."""
+        volume = self.volume.strip()
+        if self.corners and not volume:
+            raise RequestError("clear: corners need a name: give volume")
+        if not self.corners and (self.floor_amsl_m, self.ceiling_amsl_m) != (None, None):
+            raise RequestError("clear: floor_amsl_m and ceiling_amsl_m need corners")
+        if self.corners:
+            _refuse_no_volume("clear", self.corners, self.floor_amsl_m, self.ceiling_amsl_m)
+        return msgspec.structs.replace(super().event(at_us), volume=volume)
+
+
+class CancelClearing(Request, frozen=True, tag="cancel-clearing"):
+    """Stop clearing the airspace: vehicles on their way hold until they are resumed."""
+
+    makes = events.ClearingCancelled
+    role = "fly"
+    path = "/airspace/{do}"
+    operation = "airspace_cancel_clearing"
 
 
 class Present(Request, frozen=True):
@@ -561,7 +612,10 @@ class Replay(Request, frozen=True):
         raise RequestError("replay: this run is not a replay")
 
 
-OF_EVERY_RUN = (Abort, Correct, Observe, Raster, Erase, Undo, Redo, Lit, Wind, Present, Close, Open)
+OF_EVERY_RUN = (
+    *(Abort, Correct, Observe, Raster, Erase, Undo, Redo, Lit, Wind, Present),
+    *(Close, Open, Clear, CancelClearing),
+)
 OF_VEHICLES = (Hold, Resume, Return, Land, GoAround, Start, Renew, Accept, Refuse, Settings)
 
 
@@ -576,3 +630,17 @@ def refuse_no_polygon(do: str, points: tuple[tuple[float, float], ...]) -> None:
         raise RequestError(
             f"{do}: these corners form no polygon: its sides cross or it has no area"
         )
+
+
+def _refuse_no_volume(
+    do: str,
+    corners: tuple[tuple[float, float], ...],
+    floor_amsl_m: float | None,
+    ceiling_amsl_m: float | None,
+) -> None:
+    """Raise RequestError if corners (lat_deg, lon_deg) and limits form no volume."""
+    refuse_no_polygon(do, corners)
+    if floor_amsl_m is None or ceiling_amsl_m is None:
+        return
+    if floor_amsl_m >= ceiling_amsl_m:
+        raise RequestError(f"{do}: ceiling_amsl_m must be above floor_amsl_m")

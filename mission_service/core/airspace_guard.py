@@ -9,6 +9,7 @@ A vehicle inside leaves by the shortest way and holds outside.
 
 import math
 from collections.abc import Iterable, Mapping
+from typing import Literal
 
 import shapely
 
@@ -90,6 +91,15 @@ class AirspaceGuard:
                 return self._announced(self._closed.open(event))
             case _:
                 return []
+
+    def exit_step(self, name: str) -> Literal["", "sent", "on board", "flown"]:
+        """Return how far the mission has come by which a vehicle leaves a volume; "" without."""
+        state = self._states[name]
+        if state.evasion is not Evasion.EXIT:
+            return ""
+        if self._flies_out(self._vehicles[name]):
+            return "flown"
+        return "on board" if state.on_board_id == state.evasion_id else "sent"
 
     def end_evasion(self, name: str) -> None:
         """End the evasion of a vehicle, because an order for it is executed."""
@@ -325,7 +335,7 @@ class AirspaceGuard:
             elif vehicle.landing_state.active:
                 why = "it is landing"
             return self._raised(vehicle, f"{words}; {why}")
-        if at_s < state.acts_again_at_s or vehicle.pending is not None:
+        if at_s < state.acts_again_at_s or _waits_for_upload(vehicle, inside is not None):
             return []
         if inside is not None and self._flies_out(vehicle):
             return []
@@ -506,3 +516,9 @@ def _inside(airspace: Airspace, fix: PositionFix) -> str | None:
     """Return the closed volume that contains a vehicle, in words, or None."""
     volume = airspace.volume_at(position_of(fix))
     return None if volume is None else volume.words
+
+
+def _waits_for_upload(vehicle: Vehicle, inside: bool) -> bool:
+    """Return whether an upload must end first; the way out of a volume replaces other missions."""
+    pending = vehicle.pending
+    return pending is not None and (pending.evades or not inside)

@@ -27,6 +27,8 @@ from mission_service.core.autopilot_reports import (
     taken_over,
     texts_over,
 )
+from mission_service.core.clearing import AirspaceClearing
+from mission_service.core.clearing_predictions import ClearingPredictions
 from mission_service.core.continuation import Continuation
 from mission_service.core.decision_engine import DecisionEngine
 from mission_service.core.energy_watch import EnergyWatch
@@ -101,6 +103,13 @@ class Core:
             self.traffic,
             self._missions,
             self.airspace,
+        )
+        self.clearing = AirspaceClearing(
+            self.vehicles,
+            self._landings,
+            self.airspace,
+            ClearingPredictions(landscape, self.vehicles, self._landings, self._energy),
+            self._way.prescribed,
         )
         self._results = RequestResults(self.guidance, self._starts, self._landings)
         self._continuation = Continuation(
@@ -187,7 +196,8 @@ class Core:
         unreachable = self.airspace.apply(event)
         commands = [*unreachable, *self._answer(vehicle, event, decision, was)]
         commands += self.guidance.on_vehicle(vehicle, event)
-        return self._kept_out(vehicle, event, commands)
+        commands = self._kept_out(vehicle, event, commands)
+        return [*commands, *self.clearing.on_vehicle(event)]
 
     def _kept_out(
         self, vehicle: Vehicle, event: events.VehicleEvent, commands: list[AnyCommand]
@@ -201,7 +211,11 @@ class Core:
         return [*commands, *evades]
 
     def _on_operator(self, event: events.AnyOperatorEvent) -> list[AnyCommand]:
-        return [*self.airspace.on_operator(event), *self._requested(event)]
+        refused = self.clearing.refused(event)
+        if refused:
+            return refused
+        commands = [*self.airspace.on_operator(event), *self._requested(event)]
+        return [*commands, *self.clearing.on_operator(event)]
 
     def _requested(self, event: events.AnyOperatorEvent) -> list[AnyCommand]:
         if isinstance(event, events.Resumed):  # the restart leaves links and commands unconfirmed

@@ -85,7 +85,7 @@ class Landings:
         if vehicle.section.kind == "copter":
             return self._airspace.return_obstacle(vehicle, availability.fix)
         try:
-            mission = self._mission(vehicle, availability.fix)
+            mission = self.mission_from(vehicle, availability.fix)
         except ScenarioError as error:
             return str(error)
         return self._airspace.mission_obstacle(vehicle, mission.items)
@@ -121,6 +121,18 @@ class Landings:
         vehicle.sent_home = vehicle.going_home = False
         shown = self._enter(vehicle, LandingPhase.GOING_AROUND, at_s)
         return [words, *shown, self._around(vehicle)]
+
+    def leave_queue(self, vehicle: Vehicle) -> list[AnyCommand]:
+        """End a landing that has not begun, so that no other vehicle waits for it.
+
+        No command is sent to the vehicle, which counts as held until an operator's order.
+        """
+        if vehicle.landing_state.landing_phase not in (LandingPhase.WAITING, LandingPhase.SENDING):
+            return []
+        vehicle.drop_upload()
+        vehicle.end_intentions()
+        vehicle.ordered, vehicle.hold_again_at_s = "hold", None
+        return self.end(vehicle, holds=True)
 
     def end(self, vehicle: Vehicle, holds: bool = False) -> list[AnyCommand]:
         """End a landing, if there is one, because of an order, a landing or a change of mode."""
@@ -355,7 +367,7 @@ class Landings:
                 continue
             waits_longer = state.landing_phase is LandingPhase.WAITING
             if own.landing_phase is LandingPhase.WAITING:
-                waits_longer &= (state.since_s, other.name) < (own.since_s, vehicle.name)
+                waits_longer &= state.turn(other.name) < own.turn(vehicle.name)
             if state.uses_field or waits_longer:
                 return other.name
         return None
@@ -373,7 +385,7 @@ class Landings:
     def _send(self, vehicle: Vehicle, fix: PositionFix) -> list[AnyCommand]:
         """Return the upload of the landing mission."""
         try:
-            mission = self._mission(vehicle, fix)
+            mission = self.mission_from(vehicle, fix)
         except ScenarioError as error:
             return self._stop(vehicle, str(error), fix.at_s)
         vehicle.landing_state.mission = mission
@@ -381,7 +393,8 @@ class Landings:
         why = f"land on course {mission.course_deg:.0f}"
         return [self._missions.upload(vehicle, path, mission.items, fix, why, lands=True)]
 
-    def _mission(self, vehicle: Vehicle, fix: PositionFix) -> LandingMission:
+    def mission_from(self, vehicle: Vehicle, fix: PositionFix) -> LandingMission:
+        """Return the mission that lands a plane from a position. Raises ScenarioError."""
         availability = vehicle.availability
         wind, measured = vehicle.landing.wind_at(fix.at_s), availability.measured_wind
         if measured is not None and fix.at_s - measured.at_s <= WIND_IS_FRESH_S:

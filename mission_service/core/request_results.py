@@ -78,7 +78,7 @@ class RequestResults:
         if event.command == "start mission":
             vehicle.start_under_way = False
             vehicle.start_again_at_s = None
-        if event.command in HOLDS:
+        if event.command in HOLDS and not _is_replaced(vehicle, event):
             vehicle.hold_under_way_s = None
             if vehicle.ordered == "hold" and event.accepted:
                 vehicle.hold_again_at_s = None
@@ -102,3 +102,8 @@ class RequestResults:
             return [announce(vehicle, refused, warning=True)]
         refused += f"; trying again in {START_AGAIN_S:.0f} s"
         return [announce(vehicle, refused, warning=True)]
+
+
+def _is_replaced(vehicle: Vehicle, event: events.CommandFinished) -> bool:
+    """Return whether a hold ended because another hold was sent at this moment."""
+    return not event.accepted and vehicle.hold_under_way_s == event.at_us / 1e6

@@ -4,6 +4,7 @@ from typing import Any
 
 import msgspec
 
+from mission_service.commands import ClearedVehicle
 from mission_service.interfaces.api.models import (
     FullState,
     Importance,
@@ -21,6 +22,7 @@ from mission_service.runtime.published_states import (
     AirspaceStatus,
     Alarm,
     Announcement,
+    ClearingStatus,
     ItemState,
     Mission,
     MissionState,
@@ -143,6 +145,19 @@ AIRSPACE = AirspaceStatus(
         )
     ],
     120.0,
+    ClearingStatus(
+        "",
+        "ann",
+        AT_US - 60_000_000,
+        "in force",
+        None,
+        0,
+        AT_US + 300_000_000,
+        (
+            ClearedVehicle("hawk", "on its way", "", AT_US + 380_000_000, AT_US + 300_000_000),
+            ClearedVehicle("kite", "not reached", "its link is lost", None, None),
+        ),
+    ),
 )
 STATE = FullState(
     4711,

@@ -48,6 +48,10 @@ FIGURES: dict[str, tuple[str, tuple[str, ...]]] = {
     "drops_total": ("Spheres ordered, by result.", ("vehicle", "outcome")),
     "aircraft_tracked": ("Other aircraft that are tracked near the vehicles.", ()),
     "aircraft_rejected_total": ("Damaged or implausible messages about other aircraft.", ()),
+    "clearing_vehicles": (
+        "Vehicles by their progress while the airspace is cleared; absent at other times.",
+        ("phase",),
+    ),
     "alarms_active": ("Active alarms, by kind.", ("kind",)),
     "announcements_total": ("Announcements to operators.", ()),
     "fire_area_hectares": ("Estimated burned area.", ()),
@@ -101,6 +105,10 @@ def _of_run(context: RunContext) -> Iterable[tuple[str, Samples]]:
     yield "mission_time_seconds", [((), context.clock.now_us / 1e6)]
     yield "telemetry_total", [((), state_view.telemetry_count)]
     yield "observations_total", [((), state_view.statistics.observations)]
+    clearing = state_view.clearing
+    if clearing is not None and clearing.outcome == "in force":
+        phases = Counter(each.phase for each in clearing.vehicles)
+        yield "clearing_vehicles", [((phase,), count) for phase, count in sorted(phases.items())]
     kinds = Counter(key.partition("/")[0] for key in state_view.alarms)
     yield "alarms_active", [((kind,), count) for kind, count in sorted(kinds.items())]
     yield "announcements_total", [((), state_view.announcement_count)]

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
-from mission_service.commands import DirectionDecision, Return, ShowLanding
+from mission_service.commands import DirectionDecision, Return, ShowClearing, ShowLanding
 from mission_service.config.rule_lookup import faults_of, rules
 from mission_service.config.scenario import Scenario
 from mission_service.core.core import Core
@@ -94,6 +94,8 @@ def decisions_alone(
         elif not entry.is_event:
             if isinstance(content, ShowLanding):
                 excluded.landing_shown(content)
+            elif isinstance(content, ShowClearing):
+                excluded.clearing = content
             decision_engine.on_command(content, at_us / 1e6)  # type: ignore[arg-type]
         elif entry.is_event:
             event: VehicleEvent = content  # type: ignore[assignment]
@@ -112,6 +114,14 @@ class _Excluded:
 
     held: set[str]
     unclear: set[str]
+    clearing: ShowClearing | None = None
+
+    def refuses(self, event: OrderGiven) -> bool:
+        """Return whether an order was refused because the airspace was being cleared."""
+        shown = self.clearing
+        if shown is None or shown.outcome != "in force":
+            return False
+        return event.order == "start" or (event.order == "resume" and not shown.volume)
 
     def landing_shown(self, shown: ShowLanding) -> None:
         """Apply a phase of a landing, which ends a hold, or ends in a hold."""
@@ -129,6 +139,7 @@ def _initial_state(journal: JournalReader, scenario: Scenario) -> tuple[Core, _E
     excluded = _Excluded(
         {name for name, vehicle in core.vehicles.items() if vehicle.ordered},
         {name for name, vehicle in core.vehicles.items() if vehicle.unconfirmed is not None},
+        core.clearing.shown,
     )
     if scenario == journal.scenario:
         return core, excluded
@@ -148,7 +159,7 @@ def _apply_request(event: AnyOperatorEvent, core: Core, excluded: _Excluded) -> 
             excluded.held |= set(vehicles)
             for name in vehicles:
                 decision_engine.apply_abort(name)
-        case OrderGiven():
+        case OrderGiven() if not excluded.refuses(event):
             for name in [event.vehicle] if event.vehicle else list(vehicles):
                 _apply_order(name, event, decision_engine, excluded.held)
         case Resumed():

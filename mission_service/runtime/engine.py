@@ -483,7 +483,7 @@ class Engine:
                 self._broadcast(command.message)
             elif isinstance(command, OrderByService):
                 named = (command.vehicle, command.order)
-                order = OrderGiven(event.at_us, SERVICE, "", *named, hold_at=command.hold_at)
+                order = OrderGiven(event.at_us, command.by, "", *named, hold_at=command.hold_at)
                 self._held_back.append(order)
             elif self._unrecorded.keeps_mode(command, self.state_view):
                 pass

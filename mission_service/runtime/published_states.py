@@ -6,7 +6,13 @@ from typing import Any, Literal
 import msgspec
 
 from autopilot_bridge.items import MissionItem, command_name, place_of
-from mission_service.commands import Severity
+from mission_service.commands import (
+    CLEARED,
+    ClearedVehicle,
+    ClearingOutcome,
+    Severity,
+    ShowClearing,
+)
 
 
 class TelemetryState(msgspec.Struct, tag="telemetry/1", tag_field="schema"):
@@ -53,12 +59,35 @@ class VolumeState(msgspec.Struct):
     until_us: int | None
 
 
+class ClearingStatus(msgspec.Struct):
+    """The progress of clearing the airspace: the last request, and each vehicle concerned.
+
+    ``volume`` is the volume that vehicles leave; empty: they land. ``vehicles_out`` of the vehicles
+    are out, or on the ground. ``last_expected_us`` is the predicted time (mission time) at which
+    the last vehicle that is reached is out; None if none is expected. ``ended_at_us`` is None while
+    vehicles are not out. The vehicles are in the order in which they land.
+    """
+
+    volume: str
+    by: str
+    ordered_at_us: int
+    outcome: ClearingOutcome
+    ended_at_us: int | None
+    vehicles_out: int
+    last_expected_us: int | None
+    vehicles: tuple[ClearedVehicle, ...]
+
+
 class AirspaceStatus(msgspec.Struct, tag="airspace/1", tag_field="schema"):
-    """The closed volumes of the run, and the highest altitude above ground (None: no limit)."""
+    """The closed volumes of the run, and the highest altitude above ground (None: no limit).
+
+    ``clearing`` is None before the first request to clear the airspace.
+    """
 
     at_us: int
     volumes: list[VolumeState]
     max_altitude_agl_m: float | None
+    clearing: ClearingStatus | None = None
 
 
 class VehicleState(msgspec.Struct, tag="vehicle/1", tag_field="schema"):
@@ -247,4 +276,21 @@ def item_state(item: MissionItem) -> ItemState:
         lon_deg,
         item.z,
         (params[0], params[1], params[2], params[3]),
+    )
+
+
+def clearing_status(shown: ShowClearing, at_us: int) -> ClearingStatus:
+    """Return the progress that a command shows at a mission time."""
+    out = [each for each in shown.vehicles if each.phase in CLEARED]
+    expected = [each.expected_us for each in shown.vehicles if each.expected_us is not None]
+    in_force = shown.outcome == "in force"
+    return ClearingStatus(
+        shown.volume,
+        shown.by,
+        shown.ordered_at_us,
+        shown.outcome,
+        None if in_force else at_us,
+        len(out),
+        max(expected, default=None) if in_force else None,
+        shown.vehicles,
     )

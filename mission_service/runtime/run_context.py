@@ -120,10 +120,11 @@ class RunContext:
         )
 
     def airspace(self) -> AirspaceStatus:
-        """Return the closed volumes of the run."""
+        """Return the closed volumes of the run, and the progress of clearing the airspace."""
         volumes = [_volume_state(volume, self.landscape) for volume in self.core.airspace.volumes]
         limit_m = self.scenario.airspace.max_altitude_agl_m
-        return AirspaceStatus(self.clock.now_us, volumes, limit_m)
+        clearing = self.state_view.clearing
+        return AirspaceStatus(self.clock.now_us, volumes, limit_m, clearing)
 
     def preview(self, vehicle: str) -> Items | None:
         """Return the mission that the service would send to the vehicle now, without sending it.

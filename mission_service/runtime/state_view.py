@@ -27,6 +27,7 @@ from mission_service.commands import (
     ProposePlan,
     RaiseAlarm,
     ReportEnergy,
+    ShowClearing,
     ShowLanding,
     UploadMission,
     WithdrawMission,
@@ -42,6 +43,8 @@ from mission_service.events import (
     AnyEvent,
     AnyOperatorEvent,
     BatteryUpdated,
+    ClearingCancelled,
+    ClearingOrdered,
     CommandFinished,
     DropFinished,
     FireReachedEdge,
@@ -73,6 +76,7 @@ from mission_service.runtime.alarms.nearby_aircraft import AircraftView
 from mission_service.runtime.alarms.notices import Notices
 from mission_service.runtime.observation_sources import ObservationSources
 from mission_service.runtime.published_states import (
+    ClearingStatus,
     Mission,
     MissionState,
     NearbyAircraft,
@@ -80,6 +84,7 @@ from mission_service.runtime.published_states import (
     SourceState,
     TelemetryState,
     VehicleState,
+    clearing_status,
     item_state,
 )
 from mission_service.runtime.run_statistics import RunStatistics
@@ -87,13 +92,14 @@ from mission_service.runtime.run_statistics import RunStatistics
 FIRE_EVERY_US = 30_000_000
 SOURCES_EVERY_US = 5_000_000
 LOW_BATTERY_PCT, GOOD_BATTERY_PCT = 25.0, 30.0
+OF_AIRSPACE = (AirspaceClosed, AirspaceOpened, ClearingOrdered, ClearingCancelled)
 OF_FIRE = ("edge", "input")  # prefixes of alarms about the fire, which persist after a restart
 # Prefixes of the alarms that follow from the flight; all others concern the service itself.
 OF_FLIGHT = (
     *("link", "silent", "position", "battery", "mission", "order", "abort", "near"),
     *("mode", "state", "fence", "estimator", "autopilot", "front", "landed", "unrecorded"),
     *("observer", "sensor", "estimate", "lost_link", "energy", "overdue"),
-    *("airspace", "airspeed", "thrust", "landing", "aircraft"),
+    *("airspace", "clearing", "airspeed", "thrust", "landing", "aircraft"),
     *OF_FIRE,
 )
 
@@ -137,6 +143,7 @@ class StateView(Notices):
         }
         self.missions = {name: MissionState(at_us, name) for name in self.vehicles}
         self.telemetry: dict[str, TelemetryState] = {}
+        self.clearing: ClearingStatus | None = None
         self._aircraft = AircraftView()
         self.plan: IgnitionPlan | None = None
         self.plan_hash = ""
@@ -235,7 +242,7 @@ class StateView(Notices):
         """Process a request; orders to the vehicles ``not_ordered`` were refused or are pending."""
         if isinstance(event, OperatorHeartbeat):
             return
-        of_airspace = isinstance(event, AirspaceClosed | AirspaceOpened)
+        of_airspace = isinstance(event, OF_AIRSPACE)
         self._touch("airspace" if of_airspace else "burn")
         match event:
             case WindSet():
@@ -439,6 +446,9 @@ class StateView(Notices):
                 self._touch("burn")
             case Drop():
                 self._touch("burn")
+            case ShowClearing():
+                self.clearing = clearing_status(command, self.at_us)
+                self._touch("airspace")
             case _:
                 pass
 

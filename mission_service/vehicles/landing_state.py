@@ -55,6 +55,7 @@ class LandingState:
         default_factory=lambda: deque([LandingPhase.NONE], HISTORY_LENGTH)
     )
     since_s: float = 0.0  # time of the last change of the phase
+    rank: int = 0  # order of vehicles that begin to wait at the same time
     mission: LandingMission | None = None  # the landing mission sent last
     seq: int = 0  # current item, as reported since that mission was accepted
     failures: int = 0  # uploads and starts of landing missions that failed in this landing
@@ -81,6 +82,10 @@ class LandingState:
     def uses_field(self) -> bool:
         """Whether other vehicles must wait with their landings."""
         return self.landing_phase not in (LandingPhase.NONE, LandingPhase.WAITING)
+
+    def turn(self, vehicle: str) -> tuple[float, int, str]:
+        """Return the key by which waiting vehicles land."""
+        return self.since_s, self.rank, vehicle
 
     def enter(self, phase: LandingPhase, at_s: float, vehicle: str) -> None:
         """Change the phase. Raises InvalidTransitionError."""

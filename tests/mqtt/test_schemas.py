@@ -28,7 +28,7 @@ COUNTS = {"system_id", "current_seq", "mission_id", "command", "frame", "id", "a
 COUNTS |= {"decisions", "reversals", "importance_back", "importance_front", "front_cells"}
 COUNTS |= {"uploads_accepted", "uploads_failed", "drops_done", "drops_refused", "drops_unknown"}
 COUNTS |= {"points", "corners", "coordinates", "reversal_margin"}
-COUNTS |= {"speed", "jumps"}
+COUNTS |= {"speed", "jumps", "vehicles_out"}
 
 
 def test_no_schema_is_missing_stale_or_left_over() -> None:

@@ -27,6 +27,8 @@ from mission_service.events import (
     Approved,
     BurnUnitSet,
     ChecklistAnswered,
+    ClearingCancelled,
+    ClearingOrdered,
     Corrected,
     Erased,
     FireObserved,
@@ -73,6 +75,12 @@ GOOD: list[tuple[dict[str, Any], AnyOperatorEvent]] = [
         AirspaceClosed(*EVENT, "TFR", SQUARE, ceiling_amsl_m=900.0, for_s=60.0),
     ),
     ({"do": "open", "name": "TFR"}, AirspaceOpened(*EVENT, "TFR")),
+    ({"do": "clear"}, ClearingOrdered(*EVENT)),
+    (
+        {"do": "clear", "volume": "TFR", "corners": SQUARE, "floor_amsl_m": 300},
+        ClearingOrdered(*EVENT, "TFR", SQUARE, 300.0),
+    ),
+    ({"do": "cancel-clearing"}, ClearingCancelled(*EVENT)),
     ({"do": "go", "item": "weather"}, ChecklistAnswered(*EVENT, "weather", True)),
     ({"do": "no-go", "item": "payload"}, ChecklistAnswered(*EVENT, "payload", False)),
     (

@@ -2,7 +2,13 @@
 
 from typing import Any
 
-from mission_service.events import Aborted, AnyEvent, ChecklistAnswered, Resumed
+from mission_service.events import (
+    Aborted,
+    AnyEvent,
+    ChecklistAnswered,
+    ClearingOrdered,
+    Resumed,
+)
 
 
 class Checklist:
@@ -35,6 +41,8 @@ class Checklist:
                 return self._answered(event)
             case Aborted():
                 return self.clear(f"abort by {event.by}")
+            case ClearingOrdered():
+                return self.clear(f"the airspace is cleared by {event.by}")
             case Resumed():
                 return self.clear("the service was restarted")
         return None

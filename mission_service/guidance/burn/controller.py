@@ -37,6 +37,7 @@ from mission_service.events import (
     BatteryUpdated,
     BurnUnitSet,
     ChecklistAnswered,
+    ClearingOrdered,
     DropFinished,
     GpsFixChanged,
     HostTime,
@@ -152,7 +153,7 @@ class BurnFlight(Guidance):
             case Rejected():
                 words = f"{REJECTED} no such plan is proposed; load the state of the burn again"
                 return self._announce(words, warning=True)
-            case Aborted():
+            case Aborted() | ClearingOrdered():
                 return self._aborted(event)
             case Resumed():
                 self.checklist.apply(event)
@@ -161,9 +162,11 @@ class BurnFlight(Guidance):
             case _:
                 return self._changed(event.at_us / 1e6) if changed else []
 
-    def _aborted(self, event: Aborted) -> list[AnyCommand]:
+    def _aborted(self, event: Aborted | ClearingOrdered) -> list[AnyCommand]:
         self.checklist.apply(event)
         why = f"aborted by {event.by}"
+        if isinstance(event, ClearingOrdered):
+            why = f"the airspace is cleared by {event.by}"
         words = f"{why}: no further drop; the next line requires a request for a plan"
         return [
             *self._announce(words, warning=True),

@@ -36,6 +36,7 @@ from mission_service.events import (
     BatteryUpdated,
     BurnUnitSet,
     ChecklistAnswered,
+    ClearingOrdered,
     DropFinished,
     GpsFixChanged,
     HostTime,
@@ -167,8 +168,10 @@ class Interlock:
                 self._approve(event)
             case Rejected():
                 self._end(event.plan_hash, f"it was rejected by {event.by}")
-            case Aborted():
-                self._restart(f"the burn was aborted by {event.by}")
+            case Aborted() | ClearingOrdered():
+                cleared = isinstance(event, ClearingOrdered)
+                what = "the airspace is cleared" if cleared else "the burn was aborted"
+                self._restart(f"{what} by {event.by}")
             case Resumed():
                 self._restart("the service was restarted")
                 self._host_us = None  # the monotonic clock may have restarted

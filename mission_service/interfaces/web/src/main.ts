@@ -7,6 +7,7 @@ import { Alarms } from "./alarms.ts";
 import { get, whenUnauthorised } from "./api.ts";
 import { AIRSPACE_GROUPS, airspaceLayers, followAirspace } from "./airspace_layer.ts";
 import { BURN_GROUPS, burnLayers, followBurn } from "./burn_layer.ts";
+import { clearingPanel } from "./clearing.ts";
 import { askForToken, showHelp } from "./dialogs.ts";
 import { byId } from "./dom.ts";
 import { FIRE_GROUPS, fireLayers, followFire } from "./fire_layer.ts";
@@ -55,6 +56,7 @@ function toggle(name: string, shown: boolean): void {
 
 const alarms = new Alarms(store);
 topBar(store, alarms, showHelp);
+clearingPanel(store);
 timeBar(store);
 replayBar(store);
 const toolbar = new Toolbar(store, () => pens);

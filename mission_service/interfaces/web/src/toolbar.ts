@@ -129,9 +129,15 @@ export class Toolbar {
     const names = new Set(this.store.state?.airspace.volumes.map(({ name }) => name));
     let number = 1;
     while (names.has(`area ${number}`)) number += 1;
-    const question = "Close this airspace to all vehicles, at all altitudes, until it is opened? Vehicles inside leave it.";
+    const question = "Close this airspace to all vehicles, at all altitudes, until it is opened? Vehicles inside leave it; "
+      + "no vehicle takes off until they are out.";
     if (!(await confirmed(question))) return false;
-    return attempt("Close airspace", () => post("airspace/close", { name: `area ${number}`, corners }));
+    const name = `area ${number}`;
+    const clearing = this.store.state?.airspace.clearing;
+    if (clearing?.outcome === "in force" && !clearing.volume) { // all vehicles land already
+      return attempt("Close airspace", () => post("airspace/close", { name, corners }));
+    }
+    return attempt("Close airspace", () => post("airspace/clear", { volume: name, corners }));
   }
 }
 

@@ -2,6 +2,7 @@
 
 import { abortButton } from "./abort.ts";
 import type { Alarms } from "./alarms.ts";
+import { clearButton } from "./clearing.ts";
 import { byId, h, setText } from "./dom.ts";
 import type { Store } from "./store.ts";
 import type { Replay } from "./types.ts";
@@ -29,6 +30,7 @@ export function topBar(store: Store, alarms: Alarms, help: () => void): void {
     h("span", { class: "gap" }),
     alarms.button,
     h("button", { type: "button", class: "help", title: "Keyboard shortcuts (?)", "aria-label": "Help", onclick: help }, "?"),
+    clearButton(store),
     abortButton(store),
   );
   const renew = (): void => {

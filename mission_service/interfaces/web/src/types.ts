@@ -341,9 +341,31 @@ export interface Volume {
   until_us: number | null;
 }
 
+/** The progress of one vehicle while the airspace is cleared; times are mission times. */
+export interface ClearedVehicle {
+  vehicle: string;
+  phase: "ordered" | "acknowledged" | "waiting" | "on its way" | "out" | "on the ground" | "not reached";
+  why: string;
+  out_by_us: number | null;
+  expected_us: number | null;
+}
+
+/** The last request to clear the airspace; an empty volume means that all vehicles land. */
+export interface Clearing {
+  volume: string;
+  by: string;
+  ordered_at_us: number;
+  outcome: "in force" | "complete" | "cancelled";
+  ended_at_us: number | null;
+  vehicles_out: number;
+  last_expected_us: number | null;
+  vehicles: ClearedVehicle[];
+}
+
 export interface Airspace {
   volumes: Volume[];
   max_altitude_agl_m: number | null;
+  clearing: Clearing | null;
 }
 
 /** The response of /state: the complete state for a new page. */

@@ -1,0 +1,111 @@
+"""Predicts when vehicles have left a volume, or have landed one after the other. Pure."""
+
+import math
+from collections.abc import Sequence
+
+import shapely
+
+from mission_service.core.landings import FIELD_M
+from mission_service.missions.landing import glide_m
+from mission_service.missions.landing_mission import LandingMission
+from mission_service.position_fix import PositionFix
+from mission_service.vehicles.endurance import MIN_SPEED_M_S, home_s
+from mission_service.vehicles.vehicle_state import Vehicle
+from mission_service.vehicles.way_home import Vector, copter_home_s, plane_home_s
+
+FACTOR, MARGIN_S = 1.15, 30.0  # the stated time allows for this error of a prediction
+TAKES_EFFECT_S = 5.0  # until a vehicle flies a mission that is sent now
+# Landings of planes: sink rate on the loiter of the approach; airspeed of the glide as a fraction
+# of the airspeed, between those of the approach and of the touchdown.
+PLANE_SINK_M_S, GLIDE_SPEED_FACTOR, MIN_GLIDE_M_S = 3.0, 0.85, 3.0
+# Landings of multirotors: sink rates by the defaults of both stacks.
+COPTER_SINK_M_S, SLOW_BELOW_M, TOUCHDOWN_M_S = 1.5, 10.0, 0.5
+DISARMS_S = 10.0  # from touchdown to disarm
+
+
+def out_by_s(at_s: float, expected_at_s: float) -> float:
+    """Return the time by which a vehicle should be out, from the predicted time."""
+    return at_s + FACTOR * (expected_at_s - at_s) + MARGIN_S
+
+
+def to_place_s(vehicle: Vehicle, fix: PositionFix, to_m: Vector, wind_m_s: Vector) -> float:
+    """Return the seconds of a flight to a position at the vehicle's airspeed; may be infinite.
+
+    ``wind_m_s`` is the velocity of the air, x, y.
+    """
+    section = vehicle.section
+    place_m = (to_m[0] - fix.x_m, to_m[1] - fix.y_m)
+    if section.kind == "copter":
+        fastest_m_s = max(section.max_airspeed_m_s, section.airspeed_m_s)
+        return copter_home_s(place_m, wind_m_s, section.airspeed_m_s, fastest_m_s)
+    heading = (fix.east_m_s - wind_m_s[0], fix.north_m_s - wind_m_s[1])
+    radius_m = section.turn_radius_m if math.hypot(*heading) > MIN_SPEED_M_S else 0.0
+    return plane_home_s(place_m, heading, wind_m_s, section.airspeed_m_s, radius_m)
+
+
+def exit_s(
+    vehicle: Vehicle,
+    fix: PositionFix,
+    line: shapely.LineString,
+    area_m: shapely.Geometry,
+    wind_m_s: Vector,
+) -> float:
+    """Return the seconds until a vehicle that flies along a line has left an area."""
+    beyond = shapely.difference(line, area_m)
+    parts = [part for part in shapely.get_parts(beyond) if not part.is_empty]
+    leaves_m = parts[-1].coords[0] if parts else line.coords[-1]
+    return TAKES_EFFECT_S + to_place_s(vehicle, fix, (leaves_m[0], leaves_m[1]), wind_m_s)
+
+
+def plane_landing_s(
+    vehicle: Vehicle,
+    fix: PositionFix,
+    mission: LandingMission,
+    centre_m: Vector,
+    wind_m_s: Vector,
+) -> float:
+    """Return the seconds until a plane that begins its landing mission is disarmed.
+
+    It flies to the loiter of the approach at ``centre_m``, circles down, and glides into the wind.
+    """
+    section, availability = vehicle.section, vehicle.availability
+    to_approach_s = to_place_s(vehicle, fix, centre_m, wind_m_s)
+    down_s = max(availability.height_m - mission.height_m, 0.0) / PLANE_SINK_M_S
+    half_circle_s = math.pi * section.loiter_radius_m / section.airspeed_m_s
+    along = (vehicle.home_m[0] - centre_m[0], vehicle.home_m[1] - centre_m[1])
+    headwind_m_s = -(wind_m_s[0] * along[0] + wind_m_s[1] * along[1]) / max(math.hypot(*along), 1.0)
+    glide_m_s = max(GLIDE_SPEED_FACTOR * section.airspeed_m_s - headwind_m_s, MIN_GLIDE_M_S)
+    glide_s = glide_m(mission.height_m) / glide_m_s
+    return TAKES_EFFECT_S + to_approach_s + down_s + half_circle_s + glide_s + DISARMS_S
+
+
+def copter_landing_s(
+    vehicle: Vehicle, fix: PositionFix, wind_m_s: Vector, return_height_m: float
+) -> float:
+    """Return the seconds until a multirotor that returns home is disarmed."""
+    height_m = vehicle.availability.height_m
+    return_amsl_m = fix.altitude_m - height_m + return_height_m
+    fast_m = max(height_m, return_height_m) - SLOW_BELOW_M
+    down_s = max(fast_m, 0.0) / COPTER_SINK_M_S + SLOW_BELOW_M / TOUCHDOWN_M_S
+    return home_s(vehicle, fix, wind_m_s, return_amsl_m) + down_s + DISARMS_S
+
+
+def queued(flights: Sequence[tuple[Vector, float | None, float]], at_s: float) -> list[float]:
+    """Return the predicted ends of landings, one after the other at each field.
+
+    Args:
+        flights: For each vehicle, in the order of the landings: the position of its field, the
+            predicted end of a landing that has begun (None: it waits), and the seconds of its
+            landing.
+        at_s: The present time.
+    """
+    ends_s: list[float] = []
+    for number, (field_m, until_s, flight_s) in enumerate(flights):
+        before_s = [
+            end_s
+            for (other_m, *_), end_s in zip(flights[:number], ends_s, strict=True)
+            if math.dist(other_m, field_m) <= FIELD_M
+        ]
+        begins_s = max([at_s, *before_s])
+        ends_s.append(begins_s + flight_s if until_s is None else max(until_s, at_s))
+    return ends_s

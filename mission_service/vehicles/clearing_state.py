@@ -1,0 +1,49 @@
+"""Defines the progress of vehicles while the airspace is cleared. Pure."""
+
+from dataclasses import dataclass, field
+
+from mission_service.commands import ClearingOutcome, ClearingPhase
+from mission_service.events import Order
+
+
+@dataclass
+class ClearingProgress:
+    """The progress of one vehicle."""
+
+    phase: ClearingPhase = "ordered"
+    why: str = ""  # why the vehicle is not reached
+    ordered_at_s: float | None = None  # time of the last order of the clearing
+    acknowledged: bool = False  # whether the autopilot has answered since that order
+    silent: bool = False  # whether an order had no answer in time, and none since
+    order_under_way: Order | None = None  # given by the clearing, and not yet received as an event
+    other_order: str = ""  # a later order of an operator, in words; it has precedence
+    flies_until_s: float | None = None  # predicted end of the flight that has begun
+    expected_at_s: float | None = None
+    out_by_s: float | None = None  # the stated time
+    alarm: str = ""
+
+    def restate(self) -> None:
+        """Discard the predictions of an earlier order."""
+        self.flies_until_s = self.expected_at_s = self.out_by_s = None
+
+
+@dataclass
+class ClearingState:
+    """The request that is carried out, and the progress of each vehicle, by name."""
+
+    volume: str = ""  # empty: all vehicles land
+    closed_here: bool = False  # whether the request has closed the volume
+    by: str = ""
+    ordered_at_us: int = 0
+    outcome: ClearingOutcome = "complete"
+    vehicles: dict[str, ClearingProgress] = field(default_factory=dict)
+
+    @property
+    def in_force(self) -> bool:
+        """Whether the request is still carried out."""
+        return self.outcome == "in force"
+
+    @property
+    def lands(self) -> bool:
+        """Whether the vehicles land."""
+        return not self.volume
