@@ -6,7 +6,7 @@ from typing import Any, Literal
 import msgspec
 
 from autopilot_bridge.items import MissionItem, command_name, place_of
-from mission_service.commands import Severity
+from mission_service.commands import PreflightCheck, Severity
 
 
 class TelemetryState(msgspec.Struct, tag="telemetry/1", tag_field="schema"):
@@ -85,6 +85,11 @@ class VehicleState(msgspec.Struct, tag="vehicle/1", tag_field="schema"):
     time_on_task_s: int | None = None
     time_home_s: int | None = None
     energy_source: str = ""
+    # On the ground: the pre-flight checks, whether the next takeoff needs a person's sign-off, and
+    # the person whose sign-off is in force.
+    checks: tuple[PreflightCheck, ...] = ()
+    waits_for_signoff: bool = False
+    signed_off_by: str = ""
     position_good: bool = True
     position_fix: str = ""
     order: str = ""  # the order in force: hold, return, land
