@@ -190,7 +190,7 @@ def _home(vehicle: Vehicle, departure: Departure) -> PreflightCheck:
     away_m = math.dist((fix.x_m, fix.y_m), vehicle.home_m)
     words, remedies = f"{away_m:.0f} m from the home in the scenario", []
     if away_m > HOME_NEAR_M:
-        remedies.append("correct home_lat_deg and home_lon_deg")
+        remedies.append("carry it there, or correct home_lat_deg and home_lon_deg")
     if departure.ground_amsl_m is not None:
         above_m = fix.altitude_m - departure.ground_amsl_m
         side = "above" if above_m >= 0.0 else "below"

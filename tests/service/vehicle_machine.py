@@ -32,7 +32,7 @@ WHICH = st.integers(0, 1)  # index of a vehicle of the scenario
 READ = st.sampled_from(["same", "same", "other", "nothing", "later"])
 WORDS = (
     *("resume", "start", "hold", "return", "resume", "start", "hold all", "start all", "abort"),
-    *("land", "land", "go-around", "land all"),
+    *("land", "land", "go-around", "land all", "takeoff", "takeoff over"),
 )
 
 
