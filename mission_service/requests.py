@@ -590,7 +590,19 @@ class Replay(Request, frozen=True):
 
 
 OF_EVERY_RUN = (Abort, Correct, Observe, Raster, Erase, Undo, Redo, Lit, Wind, Present, Close, Open)
-OF_VEHICLES = (Hold, Resume, Return, Land, GoAround, Start, Takeoff, Renew, Accept, Refuse, Settings)
+OF_VEHICLES = (
+    Hold,
+    Resume,
+    Return,
+    Land,
+    GoAround,
+    Start,
+    Takeoff,
+    Renew,
+    Accept,
+    Refuse,
+    Settings,
+)
 
 
 def refuse_no_polygon(do: str, points: tuple[tuple[float, float], ...]) -> None:

@@ -78,7 +78,9 @@ class EnergyWatch:
             return None
         home_amsl_m = event.altitude_amsl_m - event.altitude_relative_m
         return_amsl_m = home_amsl_m + self.return_height_m(vehicle.section)
-        return estimate(times, home_s(vehicle, fix, self.wind_m_s(vehicle, at_s), return_amsl_m), at_s)
+        return estimate(
+            times, home_s(vehicle, fix, self.wind_m_s(vehicle, at_s), return_amsl_m), at_s
+        )
 
     def return_height_m(self, section: VehicleSection) -> float:
         """Return the height above home at which the vehicle returns: ordered, given or usual."""

@@ -44,7 +44,7 @@ class MissionStarts:
         if vehicle.waits_for_operator and not vehicle.availability.airborne:
             return [announce(vehicle, WAITS, warning=True)]
         if vehicle.availability.airborne:
-            permitted, announced = vehicle.availability.position_good, []
+            permitted, announced = vehicle.availability.position_good, list[AnyCommand]()
         else:
             permitted, announced = self._preflight.permits_start(vehicle, at_s)
             permitted = permitted and self._may_take_off(vehicle, at_s)

@@ -8,7 +8,13 @@ Burns have no sign-off: their checklist and the approval of a plan take its plac
 
 from firemodel.landscape.landscape import Landscape
 from mission_service import events
-from mission_service.commands import AnyCommand, ClearAlarm, PreflightCheck, RaiseAlarm, ReportChecks
+from mission_service.commands import (
+    AnyCommand,
+    ClearAlarm,
+    PreflightCheck,
+    RaiseAlarm,
+    ReportChecks,
+)
 from mission_service.config.scenario import Scenario
 from mission_service.core.airspace_guard import AirspaceGuard
 from mission_service.core.energy_watch import EnergyWatch

@@ -152,7 +152,9 @@ def _position(vehicle: Vehicle, departure: Departure) -> PreflightCheck:
         return PreflightCheck(POSITION, "fail", "no position reported: wait for the fix")
     age_s = departure.at_s - fix.at_s
     if age_s > POSITION_AGE_S:
-        return PreflightCheck(POSITION, "fail", f"the last one is {age_s:.0f} s old: check the link")
+        return PreflightCheck(
+            POSITION, "fail", f"the last one is {age_s:.0f} s old: check the link"
+        )
     if not vehicle.availability.fix_good:
         return PreflightCheck(POSITION, "fail", "no 3-D fix: wait for the fix")
     return PreflightCheck(POSITION, "pass", "3-D fix")
@@ -257,9 +259,8 @@ def _aircraft(departure: Departure) -> PreflightCheck:
     if nearest is None:
         return PreflightCheck(name, "pass", "none received")
     side = "above" if nearest.above_m >= 0.0 else "below"
-    words = (
-        f"{nearest.name} {nearest.distance_m / 1e3:.1f} km away, {abs(nearest.above_m):.0f} m {side}"
-    )
+    height = f"{abs(nearest.above_m):.0f} m {side}"
+    words = f"{nearest.name} {nearest.distance_m / 1e3:.1f} km away, {height}"
     if nearest.distance_m < AIRCRAFT_NEAR_M and abs(nearest.above_m) < AIRCRAFT_ABOVE_M:
         return PreflightCheck(name, "fail", f"{words}: wait until it has passed")
     return PreflightCheck(name, "pass", words)
