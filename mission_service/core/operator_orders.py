@@ -126,7 +126,7 @@ class OperatorOrders:
             return refusal
         if order == "land":
             return self._landings.obstacle(vehicle)
-        if order in ("start", "takeoff") and vehicle.ordered:
+        if order == "start" and vehicle.ordered:
             return "a hold is ordered: order resume first"
         if order == "takeoff" and (begun := _takeoff_begun(vehicle)):
             return begun
@@ -184,6 +184,8 @@ class OperatorOrders:
             case "resume":
                 return self._resume(vehicle, by)
             case _:  # start, takeoff
+                if order == "takeoff":
+                    vehicle.ordered, vehicle.hold_again_at_s = "", None
                 vehicle.started, vehicle.waits_for_operator, vehicle.refusal = True, False, None
                 vehicle.return_again_at_s = None
                 self._cancel_return(vehicle)

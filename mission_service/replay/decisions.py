@@ -161,7 +161,7 @@ def _apply_request(event: AnyOperatorEvent, core: Core, excluded: _Excluded) -> 
 def _apply_order(
     name: str, event: OrderGiven, decision_engine: DecisionEngine, held: set[str]
 ) -> None:
-    if event.order in ("start", "takeoff") and name in held:
+    if event.order == "start" and name in held:
         return
     if decision_engine.availability[name].refuses(event.order):
         return

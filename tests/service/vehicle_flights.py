@@ -196,6 +196,8 @@ class Flights(Turns):
             if second % ORDERS_AGAIN_S == 0:
                 self.order("", "resume", True)
                 self.order("", "start", True)
+                for name in self.bridges:  # a vehicle that landed far from home
+                    self.order(name, "takeoff", False, "it must fly")
             for name in list(self.proposed):
                 self.word_on_mission(name, True, True)
                 del self.proposed[name]
