@@ -99,11 +99,13 @@ def max_wind_m_s(section: VehicleSection) -> float:
 
 
 def _battery(vehicle: Vehicle, departure: Departure) -> PreflightCheck:
-    """Compare the energy with the reserve, and with the flight to the task and home."""
+    """Compare the energy with the reserve, and with the flight to the task and home.
+
+    A charge below the one in use counts at once, and a higher one when it has lasted.
+    """
     section, at_s = vehicle.section, departure.at_s
-    level_pct = vehicle.battery.level_pct(at_s)
-    if level_pct is None:
-        level_pct = vehicle.battery.reported_pct
+    charges_pct = (vehicle.battery.level_pct(at_s), vehicle.battery.reported_pct)
+    level_pct = min((each for each in charges_pct if each is not None), default=None)
     level = "no charge reported" if level_pct is None else f"{level_pct:.0f} %"
     reserve = f"the reserve is {section.battery_reserve_pct:.0f} %"
     if level_pct is not None and level_pct <= section.battery_reserve_pct:

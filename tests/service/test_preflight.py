@@ -226,6 +226,21 @@ def test_a_check_fails_and_the_takeoff_is_refused(
     assert texts(refused).startswith(f"rejected: hawk: {name}: ")
 
 
+def test_a_lower_charge_counts_at_once_and_a_higher_one_when_it_has_lasted(
+    land: Landscape,
+) -> None:
+    ground = Ground(land, WAITS)
+    ground.battery(87.0)
+    ground.stands()
+    ground.battery(12.0)
+    assert texts(ground.order("takeoff")).startswith("rejected: hawk: battery: 12 %")
+    ground.stands()
+    ground.battery(87.0)
+    assert texts(ground.order("takeoff")).startswith("rejected: hawk: battery: 12 %")
+    ground.stands()
+    assert starts(ground.order("takeoff"))
+
+
 def test_another_aircraft_far_away_is_no_obstacle(land: Landscape) -> None:
     ground = Ground(land, WAITS, "surveillance.sources=[]")
     aircraft(ground, 0.1)
