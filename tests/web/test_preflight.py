@@ -51,16 +51,16 @@ def test_a_failing_check_is_first_and_its_takeoff_needs_a_reason(
         expect(takeoff).to_have_text("Sign off and take off")
         expect(takeoff).to_be_enabled()
         site.loop.call_soon_threadsafe(service.handle_events, [low], 0)
-        first = page.locator(".checks li").first
+        first = page.locator(".preflight li").first
         expect(first).to_contain_text("battery 12 %, the reserve is 20 %: replace the battery")
         expect(page.locator(".vehicles li").first).to_contain_text("NO-GO: battery")
         expect(takeoff).to_be_disabled()
         if IMAGES:
-            page.locator(".checks").first.scroll_into_view_if_needed()
+            page.locator(".preflight").first.scroll_into_view_if_needed()
             page.screenshot(path=f"{IMAGES}/preflight-{size[0]}.png")
         page.fill("#override", "the monitor is not calibrated")
         takeoff.click()
         expect(page.locator("#message")).to_contain_text("battery overridden by")
         site.fly(60.0)
         wait_for(lambda: service.state_view.vehicles["hawk"].armed, 30, "the vehicle has started")
-        expect(page.locator(".checks").first).to_be_hidden()
+        expect(page.locator(".preflight").first).to_be_hidden()

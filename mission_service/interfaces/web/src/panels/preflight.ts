@@ -11,8 +11,8 @@ const MARKS: Record<Check["state"], string> = { fail: "✗ fails", unknown: "? u
 
 export class PreflightPart {
   readonly element: HTMLElement;
-  private checks = h("ul", { class: "checks", "aria-label": "Pre-flight checks" });
-  private passing = h("ul", { class: "checks" });
+  private checks = h("ul", { class: "preflight", "aria-label": "Pre-flight checks" });
+  private passing = h("ul", { class: "preflight" });
   private count = h("summary");
   private rest = h("details", {}, this.count, this.passing);
   private state = h("p");
