@@ -15,6 +15,7 @@ from mission_service.peer_messages import AnyMessage
 Direction = Literal["clockwise", "anticlockwise"]
 Level = Literal["info", "warning"]
 Severity = Literal["warning", "severe"]
+CheckState = Literal["pass", "fail", "unknown"]
 LandingPhaseName = Literal["none", "waiting", "sending", "approach", "final", "going around"]
 ClearingPhase = Literal[
     "ordered", "acknowledged", "waiting", "on its way", "out", "on the ground", "not reached"
@@ -158,6 +159,26 @@ class ReportEnergy(Command, frozen=True, tag=True):
     source: str
 
 
+class PreflightCheck(msgspec.Struct, frozen=True):
+    """A pre-flight check: its result, and a line with the figures and the remedy."""
+
+    name: str
+    state: CheckState
+    text: str
+
+
+class ReportChecks(Command, frozen=True, tag=True):
+    """Report the pre-flight checks of a vehicle on the ground; in the air there are none.
+
+    ``waits`` is whether the next takeoff needs a sign-off, and ``signed_off_by`` the person whose
+    sign-off is in force.
+    """
+
+    checks: tuple[PreflightCheck, ...]
+    waits: bool = False
+    signed_off_by: str = ""
+
+
 class BroadcastMessage(Command, frozen=True, tag=True):
     """Send a message to the UAVs that other processes control."""
 
@@ -270,6 +291,7 @@ AnyCommand = (
     | RaiseAlarm
     | ClearAlarm
     | ReportEnergy
+    | ReportChecks
     | BroadcastMessage
     | ClimbAndHold
     | HoldAt

@@ -618,7 +618,7 @@ class FireReachedEdge(OperatorEvent, frozen=True, tag=True):
     lon_deg: Longitude
 
 
-Order = Literal["hold", "resume", "return", "start", "land", "go-around"]
+Order = Literal["hold", "resume", "return", "start", "land", "go-around", "takeoff"]
 
 
 class OrderGiven(OperatorEvent, frozen=True, tag=True):
@@ -626,13 +626,15 @@ class OrderGiven(OperatorEvent, frozen=True, tag=True):
 
     A ``confirmed`` order may end a mode that the autopilot or the pilot selected, such as a
     failsafe, and may use the energy that is needed for the flight home. A hold with ``hold_at`` is
-    at this position and altitude (latitude, longitude, m AMSL) instead of the current position.
+    at this position and altitude (latitude, longitude, m AMSL) instead of the current position. A
+    takeoff with ``override``, the operator's reason, is executed although pre-flight checks fail.
     """
 
     vehicle: str
     order: Order
     confirmed: bool = False
     hold_at: tuple[Latitude, Longitude, Altitude] | None = None
+    override: str = ""
 
 
 SERVICE = "service"  # ``by`` in the service's own orders; interfaces refuse this name

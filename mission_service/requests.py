@@ -530,6 +530,34 @@ class Start(OrderRequest, frozen=True):
     """Arm and fly the mission on board."""
 
 
+class Takeoff(Request, frozen=True):
+    """Sign off the pre-flight checks of a vehicle on the ground, and start its flight.
+
+    The request is refused while a check fails; the reply names the first failing checks.
+    """
+
+    role = "fly"
+    path = "/vehicles/{name}/{do}"
+    operation = "{do}"
+    example: ClassVar = {"vehicle": "hawk", "override": "battery monitor is not calibrated"}
+
+    vehicle: OneVehicle
+    override: Annotated[
+        str,
+        Meta(
+            max_length=200,
+            pattern=PRINTED,
+            description="The reason to take off although checks fail; empty: no override. The "
+            "checks of position, estimator and airspace cannot be overridden.",
+        ),
+    ] = ""
+
+    def event(self, at_us: int) -> events.AnyOperatorEvent:
+        """Return the event ``OrderGiven``."""
+        override = self.override.strip()
+        return events.OrderGiven(*self.user(at_us), self.vehicle, "takeoff", override=override)
+
+
 class MissionRequest(Request, frozen=True):
     """A decision on a vehicle's mission."""
 
@@ -616,7 +644,10 @@ OF_EVERY_RUN = (
     *(Abort, Correct, Observe, Raster, Erase, Undo, Redo, Lit, Wind, Present),
     *(Close, Open, Clear, CancelClearing),
 )
-OF_VEHICLES = (Hold, Resume, Return, Land, GoAround, Start, Renew, Accept, Refuse, Settings)
+OF_VEHICLES = (
+    *(Hold, Resume, Return, Land, GoAround, Start, Takeoff),
+    *(Renew, Accept, Refuse, Settings),
+)
 
 
 def refuse_no_polygon(do: str, points: tuple[tuple[float, float], ...]) -> None:

@@ -40,6 +40,7 @@ from mission_service.config.sections import (
     LinkSection,
     MissionSection,
     PlannerSection,
+    PreflightSection,
     VehicleSection,
 )
 from mission_service.config.service_section import ServiceSection
@@ -90,6 +91,7 @@ class Scenario(Section):
     formation: FormationSection = FormationSection()
     burn: BurnSection | None = None
     mission: MissionSection = MissionSection()
+    preflight: PreflightSection = PreflightSection()
     airspace: AirspaceSection = AirspaceSection()
     link: LinkSection = LinkSection()
     surveillance: SurveillanceSection | None = None

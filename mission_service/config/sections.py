@@ -223,6 +223,16 @@ class MissionSection(Section):
     approval: Literal["none", "each"] = "none"  # each: an operator accepts every mission
 
 
+class PreflightSection(Section):
+    """The sign-off of pre-flight checks before a takeoff.
+
+    With ``signoff = "each"`` an operator signs off every takeoff. With "standing" the scenario's
+    ``autostart`` is the sign-off of each vehicle's first takeoff.
+    """
+
+    signoff: Literal["standing", "each"] = "standing"
+
+
 class LinkSection(Section):
     """The simulated link of ``sim``; the values apply to each datagram in both directions."""
 
@@ -271,6 +281,7 @@ class VehicleSection(Section):
     return_height_m: NotNegative | None = None  # default: 60 with PX4, 15 with ArduPilot
     return_speed_m_s: Positive | None = None  # default: airspeed_m_s
     climb_m_s: Positive = 3.0
+    max_wind_m_s: Positive | None = None  # wind in which it may take off; default: its airspeed
     autostart: bool = False
     # The reaction to a lost link that the autopilot's parameters must cause; None: any.
     lost_link: Literal["continue", "hold", "return", "land"] | None = None

@@ -236,6 +236,18 @@ class AirspaceGuard:
         words = f"no return is sent, because it would enter {conflict}"
         return [*evades, announce(vehicle, words, warning=True)]
 
+    def departure_obstacle(self, vehicle: Vehicle, at_s: float) -> str:
+        """Return the airspace that a takeoff would enter, at home or on its mission; "" if none."""
+        airspace = self._closed.at(at_s)
+        if not airspace.is_limited:
+            return ""
+        home_amsl_m = float(self._landscape.elevation_at(*vehicle.home_m))
+        volume = airspace.volume_at((*vehicle.home_m, home_amsl_m + 1.0))
+        if volume is not None:
+            return volume.words
+        on_board = self._states[vehicle.name].on_board if vehicle.flown_line is not None else ()
+        return self._conflict(vehicle, on_board, airspace) or ""
+
     def return_obstacle(self, vehicle: Vehicle, fix: PositionFix) -> str:
         """Return why a vehicle cannot fly straight home now; "" if the way is free."""
         conflict = self._return_conflict(vehicle, fix, self._closed.at(fix.at_s))

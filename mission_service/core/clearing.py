@@ -93,7 +93,11 @@ class AirspaceClearing:
                 return "all vehicles are landing already: cancel this first"
             case events.ClearingOrdered() if event.volume and not event.corners:
                 return "" if self._volume(event.volume, event.at_us / 1e6) else _unknown(event)
-            case events.OrderGiven(order="start") | events.PlanRequested() | events.Approved():
+            case (
+                events.OrderGiven(order="start" | "takeoff")
+                | events.PlanRequested()
+                | events.Approved()
+            ):
                 waits = "no vehicle takes off, and nothing is dropped, until it is clear"
                 return f"the airspace is being cleared: {waits}" if in_force else ""
             case events.OrderGiven(order="resume") if in_force and self.state.lands:

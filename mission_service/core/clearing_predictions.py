@@ -102,7 +102,7 @@ class ClearingPredictions:
         fix = vehicle.availability.fix
         if fix is None:
             return math.inf
-        wind_m_s = self._energy.wind(vehicle, at_s)
+        wind_m_s = self._energy.wind_m_s(vehicle, at_s)
         if vehicle.section.kind == "copter":
             height_m = self._energy.return_height_m(vehicle.section)
             return copter_landing_s(vehicle, fix, wind_m_s, height_m)
@@ -125,7 +125,7 @@ class ClearingPredictions:
         elif progress.expected_at_s is not None:
             progress.expected_at_s = max(progress.expected_at_s, at_s)
         elif line is not None:
-            wind_m_s = self._energy.wind(vehicle, at_s)
+            wind_m_s = self._energy.wind_m_s(vehicle, at_s)
             progress.expected_at_s = at_s + exit_s(vehicle, fix, line, volume.area_m, wind_m_s)
 
 

@@ -37,6 +37,7 @@ from mission_service.core.lost_link import reaction_compared
 from mission_service.core.mission_starts import WAITS, MissionStarts
 from mission_service.core.operator_orders import OperatorOrders, hold_again
 from mission_service.core.other_aircraft import OtherAircraft
+from mission_service.core.preflight import Preflight
 from mission_service.core.request_results import RequestResults
 from mission_service.guidance.protocol import Decision, Guidance
 from mission_service.guidance.registry import way_of
@@ -88,6 +89,7 @@ class Core:
                 availability[section.name],
                 landscape.xy_of_lat_lon(section.home_lat_deg, section.home_lon_deg),
                 Landing(scenario, section, landscape),
+                waits_for_operator=scenario.preflight.signoff == "each",
             )
             for section in scenario.flown
         }
@@ -95,7 +97,13 @@ class Core:
         self.airspace = AirspaceGuard(
             scenario, landscape, self.vehicles, self._missions, self.guidance
         )
-        self._starts = MissionStarts(scenario, self.traffic, self.guidance)
+        self._other_aircraft: OtherAircraft | None = None
+        if scenario.surveillance is not None:
+            self._other_aircraft = OtherAircraft(scenario.surveillance, scenario, landscape)
+        self._preflight = Preflight(
+            scenario, landscape, self._energy, self.airspace, self._other_aircraft
+        )
+        self._starts = MissionStarts(scenario, self.traffic, self.guidance, self._preflight)
         self._landings = Landings(
             landscape,
             self.decision_engine,
@@ -127,10 +135,8 @@ class Core:
             self._approvals,
             self._landings,
             self.airspace,
+            self._preflight,
         )
-        self._other_aircraft: OtherAircraft | None = None
-        if scenario.surveillance is not None:
-            self._other_aircraft = OtherAircraft(scenario.surveillance, scenario, landscape)
 
     @property
     def _way(self) -> WayOfFlying:
@@ -197,6 +203,7 @@ class Core:
         commands = [*unreachable, *self._answer(vehicle, event, decision, was)]
         commands += self.guidance.on_vehicle(vehicle, event)
         commands = self._kept_out(vehicle, event, commands)
+        commands += self._preflight.watch(vehicle, event)
         return [*commands, *self.clearing.on_vehicle(event)]
 
     def _kept_out(
@@ -225,6 +232,7 @@ class Core:
                     vehicle.due = vehicle.due or vehicle.proposed.due
                     self._approvals.withdraw(vehicle, "the service was restarted")
                 unconfirmed(vehicle)
+                vehicle.end_sign_off()
         if self._way.prescribed:
             return self.guidance.on_operator(event)
         return [*self._orders.handle(event), *self.guidance.on_operator(event)]

@@ -33,7 +33,7 @@ class EnergyWatch:
     def __init__(self, scenario: Scenario, landscape: Landscape) -> None:
         self._weather = weather_of(scenario)
         self._landscape = landscape
-        self._return_height_m = way_of(scenario).return_height_m(scenario, landscape)
+        self._ordered_height_m = way_of(scenario).return_height_m(scenario, landscape)
 
     def battery(self, vehicle: Vehicle, event: events.BatteryUpdated) -> None:
         """Apply a report of the battery."""
@@ -78,15 +78,17 @@ class EnergyWatch:
             return None
         home_amsl_m = event.altitude_amsl_m - event.altitude_relative_m
         return_amsl_m = home_amsl_m + self.return_height_m(vehicle.section)
-        return estimate(times, home_s(vehicle, fix, self.wind(vehicle, at_s), return_amsl_m), at_s)
+        return estimate(
+            times, home_s(vehicle, fix, self.wind_m_s(vehicle, at_s), return_amsl_m), at_s
+        )
 
     def return_height_m(self, section: VehicleSection) -> float:
         """Return the height above home at which the vehicle returns: ordered, given or usual."""
-        if self._return_height_m is not None:
-            return self._return_height_m
+        if self._ordered_height_m is not None:
+            return self._ordered_height_m
         return usual_return_height_m(section)
 
-    def wind(self, vehicle: Vehicle, at_s: float) -> Vector:
+    def wind_m_s(self, vehicle: Vehicle, at_s: float) -> Vector:
         """Return the velocity of the air (x, y) on the map, as measured or by the scenario."""
         wind = vehicle.availability.measured_wind
         if wind is not None and at_s - wind.at_s <= FRESH_S:

@@ -37,12 +37,14 @@ def reaction_compared(vehicle: Vehicle, event: ParametersReported) -> list[AnyCo
     has an undefined or dangerous value, or if the reaction is unknown although the key is given.
     """
     loss, wanted = reaction_of(event), vehicle.section.lost_link
+    vehicle.lost_link_problem = ""
     if loss is None:
         vehicle.lost_link = ""
         absent = missing(stack_named(*event.stack.split()), event.values)
         words = f"its reaction to a lost link is unknown: no reply for {', '.join(absent)}"
         if wanted is None:
             return [announce(vehicle, words), ClearAlarm(vehicle.name, LOST_LINK)]
+        vehicle.lost_link_problem = words
         return [announce(vehicle, words, warning=True), _alarm(vehicle, words)]
     vehicle.lost_link = str(loss)
     words = f"if the link is lost it {loss}{_limits(loss)}"
@@ -51,7 +53,7 @@ def reaction_compared(vehicle: Vehicle, event: ParametersReported) -> list[AnyCo
         problems.append(f'lost_link = "{wanted}" in the scenario: {_remedy(vehicle, event)}')
     if not problems:
         return [announce(vehicle, words), ClearAlarm(vehicle.name, LOST_LINK)]
-    words = "; ".join((f"if the link is lost it {loss}", *problems))
+    words = vehicle.lost_link_problem = "; ".join((f"if the link is lost it {loss}", *problems))
     dangerous = any(loss.ends_in(phase) in DANGEROUS for phase in PHASES)
     return [announce(vehicle, words, warning=True), _alarm(vehicle, words, dangerous)]
 

@@ -3,6 +3,7 @@
 from mission_service import events
 from mission_service.commands import AnyCommand, StartMission
 from mission_service.config.scenario import Scenario
+from mission_service.core.preflight import Preflight
 from mission_service.guidance.protocol import Guidance
 from mission_service.vehicles.traffic import TrafficManager
 from mission_service.vehicles.vehicle_state import Vehicle, announce
@@ -15,7 +16,14 @@ WAITS = "on the ground: it waits for an operator's order to start"
 class MissionStarts:
     """Decides when missions are started."""
 
-    def __init__(self, scenario: Scenario, traffic: TrafficManager, guidance: Guidance) -> None:
+    def __init__(
+        self,
+        scenario: Scenario,
+        traffic: TrafficManager,
+        guidance: Guidance,
+        preflight: Preflight,
+    ) -> None:
+        self._preflight = preflight
         self.scenario = scenario
         self.traffic = traffic
         self.guidance = guidance
@@ -26,17 +34,25 @@ class MissionStarts:
         return again_at_s is not None and at_s >= again_at_s and vehicle.flown_line is not None
 
     def start_mission(self, vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
-        """Start the mission. A takeoff requires separation and, after a landing, also an order."""
+        """Start the mission. A takeoff requires separation and the pre-flight checks.
+
+        After a landing a takeoff also requires an order.
+        """
         vehicle.start_again_at_s = None
         if vehicle.availability.taken_over:
             return []
         if vehicle.waits_for_operator and not vehicle.availability.airborne:
             return [announce(vehicle, WAITS, warning=True)]
-        measured = vehicle.availability.position_good or not vehicle.availability.airborne
-        if measured and (vehicle.availability.airborne or self._may_take_off(vehicle, at_s)):
-            return [StartMission(vehicle.name)]
-        vehicle.start_again_at_s = at_s + CHECK_EVERY_S
-        return []
+        if vehicle.availability.airborne:
+            permitted, announced = vehicle.availability.position_good, list[AnyCommand]()
+        else:
+            permitted, announced = self._preflight.permits_start(vehicle, at_s)
+            permitted = permitted and self._may_take_off(vehicle, at_s)
+        if permitted:
+            return [*announced, StartMission(vehicle.name)]
+        if vehicle.availability.airborne or not vehicle.waits_for_operator:
+            vehicle.start_again_at_s = at_s + CHECK_EVERY_S
+        return announced
 
     def _may_take_off(self, vehicle: Vehicle, at_s: float) -> bool:
         """Return whether a vehicle on the ground may take off now.

@@ -18,9 +18,10 @@ from mission_service.core.airspace_guard import AirspaceGuard
 from mission_service.core.autopilot_reports import back_under_control
 from mission_service.core.decision_engine import DecisionEngine
 from mission_service.core.landings import Landings
+from mission_service.core.preflight import Preflight
 from mission_service.guidance.registry import way_of
 from mission_service.vehicles.approvals import MissionApprovals
-from mission_service.vehicles.availability import named_mode
+from mission_service.vehicles.availability import MISSION, named_mode
 from mission_service.vehicles.endurance import time_up_words
 from mission_service.vehicles.vehicle_state import Vehicle, announce
 
@@ -43,6 +44,7 @@ class OperatorOrders:
         approvals: MissionApprovals | None,
         landings: Landings,
         airspace: AirspaceGuard,
+        preflight: Preflight,
     ) -> None:
         self._resumes_mission = way_of(scenario).resumes_mission
         self._renews_missions = way_of(scenario).along_front or approvals is not None
@@ -52,6 +54,7 @@ class OperatorOrders:
         self._approvals = approvals
         self._landings = landings
         self._airspace = airspace
+        self._preflight = preflight
 
     def handle(self, event: events.AnyOperatorEvent) -> list[AnyCommand]:
         """Apply an operator's event and return the commands that it causes."""
@@ -80,7 +83,7 @@ class OperatorOrders:
 
     def _ordered(self, vehicle: Vehicle, event: events.OrderGiven) -> list[AnyCommand]:
         """Execute an order, or ask for confirmation if it would end a mode that was not ordered."""
-        obstacle = self._obstacle(vehicle, event.order)
+        obstacle = self._obstacle(vehicle, event)
         if obstacle:
             words = f"{REJECTED} {vehicle.name}: {obstacle}"
             return [announce(vehicle, words, warning=True)]
@@ -95,6 +98,8 @@ class OperatorOrders:
                 ended += self._withdrawn(vehicle, f"{event.order} by {event.by}")
             vehicle.hold_at = event.hold_at
             self._airspace.end_evasion(vehicle.name)
+            if _takes_off(vehicle, event.order):
+                ended += self._preflight.sign_off(vehicle, event)
             return [*self._order(vehicle, event.order, event.by, event.at_us / 1e6), *ended]
         if event.by == events.SERVICE:
             words = f"no order is sent: it stays in {named_mode(vehicle.availability.mode)}"
@@ -110,18 +115,23 @@ class OperatorOrders:
 
     def _time_up(self, vehicle: Vehicle, event: events.OrderGiven) -> str:
         """Return why an order to fly needs a confirmation: the energy left; "" if it needs none."""
-        flies = event.order in ("start", "resume")
+        flies = event.order in ("start", "resume") and vehicle.availability.airborne
         return time_up_words(vehicle, event.at_us / 1e6) if flies else ""
 
-    def _obstacle(self, vehicle: Vehicle, order: events.Order) -> str:
+    def _obstacle(self, vehicle: Vehicle, event: events.OrderGiven) -> str:
         """Return why an order cannot be executed, even if confirmed; "" without an obstacle."""
         availability, on_board = vehicle.availability, self._resumes_mission
+        order = event.order
         if refusal := availability.refuses(order):
             return refusal
         if order == "land":
             return self._landings.obstacle(vehicle)
         if order == "start" and vehicle.ordered:
             return "a hold is ordered: order resume first"
+        if order == "takeoff" and (begun := _takeoff_begun(vehicle)):
+            return begun
+        if _takes_off(vehicle, order):
+            return self._preflight.obstacle(vehicle, event)
         if order == "resume" and on_board and availability.airborne and not availability.online:
             return "its link is lost: order resume again when the link is restored"
         return ""
@@ -173,15 +183,18 @@ class OperatorOrders:
                 return [announce(vehicle, f"{words}, but {why}", warning=True)]
             case "resume":
                 return self._resume(vehicle, by)
-            case _:  # start
+            case _:  # start, takeoff
+                if order == "takeoff":
+                    vehicle.ordered, vehicle.hold_again_at_s = "", None
                 vehicle.started, vehicle.waits_for_operator, vehicle.refusal = True, False, None
                 vehicle.return_again_at_s = None
                 self._cancel_return(vehicle)
                 if vehicle.flown_line is None or not vehicle.availability.online:
                     vehicle.start_again_at_s = at_s + START_AFTER_S
-                    words = f"start ordered by {by}: executed when a mission is on board"
+                    words = f"{order} ordered by {by}: executed when a mission is on board"
                     return [announce(vehicle, words)]
-                return [announce(vehicle, f"started by {by}"), *self._start(vehicle, at_s)]
+                words = "started" if order == "start" else "takeoff signed off"
+                return [announce(vehicle, f"{words} by {by}"), *self._start(vehicle, at_s)]
 
     def _hold(self, vehicle: Vehicle, by: str, at_s: float, why: str) -> list[AnyCommand]:
         """Hold until another order; the hold is repeated until the autopilot accepts it."""
@@ -277,6 +290,23 @@ def hold_again(vehicle: Vehicle, at_s: float) -> list[AnyCommand]:
         return []  # the vehicle is on the ground and disarmed
     vehicle.hold_again_at_s = at_s + HOLD_AGAIN_S
     return [_hold_of(vehicle)]
+
+
+def _takes_off(vehicle: Vehicle, order: events.Order) -> bool:
+    """Return whether an order leads to a takeoff, and is therefore a sign-off of the checks."""
+    return order in ("start", "resume", "takeoff") and not vehicle.availability.airborne
+
+
+def _takeoff_begun(vehicle: Vehicle) -> str:
+    """Return why a takeoff cannot be ordered, because it has begun; "" if it has not."""
+    availability, signed_off = vehicle.availability, vehicle.signed_off
+    if availability.airborne:
+        return "it is in the air: order resume, or start"
+    if vehicle.start_under_way or (availability.armed and availability.mode == MISSION):
+        return "its takeoff has begun"
+    if signed_off is not None and vehicle.start_is_pending:
+        return f"{signed_off.by} has signed off its takeoff already"
+    return ""
 
 
 def _question(vehicle: Vehicle, why: str) -> list[AnyCommand]:

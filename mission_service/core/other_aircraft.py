@@ -31,6 +31,7 @@ from mission_service.surveillance.alerting import ALERT_SETS, CORRECTIVE, WARNIN
 from mission_service.surveillance.well_clear import Encounter, violation
 from mission_service.vehicles.availability import AIRBORNE_M, MISSION
 from mission_service.vehicles.landing_state import LandingPhase
+from mission_service.vehicles.preflight_checks import NearestAircraft
 from mission_service.vehicles.vehicle_state import Vehicle, announce
 
 ALARM = "aircraft"
@@ -48,6 +49,7 @@ class _Surroundings:
     """The state about one vehicle: its motion, and the aircraft near it."""
 
     own: events.Telemetry | None = None
+    reported: tuple[events.AircraftState, ...] = ()  # the aircraft in the last report
     climb_m_s: float = 0.0
     landing_items: frozenset[int] = frozenset()  # indices of landings in the mission on board
     sent: dict[int, frozenset[int]] = field(default_factory=dict)  # the same, by mission being sent
@@ -112,6 +114,22 @@ class OtherAircraft:
             near.climb_m_s += weight * (climb_m_s - near.climb_m_s)
         near.own = event
 
+    def nearest(self, name: str) -> NearestAircraft | None:
+        """Return the nearest aircraft in the last report for a vehicle."""
+        near = self._of(name)
+        if near.own is None:
+            return None
+        here = (near.own.lat_deg, near.own.lon_deg)
+        found = (
+            NearestAircraft(
+                each.callsign or each.aircraft,
+                distance_m(here, (each.lat_deg, each.lon_deg)),
+                each.altitude_amsl_m - near.own.altitude_amsl_m,
+            )
+            for each in near.reported
+        )
+        return min(found, key=lambda each: each.distance_m, default=None)
+
     def reported(
         self, vehicle: Vehicle, event: events.AircraftReported, led_home: bool
     ) -> list[AnyCommand]:
@@ -120,6 +138,7 @@ class OtherAircraft:
         ``led_home`` is whether closed airspace is on the way home of a vehicle that was sent home.
         """
         near = self._of(vehicle.name)
+        near.reported = event.aircraft
         if near.own is None:
             return []
         alerts = ALERT_SETS[self._section.alerts]

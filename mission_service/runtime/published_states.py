@@ -10,6 +10,7 @@ from mission_service.commands import (
     CLEARED,
     ClearedVehicle,
     ClearingOutcome,
+    PreflightCheck,
     Severity,
     ShowClearing,
 )
@@ -114,6 +115,11 @@ class VehicleState(msgspec.Struct, tag="vehicle/1", tag_field="schema"):
     time_on_task_s: int | None = None
     time_home_s: int | None = None
     energy_source: str = ""
+    # On the ground: the pre-flight checks, whether the next takeoff needs a person's sign-off, and
+    # the person whose sign-off is in force.
+    checks: tuple[PreflightCheck, ...] = ()
+    waits_for_signoff: bool = False
+    signed_off_by: str = ""
     position_good: bool = True
     position_fix: str = ""
     order: str = ""  # the order in force: hold, return, land

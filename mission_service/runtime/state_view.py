@@ -26,6 +26,7 @@ from mission_service.commands import (
     ProposeMission,
     ProposePlan,
     RaiseAlarm,
+    ReportChecks,
     ReportEnergy,
     ShowClearing,
     ShowLanding,
@@ -99,7 +100,7 @@ OF_FLIGHT = (
     *("link", "silent", "position", "battery", "mission", "order", "abort", "near"),
     *("mode", "state", "fence", "estimator", "autopilot", "front", "landed", "unrecorded"),
     *("observer", "sensor", "estimate", "lost_link", "energy", "overdue"),
-    *("airspace", "clearing", "airspeed", "thrust", "landing", "aircraft"),
+    *("airspace", "clearing", "airspeed", "thrust", "landing", "aircraft", "preflight"),
     *OF_FIRE,
 )
 
@@ -278,7 +279,7 @@ class StateView(Notices):
         for name, vehicle in self.vehicles.items():
             if event.vehicle in ("", name) and name not in not_ordered:
                 self._order(vehicle, order)
-        if event.order in ("resume", "start") and not not_ordered:
+        if event.order in ("resume", "start", "takeoff") and not not_ordered:
             self.clear_alarm("abort")
 
     def _order(self, vehicle: VehicleState, order: str) -> None:
@@ -427,6 +428,12 @@ class StateView(Notices):
         match command:
             case DirectionDecision() | Orbit() | ChangeSpeed() | ReportEnergy() | ShowLanding():
                 self._led(vehicle, command)
+            case ReportChecks():
+                vehicle.checks = command.checks
+                vehicle.waits_for_signoff = command.waits
+                vehicle.signed_off_by = command.signed_off_by
+                vehicle.at_us = self.at_us
+                self._touch(f"vehicle/{name}")
             case UploadMission() | ProposeMission():
                 self._sent(name, command)
             case Announce():

@@ -105,6 +105,7 @@ class BatteryReports:
         default_factory=lambda: UseRate(LEVEL_SMOOTHING_S, MAX_DISCHARGE_PCT_S)
     )
     charge_rate: UseRate = field(default_factory=lambda: UseRate(CHARGE_SMOOTHING_S))  # mAh
+    reported_pct: float | None = None  # charge in the last report that has one
     voltage_v: float | None = None
     low_voltage_since_s: float | None = None
     reported_at_s: float = -math.inf
@@ -116,6 +117,7 @@ class BatteryReports:
         at_s = report.at_us / 1e6
         self._update_voltage(report.voltage_v, at_s, min_voltage_v)
         if report.percent is not None and (report.percent > 0.0 or report.voltage_v is not None):
+            self.reported_pct = report.percent
             self.level.consider(report.percent, at_s, may_rise=not airborne)
         if report.time_remaining_s is not None:
             self.empty_at.consider(at_s + report.time_remaining_s, at_s)
@@ -138,7 +140,8 @@ class BatteryReports:
         self.level, self.empty_at = Confirmed(LEVEL_STEP_PCT), Confirmed(TIME_STEP_S)
         self.level_rate.end_flight()
         self.charge_rate.end_flight()
-        self.low_voltage_since_s, self._used_mah = None, 0.0
+        self.reported_pct = self.low_voltage_since_s = None
+        self._used_mah = 0.0
 
     def level_pct(self, at_s: float) -> float | None:
         """Return the charge in percent; without recent reports, continued at the usual rate."""

@@ -17,6 +17,7 @@ from mission_service.vehicles.availability import VehicleAvailability
 from mission_service.vehicles.battery_reports import BatteryReports
 from mission_service.vehicles.energy import EnergyState
 from mission_service.vehicles.landing_state import LandingState
+from mission_service.vehicles.preflight_state import PreflightState, SignOff
 
 Floats = NDArray[np.float64]
 HISTORY_LENGTH = 20  # number of phases that the error about an invalid transition lists
@@ -96,8 +97,11 @@ class Vehicle:
     hold_again_at_s: float | None = None  # time of the next hold, until the autopilot accepts it
     # Latitude, longitude and altitude (m AMSL) of a hold that is not at the current position.
     hold_at: tuple[float, float, float] | None = None
-    # The vehicle has flown; the next start requires an operator's order.
+    # The vehicle has flown, or the scenario requires it; the next start requires an operator's
+    # order, which signs off the pre-flight checks.
     waits_for_operator: bool = False
+    signed_off: SignOff | None = None  # until the takeoff, or until the sign-off ends
+    preflight: PreflightState = field(default_factory=PreflightState)
     start_again_at_s: float | None = None
     return_again_at_s: float | None = None
     going_home: bool = False  # whether the energy left is needed for the flight home
@@ -117,6 +121,7 @@ class Vehicle:
     text_at_s: float | None = None  # time of the last text that raised an alarm
     flown_line: shapely.LineString | None = None  # path of the confirmed mission on board
     lost_link: str = ""  # its reaction to a lost link, in words; empty if unknown
+    lost_link_problem: str = ""  # what is wrong with this reaction, and the remedy
     current_seq: int = 0  # index of the mission item that the vehicle flies, as last reported
     takes_off: bool = False  # whether the vehicle flies the takeoff item of its mission
     uploaded_at_s: float = -1e9
@@ -176,11 +181,20 @@ class Vehicle:
         landing = self.landing_state.shown
         assert landing == self.availability.landing, f"{self.name}: landing {landing}"
         assert self.ordered or self.hold_again_at_s is None, f"{self.name}: holds without an order"
+        signed = self.signed_off is not None
+        flies = self.availability.airborne or self.waits_for_operator
+        assert not (signed and flies), f"{self.name}: signed off in the air, or although it waits"
 
     def end_intentions(self) -> None:
         """Cancel commands that would be repeated or would follow another command."""
         self.start_again_at_s = self.return_again_at_s = None
         self.holding = self.start_under_way = False
+        self.end_sign_off()
+
+    def end_sign_off(self) -> None:
+        """End the sign-off of a takeoff that has not begun: the vehicle waits for another."""
+        if self.signed_off is not None:
+            self.signed_off, self.waits_for_operator = None, True
 
 
 def announce(vehicle: Vehicle, text: str, warning: bool = False) -> Announce:

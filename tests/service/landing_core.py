@@ -20,7 +20,6 @@ from mission_service.events import (
 
 Command = TypeVar("Command", bound=AnyCommand)
 CRUISE_M, AWAY_DEG = 150.0, 0.0134  # 1,200 m west of home
-HOME_AMSL_M = 400.0
 
 
 class Vehicles:
@@ -31,6 +30,7 @@ class Vehicles:
         flown = loaded.vehicles[:count]
         self.scenario = loaded.model_copy(update={"vehicles": flown})
         self.core = Core(self.scenario, land)
+        self.land = land
         self.at_s = self.scenario.deploy_at_s
         self.sent: list[AnyCommand] = []
         for each in flown:
@@ -62,14 +62,23 @@ class Vehicles:
         return commands
 
     def at(
-        self, height_m: float, name: str = "hawk", later_s: float = 1.0, away_deg: float = AWAY_DEG
+        self,
+        height_m: float,
+        name: str = "hawk",
+        later_s: float = 1.0,
+        away_deg: float | None = None,
     ) -> list[AnyCommand]:
-        """Report a position west of home."""
+        """Report a position: on the ground at home, in the air west of home."""
         self.at_s += later_s
+        if away_deg is None:
+            away_deg = AWAY_DEG if height_m > 0.0 else 0.0
         home = self.core.vehicles[name].section
         place = (home.home_lat_deg, home.home_lon_deg - away_deg)
-        height = (HOME_AMSL_M + height_m, height_m)
+        height = (self.home_amsl_m(name) + height_m, height_m)
         return self.handle(Telemetry(self.at_us, name, *place, *height, 0.0, 12.0, 0.0))
+
+    def home_amsl_m(self, name: str = "hawk") -> float:
+        return float(self.land.elevation_at(*self.core.vehicles[name].home_m))
 
     def mode(self, mode: str, name: str = "hawk", armed: bool = True) -> list[AnyCommand]:
         return self.handle(ModeChanged(self.at_us, name, 0, armed, mode))

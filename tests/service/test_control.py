@@ -129,6 +129,10 @@ GOOD: list[tuple[dict[str, Any], AnyOperatorEvent]] = [
         {"do": "erase", "lat_deg": 36, "lon_deg": -84, "radius_m": 5},
         Erased(*EVENT, 36.0, -84.0, 5.0),
     ),
+    (
+        {"do": "takeoff", "vehicle": "hawk", "override": " calibrating "},
+        OrderGiven(*EVENT, "hawk", "takeoff", override="calibrating"),
+    ),
     ({"do": "undo"}, Undone(*EVENT)),
     ({"do": "redo"}, Redone(*EVENT)),
     ({"do": "wind", "speed_m_s": 4, "from_deg": 270}, WindSet(*EVENT, 4.0, 270.0)),

@@ -11,6 +11,7 @@ from mission_service.commands import (
     ClearAlarm,
     Hold,
     RaiseAlarm,
+    ReportChecks,
     Return,
     StartMission,
     UploadMission,
@@ -44,6 +45,7 @@ from mission_service.fire.simulated_fire import SimulatedFire
 
 NAV_LOITER_UNLIM, NAV_TAKEOFF = 17, 22
 CRITICAL = 2  # MAV_SEVERITY
+HOME_AMSL_M = 348.0
 
 
 @pytest.fixture(scope="module")
@@ -61,7 +63,9 @@ class Flight:
         self.handle(VehicleConnected(self.at_us, "hawk", "a stack", atomic))
 
     def handle(self, event: AnyEvent) -> list[AnyCommand]:
-        return self.core.handle(event)
+        """Return the commands without the reports of pre-flight checks."""
+        commands = self.core.handle(event)
+        return [each for each in commands if not isinstance(each, ReportChecks)]
 
     def at_height(self, height_m: float, later_s: float = 1.0) -> list[AnyCommand]:
         self.at_us += round(later_s * 1e6)
@@ -71,7 +75,7 @@ class Flight:
                 "hawk",
                 self.home.home_lat_deg,
                 self.home.home_lon_deg,
-                400.0 + height_m,
+                HOME_AMSL_M + height_m,
                 height_m,
                 0.0,
                 12.0,

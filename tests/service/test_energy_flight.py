@@ -203,15 +203,20 @@ def test_an_order_before_the_limit_needs_no_confirmation(land: Landscape) -> Non
     assert not questions(order(flight, "resume"))
 
 
-def test_a_start_with_an_empty_battery_needs_a_confirmation(land: Landscape) -> None:
+def test_a_start_with_an_empty_battery_is_refused_until_the_battery_is_replaced(
+    land: Landscape,
+) -> None:
     flight = Flight(land)
     flight.mode("return")
     flight.mode("return", armed=False)
-    for percent, asks in ((18.0, True), (90.0, False)):
+    for percent, refused in ((18.0, True), (90.0, False)):
         battery(flight, percent)
         for _ in range(5):
             assert not returns(flight.at(0.0, later_s=5.0))
-        assert bool(questions(order(flight, "start"))) == asks
+        commands = order(flight, "start", confirmed=True)
+        lines = [each.text for each in commands if isinstance(each, Announce)]
+        assert lines[0].startswith("rejected: hawk: battery: 18 %, the reserve is 20 %") == refused
+        assert (StartMission("hawk") in commands) != refused
 
 
 def test_a_restart_of_the_service_keeps_the_learned_rate(land: Landscape) -> None:

@@ -93,6 +93,10 @@ def test_ordered_home_after_a_refused_start_it_lands_and_stays(fly: Fly) -> None
     assert not flight.state_view.vehicles["hawk"].armed
     assert not flight.sim.rigs[0].mock.flight.armed
     order(flight, "start")
+    flight.run(20.0)
+    assert not flight.sim.rigs[0].mock.flight.armed  # it has landed far from home
+    takeoff = OrderGiven(flight.now_us, *ANN, "hawk", "takeoff", override="it lies on a meadow")
+    flight.submit(takeoff)
     flight.run(60.0)
     assert flight.sim.rigs[0].mock.flight.armed
     starts = times_s(flight.over(), StartMission)

@@ -208,7 +208,7 @@ def test_a_copter_lands_by_its_return(land: Landscape) -> None:
     flight.mode("return")
     assert shown(flight.at(10.0, away_deg=0.0)) == ["final"]
     (around,) = every(flight.order("hold"), GoAround)
-    assert around.altitude_amsl_m == pytest.approx(430.0)
+    assert around.altitude_amsl_m == pytest.approx(flight.home_amsl_m() + 30.0)
     flight.mode("hold")
     assert shown(flight.at(25.0, away_deg=0.0)) == ["none"]
     assert flight.core.vehicles["hawk"].ordered == "hold"
@@ -233,7 +233,7 @@ def test_on_the_last_leg_each_order_to_stop_goes_around(
     mission = flight.core.vehicles["hawk"].landing_state.mission
     assert mission is not None
     (around,) = every(commands, GoAround)
-    assert around.altitude_amsl_m == pytest.approx(400.0 + mission.height_m)
+    assert around.altitude_amsl_m == pytest.approx(flight.home_amsl_m() + mission.height_m)
     if stack == "px4":
         flight.mode("hold")
     assert to_vehicle(flight.at(mission.height_m - 20.0)) == []

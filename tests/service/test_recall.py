@@ -7,6 +7,7 @@ from mission_service.commands import (
     Announce,
     AnyCommand,
     RaiseAlarm,
+    ReportChecks,
     ReportEnergy,
     Return,
     StartMission,
@@ -29,6 +30,7 @@ from mission_service.events import (
 from mission_service.fire.scenario_fire import landscape_of
 
 NAV_TAKEOFF = 22
+HOME_AMSL_M = 348.0
 LONG = (
     *("vehicles.0.endurance_s=1200", "vehicles.0.endurance_reserve_s=300"),
     "weather.0.wind_speed_m_s=0",
@@ -61,7 +63,7 @@ class Watched:
 
 
 class Flight:
-    """One vehicle, 1,200 m west of its home, 150 m above it, with the events of a test."""
+    """One vehicle, in the air 1,200 m west of its home, 150 m above it; the events of a test."""
 
     def __init__(self, land: Landscape, *overrides: str) -> None:
         scenario = load_scenario("default", overrides)
@@ -87,8 +89,10 @@ class Flight:
 
     def at(self, height_m: float, later_s: float = 1.0) -> list[AnyCommand]:
         self.at_s += later_s
-        lat, lon = self.home.home_lat_deg, self.home.home_lon_deg - 0.0134
-        report = Telemetry(self.at_us, "hawk", lat, lon, 400.0 + height_m, height_m, 0.0, 12.0, 0.0)
+        away_deg = 0.0134 if height_m > 0.0 else 0.0
+        lat, lon = self.home.home_lat_deg, self.home.home_lon_deg - away_deg
+        height = (HOME_AMSL_M + height_m, height_m)
+        report = Telemetry(self.at_us, "hawk", lat, lon, *height, 0.0, 12.0, 0.0)
         return self.handle(report)
 
     def mode(self, name: str, armed: bool = True) -> list[AnyCommand]:
@@ -100,8 +104,8 @@ def returns(commands: list[AnyCommand]) -> bool:
 
 
 def acts(commands: list[AnyCommand]) -> list[AnyCommand]:
-    """Return the commands without the reports and alarms about the vehicle's energy."""
-    reports = (ReportEnergy, RaiseAlarm, Announce)
+    """Return the commands without reports, announcements and alarms."""
+    reports = (ReportEnergy, ReportChecks, RaiseAlarm, Announce)
     return [command for command in commands if not isinstance(command, reports)]
 
 
@@ -186,9 +190,10 @@ def test_one_on_its_way_home_when_it_is_discovered_is_left_alone(land: Landscape
     # It may be on the ground.
     assert core.handle(ModeChanged(at_us, "hawk", 0, True, "return")) == []
     place = (home.home_lat_deg, home.home_lon_deg)
-    announcement, alarm = core.handle(
+    announcement, alarm, checks = core.handle(
         Telemetry(at_us, "hawk", *place, 550.0, 150.0, 0.0, 12.0, 0.0)
     )
+    assert checks == ReportChecks("hawk", ())
     assert isinstance(announcement, Announce)
     assert isinstance(alarm, RaiseAlarm)
     assert "returning home" in announcement.text

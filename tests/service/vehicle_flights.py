@@ -7,6 +7,7 @@ from mission_service.events import (
     Aborted,
     AutopilotText,
     CommandFinished,
+    EstimatorStatusChanged,
     LinkLost,
     MissionAccepted,
     MissionReadBack,
@@ -69,6 +70,15 @@ class Flights(Turns):
             if self.bridges[name].linked:
                 self.process(AutopilotText(self.now_us, name, 2, f"{kind}: {flown.mode}"))
         self.step()
+
+    def estimator_fails(self, name: str, seconds: float) -> None:
+        """Let the autopilot's estimator be unhealthy for a while."""
+        if not self.bridges[name].linked:
+            return
+        problem = ("attitude",)
+        self.process(EstimatorStatusChanged(self.now_us, name, False, problem))
+        self.fly(seconds)
+        self.process(EstimatorStatusChanged(self.now_us, name, True, ()))
 
     def wind(self, name: str, speed_m_s: float) -> None:
         """Let the autopilot measure the wind."""
@@ -186,6 +196,8 @@ class Flights(Turns):
             if second % ORDERS_AGAIN_S == 0:
                 self.order("", "resume", True)
                 self.order("", "start", True)
+                for name in self.bridges:  # a vehicle that landed far from home
+                    self.order(name, "takeoff", False, "it must fly")
             for name in list(self.proposed):
                 self.word_on_mission(name, True, True)
                 del self.proposed[name]
@@ -205,10 +217,11 @@ class Flights(Turns):
 
     # People -----------------------------------------------------------------------------------
 
-    def order(self, name: str, order: Order, confirmed: bool) -> None:
+    def order(self, name: str, order: Order, confirmed: bool, override: str = "") -> None:
         """Send an order to one vehicle, or to all without a name; a burn has no such order."""
         if self.operators is None:
-            self.process(OrderGiven(self.now_us, "ann", "", name, order, confirmed))
+            given = OrderGiven(self.now_us, "ann", "", name, order, confirmed, override=override)
+            self.process(given)
         self.step()
 
     def abort(self) -> None:

@@ -32,7 +32,7 @@ WHICH = st.integers(0, 1)  # index of a vehicle of the scenario
 READ = st.sampled_from(["same", "same", "other", "nothing", "later"])
 WORDS = (
     *("resume", "start", "hold", "return", "resume", "start", "hold all", "start all", "abort"),
-    *("land", "land", "go-around", "land all"),
+    *("land", "land", "go-around", "land all", "takeoff", "takeoff over"),
 )
 
 
@@ -89,6 +89,10 @@ class VehicleMachine(RuleBasedStateMachine):
     def pilot_takes_off(self, which: int, mode: str) -> None:
         self.flights.takes_off_manually(self._name(which), mode)
 
+    @rule(which=WHICH, seconds=st.sampled_from(STEPS_S))
+    def estimator_fails(self, which: int, seconds: float) -> None:
+        self.flights.estimator_fails(self._name(which), seconds)
+
     @rule(which=WHICH, kind=st.sampled_from(sorted(FAILSAFES)))
     def failsafe(self, which: int, kind: str) -> None:
         self.flights.failsafe(self._name(which), kind)
@@ -128,11 +132,12 @@ class VehicleMachine(RuleBasedStateMachine):
     @rule(which=WHICH, word=st.sampled_from(WORDS), confirmed=st.booleans())
     def people_order(self, which: int, word: str, confirmed: bool) -> None:
         name = self._name(which)
-        order, _, to_all = word.partition(" ")
+        order, _, how = word.partition(" ")
         if order == "abort":
             self.flights.abort()
         else:
-            self.flights.order("" if to_all else name, order, confirmed)  # type: ignore[arg-type]
+            override = "it must fly" if how == "over" else ""
+            self.flights.order("" if how == "all" else name, order, confirmed, override)  # type: ignore[arg-type]
 
     @rule()
     def operators_fly_on(self) -> None:

@@ -27,6 +27,7 @@ from mission_service.events import (
     AnyEvent,
     Approved,
     CommandFinished,
+    EstimatorStatusChanged,
     FenceStatusChanged,
     LinkLost,
     LinkRestored,
@@ -79,6 +80,7 @@ class VehicleRecord:
     needs_order: bool = False
     state: str = ""  # system status
     fence_breached: bool = False
+    estimator_healthy: bool = True
     home: bool = False  # ordered home by an operator or by the service
     held: bool = False  # held by an operator
     landing: str = "none"  # phase of a landing as the core shows it
@@ -145,6 +147,7 @@ class Oracle:
             case Resumed():
                 for record in self.records.values():
                     record.online = False
+                    self._sign_off_ends(record, healthy=False)
                     record.carried |= {
                         each.name
                         for each in record.effects
@@ -180,7 +183,12 @@ class Oracle:
                 record.state = state
             case FenceStatusChanged(breached=breached):
                 record.fence_breached = breached
+            case EstimatorStatusChanged(healthy=healthy):
+                record.estimator_healthy = healthy
+                self._sign_off_ends(record, healthy)
             case VehicleRebooted():
+                record.estimator_healthy = True
+                self._sign_off_ends(record, healthy=False)
                 self.met.append("reboot in the air" if record.airborne else "reboot on the ground")
                 record.needs_order |= record.armed or record.airborne
                 if record.airborne:  # perhaps by a watchdog: undecided until its mode is reported
@@ -190,6 +198,12 @@ class Oracle:
                 self._mode_changed(record, event, at_s, chosen_by)
             case _:
                 pass
+
+    def _sign_off_ends(self, record: VehicleRecord, healthy: bool) -> None:
+        """End an order to start that was given on the ground, unless it has taken effect."""
+        on_ground = not (record.airborne or record.armed)
+        if on_ground and not healthy and record.licence == "lead" and not self._burn:
+            record.needs_order, record.licence = True, ""
 
     def _answered(self, record: VehicleRecord, name: str, mission_id: int, at_s: float) -> None:
         for effect in record.effects:
@@ -241,7 +255,8 @@ class Oracle:
         refused = order == "start" and record.held
         if _rejected(commands, name):
             committed = record.landing in ("final", "going around")
-            if order in ("land", "go-around") or (committed and order != "hold"):
+            starts = order in ("start", "resume", "takeoff")
+            if starts or order in ("land", "go-around") or (committed and order != "hold"):
                 return found
         if self._must_ask(record, order) and not (confirmed or asked or refused):
             found.append(Violation("no question", words))
@@ -286,7 +301,7 @@ class Oracle:
                     record.needs_order = True
             case "start" if record.held:
                 return []
-            case "start" | "resume":
+            case "start" | "resume" | "takeoff":
                 record.held = record.home = record.needs_order = False
                 record.licence = "lead"
         if flies and due is not None and not _has(commands, due, name):
@@ -336,6 +351,8 @@ class Oracle:
                     return "Land on the ground"
                 taken = record.taken and record.licence not in ("land", "hold")
                 return f"{name} to one that was taken" if taken else ""
+            case StartMission() if not record.armed and not record.estimator_healthy:
+                return "" if record.airborne or self._burn else "started with a failing check"
             case StartMission() if not record.armed and not led:
                 if record.held:
                     return "started while held"

@@ -25,6 +25,12 @@ export interface Orbit {
   view_width_m: number; // width of the camera's coverage along the orbit
 }
 
+export interface Check {
+  name: string;
+  state: "pass" | "fail" | "unknown";
+  text: string; // figures and remedy
+}
+
 export interface Vehicle {
   at_us: number;
   vehicle: string;
@@ -44,6 +50,9 @@ export interface Vehicle {
   time_on_task_s: number | null; // until it must fly home; negative after this time
   time_home_s: number | null; // of the flight home
   energy_source: string;
+  checks: Check[]; // pre-flight checks, on the ground
+  waits_for_signoff: boolean; // whether the next takeoff needs a sign-off
+  signed_off_by: string;
   position_good: boolean;
   position_fix: string;
   order: string; // the order in force: hold, return, land

@@ -11,6 +11,7 @@ import { clock, duration, metres, speed } from "../units.ts";
 import { DecisionPart } from "./decision.ts";
 import { button, figures } from "./parts.ts";
 import { MissionPart } from "./mission.ts";
+import { PreflightPart, failingChecks } from "./preflight.ts";
 
 const ORDERS: [string, string, string][] = [
   ["hold", "Hold", "Circle or hover at the current place"],
@@ -35,15 +36,17 @@ export class VehiclesPanel {
   private orders: HTMLButtonElement[] = [];
   private decision: DecisionPart;
   private mission: MissionPart;
+  private preflight: PreflightPart;
 
   constructor(private readonly store: Store) {
     this.decision = new DecisionPart(store);
     this.mission = new MissionPart(store);
+    this.preflight = new PreflightPart(store);
     const all = this.ordersFor(() => "", "all vehicles");
     const one = this.ordersFor(() => this.store.chosen, "this vehicle");
     this.element.append(
       h("div", {}, this.list, h("div", { class: "row all orders" }, h("span", {}, "All:"), ...all)),
-      h("div", {}, this.title, h("div", { class: "row orders" }, ...one), this.decision.element),
+      h("div", {}, this.title, h("div", { class: "row orders" }, ...one), this.preflight.element, this.decision.element),
       h("div", {}, this.facts),
       h(
         "div",
@@ -183,7 +186,14 @@ function shortState(vehicle: Vehicle): string {
   const energy = vehicle.time_on_task_s === null ? "" : ` · ${timesText(vehicle)}`;
   const landing = vehicle.landing ? ` · LANDING: ${vehicle.landing}` : "";
   const order = landing || (vehicle.order ? ` · ${vehicle.order.toUpperCase()}` : "");
-  return `${vehicle.mode || "mode?"}${battery}${energy}${order}`;
+  return `${vehicle.mode || "mode?"}${battery}${energy}${order}${takeoffText(vehicle)}`;
+}
+
+/** For a vehicle on the ground: whether checks fail, or its takeoff waits for a sign-off. */
+function takeoffText(vehicle: Vehicle): string {
+  const failing = failingChecks(vehicle);
+  if (failing.length) return ` · NO-GO: ${failing.map((check) => check.name).join(", ")}`;
+  return vehicle.checks.length && vehicle.waits_for_signoff ? " · waits for sign-off" : "";
 }
 
 /** The times left by the vehicle's energy: "12 min on task, 3 min home". */

@@ -1,0 +1,268 @@
+"""Computes the pre-flight checks of a vehicle on the ground. Pure.
+
+Each check passes, fails, or is unknown, because its data are missing. A failing check prevents a
+takeoff until a person overrides the check; the checks in ``NEVER_OVERRIDDEN`` always prevent it. A
+start without an order of a person (``autostart``) is delayed by the failing checks in
+``DELAY_AUTOSTART``; other failing checks are announced at this start.
+"""
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from mission_service.commands import CheckState, PreflightCheck
+from mission_service.config.sections import VehicleSection
+from mission_service.vehicles.endurance import outbound_s, return_s
+from mission_service.vehicles.energy import times_left
+from mission_service.vehicles.vehicle_state import MissionPhase, Vehicle
+from mission_service.vehicles.way_home import Vector
+
+POSITION, ESTIMATOR, AIRSPACE = "position", "estimator", "airspace"
+BATTERY, WIND = "battery", "wind"
+NEVER_OVERRIDDEN = (POSITION, ESTIMATOR, AIRSPACE)
+DELAY_AUTOSTART = (*NEVER_OVERRIDDEN, BATTERY, WIND)
+
+POSITION_AGE_S = 10.0
+HOME_NEAR_M = 150.0  # a vehicle farther from the home of the scenario fails the check
+HEIGHT_DIFFERENCE_M = 40.0  # between the reported altitude and the terrain
+AIRCRAFT_NEAR_M, AIRCRAFT_ABOVE_M = 2000.0, 450.0
+
+
+class NearestAircraft(NamedTuple):
+    """Another aircraft, relative to the vehicle."""
+
+    name: str
+    distance_m: float  # horizontal
+    above_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class Departure:
+    """The data for the checks that are not part of the vehicle's own state.
+
+    Attributes:
+        at_s: Mission time.
+        wind_m_s: Velocity of the air (x, y) on the map.
+        return_height_m: Height above home of a return.
+        ground_amsl_m: Elevation of the terrain at the vehicle; None if it is unknown.
+        airspace: The closed airspace that the takeoff or the mission on board would enter, or "".
+        has_surveillance: Whether the run receives other aircraft.
+        nearest: The nearest other aircraft, or None.
+    """
+
+    at_s: float
+    wind_m_s: Vector
+    return_height_m: float
+    ground_amsl_m: float | None
+    airspace: str = ""
+    has_surveillance: bool = False
+    nearest: NearestAircraft | None = None
+
+
+def checks_of(vehicle: Vehicle, departure: Departure) -> tuple[PreflightCheck, ...]:
+    """Return the checks of a vehicle on the ground, in a fixed order."""
+    checks = (
+        _battery(vehicle, departure),
+        _position(vehicle, departure),
+        _estimator(vehicle),
+        _link(vehicle),
+        _autopilot(vehicle),
+        _home(vehicle, departure),
+        _mission(vehicle),
+        _airspace(departure),
+        _wind(vehicle, departure),
+        _lost_link(vehicle),
+    )
+    return (*checks, _aircraft(departure)) if departure.has_surveillance else checks
+
+
+def failing(checks: Iterable[PreflightCheck]) -> list[PreflightCheck]:
+    """Return the checks that fail."""
+    return [check for check in checks if check.state == "fail"]
+
+
+def in_words(checks: Iterable[PreflightCheck], limit: int = 2) -> str:
+    """Return the first checks in one line, and the number of further checks."""
+    listed = list(checks)
+    words = "; ".join(f"{check.name}: {check.text}" for check in listed[:limit])
+    return f"{words}; and {len(listed) - limit} more" if len(listed) > limit else words
+
+
+def max_wind_m_s(section: VehicleSection) -> float:
+    """Return the wind in which a vehicle may take off: given, or the airspeed of its return."""
+    if section.max_wind_m_s is not None:
+        return section.max_wind_m_s
+    if section.kind == "copter":
+        return section.max_airspeed_m_s
+    return section.return_speed_m_s or section.airspeed_m_s
+
+
+def _battery(vehicle: Vehicle, departure: Departure) -> PreflightCheck:
+    """Compare the energy with the reserve, and with the flight to the task and home.
+
+    A charge below the one in use counts at once, and a higher one when it has lasted.
+    """
+    section, at_s = vehicle.section, departure.at_s
+    charges_pct = (vehicle.battery.level_pct(at_s), vehicle.battery.reported_pct)
+    level_pct = min((each for each in charges_pct if each is not None), default=None)
+    level = "no charge reported" if level_pct is None else f"{level_pct:.0f} %"
+    reserve = f"the reserve is {section.battery_reserve_pct:.0f} %"
+    if level_pct is not None and level_pct <= section.battery_reserve_pct:
+        return PreflightCheck(BATTERY, "fail", f"{level}, {reserve}: replace the battery")
+    times = times_left(section, vehicle.battery, 0.0, at_s)
+    if not times:
+        if level_pct is None:
+            return PreflightCheck(BATTERY, "unknown", level)
+        return PreflightCheck(BATTERY, "pass", f"{level}, {reserve}")
+    least = min(times, key=lambda each: each.until_home_s)
+    if least.until_home_s <= 0.0:
+        words = f"{level}, no time left in the air (source: {least.source}): replace the battery"
+        return PreflightCheck(BATTERY, "fail", words)
+    lasts = f"{level}, {least.until_home_s / 60.0:.0f} min in the air (source: {least.source})"
+    flights = _flight_s(vehicle, departure)
+    if flights is None:
+        return PreflightCheck(BATTERY, "pass", lasts)
+    out_s, home_s = flights
+    if math.isinf(out_s + home_s):
+        words = "the wind prevents the flight to the task or home: wait for less wind"
+        return PreflightCheck(BATTERY, "fail", words)
+    needs = f"{out_s / 60.0:.0f} min to the task, {home_s / 60.0:.0f} min home"
+    if out_s + home_s >= least.until_home_s:
+        return PreflightCheck(BATTERY, "fail", f"{lasts}; {needs}: replace the battery")
+    return PreflightCheck(BATTERY, "pass", f"{lasts}; {needs}")
+
+
+def _flight_s(vehicle: Vehicle, departure: Departure) -> tuple[float, float] | None:
+    """Return the seconds to the farthest point of the mission on board, and home from there."""
+    if vehicle.flown_line is None:
+        return None
+    home_m = vehicle.home_m
+    points = (point[:2] for point in vehicle.flown_line.coords)
+    far_m = max(points, key=lambda point: math.dist(point, home_m))
+    task_m = (far_m[0] - home_m[0], far_m[1] - home_m[1])
+    section, wind_m_s = vehicle.section, departure.wind_m_s
+    out_s = outbound_s(section, task_m, wind_m_s, section.altitude_agl_m)
+    climb_m = max(departure.return_height_m - section.altitude_agl_m, 0.0)
+    back_m = (-task_m[0], -task_m[1])
+    return out_s, return_s(section, back_m, wind_m_s, wind_m_s, climb_m)
+
+
+def _position(vehicle: Vehicle, departure: Departure) -> PreflightCheck:
+    fix = vehicle.availability.fix
+    if fix is None:
+        return PreflightCheck(POSITION, "fail", "no position reported: wait for the fix")
+    age_s = departure.at_s - fix.at_s
+    if age_s > POSITION_AGE_S:
+        return PreflightCheck(
+            POSITION, "fail", f"the last one is {age_s:.0f} s old: check the link"
+        )
+    if not vehicle.availability.fix_good:
+        return PreflightCheck(POSITION, "fail", "no 3-D fix: wait for the fix")
+    return PreflightCheck(POSITION, "pass", "3-D fix")
+
+
+def _estimator(vehicle: Vehicle) -> PreflightCheck:
+    if not vehicle.availability.estimator_healthy:
+        words = "the autopilot's estimator is unhealthy: wait until it is ready, or restart it"
+        return PreflightCheck(ESTIMATOR, "fail", words)
+    return PreflightCheck(ESTIMATOR, "pass", "no problem reported")
+
+
+def _link(vehicle: Vehicle) -> PreflightCheck:
+    if not vehicle.availability.online:
+        return PreflightCheck("link", "fail", "no heartbeat: check its power and its radio")
+    return PreflightCheck("link", "pass", "heartbeats received")
+
+
+def _autopilot(vehicle: Vehicle) -> PreflightCheck:
+    availability = vehicle.availability
+    if availability.fence_breached:
+        words = "it reports a breached fence: correct the fence, or move the vehicle"
+        return PreflightCheck("autopilot", "fail", words)
+    if availability.in_failsafe:
+        words = f"it reports the state {availability.system_state}: end the failsafe"
+        return PreflightCheck("autopilot", "fail", words)
+    return PreflightCheck("autopilot", "pass", "no failsafe, no breached fence")
+
+
+def _home(vehicle: Vehicle, departure: Departure) -> PreflightCheck:
+    """Compare the position and altitude with the home of the scenario and the terrain."""
+    fix = vehicle.availability.fix
+    if fix is None:
+        return PreflightCheck("home", "unknown", "no position reported")
+    away_m = math.dist((fix.x_m, fix.y_m), vehicle.home_m)
+    words, remedies = f"{away_m:.0f} m from the home in the scenario", []
+    if away_m > HOME_NEAR_M:
+        remedies.append("carry it there, or correct home_lat_deg and home_lon_deg")
+    if departure.ground_amsl_m is not None:
+        above_m = fix.altitude_m - departure.ground_amsl_m
+        side = "above" if above_m >= 0.0 else "below"
+        words += f", {abs(above_m):.0f} m {side} the terrain"
+        if abs(above_m) > HEIGHT_DIFFERENCE_M:
+            remedies.append("compare the autopilot's altitude with the terrain of the scenario")
+    if remedies:
+        return PreflightCheck("home", "fail", f"{words}: {', and '.join(remedies)}")
+    return PreflightCheck("home", "pass", words)
+
+
+def _mission(vehicle: Vehicle) -> PreflightCheck:
+    """Return whether a mission that begins with a takeoff was accepted."""
+    accepted = vehicle.accepted
+    state: CheckState = "unknown"
+    if vehicle.unconfirmed is not None:
+        words = "it is read back after a restart of the service"
+    elif vehicle.flown_line is not None and accepted is not None:
+        words, state = f"mission {accepted.mission_id} accepted", "pass"
+        if not accepted.takes_off:
+            words, state = f"{words}, but without a takeoff: order renew", "fail"
+    elif vehicle.pending is not None:
+        words = f"mission {vehicle.pending.mission_id} is being sent"
+    elif vehicle.proposed is not None:
+        words = f"mission {vehicle.proposed.mission_id} waits for an operator's acceptance"
+    elif vehicle.mission_phases[-1] is MissionPhase.FAILED:
+        words = "the last upload failed, and is repeated"
+    elif vehicle.refusal is not None:
+        words = f"refused by {vehicle.refusal.by}: order renew"
+    else:
+        words = "none on board yet"
+    return PreflightCheck("mission", state, words)
+
+
+def _airspace(departure: Departure) -> PreflightCheck:
+    if departure.airspace:
+        words = f"it would enter {departure.airspace}: wait until it is open"
+        return PreflightCheck(AIRSPACE, "fail", words)
+    return PreflightCheck(AIRSPACE, "pass", "home and mission are clear of closed airspace")
+
+
+def _wind(vehicle: Vehicle, departure: Departure) -> PreflightCheck:
+    speed_m_s, limit_m_s = math.hypot(*departure.wind_m_s), max_wind_m_s(vehicle.section)
+    words = f"{speed_m_s:.0f} m/s, the limit is {limit_m_s:.0f} m/s"
+    if speed_m_s >= limit_m_s:
+        return PreflightCheck(WIND, "fail", f"{words}: wait for less wind")
+    return PreflightCheck(WIND, "pass", words)
+
+
+def _lost_link(vehicle: Vehicle) -> PreflightCheck:
+    name, wanted = "lost link", vehicle.section.lost_link
+    if vehicle.lost_link_problem:
+        return PreflightCheck(name, "fail", vehicle.lost_link_problem)
+    if not vehicle.lost_link:
+        return PreflightCheck(name, "unknown", "its parameters have not been read")
+    if wanted is None:
+        return PreflightCheck(name, "pass", f"if the link is lost it {vehicle.lost_link}")
+    words = f"if the link is lost it {vehicle.lost_link}, as in the scenario ({wanted})"
+    return PreflightCheck(name, "pass", words)
+
+
+def _aircraft(departure: Departure) -> PreflightCheck:
+    name, nearest = "other aircraft", departure.nearest
+    if nearest is None:
+        return PreflightCheck(name, "pass", "none received")
+    side = "above" if nearest.above_m >= 0.0 else "below"
+    height = f"{abs(nearest.above_m):.0f} m {side}"
+    words = f"{nearest.name} {nearest.distance_m / 1e3:.1f} km away, {height}"
+    if nearest.distance_m < AIRCRAFT_NEAR_M and abs(nearest.above_m) < AIRCRAFT_ABOVE_M:
+        return PreflightCheck(name, "fail", f"{words}: wait until it has passed")
+    return PreflightCheck(name, "pass", words)
