@@ -15,7 +15,7 @@ The last three concern only vehicles that the service can lead (lines ``Led`` of
 """
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -107,15 +107,15 @@ class Flown:
 # The rules of a scenario ---------------------------------------------------------------------------
 
 
-def rules_of(scenario: Line, requests: Iterable[Line], terrain: Terrain) -> Rules:
-    """Return the rules for a scenario and the requests of its operators, both as dictionaries."""
+def rules_of(scenario: Line, terrain: Terrain) -> Rules:
+    """Return the rules for a scenario, as a dictionary, on a terrain."""
     airspace = scenario["airspace"]
     weather = scenario["weather"][0]
     towards = math.radians(weather["wind_from_deg"] + 180.0)
     wind_m_s = weather["wind_speed_m_s"]
     surveillance = scenario.get("surveillance") or {}
     return Rules(
-        _volumes(airspace, requests),
+        _volumes(airspace),
         airspace["margin_m"],
         airspace["vertical_margin_m"],
         airspace["max_altitude_agl_m"],
@@ -138,7 +138,7 @@ def _kind(vehicle: Line, terrain: Terrain) -> Kind:
     )
 
 
-def _volumes(airspace: Line, requests: Iterable[Line]) -> list[Closed]:
+def _volumes(airspace: Line) -> list[Closed]:
     found = []
     for entry in airspace["closed"]:
         volume = _limited(Closed(entry["name"], _corners(entry)), entry)
@@ -148,17 +148,6 @@ def _volumes(airspace: Line, requests: Iterable[Line]) -> list[Closed]:
         found.append(volume)
     for entry in airspace["allowed"]:
         found.append(Closed("outside " + entry["name"], _corners(entry), inverted=True))
-    for event in requests:
-        if event["type"] == "AirspaceClosed":
-            volume = _limited(Closed(event["name"], _corners(event)), event)
-            volume.from_s = volume.known_s = event["at_us"] / 1e6
-            if event["for_s"] is not None:
-                volume.until_s = volume.from_s + event["for_s"]
-            found.append(volume)
-        elif event["type"] == "AirspaceOpened":
-            for volume in found:
-                if volume.name == event["name"]:
-                    volume.until_s = min(volume.until_s, event["at_us"] / 1e6)
     return found
 
 
@@ -198,6 +187,7 @@ class Checker:
 
     def _event(self, event: Line) -> Iterator[str]:
         self._at_s = event["at_us"] / 1e6
+        self._airspace_changed(event)
         flown = self.flown.get(event.get("vehicle", ""))
         if flown is None:
             return
@@ -218,6 +208,19 @@ class Checker:
                     flown.on_board = sent
             case _:
                 pass
+
+    def _airspace_changed(self, event: Line) -> None:
+        """Apply a request that closes or opens a volume."""
+        if event["type"] == "AirspaceClosed":
+            volume = _limited(Closed(event["name"], _corners(event)), event)
+            volume.from_s = volume.known_s = self._at_s
+            if event["for_s"] is not None:
+                volume.until_s = self._at_s + event["for_s"]
+            self.rules.closed.append(volume)
+        elif event["type"] == "AirspaceOpened":
+            for volume in self.rules.closed:
+                if volume.name == event["name"]:
+                    volume.until_s = min(volume.until_s, self._at_s)
 
     # Positions ------------------------------------------------------------------------------------
 
@@ -291,7 +294,7 @@ class Checker:
         """Return the time of the flight to the nearest free place outside; inf without one."""
         kind = self.rules.kinds[name]
         assert flown.position is not None
-        here, altitude_m = flown.position[:2], flown.position[2]
+        here = flown.position[:2]
         others = [
             each
             for each in self.rules.closed
@@ -314,7 +317,6 @@ class Checker:
             if speed_m_s > 1.0:
                 best_s = min(best_s, away_m / speed_m_s)
         turn_s = math.pi * 1.5 * kind.turn_radius_m / kind.airspeed_m_s if kind.plane else 3.0
-        del altitude_m
         return REACTS_S + turn_s + SLOWER * best_s
 
     def _free_after_m(self, here: Place, ahead: Place, beyond_m: float) -> float | None:
@@ -397,6 +399,8 @@ class Checker:
             if not volume.counts(self._at_s):
                 continue
             margin_m = self._margin_m(volume, start)
+            if leaves:  # begins where the vehicle was when it was sent
+                margin_m = min(margin_m, self._margin_m(volume, positions[0]))
             if start is not None and margin_m <= 0.0:
                 found += self._end(volume, items[-1])
                 continue

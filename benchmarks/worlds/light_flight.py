@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autopilot_bridge.mock.kinematics import STEP_US, Wind
-from benchmarks.worlds.ground import plane_m
+from benchmarks.worlds.ground import lat_lon_of, plane_m
 from benchmarks.worlds.light_vehicle import LightVehicle
-from benchmarks.worlds.random_world import START_S, FLIES_S, Crossing, World, landscape_of
+from benchmarks.worlds.random_world import FLIES_S, START_S, Crossing, World, landscape_of
 from firemodel.landscape.landscape import Landscape
 from mission_service import events
 from mission_service.commands import AnyCommand, Command, OrderByService
@@ -27,10 +27,10 @@ from mission_service.guidance.way_of_flying import WayOfFlying
 
 Floats = NDArray[np.float64]
 Line = dict[str, Any]
-REPORTS_EVERY_US = 4 * STEP_US  # positions
+REPORTS_EVERY_US = 1_000_000  # positions
 WIND_EVERY_US, AIRCRAFT_EVERY_US = 10_000_000, 1_000_000
 NEAR_M = 4000.0  # aircraft within this distance are reported
-PATH_S = (60.0, 160.0)  # a planner keeps a path for a time between these
+PATH_S = (90.0, 240.0)  # a planner keeps a path for a time between these
 AREA_M = 1500.0  # paths stay within this distance of the fire, east and north
 
 
@@ -40,10 +40,11 @@ class RandomPaths:
     phase: Phase = "monitor"
     reversals = 0
 
-    def __init__(self, random: np.random.Generator, ground: Ground) -> None:
+    def __init__(self, random: np.random.Generator, ground: Ground, horizon_m: float) -> None:
         self.clockwise = bool(random.random() < 0.5)
         self._random = random
         self._centre, self._cell_m = ground.centre, ground.landscape.cell_size_m
+        self._horizon = horizon_m / self._cell_m
         self._until_s = -math.inf
         self._path: Floats = np.zeros((0, 2))
 
@@ -64,7 +65,7 @@ class RandomPaths:
         if at_s >= self._until_s:
             self._until_s = at_s + float(self._random.uniform(*PATH_S))
             reach = AREA_M / self._cell_m
-            count = int(self._random.integers(1, 6))
+            count = int(self._random.integers(2, 12))
             places = self._centre + self._random.uniform(-reach, reach, (count, 2))
             self._path = np.vstack([(row, col), places])
         return None
@@ -79,7 +80,13 @@ class RandomPaths:
             away = float(np.hypot(*(here - near)))
             if away < best:
                 best, rest = away, np.vstack([near, self._path[index + 1 :]])
-        return rest
+        along = np.append(0.0, np.cumsum(np.hypot(*np.diff(rest, axis=0).T)))
+        within = int(np.searchsorted(along, self._horizon))
+        if within >= len(rest):
+            return rest
+        share = (self._horizon - along[within - 1]) / max(along[within] - along[within - 1], 1e-9)
+        end = rest[within - 1] + share * (rest[within] - rest[within - 1])
+        return np.vstack([rest[:within], end])
 
     def shape(self, row: float, col: float) -> Floats:
         """Return no front."""
@@ -95,7 +102,8 @@ class LightCore(Core):
 
 
 def _planner(scenario: Scenario, section: VehicleSection, ground: Ground) -> RandomPaths:
-    return RandomPaths(np.random.default_rng((scenario.seed, section.system_id)), ground)
+    random = np.random.default_rng((scenario.seed, section.system_id))
+    return RandomPaths(random, ground, scenario.mission.horizon_m)
 
 
 @dataclass(frozen=True)
@@ -154,8 +162,10 @@ class _LightFlight:
     def _step(self) -> Iterator[Line]:
         now_us = self.now_us
         while self.requests and self.requests[0].at_us <= now_us:
-            due = self.requests.popleft()
-            yield from self._handle(msgspec.structs.replace(due, at_us=now_us))
+            due = msgspec.structs.replace(self.requests.popleft(), at_us=now_us)
+            if isinstance(due, events.AirspaceClosed) and due.name in self.world.over:
+                due = self._in_front(due)
+            yield from self._handle(due)
         for vehicle in self.vehicles.values():
             for event in vehicle.step(now_us / 1e6):
                 yield from self._handle(event)
@@ -171,6 +181,21 @@ class _LightFlight:
                 }
             if now_us % REPORTS_EVERY_US == 0:
                 yield from self._reports(vehicle)
+
+    def _in_front(self, closed: events.AirspaceClosed) -> events.AirspaceClosed:
+        """Return a volume that people close in front of a vehicle."""
+        name, ahead_m = self.world.over[closed.name]
+        vehicle = self.vehicles[name]
+        place = vehicle.flight.frame.global_position(vehicle.flight.motion)
+        course_rad = vehicle.flight.motion.course_rad
+        east_m, north_m = plane_m(*place)
+        east_m, north_m = (
+            east_m + ahead_m * math.sin(course_rad),
+            north_m + ahead_m * math.cos(course_rad),
+        )
+        offsets = [plane_m(*corner) for corner in closed.corners]
+        corners = tuple(lat_lon_of(east_m + x_m, north_m + y_m) for x_m, y_m in offsets)
+        return msgspec.structs.replace(closed, corners=corners)
 
     def _reports(self, vehicle: LightVehicle) -> Iterator[Line]:
         report = vehicle.telemetry(self.now_us)
@@ -222,8 +247,6 @@ def _builtins(command: AnyCommand) -> Line:
 
 def _state(aircraft: Crossing, at_s: float) -> events.AircraftState:
     """Return an aircraft at a mission time."""
-    from benchmarks.worlds.ground import lat_lon_of
-
     since_s = at_s - aircraft.at_s
     lat_deg, lon_deg = lat_lon_of(
         aircraft.place_m[0] + since_s * aircraft.east_m_s,

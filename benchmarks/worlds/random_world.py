@@ -1,7 +1,7 @@
 """Random worlds: terrain, wind, vehicles, closed volumes, other aircraft, troubles and orders."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -23,7 +23,7 @@ from mission_service.events import (
     OrderGiven,
 )
 
-START_S, FLIES_S = 3600.0, 420.0
+START_S, FLIES_S = 3600.0, 330.0
 ROWS, CELL_M = 150, 40.0
 MAX_AWAY_M = 1900.0  # of volumes' centres from the fire
 TRIES = 20
@@ -68,7 +68,11 @@ class Crossing:
 
 @dataclass(frozen=True)
 class World:
-    """One random world."""
+    """One random world.
+
+    ``over`` are the volumes that people close in front of a vehicle: for each name, the vehicle and
+    the distance ahead of it in metres. The corners of these requests are around ``CENTRE``.
+    """
 
     seed: int
     scenario: Scenario
@@ -76,6 +80,7 @@ class World:
     requests: tuple[AnyOperatorEvent, ...]
     troubles: tuple[Trouble, ...] = ()
     aircraft: tuple[Crossing, ...] = ()
+    over: dict[str, tuple[str, float]] = field(default_factory=dict)
 
 
 def world_of(seed: int) -> World:
@@ -155,12 +160,17 @@ def _world(random: Random, seed: int) -> World:
         resolution = str(random.choice(get_args(Resolution)))
         data["surveillance"] = {"resolution": resolution}
         aircraft = _aircraft(random, terrain)
+    over: dict[str, tuple[str, float]] = {}
+    for number in range(int(random.integers(0, 3))):
+        volume = _volume(random, f"over {number}", terrain, amsl_only=True, at_m=(0.0, 0.0))
+        requests += _closed_by_people(random, volume)
+        over[volume["name"]] = (str(random.choice(names)), float(random.uniform(-100.0, 500.0)))
     requests += _orders(random, names)
     troubles = _troubles(random, names)
     requests += _rescues(random, troubles)
     scenario = parse_scenario(data, Path("world.toml"))
     in_order = tuple(sorted(requests, key=lambda event: event.at_us))
-    return World(seed, scenario, terrain, in_order, troubles, aircraft)
+    return World(seed, scenario, terrain, in_order, troubles, aircraft, over)
 
 
 def _terrain(random: Random) -> Terrain:
@@ -204,22 +214,10 @@ def _airspace(
     for number in range(int(random.integers(2, 6))):
         kind = random.choice(["always", "later", "operator"])
         volume = _volume(random, f"volume {number}", terrain, kind == "operator")
-        closes_s = START_S + float(random.uniform(40.0, FLIES_S * 0.85))
         if kind == "operator":
-            for_s = float(random.uniform(50.0, 300.0)) if random.random() < 0.5 else None
-            corners = tuple(map(tuple, volume["corners"]))
-            requests.append(
-                AirspaceClosed(
-                    *(round(closes_s * 1e6), "ann", "desk", volume["name"], corners),
-                    floor_amsl_m=volume.get("floor_amsl_m"),
-                    ceiling_amsl_m=volume.get("ceiling_amsl_m"),
-                    for_s=for_s,
-                )
-            )
-            if random.random() < 0.3:
-                opens_us = round((closes_s + float(random.uniform(30.0, 150.0))) * 1e6)
-                requests.append(AirspaceOpened(opens_us, "ann", "desk", volume["name"]))
+            requests += _closed_by_people(random, volume)
             continue
+        closes_s = _closes_s(random)
         if kind == "later":
             volume["from_s"] = closes_s
         if random.random() < 0.3:
@@ -228,10 +226,35 @@ def _airspace(
     return volumes, requests
 
 
-def _volume(random: Random, name: str, terrain: Terrain, amsl_only: bool) -> dict[str, Any]:
-    """Return a polygon of 3 to 7 corners near the fire; about half reach down to the ground."""
+def _closes_s(random: Random) -> float:
+    return START_S + float(random.uniform(40.0, FLIES_S * 0.85))
+
+
+def _closed_by_people(random: Random, volume: dict[str, Any]) -> list[AnyOperatorEvent]:
+    """Return the request that closes a volume, and perhaps one that opens it."""
+    closes_s = _closes_s(random)
+    for_s = float(random.uniform(50.0, 300.0)) if random.random() < 0.5 else None
+    found: list[AnyOperatorEvent] = [
+        AirspaceClosed(
+            *(round(closes_s * 1e6), "ann", "desk", volume["name"]),
+            tuple(map(tuple, volume["corners"])),
+            floor_amsl_m=volume.get("floor_amsl_m"),
+            ceiling_amsl_m=volume.get("ceiling_amsl_m"),
+            for_s=for_s,
+        )
+    ]
+    if random.random() < 0.3:
+        opens_us = round((closes_s + float(random.uniform(30.0, 150.0))) * 1e6)
+        found.append(AirspaceOpened(opens_us, "ann", "desk", volume["name"]))
+    return found
+
+
+def _volume(
+    random: Random, name: str, terrain: Terrain, amsl_only: bool, at_m: Place | None = None
+) -> dict[str, Any]:
+    """Return a polygon of 3 to 7 corners, near the fire or at a place; a third reach the ground."""
     away_m, bearing = random.uniform(100.0, MAX_AWAY_M), random.uniform(0.0, math.tau)
-    east_m, north_m = away_m * math.sin(bearing), away_m * math.cos(bearing)
+    east_m, north_m = at_m or (away_m * math.sin(bearing), away_m * math.cos(bearing))
     size_m = random.uniform(80.0, 600.0)
     angles = np.sort(random.uniform(0.0, math.tau, int(random.integers(3, 8))))
     corners = [
