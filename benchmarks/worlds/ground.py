@@ -9,9 +9,7 @@ import numpy as np
 CENTRE = (36.364232, -84.140907)  # latitude and longitude of the fire in every world
 _LAT_RAD = math.radians(CENTRE[0])
 # Series for the lengths of a degree on the WGS84 ellipsoid (NGA Standard 0036).
-M_PER_DEG_LAT = (
-    111_132.92 - 559.82 * math.cos(2.0 * _LAT_RAD) + 1.175 * math.cos(4.0 * _LAT_RAD)
-)
+M_PER_DEG_LAT = 111_132.92 - 559.82 * math.cos(2.0 * _LAT_RAD) + 1.175 * math.cos(4.0 * _LAT_RAD)
 M_PER_DEG_LON = 111_412.84 * math.cos(_LAT_RAD) - 93.5 * math.cos(3.0 * _LAT_RAD)
 
 Place = tuple[float, float]  # metres east and north of ``CENTRE``

@@ -245,9 +245,7 @@ class LightVehicle:
         name, at_us = ORDER_NAMES[type(command)], round(now_s * 1e6)
         self._station.append(events.CommandFinished(at_us, self.name, name, accepted, reason))
 
-    def _upload_ended(
-        self, command: AnyCommand, outcome: str, reason: str, now_s: float
-    ) -> None:
+    def _upload_ended(self, command: AnyCommand, outcome: str, reason: str, now_s: float) -> None:
         assert isinstance(command, UploadMission)
         number, at_us = command.mission_id, round(now_s * 1e6)
         self._station.append(events.UploadFinished(at_us, self.name, number, outcome, reason))

@@ -263,7 +263,9 @@ def _volume(
     ]
     found: dict[str, Any] = {"name": name, "corners": corners}
     agl = not amsl_only and random.random() < 0.5
-    reference, ground_m = ("agl", 0.0) if agl else ("amsl", float(terrain.ground_m(east_m, north_m)))
+    reference, ground_m = (
+        ("agl", 0.0) if agl else ("amsl", float(terrain.ground_m(east_m, north_m)))
+    )
     floor_m = float(random.uniform(30.0, 250.0))
     if random.random() < 0.4:
         found[f"floor_{reference}_m"] = ground_m + floor_m

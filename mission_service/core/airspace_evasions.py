@@ -15,6 +15,7 @@ from mission_service.airspace.clearance import Airspace, blocked_area
 from mission_service.airspace.occupied_space import (
     LOITER_RADIUS_FACTOR,
     MissionPlace,
+    Position,
     disc,
     mission_parts,
 )
@@ -65,8 +66,7 @@ class Evasions:
         blocked = blocked_area(around or near, margin_m)
         for place in exits_from((fix.x_m, fix.y_m), blocked, beyond_m):
             path = np.array([(fix.x_m, fix.y_m), place])
-            items = self._guidance.items(vehicle, path, fix)
-            places = self._space.route(vehicle, items)
+            items, places = self._straight_off(vehicle, path, fix)
             parts = mission_parts(places, [position_of(fix)])
             if others.conflict(parts, self._landscape) is not None:
                 continue
@@ -84,15 +84,40 @@ class Evasions:
         path = self._closed.detours(airspace.volumes, vehicle.section).around(straight_home)
         if path is None or math.dist(path[-1], vehicle.home_m) > NEAR_HOME_M:
             return None
-        items = self._guidance.items(vehicle, path, fix)
-        places = self._space.route(vehicle, items)
         outside = airspace.volume_at(position_of(fix)) is None
+        if outside:
+            items = self._guidance.items(vehicle, path, fix)
+            places = self._space.route(vehicle, items)
+        else:
+            items, places = self._straight_off(vehicle, path, fix)
         parts = self._space.of_mission(vehicle, places)
         if outside and airspace.conflict(parts, self._landscape, position_of(fix)) is not None:
             return None
         state.evasion = Evasion.AROUND
         why = "fly home around closed airspace"
         return self._upload(vehicle, path, items, places, fix, why, state)
+
+    def _straight_off(
+        self, vehicle: Vehicle, path: Floats, fix: PositionFix
+    ) -> tuple[Items, tuple[MissionPlace, ...]]:
+        """Return a mission out of a volume, and its positions, without delay at its beginning.
+
+        A waypoint at the vehicle's position would cause a plane to turn back, and a multirotor to
+        climb there first. The multirotor does so only if its way is not clear of the terrain.
+        """
+        items = self._guidance.items(vehicle, path[1:], fix)
+        places = self._space.route(vehicle, items)
+        if vehicle.section.kind == "plane" or self._is_clear(position_of(fix), places[0].position):
+            return items, places
+        items = self._guidance.items(vehicle, path, fix)
+        return items, self._space.route(vehicle, items)
+
+    def _is_clear(self, start: Position, end: Position) -> bool:
+        """Return whether no part of a straight climb is nearer to the ground than its ends."""
+        count = math.ceil(2.0 * math.dist(start[:2], end[:2]) / self._landscape.cell_size_m) + 2
+        line = np.linspace(start, end, count)
+        heights_m = line[:, 2] - self._landscape.elevation_at(line[:, 0], line[:, 1])
+        return bool(heights_m.min() >= min(heights_m[0], heights_m[-1]) - 1.0)
 
     def higher_hold(
         self,
